@@ -1,0 +1,49 @@
+"""What commands share: options, the partial-result exit code, and text or JSON on stdout."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+EXIT_BAD_INPUT = 2
+EXIT_PARTIAL = 3
+EXIT_CHECK_FAILED = 4
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def default_map() -> Path:
+    """`$MAPMYWORLD_MAP`, or `map.db` in the current folder."""
+    return Path(os.environ.get("MAPMYWORLD_MAP", "map.db"))
+
+
+def map_argument(command: F) -> F:
+    """The optional MAP argument that every command after `build` takes."""
+    return click.argument(
+        "map_path",
+        metavar="[MAP]",
+        required=False,
+        default=default_map,
+        type=click.Path(path_type=Path),
+    )(command)
+
+
+def format_option(command: F) -> F:
+    return click.option(
+        "--format",
+        "style",
+        type=click.Choice(["text", "json"]),
+        default="text",
+        show_default=True,
+        help="How to print the result.",
+    )(command)
+
+
+def show_json(value: Any) -> None:
+    """One JSON document on stdout."""
+    click.echo(json.dumps(value, indent=2, allow_nan=False, default=float))

@@ -1,0 +1,77 @@
+"""The entry point: commands are imported when they run, so that --help answers at once."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+import click
+
+import mapmyworld
+from mapmyworld.errors import MapMyWorldError
+
+# Command -> (module:attribute, one line for the list of commands).
+COMMANDS = {
+    "build": ("cli.build:build", "Turn a recorded log into a map."),
+    "inspect": ("cli.inspect:inspect", "Show what is in a log, a graph, a node or a map."),
+    "export": ("cli.export:export", "Write grids, clouds, trajectories, graphs, images, reports."),
+    "optimise": ("cli.optimise:optimise", "Optimise a pose graph: g2o, TORO or a map."),
+    "edit": ("cli.edit:edit", "Accept, reject or add constraints from a text file."),
+    "evaluate": ("cli.evaluate:evaluate", "Score a trajectory, a grid or a map against the truth."),
+    "check": ("cli.check:check", "Gates for scripts: exit code 4 when a requirement fails."),
+    "compare": ("cli.compare:compare", "Several maps of one log side by side."),
+    "simulate": ("cli.simulate:simulate", "Record a log, with its truth, in a simulated world."),
+    "convert": ("cli.convert:convert", "Write any readable log as MCAP or ROS bag."),
+    "config": ("cli.config:config", "Print every setting with its default and meaning."),
+    "doctor": ("cli.doctor:doctor", "Say whether this machine is ready."),
+}
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported by name, on demand."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        module, attribute = COMMANDS[cmd_name][0].split(":")
+        command = getattr(importlib.import_module(module), attribute)
+        assert isinstance(command, click.Command)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(mapmyworld.__version__, prog_name="mapmyworld")
+def group() -> None:
+    """Turn a recorded robot log into a map, offline.
+
+    \b
+    mapmyworld build log.mcap       makes map.db, map.pgm + map.yaml, map.ply, map.tum
+    mapmyworld inspect graph        shows nodes and constraints, and why some were rejected
+    mapmyworld export grid          writes the grid again, as Nav2 loads it
+    """
+
+
+def main() -> None:
+    """Runs a command; every error of ours becomes one message on stderr and an exit code."""
+    try:
+        group(prog_name="mapmyworld")
+    except MapMyWorldError as error:
+        click.echo(f"mapmyworld: {error}", err=True)
+        sys.exit(2)
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(0)
+    except KeyboardInterrupt:
+        click.echo("mapmyworld: interrupted", err=True)
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""map.db: SQLite in RTAB-Map's schema with our own tables beside."""

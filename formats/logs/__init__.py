@@ -1,0 +1,1 @@
+"""Recorded logs of every kind behind one function: open_log."""

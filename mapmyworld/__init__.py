@@ -1,0 +1,3 @@
+"""Recorded robot logs become maps, offline."""
+
+__version__ = "0.1.0"

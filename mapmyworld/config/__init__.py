@@ -1,0 +1,41 @@
+"""Every setting, nested by room, with its default, unit and meaning where it stands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from mapmyworld.config.graph import GraphConfig
+from mapmyworld.config.mapping import MappingConfig
+from mapmyworld.config.odometry import OdometryConfig
+from mapmyworld.config.particles import ParticlesConfig
+from mapmyworld.config.places import PlacesConfig
+from mapmyworld.config.registration import RegistrationConfig
+from mapmyworld.config.sensing import SensingConfig
+from mapmyworld.config.storage import StorageConfig
+
+
+@dataclass(frozen=True, slots=True)
+class Config:
+    sensing: SensingConfig = field(default_factory=SensingConfig)
+    odometry: OdometryConfig = field(default_factory=OdometryConfig)
+    registration: RegistrationConfig = field(default_factory=RegistrationConfig)
+    places: PlacesConfig = field(default_factory=PlacesConfig)
+    graph: GraphConfig = field(default_factory=GraphConfig)
+    mapping: MappingConfig = field(default_factory=MappingConfig)
+    particles: ParticlesConfig = field(default_factory=ParticlesConfig)
+    storage: StorageConfig = field(default_factory=StorageConfig)
+    threads: int = 0  # worker threads; 0 = as many as cores. Results do not depend on it
+    seed: int = 0  # of everything random
+
+
+__all__ = [
+    "Config",
+    "GraphConfig",
+    "MappingConfig",
+    "OdometryConfig",
+    "ParticlesConfig",
+    "PlacesConfig",
+    "RegistrationConfig",
+    "SensingConfig",
+    "StorageConfig",
+]

@@ -1,0 +1,22 @@
+"""Settings of the plan and of the way from messages to frames and nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class SensingConfig:
+    scan_topic: str = ""  # empty = chosen by the plan
+    colour_topic: str = ""  # empty = chosen by the plan
+    depth_topic: str = ""  # empty = chosen by the plan
+    camera_info_topic: str = ""  # empty = chosen by the plan
+    odometry_topic: str = ""  # empty = chosen by the plan; "tf" = from transforms; "none"
+    base_frame: str = ""  # empty = chosen by the plan
+    odometry_frame: str = ""  # empty = chosen by the plan
+    image_tolerance: float = 0.02  # s between colour and depth of one frame
+    frame_tolerance: float = 0.05  # s between the sensors of one frame
+    node_distance: float = 0.1  # m of motion that makes a new node
+    node_angle: float = 0.1  # rad of rotation that makes a new node
+    use_scans: bool = True
+    use_images: bool = True

@@ -1,0 +1,1 @@
+"""Numba kernels on plain arrays; compiled once, cached, releasing the interpreter lock."""

@@ -1,0 +1,1 @@
+"""A pose in a finished map."""

@@ -1,0 +1,1 @@
+"""Grid-based FastSLAM."""

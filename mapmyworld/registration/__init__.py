@@ -1,0 +1,1 @@
+"""Two observations become a relative pose and its information."""

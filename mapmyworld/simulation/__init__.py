@@ -1,0 +1,1 @@
+"""Worlds, a robot and a driver."""

@@ -1,0 +1,143 @@
+"""What a log becomes: frames, the nodes chosen from them, and the data they keep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.types.messages import ImageMessage
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scan:
+    """One planar laser sweep, motion-corrected, in the base frame at its stamp."""
+
+    points: NDArray[np.float32]
+    """(N, 2) returns, metres, base frame, in the order of the sweep."""
+    origin: NDArray[np.float64]
+    """(3,) base_from_lidar as x, y, yaw."""
+    missing: NDArray[np.float32]
+    """(M,) bearings in radians, about `origin` and relative to the base's x axis, of beams
+    that came back with nothing."""
+    range_max: float
+    """Metres beyond which the lidar reports nothing."""
+    angle_increment: float
+    """Radians between neighbouring beams."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraModel:
+    """A pinhole camera with distortion, mounted on the base."""
+
+    width: int
+    height: int
+    intrinsics: NDArray[np.float64]
+    """(3, 3)."""
+    distortion_model: str
+    """"plumb_bob", "rational_polynomial", "equidistant" or "" for a rectified image."""
+    distortion: NDArray[np.float64]
+    """(D,) in OpenCV's order."""
+    base_from_camera: NDArray[np.float64]
+    """(4, 4), camera in its optical frame: z forward, x right, y down."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RgbdImage:
+    """Colour and depth of one camera at one moment; both lazily decoded."""
+
+    camera: CameraModel
+    colour: ImageMessage | None
+    depth: ImageMessage | None
+    """Registered to the colour image; may be smaller by an integer factor."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuSample:
+    stamp_ns: int
+    angular_velocity: NDArray[np.float64]
+    """(3,) rad/s, base frame."""
+    linear_acceleration: NDArray[np.float64]
+    """(3,) m/s^2, base frame."""
+    orientation: NDArray[np.float64] | None
+    """(4,) x y z w of the base, where the device gives one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One moment: everything the sensors say about it, matched by header stamps."""
+
+    stamp_ns: int
+    odom_from_base: NDArray[np.float64] | None
+    """(4, 4) recorded odometry at `stamp_ns`; None where the log has none."""
+    odometry_covariance: NDArray[np.float64] | None
+    """(6, 6) rotation first, of the motion since the last frame, where the log tells."""
+    scan: Scan | None = None
+    images: tuple[RgbdImage, ...] = ()
+    cloud: NDArray[np.float32] | None = None
+    """(N, 3) 3D scan in the base frame."""
+    imu: tuple[ImuSample, ...] = ()
+    """Samples since the last frame."""
+    ground_truth: NDArray[np.float64] | None = None
+    """(4, 4) recorded true pose of the base, where the log has one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Node:
+    """A vertex of the graph. Its data never change when its pose does."""
+
+    id: int
+    """From 1 upwards in time."""
+    session: int
+    """0, 1, ...: nodes of different sessions have unrelated odometry frames."""
+    stamp_ns: int
+    odom_from_base: NDArray[np.float64]
+    """(4, 4): recorded odometry, or the tracker's own where the log has none."""
+    tracked_from_base: NDArray[np.float64]
+    """(4, 4): pose after laser or visual tracking, before loop closures; the graph's start."""
+    weight: int = 0
+    ground_truth: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Features:
+    """Local features of one image, for words and matching."""
+
+    pixels: NDArray[np.float32]
+    """(N, 2) u, v in the full-size image."""
+    points: NDArray[np.float32]
+    """(N, 3) in the base frame, metres; NaN without depth."""
+    descriptors: NDArray[np.uint8] | NDArray[np.float32]
+    """(N, D)."""
+    sizes: NDArray[np.float32]
+    angles: NDArray[np.float32]
+    """(N,) degrees, -1 if unoriented."""
+    responses: NDArray[np.float32]
+    octaves: NDArray[np.int32]
+    words: NDArray[np.int32] | None = None
+    """(N,) vocabulary ids from 1; 0 = none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NodeData:
+    """The raw material of a node, as much of it as there is."""
+
+    scan: Scan | None = None
+    images: tuple[RgbdImage, ...] = ()
+    cloud: NDArray[np.float32] | None = None
+    features: Features | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackedFrames:
+    """Every tracked moment of the log, nodes or not, as parallel arrays in time order."""
+
+    stamps_ns: NDArray[np.int64]
+    """(F,)."""
+    node_ids: NDArray[np.int64]
+    """(F,) the node each frame hangs on: the last one at or before it."""
+    node_from_frame: NDArray[np.float64]
+    """(F, 4, 4) motion since that node, by the tracker."""
+    is_node: NDArray[np.bool_]
+    """(F,) whether the frame is that node itself."""

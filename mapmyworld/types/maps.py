@@ -1,0 +1,66 @@
+"""The products: occupancy grids, clouds, meshes and trajectories."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OccupancyGrid:
+    """Log-odds of occupancy on a square lattice; row 0 is the lowest y, column 0 the lowest x."""
+
+    log_odds: NDArray[np.float32]
+    """(H, W); NaN where nothing was observed."""
+    resolution: float
+    """Metres a cell."""
+    origin: NDArray[np.float64]
+    """(2,) x, y of the lower-left corner of cell (0, 0), map frame."""
+    occupied_threshold: float = 0.65
+    """Probability from which a cell counts as occupied."""
+    free_threshold: float = 0.196
+    """Probability below which a cell counts as free."""
+
+    def probabilities(self) -> NDArray[np.float32]:
+        """(H, W) occupancy probability; NaN where unknown."""
+        return np.asarray(1.0 / (1.0 + np.exp(-self.log_odds)), np.float32)
+
+    def trinary(self) -> NDArray[np.int8]:
+        """(H, W) as nav_msgs/OccupancyGrid: 100 occupied, 0 free, -1 unknown."""
+        probability = self.probabilities()
+        cells = np.full(probability.shape, -1, np.int8)
+        cells[probability >= self.occupied_threshold] = 100
+        cells[probability <= self.free_threshold] = 0
+        return cells
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointCloud:
+    points: NDArray[np.float32]
+    """(N, 3) metres."""
+    colours: NDArray[np.uint8] | None = None
+    """(N, 3) RGB."""
+    normals: NDArray[np.float32] | None = None
+    """(N, 3) unit vectors."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    vertices: NDArray[np.float32]
+    """(V, 3) metres."""
+    triangles: NDArray[np.int32]
+    """(T, 3) vertex indices, counter-clockwise seen from outside."""
+    colours: NDArray[np.uint8] | None = None
+    """(V, 3) RGB."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory:
+    """Poses over time, in the order of motion."""
+
+    stamps_ns: NDArray[np.int64]
+    """(N,)."""
+    poses: NDArray[np.float64]
+    """(N, 4, 4) map_from_base."""

@@ -1,0 +1,113 @@
+"""The two seams of the house as Protocols: where logs come from, where maps are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.types.frames import Features, Node, NodeData, Scan, TrackedFrames
+from mapmyworld.types.graph import Constraint, Poses
+from mapmyworld.types.maps import OccupancyGrid
+from mapmyworld.types.messages import LogInfo, RawMessage
+
+
+class LogSource(Protocol):
+    """A recorded log. `messages` may be called again and gives the same messages each time."""
+
+    def info(self) -> LogInfo:
+        """What is in the log; cheap, from the index where there is one."""
+
+    def content_hash(self) -> str:
+        """Hexadecimal digest of the log's bytes."""
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
+        """Messages of `topics` (all when None) in log-time order, ties in file order.
+
+        Damaged parts are skipped; `losses` then tells what is missing.
+        """
+
+    def losses(self) -> tuple[str, ...]:
+        """What the last complete iteration could not read, one line each."""
+
+
+class Progress(Protocol):
+    """Told what is going on; draws nothing itself unless it is the command line's."""
+
+    def stage(self, name: str, total: float | None = None, unit: str = "") -> None:
+        """A stage begins; `total` in `unit`s ("s" of log time, "nodes", ...)."""
+
+    def update(self, done: float) -> None:
+        """So much of the stage's total is done."""
+
+    def note(self, message: str) -> None:
+        """Something the user should know: a warning, a decision, a loss."""
+
+
+class MapStore(Protocol):
+    """A map in the making and the finished map. Written while the log streams."""
+
+    def stage_done(self, stage: str, inputs: str) -> bool:
+        """Whether `stage` was finished with these very inputs (a hash)."""
+
+    def write_stage(self, stage: str, inputs: str) -> AbstractContextManager[None]:
+        """Clears what `stage` and all later stages wrote; on a clean exit records it as done.
+
+        Left by an exception, what was written so far stays, readable, and the stage not done.
+        """
+
+    def get(self, key: str) -> Any:
+        """The JSON value kept under `key`; None when absent."""
+
+    def put(self, key: str, value: Any) -> None:
+        """Keeps a JSON value: plan, summary, diagnosis, versions, ..."""
+
+    def add_node(self, node: Node, data: NodeData) -> None: ...
+
+    def nodes(self) -> tuple[Node, ...]:
+        """All nodes by id."""
+
+    def node_data(self, node_id: int) -> NodeData:
+        """One node's data, read without touching others'."""
+
+    def add_scan(self, frame: int, scan: Scan) -> None:
+        """The scan of the tracked frame with this index (nodes' and others' alike)."""
+
+    def scans(self, frames: Sequence[int] | NDArray[np.int64]) -> Iterator[tuple[int, Scan]]:
+        """The scans of these frames, ascending; frames without a scan are passed over."""
+
+    def set_tracked_frames(self, frames: TrackedFrames) -> None: ...
+
+    def tracked_frames(self) -> TrackedFrames: ...
+
+    def add_constraints(self, constraints: Sequence[Constraint]) -> None: ...
+
+    def replace_constraints(self, constraints: Sequence[Constraint]) -> None:
+        """All constraints at once: verdicts change when the graph is judged."""
+
+    def constraints(self) -> tuple[Constraint, ...]:
+        """Every constraint that was tried, in the order in which it was added."""
+
+    def set_features(self, node_id: int, features: Features) -> None: ...
+
+    def set_words(self, words: Mapping[int, NDArray[Any]]) -> None:
+        """The vocabulary: word id -> descriptor."""
+
+    def words(self) -> dict[int, NDArray[Any]]: ...
+
+    def set_poses(self, poses: Poses) -> None: ...
+
+    def poses(self) -> Poses | None:
+        """The optimised poses; None before the graph was solved."""
+
+    def set_frame_poses(self, map_from_frame: NDArray[np.float64]) -> None:
+        """Final pose (F, 4, 4) of every tracked frame."""
+
+    def frame_poses(self) -> NDArray[np.float64] | None: ...
+
+    def set_grid(self, grid: OccupancyGrid) -> None: ...
+
+    def grid(self) -> OccupancyGrid | None: ...

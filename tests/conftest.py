@@ -1,0 +1,19 @@
+"""What all tests share: where the recorded data lie."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data"))
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """The folder of recorded logs, graphs and databases; skips where it is absent."""
+    if not DATA.is_dir():
+        pytest.skip(f"recorded data not found at {DATA}: set MAPMYWORLD_DATA to their folder")
+    return DATA

@@ -12,6 +12,7 @@ from mapmyworld.config.places import PlacesConfig
 from mapmyworld.config.registration import RegistrationConfig
 from mapmyworld.config.sensing import SensingConfig
 from mapmyworld.config.storage import StorageConfig
+from mapmyworld.config.visual import VisualConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +25,7 @@ class Config:
     mapping: MappingConfig = field(default_factory=MappingConfig)
     particles: ParticlesConfig = field(default_factory=ParticlesConfig)
     storage: StorageConfig = field(default_factory=StorageConfig)
+    visual: VisualConfig = field(default_factory=VisualConfig)
     threads: int = 0  # worker threads; 0 = as many as cores. Results do not depend on it
     seed: int = 0  # of everything random
 
@@ -38,4 +40,5 @@ __all__ = [
     "RegistrationConfig",
     "SensingConfig",
     "StorageConfig",
+    "VisualConfig",
 ]

@@ -1,0 +1,106 @@
+"""Between pixels and rays: rectification and back-projection by the camera's own model."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.types import CameraModel, RgbdImage
+
+Array = NDArray[np.float64]
+
+
+def rays_of_pixels(camera: CameraModel, pixels: NDArray[np.floating]) -> Array:
+    """Normalised image coordinates (N, 2), at depth 1 and free of distortion, of pixels (N, 2)."""
+    pixels = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
+    k = camera.intrinsics
+    if len(pixels) == 0 or not _is_distorted(camera):
+        return np.asarray((pixels - k[:2, 2]) / [k[0, 0], k[1, 1]])
+    if camera.distortion_model == "equidistant":
+        rays = cv2.fisheye.undistortPoints(pixels[:, None], k, camera.distortion[:4])
+    else:
+        rays = cv2.undistortPoints(pixels[:, None], k, camera.distortion)
+    return np.asarray(rays, np.float64).reshape(-1, 2)
+
+
+def pixels_of_points(camera: CameraModel, points: NDArray[np.floating]) -> Array:
+    """Pixels (N, 2) in the image as recorded, of points (N, 3) in the camera's frame.
+
+    Points at or behind the camera's plane give NaN.
+    """
+    points = np.asarray(points, np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rays = np.where(points[:, 2:] > 1e-6, points[:, :2] / points[:, 2:], np.nan)
+    return _distort(camera, rays) * np.diag(camera.intrinsics)[:2] + camera.intrinsics[:2, 2]
+
+
+def depth_grid_points(image: RgbdImage, stride: int) -> tuple[Array, NDArray[np.float32]]:
+    """Pixels (h, w, 2) on a lattice and their depths (h, w) in metres, 0 where there is none.
+
+    `stride` counts pixels of the full image; a smaller depth image is never oversampled.
+    """
+    assert image.depth is not None
+    depth = np.asarray(image.depth.pixels(), np.float32)
+    factor = image.camera.width / depth.shape[1]
+    step = max(1, round(stride / factor))
+    rows, columns = (
+        np.arange(step // 2, depth.shape[0], step),
+        np.arange(step // 2, depth.shape[1], step),
+    )
+    u, v = np.meshgrid((columns + 0.5) * factor - 0.5, (rows + 0.5) * factor - 0.5)
+    return np.stack([u, v], axis=-1), np.ascontiguousarray(depth[rows[:, None], columns])
+
+
+def grid_rays(camera: CameraModel, pixels: Array) -> NDArray[np.float32]:
+    """Rays (h, w, 2) of a lattice of pixels (h, w, 2); remembered, since every view asks again."""
+    key = camera.intrinsics.tobytes(), camera.distortion_model, camera.distortion.tobytes()
+    return _grid_rays(key, pixels.tobytes(), pixels.shape)
+
+
+@lru_cache(maxsize=8)
+def _grid_rays(
+    key: tuple[bytes, str, bytes], pixels: bytes, shape: tuple[int, ...]
+) -> NDArray[np.float32]:
+    intrinsics = np.frombuffer(key[0]).reshape(3, 3)
+    camera = CameraModel(0, 0, intrinsics, key[1], np.frombuffer(key[2]), np.eye(4))
+    rays = rays_of_pixels(camera, np.frombuffer(pixels).reshape(-1, 2)).astype(np.float32)
+    return rays.reshape(shape)
+
+
+def depth_at(image: RgbdImage, depth: NDArray[np.float32], pixels: NDArray[np.floating]) -> Array:
+    """Depths (N,) in metres of pixels (N, 2) of the full image, NaN where there is none."""
+    factor = image.camera.width / depth.shape[1]
+    cells = np.round((np.nan_to_num(pixels, nan=-1e6) + 0.5) / factor - 0.5).astype(np.int64)
+    inside = ((cells >= 0) & (cells < depth.shape[::-1])).all(axis=1)
+    found = np.full(len(cells), np.nan)
+    found[inside] = depth[cells[inside, 1], cells[inside, 0]]
+    found[~(found > 0)] = np.nan
+    return found
+
+
+def _is_distorted(camera: CameraModel) -> bool:
+    return camera.distortion_model != "" and bool(np.any(camera.distortion))
+
+
+def _distort(camera: CameraModel, rays: Array) -> Array:
+    """Distorted normalised coordinates of ideal ones, by the formulas of OpenCV's camera models."""
+    if not _is_distorted(camera):
+        return rays
+    d = np.zeros(14)
+    d[: min(len(camera.distortion), 12)] = camera.distortion[:12]
+    x, y = rays[:, 0], rays[:, 1]
+    r2 = x * x + y * y
+    if camera.distortion_model == "equidistant":
+        r = np.sqrt(r2)
+        angle = np.arctan(r)
+        squared = angle * angle
+        bent = angle * (1 + squared * (d[0] + squared * (d[1] + squared * (d[2] + squared * d[3]))))
+        return rays * np.where(r > 1e-9, bent / np.maximum(r, 1e-9), 1.0)[:, None]
+    radial = 1 + r2 * (d[0] + r2 * (d[1] + r2 * d[4]))
+    radial = radial / (1 + r2 * (d[5] + r2 * (d[6] + r2 * d[7])))
+    u = x * radial + 2 * d[2] * x * y + d[3] * (r2 + 2 * x * x) + r2 * (d[8] + r2 * d[9])
+    v = y * radial + d[2] * (r2 + 2 * y * y) + 2 * d[3] * x * y + r2 * (d[10] + r2 * d[11])
+    return np.stack([u, v], axis=-1)

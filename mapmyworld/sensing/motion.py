@@ -1,0 +1,121 @@
+"""A recorded motion as compact arrays, looked up by stamp."""
+
+from __future__ import annotations
+
+from array import array
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.geometry import interpolate
+
+_NEARBY = 64  # samples around the last look-up that are searched in an unsorted stream
+
+
+class MotionRecorder:
+    """Collects poses in the order in which they come; 104 bytes a sample."""
+
+    def __init__(self) -> None:
+        self._stamps = array("q")
+        self._values = array("d")
+
+    def add(self, stamp_ns: int, pose: NDArray[np.float64]) -> None:
+        self._stamps.append(stamp_ns)
+        self._values.extend(pose[:3].ravel().tolist())
+
+    def __len__(self) -> int:
+        return len(self._stamps)
+
+    def finish(self) -> RecordedMotion:
+        stamps = np.frombuffer(self._stamps, np.int64).copy()
+        values = np.frombuffer(self._values, np.float64).reshape(-1, 3, 4).copy()
+        return RecordedMotion(stamps, values)
+
+
+class RecordedMotion:
+    """Poses over time, in the order of the log, which need not be the order of the stamps.
+
+    Where the stamps step back (a recorder that wrote late stamps), the order of the log is the
+    order of motion, so a look-up searches only near the one before it.
+    """
+
+    def __init__(self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+        """`values` (N, 3, 4): the upper rows of the poses."""
+        self.stamps_ns = stamps_ns
+        self._values = values
+        self.is_sorted = bool(np.all(np.diff(stamps_ns) >= 0)) if len(stamps_ns) else True
+        self._last = 0
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    def followed_by(self, child_from_base: NDArray[np.float64]) -> RecordedMotion:
+        """The same motion of another frame, fixed to the recorded one."""
+        values = self.poses_at(slice(None)) @ child_from_base
+        return RecordedMotion(self.stamps_ns, values[:, :3])
+
+    def at(self, stamp_ns: int, tolerance_ns: int = 500_000_000) -> NDArray[np.float64] | None:
+        """The pose (4, 4) at a stamp, interpolated; the end pose just outside the record.
+
+        None where the nearest sample is further than `tolerance_ns` away.
+        """
+        found = self.at_many(np.array([stamp_ns], np.int64), tolerance_ns)
+        return None if found is None else np.asarray(found[0])
+
+    def at_many(
+        self, stamps_ns: NDArray[np.int64], tolerance_ns: int = 500_000_000
+    ) -> NDArray[np.float64] | None:
+        """Poses (N, 4, 4) at stamps close to one another; None unless all are covered."""
+        if not len(self.stamps_ns):
+            return None
+        if self.is_sorted:
+            low = int(np.searchsorted(self.stamps_ns, stamps_ns[0], "left")) - 1
+            high = int(np.searchsorted(self.stamps_ns, stamps_ns[-1], "right")) + 1
+            window = np.arange(max(low, 0), min(max(high, 1), len(self)))
+        else:
+            window = self._window(int(stamps_ns[0]))
+        stamps, poses = self.stamps_ns[window], self.poses_at(window)
+        exact = np.flatnonzero(stamps == stamps_ns[0])
+        if len(stamps_ns) == 1 and len(exact):
+            nearest = exact[np.argmin(np.abs(window[exact] - self._last))]
+            self._last = int(window[nearest])
+            return poses[nearest][None]
+        order = np.argsort(stamps, kind="stable")
+        stamps, poses = stamps[order], poses[order]
+        return _interpolate_sorted(stamps, poses, stamps_ns, tolerance_ns)
+
+    def poses_at(self, indices: NDArray[np.int64] | slice) -> NDArray[np.float64]:
+        """Poses (N, 4, 4) of chosen samples, counted in the order of the log."""
+        values = self._values[indices]
+        poses = np.zeros((len(values), 4, 4))
+        poses[:, :3], poses[:, 3, 3] = values, 1.0
+        return poses
+
+    def _window(self, stamp_ns: int) -> NDArray[np.int64]:
+        """Samples around where `stamp_ns` lies, nearest to the last look-up."""
+        exact = np.flatnonzero(self.stamps_ns == stamp_ns)
+        if len(exact):
+            centre = int(exact[np.argmin(np.abs(exact - self._last))])
+        else:
+            low = max(self._last - 16 * _NEARBY, 0)
+            near = self.stamps_ns[low : self._last + 16 * _NEARBY]
+            centre = low + int(np.argmin(np.abs(near - stamp_ns)))
+        self._last = centre
+        return np.arange(max(centre - _NEARBY, 0), min(centre + _NEARBY + 1, len(self)))
+
+
+def _interpolate_sorted(
+    stamps: NDArray[np.int64],
+    poses: NDArray[np.float64],
+    wanted: NDArray[np.int64],
+    tolerance_ns: int,
+) -> NDArray[np.float64] | None:
+    after = np.clip(np.searchsorted(stamps, wanted, "left"), 0, len(stamps) - 1)
+    before = np.maximum(np.where(stamps[after] > wanted, after - 1, after), 0)
+    after = np.where(wanted > stamps[-1], len(stamps) - 1, after)
+    distance = np.minimum(np.abs(stamps[before] - wanted), np.abs(stamps[after] - wanted))
+    if np.any(distance > tolerance_ns):
+        return None
+    span = (stamps[after] - stamps[before]).astype(np.float64)
+    fraction = (wanted - stamps[before]) / np.maximum(span, 1.0)
+    return interpolate(poses[before], poses[after], np.clip(fraction, 0.0, 1.0))

@@ -1,0 +1,111 @@
+"""The plan: which topics, frames and clock to use, and why; every problem at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import SensingConfig
+from mapmyworld.sensing.motion import RecordedMotion
+from mapmyworld.sensing.survey import Survey
+from mapmyworld.sensing.transforms import TransformTree
+from mapmyworld.types import CameraModel
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What was chosen for a role, why, and why the others were not."""
+
+    role: str
+    choice: str
+    """Empty when nothing serves."""
+    reason: str
+    others: tuple[str, ...] = ()
+    """"candidate: why not", best first."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanSource:
+    topic: str
+    frame_id: str
+    base_from_lidar: NDArray[np.float64]
+    """(4, 4)."""
+    mount_assumed: bool
+    """Whether no transform says where the lidar sits."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraSource:
+    colour_topic: str
+    depth_topic: str
+    info_topic: str
+    model: CameraModel
+    mount_assumed: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OdometrySource:
+    name: str
+    """The topic, or "tf odom -> base"."""
+    motion: RecordedMotion
+    """odom_from_base."""
+    covariance: NDArray[np.float64] | None
+    """(6, 6) translation first, as the first message states it; None where meaningless."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuSource:
+    topic: str
+    base_from_imu: NDArray[np.float64]
+    """(4, 4); only its rotation is used."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    scan: ScanSource | None
+    camera: CameraSource | None
+    odometry: OdometrySource | None
+    imu: ImuSource | None
+    ground_truth_topic: str
+    base_frame: str
+    map_from_first: NDArray[np.float64]
+    """(4, 4) where the map puts the first pose of a log without odometry: level, z up."""
+    planar: bool
+    """Whether the robot moves in a plane: the graph is then optimised in 2D."""
+    use_log_time: bool
+    """Whether header stamps are unusable, so that log time serves instead."""
+    decisions: tuple[Decision, ...]
+    warnings: tuple[str, ...]
+    """What the user should know; nothing is lost by it."""
+    losses: tuple[str, ...]
+    """What had to be left out or assumed: the map is partial."""
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The topics that building reads, tf and odometry apart: those are known already."""
+        found = [self.scan.topic] if self.scan else []
+        if self.camera:
+            found += [self.camera.colour_topic, self.camera.depth_topic]
+        found += [self.imu.topic] if self.imu else []
+        return tuple(t for t in [*found, self.ground_truth_topic] if t)
+
+
+@dataclass(slots=True)
+class Draft:
+    """The plan in the making: what the rules find is written here."""
+
+    survey: Survey
+    config: SensingConfig
+    decisions: list[Decision] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    losses: list[str] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+
+    @property
+    def tree(self) -> TransformTree:
+        return self.survey.tree
+
+    def decide(self, role: str, choice: str, reason: str, others: tuple[str, ...] = ()) -> None:
+        self.decisions.append(Decision(role, choice, reason, others))

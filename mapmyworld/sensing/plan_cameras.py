@@ -1,0 +1,196 @@
+"""The part of the plan that matches colour, depth and camera info."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import takewhile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.sensing.plan import CameraSource, Draft, ScanSource
+from mapmyworld.sensing.plan_lasers import mount_of
+from mapmyworld.sensing.survey import Stream
+from mapmyworld.sensing.transforms import frame_name
+from mapmyworld.types import CameraInfoMessage, CameraModel, ImageMessage, MessageKind
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Images:
+    """A stream of images and what its first message shows."""
+
+    stream: Stream
+    sample: ImageMessage
+    width: int
+    height: int
+
+    @property
+    def topic(self) -> str:
+        return self.stream.topic
+
+
+def choose_camera(draft: Draft, base: str) -> CameraSource | None:
+    """Colour, depth and camera info that fit together best; None when any is missing."""
+    if not draft.config.use_images:
+        draft.decide("camera", "", "switched off by sensing.use_images")
+        return None
+    images = [found for s in draft.survey.of_kind(MessageKind.IMAGE) if (found := _look(s))]
+    depths = _wanted(draft.config.depth_topic, [i for i in images if i.sample.is_depth])
+    colours = _wanted(draft.config.colour_topic, [i for i in images if not i.sample.is_depth])
+    infos = draft.survey.of_kind(MessageKind.CAMERA_INFO)
+    missing = [
+        name
+        for name, found in (("colour", colours), ("depth", depths), ("camera info", infos))
+        if not found
+    ]
+    if missing:
+        _explain_missing(draft, missing, images)
+        return None
+    return _best(draft, base, colours, depths, infos)
+
+
+def _look(stream: Stream) -> _Images | None:
+    sample = next((m for m in stream.samples if isinstance(m, ImageMessage)), None)
+    if sample is None:
+        return None
+    width, height = sample.width, sample.height
+    if not width or not height:
+        height, width = sample.pixels().shape[:2]
+    return _Images(stream, sample, width, height)
+
+
+def _wanted(topic: str, images: list[_Images]) -> list[_Images]:
+    return [i for i in images if topic in {"", i.topic}]
+
+
+def _explain_missing(draft: Draft, missing: list[str], images: list[_Images]) -> None:
+    what = " and ".join(missing)
+    if not images:
+        draft.problems.append("no camera images in the log")
+        draft.decide("camera", "", "no images in the log")
+        return
+    line = f"the camera is not used: the log has images ({images[0].topic}) but no {what}"
+    remedy = {
+        "camera info": "record the camera_info topic beside the images",
+        "depth": "record a depth image registered to the colour image",
+        "colour": "record the colour image beside the depth image",
+    }[missing[-1]]
+    draft.losses.append(f"{line}: {remedy}")
+    draft.decide("camera", "", f"no {what}")
+
+
+def _best(
+    draft: Draft, base: str, colours: list[_Images], depths: list[_Images], infos: list[Stream]
+) -> CameraSource | None:
+    pairs = sorted(
+        ((_score_pair(c, d), c, d) for c in colours for d in depths),
+        key=lambda item: (-item[0], item[1].topic, item[2].topic),
+    )
+    score, colour, depth = pairs[0]
+    if score <= 0:
+        draft.losses.append(
+            f"the camera is not used: {depth.topic} ({depth.width}x{depth.height}) is not "
+            f"registered to {colour.topic} ({colour.width}x{colour.height})"
+        )
+        draft.decide("camera", "", "no depth image fits a colour image")
+        return None
+    info_stream, info = _info_for(draft, colour, infos)
+    others = tuple(f"{c.topic} + {d.topic}: fits less" for _, c, d in pairs[1:4])
+    reason = (
+        f"{depth.topic} and {info_stream.topic} fit it: {colour.width}x{colour.height}, "
+        f"{colour.stream.frequency:.1f} Hz"
+    )
+    draft.decide("camera", colour.topic, reason, others)
+    return _source(draft, base, colour, depth, info_stream, info)
+
+
+def _score_pair(colour: _Images, depth: _Images) -> float:
+    """How well a depth image fits a colour image; 0 or less: not at all."""
+    if colour.width * depth.height != colour.height * depth.width:
+        return -1.0
+    same_frame = frame_name(colour.sample.frame_id) == frame_name(depth.sample.frame_id)
+    registered = any(word in depth.topic for word in ("aligned", "register"))
+    rate = min(colour.stream.frequency, depth.stream.frequency) / max(
+        colour.stream.frequency, depth.stream.frequency, 1e-9
+    )
+    shared = _shared(colour.topic, depth.topic)
+    is_colour = colour.sample.encoding.lower() not in {"mono8", "8uc1"}
+    same_size = colour.width == depth.width
+    return 2.0 * same_frame + 2.0 * registered + rate + shared + is_colour + same_size
+
+
+def _shared(topic: str, other: str) -> float:
+    """Share of a topic's name that another begins with as well."""
+    same = takewhile(lambda pair: pair[0] == pair[1], zip(topic, other, strict=False))
+    return sum(1 for _ in same) / max(len(topic), 1)
+
+
+def _info_for(
+    draft: Draft, colour: _Images, infos: list[Stream]
+) -> tuple[Stream, CameraInfoMessage]:
+    """The camera info of the colour image: same frame, size and name, in this order."""
+    wanted = draft.config.camera_info_topic
+
+    def fit(stream: Stream) -> tuple[float, str]:
+        info = _first_info(stream)
+        same_frame = frame_name(info.frame_id) == frame_name(colour.sample.frame_id)
+        same_size = (info.width, info.height) == (colour.width, colour.height)
+        shared = _shared(stream.topic, colour.topic)
+        return (10.0 * (stream.topic == wanted) + 2.0 * same_frame + same_size + shared, "")
+
+    best = max(sorted(infos, key=lambda s: s.topic), key=fit)
+    return best, _first_info(best)
+
+
+def _first_info(stream: Stream) -> CameraInfoMessage:
+    return next(m for m in stream.samples if isinstance(m, CameraInfoMessage))
+
+
+def _source(
+    draft: Draft,
+    base: str,
+    colour: _Images,
+    depth: _Images,
+    info_stream: Stream,
+    info: CameraInfoMessage,
+) -> CameraSource | None:
+    if info.intrinsics[0, 0] <= 0 or not np.all(np.isfinite(info.intrinsics)):
+        draft.losses.append(
+            f"the camera is not used: {info_stream.topic} holds no intrinsics (uncalibrated)"
+        )
+        return None
+    mount, assumed = mount_of(draft, base, colour.sample.frame_id or info.frame_id, "camera")
+    if assumed:
+        draft.losses.append(
+            f"no transform from {base} to {frame_name(colour.sample.frame_id) or 'the camera'}: "
+            "the camera is taken to look forward from the base; set sensing.camera_mount"
+        )
+        mount = _LOOKING_FORWARD
+    scale = np.diag([colour.width / (info.width or colour.width)] * 2 + [1.0])
+    rectified = "rect" in colour.topic.rsplit("/", 2)[-1]
+    model = CameraModel(
+        width=colour.width,
+        height=colour.height,
+        intrinsics=scale
+        @ (info.projection[:, :3] if rectified and info.projection[0, 0] > 0 else info.intrinsics),
+        distortion_model="" if rectified else info.distortion_model,
+        distortion=np.zeros(0) if rectified else info.distortion,
+        base_from_camera=mount,
+    )
+    return CameraSource(colour.topic, depth.topic, info_stream.topic, model, assumed)
+
+
+def first_pose(camera: CameraSource | None, scan: ScanSource | None) -> NDArray[np.float64]:
+    """Level, z up (4, 4): a base that is itself an optical frame starts looking forward."""
+    if (
+        scan is None
+        and camera is not None
+        and np.allclose(camera.model.base_from_camera, np.eye(4))
+    ):
+        return _LOOKING_FORWARD
+    return np.eye(4)
+
+
+_LOOKING_FORWARD = np.array(
+    [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)

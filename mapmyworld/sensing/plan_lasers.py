@@ -1,0 +1,116 @@
+"""The part of the plan that chooses the laser scan."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.errors import ConfigError
+from mapmyworld.geometry import make_transform, roll_pitch_yaw_to_rotation
+from mapmyworld.sensing.plan import Draft, ScanSource
+from mapmyworld.sensing.survey import Stream
+from mapmyworld.sensing.transforms import frame_name
+from mapmyworld.types import LaserScanMessage, MessageKind
+
+_TILTED = 0.17  # rad from level beyond which a laser does not see walls as walls
+
+
+def choose_scan(draft: Draft, base: str) -> ScanSource | None:
+    """The planar laser with the widest view and the most returns; None without one."""
+    if not draft.config.use_scans:
+        draft.decide("scan", "", "switched off by sensing.use_scans")
+        return None
+    ranked = sorted(
+        ((*_judge(draft, stream, base), stream) for stream in _streams(draft)),
+        key=lambda item: (-item[0], item[2].topic),
+    )
+    ranked = [item for item in ranked if item[0] > 0] or ranked
+    if not ranked or ranked[0][0] <= 0:
+        draft.problems += [f"{stream.topic}: {why}" for _, why, stream in ranked]
+        draft.problems += [] if ranked else ["no laser scan topic in the log"]
+        draft.decide("scan", "", ranked[0][1] if ranked else "no laser scan in the log")
+        return None
+    _, why, stream = ranked[0]
+    others = tuple(f"{other.topic}: {reason}" for _, reason, other in ranked[1:])
+    draft.decide("scan", stream.topic, why, others)
+    return _source(draft, stream, base)
+
+
+def _streams(draft: Draft) -> list[Stream]:
+    streams = draft.survey.of_kind(MessageKind.LASER_SCAN)
+    wanted = draft.config.scan_topic
+    if wanted and wanted not in {s.topic for s in streams}:
+        known = ", ".join(s.topic for s in streams) or "none"
+        raise ConfigError(f"sensing.scan_topic = {wanted!r} is not in the log; scans: {known}")
+    return [s for s in streams if wanted in {"", s.topic}]
+
+
+def _judge(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
+    scans = [m for m in stream.samples if isinstance(m, LaserScanMessage)]
+    if not scans:
+        return 0.0, "none of its messages can be decoded"
+    scan = scans[0]
+    field = abs(scan.angle_increment) * len(scan.ranges)
+    returns = float(np.mean([np.mean(valid_ranges(s)) for s in scans]))
+    mount, assumed = mount_of(draft, base, scan.frame_id, "scan")
+    tilt = float(np.arccos(np.clip(abs(mount[2, 2]), -1.0, 1.0)))
+    why = (
+        f"{stream.count} scans at {stream.frequency:.1f} Hz, {len(scan.ranges)} beams over "
+        f"{np.degrees(field):.0f} deg, {returns:.0%} returns"
+    )
+    if tilt > _TILTED:
+        return 0.0, f"{why}; tilted by {np.degrees(tilt):.0f} deg: not a level scan"
+    if not returns:
+        return 0.01, f"{why}; not one usable range in the sample"
+    return field * min(stream.frequency, 10.0) * (0.2 + returns) * (0.5 if assumed else 1.0), why
+
+
+def valid_ranges(scan: LaserScanMessage) -> NDArray[np.bool_]:
+    """(N,) which beams came back from something: finite, above the minimum, below the maximum."""
+    ranges = scan.ranges
+    with np.errstate(invalid="ignore"):
+        return np.asarray(
+            np.isfinite(ranges)
+            & (ranges > max(scan.range_min, 0.0))
+            & (ranges < (scan.range_max if scan.range_max > 0 else np.inf))
+        )
+
+
+def mount_of(draft: Draft, base: str, frame_id: str, role: str) -> tuple[NDArray[np.float64], bool]:
+    """`base_from_sensor` (4, 4), and whether it had to be assumed."""
+    setting = getattr(draft.config, f"{role}_mount")
+    if setting:
+        return parse_mount(setting, f"sensing.{role}_mount"), False
+    name = frame_name(frame_id)
+    if name == base:
+        return np.eye(4), False
+    found = draft.tree.lookup(base, name, 0) if draft.tree.is_fixed(base, name) else None
+    if found is None and draft.tree.chain(base, name) is not None:
+        middle = (draft.survey.info.start_ns + draft.survey.end_ns) // 2
+        found = draft.tree.lookup(base, name, middle)
+    return (np.eye(4), True) if found is None else (found, False)
+
+
+def parse_mount(text: str, name: str) -> NDArray[np.float64]:
+    """The transform (4, 4) of "x y z roll pitch yaw" in metres and radians."""
+    try:
+        x, y, z, roll, pitch, yaw = (float(part) for part in text.replace(",", " ").split())
+    except ValueError:
+        raise ConfigError(f'{name} = {text!r}: give six numbers "x y z roll pitch yaw"') from None
+    return make_transform(roll_pitch_yaw_to_rotation(roll, pitch, yaw), [x, y, z])
+
+
+def _source(draft: Draft, stream: Stream, base: str) -> ScanSource:
+    scan = next(m for m in stream.samples if isinstance(m, LaserScanMessage))
+    mount, assumed = mount_of(draft, base, scan.frame_id, "scan")
+    if assumed:
+        draft.losses.append(
+            f"no transform from {base} to {frame_name(scan.frame_id) or 'the laser'}: the laser is "
+            'taken to sit at the base; set sensing.scan_mount = "x y z roll pitch yaw"'
+        )
+    if scan.time_increment == 0:
+        draft.warnings.append(
+            f"{stream.topic} does not say when each beam was taken (time_increment 0): sweeps are "
+            "not corrected for the robot's motion"
+        )
+    return ScanSource(stream.topic, frame_name(scan.frame_id), mount, assumed)

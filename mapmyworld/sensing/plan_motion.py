@@ -1,0 +1,183 @@
+"""The part of the plan that decides frames, odometry and what else tells of motion."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.geometry import between
+from mapmyworld.sensing.motion import RecordedMotion
+from mapmyworld.sensing.plan import Draft, ImuSource, OdometrySource, ScanSource
+from mapmyworld.sensing.transforms import frame_name
+from mapmyworld.types import ImuMessage, MessageKind
+
+_BASES = ("base_footprint", "base_link", "robot_footprint", "base", "chassis", "body", "base_frame")
+_ODOMS = ("odom", "odom_combined", "odometry")
+_WORLDS = ("map", "world", "earth")
+_FLAT = 0.02  # metres of height, radians of roll and pitch that a planar robot stays within
+
+
+def choose_base(draft: Draft) -> str:
+    """The frame whose motion is mapped: the child of the odometry, or the root of the robot."""
+    wanted, tree = draft.config.base_frame, draft.tree
+    if wanted:
+        draft.decide("base frame", wanted, "set by sensing.base_frame")
+        return frame_name(wanted)
+    for topic, (_, child) in sorted(draft.survey.odometry_frames.items()):
+        if child and _serves(draft, frame_name(child)):
+            draft.decide("base frame", frame_name(child), f"the child frame of {topic}")
+            return frame_name(child)
+    below_odom = [e.child for e in tree.edges() if e.parent in _ODOMS]
+    known = [name for name in _BASES if name in tree.frames()]
+    for name, why in [(n, "tf moves it under odom") for n in below_odom] + [
+        (n, "the usual name, found in tf") for n in known
+    ]:
+        if _serves(draft, name):
+            draft.decide("base frame", name, why)
+            return name
+    sensors = sorted(sensor_frames(draft))
+    name = _root(draft, sensors[0]) if sensors else "base_link"
+    draft.decide("base frame", name, "the topmost frame above the sensor" if sensors else "default")
+    return name
+
+
+def sensor_frames(draft: Draft) -> set[str]:
+    """Frames of all lasers and cameras in the log."""
+    kinds = (MessageKind.LASER_SCAN, MessageKind.CAMERA_INFO, MessageKind.IMAGE)
+    return {
+        frame_name(sample.frame_id)
+        for kind in kinds
+        for stream in draft.survey.of_kind(kind)
+        for sample in stream.samples[:1]
+        if hasattr(sample, "frame_id") and sample.frame_id
+    }
+
+
+def _serves(draft: Draft, base: str) -> bool:
+    """Whether some sensor hangs on this base, or no tf says otherwise."""
+    sensors = sensor_frames(draft)
+    if not draft.tree.frames() or not sensors:
+        return True
+    return any(base == s or draft.tree.chain(base, s) is not None for s in sensors)
+
+
+def _root(draft: Draft, frame: str) -> str:
+    chain = [n for n in draft.tree.ancestors(frame) if n not in _ODOMS and n not in _WORLDS]
+    return chain[-1] if chain else frame
+
+
+def choose_odometry(draft: Draft, base: str) -> OdometrySource | None:
+    """A topic whose child is the base, else tf odom -> base, else none."""
+    wanted = draft.config.odometry_topic
+    if wanted == "none":
+        draft.decide("odometry", "", "switched off by sensing.odometry_topic")
+        return None
+    candidates = _candidates(draft, base)
+    if wanted:
+        candidates = [c for c in candidates if wanted in {c[1].name, c[1].name.split()[0]}]
+        if not candidates:
+            known = ", ".join(sorted(draft.survey.odometry)) or "none"
+            draft.losses.append(
+                f"sensing.odometry_topic = {wanted!r} is not usable; found: {known}"
+            )
+    if not candidates:
+        draft.decide("odometry", "", "no odometry topic and no moving tf above the base")
+        draft.warnings.append(
+            "no odometry in the log: the motion is estimated from the sensors alone"
+        )
+        return None
+    ranked = sorted(candidates, key=lambda item: (-item[0], item[1].name))
+    best = ranked[0][1]
+    others = tuple(f"{source.name}: {why}" for _, source, why in ranked[1:])
+    draft.decide("odometry", best.name, ranked[0][2], others)
+    return best
+
+
+def _candidates(draft: Draft, base: str) -> list[tuple[float, OdometrySource, str]]:
+    found = []
+    for topic, motion in draft.survey.odometry.items():
+        score, why, motion_of_base = _judge_topic(draft, topic, motion, base)
+        covariance = draft.survey.odometry_first[topic].pose_covariance
+        source = OdometrySource(topic, motion_of_base, _meaningful(covariance))
+        found.append((score, source, why))
+    for parent in draft.tree.ancestors(base)[1:]:
+        edge = draft.tree.edge_to(
+            draft.tree.ancestors(base)[draft.tree.ancestors(base).index(parent) - 1]
+        )
+        if parent in _WORLDS or edge is None or edge.motion is None:
+            continue
+        chain = draft.tree.chain(parent, base)
+        if chain is not None and len(chain[0]) == 1:
+            source = OdometrySource(f"tf {parent} -> {base}", edge.motion, None)
+            found.append(
+                (3.0 if parent in _ODOMS else 1.5, source, f"{len(edge.motion)} transforms")
+            )
+    return [item for item in found if len(item[1].motion) > 1]
+
+
+def _judge_topic(
+    draft: Draft, topic: str, motion: RecordedMotion, base: str
+) -> tuple[float, str, RecordedMotion]:
+    child = frame_name(draft.survey.odometry_frames[topic][1])
+    rate = draft.survey.streams[topic].frequency
+    why = f"{len(motion)} poses at {rate:.1f} Hz of {child or 'an unnamed frame'}"
+    name = topic.rsplit("/", 1)[-1].lower()
+    preference = 0.5 if name in {"odom", "odometry"} or "filtered" in topic else 0.0
+    if child == base:
+        return 4.0 + preference, why, motion
+    if not child or draft.tree.chain(child, base) is None:
+        return 2.0 + preference, f"{why}, taken for {base}: tf does not connect them", motion
+    offset = draft.tree.lookup(child, base, 0)
+    if offset is None or not draft.tree.is_fixed(child, base):
+        return 1.0, f"{why}, which moves against {base}", motion
+    return 3.5 + preference, f"{why}, carried over to {base} by tf", motion.followed_by(offset)
+
+
+def _meaningful(covariance: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The covariance, unless it is zero, identity, negative or absurd: defaults say nothing."""
+    diagonal = np.diag(covariance)[[0, 1, 5]]
+    usable = np.all(np.isfinite(covariance)) and np.all(diagonal > 0) and np.all(diagonal < 1e3)
+    if not usable or np.allclose(covariance, np.eye(6)):
+        return None
+    return covariance
+
+
+def choose_ground_truth(draft: Draft) -> str:
+    """The topic of a recorded true pose; used for scores only, never for mapping."""
+    for stream in draft.survey.of_kind(MessageKind.POSE):
+        if "truth" in stream.topic or stream.topic.rsplit("/", 1)[-1] in {"gt", "mocap"}:
+            draft.decide("ground truth", stream.topic, "kept beside the map for scores only")
+            return stream.topic
+    return ""
+
+
+def choose_imu(draft: Draft, base: str) -> ImuSource | None:
+    """The IMU with the most samples, when tf says how it is mounted."""
+    streams = draft.survey.of_kind(MessageKind.IMU)
+    if not streams:
+        return None
+    best = max(streams, key=lambda s: (s.count, s.topic))
+    sample = next((m for m in best.samples if isinstance(m, ImuMessage)), None)
+    frame = frame_name(sample.frame_id) if sample else ""
+    mount = np.eye(4) if frame in {"", base} else draft.tree.lookup(base, frame, 0)
+    if mount is None:
+        draft.decide("imu", "", f"{best.topic}: tf does not say how {frame} is mounted")
+        return None
+    draft.decide("imu", best.topic, f"{best.count} samples at {best.frequency:.0f} Hz")
+    return ImuSource(best.topic, mount)
+
+
+def is_planar(draft: Draft, odometry: OdometrySource | None, scan: ScanSource | None) -> bool:
+    """Flat when the odometry stays in a plane; without odometry, when there is a laser."""
+    if odometry is None:
+        flat = scan is not None
+        reason = "a planar laser and no odometry" if flat else "a camera without odometry"
+    else:
+        poses = odometry.motion.poses_at(slice(None, None, max(len(odometry.motion) // 2000, 1)))
+        moved = between(poses[0], poses)
+        height = float(np.abs(moved[:, 2, 3]).max())
+        tilt = float(np.arccos(np.clip(moved[:, 2, 2].min(), -1.0, 1.0)))
+        flat = height < _FLAT and tilt < _FLAT
+        reason = f"odometry rises {height:.3f} m and tilts {np.degrees(tilt):.2f} deg at most"
+    draft.decide("dimensions", "2D" if flat else "3D", reason)
+    return flat

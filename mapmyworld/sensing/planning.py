@@ -1,0 +1,48 @@
+"""Deciding: the rules of the plan in the order in which they build on one another."""
+
+from __future__ import annotations
+
+from mapmyworld.config import SensingConfig
+from mapmyworld.errors import LogError
+from mapmyworld.sensing import plan_cameras, plan_checks, plan_lasers, plan_motion
+from mapmyworld.sensing.plan import Draft, Plan
+from mapmyworld.sensing.survey import Survey
+
+
+def make_plan(survey: Survey, config: SensingConfig) -> Plan:
+    """Decides from a survey; raises `LogError` with every problem when no map can be made."""
+    draft = Draft(survey, config)
+    if not any(stream.count for stream in survey.streams.values()):
+        raise LogError(f"{survey.info.paths[0]}: the log holds no message that mapping can use")
+    base = plan_motion.choose_base(draft)
+    odometry = plan_motion.choose_odometry(draft, base)
+    scan = plan_lasers.choose_scan(draft, base)
+    camera = plan_cameras.choose_camera(draft, base)
+    plan_checks.check_tree(draft)
+    use_log_time = plan_checks.choose_clock(draft, scan, camera, odometry)
+    plan_checks.check_streams(draft, scan, camera, odometry)
+    if scan is None and camera is None:
+        _refuse(draft)
+    return Plan(
+        scan=scan,
+        camera=camera,
+        odometry=odometry,
+        imu=plan_motion.choose_imu(draft, base),
+        ground_truth_topic=plan_motion.choose_ground_truth(draft),
+        base_frame=base,
+        map_from_first=plan_cameras.first_pose(camera, scan),
+        planar=plan_motion.is_planar(draft, odometry, scan),
+        use_log_time=use_log_time,
+        decisions=tuple(draft.decisions),
+        warnings=tuple(draft.warnings),
+        losses=(*survey.losses, *draft.losses),
+    )
+
+
+def _refuse(draft: Draft) -> None:
+    paths = ", ".join(draft.survey.info.paths)
+    raise LogError(
+        f"{paths}: no map can be made: the log has neither a laser scan nor colour with depth "
+        "that can be used",
+        problems=[*draft.problems, *draft.losses],
+    )

@@ -1,0 +1,159 @@
+"""One pass over a log before anything is decided: all of tf and odometry, a sample of the rest."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mapmyworld.errors import LogError
+from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion
+from mapmyworld.sensing.transforms import TransformTree
+from mapmyworld.types import (
+    LogInfo,
+    LogSource,
+    Message,
+    MessageKind,
+    OdometryMessage,
+    RawMessage,
+    TransformsMessage,
+)
+
+_SAMPLES = 5  # messages of a stream that are decoded to see what it carries
+_OFFSETS = 256  # messages whose clocks are compared, spread by doubling the stride
+
+
+@dataclass(slots=True)
+class Stream:
+    """What is known of a topic: rate, clock and its first messages."""
+
+    topic: str
+    kind: MessageKind
+    count: int = 0
+    first_log_ns: int = 0
+    last_log_ns: int = 0
+    first_stamp_ns: int | None = None
+    last_stamp_ns: int | None = None
+    backward_steps: int = 0
+    largest_backward_ns: int = 0
+    largest_gap_ns: int = 0
+    undecodable: int = 0
+    samples: list[Message] = field(default_factory=list)
+    offsets_ns: array[int] = field(default_factory=lambda: array("q"))
+    _stride: int = 1
+
+    def add(self, raw: RawMessage) -> None:
+        if self.count == 0:
+            self.first_log_ns = raw.log_time_ns
+        if raw.stamp_ns is not None:
+            self._add_stamp(raw.stamp_ns, raw.log_time_ns)
+        self.last_log_ns = raw.log_time_ns
+        self.count += 1
+
+    def _add_stamp(self, stamp_ns: int, log_time_ns: int) -> None:
+        if self.last_stamp_ns is None:
+            self.first_stamp_ns = stamp_ns
+        else:
+            step = stamp_ns - self.last_stamp_ns
+            self.largest_gap_ns = max(self.largest_gap_ns, step)
+            if step < 0:
+                self.backward_steps += 1
+                self.largest_backward_ns = max(self.largest_backward_ns, -step)
+        self.last_stamp_ns = stamp_ns
+        if self.count % self._stride == 0:
+            self.offsets_ns.append(log_time_ns - stamp_ns)
+            if len(self.offsets_ns) >= _OFFSETS:
+                self.offsets_ns = self.offsets_ns[::2]
+                self._stride *= 2
+
+    @property
+    def frequency(self) -> float:
+        """Mean rate in Hz by log time; 0 where unknown."""
+        span = self.last_log_ns - self.first_log_ns
+        return (self.count - 1) / (span * 1e-9) if self.count > 1 and span > 0 else 0.0
+
+    @property
+    def latency_s(self) -> float:
+        """Median of log time minus header stamp."""
+        return float(np.median(self.offsets_ns)) * 1e-9 if len(self.offsets_ns) else 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Survey:
+    """Everything that deciding needs, in memory that grows only by tf and odometry."""
+
+    info: LogInfo
+    streams: dict[str, Stream]
+    tree: TransformTree
+    odometry: dict[str, RecordedMotion]
+    """Topic -> its poses, in the order of the log."""
+    odometry_frames: dict[str, tuple[str, str]]
+    """Topic -> its frame and child frame, as recorded."""
+    odometry_first: dict[str, OdometryMessage]
+    end_ns: int
+    losses: tuple[str, ...]
+
+    def of_kind(self, kind: MessageKind) -> list[Stream]:
+        """The streams of a kind that hold messages, by topic."""
+        found = (s for s in self.streams.values() if s.kind is kind and s.count)
+        return sorted(found, key=lambda stream: stream.topic)
+
+
+class _Surveyor:
+    def __init__(self) -> None:
+        self.streams: dict[str, Stream] = {}
+        self.tree = TransformTree()
+        self.recorders: dict[str, MotionRecorder] = {}
+        self.frames: dict[str, tuple[str, str]] = {}
+        self.first: dict[str, OdometryMessage] = {}
+        self.end_ns = 0
+
+    def add(self, raw: RawMessage) -> None:
+        stream = self.streams.get(raw.topic)
+        if stream is None:
+            stream = self.streams[raw.topic] = Stream(raw.topic, raw.kind)
+        stream.add(raw)
+        self.end_ns = max(self.end_ns, raw.log_time_ns)
+        whole = raw.kind in {MessageKind.TRANSFORMS, MessageKind.ODOMETRY}
+        if whole or len(stream.samples) < _SAMPLES:
+            self._decode(raw, stream)
+
+    def _decode(self, raw: RawMessage, stream: Stream) -> None:
+        try:
+            message = raw.decode()
+        except LogError:
+            stream.undecodable += 1
+            return
+        if len(stream.samples) < _SAMPLES:
+            stream.samples.append(message)
+        if isinstance(message, TransformsMessage):
+            self.tree.add(message)
+        elif isinstance(message, OdometryMessage) and np.all(np.isfinite(message.pose)):
+            self.first.setdefault(raw.topic, message)
+            self.frames[raw.topic] = (message.frame_id, message.child_frame_id)
+            recorder = self.recorders.setdefault(raw.topic, MotionRecorder())
+            recorder.add(message.stamp_ns, message.pose)
+
+
+def survey_log(log: LogSource, watch: Callable[[int], None] | None = None) -> Survey:
+    """Reads the log once; `watch` is told the log time reached, for progress."""
+    surveyor = _Surveyor()
+    ignored = {t.topic for t in log.info().topics if t.kind is MessageKind.OTHER}
+    wanted = [t.topic for t in log.info().topics if t.topic not in ignored]
+    for raw in log.messages(wanted if log.info().topics else None):
+        surveyor.add(raw)
+        if watch is not None:
+            watch(raw.log_time_ns)
+    surveyor.tree.finish()
+    return Survey(
+        info=log.info(),
+        streams=surveyor.streams,
+        tree=surveyor.tree,
+        odometry={topic: recorder.finish() for topic, recorder in surveyor.recorders.items()},
+        odometry_frames=surveyor.frames,
+        odometry_first=surveyor.first,
+        end_ns=surveyor.end_ns,
+        losses=log.losses(),
+    )

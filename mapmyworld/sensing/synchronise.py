@@ -1,0 +1,227 @@
+"""Frames: what the sensors say about one moment, matched by stamp while the log streams."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import SensingConfig
+from mapmyworld.errors import LogError
+from mapmyworld.geometry import between, quaternion_to_rotation, rotation_to_quaternion
+from mapmyworld.sensing.plan import Plan
+from mapmyworld.sensing.sweeps import scan_from_message
+from mapmyworld.types import (
+    Frame,
+    ImageMessage,
+    ImuMessage,
+    ImuSample,
+    LaserScanMessage,
+    LogSource,
+    PoseMessage,
+    RawMessage,
+    RgbdImage,
+    Scan,
+)
+
+_WAIT_NS = 500_000_000  # log time by which a late sensor's message must have come
+
+
+@dataclass(slots=True)
+class FrameCounts:
+    """What became of the messages; filled while frames are read."""
+
+    frames: int = 0
+    undecodable: int = 0
+    without_odometry: int = 0
+    unpaired_images: int = 0
+    repeated: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pending:
+    raw: RawMessage
+    stamp_ns: int
+
+
+@dataclass(slots=True)
+class _Buffers:
+    main: deque[_Pending] = field(default_factory=deque)
+    colour: deque[_Pending] = field(default_factory=deque)
+    depth: deque[_Pending] = field(default_factory=deque)
+    imu: deque[ImuSample] = field(default_factory=deque)
+    truth: deque[PoseMessage] = field(default_factory=deque)
+
+
+def read_frames(
+    log: LogSource,
+    plan: Plan,
+    config: SensingConfig,
+    counts: FrameCounts | None = None,
+    watch: Callable[[int], None] | None = None,
+) -> Iterator[Frame]:
+    """The frames of a log in its order: one for each scan, or for each image without a laser.
+
+    `counts` tells afterwards what was left out; `watch` hears the log time reached.
+    """
+    synchroniser = _Synchroniser(plan, config, counts if counts is not None else FrameCounts())
+    for raw in log.messages(plan.topics):
+        synchroniser.add(raw)
+        yield from synchroniser.ready(raw.log_time_ns - _WAIT_NS)
+        if watch is not None:
+            watch(raw.log_time_ns)
+    yield from synchroniser.ready(None)
+
+
+class _Synchroniser:
+    def __init__(self, plan: Plan, config: SensingConfig, counts: FrameCounts) -> None:
+        self.plan, self.config, self.counts = plan, config, counts
+        self.buffers = _Buffers()
+        self.main_topic = plan.scan.topic if plan.scan else ""
+        if plan.scan is None and plan.camera is not None:
+            self.main_topic = plan.camera.colour_topic
+
+    def add(self, raw: RawMessage) -> None:
+        stamp = raw.log_time_ns if self.plan.use_log_time else raw.stamp_ns
+        pending = _Pending(raw, raw.log_time_ns if stamp is None else stamp)
+        camera = self.plan.camera
+        if raw.topic == self.main_topic:
+            self.buffers.main.append(pending)
+        elif camera is not None and raw.topic == camera.colour_topic:
+            self.buffers.colour.append(pending)
+        if camera is not None and raw.topic == camera.depth_topic:
+            self.buffers.depth.append(pending)
+        elif self.plan.imu is not None and raw.topic == self.plan.imu.topic:
+            self._add_imu(pending)
+        elif raw.topic == self.plan.ground_truth_topic:
+            self._add_truth(raw)
+
+    def ready(self, before_log_ns: int | None) -> Iterator[Frame]:
+        """Frames whose other messages must have come by now; all when the log has ended."""
+        main = self.buffers.main
+        while main and (before_log_ns is None or main[0].raw.log_time_ns <= before_log_ns):
+            frame = self._frame(main.popleft())
+            if frame is not None:
+                self.counts.frames += 1
+                yield frame
+
+    def _frame(self, main: _Pending) -> Frame | None:
+        try:
+            scan, image = self._observations(main)
+        except LogError:
+            self.counts.undecodable += 1
+            return None
+        if scan is None and image is None:
+            self.counts.unpaired_images += 1
+            return None
+        odometry = self.plan.odometry
+        pose = odometry.motion.at(main.stamp_ns) if odometry else None
+        if odometry is not None and pose is None:
+            self.counts.without_odometry += 1
+        return Frame(
+            stamp_ns=main.stamp_ns,
+            odom_from_base=pose,
+            odometry_covariance=None,
+            scan=scan,
+            images=() if image is None else (image,),
+            imu=self._imu_until(main.stamp_ns),
+            ground_truth=self._truth_at(main.stamp_ns),
+        )
+
+    def _observations(self, main: _Pending) -> tuple[Scan | None, RgbdImage | None]:
+        if self.plan.scan is None:
+            return None, self._pair(main, main.stamp_ns)
+        message = main.raw.decode()
+        assert isinstance(message, LaserScanMessage)
+        odometry = self.plan.odometry
+        motion = odometry.motion if odometry else None
+        if self.plan.use_log_time:
+            message = replace(message, stamp_ns=main.stamp_ns)
+        scan = scan_from_message(message, self.plan.scan.base_from_lidar, motion)
+        return scan, self._image_near(main.stamp_ns)
+
+    def _image_near(self, stamp_ns: int) -> RgbdImage | None:
+        """The image nearest to a scan, if it is near enough, with the motion between them."""
+        colours = self.buffers.colour
+        tolerance_ns = int(self.config.frame_tolerance * 1e9)
+        _forget(colours, stamp_ns - tolerance_ns)
+        nearest = min(colours, key=lambda c: abs(c.stamp_ns - stamp_ns), default=None)
+        if nearest is None or abs(nearest.stamp_ns - stamp_ns) > tolerance_ns:
+            return None
+        image = self._pair(nearest, stamp_ns)
+        colours.remove(nearest)
+        return image
+
+    def _pair(self, colour: _Pending, frame_ns: int) -> RgbdImage | None:
+        """Colour with the nearest depth; None when there is none within the tolerance."""
+        assert self.plan.camera is not None
+        depths = self.buffers.depth
+        tolerance_ns = int(self.config.image_tolerance * 1e9)
+        _forget(depths, colour.stamp_ns - 4 * tolerance_ns)
+        depth = min(depths, key=lambda d: abs(d.stamp_ns - colour.stamp_ns), default=None)
+        if depth is None or abs(depth.stamp_ns - colour.stamp_ns) > tolerance_ns:
+            return None
+        colour_message, depth_message = colour.raw.decode(), depth.raw.decode()
+        assert isinstance(colour_message, ImageMessage)
+        assert isinstance(depth_message, ImageMessage)
+        model = self.plan.camera.model
+        moved = self._moved(frame_ns, colour.stamp_ns)
+        if moved is not None:
+            model = replace(model, base_from_camera=moved @ model.base_from_camera)
+        return RgbdImage(model, colour_message, depth_message)
+
+    def _moved(self, from_ns: int, to_ns: int) -> NDArray[np.float64] | None:
+        """Pose (4, 4) of the base at one stamp in the base at another, by the odometry."""
+        odometry = self.plan.odometry
+        if odometry is None or from_ns == to_ns:
+            return None
+        before, after = odometry.motion.at(from_ns), odometry.motion.at(to_ns)
+        return None if before is None or after is None else between(before, after)
+
+    def _add_imu(self, pending: _Pending) -> None:
+        message = pending.raw.decode()
+        assert isinstance(message, ImuMessage)
+        assert self.plan.imu is not None
+        rotation = self.plan.imu.base_from_imu[:3, :3]
+        orientation = message.orientation
+        if orientation is not None:
+            turned = quaternion_to_rotation(orientation) @ rotation.T
+            orientation = rotation_to_quaternion(turned)
+        self.buffers.imu.append(
+            ImuSample(
+                pending.stamp_ns,
+                rotation @ message.angular_velocity,
+                rotation @ message.linear_acceleration,
+                orientation,
+            )
+        )
+
+    def _imu_until(self, stamp_ns: int) -> tuple[ImuSample, ...]:
+        samples = []
+        while self.buffers.imu and self.buffers.imu[0].stamp_ns <= stamp_ns:
+            samples.append(self.buffers.imu.popleft())
+        return tuple(samples)
+
+    def _add_truth(self, raw: RawMessage) -> None:
+        message = raw.decode()
+        assert isinstance(message, PoseMessage)
+        self.buffers.truth.append(message)
+
+    def _truth_at(self, stamp_ns: int) -> NDArray[np.float64] | None:
+        """The true pose nearest to a stamp, within the tolerance of a frame."""
+        truths = self.buffers.truth
+        tolerance_ns = int(self.config.frame_tolerance * 1e9)
+        while truths and truths[0].stamp_ns < stamp_ns - tolerance_ns:
+            truths.popleft()
+        nearest = min(truths, key=lambda t: abs(t.stamp_ns - stamp_ns), default=None)
+        if nearest is None or abs(nearest.stamp_ns - stamp_ns) > tolerance_ns:
+            return None
+        return nearest.pose
+
+
+def _forget(buffer: deque[_Pending], before_ns: int) -> None:
+    while buffer and buffer[0].stamp_ns < before_ns:
+        buffer.popleft()

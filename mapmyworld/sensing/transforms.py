@@ -1,0 +1,152 @@
+"""The tree of frames: every recorded transform, read ahead of everything else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.geometry import invert
+from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion
+from mapmyworld.types import TransformsMessage
+
+_CONSTANT = 1e-6  # metres and radians within which a transform on /tf counts as fixed
+
+
+def frame_name(name: str) -> str:
+    """A frame's name without the leading slash of older ROS versions."""
+    return name.strip().lstrip("/")
+
+
+@dataclass(slots=True)
+class Edge:
+    """`parent_from_child`: one fixed motion, or a recorded one."""
+
+    parent: str
+    child: str
+    first: NDArray[np.float64]
+    """(4, 4)."""
+    static: bool
+    """Whether it came on the topic of static transforms."""
+    count: int = 0
+    recorder: MotionRecorder | None = None
+    motion: RecordedMotion | None = None
+
+    @property
+    def is_fixed(self) -> bool:
+        return self.recorder is None and self.motion is None
+
+    def at(self, stamp_ns: int) -> NDArray[np.float64] | None:
+        return self.first if self.motion is None else self.motion.at(stamp_ns)
+
+
+class TransformTree:
+    """Frames and the transforms between them; a frame has one parent, the one seen most."""
+
+    def __init__(self) -> None:
+        self._edges: dict[tuple[str, str], Edge] = {}
+        self._parents: dict[str, Edge] = {}
+        self.had_leading_slashes = False
+        self.ignored: dict[str, str] = {}
+        """Child frame -> why one of its parents was ignored."""
+
+    def add(self, message: TransformsMessage) -> None:
+        for transform in message.transforms:
+            parent, child = frame_name(transform.parent), frame_name(transform.child)
+            slashes = transform.parent.startswith("/") or transform.child.startswith("/")
+            self.had_leading_slashes = self.had_leading_slashes or slashes
+            if parent == child or not np.all(np.isfinite(transform.parent_from_child)):
+                continue
+            self._add_one(parent, child, transform.stamp_ns, transform.parent_from_child, message)
+
+    def _add_one(
+        self,
+        parent: str,
+        child: str,
+        stamp_ns: int,
+        parent_from_child: NDArray[np.float64],
+        message: TransformsMessage,
+    ) -> None:
+        edge = self._edges.get((parent, child))
+        if edge is None:
+            edge = Edge(parent, child, parent_from_child, message.static)
+            self._edges[(parent, child)] = edge
+        edge.count += 1
+        if edge.static:
+            edge.first = parent_from_child
+            return
+        moved = np.abs(parent_from_child - edge.first).max() > _CONSTANT
+        if edge.recorder is None and moved:
+            edge.recorder = MotionRecorder()
+            edge.recorder.add(stamp_ns - 1, edge.first)
+        if edge.recorder is not None:
+            edge.recorder.add(stamp_ns, parent_from_child)
+
+    def finish(self) -> None:
+        """Settles each frame's parent once everything has been read."""
+        for edge in self._edges.values():
+            if edge.recorder is not None:
+                edge.motion, edge.recorder = edge.recorder.finish(), None
+            rival = self._parents.get(edge.child)
+            if rival is None or edge.count > rival.count:
+                self._parents[edge.child] = edge
+            if rival is not None:
+                loser = rival if self._parents[edge.child] is edge else edge
+                self.ignored[edge.child] = (
+                    f"{loser.parent} -> {loser.child} ({loser.count}x) ignored: "
+                    f"{edge.child} also hangs on {self._parents[edge.child].parent}"
+                )
+
+    def frames(self) -> set[str]:
+        return {name for edge in self._edges.values() for name in (edge.parent, edge.child)}
+
+    def edges(self) -> tuple[Edge, ...]:
+        return tuple(self._parents.values())
+
+    def edge_to(self, child: str) -> Edge | None:
+        """The edge by which a frame hangs on its parent."""
+        return self._parents.get(child)
+
+    def ancestors(self, frame: str) -> list[str]:
+        """The frame and the frames above it, nearest first; stops at a cycle."""
+        chain = [frame]
+        while (edge := self._parents.get(chain[-1])) is not None and edge.parent not in chain:
+            chain.append(edge.parent)
+        return chain
+
+    def chain(self, target: str, source: str) -> tuple[list[Edge], list[Edge]] | None:
+        """Edges from `source` and from `target` up to their common ancestor, if they have one."""
+        above_source, above_target = self.ancestors(source), self.ancestors(target)
+        common = next((name for name in above_source if name in above_target), None)
+        if common is None:
+            return None
+        up = [self._parents[name] for name in above_source[: above_source.index(common)]]
+        down = [self._parents[name] for name in above_target[: above_target.index(common)]]
+        return up, down
+
+    def is_fixed(self, target: str, source: str) -> bool:
+        """Whether nothing between the two frames moves."""
+        chain = self.chain(target, source)
+        return chain is not None and all(edge.is_fixed for part in chain for edge in part)
+
+    def lookup(self, target: str, source: str, stamp_ns: int) -> NDArray[np.float64] | None:
+        """`target_from_source` (4, 4) at a stamp; None when unconnected or not covered."""
+        chain = self.chain(target, source)
+        if chain is None:
+            return None
+        parts = [_climb(edges, stamp_ns) for edges in chain]
+        if parts[0] is None or parts[1] is None:
+            return None
+        return np.asarray(invert(parts[1]) @ parts[0])
+
+
+def _climb(edges: list[Edge], stamp_ns: int) -> NDArray[np.float64] | None:
+    """`ancestor_from_frame` through a chain of edges that starts at the frame."""
+    total = np.eye(4)
+    for edge in edges:
+        step = edge.at(stamp_ns)
+        if step is None:
+            return None
+        total = step @ total
+    return total

@@ -1,0 +1,209 @@
+"""CARMEN logs (.log, .clf, .gfs; also .bz2, .gz) as messages of a robot with odometry and lasers.
+
+The order of the file is the true order of motion: stamps step back in real logs, so log time is
+the latest stamp seen so far and never decreases. Each sweep follows the odometry taken with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from functools import partial
+from pathlib import Path
+
+from formats.logs.carmen_records import (
+    LASER_FRAMES,
+    LASER_TOPICS,
+    odometry_from_laser_line,
+    odometry_from_odom_line,
+    pose_from_truepos_line,
+    scan_from_line,
+    stamp_from_text,
+)
+from formats.logs.carmen_survey import Survey, survey_lines
+from formats.logs.files import DECOMPRESSION_ERRORS, hash_files, open_binary
+from mapmyworld.errors import LogError
+from mapmyworld.geometry import planar_to_matrix
+from mapmyworld.types import (
+    LogInfo,
+    Message,
+    MessageKind,
+    RawMessage,
+    TopicInfo,
+    TransformsMessage,
+    TransformStamped,
+)
+
+KINDS = {
+    "/odom": (MessageKind.ODOMETRY, "nav_msgs/msg/Odometry"),
+    "/carmen/odom": (MessageKind.ODOMETRY, "nav_msgs/msg/Odometry"),
+    "/scan": (MessageKind.LASER_SCAN, "sensor_msgs/msg/LaserScan"),
+    "/scan_rear": (MessageKind.LASER_SCAN, "sensor_msgs/msg/LaserScan"),
+    "/ground_truth": (MessageKind.POSE, "geometry_msgs/msg/PoseStamped"),
+    "/tf_static": (MessageKind.TRANSFORMS, "tf2_msgs/msg/TFMessage"),
+}
+_LINE_BYTES = 1 << 22  # a longer line is damage
+_STAMPED = frozenset({b"ODOM", b"TRUEPOS", *LASER_TOPICS})
+MARKS = (b"FLASER ", b"ROBOTLASER1 ", b"RLASER ", b"ODOM ", b"PARAM ", b"# CARMEN", b"SYNC ")
+
+Line = tuple[bytes, bytes, int, int]
+
+
+class CarmenLog:
+    """A LogSource over one CARMEN log file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._survey: Survey | None = None
+        self._hash: str | None = None
+        self._losses: tuple[str, ...] = ()
+
+    def info(self) -> LogInfo:
+        survey = self._surveyed()
+        topics = [self._topic(survey, topic) for topic in sorted(survey.counts)]
+        if topics:
+            first = min(topic.first_ns or 0 for topic in topics)
+            topics.append(TopicInfo("/tf_static", KINDS["/tf_static"][1], *_TF_INFO, first, first))
+        kinds = ", ".join(f"{kind.decode()} {n}" for kind, n in survey.kinds.most_common())
+        return LogInfo(
+            (str(self.path),),
+            "CARMEN log",
+            self.path.stat().st_size,
+            sum(topic.count for topic in topics),
+            min((topic.first_ns or 0 for topic in topics), default=0),
+            max((topic.last_ns or 0 for topic in topics), default=0),
+            tuple(topics),
+            (("lines", kinds), *_laser_details(survey)),
+            tuple(dict.fromkeys([*survey.problems, *self._losses])),
+        )
+
+    def content_hash(self) -> str:
+        if self._hash is None:
+            self._hash = hash_files([self.path])
+        return self._hash
+
+    def losses(self) -> tuple[str, ...]:
+        return self._losses
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
+        survey = self._surveyed()
+        wanted = KINDS.keys() if topics is None else topics
+        first = True
+        for kind, line, stamp_ns, log_time_ns in self._lines():
+            if kind == b"PARAM":
+                continue
+            if first and survey.base_from_laser and "/tf_static" in wanted:
+                yield _mountings(survey, stamp_ns, log_time_ns)
+            first = False
+            for topic, decode in _parts(kind, line, stamp_ns, survey):
+                if topic in wanted:
+                    message_kind = KINDS[topic][0]
+                    guarded = partial(_decode, decode, self.path, kind)
+                    yield RawMessage(topic, message_kind, log_time_ns, stamp_ns, guarded)
+
+    def _surveyed(self) -> Survey:
+        if self._survey is None:
+            self._survey = survey_lines(self._lines())
+            if not self._survey.counts:
+                raise LogError(
+                    f"{self.path}: no FLASER, ROBOTLASER1 or ODOM line in it: not a CARMEN log, "
+                    "or its beginning is missing"
+                )
+        return self._survey
+
+    def _topic(self, survey: Survey, topic: str) -> TopicInfo:
+        kind, type_name = KINDS[topic]
+        return TopicInfo(
+            topic,
+            type_name,
+            kind,
+            "carmen",
+            survey.counts[topic],
+            survey.first_ns[topic],
+            survey.last_ns[topic],
+        )
+
+    def _lines(self) -> Iterator[Line]:
+        """Lines that matter, with exact stamps and non-decreasing log times; counts bad ones."""
+        bad, first_bad, latest_ns, number = 0, 0, 0, 0
+        cut: list[str] = []
+        with open_binary(self.path) as stream:
+            while True:
+                try:
+                    line = stream.readline(_LINE_BYTES)
+                except DECOMPRESSION_ERRORS as error:
+                    cut = [
+                        f"{self.path}: unreadable after line {number} ({error}): the rest is lost"
+                    ]
+                    break
+                if not line:
+                    break
+                number += 1
+                kind = line[: line.find(b" ")]
+                if kind == b"PARAM":
+                    yield kind, line, 0, latest_ns
+                if kind not in _STAMPED:
+                    continue
+                try:
+                    stamp_ns = _checked_stamp(kind, line)
+                except (ValueError, IndexError):
+                    bad, first_bad = bad + 1, first_bad or number
+                    continue
+                latest_ns = max(latest_ns, stamp_ns)
+                yield kind, line, stamp_ns, latest_ns
+        if bad:
+            cut.append(f"{self.path}: {bad} damaged line(s) skipped, the first is line {first_bad}")
+        self._losses = tuple(cut)
+
+
+_TF_INFO = (MessageKind.TRANSFORMS, "carmen", 1)
+
+
+def _checked_stamp(kind: bytes, line: bytes) -> int:
+    """The stamp, once the line has as many fields as it announces."""
+    stamp_ns = stamp_from_text(line.rsplit(None, 3)[1])
+    fields = line.count(b" ") + 1
+    if kind in {b"FLASER", b"RLASER"} and len(line.split()) != int(line.split(None, 2)[1]) + 11:
+        raise ValueError("wrong number of fields")
+    if kind == b"ODOM" and fields < 10:
+        raise ValueError("wrong number of fields")
+    return stamp_ns
+
+
+def _parts(
+    kind: bytes, line: bytes, stamp_ns: int, survey: Survey
+) -> Iterator[tuple[str, Callable[[], Message]]]:
+    """The topics a line speaks on, in order, and how to decode each."""
+    if kind == b"ODOM":
+        yield "/carmen/odom", partial(odometry_from_odom_line, line, stamp_ns)
+    elif kind == b"TRUEPOS":
+        yield "/ground_truth", partial(pose_from_truepos_line, line, stamp_ns)
+    else:
+        yield "/odom", partial(odometry_from_laser_line, line, stamp_ns)
+        range_max = survey.range_max.get(kind, 0.0)
+        frame = LASER_FRAMES[kind]
+        yield LASER_TOPICS[kind], partial(scan_from_line, line, stamp_ns, frame, range_max)
+
+
+def _decode(decode: Callable[[], Message], path: Path, kind: bytes) -> Message:
+    try:
+        return decode()
+    except (ValueError, IndexError) as error:
+        raise LogError(f"{path}: damaged {kind.decode()} line: {error}") from error
+
+
+def _mountings(survey: Survey, stamp_ns: int, log_time_ns: int) -> RawMessage:
+    transforms = tuple(
+        TransformStamped(stamp_ns, "base_link", frame, planar_to_matrix(pose))
+        for frame, pose in sorted(survey.base_from_laser.items())
+    )
+    message = TransformsMessage(transforms, static=True)
+    return RawMessage("/tf_static", MessageKind.TRANSFORMS, log_time_ns, stamp_ns, lambda: message)
+
+
+def _laser_details(survey: Survey) -> Iterator[tuple[str, str]]:
+    for kind, range_max in survey.range_max.items():
+        x, y, yaw = survey.base_from_laser[LASER_FRAMES[kind]]
+        yield (
+            kind.decode(),
+            f"sees to {range_max:g} m; on the robot at x {x:g} m, y {y:g} m, yaw {yaw:g} rad",
+        )

@@ -1,0 +1,142 @@
+"""One look over a whole CARMEN log: what it counts, how the lasers sit, how far they see."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.logs.carmen_records import LASER_FRAMES, LASER_TOPICS, LaserRecord, parse_laser
+from mapmyworld.geometry import between_planar, wrap_angle
+
+_BINS = 1024  # of one metre each
+_REPEATED = 10  # times a value must occur before it can mean "no return"
+_GAP = 0.8  # a no-return value stands at least this far, as a share, above every real return
+_CONSTANT_M = 0.02  # a mounting whose middle half of samples spreads more is a corrected pose
+_MOUNTING_SAMPLES = 2000
+_RANGE_PARAMETERS = (b"robot_front_laser_max", b"robot_frontlaser_max")
+
+
+@dataclass
+class Survey:
+    """What the lines of a log tell together."""
+
+    counts: Counter[str] = field(default_factory=Counter)
+    first_ns: dict[str, int] = field(default_factory=dict)
+    last_ns: dict[str, int] = field(default_factory=dict)
+    parameters: dict[bytes, bytes] = field(default_factory=dict)
+    kinds: Counter[bytes] = field(default_factory=Counter)
+    range_max: dict[bytes, float] = field(default_factory=dict)
+    base_from_laser: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+
+    def count(self, topic: str, log_time_ns: int) -> None:
+        self.counts[topic] += 1
+        self.first_ns.setdefault(topic, log_time_ns)
+        self.last_ns[topic] = log_time_ns
+
+
+class LaserSurvey:
+    """Ranges and mountings of one kind of laser line, gathered line by line."""
+
+    def __init__(self) -> None:
+        self.histogram = np.zeros(_BINS, np.int64)
+        self.mountings: list[NDArray[np.float64]] = []
+
+    def add(self, record: LaserRecord) -> None:
+        ranges = record.ranges[np.isfinite(record.ranges)]
+        bins = np.clip(ranges, 0, _BINS - 1).astype(np.int64)
+        self.histogram += np.bincount(bins, minlength=_BINS)
+        if len(self.mountings) < _MOUNTING_SAMPLES:
+            self.mountings.append(between_planar(record.odom_from_base, record.odom_from_laser))
+
+
+def longest_return(histogram: NDArray[np.int64]) -> float:
+    """Metres below which all real returns lie, given counts of readings by whole metres.
+
+    A value repeated at the top, far above all others, is what the driver writes for "no return";
+    there may be two of them (50.0 and 81.83, say).
+    """
+    occupied = np.flatnonzero(histogram)
+    while len(occupied) > 1:
+        top, below = occupied[-1], occupied[-2]
+        if histogram[top] < _REPEATED or below + 1 > _GAP * top:
+            break
+        occupied = occupied[:-1]
+    return float(occupied[-1] + 1) if len(occupied) else 0.0
+
+
+def add_laser(survey: Survey, kind: bytes, lasers: LaserSurvey) -> None:
+    """Concludes on one laser: its largest range and where it sits on the robot."""
+    seen = longest_return(lasers.histogram)
+    survey.range_max[kind] = _range_max(survey.parameters, lasers.histogram, seen)
+    frame = LASER_FRAMES[kind]
+    if frame in survey.base_from_laser:
+        return
+    survey.base_from_laser[frame] = _mounting(survey, kind, np.array(lasers.mountings))
+
+
+def _range_max(parameters: dict[bytes, bytes], histogram: NDArray[np.int64], seen: float) -> float:
+    """The recorded parameter, where the log's no-return values lie above it, else what is seen."""
+    no_returns = np.flatnonzero(histogram[int(seen) :]) + int(seen)
+    for name in _RANGE_PARAMETERS:
+        value = _number(parameters.get(name, b""))
+        if value >= seen and (len(no_returns) == 0 or value <= no_returns[0]):
+            return value
+    return seen
+
+
+def _mounting(survey: Survey, kind: bytes, samples: NDArray[np.float64]) -> NDArray[np.float64]:
+    """base_from_laser (3,): laser pose relative to robot pose, where that is constant."""
+    samples[:, 2] = wrap_angle(samples[:, 2])
+    low, middle, high = np.percentile(samples, [25, 50, 75], axis=0)
+    if np.all(high - low < _CONSTANT_M):
+        return (
+            np.round(middle, 5) + 0.0
+        )  # no -0; the log has six decimals, the differences lose one
+    rear = kind == b"RLASER"
+    name = b"robot_rearlaser_offset" if rear else b"robot_frontlaser_offset"
+    survey.problems.append(
+        f"{kind.decode()}: laser pose minus robot pose is not constant, so it is no mounting "
+        "(a corrected log?); the laser is put where PARAM says, else on the robot's centre"
+    )
+    return np.array([_number(survey.parameters.get(name, b"")), 0.0, np.pi if rear else 0.0])
+
+
+def _number(text: bytes) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        return 0.0
+    return value if np.isfinite(value) else 0.0
+
+
+def survey_lines(lines: Iterable[tuple[bytes, bytes, int, int]]) -> Survey:
+    """Survey of lines given as (kind, line, stamp_ns, log_time_ns); PARAM lines included.
+
+    Raises nothing for damaged laser lines: reading reports them.
+    """
+    survey, lasers = Survey(), dict[bytes, LaserSurvey]()
+    for kind, line, _, log_time_ns in lines:
+        survey.kinds[kind] += 1
+        if kind == b"PARAM":
+            name, value = [*line.split(None, 3), b"", b""][1:3]
+            survey.parameters[name] = value
+        elif kind in LASER_TOPICS:
+            try:
+                lasers.setdefault(kind, LaserSurvey()).add(parse_laser(line))
+            except (ValueError, IndexError):
+                continue
+            survey.count("/odom", log_time_ns)
+            survey.count(LASER_TOPICS[kind], log_time_ns)
+        elif kind == b"ODOM":
+            survey.count("/carmen/odom", log_time_ns)
+        elif kind == b"TRUEPOS":
+            survey.count("/ground_truth", log_time_ns)
+    for kind, laser in sorted(lasers.items()):
+        if laser.mountings:
+            add_laser(survey, kind, laser)
+    return survey

@@ -1,0 +1,86 @@
+"""Which reader a path needs, told by its first bytes rather than by its name."""
+
+from __future__ import annotations
+
+import importlib
+import sqlite3
+from collections.abc import Sequence
+from pathlib import Path
+
+from formats.logs.carmen import MARKS, CarmenLog
+from formats.logs.files import DECOMPRESSION_ERRORS, open_binary
+from formats.logs.merged import MergedLog
+from mapmyworld.errors import LogError
+from mapmyworld.types import LogSource
+
+_KINDS = (
+    "a ROS 1 .bag, a rosbag2 folder, .db3 or .mcap, a CARMEN .log/.clf, a TUM RGB-D folder "
+    "or an RTAB-Map .db"
+)
+
+
+def open_log(paths: Sequence[Path | str]) -> LogSource:
+    """The log in these files or folders; several of them are one log in time order.
+
+    Raises LogError with what is wrong and what to do.
+    """
+    if isinstance(paths, str | Path):
+        paths = [paths]
+    if not paths:
+        raise LogError("no log given: name " + _KINDS)
+    sources = [_open_one(Path(path)) for path in paths]
+    if len(sources) == 1:
+        return sources[0]
+    return MergedLog(sources)
+
+
+def _open_one(path: Path) -> LogSource:
+    if not path.exists():
+        raise LogError(f"{path}: no such file or folder: check the path")
+    if path.is_dir():
+        return _open_folder(path)
+    if path.stat().st_size == 0:
+        raise LogError(f"{path}: the file is empty: was the recording or the copy interrupted?")
+    return _open_file(path)
+
+
+def _open_folder(path: Path) -> LogSource:
+    raise LogError(f"{path}: no log in this folder: name " + _KINDS)
+
+
+def _open_file(path: Path) -> LogSource:
+    start = _first_bytes(path)
+    if start.startswith(b"SQLite format 3\0"):
+        return _open_sqlite(path)
+    if any(mark in start for mark in MARKS):
+        return CarmenLog(path)
+    raise LogError(f"{path}: not a log this program knows: give {_KINDS}")
+
+
+def _open_sqlite(path: Path) -> LogSource:
+    tables = _tables(path)
+    if "Node" in tables:
+        module = importlib.import_module("formats.database.log_source")
+        source: LogSource = module.open_database_log(path)
+        return source
+    raise LogError(f"{path}: an SQLite file that is neither a rosbag2 nor an RTAB-Map database")
+
+
+def _tables(path: Path) -> set[str]:
+    try:
+        database = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
+        try:
+            rows = database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
+            return {str(name) for (name,) in rows}
+        finally:
+            database.close()
+    except sqlite3.Error as error:
+        raise LogError(f"{path}: damaged SQLite file ({error})") from error
+
+
+def _first_bytes(path: Path, count: int = 65536) -> bytes:
+    try:
+        with open_binary(path) as stream:
+            return stream.read(count)
+    except DECOMPRESSION_ERRORS as error:
+        raise LogError(f"{path}: cannot be read from the start: {error}") from error

@@ -17,6 +17,8 @@ from mapmyworld.config.visual import VisualConfig
 
 @dataclass(frozen=True, slots=True)
 class Config:
+    threads: int = 0  # worker threads; 0 = as many as cores. Results do not depend on it
+    seed: int = 0  # of everything random
     sensing: SensingConfig = field(default_factory=SensingConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
@@ -26,8 +28,6 @@ class Config:
     particles: ParticlesConfig = field(default_factory=ParticlesConfig)
     storage: StorageConfig = field(default_factory=StorageConfig)
     visual: VisualConfig = field(default_factory=VisualConfig)
-    threads: int = 0  # worker threads; 0 = as many as cores. Results do not depend on it
-    seed: int = 0  # of everything random
 
 
 __all__ = [

@@ -13,14 +13,11 @@ class SensingConfig:
     camera_info_topic: str = ""  # empty = chosen by the plan
     odometry_topic: str = ""  # empty = chosen by the plan; "tf" = from transforms; "none"
     base_frame: str = ""  # empty = chosen by the plan
-    odometry_frame: str = ""  # empty = chosen by the plan
-    scan_mount: str = (
-        ""  # "x y z roll pitch yaw" of the laser on the base (m, rad); empty = from tf
-    )
+    scan_mount: str = ""  # "x y z roll pitch yaw" of the laser on the base; empty = from tf
     camera_mount: str = ""  # the same for the camera's optical frame; empty = from tf
     image_tolerance: float = 0.02  # s between colour and depth of one frame
     frame_tolerance: float = 0.05  # s between the sensors of one frame
     node_distance: float = 0.1  # m of motion that makes a new node
     node_angle: float = 0.1  # rad of rotation that makes a new node
-    use_scans: bool = True
-    use_images: bool = True
+    use_scans: bool = True  # whether laser scans are used
+    use_images: bool = True  # whether camera images are used

@@ -79,7 +79,7 @@ class RecordedMotion:
         if len(stamps_ns) == 1 and len(exact):
             nearest = exact[np.argmin(np.abs(window[exact] - self._last))]
             self._last = int(window[nearest])
-            return poses[nearest][None]
+            return np.asarray(poses[nearest][None])
         order = np.argsort(stamps, kind="stable")
         stamps, poses = stamps[order], poses[order]
         return _interpolate_sorted(stamps, poses, stamps_ns, tolerance_ns)

@@ -1,0 +1,84 @@
+"""`mapmyworld doctor`: is this machine ready, and what is missing."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import os
+import platform
+import sys
+from dataclasses import dataclass
+
+import click
+
+import mapmyworld
+from cli.common import EXIT_BAD_INPUT, format_option, show_json
+
+_NEEDED = ("numpy", "scipy", "numba", "gtsam", "cv2", "mcap", "rosbags", "rich", "click")
+_DISTRIBUTIONS = {"cv2": "opencv-python-headless"}
+_OPEN3D_PACKAGES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libgomp1"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    name: str
+    ok: bool
+    needed: bool
+    text: str
+
+
+@click.command()
+@format_option
+def doctor(style: str) -> None:
+    """Say whether this machine is ready: versions, optional libraries, threads, cache."""
+    findings = [_python(), *[_library(name) for name in _NEEDED], _open3d(), _threads(), _cache()]
+    if style == "json":
+        show_json({f.name: {"ok": f.ok, "needed": f.needed, "text": f.text} for f in findings})
+    else:
+        click.echo(f"mapmyworld {mapmyworld.__version__}")
+        for finding in findings:
+            mark = "ok" if finding.ok else ("MISSING" if finding.needed else "optional")
+            click.echo(f"{mark:>8}  {finding.name}: {finding.text}")
+    if any(f.needed and not f.ok for f in findings):
+        sys.exit(EXIT_BAD_INPUT)
+
+
+def _python() -> Finding:
+    ok = (3, 11) <= sys.version_info[:2] < (3, 15)
+    return Finding("python", ok, True, f"{platform.python_version()} on {platform.platform()}")
+
+
+def _library(name: str) -> Finding:
+    try:
+        importlib.import_module(name)
+        version = importlib.metadata.version(_DISTRIBUTIONS.get(name, name))
+    except ImportError as error:
+        return Finding(name, False, True, f"cannot be imported ({error}); reinstall mapmyworld")
+    if name == "gtsam" and tuple(int(p) for p in version.split(".")[:2]) < (4, 3):
+        return Finding(name, False, True, f"{version} crashes with NumPy 2: install gtsam 4.3")
+    return Finding(name, True, True, version)
+
+
+def _open3d() -> Finding:
+    version = importlib.metadata.version("open3d")
+    try:
+        importlib.import_module("open3d")
+    except (ImportError, OSError) as error:
+        text = f"{version} needs system libraries ({error}): apt-get install {_OPEN3D_PACKAGES}"
+        return Finding("open3d", False, False, text)
+    return Finding("open3d", True, False, f"{version} (meshes, simulation)")
+
+
+def _threads() -> Finding:
+    return Finding("threads", True, False, f"{os.cpu_count()} cores")
+
+
+def _cache() -> Finding:
+    folder = os.path.dirname(os.path.abspath(mapmyworld.__file__))
+    if os.environ.get("NUMBA_CACHE_DIR"):
+        folder = os.environ["NUMBA_CACHE_DIR"]
+    ok = os.access(folder, os.W_OK)
+    text = f"compiled kernels are kept in {folder}"
+    if not ok:
+        text = f"{folder} is read-only: set NUMBA_CACHE_DIR, or kernels compile at every start"
+    return Finding("kernel cache", ok, False, text)

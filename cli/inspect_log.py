@@ -1,0 +1,117 @@
+"""`mapmyworld inspect log`: contents, plan and diagnosis of a log."""
+
+from __future__ import annotations
+
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cli.common import EXIT_PARTIAL, format_option, show_json
+from cli.plan_text import plan_json, plan_lines
+from cli.settings import config_options, load_config
+from mapmyworld.errors import LogError
+from mapmyworld.types import LogInfo, TopicInfo
+
+
+@click.command("log")
+@click.argument("paths", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@config_options
+@format_option
+def log(
+    paths: tuple[Path, ...], config_path: Path | None, changes: tuple[str, ...], style: str
+) -> None:
+    """What is in LOG, which topics, frames and clock would be used and why, and what is wrong.
+
+    \b
+    mapmyworld inspect log drive.mcap
+    mapmyworld inspect log drive.bag --format json
+    """
+    from formats.logs import open_log
+    from mapmyworld.sensing import make_plan, survey_log
+
+    config = load_config(config_path, changes)
+    source = open_log(paths)
+    survey = survey_log(source)
+    info = source.info()
+    plan, failure = None, None
+    try:
+        plan = make_plan(survey, config.sensing)
+    except LogError as error:
+        failure = error
+    if style == "json":
+        show_json(
+            {
+                "log": info_json(info),
+                "plan": plan_json(plan) if plan else None,
+                "problems": [*info.problems, *survey.losses, *([str(failure)] if failure else [])],
+            }
+        )
+    else:
+        lines = info_lines(info) + [f"  - {loss}" for loss in survey.losses if not plan]
+        click.echo("\n".join(lines + (plan_lines(plan) if plan else [])))
+    if failure is not None:
+        raise failure
+    if survey.losses or info.problems:
+        sys.exit(EXIT_PARTIAL)
+
+
+def info_lines(info: LogInfo) -> list[str]:
+    """A log's contents, laid out as the robotics tools do."""
+    rows = [
+        ("files", ", ".join(info.paths)),
+        ("container", info.container),
+        ("size", f"{info.size_bytes / 1e6:.2f} MB"),
+        ("messages", str(info.message_count) if info.message_count >= 0 else "unknown"),
+        ("duration", f"{info.duration_s:.3f} s"),
+        ("start", _time(info.start_ns)),
+        ("end", _time(info.end_ns)),
+        *info.details,
+    ]
+    lines = [f"{name + ':':<14} {value}" for name, value in rows]
+    width = max((len(topic.topic) for topic in info.topics), default=0)
+    lines += ["topics:", *(_topic_line(topic, width) for topic in info.topics)]
+    if info.problems:
+        lines += ["damage:", *(f"  - {problem}" for problem in info.problems)]
+    return lines
+
+
+def _topic_line(topic: TopicInfo, width: int) -> str:
+    count = f"{topic.count} msgs" if topic.count >= 0 else "? msgs"
+    rate = f" ({topic.frequency:.2f} Hz)" if topic.frequency else ""
+    return f"  {topic.topic:<{width}}  {count}{rate} : {topic.type_name} [{topic.encoding}]"
+
+
+def _time(stamp_ns: int) -> str:
+    seconds = stamp_ns * 1e-9
+    try:
+        utc = datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds")
+    except (OverflowError, ValueError, OSError):
+        utc = "no date"
+    return f"{utc} ({seconds:.3f})"
+
+
+def info_json(info: LogInfo) -> dict[str, Any]:
+    return {
+        "paths": list(info.paths),
+        "container": info.container,
+        "size_bytes": info.size_bytes,
+        "messages": info.message_count,
+        "start_ns": info.start_ns,
+        "end_ns": info.end_ns,
+        "duration_s": info.duration_s,
+        "details": dict(info.details),
+        "topics": [
+            {
+                "topic": t.topic,
+                "type": t.type_name,
+                "kind": str(t.kind),
+                "encoding": t.encoding,
+                "count": t.count,
+                "frequency_hz": t.frequency,
+            }
+            for t in info.topics
+        ],
+    }

@@ -1,0 +1,88 @@
+"""Progress on stderr: a bar on a terminal, a line now and then elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any
+
+import click
+
+_LINE_EVERY_S = 15.0  # between lines of progress where there is no terminal
+
+
+class StderrProgress:
+    """Says which stage runs, how far it is, and how much faster than the robot drove."""
+
+    def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
+        self.quiet, self.verbose = quiet, verbose
+        self.notes: list[str] = []
+        self.timings: dict[str, float] = {}
+        self._bar: Any = None
+        self._name, self._unit = "", ""
+        self._total: float | None = None
+        self._started = self._last_line = time.monotonic()
+        self._done = 0.0
+
+    def stage(self, name: str, total: float | None = None, unit: str = "") -> None:
+        self.finish()
+        self._name, self._total, self._unit = name, total, unit
+        self._started = self._last_line = time.monotonic()
+        self._done = 0.0
+        if not self.quiet and sys.stderr.isatty():
+            self._open_bar()
+
+    def update(self, done: float) -> None:
+        self._done = done
+        if self._bar is not None:
+            self._bar.update(0, completed=done, speed=self._speed())
+        elif not self.quiet and time.monotonic() - self._last_line > _LINE_EVERY_S:
+            self._last_line = time.monotonic()
+            share = f" {100 * done / self._total:.0f}%" if self._total else ""
+            click.echo(f"{self._name}:{share} {self._speed()}", err=True)
+
+    def note(self, message: str) -> None:
+        if message in self.notes:
+            return
+        self.notes.append(message)
+        if not self.quiet:
+            text = f"note: {message}"
+            if self._bar is not None:
+                self._bar.console.print(text, markup=False, highlight=False)
+            else:
+                click.echo(text, err=True)
+
+    def finish(self) -> None:
+        """Ends the current stage and says what it took."""
+        if not self._name:
+            return
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
+        elapsed = time.monotonic() - self._started
+        self.timings[self._name] = self.timings.get(self._name, 0.0) + elapsed
+        if not self.quiet:
+            click.echo(f"{self._name}: {elapsed:.1f} s {self._speed()}".rstrip(), err=True)
+        self._name = ""
+
+    def _speed(self) -> str:
+        elapsed = max(time.monotonic() - self._started, 1e-3)
+        if not self._done:
+            return ""
+        rate = self._done / elapsed
+        return f"({rate:.0f}x real time)" if self._unit == "s" else f"({rate:.0f} {self._unit}/s)"
+
+    def _open_bar(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.percentage:>3.0f}% {task.fields[speed]}"),
+            TimeRemainingColumn(),
+            console=Console(stderr=True),
+            transient=True,
+        )
+        self._bar.start()
+        self._bar.add_task(self._name, total=self._total, speed="")

@@ -1,0 +1,55 @@
+"""The configuration from its three sources: defaults, a TOML file, `--set`."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from mapmyworld.config import Config
+from mapmyworld.config.settings import apply_settings, flatten
+from mapmyworld.errors import ConfigError
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def config_options(command: F) -> F:
+    """`--config FILE` and `--set KEY=VALUE`, in which later ones win."""
+    command = click.option(
+        "--set",
+        "changes",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="Change one setting, e.g. --set mapping.resolution=0.025. May be repeated.",
+    )(command)
+    return click.option(
+        "--config",
+        "config_path",
+        type=click.Path(path_type=Path),
+        help="TOML file with settings; `mapmyworld config` prints one.",
+    )(command)
+
+
+def load_config(config_path: Path | None, changes: Sequence[str]) -> Config:
+    """The configuration; raises `ConfigError` with everything that is wrong at once."""
+    values: dict[str, Any] = {}
+    if config_path is not None:
+        values |= flatten(_read_toml(config_path))
+    for change in changes:
+        name, equals, value = change.partition("=")
+        if not equals:
+            raise ConfigError(f"--set {change}: write it as KEY=VALUE")
+        values[name.strip()] = value.strip()
+    return apply_settings(Config(), values)
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: is not valid TOML: {error}") from None

@@ -1,0 +1,178 @@
+"""Settings by dotted name: listed with their meaning, changed, and refused when unknown."""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, get_type_hints
+
+from mapmyworld.config import Config
+from mapmyworld.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One leaf of the configuration."""
+
+    name: str
+    """Dotted, e.g. "mapping.resolution"."""
+    value: Any
+    type_name: str
+    meaning: str
+    """The comment that stands behind it: unit and meaning."""
+
+
+def list_settings(config: Config | None = None) -> tuple[Setting, ...]:
+    """Every setting of a configuration, in the order of the source."""
+    return tuple(_walk(config or Config(), ""))
+
+
+def _walk(section: Any, prefix: str) -> list[Setting]:
+    found: list[Setting] = []
+    comments = _comments(type(section))
+    hints = get_type_hints(type(section))
+    for item in fields(section):
+        value = getattr(section, item.name)
+        if is_dataclass(value):
+            found += _walk(value, f"{prefix}{item.name}.")
+        else:
+            type_name = getattr(hints[item.name], "__name__", str(hints[item.name]))
+            meaning = comments.get(item.name, "")
+            found.append(Setting(f"{prefix}{item.name}", value, type_name, meaning))
+    return found
+
+
+def _comments(section: type) -> dict[str, str]:
+    """Field name -> what the source says about it: the comment behind, or the string below."""
+    source = inspect.getsource(section)
+    lines = source.splitlines()
+    body = ast.parse(source).body[0]
+    assert isinstance(body, ast.ClassDef)
+    found: dict[str, str] = {}
+    for node, after in zip(body.body, [*body.body[1:], None], strict=True):
+        if not isinstance(node, ast.AnnAssign) or not isinstance(node.target, ast.Name):
+            continue
+        line = lines[(node.end_lineno or node.lineno) - 1]
+        comment = line[node.end_col_offset or 0 :].partition("#")[2].strip()
+        if not comment and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+            comment = " ".join(str(after.value.value).split())
+        found[node.target.id] = comment
+    return found
+
+
+def apply_settings(config: Config, changes: Mapping[str, Any]) -> Config:
+    """The configuration with settings changed; raises `ConfigError` with all faults at once.
+
+    Values may be strings (from a command line) or already typed (from TOML).
+    """
+    known = {setting.name: setting for setting in list_settings(config)}
+    problems: list[str] = []
+    for name, value in changes.items():
+        if name not in known:
+            problems.append(_unknown(name, known))
+            continue
+        try:
+            config = _replaced(config, name.split("."), _converted(value, known[name]))
+        except ValueError as error:
+            problems.append(f"{name} = {value!r}: {error}")
+    if problems:
+        raise ConfigError("the configuration cannot be used:", problems=problems)
+    return config
+
+
+def flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Dotted names and values of nested tables, as TOML gives them."""
+    found: dict[str, Any] = {}
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            found |= flatten(value, f"{prefix}{name}.")
+        else:
+            found[f"{prefix}{name}"] = value
+    return found
+
+
+def _unknown(name: str, known: Mapping[str, Setting]) -> str:
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    if not near:
+        tails = {full.rsplit(".", 1)[-1]: full for full in known}
+        near = [tails[t] for t in difflib.get_close_matches(name.rsplit(".", 1)[-1], tails, n=1)]
+    hint = f"did you mean {near[0]}?" if near else "`mapmyworld config` lists them all"
+    return f"there is no setting {name!r}: {hint}"
+
+
+def _replaced(section: Any, path: list[str], value: Any) -> Any:
+    if len(path) == 1:
+        return replace(section, **{path[0]: value})
+    inner = _replaced(getattr(section, path[0]), path[1:], value)
+    return replace(section, **{path[0]: inner})
+
+
+def _converted(value: Any, setting: Setting) -> Any:
+    """The value in the type of the setting's default; `ValueError` says what is expected."""
+    kind = type(setting.value)
+    if kind is bool:
+        return _as_bool(value)
+    if kind is int:
+        if isinstance(value, bool) or (isinstance(value, float) and value != int(value)):
+            raise ValueError("expected a whole number")
+        return _number(int, value, "a whole number")
+    if kind is float:
+        if isinstance(value, bool):
+            raise ValueError("expected a number")
+        return _number(float, value, "a number")
+    if kind is tuple:
+        parts = value.split(",") if isinstance(value, str) else list(value)
+        inner = type(setting.value[0]) if setting.value else str
+        return tuple(_number(inner, part, f"values of type {inner.__name__}") for part in parts)
+    if not isinstance(value, kind):
+        raise ValueError(f"expected {setting.type_name}")
+    return value
+
+
+def _number(kind: type, value: Any, expected: str) -> Any:
+    try:
+        number = kind(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"expected {expected}") from None
+    if isinstance(number, float) and number != number:
+        raise ValueError("NaN is no setting")
+    return number
+
+
+def _as_bool(value: Any) -> bool:
+    if isinstance(value, bool):
+        return value
+    text = str(value).lower()
+    if text in {"true", "yes", "on", "1"}:
+        return True
+    if text in {"false", "no", "off", "0"}:
+        return False
+    raise ValueError("expected true or false")
+
+
+def as_toml(config: Config | None = None) -> str:
+    """All settings as commented TOML that `--config` reads back."""
+    lines: list[str] = []
+    section = ""
+    for setting in list_settings(config):
+        head, _, name = setting.name.rpartition(".")
+        if head != section:
+            lines += ["", f"[{head}]"]
+            section = head
+        comment = f"  # {setting.meaning}" if setting.meaning else ""
+        lines.append(f"{name} = {_toml_value(setting.value)}{comment}")
+    return "\n".join(lines) + "\n"
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return f'"{escaped}"'
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_toml_value(v) for v in value) + "]"
+    return repr(value)

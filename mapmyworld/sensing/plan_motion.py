@@ -97,6 +97,9 @@ def _candidates(draft: Draft, base: str) -> list[tuple[float, OdometrySource, st
     found = []
     for topic, motion in draft.survey.odometry.items():
         score, why, motion_of_base = _judge_topic(draft, topic, motion, base)
+        together = _share_with_scans(draft, motion)
+        if together > 0:
+            score, why = score + together, f"{why}, {together:.0%} of the scans share its stamps"
         covariance = draft.survey.odometry_first[topic].pose_covariance
         source = OdometrySource(topic, motion_of_base, _meaningful(covariance))
         found.append((score, source, why))
@@ -113,6 +116,13 @@ def _candidates(draft: Draft, base: str) -> list[tuple[float, OdometrySource, st
                 (3.0 if parent in _ODOMS else 1.5, source, f"{len(edge.motion)} transforms")
             )
     return [item for item in found if len(item[1].motion) > 1]
+
+
+def _share_with_scans(draft: Draft, motion: RecordedMotion) -> float:
+    """Share of the laser's scans that have a pose of exactly their stamp: no interpolation."""
+    streams = draft.survey.of_kind(MessageKind.LASER_SCAN)
+    stamps = np.concatenate([np.array(s.stamps_ns, np.int64) for s in streams] or [np.zeros(0)])
+    return float(np.mean(np.isin(stamps, motion.stamps_ns))) if len(stamps) else 0.0
 
 
 def _judge_topic(

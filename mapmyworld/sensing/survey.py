@@ -42,6 +42,8 @@ class Stream:
     undecodable: int = 0
     samples: list[Message] = field(default_factory=list)
     offsets_ns: array[int] = field(default_factory=lambda: array("q"))
+    stamps_ns: array[int] = field(default_factory=lambda: array("q"))
+    """Every header stamp, of laser scans only."""
     _stride: int = 1
 
     def add(self, raw: RawMessage) -> None:
@@ -49,6 +51,8 @@ class Stream:
             self.first_log_ns = raw.log_time_ns
         if raw.stamp_ns is not None:
             self._add_stamp(raw.stamp_ns, raw.log_time_ns)
+            if self.kind is MessageKind.LASER_SCAN:
+                self.stamps_ns.append(raw.stamp_ns)
         self.last_log_ns = raw.log_time_ns
         self.count += 1
 

@@ -1,0 +1,52 @@
+"""Reader of relations files: `t1 t2 x y z roll pitch yaw`, one relation a line."""
+
+from __future__ import annotations
+
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+
+from mapmyworld.errors import MapError
+from mapmyworld.geometry import make_transform, roll_pitch_yaw_to_rotation
+from mapmyworld.types.relations import Relations
+
+_FIELDS = 8
+
+
+def read_relations(path: Path) -> Relations:
+    """The relations of a file, in its order; `MapError` names the line that makes no sense.
+
+    Stamps are read as decimals, so that they are exact to the nanosecond.
+    """
+    try:
+        lines = path.read_text(encoding="ascii").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise MapError(f"{path}: cannot be read as a relations file: {error}") from None
+    stamps: list[tuple[int, int]] = []
+    motions = []
+    for number, line in enumerate(lines, start=1):
+        fields = line.split("#")[0].split()
+        if not fields:
+            continue
+        try:
+            stamp_pair, motion = _relation(fields)
+        except (ValueError, InvalidOperation):
+            raise MapError(
+                f"{path}, line {number}: expected `t1 t2 x y z roll pitch yaw`, found {line!r}"
+            ) from None
+        stamps.append(stamp_pair)
+        motions.append(motion)
+    if not motions:
+        raise MapError(f"{path}: holds no relation")
+    return Relations(np.array(stamps, np.int64), np.stack(motions))
+
+
+def _relation(fields: list[str]) -> tuple[tuple[int, int], np.ndarray]:
+    if len(fields) != _FIELDS:
+        raise ValueError("not eight fields")
+    first, second = (int(Decimal(field).scaleb(9)) for field in fields[:2])
+    x, y, z, roll, pitch, yaw = (float(field) for field in fields[2:])
+    if not np.isfinite([x, y, z, roll, pitch, yaw]).all():
+        raise ValueError("not finite")
+    return (first, second), make_transform(roll_pitch_yaw_to_rotation(roll, pitch, yaw), [x, y, z])

@@ -1,0 +1,53 @@
+"""Which poses of two trajectories belong to the same moment."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.errors import MapError
+from mapmyworld.types import Trajectory
+
+MAX_DIFFERENCE_S = 0.01  # between two stamps of one moment; evo's default
+
+
+def associate(
+    first: Trajectory, second: Trajectory, max_difference_s: float = MAX_DIFFERENCE_S
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Indices into `first` and `second` of poses of the same moments.
+
+    Each pose of the shorter trajectory takes the one of the longer that is nearest in time
+    (as evo does). Raises `MapError` where no pair is near enough.
+    """
+    second_longer = len(second.stamps_ns) > len(first.stamps_ns)
+    short, long = (first, second) if second_longer else (second, first)
+    if len(short.stamps_ns) == 0:
+        raise MapError("a trajectory without poses cannot be compared with another")
+    nearest = nearest_stamps(long.stamps_ns, short.stamps_ns)
+    difference = np.abs(long.stamps_ns[nearest] - short.stamps_ns)
+    kept = np.flatnonzero(difference <= round(max_difference_s * 1e9))
+    if len(kept) == 0:
+        raise MapError(_nothing_common(first, second, max_difference_s))
+    return (kept, nearest[kept]) if second_longer else (nearest[kept], kept)
+
+
+def nearest_stamps(stamps_ns: NDArray[np.int64], wanted_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """For each wanted stamp the index of the nearest one; `stamps_ns` need not be sorted."""
+    order = np.argsort(stamps_ns, kind="stable")
+    ordered = stamps_ns[order]
+    after = np.clip(np.searchsorted(ordered, wanted_ns), 1, max(len(ordered) - 1, 1))
+    after = np.minimum(after, len(ordered) - 1)
+    before = np.maximum(after - 1, 0)
+    take_before = wanted_ns - ordered[before] <= ordered[after] - wanted_ns
+    return np.asarray(order[np.where(take_before, before, after)], np.int64)
+
+
+def _nothing_common(first: Trajectory, second: Trajectory, max_difference_s: float) -> str:
+    spans = [
+        f"{t.stamps_ns.min() * 1e-9:.3f} to {t.stamps_ns.max() * 1e-9:.3f} s"
+        for t in (first, second)
+    ]
+    return (
+        f"no two poses lie within {max_difference_s} s of each other: one trajectory has stamps "
+        f"from {spans[0]}, the other from {spans[1]}; compare trajectories of the same log"
+    )

@@ -30,6 +30,7 @@ from mapmyworld.types.messages import (
     TransformsMessage,
     TransformStamped,
 )
+from mapmyworld.types.pose_graph import Edges, PoseGraph, Priors, Sightings, no_priors, no_sightings
 from mapmyworld.types.seams import LogSource, MapStore, Progress
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "CameraModel",
     "Constraint",
     "ConstraintKind",
+    "Edges",
     "Features",
     "Frame",
     "ImageMessage",
@@ -55,17 +57,22 @@ __all__ = [
     "OdometryMessage",
     "PointCloud",
     "PointCloudMessage",
+    "PoseGraph",
     "PoseMessage",
     "Poses",
+    "Priors",
     "Progress",
     "RawMessage",
     "Registration",
     "RgbdImage",
     "Scan",
+    "Sightings",
     "TextMessage",
     "TopicInfo",
     "TrackedFrames",
     "Trajectory",
     "TransformStamped",
     "TransformsMessage",
+    "no_priors",
+    "no_sightings",
 ]

@@ -1,0 +1,121 @@
+"""A pose graph as arrays: what graph files hold and what the back end optimises."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Edges:
+    """Measured relative poses between pairs of nodes."""
+
+    from_ids: NDArray[np.int64]
+    to_ids: NDArray[np.int64]
+    """(E,) ids of nodes."""
+    from_from_to: NDArray[np.float64]
+    """(E, 3) as x, y, yaw in a planar graph, else (E, 4, 4)."""
+    information: NDArray[np.float64]
+    """(E, 3, 3) over x, y, yaw in a planar graph, else (E, 6, 6), rotation first."""
+    odometry: NDArray[np.bool_]
+    """(E,) whether robust optimisation takes the edge as true without asking."""
+
+    def __len__(self) -> int:
+        return len(self.from_ids)
+
+    def chosen(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Edges:
+        """The edges of a mask or at positions, all arrays alike."""
+        return Edges(
+            self.from_ids[which],
+            self.to_ids[which],
+            self.from_from_to[which],
+            self.information[which],
+            self.odometry[which],
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sightings:
+    """Landmarks (points) seen from nodes, with known correspondence."""
+
+    node_ids: NDArray[np.int64]
+    landmark_ids: NDArray[np.int64]
+    """(K,) ids of nodes and of landmarks."""
+    measured: NDArray[np.float64]
+    """(K, 2 or 3): position in the node's frame, or bearing (rad) and range (m), planar only."""
+    information: NDArray[np.float64]
+    """(K, 2, 2) or (K, 3, 3)."""
+    polar: NDArray[np.bool_]
+    """(K,) whether `measured` is bearing and range."""
+
+    def __len__(self) -> int:
+        return len(self.node_ids)
+
+    def chosen(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Sightings:
+        """The sightings of a mask or at positions."""
+        return Sightings(
+            self.node_ids[which],
+            self.landmark_ids[which],
+            self.measured[which],
+            self.information[which],
+            self.polar[which],
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Priors:
+    """Measured poses of single nodes in the map frame."""
+
+    ids: NDArray[np.int64]
+    """(P,)."""
+    map_from_node: NDArray[np.float64]
+    """(P, 3) or (P, 4, 4)."""
+    information: NDArray[np.float64]
+    """(P, 3, 3) or (P, 6, 6)."""
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def chosen(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Priors:
+        """The priors of a mask or at positions."""
+        return Priors(self.ids[which], self.map_from_node[which], self.information[which])
+
+
+def no_sightings(planar: bool) -> Sightings:
+    """None, in the right shapes."""
+    size, ids = (2 if planar else 3), np.zeros(0, np.int64)
+    return Sightings(
+        ids, ids, np.zeros((0, size)), np.zeros((0, size, size)), np.zeros(0, np.bool_)
+    )
+
+
+def no_priors(planar: bool) -> Priors:
+    """None, in the right shapes."""
+    if planar:
+        return Priors(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)))
+    return Priors(np.zeros(0, np.int64), np.zeros((0, 4, 4)), np.zeros((0, 6, 6)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseGraph:
+    """Nodes with guesses or solutions, and the constraints between them."""
+
+    planar: bool
+    ids: NDArray[np.int64]
+    """(N,) ascending."""
+    map_from_node: NDArray[np.float64]
+    """(N, 3) as x, y, yaw when planar, else (N, 4, 4)."""
+    edges: Edges
+    landmark_ids: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    """(L,) ascending; numbered apart from the nodes."""
+    landmarks: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    """(L, 2 or 3) positions in the map frame."""
+    sightings: Sightings = field(default_factory=lambda: no_sightings(True))
+    priors: Priors = field(default_factory=lambda: no_priors(True))
+    fixed_ids: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    """Nodes that stay where they are."""
+
+    def __len__(self) -> int:
+        return len(self.ids)

@@ -1,0 +1,44 @@
+"""Which stages are done, and with which inputs: a chain of hashes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+import mapmyworld
+from mapmyworld.types import MapStore
+
+
+class StageRecord:
+    """Runs stages, and passes over those that the store holds already with the same inputs.
+
+    A stage's inputs are the stage before it (down to the log's bytes), the version, and the
+    sections of the configuration that concern it. Threads are no input: they change nothing.
+    """
+
+    def __init__(self, store: MapStore, log_hash: str) -> None:
+        self._store = store
+        self._chain = _digest(mapmyworld.__version__, log_hash)
+        self.reused: list[str] = []
+        """Stages that were found done."""
+
+    def run(self, stage: str, inputs: tuple[Any, ...], work: Callable[[], None]) -> None:
+        """Does the work of a stage unless it is done; `inputs` are settings or plain values."""
+        self._chain = _digest(self._chain, stage, *[_plain(value) for value in inputs])
+        if self._store.stage_done(stage, self._chain):
+            self.reused.append(stage)
+            return
+        with self._store.write_stage(stage, self._chain):
+            work()
+
+
+def _plain(value: Any) -> Any:
+    return asdict(value) if hasattr(value, "__dataclass_fields__") else value
+
+
+def _digest(*parts: Any) -> str:
+    text = json.dumps(parts, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()

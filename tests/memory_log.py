@@ -1,0 +1,141 @@
+"""A log in memory, for tests of everything above the readers."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Collection, Iterator, Sequence
+
+import numpy as np
+
+from mapmyworld.geometry import planar_to_matrix
+from mapmyworld.types import (
+    CameraInfoMessage,
+    ImageMessage,
+    LaserScanMessage,
+    LogInfo,
+    Message,
+    MessageKind,
+    OdometryMessage,
+    RawMessage,
+    TopicInfo,
+    TransformsMessage,
+    TransformStamped,
+)
+
+KINDS = {
+    ImageMessage: MessageKind.IMAGE,
+    CameraInfoMessage: MessageKind.CAMERA_INFO,
+    LaserScanMessage: MessageKind.LASER_SCAN,
+    OdometryMessage: MessageKind.ODOMETRY,
+    TransformsMessage: MessageKind.TRANSFORMS,
+}
+
+
+class MemoryLog:
+    """Messages (topic, message, log time in ns) as a `LogSource`."""
+
+    def __init__(self, messages: Sequence[tuple[str, Message, int]]) -> None:
+        self._messages = sorted(messages, key=lambda item: item[2])
+
+    def info(self) -> LogInfo:
+        topics = sorted({topic for topic, _, _ in self._messages})
+        kinds = {topic: KINDS[type(message)] for topic, message, _ in self._messages}
+        times = [time for _, _, time in self._messages] or [0]
+        return LogInfo(
+            paths=("memory",),
+            container="memory",
+            size_bytes=0,
+            message_count=len(self._messages),
+            start_ns=times[0],
+            end_ns=times[-1],
+            topics=tuple(
+                TopicInfo(
+                    t, str(kinds[t]), kinds[t], "memory", sum(m[0] == t for m in self._messages)
+                )
+                for t in topics
+            ),
+        )
+
+    def content_hash(self) -> str:
+        text = repr([(topic, time) for topic, _, time in self._messages])
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
+        for topic, message, time in self._messages:
+            if topics is None or topic in topics:
+                kind, stamp = KINDS[type(message)], message.stamp_ns
+                yield RawMessage(topic, kind, time, stamp, lambda message=message: message)
+
+    def losses(self) -> tuple[str, ...]:
+        return ()
+
+
+def scan_at(
+    stamp_ns: int, ranges: np.ndarray | None = None, frame_id: str = "laser", **changes: float
+) -> LaserScanMessage:
+    """A half-circle sweep; all ranges 2 m unless given."""
+    values = np.full(181, 2.0, np.float32) if ranges is None else ranges.astype(np.float32)
+    settings = {
+        "angle_min": -np.pi / 2,
+        "angle_increment": np.pi / (len(values) - 1),
+        "time_increment": 0.0,
+        "scan_time": 0.1,
+        "range_min": 0.1,
+        "range_max": 10.0,
+    } | changes
+    return LaserScanMessage(
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        ranges=values,
+        intensities=np.zeros(0, np.float32),
+        **settings,
+    )
+
+
+def odometry_at(
+    stamp_ns: int,
+    pose: Sequence[float],
+    frame_id: str = "odom",
+    child: str = "base_link",
+) -> OdometryMessage:
+    """A planar odometry message that says nothing about its covariance."""
+    return OdometryMessage(
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        child_frame_id=child,
+        pose=planar_to_matrix(pose),
+        pose_covariance=np.zeros((6, 6)),
+        twist=np.zeros(6),
+        twist_covariance=np.zeros((6, 6)),
+    )
+
+
+def transform(
+    parent: str, child: str, pose: Sequence[float], stamp_ns: int = 0, *, static: bool = True
+) -> TransformsMessage:
+    """One planar transform."""
+    moved = TransformStamped(stamp_ns, parent, child, planar_to_matrix(pose))
+    return TransformsMessage((moved,), static)
+
+
+def image_at(
+    stamp_ns: int, encoding: str, size: tuple[int, int] = (64, 48), frame_id: str = "camera_optical"
+) -> ImageMessage:
+    """A blank image of this size (width, height)."""
+    width, height = size
+    depth = encoding in {"16UC1", "32FC1"}
+    pixels = (
+        np.ones((height, width), np.float32) if depth else np.zeros((height, width, 3), np.uint8)
+    )
+    return ImageMessage(stamp_ns, frame_id, encoding, width, height, lambda: pixels)
+
+
+def camera_info_at(
+    stamp_ns: int, size: tuple[int, int] = (64, 48), frame_id: str = "camera_optical"
+) -> CameraInfoMessage:
+    width, height = size
+    k = np.array([[60.0, 0.0, width / 2], [0.0, 60.0, height / 2], [0.0, 0.0, 1.0]])
+    projection = np.hstack([k, np.zeros((3, 1))])
+    return CameraInfoMessage(
+        stamp_ns, frame_id, width, height, "plumb_bob", np.zeros(5), k, np.eye(3), projection
+    )

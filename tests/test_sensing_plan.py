@@ -1,0 +1,160 @@
+"""The plan: what is chosen, what is said, what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from memory_log import MemoryLog, camera_info_at, image_at, odometry_at, scan_at, transform
+
+from mapmyworld.config import SensingConfig
+from mapmyworld.errors import ConfigError, LogError
+from mapmyworld.geometry import matrix_to_planar
+from mapmyworld.sensing import Plan, make_plan, survey_log
+from mapmyworld.types import Message
+
+STEP_NS = 100_000_000
+Entries = list[tuple[str, Message, int]]
+
+
+def plan_of(entries: Entries, **settings: object) -> Plan:
+    return make_plan(survey_log(MemoryLog(entries)), SensingConfig(**settings))
+
+
+def drive(frame_id: str = "laser", scan_topic: str = "/scan") -> Entries:
+    """Ten scans and ten odometry messages of a straight drive."""
+    entries: Entries = []
+    for i in range(10):
+        time = i * STEP_NS + 1
+        entries.append(("/odom", odometry_at(time, (0.1 * i, 0.0, 0.0)), time))
+        entries.append((scan_topic, scan_at(time, frame_id=frame_id), time))
+    return entries
+
+
+def with_mount(entries: Entries) -> Entries:
+    return [("/tf_static", transform("base_link", "laser", (0.2, 0.0, 0.1)), 0), *entries]
+
+
+def test_scan_odometry_base_and_mount_are_found() -> None:
+    plan = plan_of(with_mount(drive()))
+    assert plan.base_frame == "base_link"
+    assert plan.planar
+    assert plan.scan is not None
+    assert matrix_to_planar(plan.scan.base_from_lidar) == pytest.approx([0.2, 0.0, 0.1])
+    assert plan.odometry is not None
+    assert plan.odometry.name == "/odom"
+    assert not plan.losses
+
+
+def test_leading_slashes_and_a_localiser_are_seen_and_survived() -> None:
+    entries: Entries = [("/tf", transform("/base_link", "/laser", (0.1, 0, 0), static=False), 0)]
+    for i in range(10):
+        time = i * STEP_NS + 1
+        moved = transform("/odom", "/base_link", (0.1 * i, 0, 0), time, static=False)
+        jumped = transform("/map", "/odom", (0.5 * i, 0, 0), time, static=False)
+        entries += [("/tf", moved, time), ("/tf", jumped, time)]
+        entries.append(("/scan", scan_at(time, frame_id="/laser"), time))
+    plan = plan_of(entries)
+    assert plan.base_frame == "base_link"
+    assert plan.odometry is not None
+    assert plan.odometry.name == "tf odom -> base_link"
+    text = "\n".join(plan.warnings)
+    assert "leading slash" in text
+    assert "localiser" in text
+    assert "no /tf_static" in text
+
+
+def test_without_tf_the_mount_is_assumed_and_called_a_loss() -> None:
+    plan = plan_of(drive())
+    assert plan.scan is not None
+    assert plan.scan.mount_assumed
+    assert "sensing.scan_mount" in "\n".join(plan.losses)
+    told = plan_of(drive(), scan_mount="0.3 0 0.2 0 0 0.5")
+    assert told.scan is not None
+    assert not told.scan.mount_assumed
+    assert matrix_to_planar(told.scan.base_from_lidar) == pytest.approx([0.3, 0.0, 0.5])
+
+
+def test_without_odometry_the_motion_is_left_to_the_sensors() -> None:
+    plan = plan_of([e for e in with_mount(drive()) if e[0] != "/odom"])
+    assert plan.odometry is None
+    assert "no odometry" in "\n".join(plan.warnings)
+
+
+def test_a_log_without_scan_and_depth_is_refused_with_all_problems() -> None:
+    entries: Entries = [("/odom", odometry_at(i, (0, 0, 0)), i) for i in range(5)]
+    entries += [("/rgb/image", image_at(i, "rgb8"), i) for i in range(5)]
+    with pytest.raises(LogError, match="neither a laser scan nor colour with depth") as error:
+        plan_of(entries)
+    assert "no laser scan topic" in str(error.value)
+    assert "no depth and camera info" in str(error.value)
+
+
+def test_an_empty_log_is_refused() -> None:
+    with pytest.raises(LogError, match="no message"):
+        plan_of([])
+
+
+def test_a_camera_without_camera_info_is_a_loss_when_there_is_a_laser() -> None:
+    entries = with_mount(drive())
+    entries += [("/rgb/image", image_at(i * STEP_NS, "rgb8"), i * STEP_NS) for i in range(5)]
+    entries += [("/depth/image", image_at(i * STEP_NS, "16UC1"), i * STEP_NS) for i in range(5)]
+    plan = plan_of(entries)
+    assert plan.camera is None
+    assert "record the camera_info topic" in "\n".join(plan.losses)
+
+
+def test_the_registered_depth_of_the_same_size_wins() -> None:
+    entries: Entries = []
+    for i in range(5):
+        time = i * STEP_NS
+        entries += [
+            ("/cam/color/image_raw", image_at(time, "rgb8"), time),
+            ("/cam/color/camera_info", camera_info_at(time), time),
+            ("/cam/depth/camera_info", camera_info_at(time, (32, 24), "depth_optical"), time),
+            ("/cam/depth/image", image_at(time, "16UC1", (32, 24), "depth_optical"), time),
+            ("/cam/aligned_depth_to_color/image_raw", image_at(time, "16UC1"), time),
+        ]
+    plan = plan_of(entries)
+    assert plan.camera is not None
+    assert plan.camera.depth_topic == "/cam/aligned_depth_to_color/image_raw"
+    assert plan.camera.info_topic == "/cam/color/camera_info"
+
+
+def test_clocks_that_disagree_are_replaced_by_log_time() -> None:
+    late = 5_000_000_000
+    entries = [
+        (topic, message, time if topic == "/scan" else time + late)
+        for topic, message, time in with_mount(drive())
+    ]
+    plan = plan_of(entries)
+    assert plan.use_log_time
+    assert "clocks disagree" in "\n".join(plan.losses)
+
+
+def test_time_that_steps_back_is_told() -> None:
+    entries = with_mount(drive())
+    entries.append(("/scan", scan_at(5), 20 * STEP_NS))
+    assert "step back 1 times" in "\n".join(plan_of(entries).warnings)
+
+
+def test_ranges_that_are_nan_are_told() -> None:
+    ranges = np.full(181, 2.0)
+    ranges[:90] = np.nan
+    entries = [
+        (topic, scan_at(time, ranges) if topic == "/scan" else message, time)
+        for topic, message, time in with_mount(drive())
+    ]
+    assert "are NaN" in "\n".join(plan_of(entries).warnings)
+
+
+def test_settings_override_and_unknown_topics_are_refused() -> None:
+    entries = with_mount(drive()) + drive(scan_topic="/scan_rear")
+    assert plan_of(entries, scan_topic="/scan_rear").scan.topic == "/scan_rear"  # type: ignore[union-attr]
+    with pytest.raises(ConfigError, match="scans: /scan"):
+        plan_of(with_mount(drive()), scan_topic="/nowhere")
+
+
+def test_a_tilted_laser_is_not_taken_for_a_level_one() -> None:
+    entries = drive()
+    with pytest.raises(LogError, match="tilted by 90 deg"):
+        plan_of(entries, scan_mount=f"0 0 0 {np.pi / 2} 0 0")

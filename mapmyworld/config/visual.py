@@ -14,3 +14,29 @@ class VisualConfig:
     cloud_view_angle: float = 75.0  # deg between a surface's normal and the ray to it, at most
     cloud_agreement: float = 0.03  # share of the depth by which two views of a point may differ
     cloud_views: int = 2  # measurements that a voxel of the cloud needs
+    features: str = (
+        "orb"  # local features of images: "orb", "gftt" (corners with ORB words), "sift"
+    )
+    feature_count: int = 1000  # features kept of an image, spread over it
+    fast_threshold: int = 7  # grey levels by which a corner stands out
+    pyramid_levels: int = 8  # scales at which ORB looks
+    pyramid_scale: float = 1.2  # between neighbouring scales
+    depth_max: float = 8.0  # m, farther depth gives no 3D point to a feature
+    depth_sigma: float = (
+        0.005  # 1/m, standard deviation of inverse depth: sigma of depth = this * z^2
+    )
+    pixel_sigma: float = 1.0  # pixels, standard deviation of a feature at the finest scale
+    search_radius: float = 30.0  # pixels around the prediction in which a point is looked for
+    match_bits: int = 64  # of 256 in which matching binary features may differ
+    match_ratio: float = 0.8  # best distance to second best, at most
+    least_inliers: int = 25  # sightings that agree on a pose, at least
+    inlier_sigmas: float = 3.0  # a sighting agrees within so many standard deviations
+    ransac_rounds: int = 512  # hypotheses tried for a pose, at most
+    keyframe_share: float = (
+        0.7  # of the last keyframe's points still seen, below which a new one is made
+    )
+    keyframe_distance: float = 0.15  # m of motion that makes a keyframe
+    keyframe_angle: float = 0.2  # rad of rotation that makes a keyframe
+    window: int = 8  # keyframes adjusted together while tracking
+    local_keyframes: int = 20  # nearest keyframes whose points are looked for
+    kept_keyframes: int = 200  # keyframes the tracker remembers

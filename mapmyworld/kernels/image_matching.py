@@ -1,0 +1,111 @@
+"""Binary descriptors compared by Hamming distance, around projections and exhaustively."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+_M1 = np.uint64(0x5555555555555555)
+_M2 = np.uint64(0x3333333333333333)
+_M4 = np.uint64(0x0F0F0F0F0F0F0F0F)
+_H01 = np.uint64(0x0101010101010101)
+
+
+@njit(cache=True, nogil=True)
+def _distance(a: NDArray[np.uint64], b: NDArray[np.uint64]) -> int:
+    """Bits in which two words of four 64-bit integers differ."""
+    total = 0
+    for k in range(4):
+        x = a[k] ^ b[k]
+        x = x - ((x >> np.uint64(1)) & _M1)
+        x = (x & _M2) + ((x >> np.uint64(2)) & _M2)
+        x = (x + (x >> np.uint64(4))) & _M4
+        total += int((x * _H01) >> np.uint64(56))
+    return total
+
+
+@njit(cache=True, nogil=True)
+def match_projected(
+    projected: NDArray[np.float32],
+    radii: NDArray[np.float32],
+    point_words: NDArray[np.uint64],
+    pixels: NDArray[np.float32],
+    words: NDArray[np.uint64],
+    cell: float,
+    starts: NDArray[np.int32],
+    members: NDArray[np.int32],
+    columns: int,
+    limit: int,
+    ratio: float,
+) -> NDArray[np.int32]:
+    """For each projected point (P, 2) the feature that matches it, -1 for none; one to one.
+
+    A feature qualifies within `radii` (P,) pixels of the projection, at a Hamming distance of at
+    most `limit` and below `ratio` times the second best. `starts`, `members`: the features sorted
+    into square cells of `cell` pixels, `columns` of them in a row of the image.
+    """
+    rows = (len(starts) - 1) // columns
+    best_of_feature = np.full(len(pixels), 1 << 20, np.int32)
+    owner = np.full(len(pixels), -1, np.int32)
+    matches = np.full(len(projected), -1, np.int32)
+    for i in range(len(projected)):
+        u, v, r = projected[i, 0], projected[i, 1], radii[i]
+        if not (r > 0.0):
+            continue
+        left = min(max(int((u - r) / cell), 0), columns - 1)
+        right = min(max(int((u + r) / cell), 0), columns - 1)
+        top = min(max(int((v - r) / cell), 0), rows - 1)
+        bottom = min(max(int((v + r) / cell), 0), rows - 1)
+        best, second, found = 1 << 20, 1 << 20, -1
+        for row in range(top, bottom + 1):
+            for k in range(starts[row * columns + left], starts[row * columns + right + 1]):
+                j = members[k]
+                du, dv = pixels[j, 0] - u, pixels[j, 1] - v
+                if du * du + dv * dv > r * r:
+                    continue
+                d = _distance(point_words[i], words[j])
+                if d < best:
+                    best, second, found = d, best, j
+                elif d < second:
+                    second = d
+        if found < 0 or best > limit or best > ratio * second:
+            continue
+        if best < best_of_feature[found]:
+            if owner[found] >= 0:
+                matches[owner[found]] = -1
+            best_of_feature[found] = best
+            owner[found] = i
+            matches[i] = found
+    return matches
+
+
+@njit(cache=True, nogil=True)
+def match_all(
+    a: NDArray[np.uint64], b: NDArray[np.uint64], limit: int, ratio: float
+) -> NDArray[np.int32]:
+    """For each word of `a` (N, 4) its mutual best in `b` (M, 4), -1 for none.
+
+    Best at most `limit` bits away, below `ratio` times the second best, and best in both ways.
+    """
+    n, m = len(a), len(b)
+    back = np.full(m, 1 << 20, np.int32)
+    back_index = np.full(m, -1, np.int32)
+    matches = np.full(n, -1, np.int32)
+    for i in range(n):
+        best, second, found = 1 << 20, 1 << 20, -1
+        for j in range(m):
+            d = _distance(a[i], b[j])
+            if d < best:
+                best, second, found = d, best, j
+            elif d < second:
+                second = d
+            if d < back[j]:
+                back[j] = d
+                back_index[j] = i
+        if found >= 0 and best <= limit and best <= ratio * second:
+            matches[i] = found
+    for i in range(n):
+        if matches[i] >= 0 and back_index[matches[i]] != i:
+            matches[i] = -1
+    return matches

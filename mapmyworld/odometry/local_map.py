@@ -1,0 +1,178 @@
+"""The keyframes around the camera and the points they saw: what the visual tracker looks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import between, rotation_angle, transform_points
+from mapmyworld.graph.bundle import Bundle, adjust_bundle
+from mapmyworld.registration.views import View
+from mapmyworld.registration.visual import Sightings, errors
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+_RADIANS_PER_METRE = 1.0  # a turn by this much makes views as unlike as a metre of motion
+_BUNDLE_ROUNDS = 5
+_FIXED = 12  # keyframes outside the window that hold it in place
+
+
+@dataclass(slots=True, eq=False)
+class Keyframe:
+    """A remembered view: where it was taken, and which map point each feature is (-1 = none)."""
+
+    number: int
+    map_from_camera: Array
+    view: View
+    point_of: Indices
+
+
+class LocalMap:
+    """Points with their words, seen by keyframes. Slots of forgotten points are used again."""
+
+    def __init__(self, config: Config) -> None:
+        self._settings = config.visual
+        self.keyframes: list[Keyframe] = []
+        self.points = np.zeros((0, 3))
+        self.words = np.zeros((0, 4), np.uint64)
+        self._sightings = np.zeros(0, np.int64)  # by keyframes; 0 = slot free
+        self._made = 0
+
+    def near(self, map_from_camera: Array) -> Indices:
+        """Ascending indices of the points that keyframes close to this pose saw."""
+        if not self.keyframes:
+            return np.zeros(0, np.int64)
+        poses = np.stack([keyframe.map_from_camera for keyframe in self.keyframes])
+        motion = between(map_from_camera, poses)
+        unlike = np.linalg.norm(motion[:, :3, 3], axis=1)
+        unlike += rotation_angle(motion) / _RADIANS_PER_METRE
+        nearest = np.argsort(unlike, kind="stable")[: self._settings.local_keyframes]
+        ids = np.concatenate([self.keyframes[k].point_of for k in nearest])
+        return np.unique(ids[ids >= 0])
+
+    def add_keyframe(self, map_from_camera: Array, view: View, point_of: Indices) -> Keyframe:
+        """A new keyframe with the points its features were matched to; others with depth are new.
+
+        The window around it is adjusted, and sightings that then disagree are forgotten.
+        """
+        keyframe = Keyframe(self._made, map_from_camera.copy(), view, point_of.copy())
+        self._made += 1
+        matched = np.flatnonzero(point_of >= 0)
+        np.add.at(self._sightings, point_of[matched], 1)
+        self.words[point_of[matched]] = view.words[matched]
+        fresh = np.flatnonzero((point_of < 0) & np.isfinite(view.seen[:, 2]))
+        slots = self._free_slots(len(fresh))
+        self.points[slots] = transform_points(map_from_camera, view.camera_points()[fresh])
+        self.words[slots] = view.words[fresh]
+        self._sightings[slots] = 1
+        keyframe.point_of[fresh] = slots
+        self.keyframes.append(keyframe)
+        if len(self.keyframes) > 1:
+            self._adjust(keyframe)
+            self._forget_unconfirmed()
+        if len(self.keyframes) > self._settings.kept_keyframes:
+            self._forget(self.keyframes.pop(0))
+        return keyframe
+
+    def _free_slots(self, count: int) -> Indices:
+        free = np.flatnonzero(self._sightings == 0)[:count]
+        missing = count - len(free)
+        if missing > 0:
+            room = max(missing, 4096)
+            start = len(self.points)
+            self.points = np.concatenate([self.points, np.zeros((room, 3))])
+            self.words = np.concatenate([self.words, np.zeros((room, 4), np.uint64)])
+            self._sightings = np.concatenate([self._sightings, np.zeros(room, np.int64)])
+            free = np.concatenate([free, np.arange(start, start + missing)])
+        return free
+
+    def _forget(self, keyframe: Keyframe) -> None:
+        ids = keyframe.point_of[keyframe.point_of >= 0]
+        np.subtract.at(self._sightings, ids, 1)
+
+    def _forget_unconfirmed(self) -> None:
+        """Points of the keyframe before the last two that no other keyframe has seen since."""
+        if len(self.keyframes) < 4:
+            return
+        old = self.keyframes[-4]
+        known = np.flatnonzero(old.point_of >= 0)
+        lonely = known[self._sightings[old.point_of[known]] == 1]
+        self._sightings[old.point_of[lonely]] = 0
+        old.point_of[lonely] = -1
+
+    def _window(self, keyframe: Keyframe) -> tuple[list[Keyframe], list[Keyframe]]:
+        """Keyframes to adjust, and those that hold them: most points in common first."""
+        seen = np.zeros(len(self.points), np.bool_)
+        seen[keyframe.point_of[keyframe.point_of >= 0]] = True
+        shared = [_count_seen(other, seen) for other in self.keyframes]
+        shared[-1] = 1 << 30
+        order = np.argsort(-np.array(shared), kind="stable")
+        close = [int(k) for k in order[: self._settings.window] if shared[k] >= 15]
+        moved = [self.keyframes[k] for k in sorted(close)]
+        for other in moved:
+            seen[other.point_of[other.point_of >= 0]] = True
+        rest = [k for k in range(len(self.keyframes)) if k not in close]
+        counts = np.array([_count_seen(self.keyframes[k], seen) for k in rest], np.int64)
+        best = np.argsort(-counts, kind="stable")[:_FIXED]
+        held = [self.keyframes[rest[k]] for k in sorted(best) if counts[k] > 0]
+        return moved, held
+
+    def _adjust(self, keyframe: Keyframe) -> None:
+        moved, held = self._window(keyframe)
+        if not held:
+            moved, held = moved[1:], moved[:1]
+        if not moved:
+            return
+        frames = [*moved, *held]
+        bundle, ids, feature_of = self._bundle_of(frames, len(moved))
+        if len(bundle.camera_of) == 0:
+            return
+        adjusted, _ = adjust_bundle(bundle, rounds=_BUNDLE_ROUNDS)
+        for frame, pose in zip(moved, adjusted.cameras, strict=False):
+            frame.map_from_camera = pose
+        self.points[ids] = adjusted.points
+        self._drop_outliers(frames, adjusted, feature_of)
+
+    def _bundle_of(self, frames: list[Keyframe], free: int) -> tuple[Bundle, Indices, Indices]:
+        """The bundle of these keyframes, its points' ids, and the feature of each observation."""
+        features = [np.flatnonzero(frame.point_of >= 0) for frame in frames]
+        camera = np.repeat(np.arange(len(frames)), [len(f) for f in features])
+        feature = np.concatenate(features)
+        point = np.concatenate([f.point_of[k] for f, k in zip(frames, features, strict=True)])
+        used = np.zeros(len(self.points), np.bool_)
+        used[point[camera < free]] = True
+        kept = used[point]
+        camera, feature, point = camera[kept], feature[kept], point[kept]
+        order = np.lexsort((camera, point))
+        camera, feature, point = camera[order], feature[order], point[order]
+        ids, local = np.unique(point, return_inverse=True)
+        seen = np.empty((len(point), 3))
+        sigmas = np.empty((len(point), 2))
+        for k, frame in enumerate(frames):
+            mine = camera == k
+            seen[mine] = frame.view.seen[feature[mine]]
+            sigmas[mine] = frame.view.sigmas[feature[mine]]
+        fixed = np.arange(len(frames)) >= free
+        poses = np.stack([frame.map_from_camera for frame in frames])
+        bundle = Bundle(poses, fixed, self.points[ids], camera, local, seen, sigmas)
+        return bundle, ids, feature
+
+    def _drop_outliers(self, frames: list[Keyframe], bundle: Bundle, feature_of: Indices) -> None:
+        limit = self._settings.inlier_sigmas**2
+        for k, frame in enumerate(frames):
+            mine = bundle.camera_of == k
+            sightings = Sightings(
+                bundle.points[bundle.point_of[mine]], bundle.seen[mine], bundle.sigmas[mine]
+            )
+            bad = (errors(frame.map_from_camera, sightings) > limit).any(axis=1)
+            features = feature_of[mine][bad]
+            np.subtract.at(self._sightings, frame.point_of[features], 1)
+            frame.point_of[features] = -1
+
+
+def _count_seen(keyframe: Keyframe, seen: NDArray[np.bool_]) -> int:
+    ids = keyframe.point_of
+    return int(np.count_nonzero(seen[ids[ids >= 0]]))

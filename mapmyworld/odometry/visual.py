@@ -1,0 +1,253 @@
+"""Visual odometry: the motion of an RGB-D camera, frame by frame against a local map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import (
+    between,
+    invert,
+    rotation_angle,
+    se3_adjoint,
+    se3_exp,
+    se3_log,
+    so3_exp,
+    transform_points,
+)
+from mapmyworld.odometry.local_map import Keyframe, LocalMap
+from mapmyworld.places.features import extract_features
+from mapmyworld.registration.views import View, make_view, match_around, match_views, sightings_of
+from mapmyworld.registration.visual import Sightings, inliers, ransac_pose, refine_pose
+from mapmyworld.types import Frame, RgbdImage
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+_NARROW = 6.0  # pixels around a refined pose in which points are looked for again
+_BLIND_SIGMAS = (0.1, 0.1)  # rad and m per frame of dead reckoning without odometry
+_FLOOR = (1e-3, 1e-3)  # rad and m: no motion between two frames is known better
+_RELOCALISE_AFTER = 1.0  # s of blindness after which a new local map is begun
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VisualMotion:
+    """Where the camera's robot is after a frame, and how that is known."""
+
+    tracker_from_base: Array
+    """(4, 4), in the tracker's own frame: the base at the first frame."""
+    information: Array
+    """(6, 6), rotation first, of the motion since the previous frame."""
+    verdict: str
+    """"first", "tracked", "dead reckoning" or "restarted"."""
+    notes: tuple[str, ...] = ()
+    inliers: int = 0
+
+
+class VisualTracker:
+    """Tracks one RGB-D camera through a log. State: the local map and the last motion."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self._map = LocalMap(config)
+        self._reference: Keyframe | None = None
+        self._reference_inliers = 0
+        self._pose = np.eye(4)  # tracker_from_base
+        self._velocity = np.zeros(6)  # tangent per second, in the base's frame
+        self._stamp_ns = 0
+        self._odometry: Array | None = None
+        self._seen_ns = 0
+        self._frames = 0
+
+    def track(self, frame: Frame, view: View | None = None) -> VisualMotion:
+        """The pose after this frame; `view` are its features where they were prepared before."""
+        view = view if view is not None else view_of_frame(frame, self._config)
+        predicted, how = self._predict(frame)
+        motion = self._follow(frame, view, predicted, how)
+        self._remember(frame, motion)
+        return motion
+
+    def _follow(self, frame: Frame, view: View | None, predicted: Array, how: str) -> VisualMotion:
+        if view is None or len(view) == 0:
+            return self._blind(predicted, how, "no image with features")
+        base_from_camera = view.camera.base_from_camera
+        if self._reference is None:
+            return self._start(frame, view, predicted, "first", ())
+        found = self._locate(view, predicted @ base_from_camera)
+        if found is None:
+            blind_s = (frame.stamp_ns - self._seen_ns) * 1e-9
+            if blind_s > _RELOCALISE_AFTER and np.isfinite(view.seen[:, 2]).sum() > 100:
+                note = f"lost for {blind_s:.1f} s: a new local map begins by {how}"
+                return self._start(frame, view, predicted, "restarted", (note,))
+            return self._blind(predicted, how, "too few known points in view")
+        map_from_camera, information, point_of = found
+        count = int(np.count_nonzero(point_of >= 0))
+        if self._is_keyframe(map_from_camera, count):
+            keyframe = self._map.add_keyframe(map_from_camera, view, point_of)
+            map_from_camera = keyframe.map_from_camera
+            self._reference, self._reference_inliers = keyframe, count
+        pose = map_from_camera @ invert(base_from_camera)
+        self._seen_ns = frame.stamp_ns
+        return VisualMotion(pose, _capped(information, base_from_camera), "tracked", (), count)
+
+    def _start(
+        self, frame: Frame, view: View, pose: Array, verdict: str, notes: tuple[str, ...]
+    ) -> VisualMotion:
+        self._map = LocalMap(self._config)
+        empty = np.full(len(view), -1, np.int64)
+        map_from_camera = pose @ view.camera.base_from_camera
+        self._reference = self._map.add_keyframe(map_from_camera, view, empty)
+        self._reference_inliers = int(np.count_nonzero(self._reference.point_of >= 0))
+        self._seen_ns = frame.stamp_ns
+        return VisualMotion(pose, _blind_information(), verdict, notes)
+
+    def _blind(self, predicted: Array, how: str, why: str) -> VisualMotion:
+        return VisualMotion(
+            predicted, _blind_information(), "dead reckoning", (f"{why}: by {how}",)
+        )
+
+    def _predict(self, frame: Frame) -> tuple[Array, str]:
+        """tracker_from_base (4, 4) expected before looking, and what it is based on."""
+        if self._frames == 0:
+            return np.eye(4), "start"
+        if frame.odom_from_base is not None and self._odometry is not None:
+            return self._pose @ between(self._odometry, frame.odom_from_base), "odometry"
+        seconds = (frame.stamp_ns - self._stamp_ns) * 1e-9
+        motion = se3_exp(self._velocity * seconds)
+        if frame.imu:
+            motion[:3, :3] = _gyro_rotation(frame, self._stamp_ns)
+            return self._pose @ motion, "gyroscope"
+        return self._pose @ motion, "constant velocity"
+
+    def _remember(self, frame: Frame, motion: VisualMotion) -> None:
+        seconds = (frame.stamp_ns - self._stamp_ns) * 1e-9
+        if self._frames > 0 and seconds > 0 and motion.verdict == "tracked":
+            self._velocity = se3_log(between(self._pose, motion.tracker_from_base)) / seconds
+        elif motion.verdict != "tracked":
+            self._velocity = self._velocity * 0.8
+        self._pose, self._stamp_ns = motion.tracker_from_base, frame.stamp_ns
+        self._odometry = frame.odom_from_base
+        self._frames += 1
+
+    def _locate(self, view: View, predicted: Array) -> tuple[Array, Array, Indices] | None:
+        """map_from_camera, its information, and the point each feature is; None when lost."""
+        settings = self._config.visual
+        ids = self._map.near(predicted)
+        for radius in (settings.search_radius, 3.0 * settings.search_radius):
+            sightings, _ = self._look(view, ids, predicted, radius)
+            pose = self._agree(sightings)
+            if pose is not None:
+                break
+        else:
+            pose = self._relocate(view)
+        if pose is None:
+            return None
+        return self._settle(view, pose)
+
+    def _settle(self, view: View, pose: Array) -> tuple[Array, Array, Indices] | None:
+        """Looks again around a good pose, for more points, and refines on all that agree."""
+        settings = self._config.visual
+        ids = self._map.near(pose)
+        information = np.eye(6)
+        point_of = np.full(len(view), -1, np.int64)
+        for _ in range(2):
+            sightings, matched = self._look(view, ids, pose, _NARROW)
+            pose, information = refine_pose(pose, sightings)
+            agreed = inliers(pose, sightings, settings.inlier_sigmas)
+        if np.count_nonzero(agreed) < settings.least_inliers:
+            return None
+        point_of[matched[0][agreed]] = matched[1][agreed]
+        return pose, information, point_of
+
+    def _look(
+        self, view: View, ids: Indices, pose: Array, radius: float
+    ) -> tuple[Sightings, tuple[Indices, Indices]]:
+        """Sightings of map points near where `pose` expects them; their features and points."""
+        settings = self._config.visual
+        points = self._map.points[ids]
+        local = transform_points(invert(pose), points)
+        words = self._map.words[ids]
+        matches = match_around(
+            view, local, words, radius, settings.match_bits, settings.match_ratio
+        )
+        sightings, known = sightings_of(view, points, matches)
+        return sightings, (matches[known].astype(np.int64), ids[known])
+
+    def _agree(self, sightings: Sightings) -> Array | None:
+        settings = self._config.visual
+        if len(sightings) < settings.least_inliers:
+            return None
+        seed = self._config.seed + self._frames
+        pose, count = ransac_pose(sightings, settings.inlier_sigmas, settings.ransac_rounds, seed)
+        if count < settings.least_inliers // 2:
+            return None
+        kept = sightings.select(inliers(pose, sightings, 2.0 * settings.inlier_sigmas))
+        pose, _ = refine_pose(pose, kept)
+        agreed = np.count_nonzero(inliers(pose, sightings, settings.inlier_sigmas))
+        return pose if agreed >= settings.least_inliers else None
+
+    def _relocate(self, view: View) -> Array | None:
+        """A pose by comparing with whole keyframes, the last ones first; None if none fits."""
+        settings = self._config.visual
+        for keyframe in self._map.keyframes[:-8:-1]:
+            mine, theirs = match_views(
+                view, keyframe.view, settings.match_bits, settings.match_ratio
+            )
+            points = transform_points(
+                keyframe.map_from_camera, keyframe.view.camera_points()[theirs]
+            )
+            known = np.isfinite(points[:, 2])
+            sightings = Sightings(points, view.seen[mine], view.sigmas[mine]).select(known)
+            pose = self._agree(sightings)
+            if pose is not None:
+                return pose
+        return None
+
+    def _is_keyframe(self, map_from_camera: Array, count: int) -> bool:
+        assert self._reference is not None
+        settings = self._config.visual
+        motion = between(self._reference.map_from_camera, map_from_camera)
+        return (
+            count < settings.keyframe_share * self._reference_inliers
+            or float(np.linalg.norm(motion[:3, 3])) > settings.keyframe_distance
+            or float(rotation_angle(motion)) > settings.keyframe_angle
+        )
+
+
+def view_of_frame(frame: Frame, config: Config) -> View | None:
+    """The features of the frame's first image with colour and depth; None without one."""
+    image = first_image(frame)
+    if image is None:
+        return None
+    return make_view(extract_features(image, config), image.camera, config)
+
+
+def first_image(frame: Frame) -> RgbdImage | None:
+    for image in frame.images:
+        if image.colour is not None and image.depth is not None:
+            return image
+    return None
+
+
+def _gyro_rotation(frame: Frame, since_ns: int) -> Array:
+    """The rotation (3, 3) since then that the gyroscope integrated."""
+    rotation, stamp = np.eye(3), since_ns
+    for k, sample in enumerate(frame.imu):
+        until = sample.stamp_ns if k + 1 < len(frame.imu) else frame.stamp_ns
+        rotation = rotation @ so3_exp(sample.angular_velocity * max(until - stamp, 0) * 1e-9)
+        stamp = max(until, stamp)
+    return rotation
+
+
+def _blind_information() -> Array:
+    return np.diag(np.repeat(1.0 / np.square(_BLIND_SIGMAS), 3))
+
+
+def _capped(information: Array, base_from_camera: Array) -> Array:
+    """Information of the base's motion: two poses' noise, and never better than the floor."""
+    covariance = np.linalg.inv(information + 1e-6 * np.eye(6)) * 2.0
+    adjoint = se3_adjoint(base_from_camera)
+    moved = adjoint @ covariance @ adjoint.T + np.diag(np.repeat(np.square(_FLOOR), 3))
+    return np.asarray(np.linalg.inv(moved))

@@ -1,0 +1,146 @@
+"""Local features of an image, spread over it, with their 3D points from depth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.errors import ConfigError
+from mapmyworld.geometry import transform_points
+from mapmyworld.registration.camera import depth_at, rays_of_pixels
+from mapmyworld.types import Features, RgbdImage
+
+_SURPLUS = 3  # times the wanted number is detected, so that there is something to choose from
+_CELLS = 24  # cells across the image that share the features fairly
+_SIFT_BORDER = 8  # pixels at the rim where gradients are incomplete
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Keypoints:
+    pixels: NDArray[np.float32]
+    sizes: NDArray[np.float32]
+    angles: NDArray[np.float32]
+    responses: NDArray[np.float32]
+    octaves: NDArray[np.int32]
+
+
+def extract_features(image: RgbdImage, config: Config) -> Features:
+    """The features of a colour image, at most `visual.feature_count`, points in the base frame."""
+    assert image.colour is not None
+    grey = grey_picture(image)
+    keypoints, descriptors = _detect(grey, config)
+    points = _points_from_depth(image, keypoints.pixels, config)
+    return Features(
+        keypoints.pixels,
+        points,
+        descriptors,
+        keypoints.sizes,
+        keypoints.angles,
+        keypoints.responses,
+        keypoints.octaves,
+    )
+
+
+def grey_picture(image: RgbdImage) -> NDArray[np.uint8]:
+    """The colour image as (H, W) grey levels."""
+    assert image.colour is not None
+    picture = np.asarray(image.colour.pixels(), np.uint8)
+    return picture if picture.ndim == 2 else np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
+
+
+def _points_from_depth(
+    image: RgbdImage, pixels: NDArray[np.float32], config: Config
+) -> NDArray[np.float32]:
+    """Points (N, 3) in the base frame of pixels (N, 2), NaN without usable depth."""
+    if image.depth is None:
+        return np.full((len(pixels), 3), np.nan, np.float32)
+    depth = np.asarray(image.depth.pixels(), np.float32)
+    z = depth_at(image, depth, pixels)
+    z[~((z > config.visual.depth_min) & (z < config.visual.depth_max))] = np.nan
+    rays = rays_of_pixels(image.camera, pixels)
+    points = np.concatenate([rays, np.ones((len(rays), 1))], axis=1) * z[:, None]
+    return transform_points(image.camera.base_from_camera, points).astype(np.float32)
+
+
+def _detect(
+    grey: NDArray[np.uint8], config: Config
+) -> tuple[_Keypoints, NDArray[np.uint8] | NDArray[np.float32]]:
+    settings = config.visual
+    wanted = settings.feature_count
+    if settings.features == "sift":
+        sift = cv2.SIFT_create(wanted * _SURPLUS, contrastThreshold=0.02)
+        return _describe(sift, grey, sift.detect(grey), wanted, np.float32)
+    orb = cv2.ORB_create(
+        wanted * _SURPLUS,
+        settings.pyramid_scale,
+        settings.pyramid_levels,
+        edgeThreshold=19,
+        fastThreshold=settings.fast_threshold,
+    )
+    if settings.features == "orb":
+        return _describe(orb, grey, orb.detect(grey), wanted, np.uint8)
+    if settings.features == "gftt":
+        corners = cv2.goodFeaturesToTrack(grey, wanted, 0.001, 7)
+        found = (
+            []
+            if corners is None
+            else [
+                cv2.KeyPoint(float(u), float(v), 31.0, -1, 1.0 / (1 + i), 0)
+                for i, (u, v) in enumerate(corners[:, 0])
+            ]
+        )
+        return _describe(orb, grey, found, wanted, np.uint8)
+    raise ConfigError(f'visual.features is "{settings.features}": choose "orb", "gftt" or "sift"')
+
+
+def _describe(
+    detector: cv2.Feature2D,
+    grey: NDArray[np.uint8],
+    found: list[cv2.KeyPoint],
+    wanted: int,
+    kind: type[np.generic],
+) -> tuple[_Keypoints, NDArray[np.uint8] | NDArray[np.float32]]:
+    """The best-spread `wanted` of the found keypoints, with descriptors (N, D)."""
+    width = 32 if kind is np.uint8 else 128
+    pixels = np.array([k.pt for k in found], np.float32).reshape(-1, 2)
+    responses = np.array([k.response for k in found], np.float32)
+    chosen = spread(pixels, responses, grey.shape[1], grey.shape[0], wanted)
+    kept, descriptors = detector.compute(grey, [found[i] for i in chosen])
+    if descriptors is None or len(kept) == 0:
+        kept, descriptors = [], np.zeros((0, width), kind)
+    keypoints = _Keypoints(
+        np.array([k.pt for k in kept], np.float32).reshape(-1, 2),
+        np.array([k.size for k in kept], np.float32),
+        np.array([k.angle for k in kept], np.float32),
+        np.array([k.response for k in kept], np.float32),
+        np.array([k.octave & 0xFF for k in kept], np.int32),
+    )
+    return keypoints, np.ascontiguousarray(descriptors, kind)
+
+
+def spread(
+    pixels: NDArray[np.float32],
+    responses: NDArray[np.float32],
+    width: int,
+    height: int,
+    wanted: int,
+) -> NDArray[np.int64]:
+    """Indices of at most `wanted` keypoints (N, 2) so that every part of the image has its share.
+
+    The image is cut in square cells; the strongest of each cell come first, then the second
+    strongest of each, and so on. Deterministic: ties keep the order in which they were found.
+    """
+    if len(pixels) <= wanted:
+        return np.arange(len(pixels))
+    size = max(width, height) / _CELLS
+    cells = np.floor(pixels / size).astype(np.int64) @ np.array([1, 4 * _CELLS])
+    order = np.lexsort((np.arange(len(pixels)), -responses, cells))
+    sorted_cells = cells[order]
+    first = np.searchsorted(sorted_cells, sorted_cells)
+    rank = np.arange(len(order)) - first
+    best = np.lexsort((np.arange(len(order)), -responses[order], rank))[:wanted]
+    return np.sort(order[best])

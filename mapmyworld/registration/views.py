@@ -1,0 +1,152 @@
+"""An image's features made ready for matching and for estimating poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import invert, transform_points
+from mapmyworld.kernels.image_matching import match_all, match_projected
+from mapmyworld.registration.camera import rays_of_pixels
+from mapmyworld.registration.visual import Sightings
+from mapmyworld.types import CameraModel, Features
+
+Array = NDArray[np.float64]
+_CELL = 20.0  # pixels, edge of the cells in which features are looked up
+_BASE_SIZE = 31.0  # pixels, diameter of an ORB patch at the finest scale
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """One image's features, rectified, as a camera at depth 1 would see them."""
+
+    camera: CameraModel
+    features: Features
+    pixels: NDArray[np.float32]
+    """(N, 2) in the rectified image of the same intrinsics."""
+    seen: Array
+    """(N, 3): x, y at depth 1 and inverse depth in 1/m, NaN without depth."""
+    sigmas: Array
+    """(N, 2) standard deviations of x and y, and of the inverse depth."""
+    words: NDArray[np.uint64]
+    """(N, 4) binary descriptors; (0, 4) for real-valued ones."""
+    starts: NDArray[np.int32]
+    members: NDArray[np.int32]
+    columns: int
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+    def camera_points(self) -> Array:
+        """Points (N, 3) in the camera's frame, NaN without depth."""
+        with np.errstate(divide="ignore"):
+            z = 1.0 / self.seen[:, 2:]
+        return np.concatenate([self.seen[:, :2] * z, z], axis=1)
+
+
+def make_view(features: Features, camera: CameraModel, config: Config) -> View:
+    """The view that `features` of an image of `camera` give."""
+    rays = rays_of_pixels(camera, features.pixels)
+    focal = np.diag(camera.intrinsics)[:2]
+    pixels = rays * focal + camera.intrinsics[:2, 2]
+    z = transform_points(invert(camera.base_from_camera), features.points)[:, 2]
+    seen = np.concatenate([rays, (1.0 / z)[:, None]], axis=1)
+    sigmas = np.empty((len(rays), 2))
+    sigmas[:, 0] = config.visual.pixel_sigma / focal[0] * scales(features)
+    sigmas[:, 1] = config.visual.depth_sigma
+    columns = int(np.ceil(camera.width / _CELL))
+    starts, members = _sorted_into_cells(pixels, columns, int(np.ceil(camera.height / _CELL)))
+    return View(
+        camera,
+        features,
+        pixels.astype(np.float32),
+        seen,
+        sigmas,
+        binary_words(features),
+        starts,
+        members,
+        columns,
+    )
+
+
+def scales(features: Features) -> Array:
+    """(N,) how much coarser than the finest scale each feature was found."""
+    if features.descriptors.dtype == np.uint8:
+        return np.asarray(np.maximum(features.sizes / _BASE_SIZE, 1.0), np.float64)
+    return np.asarray(np.maximum(features.sizes / 4.0, 1.0), np.float64)
+
+
+def binary_words(features: Features) -> NDArray[np.uint64]:
+    """(N, 4) descriptors of 256 bits as integers; (0, 4) where they are no bits."""
+    descriptors = features.descriptors
+    if descriptors.dtype != np.uint8 or descriptors.shape[1] != 32:
+        return np.zeros((0, 4), np.uint64)
+    return np.ascontiguousarray(descriptors).view(np.uint64)
+
+
+def match_around(
+    view: View,
+    camera_points: Array,
+    words: NDArray[np.uint64],
+    radius: float | NDArray[np.float32],
+    limit: int,
+    ratio: float,
+) -> NDArray[np.int32]:
+    """For each point (P, 3) in the camera's frame the feature seen near it, -1 for none.
+
+    `radius` in pixels, one for all or (P,); `limit` in bits; see `kernels.image_matching`.
+    """
+    k = view.camera.intrinsics
+    z = camera_points[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        projected = camera_points[:, :2] / z[:, None] * np.diag(k)[:2] + k[:2, 2]
+    radii = np.broadcast_to(np.asarray(radius, np.float32), (len(projected),))
+    margin = 20.0
+    size = np.array([view.camera.width, view.camera.height])
+    ahead = (z > 0.05) & ((projected > -margin) & (projected < size + margin)).all(axis=1)
+    matches: NDArray[np.int32] = match_projected(
+        np.nan_to_num(projected).astype(np.float32),
+        np.where(ahead, radii, np.float32(0.0)).astype(np.float32),
+        words,
+        view.pixels,
+        view.words,
+        _CELL,
+        view.starts,
+        view.members,
+        view.columns,
+        limit,
+        ratio,
+    )
+    return matches
+
+
+def match_views(
+    a: View, b: View, limit: int, ratio: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Indices of features of a and of b that are each other's best, wherever they lie."""
+    matches = match_all(a.words, b.words, limit, ratio)
+    found = np.flatnonzero(matches >= 0)
+    return found, matches[found].astype(np.int64)
+
+
+def sightings_of(
+    view: View, points: Array, matches: NDArray[np.int32]
+) -> tuple[Sightings, NDArray[np.int64]]:
+    """What `view` saw of points (P, 3) matched to its features, and which points those are."""
+    known = np.flatnonzero(matches >= 0)
+    chosen = matches[known]
+    return Sightings(points[known], view.seen[chosen], view.sigmas[chosen]), known
+
+
+def _sorted_into_cells(
+    pixels: Array, columns: int, rows: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Starts (cells + 1,) and members (N,) of the features sorted by cell, row after row."""
+    cells = np.clip(np.floor(pixels / _CELL).astype(np.int64), 0, [columns - 1, rows - 1])
+    keys = cells[:, 1] * columns + cells[:, 0]
+    members = np.argsort(keys, kind="stable").astype(np.int32)
+    starts = np.searchsorted(keys[members], np.arange(columns * rows + 1)).astype(np.int32)
+    return starts, members

@@ -1,0 +1,144 @@
+"""The pose of a camera from 3D points and what it sees of them, robustly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.geometry import make_transform, se3_exp
+from mapmyworld.kernels.pose_refinement import pose_normal_equations, score_poses, squared_errors
+
+Array = NDArray[np.float64]
+_BATCH = 64  # hypotheses scored between two looks at whether more are needed
+_MISS = 1e-4  # probability of having overlooked the best hypothesis at which the search ends
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sightings:
+    """What one camera saw of N known points, in normalised image coordinates."""
+
+    points: Array
+    """(N, 3) metres, map frame."""
+    seen: Array
+    """(N, 3): x, y at depth 1 and the inverse depth in 1/m, NaN without depth."""
+    sigmas: Array
+    """(N, 2) standard deviations of x and y, and of the inverse depth."""
+
+    def select(self, chosen: NDArray[np.generic]) -> Sightings:
+        """The sightings that a mask or an index array chooses."""
+        return Sightings(self.points[chosen], self.seen[chosen], self.sigmas[chosen])
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def errors(pose: Array, sightings: Sightings) -> Array:
+    """Squared residuals (N, 2) in sigmas: image position, inverse depth (0 without depth)."""
+    found = np.empty((len(sightings), 2))
+    squared_errors(_dense(pose), sightings.points, sightings.seen, sightings.sigmas, found)
+    return found
+
+
+def inliers(pose: Array, sightings: Sightings, limit: float) -> NDArray[np.bool_]:
+    """Mask (N,) of the sightings that agree with map_from_camera within `limit` sigmas."""
+    return np.asarray((errors(pose, sightings) < limit * limit).all(axis=1))
+
+
+def ransac_pose(sightings: Sightings, limit: float, rounds: int, seed: int) -> tuple[Array, int]:
+    """The map_from_camera (4, 4) on which most sightings agree within `limit` sigmas; how many.
+
+    Each hypothesis aligns three points with their own back-projections, so three sightings with
+    depth are needed; without them the identity and 0 are returned. Draws follow from `seed`.
+    """
+    best_pose, best = np.eye(4), 0
+    deep = np.flatnonzero(np.isfinite(sightings.seen[:, 2]))
+    if len(deep) < 3:
+        return best_pose, best
+    random = np.random.default_rng(seed)
+    local = _back_projected(sightings.seen)
+    tried = 0
+    while tried < rounds:
+        picks = deep[random.integers(0, len(deep), (_BATCH, 3))]
+        poses = _aligned(sightings.points[picks], local[picks])
+        tried += _BATCH
+        counts = np.zeros(len(poses), np.int64)
+        score_poses(poses, sightings.points, sightings.seen, sightings.sigmas, float(limit), counts)
+        if len(poses) and counts.max() > best:
+            best = int(counts.max())
+            best_pose = poses[int(counts.argmax())]
+        if tried >= _rounds_needed(best / len(sightings)):
+            break
+    return best_pose, best
+
+
+def refine_pose(
+    start: Array, sightings: Sightings, *, width: float = 2.0, rounds: int = 10
+) -> tuple[Array, Array]:
+    """map_from_camera (4, 4) of least robust error near `start`, and its information (6, 6).
+
+    Gauss-Newton on reprojection and inverse depth with Huber's weights from `width` sigmas on;
+    a step that makes things worse is taken back and ends it.
+    """
+    pose, kept = _dense(start), _dense(start)
+    information, best = np.eye(6), np.inf
+    for _ in range(rounds):
+        trial, gradient = np.zeros((6, 6)), np.zeros(6)
+        cost = pose_normal_equations(
+            pose, sightings.points, sightings.seen, sightings.sigmas, width, trial, gradient
+        )
+        if not cost < best:
+            break
+        kept, information, converged = pose, trial, best - cost < 1e-4 * cost
+        if converged:
+            break
+        best = cost
+        damped = trial + np.diag(1e-6 * np.diag(trial) + 1e-9)
+        pose = pose @ se3_exp(-np.linalg.solve(damped, gradient))
+    return kept, information
+
+
+def _dense(pose: Array) -> Array:
+    return np.ascontiguousarray(pose, np.float64)
+
+
+def _back_projected(seen: Array) -> Array:
+    rays = np.concatenate([seen[:, :2], np.ones((len(seen), 1))], axis=1)
+    with np.errstate(divide="ignore"):
+        return np.asarray(rays / seen[:, 2:])
+
+
+def _aligned(world: Array, camera: Array) -> Array:
+    """Motions (K', 4, 4) that lay triangles (K, 3, 3) of the camera on those of the world.
+
+    Triangles that are nearly a line, or whose sides differ by more than a fifth, are left out.
+    """
+    frames, heights = zip(_triangle_frames(world), _triangle_frames(camera), strict=True)
+    sides = [np.linalg.norm(np.roll(t, -1, axis=1) - t, axis=2) for t in (world, camera)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        alike = (np.abs(sides[0] / sides[1] - 1.0) < 0.2).all(axis=1)
+    good = alike & (heights[0] > 0.02) & (heights[1] > 0.02)
+    rotation = frames[0][good] @ np.swapaxes(frames[1][good], 1, 2)
+    centres = world[good].mean(axis=1), camera[good].mean(axis=1)
+    return np.ascontiguousarray(
+        make_transform(rotation, centres[0] - np.einsum("kij,kj->ki", rotation, centres[1]))
+    )
+
+
+def _triangle_frames(triangles: Array) -> tuple[Array, Array]:
+    """Orthonormal frames (K, 3, 3) of triangles (K, 3, 3), and their heights (K,) in metres."""
+    x = triangles[:, 1] - triangles[:, 0]
+    x = x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-9)
+    side = triangles[:, 2] - triangles[:, 0]
+    y = side - x * np.sum(x * side, axis=1, keepdims=True)
+    height = np.linalg.norm(y, axis=1)
+    y = y / np.maximum(height, 1e-9)[:, None]
+    return np.stack([x, y, np.cross(x, y)], axis=-1), height
+
+
+def _rounds_needed(share: float) -> float:
+    chance = share**3
+    if chance <= 0.0:
+        return np.inf
+    return float(np.log(_MISS) / np.log1p(-min(chance, 1.0 - 1e-12)))

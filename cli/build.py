@@ -1,0 +1,166 @@
+"""`mapmyworld build`: a recorded log becomes a map."""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from cli.common import EXIT_PARTIAL, default_map, format_option, show_json
+from cli.plan_text import plan_json, plan_lines
+from cli.progress import StderrProgress
+from cli.settings import config_options, load_config
+from mapmyworld.errors import MapError
+
+if TYPE_CHECKING:
+    from mapmyworld.config import Config
+    from mapmyworld.types import LogSource
+
+
+@click.command()
+@click.argument("paths", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    "map_path",
+    default=default_map,
+    type=click.Path(path_type=Path),
+    help="The map database to write.  [default: map.db]",
+)
+@config_options
+@click.option(
+    "--method",
+    type=click.Choice(["graph", "fastslam"]),
+    default="graph",
+    show_default=True,
+    help="GraphSLAM, or grid-based FastSLAM (particles).",
+)
+@click.option("--resume", is_flag=True, help="Go on with an unfinished map; it must exist.")
+@click.option("--overwrite", is_flag=True, help="Start anew even if the map exists.")
+@click.option("--no-export", is_flag=True, help="Write map.db only.")
+@click.option("--dry-run", is_flag=True, help="Print the plan and stop.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress and no notes.")
+@click.option("-v", "--verbose", is_flag=True, help="Say more.")
+@format_option
+def build(
+    paths: tuple[Path, ...],
+    map_path: Path,
+    config_path: Path | None,
+    changes: tuple[str, ...],
+    method: str,
+    resume: bool,
+    overwrite: bool,
+    no_export: bool,
+    dry_run: bool,
+    quiet: bool,
+    verbose: bool,
+    style: str,
+) -> None:
+    """Turn LOG into a map: map.db, and beside it map.pgm + map.yaml, map.ply and map.tum.
+
+    Several LOGs that belong to one drive (split bags) are one log. A map that exists already is
+    continued: stages that are done with the same inputs are not done again.
+
+    \b
+    mapmyworld build drive.mcap
+    mapmyworld build drive_0.bag drive_1.bag -o office.db --set mapping.resolution=0.025
+    """
+    if resume and overwrite:
+        raise click.UsageError("--resume and --overwrite exclude each other")
+    config = load_config(config_path, changes)
+    from formats.logs import open_log
+
+    log = open_log(paths)
+    if dry_run:
+        _show_plan(log, config, style)
+        return
+    if resume and not map_path.exists():
+        raise MapError(f"{map_path}: there is no map to resume; leave --resume away to begin one")
+    progress = StderrProgress(quiet=quiet, verbose=verbose)
+    summary = _build(log, map_path, config, method, overwrite, not no_export, progress)
+    progress.finish()
+    if style == "json":
+        show_json(summary)
+    else:
+        click.echo("\n".join(_summary_lines(summary)))
+    if summary["losses"]:
+        if style == "text":
+            click.echo("partial map, because something was lost or assumed:", err=True)
+            for loss in summary["losses"]:
+                click.echo(f"  - {loss}", err=True)
+        sys.exit(EXIT_PARTIAL)
+
+
+def _show_plan(log: LogSource, config: Config, style: str) -> None:
+    from mapmyworld.sensing import make_plan, survey_log
+
+    plan = make_plan(survey_log(log), config.sensing)
+    if style == "json":
+        show_json(plan_json(plan))
+    else:
+        click.echo("\n".join(plan_lines(plan)))
+
+
+def _build(
+    log: LogSource,
+    map_path: Path,
+    config: Config,
+    method: str,
+    overwrite: bool,
+    export: bool,
+    progress: StderrProgress,
+) -> dict[str, Any]:
+    from formats.database import open_store
+    from mapmyworld.pipeline import build_map
+
+    started = time.monotonic()
+    cpu = time.process_time()
+    with open_store(map_path, create=True, overwrite=overwrite) as store:
+        result = build_map(log, store, config, progress, method=method)
+        written = [str(map_path)]
+        if export:
+            written += _export_all(store, map_path, config, progress)
+    wall = time.monotonic() - started
+    return {
+        **result.as_dict(),
+        "files": written,
+        "wall_s": wall,
+        "cpu_s": time.process_time() - cpu,
+        "real_time_factor": result.duration_s / max(wall, 1e-9),
+        "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }
+
+
+def _export_all(store: Any, map_path: Path, config: Config, progress: StderrProgress) -> list[str]:
+    """Writes what a finished build leaves beside its database."""
+    from cli.exporting import export_cloud, export_grid, export_trajectory
+
+    stem = map_path.with_suffix("")
+    progress.stage("export")
+    written = export_grid(store, stem)
+    written += export_trajectory(store, stem.with_suffix(".tum"))
+    written += export_cloud(store, stem.with_suffix(".ply"), config)
+    return [str(path) for path in written]
+
+
+def _summary_lines(summary: dict[str, Any]) -> list[str]:
+    lines = [
+        f"nodes:         {summary['nodes']} from {summary['frames']} frames, "
+        f"{summary['distance_m']:.1f} m in {summary['duration_s']:.0f} s",
+    ]
+    for kind, counts in summary["constraints"].items():
+        lines.append(f"{kind + ':':<14} {counts['accepted']} accepted of {counts['tried']} tried")
+    if summary["reused_stages"]:
+        lines.append(
+            f"reused:        {', '.join(summary['reused_stages'])} (same inputs as before)"
+        )
+    lines.append(
+        f"time:          {summary['wall_s']:.1f} s ({summary['real_time_factor']:.0f}x real time), "
+        f"{summary['cpu_s']:.1f} CPU s, {summary['peak_memory_mb']:.0f} MB at most"
+    )
+    lines += [f"written:       {path}" for path in summary["files"]]
+    return lines

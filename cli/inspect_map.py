@@ -1,0 +1,112 @@
+"""`mapmyworld inspect map`: sessions, length, duration, area, quality."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from cli.common import format_option, map_argument, show_json
+from mapmyworld.types import MapStore, OccupancyGrid
+
+
+@click.command("map")
+@map_argument
+@format_option
+def inspect_map(map_path: Path, style: str) -> None:
+    """What MAP covers: sessions, length, duration, area, quality, and how it was made.
+
+    \b
+    mapmyworld inspect map
+    mapmyworld inspect map office.db --format json
+    """
+    from formats.database import open_store
+
+    with open_store(map_path, read_only=True) as store:
+        facts = map_facts(store)
+    if style == "json":
+        show_json(facts)
+    else:
+        click.echo("\n".join(_lines(facts)))
+
+
+def map_facts(store: MapStore) -> dict[str, Any]:
+    """Everything that `inspect map` shows."""
+    nodes, poses, grid = store.nodes(), store.poses(), store.grid()
+    stamps = [node.stamp_ns for node in nodes]
+    facts: dict[str, Any] = {
+        "sessions": len({node.session for node in nodes}),
+        "nodes": len(nodes),
+        "frames": len(store.tracked_frames().stamps_ns) if nodes else 0,
+        "duration_s": (max(stamps) - min(stamps)) * 1e-9 if stamps else 0.0,
+        "solved": poses is not None,
+    }
+    if poses is not None:
+        positions = poses.map_from_node[poses.ids > 0][:, :3, 3]
+        steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+        facts["length_m"] = float(steps.sum())
+        if poses.covariances is not None and len(poses.covariances):
+            sigmas = np.sqrt(
+                np.maximum(np.trace(poses.covariances[:, 3:, 3:], axis1=1, axis2=2), 0)
+            )
+            facts["largest_sigma_m"] = float(sigmas.max())
+    if grid is not None:
+        facts["grid"] = _grid_facts(grid)
+    for key in ("summary", "plan", "particles", "diagnosis"):
+        value = store.get(key)
+        if value is not None:
+            facts[key] = value
+    return facts
+
+
+def _grid_facts(grid: OccupancyGrid) -> dict[str, Any]:
+    cells = grid.trinary()
+    area = grid.resolution**2
+    probability = grid.probabilities()
+    seen = np.isfinite(probability)
+    p = np.clip(probability[seen].astype(np.float64), 1e-9, 1.0 - 1e-9)
+    entropy = -(p * np.log2(p) + (1 - p) * np.log2(1 - p))
+    return {
+        "resolution_m": grid.resolution,
+        "width": int(cells.shape[1]),
+        "height": int(cells.shape[0]),
+        "free_m2": float((cells == 0).sum() * area),
+        "occupied_m2": float((cells == 100).sum() * area),
+        "unknown_share": float((cells == -1).mean()),
+        "mean_entropy_bits": float(entropy.mean()) if len(p) else None,
+    }
+
+
+def _lines(facts: dict[str, Any]) -> list[str]:
+    lines = [
+        f"sessions:   {facts['sessions']}",
+        f"nodes:      {facts['nodes']} from {facts['frames']} frames",
+        f"duration:   {facts['duration_s']:.1f} s",
+    ]
+    if not facts["solved"]:
+        lines.append("solved:     no: the build did not get that far; build it again to go on")
+    if "length_m" in facts:
+        lines.append(f"length:     {facts['length_m']:.1f} m")
+    if "largest_sigma_m" in facts:
+        lines.append(f"sigma:      {facts['largest_sigma_m']:.3f} m at the worst node")
+    grid = facts.get("grid")
+    if grid:
+        lines += [
+            f"grid:       {grid['width']} x {grid['height']} cells of {grid['resolution_m']} m",
+            f"area:       {grid['free_m2']:.1f} m2 free, {grid['occupied_m2']:.1f} m2 occupied",
+            f"sharpness:  {grid['mean_entropy_bits']:.3f} bits mean entropy of seen cells",
+        ]
+    if "particles" in facts:
+        lines.append("particles:")
+        lines += [
+            f"  {name}: {value}"
+            for name, value in facts["particles"].items()
+            if not isinstance(value, list | dict)
+        ]
+    plan = facts.get("plan")
+    if plan:
+        lines.append("made from:")
+        lines += [f"  {d['role']}: {d['choice'] or 'none'}" for d in plan["decisions"]]
+    return lines

@@ -1,1 +1,6 @@
-"""map.db: SQLite in RTAB-Map's schema with our own tables beside."""
+"""map.db: one SQLite file, RTAB-Map's tables and our own, both ways."""
+
+from formats.database.opening import open_store
+from formats.database.store import DatabaseStore
+
+__all__ = ["DatabaseStore", "open_store"]

@@ -1,0 +1,40 @@
+"""Whole arrays in double precision, one row each, by name and the stage that wrote them."""
+
+from __future__ import annotations
+
+import json
+import zlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.database.blobs import inflate
+from formats.database.connection import Connection
+from mapmyworld.errors import MapError
+
+_FAST = 1
+
+
+def write_array(db: Connection, name: str, rank: int, array: NDArray[Any]) -> None:
+    """Keeps `array` as what the stage of this rank wrote under `name`; later ones' is dropped."""
+    little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
+    data = zlib.compress(little.tobytes(), _FAST)
+    shape = json.dumps(list(array.shape))
+    db.run("DELETE FROM mapmyworld_arrays WHERE name = ? AND rank >= ?", (name, rank))
+    row = (name, rank, little.dtype.str, shape, data)
+    db.run("INSERT INTO mapmyworld_arrays VALUES (?,?,?,?,?)", row)
+
+
+def read_array(db: Connection, name: str) -> NDArray[Any] | None:
+    """What the latest stage wrote under `name`; None where none did."""
+    query = "SELECT dtype, shape, data FROM mapmyworld_arrays WHERE name = ? ORDER BY rank DESC"
+    row = db.row(query, (name,))
+    if row is None:
+        return None
+    try:
+        dtype, shape = np.dtype(row[0]), tuple(json.loads(row[1]))
+        size = dtype.itemsize * int(np.prod(shape, dtype=np.int64))
+        return np.frombuffer(inflate(row[2], size, name), dtype).reshape(shape)
+    except (ValueError, TypeError) as error:
+        raise MapError(f"{db.path}: {name}: a damaged array ({error})") from None

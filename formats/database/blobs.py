@@ -1,0 +1,136 @@
+"""RTAB-Map's blobs: compressed matrices, transforms, information matrices.
+
+A size that a blob claims is believed only as far as its bytes bear it out: decompression stops
+at the claimed size, so a small blob cannot fill the memory.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.errors import MapError
+from mapmyworld.geometry import SWAP_ROTATION_TRANSLATION
+
+# OpenCV's depth numbers; type = depth + 8 * (channels - 1).
+_DEPTHS = ("u1", "i1", "<u2", "<i2", "<i4", "<f4", "<f8")
+_TRAILER = struct.Struct("<3i")
+MAX_MATRIX_BYTES = 1 << 30
+# zlib cannot expand more than 1032 times; a claim beyond it is a lie.
+_MAX_EXPANSION = 1040
+_COMPRESSION = 6  # zlib's default, as RTAB-Map's writer uses
+
+
+def matrix_to_blob(matrix: NDArray[np.generic]) -> bytes | None:
+    """A compressed matrix of (rows, cols) or (rows, cols, channels); None for an empty one."""
+    if matrix.size == 0:
+        return None
+    rows, cols = matrix.shape[:2]
+    channels = matrix.shape[2] if matrix.ndim == 3 else 1
+    depth = _DEPTHS.index(np.dtype(matrix.dtype).newbyteorder("<").str.lstrip("|"))
+    stream = zlib.compress(np.ascontiguousarray(matrix).tobytes(), _COMPRESSION)
+    return stream + _TRAILER.pack(rows, cols, depth + 8 * (channels - 1))
+
+
+def blob_to_matrix(blob: bytes | None, what: str) -> NDArray[np.generic] | None:
+    """The matrix (rows, cols, channels) of a blob; None where it is absent. `what` names it."""
+    if blob is None or len(blob) <= 4:
+        return None
+    if len(blob) < _TRAILER.size:
+        raise MapError(f"{what}: {len(blob)} bytes are too few for a compressed matrix")
+    rows, cols, kind = _TRAILER.unpack(blob[-_TRAILER.size :])
+    depth, channels = kind & 7, (kind >> 3) + 1
+    if rows < 0 or cols < 0 or kind < 0 or depth >= len(_DEPTHS) or channels > 64:
+        raise MapError(f"{what}: no matrix has {rows} rows, {cols} columns and type {kind}")
+    dtype = np.dtype(_DEPTHS[depth])
+    size = rows * cols * channels * dtype.itemsize
+    data = inflate(blob[: -_TRAILER.size], size, what)
+    return np.frombuffer(data, dtype).reshape(rows, cols, channels)
+
+
+def inflate(stream: bytes, size: int, what: str) -> bytes:
+    """Exactly `size` bytes of a zlib stream."""
+    if size > MAX_MATRIX_BYTES or size > len(stream) * _MAX_EXPANSION + 64:
+        raise MapError(f"{what}: {len(stream)} compressed bytes cannot hold the {size} claimed")
+    try:
+        decoder = zlib.decompressobj()
+        data = decoder.decompress(stream, size + 1)
+    except zlib.error as error:
+        raise MapError(f"{what}: damaged compressed data ({error})") from None
+    if len(data) != size:
+        held = "more" if len(data) > size else str(len(data))
+        raise MapError(f"{what}: claims {size} bytes and holds {held}")
+    return data
+
+
+def pose_to_blob(a_from_b: NDArray[np.float64]) -> bytes:
+    """A motion (4, 4) as 12 float32, the upper three rows."""
+    return np.asarray(a_from_b[:3], "<f4").tobytes()
+
+
+def blob_to_pose(blob: bytes | None, what: str) -> NDArray[np.float64] | None:
+    """A motion (4, 4); None for NULL or zeros. The rotation is made orthonormal again."""
+    if blob is None or len(blob) == 0:
+        return None
+    if len(blob) != 48:
+        raise MapError(f"{what}: a transform takes 48 bytes, not {len(blob)}")
+    poses = matrices_from_floats(np.frombuffer(blob, "<f4")[None])
+    if not np.isfinite(poses).all():
+        raise MapError(f"{what}: a transform that is not finite")
+    return None if not poses[0, :3].any() else orthonormal(poses)[0]
+
+
+def matrices_from_floats(rows: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Motions (N, 4, 4) of rows of 12 floats."""
+    poses = np.zeros((len(rows), 4, 4))
+    poses[:, :3] = rows.reshape(-1, 3, 4)
+    poses[:, 3, 3] = 1.0
+    return poses
+
+
+def orthonormal(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same motions with the nearest true rotations: float32 leaves errors of 1e-7."""
+    u, _, vt = np.linalg.svd(poses[:, :3, :3])
+    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
+    nearest = poses.copy()
+    nearest[:, :3, :3] = u @ vt
+    return nearest
+
+
+def information_to_blob(information: NDArray[np.float64]) -> bytes:
+    """288 bytes, translation first, of a rotation-first matrix (6, 6); diagonal made positive."""
+    swapped = np.array(information[np.ix_(SWAP_ROTATION_TRANSLATION, SWAP_ROTATION_TRANSLATION)])
+    swapped[~np.isfinite(swapped)] = 0.0
+    diagonal = np.arange(6)
+    # RTAB-Map aborts on a component that is not positive; 1/9999 is its "ignore this one".
+    weak = swapped[diagonal, diagonal] <= 0.0
+    swapped[weak, :] = swapped[:, weak] = 0.0
+    swapped[diagonal[weak], diagonal[weak]] = 1.0 / 9999.0
+    return swapped.astype("<f8").tobytes()
+
+
+def blob_to_information(blob: bytes, what: str) -> NDArray[np.float64]:
+    """Information (6, 6), rotation first."""
+    if len(blob) != 288:
+        raise MapError(f"{what}: an information matrix takes 288 bytes, not {len(blob)}")
+    matrix = np.frombuffer(blob, "<f8").reshape(6, 6)
+    if not np.isfinite(matrix).all():
+        raise MapError(f"{what}: an information matrix that is not finite")
+    return np.array(matrix[np.ix_(SWAP_ROTATION_TRANSLATION, SWAP_ROTATION_TRANSLATION)])
+
+
+def text_to_blob(text: str) -> bytes:
+    """A compressed row of characters, closed by a NUL."""
+    characters = np.frombuffer(text.encode() + b"\0", np.int8)
+    blob = matrix_to_blob(characters[None])
+    assert blob is not None  # the NUL is always there
+    return blob
+
+
+def blob_to_text(blob: bytes | None, what: str) -> str:
+    """The text of a compressed row of characters; empty where there is none."""
+    matrix = blob_to_matrix(blob, what)
+    return "" if matrix is None else matrix.tobytes().split(b"\0")[0].decode(errors="replace")

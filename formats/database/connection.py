@@ -1,0 +1,125 @@
+"""SQLite under a map: how it is opened, and its errors as ours."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from mapmyworld.errors import MapError
+
+SQLITE_MAGIC = b"SQLite format 3\0"
+_PAGE_SIZE = 4096
+_LAST_SECOND = 253402300799  # 9999-12-31 23:59:59 UTC
+
+
+class Connection:
+    """One database file. Every failure is a MapError that names the file."""
+
+    def __init__(self, path: Path, *, writable: bool) -> None:
+        self.path = path
+        self.writable = writable
+        self._entered_s = 0
+        mode = "rwc" if writable else "ro"
+        with self._explained():
+            self._sqlite = self._connect(mode)
+            if writable:
+                self._prepare_writing()
+
+    def _connect(self, mode: str) -> sqlite3.Connection:
+        uri = f"file:{quote(str(self.path.absolute()))}?mode={mode}"
+        sqlite = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
+        sqlite.execute("PRAGMA trusted_schema = OFF")  # a file's own views call no function
+        return sqlite
+
+    def _prepare_writing(self) -> None:
+        # RTAB-Map's triggers stamp rows with the wall clock. The same log must give the same
+        # bytes, so on this connection "now" is a time taken from the log.
+        self._sqlite.execute("PRAGMA trusted_schema = ON")
+        self._sqlite.create_function("datetime", 1, lambda _: self.entered, deterministic=False)
+        self._sqlite.execute(f"PRAGMA page_size = {_PAGE_SIZE}")
+        self._sqlite.execute("PRAGMA journal_mode = DELETE")
+        self._sqlite.execute("PRAGMA synchronous = NORMAL")
+
+    @property
+    def entered(self) -> str:
+        """The text that `time_enter` gets, UTC."""
+        moment = datetime.fromtimestamp(self._entered_s, UTC)
+        return f"{moment.year:04d}-{moment:%m-%d %H:%M:%S}"
+
+    def set_clock(self, stamp_ns: int) -> None:
+        """Rows entered from now on are stamped with this time of the log."""
+        self._entered_s = min(max(stamp_ns // 1_000_000_000, 0), _LAST_SECOND)
+
+    def rows(self, sql: str, parameters: Sequence[Any] = ()) -> list[Any]:
+        """All rows of a query."""
+        with self._explained():
+            return self._sqlite.execute(sql, parameters).fetchall()
+
+    def row(self, sql: str, parameters: Sequence[Any] = ()) -> Any:
+        """The first row of a query; None without one."""
+        with self._explained():
+            return self._sqlite.execute(sql, parameters).fetchone()
+
+    def iterate(self, sql: str, parameters: Sequence[Any] = ()) -> Iterator[Any]:
+        """Rows of a query, as they are asked for."""
+        with self._explained():
+            yield from self._sqlite.execute(sql, parameters)
+
+    def run(self, sql: str, parameters: Sequence[Any] = ()) -> None:
+        with self._explained():
+            self._sqlite.execute(sql, parameters)
+
+    def run_many(self, sql: str, rows: Iterable[Sequence[Any]]) -> None:
+        with self._explained():
+            self._sqlite.executemany(sql, rows)
+
+    def begin(self) -> None:
+        """Opens a transaction unless one is open."""
+        if not self._sqlite.in_transaction:
+            self.run("BEGIN IMMEDIATE")
+
+    def commit(self) -> None:
+        if self._sqlite.in_transaction:
+            self.run("COMMIT")
+
+    def columns(self, table: str) -> frozenset[str]:
+        """Names of a table's columns; none where it is absent."""
+        found = self.rows("SELECT name FROM pragma_table_info(?)", (table,))
+        return frozenset(name for (name,) in found)
+
+    def close(self) -> None:
+        self._sqlite.close()
+
+    @contextmanager
+    def _explained(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as error:
+            raise MapError(f"{self.path}: {_remedy(str(error))}") from error
+
+
+def _remedy(message: str) -> str:
+    """What SQLite says, and what to do about it."""
+    if "locked" in message:
+        return "is in use by another program: close it there and try again"
+    if "malformed" in message or "not a database" in message:
+        return f"is damaged ({message}): build it anew, or try `sqlite3 FILE .recover`"
+    if "disk is full" in message or "disk I/O" in message:
+        return f"cannot be written ({message}): free some space and resume"
+    if "unable to open" in message:
+        return f"cannot be opened ({message}): check that the folder exists and is yours"
+    return message
+
+
+def is_sqlite(path: Path) -> bool:
+    """Whether the file begins as SQLite files do."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC
+    except OSError as error:
+        raise MapError(f"{path}: {error.strerror}") from None

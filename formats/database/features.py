@@ -1,0 +1,91 @@
+"""Local features and visual words as rows of RTAB-Map's tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.errors import MapError
+from mapmyworld.types import Features
+
+INSERT_FEATURE = "INSERT INTO Feature VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?)"
+SELECT_FEATURES = (
+    "SELECT word_id, pos_x, pos_y, size, dir, response, octave, depth_x, depth_y, depth_z,"
+    " descriptor_size, descriptor FROM Feature WHERE node_id = ? ORDER BY rowid"
+)
+INSERT_WORD = "INSERT INTO Word (id, descriptor_size, descriptor) VALUES (?,?,?)"
+SELECT_WORDS = "SELECT id, descriptor_size, descriptor FROM Word ORDER BY id"
+Row = tuple[Any, ...]
+
+
+def feature_rows(node_id: int, features: Features) -> Iterator[Row]:
+    """One row a feature, in order; one without a word gets a negative id of its own."""
+    count = len(features.pixels)
+    alone = -1 - np.arange(count)
+    words = alone if features.words is None else np.where(features.words > 0, features.words, alone)
+    columns = [
+        words.tolist(),
+        *np.asarray(features.pixels, np.float64).T.tolist(),
+        features.sizes.astype(np.int64).tolist(),
+        *(np.asarray(c, np.float64).tolist() for c in (features.angles, features.responses)),
+        features.octaves.tolist(),
+        # SQLite keeps NaN as NULL, which is RTAB-Map's "no depth".
+        *np.asarray(features.points, np.float64).T.tolist(),
+    ]
+    size = features.descriptors.shape[1]
+    descriptors = np.ascontiguousarray(features.descriptors)
+    for i, values in enumerate(zip(*columns, strict=True)):
+        yield (node_id, *values, size, descriptors[i].tobytes())
+
+
+def features_from_rows(rows: Sequence[Row], what: str) -> Features | None:
+    """The features of `SELECT_FEATURES`; None for none."""
+    if not rows:
+        return None
+    columns = list(zip(*rows, strict=True))
+    words = np.array(columns[0], np.int64)
+    points = np.array(columns[7:10], np.float64).T  # NULL becomes NaN
+    octaves = np.array(columns[6], np.int64)
+    return Features(
+        pixels=np.array(columns[1:3], np.float32).T.copy(),
+        points=points.astype(np.float32),
+        descriptors=_descriptors(columns[10], columns[11], what),
+        sizes=np.array(columns[3], np.float32),
+        angles=np.array(columns[4], np.float32),
+        responses=np.array(columns[5], np.float32),
+        octaves=octaves.astype(np.int32),
+        words=np.where(words > 0, words, 0).astype(np.int32) if (words > 0).any() else None,
+    )
+
+
+def _descriptors(
+    sizes: Sequence[int | None], blobs: Sequence[bytes | None], what: str
+) -> NDArray[Any]:
+    """Descriptors (N, D), all of one kind; (N, 0) where none were stored."""
+    if all(not blob for blob in blobs):
+        return np.zeros((len(blobs), 0), np.uint8)
+    first = descriptor_from_blob(sizes[0], blobs[0], what)
+    if any(blob is None or len(blob) != len(blobs[0] or b"") for blob in blobs):
+        raise MapError(f"{what}: descriptors of different sizes")
+    joined = b"".join(blob or b"" for blob in blobs)
+    return np.frombuffer(joined, first.dtype).reshape(len(blobs), -1)
+
+
+def descriptor_from_blob(size: int | None, blob: bytes | None, what: str) -> NDArray[Any]:
+    """A descriptor (D,) of bytes or float32, by the length of its blob."""
+    if blob is not None and size is not None and len(blob) == size:
+        return np.frombuffer(blob, np.uint8)
+    if blob is not None and size is not None and len(blob) == 4 * size:
+        return np.frombuffer(blob, "<f4")
+    held = "no" if blob is None else len(blob)
+    raise MapError(f"{what}: a descriptor of {size} elements in {held} bytes")
+
+
+def word_rows(words: Mapping[int, NDArray[Any]]) -> Iterator[Row]:
+    """One row a word, ascending."""
+    for word_id in sorted(words):
+        descriptor = np.ascontiguousarray(words[word_id])
+        yield (word_id, descriptor.size, descriptor.tobytes())

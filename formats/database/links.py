@@ -1,0 +1,89 @@
+"""Constraints as rows: ours, with verdict and reason, and RTAB-Map's links of the accepted ones."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from formats.database.blobs import information_to_blob, pose_to_blob
+from mapmyworld.errors import MapError
+from mapmyworld.geometry import invert
+from mapmyworld.types import Constraint, ConstraintKind
+
+INSERT_LINK = (
+    "INSERT INTO Link (from_id, to_id, type, information_matrix, transform) VALUES (?,?,?,?,?)"
+)
+INSERT_CONSTRAINT = (
+    "INSERT INTO mapmyworld_constraints (rank, from_id, to_id, kind, from_from_to, information,"
+    " accepted, reason, evidence) VALUES (?,?,?,?,?,?,?,?,?)"
+)
+SELECT_CONSTRAINTS = (
+    "SELECT from_id, to_id, kind, from_from_to, information, accepted, reason, evidence"
+    " FROM mapmyworld_constraints WHERE rank >= ? ORDER BY id"
+)
+LINK_TYPES = {
+    ConstraintKind.NEIGHBOUR: 0,
+    ConstraintKind.LOOP_CLOSURE: 1,
+    ConstraintKind.PROXIMITY: 2,
+    ConstraintKind.USER: 4,
+    ConstraintKind.PRIOR: 7,
+    ConstraintKind.LANDMARK: 8,
+}
+# Those of RTAB-Map which are relative poses between nodes, told apart as far as ours are:
+# closures in time are proximity, merged neighbours are neighbours.
+KINDS = {number: kind for kind, number in LINK_TYPES.items()} | {
+    3: ConstraintKind.PROXIMITY,
+    6: ConstraintKind.NEIGHBOUR,
+}
+# Stored once: what it links to has no row of its own.
+_ONE_WAY = {ConstraintKind.PRIOR, ConstraintKind.LANDMARK}
+Row = tuple[Any, ...]
+
+
+def link_rows(constraints: Iterable[Constraint]) -> Iterator[Row]:
+    """RTAB-Map's links of the accepted constraints, both directions where it keeps both."""
+    for c in constraints:
+        if not c.accepted:
+            continue
+        kind, information = LINK_TYPES[c.kind], information_to_blob(c.information)
+        yield (c.from_id, c.to_id, kind, information, pose_to_blob(c.from_from_to))
+        if c.kind not in _ONE_WAY:
+            # RTAB-Map keeps the information of the forward link for the backward one.
+            yield (c.to_id, c.from_id, kind, information, pose_to_blob(invert(c.from_from_to)))
+
+
+def constraint_rows(constraints: Iterable[Constraint], rank: int) -> Iterator[Row]:
+    """Our own rows, in double precision."""
+    for c in constraints:
+        yield (
+            rank,
+            c.from_id,
+            c.to_id,
+            str(c.kind),
+            np.asarray(c.from_from_to, "<f8").tobytes(),
+            np.asarray(c.information, "<f8").tobytes(),
+            int(c.accepted),
+            c.reason,
+            json.dumps(dict(c.evidence), default=float),
+        )
+
+
+def constraint_from_row(row: Row) -> Constraint:
+    """The constraint of a row of `SELECT_CONSTRAINTS`."""
+    from_id, to_id, kind, transform, information, accepted, reason, evidence = row
+    try:
+        return Constraint(
+            from_id,
+            to_id,
+            ConstraintKind(kind),
+            np.frombuffer(transform, "<f8").reshape(4, 4),
+            np.frombuffer(information, "<f8").reshape(6, 6),
+            bool(accepted),
+            reason,
+            json.loads(evidence),
+        )
+    except (ValueError, TypeError) as error:
+        raise MapError(f"constraint {from_id} to {to_id}: a damaged row ({error})") from None

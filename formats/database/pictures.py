@@ -1,0 +1,119 @@
+"""Images as blobs: JPEG or PNG for colour, PNG or RVL for depth; sizes checked before decoding."""
+
+from __future__ import annotations
+
+import struct
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.rvl import rvl_decode, rvl_encode
+from mapmyworld.errors import MapError
+
+JPEG_MAGIC = b"\xff\xd8\xff"
+PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+_RVL_MAGIC = b"DEPTHRVL"
+MAX_PIXELS = 1 << 27  # a 134 megapixel image is no camera's of ours
+_MAX_MILLIMETRES = 65535
+# JPEG segments that hold the size: all start-of-frame markers but DHT, JPG and DAC.
+_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
+
+
+def image_size(data: bytes, what: str) -> tuple[int, int]:
+    """Width and height that a JPEG, PNG or RVL header states, once they are believable."""
+    if data.startswith(PNG_MAGIC) and len(data) >= 24:
+        width, height = struct.unpack_from(">2I", data, 16)
+    elif data.startswith(_RVL_MAGIC) and len(data) >= 16:
+        width, height = struct.unpack_from("<2I", data, 8)
+    elif data.startswith(JPEG_MAGIC):
+        width, height = _jpeg_size(data, what)
+    else:
+        raise MapError(f"{what}: neither a JPEG nor a PNG image (begins with {data[:8].hex()})")
+    if width == 0 or height == 0 or width * height > MAX_PIXELS:
+        raise MapError(f"{what}: an image of {width} x {height} pixels is refused")
+    return width, height
+
+
+def _jpeg_size(data: bytes, what: str) -> tuple[int, int]:
+    at = 2
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        marker = data[at + 1]
+        if marker in _JPEG_FRAMES:
+            height, width = struct.unpack_from(">2H", data, at + 5)
+            return width, height
+        at += 1 if marker == 0xFF else 2 + struct.unpack_from(">H", data, at + 2)[0]
+    raise MapError(f"{what}: a JPEG image without a size")
+
+
+def decode_picture(data: bytes, what: str) -> NDArray[np.uint8]:
+    """Colour (H, W, 3) RGB or grey (H, W)."""
+    pixels = _decode(data, what)
+    if pixels.dtype != np.uint8:
+        raise MapError(f"{what}: an image of {pixels.dtype}, not of bytes")
+    if pixels.ndim == 2:
+        return pixels.astype(np.uint8, copy=False)
+    code = cv2.COLOR_BGRA2RGB if pixels.shape[2] == 4 else cv2.COLOR_BGR2RGB
+    return np.asarray(cv2.cvtColor(pixels, code), np.uint8)
+
+
+def encode_picture(pixels: NDArray[np.generic], codec: str, quality: int) -> bytes:
+    """JPEG or PNG bytes of colour (H, W, 3) RGB or grey (H, W)."""
+    bytes_image = np.asarray(pixels, np.uint8)
+    if bytes_image.ndim == 3:
+        bytes_image = np.asarray(cv2.cvtColor(bytes_image, cv2.COLOR_RGB2BGR), np.uint8)
+    if codec == "png":
+        return _encode(".png", bytes_image, _FAST_PNG)
+    return _encode(".jpg", bytes_image, (cv2.IMWRITE_JPEG_QUALITY, quality))
+
+
+def encode_depth(metres: NDArray[np.generic], codec: str) -> bytes:
+    """Depth (H, W) in metres, 0 or NaN = none, as "rvl" or "png" (mm), or "float" (PNG)."""
+    depth = np.ascontiguousarray(metres, np.float32)
+    if codec == "float":
+        # RTAB-Map keeps a float's four bytes as the B, G, R, A of a pixel.
+        return _encode(".png", depth.view(np.uint8).reshape(*depth.shape, 4), _FAST_PNG)
+    millimetres = np.rint(np.nan_to_num(depth, nan=0.0, posinf=0.0, neginf=0.0) * 1000.0)
+    # What 16 bits cannot hold is no depth at all.
+    millimetres[(millimetres < 0) | (millimetres > _MAX_MILLIMETRES)] = 0
+    pixels = millimetres.astype(np.uint16)
+    if codec == "png":
+        return _encode(".png", pixels, _FAST_PNG)
+    height, width = pixels.shape
+    return _RVL_MAGIC + struct.pack("<2I", width, height) + rvl_encode(pixels)
+
+
+def decode_depth(data: bytes, what: str) -> NDArray[np.float32]:
+    """Depth (H, W) in metres, 0 = none."""
+    width, height = image_size(data, what)
+    if data.startswith(_RVL_MAGIC):
+        try:
+            return rvl_decode(data[16:], height, width).astype(np.float32) * np.float32(1e-3)
+        except ValueError as error:
+            raise MapError(f"{what}: {error}") from None
+    pixels = _decode(data, what)
+    if pixels.dtype == np.uint16 and pixels.ndim == 2:
+        return pixels.astype(np.float32) * np.float32(1e-3)
+    if pixels.dtype == np.uint8 and pixels.ndim == 3 and pixels.shape[2] == 4:
+        metres = np.ascontiguousarray(pixels).view("<f4")[..., 0]
+        return np.where(np.isfinite(metres), metres, 0.0).astype(np.float32)
+    raise MapError(f"{what}: {pixels.dtype} pixels of shape {pixels.shape} are no depth image")
+
+
+def _encode(suffix: str, pixels: NDArray[np.generic], options: tuple[int, int]) -> bytes:
+    done, data = cv2.imencode(suffix, pixels, list(options))
+    if not done:
+        raise MapError(f"an image of shape {pixels.shape} cannot be written as {suffix}")
+    return bytes(data)
+
+
+def _decode(data: bytes, what: str) -> NDArray[np.generic]:
+    image_size(data, what)
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise MapError(f"{what}: {error.err}") from None
+    if pixels is None:
+        raise MapError(f"{what}: a damaged image")
+    return np.asarray(pixels)

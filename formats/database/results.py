@@ -1,0 +1,95 @@
+"""A map's results as RTAB-Map's tools read them, and the last touch to the file."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from formats.database.blobs import matrix_to_blob, pose_to_blob
+from formats.database.connection import Connection
+from mapmyworld.errors import MapError
+from mapmyworld.types import OccupancyGrid, Poses
+
+_PREVIEW_SIDE = 320  # pixels, at most
+
+
+def write_poses(db: Connection, poses: Poses) -> None:
+    """`opt_ids` and `opt_poses`, nodes and landmarks ascending by id as RTAB-Map writes them."""
+    order = np.argsort(poses.ids, kind="stable")
+    ids = poses.ids[order].astype(np.int32)
+    floats = poses.map_from_node[order, :3].astype(np.float32)
+    nodes = np.flatnonzero(poses.ids > 0)
+    last = None
+    if len(nodes):
+        last = pose_to_blob(poses.map_from_node[nodes[np.argmax(poses.ids[nodes])]])
+    blobs = (matrix_to_blob(ids[None]), matrix_to_blob(floats.reshape(1, -1)), last)
+    db.run("UPDATE Admin SET opt_ids = ?, opt_poses = ?, opt_last_localization = ?", blobs)
+    db.run("UPDATE Admin SET time_enter = ?", (db.entered,))
+
+
+def write_grid(db: Connection, grid: OccupancyGrid) -> None:
+    """`opt_map` and a picture of it for file managers."""
+    from formats.database.pictures import encode_picture
+
+    cells = grid.trinary()
+    corner = [float(value) for value in grid.origin]
+    db.run(
+        "UPDATE Admin SET opt_map = ?, opt_map_x_min = ?, opt_map_y_min = ?,"
+        " opt_map_resolution = ?, preview_image = ?, time_enter = ?",
+        (
+            matrix_to_blob(cells),
+            *corner,
+            grid.resolution,
+            encode_picture(_preview(cells), "jpeg", 90),
+            db.entered,
+        ),
+    )
+
+
+def _preview(
+    cells: np.ndarray[tuple[int, int], np.dtype[np.int8]],
+) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
+    """Grey pixels, y upwards; walls survive the shrinking because the darkest cell wins."""
+    grey = np.full(cells.shape, 205, np.uint8)
+    grey[cells == 0], grey[cells == 100] = 254, 0
+    step = max(1, -(-max(grey.shape) // _PREVIEW_SIDE))
+    rows, cols = (-(-side // step) * step for side in grey.shape)
+    padded = np.full((rows, cols), 205, np.uint8)
+    padded[: grey.shape[0], : grey.shape[1]] = grey
+    blocks = padded.reshape(rows // step, step, cols // step, step)
+    return np.ascontiguousarray(blocks.min(axis=(1, 3))[::-1])
+
+
+def parameters_to_text(parameters: Mapping[str, str]) -> str:
+    """`Key:Value;...`, ascending; the separators themselves cannot be part of a value."""
+    clean = {key: value.replace(";", " ").replace(",", ".") for key, value in parameters.items()}
+    return ";".join(f"{key}:{clean[key]}" for key in sorted(clean))
+
+
+def text_to_parameters(text: str | None) -> dict[str, str]:
+    """The other way round: split at ";", then at the first ":"."""
+    pairs = (part.partition(":") for part in (text or "").split(";") if ":" in part)
+    return {key: value for key, _, value in pairs}
+
+
+def compact(path: Path) -> None:
+    """Writes the file anew, pages in order, and puts it in place in one step.
+
+    The same rows then give the same bytes, however often the build was interrupted.
+    """
+    fresh = path.with_name(path.name + ".compact")
+    fresh.unlink(missing_ok=True)
+    try:
+        source = sqlite3.connect(path)
+        try:
+            source.execute("VACUUM INTO ?", (str(fresh),))
+        finally:
+            source.close()
+        os.replace(fresh, path)
+    except (sqlite3.Error, OSError) as error:
+        fresh.unlink(missing_ok=True)
+        raise MapError(f"{path}: complete, but could not be packed ({error})") from error

@@ -1,0 +1,157 @@
+"""Scans as blobs: compact ones of every tracked frame, and RTAB-Map's of the nodes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import struct
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.database.blobs import (
+    blob_to_matrix,
+    blob_to_pose,
+    inflate,
+    matrix_to_blob,
+    pose_to_blob,
+)
+from mapmyworld.errors import MapError
+from mapmyworld.geometry import (
+    invert_planar,
+    matrix_to_planar,
+    planar_to_matrix,
+    transform_points,
+    transform_points_planar,
+)
+from mapmyworld.types import Scan
+
+# counts of points and missing beams, range_max, angle_increment, origin x, y, yaw
+_HEADER = struct.Struct("<2I5d")
+_FAST = 1  # zlib level: float32 coordinates hardly shrink further
+_XY, _XYZ = 1, 5
+# RTAB-Map's scan formats -> whether a point has a z.
+_HAS_Z = {1: False, 2: False, 3: False, 4: False, **dict.fromkeys(range(5, 13), True)}
+# Format 0 is guessed from the channels: 2 and 5 (with normals) are planar.
+_PLANAR_CHANNELS = {2, 5}
+_SCAN_INFO_FLOATS = 19
+
+
+def scan_to_blob(scan: Scan) -> bytes:
+    """One frame's scan, lossless: bytes of like significance side by side, then zlib."""
+    x, y, yaw = (float(value) for value in scan.origin)
+    header = _HEADER.pack(
+        len(scan.points), len(scan.missing), scan.range_max, scan.angle_increment, x, y, yaw
+    )
+    floats = np.concatenate([scan.points.T.ravel(), scan.missing.ravel()]).astype("<f4")
+    planes = floats.view(np.uint8).reshape(-1, 4).T
+    return header + zlib.compress(planes.tobytes(), _FAST)
+
+
+def blob_to_scan(blob: bytes, what: str) -> Scan:
+    """The scan of `scan_to_blob`."""
+    if len(blob) < _HEADER.size:
+        raise MapError(f"{what}: {len(blob)} bytes are too few for a scan")
+    points, missing, range_max, increment, *origin = _HEADER.unpack_from(blob)
+    count = 2 * points + missing
+    data = inflate(blob[_HEADER.size :], 4 * count, what)
+    planes = np.frombuffer(data, np.uint8).reshape(4, count)
+    floats = np.ascontiguousarray(planes.T).view("<f4").ravel()
+    return Scan(
+        np.ascontiguousarray(floats[: 2 * points].reshape(2, points).T),
+        np.array(origin),
+        floats[2 * points :],
+        range_max,
+        increment,
+    )
+
+
+def scan_without_points(scan: Scan) -> bytes:
+    """What RTAB-Map's columns do not hold of a node's scan: beams that came back with nothing."""
+    return scan_to_blob(dataclasses.replace(scan, points=np.empty((0, 2), np.float32)))
+
+
+def scan_to_columns(scan: Scan) -> tuple[bytes | None, bytes]:
+    """`Data.scan` and `Data.scan_info` of a planar scan."""
+    points = transform_points_planar(invert_planar(scan.origin), scan.points)
+    blob = matrix_to_blob(points.astype(np.float32)[None])
+    bearings = np.concatenate(
+        [np.arctan2(points[:, 1], points[:, 0]), scan.missing - scan.origin[2]]
+    )
+    return blob, _planar_info(scan, bearings, len(points))
+
+
+def _planar_info(scan: Scan, bearings: NDArray[np.float64], count: int) -> bytes:
+    """The 76 bytes; the angles leave room for every point at the increment."""
+    wrapped = np.mod(bearings + math.pi, 2 * math.pi) - math.pi
+    low, high = (wrapped.min(), wrapped.max()) if len(wrapped) else (0.0, 0.0)
+    step = scan.angle_increment
+    high = max(high, low + step * max(count - 1, 1))
+    most = math.ceil((high - low) / step) + 1 if step > 0 else count
+    head = (_XY, 0.0, scan.range_max, low, high, step, most)
+    mount = planar_to_matrix(scan.origin)[:3]
+    return np.array([*head, *mount.ravel()], "<f4").tobytes()
+
+
+def cloud_to_columns(cloud: NDArray[np.float32]) -> tuple[bytes | None, bytes]:
+    """`Data.scan` and `Data.scan_info` of a 3D scan (N, 3) in the base frame."""
+    points = np.asarray(cloud, np.float32)
+    reach = float(np.linalg.norm(points, axis=1).max()) if len(points) else 0.0
+    head = (_XYZ, 0.0, reach, 0.0, 0.0, 0.0, len(points))
+    info = np.frombuffer(pose_to_blob(np.eye(4)), "<f4")
+    return matrix_to_blob(points[None]), np.concatenate([head, info]).astype("<f4").tobytes()
+
+
+def columns_to_observation(
+    scan: bytes | None, info: bytes | None, rest: bytes | None, what: str
+) -> tuple[Scan | None, NDArray[np.float32] | None]:
+    """A node's planar scan, or 3D scan (N, 3), in the base frame; None for what it is not."""
+    matrix = blob_to_matrix(scan, what)
+    if matrix is None:
+        return (blob_to_scan(rest, what), None) if rest is not None else (None, None)
+    values, base_from_lidar = _scan_info(info, what)
+    points, planar = _points(matrix, round(float(values[0])), what)
+    if not planar:
+        return None, transform_points(base_from_lidar, points).astype(np.float32)
+    origin = matrix_to_planar(base_from_lidar)
+    if rest is not None:
+        ours = blob_to_scan(rest, what)
+        in_base = transform_points_planar(ours.origin, points[:, :2]).astype(np.float32)
+        return dataclasses.replace(ours, points=in_base), None
+    lifted = transform_points(base_from_lidar, points)[:, :2].astype(np.float32)
+    missing = np.empty(0, np.float32)
+    return Scan(lifted, origin, missing, float(values[2]), float(values[5])), None
+
+
+def _scan_info(info: bytes | None, what: str) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """The seven leading figures, and base_from_lidar (4, 4)."""
+    if info is None or len(info) == 0:
+        return np.zeros(7, np.float32), np.eye(4)
+    if len(info) % 4 or len(info) // 4 not in (14, 15, _SCAN_INFO_FLOATS):
+        raise MapError(f"{what}: scan_info takes 76 bytes, not {len(info)}")
+    floats = np.frombuffer(info, "<f4")
+    mount = blob_to_pose(floats[-12:].tobytes(), what)
+    values = np.zeros(7, np.float32)
+    if len(floats) == _SCAN_INFO_FLOATS:
+        values[:] = floats[:7]
+    else:  # before 0.18: most points, range, and from 0.16.1 the format
+        values[2], values[0] = floats[1], floats[2] if len(floats) == 15 else 0.0
+    if not np.isfinite(values).all():
+        raise MapError(f"{what}: scan_info that is not finite")
+    return values, np.eye(4) if mount is None else mount
+
+
+def _points(matrix: NDArray[np.generic], kind: int, what: str) -> tuple[NDArray[np.float64], bool]:
+    """Finite points (N, 3) of a scan matrix, organised or not, and whether they are planar."""
+    channels = matrix.shape[2]
+    if matrix.dtype != np.float32 or channels < 2:
+        raise MapError(f"{what}: a scan of {channels} channels of {matrix.dtype} is not one")
+    planar = not _HAS_Z[kind] if kind in _HAS_Z else channels in _PLANAR_CHANNELS
+    if not planar and channels < 3:
+        raise MapError(f"{what}: a 3D scan of {channels} channels is not one")
+    rows = matrix.reshape(-1, channels)
+    points = np.zeros((len(rows), 3))
+    used = 2 if planar else 3
+    points[:, :used] = rows[:, :used]
+    return points[np.isfinite(points).all(axis=1)], planar

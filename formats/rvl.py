@@ -1,0 +1,104 @@
+"""RVL: fast lossless compression of 16-bit depth images.
+
+Wilson, "Fast lossless depth image compression" (2017): runs of zeros and of valid pixels, the
+latter as zigzag differences, all numbers in groups of three bits per nibble.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+
+def _encode(pixels, out):  # type: ignore[no-untyped-def]
+    """Fills `out` (uint32 words); returns the words used. Loops are numba's to compile."""
+    words, word, nibbles = 0, np.uint32(0), 0
+    previous, i, n = np.int64(0), 0, len(pixels)
+    while i < n:
+        start = i
+        while i < n and pixels[i] == 0:
+            i += 1
+        first = i
+        while i < n and pixels[i] != 0:
+            i += 1
+        for k in range(first - 2, i):
+            if k == first - 2:
+                value = np.int64(first - start)
+            elif k == first - 1:
+                value = np.int64(i - first)
+            else:
+                delta = np.int64(pixels[k]) - previous
+                value = (delta << 1) ^ (delta >> 63)
+                previous = np.int64(pixels[k])
+            while True:
+                nibble = value & 7
+                value >>= 3
+                if value:
+                    nibble |= 8
+                word = np.uint32((word << np.uint32(4)) | np.uint32(nibble))
+                nibbles += 1
+                if nibbles == 8:
+                    out[words] = word
+                    words, word, nibbles = words + 1, np.uint32(0), 0
+                if not value:
+                    break
+    if nibbles:
+        out[words] = np.uint32(word << np.uint32(4 * (8 - nibbles)))
+        words += 1
+    return words
+
+
+def _decode(words, pixels):  # type: ignore[no-untyped-def]
+    """Fills `pixels`; returns whether the words held exactly so many."""
+    at, i, n, total = 0, 0, len(pixels), 8 * len(words)
+    previous, pending, left = np.int64(0), np.int64(0), np.int64(0)
+    is_zeros, first = True, True
+    while i < n:
+        value, bits, more = np.int64(0), 0, True
+        while more:
+            if at >= total or bits > 30:
+                return False
+            nibble = (words[at >> 3] >> np.uint32(28 - 4 * (at & 7))) & np.uint32(15)
+            at += 1
+            value |= np.int64(nibble & 7) << bits
+            bits += 3
+            more = nibble >= 8
+        if left > 0:
+            previous += (value >> 1) ^ -(value & 1)
+            pixels[i] = previous & 0xFFFF
+            i += 1
+            left -= 1
+        elif is_zeros:
+            if value > n - i or (value == 0 and not first and pending == 0):
+                return False
+            pixels[i : i + value] = 0
+            i += value
+            is_zeros, first = False, False
+        else:
+            if value > n - i:
+                return False
+            left, pending, is_zeros = value, value, True
+    return True
+
+
+# Called, not decorated, so that the type checker sees them.
+_encode_words = njit("int64(uint16[::1], uint32[::1])", cache=True, nogil=True)(_encode)
+_decode_words = njit("boolean(uint32[::1], uint16[::1])", cache=True, nogil=True)(_decode)
+
+
+def rvl_encode(depth: NDArray[np.uint16]) -> bytes:
+    """The words of a depth image; its size must be kept beside them."""
+    pixels = np.ascontiguousarray(depth, np.uint16).ravel()
+    # At worst a pixel takes six nibbles, and two counts come with every other pixel.
+    out = np.empty(len(pixels) * 5 // 4 + 16, np.uint32)
+    return out[: _encode_words(pixels, out)].astype("<u4", copy=False).tobytes()
+
+
+def rvl_decode(words: bytes, height: int, width: int) -> NDArray[np.uint16]:
+    """Depth (height, width) of RVL words; ValueError when they do not hold it."""
+    pixels = np.empty(height * width, np.uint16)
+    padded = words + b"\0" * (-len(words) % 4)
+    if not _decode_words(np.frombuffer(padded, "<u4").astype(np.uint32), pixels):
+        raise ValueError(f"RVL data do not hold {width} x {height} pixels")
+    return pixels.reshape(height, width)

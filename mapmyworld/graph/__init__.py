@@ -1,1 +1,6 @@
-"""The pose graph and its optimisation."""
+"""The pose graph: optimised, judged, explained. The only room that imports gtsam."""
+
+from mapmyworld.graph.optimise import OptimisedGraph, optimise
+from mapmyworld.graph.pose_graph import graph_from_constraints
+
+__all__ = ["OptimisedGraph", "graph_from_constraints", "optimise"]

@@ -1,0 +1,83 @@
+"""Pose graphs from constraints; their canonical form and their connected parts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from mapmyworld.geometry import Array, information_to_planar, matrix_to_planar
+from mapmyworld.types import Constraint, ConstraintKind
+from mapmyworld.types.pose_graph import Edges, PoseGraph, Priors, no_sightings
+
+Index = NDArray[np.int64]
+
+
+def graph_from_constraints(
+    ids: Sequence[int] | Index,
+    map_from_node: Array,
+    constraints: Sequence[Constraint],
+    planar: bool,
+) -> PoseGraph:
+    """The graph of these nodes (N, 4, 4) and of the accepted constraints between them.
+
+    A constraint with a landmark (negative id) is one with a node of that id; a prior (`to_id ==
+    from_id`) becomes a prior. Constraints with unknown nodes are left out.
+    """
+    order = np.argsort(np.asarray(ids, np.int64), kind="stable")
+    known = np.asarray(ids, np.int64)[order]
+    poses = np.asarray(map_from_node, np.float64).reshape(-1, 4, 4)[order]
+    used = [c for c in constraints if c.accepted]
+    ends = np.array([(c.from_id, c.to_id) for c in used], np.int64).reshape(-1, 2)
+    inside = np.isin(ends, known).all(axis=1)
+    used, ends = [c for c, keep in zip(used, inside, strict=True) if keep], ends[inside]
+    measured = np.array([c.from_from_to for c in used], np.float64).reshape(-1, 4, 4)
+    information = np.array([c.information for c in used], np.float64).reshape(-1, 6, 6)
+    odometry = np.array([c.kind in TRUSTED for c in used], np.bool_)
+    if planar:
+        poses, measured = matrix_to_planar(poses), matrix_to_planar(measured)
+        information = information_to_planar(information)
+    prior = ends[:, 0] == ends[:, 1]
+    every = Edges(ends[:, 0], ends[:, 1], measured, information, odometry)
+    return PoseGraph(
+        planar,
+        known,
+        poses,
+        every.chosen(~prior),
+        landmarks=np.zeros((0, 2 if planar else 3)),
+        sightings=no_sightings(planar),
+        priors=Priors(ends[prior, 0], measured[prior], information[prior]),
+    )
+
+
+# Kinds that robust optimisation does not question: motion, and what a person has stated.
+TRUSTED = frozenset({ConstraintKind.NEIGHBOUR, ConstraintKind.USER, ConstraintKind.PRIOR})
+
+
+def canonical_order(edges: Edges) -> Index:
+    """Positions (E,) that sort edges by their nodes, then by what they measure.
+
+    Sums over sorted edges do not depend on the order in which a file or a matcher gave them.
+    """
+    flat = edges.from_from_to.reshape(len(edges), -1).T
+    return np.lexsort((*flat, edges.to_ids, edges.from_ids)).astype(np.int64)
+
+
+def positions(known: Index, wanted: Index) -> Index:
+    """Where `wanted` ids stand in the ascending `known`; -1 for those that do not."""
+    if len(known) == 0:
+        return np.full(len(wanted), -1, np.int64)
+    found = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
+    return np.where(known[found] == wanted, found, -1).astype(np.int64)
+
+
+def components(node_count: int, tails: Index, heads: Index) -> Index:
+    """(N,) number of the connected part of every node; parts are numbered by their first node."""
+    ones = np.ones(len(tails), np.int8)
+    links = coo_array((ones, (tails, heads)), shape=(node_count, node_count))
+    labels = connected_components(links, directed=False)[1]
+    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[inverse].astype(np.int64)

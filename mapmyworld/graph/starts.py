@@ -1,0 +1,151 @@
+"""Starts for the optimiser: along odometry, and by the linear relaxation of rotations."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+
+from mapmyworld.geometry import (
+    Array,
+    compose_planar,
+    invert,
+    invert_planar,
+    make_transform,
+    matrix_to_planar,
+    planar_to_matrix,
+)
+from mapmyworld.graph.normal_equations import assemble, factorise
+from mapmyworld.graph.pose_graph import Index
+
+# Weight of the anchors against the largest weight of an edge: they stay where they are.
+_ANCHOR = 1e3
+
+
+def chain_start(
+    planar: bool,
+    guess: Array,
+    tails: Index,
+    heads: Index,
+    measured: Array,
+    trusted: np.ndarray,  # type: ignore[type-arg]
+) -> Array:
+    """Poses along the spanning tree that prefers odometry, then the shortest jumps in time.
+
+    `tails`, `heads` are positions in `guess`, whose first pose of every component is kept.
+    """
+    count = len(guess)
+    low, high = np.minimum(tails, heads), np.maximum(tails, heads)
+    jump = high - low + np.where(trusted, 0, count)
+    order = np.lexsort((jump, high, low))
+    keys, first = np.unique((low * count + high)[order], return_index=True)
+    kept = order[first]
+    weights = csr_array((jump[kept] + 1.0, (low[kept], high[kept])), shape=(count, count))
+    parents = _parents(minimum_spanning_tree(weights))
+    children = np.flatnonzero(parents != np.arange(count))
+    above = parents[children]
+    key = np.minimum(above, children) * count + np.maximum(above, children)
+    edge = kept[np.searchsorted(keys, key)]
+    inverse = invert_planar if planar else invert
+    forward = tails[edge] == above
+    motions = np.zeros((count, 3)) if planar else np.tile(np.eye(4), (count, 1, 1))
+    motions[children[forward]] = measured[edge[forward]]
+    motions[children[~forward]] = inverse(measured[edge[~forward]])
+    return _along_tree(planar, guess, parents, motions)
+
+
+def _parents(tree: csr_array) -> Index:
+    """(N,) parent of every node; the first of every component is its own."""
+    count = tree.shape[0]
+    parents = np.full(count, -1, np.int64)
+    for root in range(count):
+        if parents[root] < 0:
+            order, above = breadth_first_order(tree, root, directed=False)
+            parents[order] = above[order]
+            parents[root] = root
+    return parents
+
+
+def _along_tree(planar: bool, guess: Array, parents: Index, motions: Array) -> Array:
+    """Poses of all nodes by doubling: each round joins every node's path to its ancestor's."""
+    compose = compose_planar if planar else np.matmul
+    while not np.array_equal(parents, parents[parents]):
+        motions = compose(motions[parents], motions)
+        parents = parents[parents]
+    return np.asarray(compose(guess[parents], motions))
+
+
+def chordal_start(
+    planar: bool,
+    guess: Array,
+    anchors: Index,
+    tails: Index,
+    heads: Index,
+    measured: Array,
+    information: Array,
+) -> Array:
+    """Poses by the chordal relaxation: rotations as free matrices, projected; then positions.
+
+    Linear twice, so no local minimum. Carlone, Tron, Daniilidis, Dellaert, "Initialization
+    techniques for 3D SLAM" (2015). The poses of `anchors` in `guess` are kept.
+    """
+    full = planar_to_matrix(guess) if planar else guess
+    motion = planar_to_matrix(measured) if planar else measured
+    size = 2 if planar else 3
+    turn, shift = (slice(2, 3), slice(0, 2)) if planar else (slice(0, 3), slice(3, 6))
+    diagonal = np.einsum("eii->ei", information)
+    kappa, tau = diagonal[:, turn].mean(axis=1), diagonal[:, shift].mean(axis=1)
+    rotations = _relaxed_rotations(
+        full[:, :size, :size], anchors, tails, heads, motion[:, :size, :size], kappa
+    )
+    step = np.einsum("eij,ej->ei", rotations[tails], motion[:, :size, 3])
+    places = _positions(full[:, :size, 3], anchors, tails, heads, step, tau)
+    poses = np.tile(np.eye(4), (len(guess), 1, 1))
+    poses[:, :size, :size], poses[:, :size, 3] = rotations, places
+    return matrix_to_planar(poses) if planar else make_transform(poses[:, :3, :3], poses[:, :3, 3])
+
+
+def _relaxed_rotations(
+    guess: Array, anchors: Index, tails: Index, heads: Index, measured: Array, kappa: Array
+) -> Array:
+    """Rotations (N, d, d) minimising the sum of `kappa |X_j - M' X_i|^2` over `X = R'`."""
+    count, size = len(guess), guess.shape[1]
+    eye = np.broadcast_to(np.eye(size), measured.shape)
+    weight = kappa[:, None, None]
+    matrix = assemble(
+        count,
+        tails,
+        heads,
+        weight * eye,
+        weight * eye,
+        -weight * measured,
+        anchors,
+        _ANCHOR * kappa.max(initial=1.0) * np.eye(size),
+    )
+    right = np.zeros((count, size, size))
+    right[anchors] = _ANCHOR * kappa.max(initial=1.0) * np.swapaxes(guess[anchors], 1, 2)
+    solution = factorise(matrix).solve(right.reshape(count * size, size))
+    return nearest_rotations(np.swapaxes(solution.reshape(count, size, size), 1, 2))
+
+
+def nearest_rotations(matrices: Array) -> Array:
+    """The rotations (N, d, d) nearest to matrices in the Frobenius norm."""
+    left, _, right = np.linalg.svd(matrices)
+    sign = np.sign(np.linalg.det(left @ right))
+    left[..., -1] *= sign[:, None]
+    return np.asarray(left @ right)
+
+
+def _positions(
+    guess: Array, anchors: Index, tails: Index, heads: Index, step: Array, tau: Array
+) -> Array:
+    """Positions (N, d) minimising the sum of `tau |t_j - t_i - step|^2`."""
+    count = len(guess)
+    weight = tau[:, None, None]
+    anchor = _ANCHOR * tau.max(initial=1.0)
+    matrix = assemble(count, tails, heads, weight, weight, -weight, anchors, anchor * np.eye(1))
+    right = np.zeros_like(guess)
+    np.add.at(right, heads, tau[:, None] * step)
+    np.add.at(right, tails, -tau[:, None] * step)
+    right[anchors] += anchor * guess[anchors]
+    return np.asarray(factorise(matrix).solve(right))

@@ -1,0 +1,44 @@
+"""Settings by name: complete, documented, refused when wrong, the same after a round trip."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pytest
+
+from mapmyworld.config import Config
+from mapmyworld.config.settings import apply_settings, as_toml, flatten, list_settings
+from mapmyworld.errors import ConfigError
+
+
+def test_every_setting_says_what_it_means() -> None:
+    silent = [setting.name for setting in list_settings() if not setting.meaning]
+    assert silent == []
+
+
+def test_the_printed_toml_gives_the_same_configuration() -> None:
+    changed = apply_settings(Config(), {"sensing.node_distance": "0.25", "seed": 7})
+    values = flatten(tomllib.loads(as_toml(changed)))
+    restored = apply_settings(Config(), values)
+    assert list_settings(restored) == list_settings(changed)
+    assert restored.sensing.node_distance == 0.25
+
+
+def test_unknown_names_and_wrong_values_are_all_told_at_once_with_a_suggestion() -> None:
+    with pytest.raises(ConfigError) as error:
+        apply_settings(Config(), {"sensing.node_distanc": 1, "seed": "many", "nonsense": 3})
+    text = str(error.value)
+    assert "did you mean sensing.node_distance?" in text
+    assert "seed = 'many': expected a whole number" in text
+    assert "nonsense" in text
+
+
+@pytest.mark.parametrize("value", [True, "nan", [], "0.1m"])
+def test_values_of_the_wrong_type_are_refused(value: object) -> None:
+    with pytest.raises(ConfigError):
+        apply_settings(Config(), {"sensing.node_distance": value})
+
+
+@pytest.mark.parametrize(("text", "expected"), [("true", True), ("off", False), ("1", True)])
+def test_switches_are_read_from_text(text: str, expected: bool) -> None:
+    assert apply_settings(Config(), {"sensing.use_images": text}).sensing.use_images is expected

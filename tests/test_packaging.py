@@ -1,0 +1,74 @@
+"""What is installed, what it may import, and how fast the command line answers."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+# Modules that take long to import, or need system libraries, and their reason to stay away.
+HEAVY = ("numba", "gtsam", "cv2", "open3d", "scipy", "rosbags", "mcap")
+
+
+@pytest.mark.slow
+def test_the_wheel_holds_exactly_the_three_packages(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "-o", str(tmp_path)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    names = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
+    packages = {name for name in names if not name.endswith(".dist-info")}
+    assert packages == {"mapmyworld", "cli", "formats"}
+    inside = zipfile.ZipFile(wheel).namelist()
+    assert all(f"{package}/py.typed" in inside for package in packages)
+
+
+def test_import_layers_hold() -> None:
+    found = subprocess.run(
+        [str(Path(sys.executable).with_name("lint-imports"))],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert found.returncode == 0, found.stdout
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys, cli.main; from click.testing import CliRunner;"
+        "assert CliRunner().invoke(cli.main.group, ['--help']).exit_code == 0;"
+        f"print([m for m in {HEAVY!r} if m in sys.modules])"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    assert found.stdout.strip() == "[]"
+
+
+def test_help_answers_at_once() -> None:
+    """0.2 s by the docs; the fastest of five runs, with room for a busy machine."""
+
+    def run() -> float:
+        started = time.perf_counter()
+        subprocess.run(
+            [sys.executable, "-m", "cli.main", "--help"], check=True, capture_output=True, cwd=ROOT
+        )
+        return time.perf_counter() - started
+
+    assert min(run() for _ in range(5)) < 0.4
+
+
+def test_building_never_imports_open3d() -> None:
+    code = (
+        "import sys, mapmyworld.pipeline, formats.logs, formats.database, cli.build, cli.exporting;"
+        "print('open3d' in sys.modules)"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    assert found.stdout.strip() == "False"

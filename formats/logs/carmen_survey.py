@@ -94,9 +94,8 @@ def _mounting(survey: Survey, kind: bytes, samples: NDArray[np.float64]) -> NDAr
     samples[:, 2] = wrap_angle(samples[:, 2])
     low, middle, high = np.percentile(samples, [25, 50, 75], axis=0)
     if np.all(high - low < _CONSTANT_M):
-        return (
-            np.round(middle, 5) + 0.0
-        )  # no -0; the log has six decimals, the differences lose one
+        # Five decimals: the log has six, and a difference loses one. Adding zero avoids -0.
+        return np.asarray(np.round(middle, 5) + 0.0, np.float64)
     rear = kind == b"RLASER"
     name = b"robot_rearlaser_offset" if rear else b"robot_frontlaser_offset"
     survey.problems.append(

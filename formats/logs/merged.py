@@ -12,8 +12,10 @@ from mapmyworld.types import LogInfo, LogSource, RawMessage, TopicInfo
 class MergedLog:
     """A LogSource over several, in log-time order, ties in the order in which they were given."""
 
-    def __init__(self, sources: Sequence[LogSource]) -> None:
+    def __init__(self, sources: Sequence[LogSource], problems: Sequence[str] = ()) -> None:
+        """`problems` tells of parts that could not be opened."""
         self.sources = tuple(sources)
+        self.problems = tuple(problems)
 
     def info(self) -> LogInfo:
         infos = [source.info() for source in self.sources]
@@ -27,7 +29,7 @@ class MergedLog:
             max(info.end_ns for info in filled),
             merged_topics(topic for info in infos for topic in info.topics),
             tuple(dict.fromkeys(detail for info in infos for detail in info.details)),
-            tuple(problem for info in infos for problem in info.problems),
+            (*self.problems, *(problem for info in infos for problem in info.problems)),
         )
 
     def content_hash(self) -> str:
@@ -41,7 +43,7 @@ class MergedLog:
         return heapq.merge(*streams, key=lambda message: message.log_time_ns)
 
     def losses(self) -> tuple[str, ...]:
-        return tuple(loss for source in self.sources for loss in source.losses())
+        return (*self.problems, *(loss for source in self.sources for loss in source.losses()))
 
 
 def merged_topics(topics: Iterator[TopicInfo]) -> tuple[TopicInfo, ...]:

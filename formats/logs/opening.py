@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import importlib
+import re
 import sqlite3
 from collections.abc import Sequence
 from pathlib import Path
 
 from formats.logs.carmen import MARKS, CarmenLog
 from formats.logs.files import DECOMPRESSION_ERRORS, open_binary
+from formats.logs.mcap_file import open_mcap
+from formats.logs.mcap_records import MAGIC as MCAP_MAGIC
 from formats.logs.merged import MergedLog
+from formats.logs.recorded import RecordedLog
+from formats.logs.ros1_bag import open_ros1_bag
+from formats.logs.rosbag2 import ZSTD_MAGIC, PackedBag, SqliteBag, listed_files
 from mapmyworld.errors import LogError
 from mapmyworld.types import LogSource
 
+_BAG_NAMES = (".db3", ".mcap", ".bag", ".db3.zstd", ".mcap.zstd")
 _KINDS = (
     "a ROS 1 .bag, a rosbag2 folder, .db3 or .mcap, a CARMEN .log/.clf, a TUM RGB-D folder "
     "or an RTAB-Map .db"
@@ -45,13 +52,50 @@ def _open_one(path: Path) -> LogSource:
 
 
 def _open_folder(path: Path) -> LogSource:
+    metadata = path / "metadata.yaml"
+    if metadata.is_file():
+        listed = listed_files(metadata)
+        if listed:
+            return _open_several(path, listed)
+    found = sorted(
+        (child for child in path.iterdir() if child.name.endswith(_BAG_NAMES)), key=_numbered
+    )
+    if found:
+        return _open_several(path, found)
     raise LogError(f"{path}: no log in this folder: name " + _KINDS)
+
+
+def _open_several(folder: Path, files: list[Path]) -> LogSource:
+    """The parts of a split recording, as one; parts that are missing or unreadable are reported."""
+    sources, problems = list[LogSource](), list[str]()
+    for file in files:
+        try:
+            sources.append(_open_one(file))
+        except LogError as error:
+            problems.append(str(error))
+    if not sources:
+        raise LogError(f"{folder}: none of its files can be read", problems=problems)
+    if len(sources) == 1 and not problems:
+        return sources[0]
+    return MergedLog(sources, problems)
+
+
+def _numbered(path: Path) -> tuple[list[str | int], str]:
+    """Orders bag_2 before bag_10."""
+    parts = re.split(r"(\d+)", path.name)
+    return [int(part) if i % 2 else part for i, part in enumerate(parts)], path.name
 
 
 def _open_file(path: Path) -> LogSource:
     start = _first_bytes(path)
     if start.startswith(b"SQLite format 3\0"):
         return _open_sqlite(path)
+    if start.startswith(b"#ROSBAG V"):
+        return RecordedLog(open_ros1_bag(path))
+    if start.startswith(MCAP_MAGIC):
+        return RecordedLog(open_mcap(path))
+    if start.startswith(ZSTD_MAGIC) and path.suffix == ".zstd":
+        return _open_packed(path)
     if any(mark in start for mark in MARKS):
         return CarmenLog(path)
     raise LogError(f"{path}: not a log this program knows: give {_KINDS}")
@@ -59,11 +103,18 @@ def _open_file(path: Path) -> LogSource:
 
 def _open_sqlite(path: Path) -> LogSource:
     tables = _tables(path)
+    if {"topics", "messages"} <= tables:
+        return RecordedLog(SqliteBag(path))
     if "Node" in tables:
         module = importlib.import_module("formats.database.log_source")
         source: LogSource = module.open_database_log(path)
         return source
     raise LogError(f"{path}: an SQLite file that is neither a rosbag2 nor an RTAB-Map database")
+
+
+def _open_packed(path: Path) -> LogSource:
+    """A file that rosbag2 compressed as a whole."""
+    return RecordedLog(PackedBag(path))
 
 
 def _tables(path: Path) -> set[str]:

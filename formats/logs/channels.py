@@ -1,0 +1,90 @@
+"""What every container of serialised messages gives: channels, and records on them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Channel:
+    """One stream of messages of one type."""
+
+    topic: str
+    type_name: str
+    """As ROS 2 writes it ("sensor_msgs/msg/LaserScan"), or "foxglove.LaserScan"."""
+    encoding: str
+    """Of the messages: "ros1", "cdr", "protobuf", "json", or another that we do not decode."""
+    schema_encoding: str = ""
+    """Of the definition: "ros1msg", "ros2msg", "ros2idl", "protobuf", "jsonschema" or none."""
+    schema: bytes = b""
+    digest: str = ""
+    """MD5 of a ROS 1 type, RIHS01 hash of a ROS 2 type, where recorded."""
+    latching: bool = False
+    """Messages hold until replaced: ROS 1 latching, ROS 2 transient local."""
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+
+Record = tuple[int, Channel, bytes]
+"""Log time in nanoseconds, channel, payload."""
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A stretch of the file that is read at once: a chunk, or a run of bare messages."""
+
+    offset: int
+    length: int
+    start_ns: int
+    end_ns: int
+    channels: frozenset[int] | None
+    """Ids of the channels that speak in it; None = unknown."""
+    bare: bool = False
+    """Messages that stand in the file itself, outside any chunk."""
+
+
+@dataclass(slots=True)
+class Index:
+    """What a file holds and where, from its own index or from reading it through."""
+
+    channels: dict[int, Channel] = field(default_factory=dict)
+    counts: dict[int, int] = field(default_factory=dict)
+    blocks: list[Block] = field(default_factory=list)
+    details: list[tuple[str, str]] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+    """What was found damaged while the index was made."""
+
+    def span_ns(self, channel: int | None = None) -> tuple[int, int]:
+        """First and last log time, of the blocks in which a channel speaks."""
+        spans = [
+            (block.start_ns, block.end_ns)
+            for block in self.blocks
+            if channel is None or block.channels is None or channel in block.channels
+        ]
+        return min((s for s, _ in spans), default=0), max((e for _, e in spans), default=0)
+
+
+class Container(Protocol):
+    """A file, or folder, of serialised messages."""
+
+    @property
+    def name(self) -> str:
+        """Of the format, for people."""
+
+    def index(self) -> Index: ...
+
+    def files(self) -> tuple[Path, ...]:
+        """The files that hold the bytes, in order."""
+
+    def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
+        """Records in log-time order, ties in file order."""
+
+    def losses(self) -> tuple[str, ...]: ...
+
+
+def normalised_type(name: str) -> str:
+    """ROS 1's two-part type names as ROS 2 writes them; others as they are."""
+    parts = name.split("/")
+    return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else name

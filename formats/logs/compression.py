@@ -1,0 +1,59 @@
+"""Chunks decompressed: whole ones checked in size, cut ones as far as they go."""
+
+from __future__ import annotations
+
+import bz2
+
+import lz4.frame
+import zstandard
+
+from formats.logs.blocks import DamagedBlockError
+
+MAX_CHUNK_BYTES = 1 << 31  # a chunk that claims more is damaged, and must not exhaust memory
+_ERRORS = (RuntimeError, OSError, EOFError, ValueError, MemoryError, zstandard.ZstdError)
+
+
+def decompress(data: bytes, compression: str, size: int) -> bytes:
+    """The chunk's `size` bytes; DamagedBlockError where they cannot be had."""
+    if not 0 <= size <= MAX_CHUNK_BYTES:
+        raise DamagedBlockError(f"it claims {size} bytes")
+    try:
+        plain = _decompress(data, compression, size)
+    except _ERRORS as error:
+        raise DamagedBlockError(f"{compression} data damaged ({error})") from error
+    if len(plain) != size:
+        raise DamagedBlockError(f"{len(plain)} bytes where {size} are announced")
+    return plain
+
+
+def _decompress(data: bytes, compression: str, size: int) -> bytes:
+    if compression in {"", "none"}:
+        return data
+    if compression == "zstd":
+        return bytes(_ZSTD.decompress(data, max_output_size=size)) if size else b""
+    if compression == "lz4":
+        return _bounded(lz4.frame.LZ4FrameDecompressor(), data, size)
+    if compression == "bz2":
+        return _bounded(bz2.BZ2Decompressor(), data, size)
+    raise DamagedBlockError(f"compression {compression!r} is unknown")
+
+
+def _bounded(
+    decompressor: lz4.frame.LZ4FrameDecompressor | bz2.BZ2Decompressor, data: bytes, size: int
+) -> bytes:
+    """At most `size` + 1 bytes, so that a lying chunk cannot fill the memory."""
+    return bytes(decompressor.decompress(data, max_length=size + 1))
+
+
+def decompress_beginning(data: bytes, compression: str, size: int) -> bytes:
+    """As much of a cut chunk as can be had, at most `size` bytes; possibly nothing."""
+    size = min(size, MAX_CHUNK_BYTES)
+    try:
+        if compression == "zstd":
+            return bytes(zstandard.ZstdDecompressor().decompressobj().decompress(data))[:size]
+        return _decompress(data, compression, size)[:size]
+    except (*_ERRORS, DamagedBlockError):
+        return b""
+
+
+_ZSTD = zstandard.ZstdDecompressor()

@@ -1,0 +1,164 @@
+"""For each channel: what its messages mean, how to peek at the stamp, how to decode one."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from struct import Struct
+
+from formats.logs.channels import Channel
+from formats.logs.ros_decoders import STAMPED, TEXT, TRANSFORMS, text, transforms
+from formats.logs.wire import ROS1, Wire, cdr_wire
+from mapmyworld.errors import LogError
+from mapmyworld.types import Message, MessageKind
+
+# What decoders meet in damaged messages.
+DECODE_ERRORS = (
+    ValueError,
+    struct.error,
+    IndexError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    OverflowError,
+)
+_LITTLE = Struct("<II").unpack_from
+_BIG = Struct(">II").unpack_from
+_TF_COUNT_BYTES = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChannelDecoder:
+    kind: MessageKind
+    stamp: Callable[[bytes], int | None]
+    decode: Callable[[bytes, int], Message]
+    """Of payload and log time."""
+
+
+def decoder_for(channel: Channel) -> ChannelDecoder:
+    """The decoder of a channel; of kind OTHER where we do not know the type or the encoding."""
+    if channel.encoding in {"ros1", "cdr"}:
+        found = _ros_decoder(channel)
+        if found is not None:
+            return found
+    return ChannelDecoder(MessageKind.OTHER, _no_stamp, partial(_refuse, channel))
+
+
+def _ros_decoder(channel: Channel) -> ChannelDecoder | None:
+    kind = ros_kind(channel.type_name)
+    if kind is MessageKind.OTHER:
+        return None
+    standardise = _standardiser(channel)
+    decode = partial(_decode_ros, channel, _body(channel), standardise)
+    if standardise is not None:
+        return ChannelDecoder(kind, partial(_slow_stamp, decode), decode)
+    if kind is MessageKind.TEXT:
+        return ChannelDecoder(kind, _no_stamp, decode)
+    if kind is MessageKind.TRANSFORMS:
+        peek = _ros1_tf_stamp if channel.encoding == "ros1" else _cdr_tf_stamp
+    else:
+        peek = _ros1_stamp if channel.encoding == "ros1" else _cdr_stamp
+    return ChannelDecoder(kind, peek, decode)
+
+
+def ros_kind(type_name: str) -> MessageKind:
+    if type_name in TRANSFORMS:
+        return MessageKind.TRANSFORMS
+    if type_name == TEXT:
+        return MessageKind.TEXT
+    return STAMPED[type_name][0] if type_name in STAMPED else MessageKind.OTHER
+
+
+def _body(channel: Channel) -> Callable[[Wire, bytes, int], Message]:
+    if channel.type_name in TRANSFORMS:
+        static = channel.topic.rstrip("/").endswith("tf_static")
+        return lambda wire, data, _: transforms(wire, data, static=static)
+    if channel.type_name == TEXT:
+        return text
+    function = STAMPED[channel.type_name][1]
+    return lambda wire, data, _: function(wire, data)
+
+
+def _standardiser(channel: Channel) -> Callable[[bytes], bytes] | None:
+    """None where messages are laid out as usual, or where the definition cannot be read."""
+    if not channel.schema.strip():
+        return None
+    from formats.logs.definitions import DEFINITION_ERRORS, is_standard, standardiser
+
+    try:
+        return None if is_standard(channel) else standardiser(channel)
+    except DEFINITION_ERRORS:
+        return None
+
+
+def _decode_ros(
+    channel: Channel,
+    body: Callable[[Wire, bytes, int], Message],
+    standardise: Callable[[bytes], bytes] | None,
+    data: bytes,
+    log_time_ns: int,
+) -> Message:
+    try:
+        if standardise is not None:
+            data = _standardised(standardise, data)
+            return body(cdr_wire(data), data, log_time_ns)
+        wire = ROS1 if channel.encoding == "ros1" else cdr_wire(data)
+        return body(wire, data, log_time_ns)
+    except DECODE_ERRORS as error:
+        raise LogError(
+            f"{channel.topic}: a damaged {channel.type_name} at log time "
+            f"{log_time_ns * 1e-9:.3f} s: {error}"
+        ) from error
+
+
+def _standardised(standardise: Callable[[bytes], bytes], data: bytes) -> bytes:
+    try:
+        return standardise(data)
+    except Exception as error:  # rosbags promises no family of errors here
+        raise ValueError(str(error)) from error
+
+
+def _refuse(channel: Channel, _data: bytes, _log_time_ns: int) -> Message:
+    raise LogError(
+        f"{channel.topic}: messages of type {channel.type_name or '(none)'} "
+        f"({channel.encoding or 'no encoding'}) are not decoded"
+    )
+
+
+def _no_stamp(_data: bytes) -> int | None:
+    return None
+
+
+def _ros1_stamp(data: bytes) -> int | None:
+    if len(data) < 12:
+        return None
+    seconds, nanoseconds = _LITTLE(data, 4)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+
+
+def _cdr_stamp(data: bytes) -> int | None:
+    if len(data) < 12:
+        return None
+    seconds, nanoseconds = (_LITTLE if data[1] else _BIG)(data, 4)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+
+
+def _ros1_tf_stamp(data: bytes) -> int | None:
+    """Of the first transform."""
+    return _ros1_stamp(data[_TF_COUNT_BYTES:])
+
+
+def _cdr_tf_stamp(data: bytes) -> int | None:
+    if len(data) < 16:
+        return None
+    seconds, nanoseconds = (_LITTLE if data[1] else _BIG)(data, 8)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+
+
+def _slow_stamp(decode: Callable[[bytes, int], Message], data: bytes) -> int | None:
+    try:
+        return decode(data, 0).stamp_ns
+    except LogError:
+        return None

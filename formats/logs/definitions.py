@@ -1,0 +1,126 @@
+"""Message definitions: is a recorded type laid out as the standard one, and if not, what then.
+
+Parsing, and messages of types laid out in another way, are rosbags' work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from formats.logs.channels import Channel
+
+Layout = tuple[Any, ...]
+_TF_MESSAGE = "geometry_msgs/TransformStamped[] transforms\n"
+_TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+# Everything a parser raises at a text that is no definition.
+DEFINITION_ERRORS = (Exception,)
+
+
+@cache
+def ros1_store() -> Typestore:
+    """Standard types of ROS 1 Noetic, with tf's."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    for name in _TF_TYPES:
+        if name not in store.fielddefs:
+            store.register(get_types_from_msg(_TF_MESSAGE, name))
+    return store
+
+
+@cache
+def ros2_store() -> Typestore:
+    """Standard types of ROS 2 Humble, which all later ones lay out alike."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for name in _TF_TYPES:
+        if name not in store.fielddefs:
+            store.register(get_types_from_msg(_TF_MESSAGE, name))
+    return store
+
+
+def standard_store(encoding: str) -> Typestore:
+    return ros1_store() if encoding == "ros1" else ros2_store()
+
+
+def recorded_store(channel: Channel) -> Typestore:
+    """The types that the channel's own definition names.
+
+    Raises rosbags' errors, or ValueError, where the definition cannot be parsed.
+    """
+    text = channel.schema.decode("utf-8", "replace")
+    if channel.schema_encoding == "ros2idl" or text.startswith("=" * 80 + "\nIDL: "):
+        types = get_types_from_idl(text)
+    else:
+        types = get_types_from_msg(text, channel.type_name)
+    store = get_typestore(Stores.EMPTY)
+    for known in store.fielddefs:
+        types.pop(known, None)
+    if "std_msgs/msg/Header" not in types:
+        header = standard_store(channel.encoding).fielddefs["std_msgs/msg/Header"]
+        types["std_msgs/msg/Header"] = header
+    store.register(types)
+    return store
+
+
+def layout(store: Typestore, type_name: str, depth: int = 0) -> Layout:
+    """The sequence of basic types that a message is on the wire, names left out."""
+    if depth > 50:
+        raise ValueError(f"{type_name} contains itself")
+    return tuple(_layout(store, field, depth) for _, field in store.fielddefs[type_name][1])
+
+
+def _layout(store: Typestore, field: Any, depth: int) -> Layout:
+    kind, what = field
+    if kind == Nodetype.BASE:
+        return (_same_size(what[0]),)
+    if kind == Nodetype.NAME:
+        return layout(store, what, depth + 1)
+    element, size = what
+    fixed = size if kind == Nodetype.ARRAY else -1
+    return (fixed, _layout(store, element, depth))
+
+
+def _same_size(base: str) -> str:
+    return {
+        "byte": "uint8",
+        "char": "uint8",
+        "int8": "uint8",
+        "bool": "uint8",
+        "octet": "uint8",
+    }.get(base, base)
+
+
+def is_standard(channel: Channel) -> bool:
+    """Whether messages are laid out as the standard type of that name.
+
+    True where nothing was recorded to tell (rosbag2's older .db3 files).
+    """
+    if not channel.schema.strip():
+        return True
+    standard = standard_store(channel.encoding)
+    recorded = recorded_store(channel)
+    return layout(recorded, channel.type_name) == layout(standard, channel.type_name)
+
+
+def standardiser(channel: Channel) -> Callable[[bytes], bytes]:
+    """Turns a message of a type laid out otherwise into the standard one of the same name.
+
+    Fields of the same name are kept, those that the recording lacks are zero.
+    """
+    from rosbags.convert.converter import migrate_bytes
+
+    recorded, standard = recorded_store(channel), ros2_store()
+    is_ros2, name, memory = channel.encoding == "cdr", channel.type_name, dict[str, object]()
+
+    def standardise(data: bytes) -> bytes:
+        return bytes(
+            migrate_bytes(
+                recorded, standard, name, name, memory, data, src_is2=is_ros2, dst_is2=True
+            )
+        )
+
+    return standardise

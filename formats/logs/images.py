@@ -1,0 +1,170 @@
+"""Pixels of recorded images, raw or compressed, decoded when they are asked for."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.logs.compressed_depth import decode_compressed_depth
+from mapmyworld.errors import LogError
+from mapmyworld.types import ImageMessage
+
+_MILLIMETRE = 0.001  # metres a unit of 16-bit depth (REP-118)
+# Encoding -> bytes a channel, channels.
+_LAYOUTS = {
+    "rgb8": (1, 3), "bgr8": (1, 3), "rgba8": (1, 4), "bgra8": (1, 4),
+    "rgb16": (2, 3), "bgr16": (2, 3), "rgba16": (2, 4), "bgra16": (2, 4),
+    "mono8": (1, 1), "mono16": (2, 1), "8UC1": (1, 1), "8UC3": (1, 3), "8UC4": (1, 4),
+    "16UC1": (2, 1), "z16": (2, 1), "32FC1": (4, 1),
+    "bayer_rggb8": (1, 1), "bayer_bggr8": (1, 1), "bayer_gbrg8": (1, 1), "bayer_grbg8": (1, 1),
+    "bayer_rggb16": (2, 1), "bayer_bggr16": (2, 1), "bayer_gbrg16": (2, 1), "bayer_grbg16": (2, 1),
+    "yuv422": (1, 2), "uyvy": (1, 2), "yuv422_yuy2": (1, 2), "yuyv": (1, 2),
+}  # fmt: skip
+_MAX_PIXELS = 1 << 28
+
+
+def raw_image(
+    stamp_ns: int,
+    frame_id: str,
+    encoding: str,
+    width: int,
+    height: int,
+    step: int,
+    data: bytes,
+    start: int = 0,
+    big_endian: bool = False,
+) -> ImageMessage:
+    """An image whose rows of `step` bytes begin at `start` in `data`."""
+    decode = partial(_raw_pixels, encoding, width, height, step, data, start, big_endian)
+    return ImageMessage(stamp_ns, frame_id, encoding, width, height, decode)
+
+
+def _raw_pixels(
+    encoding: str, width: int, height: int, step: int, data: bytes, start: int, big_endian: bool
+) -> NDArray[np.generic]:
+    layout = _LAYOUTS.get(encoding) or _LAYOUTS.get(encoding.lower())
+    if layout is None:
+        raise LogError(f"image encoding {encoding!r} is not known: record rgb8, mono8 or 16UC1")
+    size, channels = layout
+    row_bytes = width * size * channels
+    step = step or row_bytes
+    if not (0 < width * height <= _MAX_PIXELS and row_bytes <= step) or (
+        start + step * (height - 1) + row_bytes > len(data)
+    ):
+        raise LogError(f"an image of {width} x {height} {encoding} does not fit its data")
+    whole = np.frombuffer(data, np.uint8, step * (height - 1) + row_bytes, start)
+    rows = np.lib.stride_tricks.as_strided(whole, (height, row_bytes), (step, 1), writeable=False)
+    kind = {1: "u1", 2: "u2", 4: "f4"}[size]
+    cells = np.ascontiguousarray(rows).view((">" if big_endian else "<") + kind)
+    return _converted(encoding, cells.reshape(height, width, channels).astype(kind, copy=False))
+
+
+def _converted(encoding: str, cells: NDArray[np.generic]) -> NDArray[np.generic]:
+    """Cells (H, W, C) as recorded -> RGB, grey or metres."""
+    name = encoding.lower()
+    if name in {"16uc1", "z16", "mono16"} and name != "mono16":
+        return metres_from_depth(cells[..., 0])
+    if name == "32fc1":
+        return metres_from_depth(cells[..., 0])
+    if name.startswith("bayer"):
+        return _from_bayer(name, cells[..., 0])
+    if name in {"yuv422", "uyvy", "yuv422_yuy2", "yuyv"}:
+        return _from_yuv(name, cells)
+    if cells.dtype.itemsize == 2 and name != "mono16":
+        cells = (cells.astype(np.uint16) >> 8).astype(np.uint8)
+    if name == "mono16":
+        return metres_from_depth(cells[..., 0])
+    if cells.shape[2] == 1:
+        return np.ascontiguousarray(cells[..., 0])
+    blue_first = name.startswith("bgr") or name in {"8uc3", "8uc4"}
+    return np.ascontiguousarray(cells[..., 2::-1] if blue_first else cells[..., :3])
+
+
+def metres_from_depth(cells: NDArray[np.generic], unit: float = _MILLIMETRE) -> NDArray[np.float32]:
+    """Depth (H, W) in metres, 0 where there is none, of integers in `unit` or of float metres."""
+    if cells.dtype.kind == "u":
+        return np.asarray(cells.astype(np.float32) * np.float32(unit), np.float32)
+    metres = cells.astype(np.float32)
+    return np.where(np.isfinite(metres) & (metres > 0), metres, np.float32(0)).astype(np.float32)
+
+
+def _from_bayer(name: str, cells: NDArray[np.generic]) -> NDArray[np.generic]:
+    import cv2
+
+    if cells.dtype.itemsize == 2:
+        cells = (cells.astype(np.uint16) >> 8).astype(np.uint8)
+    # OpenCV names a pattern by its second row, second column.
+    code = {"rggb": "BG", "bggr": "RG", "gbrg": "GR", "grbg": "GB"}[name[6:10]]
+    return np.asarray(cv2.cvtColor(cells, getattr(cv2, f"COLOR_Bayer{code}2RGB")))
+
+
+def _from_yuv(name: str, cells: NDArray[np.generic]) -> NDArray[np.generic]:
+    import cv2
+
+    order = "UYVY" if name in {"yuv422", "uyvy"} else "YUY2"
+    return np.asarray(cv2.cvtColor(cells, getattr(cv2, f"COLOR_YUV2RGB_{order}")))
+
+
+def compressed_image(stamp_ns: int, frame_id: str, described: str, data: bytes) -> ImageMessage:
+    """An image that arrived as a JPEG, PNG or WebP file, or by compressedDepth.
+
+    `described` is the message's format: "jpeg", "rgb8; jpeg compressed bgr8",
+    "16UC1; compressedDepth png", ...
+    """
+    encoding = described.split(";")[0].strip()
+    if "compresseddepth" in described.lower():
+        encoding = encoding if encoding.upper() in {"16UC1", "32FC1"} else "16UC1"
+        decode = partial(_compressed_depth_pixels, encoding, described, data)
+        file = data[12:] if encoding == "16UC1" and data[12:16] == b"\x89PNG" else None
+        return ImageMessage(stamp_ns, frame_id, encoding, *picture_size(data[12:]), decode, file)
+    if encoding.lower() in {"jpeg", "jpg", "png", "webp", "avif", ""} or encoding not in _LAYOUTS:
+        encoding = "16UC1" if is_16_bit_png(data) else "rgb8"
+    size = picture_size(data)
+    return ImageMessage(
+        stamp_ns, frame_id, encoding, *size, partial(encoded_pixels, data, encoding), data
+    )
+
+
+def _compressed_depth_pixels(encoding: str, described: str, data: bytes) -> NDArray[np.generic]:
+    return metres_from_depth(decode_compressed_depth(data, encoding, described))
+
+
+def encoded_pixels(data: bytes, encoding: str, unit: float = _MILLIMETRE) -> NDArray[np.generic]:
+    """Pixels of a JPEG, PNG or WebP file; LogError where it is damaged."""
+    import cv2
+
+    depth = encoding.upper() in {"16UC1", "32FC1", "MONO16", "Z16"}
+    width, height = picture_size(data)
+    if width * height > _MAX_PIXELS:
+        raise LogError(f"a compressed image claims {width} x {height} pixels")
+    mode = cv2.IMREAD_UNCHANGED if depth else cv2.IMREAD_ANYCOLOR
+    try:
+        cells = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
+    except cv2.error:
+        cells = None
+    if cells is None:
+        raise LogError(f"a compressed image of {len(data)} bytes cannot be decoded")
+    if depth:
+        return metres_from_depth(cells if cells.ndim == 2 else cells[..., 0], unit)
+    return np.ascontiguousarray(cells if cells.ndim == 2 else cells[..., 2::-1])
+
+
+def is_16_bit_png(data: bytes) -> bool:
+    """Grey of 16 bits: in the bags of robots, depth."""
+    return data[:4] == b"\x89PNG" and len(data) > 25 and data[24] == 16 and data[25] == 0
+
+
+def picture_size(data: bytes) -> tuple[int, int]:
+    """Width and height of a PNG or JPEG file, from its head; 0, 0 where that does not tell."""
+    if data[:4] == b"\x89PNG" and len(data) >= 24:
+        return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+    position = 2
+    while data[:2] == b"\xff\xd8" and position + 9 <= len(data) and data[position] == 0xFF:
+        marker = data[position + 1]
+        if 0xC0 <= marker <= 0xCF and marker not in {0xC4, 0xC8, 0xCC}:
+            height = int.from_bytes(data[position + 5 : position + 7], "big")
+            return int.from_bytes(data[position + 7 : position + 9], "big"), height
+        position += 2 + int.from_bytes(data[position + 2 : position + 4], "big")
+    return 0, 0

@@ -1,0 +1,140 @@
+"""MCAP files: by their summary, or by reading them through where it is missing or damaged."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+from struct import Struct
+from typing import BinaryIO
+
+from formats.logs.blocks import BlockFile, DamagedBlockError
+from formats.logs.channels import Block, Channel, Index, Record
+from formats.logs.mcap_chunks import chunk_beginning, chunk_data
+from formats.logs.mcap_records import (
+    CHUNK_INDEX,
+    FOOTER,
+    FOOTER_BYTES,
+    HEAD_BYTES,
+    HEADER,
+    MAGIC,
+    STATISTICS,
+    ChunkIndexRecord,
+    Definitions,
+    Statistics,
+    chunk_messages,
+    parse_chunk_index,
+    parse_header,
+    parse_statistics,
+    record_head,
+)
+from formats.logs.mcap_scan import scan
+from mapmyworld.errors import LogError
+
+_FOOTER = Struct("<QQI")
+_MAX_SUMMARY_BYTES = 1 << 30
+
+
+def open_mcap(path: Path) -> BlockFile:
+    """An MCAP file as a container of records."""
+    return BlockFile(path, "MCAP", read_index, read_block)
+
+
+def read_index(stream: BinaryIO, path: Path) -> Index:
+    """From the summary where that is whole, else from the chunks."""
+    if stream.read(len(MAGIC)) != MAGIC:
+        raise LogError(f"{path}: not an MCAP file: its first bytes are not MCAP's")
+    size = path.stat().st_size
+    try:
+        index = _from_summary(stream, size)
+    except DamagedBlockError as error:
+        index = scan(stream, path, size)
+        if index.problems or "closed" in str(error):
+            index.problems.insert(0, f"{path}: {error}: chunks were read one by one")
+    index.details[:0] = _header_details(stream)
+    return index
+
+
+def _header_details(stream: BinaryIO) -> list[tuple[str, str]]:
+    stream.seek(len(MAGIC))
+    head = stream.read(HEAD_BYTES)
+    if len(head) < HEAD_BYTES or head[0] != HEADER:
+        return []
+    try:
+        profile, library = parse_header(stream.read(min(record_head(head)[1], 1 << 16)))
+    except DamagedBlockError:
+        return []
+    return [("library", library), ("profile", profile)]
+
+
+def _summary_bytes(stream: BinaryIO, size: int) -> bytes:
+    """The checked summary section; empty where the file has none."""
+    stream.seek(max(size - FOOTER_BYTES, 0))
+    footer = stream.read(FOOTER_BYTES)
+    if len(footer) < FOOTER_BYTES or not footer.endswith(MAGIC) or footer[0] != FOOTER:
+        raise DamagedBlockError("the file was not closed (no footer)")
+    start, _, crc = _FOOTER.unpack_from(footer, HEAD_BYTES)
+    if start == 0:
+        return b""
+    length = size - FOOTER_BYTES - start
+    if not 0 <= length <= _MAX_SUMMARY_BYTES:
+        raise DamagedBlockError("the footer points outside the file")
+    stream.seek(start)
+    summary = stream.read(length)
+    if crc and zlib.crc32(footer[: HEAD_BYTES + 16], zlib.crc32(summary)) != crc:
+        raise DamagedBlockError("the summary's checksum is wrong")
+    return summary
+
+
+def _from_summary(stream: BinaryIO, size: int) -> Index:
+    """The index as the summary has it; DamagedBlockError where it does not say all of it."""
+    data = _summary_bytes(stream, size)
+    definitions, chunks = Definitions(), list[ChunkIndexRecord]()
+    statistics: Statistics | None = None
+    position = 0
+    while position + HEAD_BYTES <= len(data):
+        opcode, length = record_head(data, position)
+        content = data[position + HEAD_BYTES : position + HEAD_BYTES + length]
+        if len(content) < length:
+            raise DamagedBlockError("the summary is cut")
+        definitions.take(opcode, content)
+        if opcode == CHUNK_INDEX:
+            chunks.append(parse_chunk_index(content))
+        elif opcode == STATISTICS:
+            statistics = parse_statistics(content)
+        position += HEAD_BYTES + length
+    if statistics is None or not _says_all(statistics, chunks, definitions):
+        raise DamagedBlockError("the summary does not list all chunks and channels")
+    blocks = [Block(c.offset, 0, c.start_ns, c.end_ns, c.channels) for c in chunks]
+    return Index(definitions.channels, statistics.counts, blocks, _chunk_details(chunks))
+
+
+def _says_all(
+    statistics: Statistics, chunks: list[ChunkIndexRecord], definitions: Definitions
+) -> bool:
+    spoken = {key for key, count in statistics.counts.items() if count}
+    return (
+        len(chunks) == statistics.chunks
+        and (statistics.messages == 0 or statistics.chunks > 0)
+        and sum(statistics.counts.values()) == statistics.messages
+        and spoken <= set(definitions.channels)
+    )
+
+
+def _chunk_details(chunks: list[ChunkIndexRecord]) -> list[tuple[str, str]]:
+    plain, stored = sum(c.size for c in chunks), sum(c.compressed_size for c in chunks)
+    names = sorted({c.compression or "none" for c in chunks})
+    ratio = f" ({1 - stored / plain:.1%} saved)" if plain else ""
+    return [("compression", ", ".join(names) + ratio), ("chunks", str(len(chunks)))]
+
+
+def read_block(stream: BinaryIO, block: Block, wanted: dict[int, Channel]) -> list[Record]:
+    """The block's wanted records."""
+    stream.seek(block.offset)
+    if block.bare:
+        messages = chunk_messages(stream.read(block.length), wanted, to_the_end=False)
+    elif block.length:  # the file ends in this chunk
+        content = stream.read(HEAD_BYTES + block.length)[HEAD_BYTES:]
+        messages = chunk_messages(chunk_beginning(content), wanted, to_the_end=False)
+    else:
+        messages = chunk_messages(chunk_data(stream), wanted)
+    return [(time, wanted[key], data) for time, key, data in messages]

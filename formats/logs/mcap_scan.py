@@ -1,0 +1,206 @@
+"""The index of an MCAP file that has none, made by reading it through and skipping what is bad."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from struct import Struct
+from typing import BinaryIO
+
+from formats.logs.blocks import DamagedBlockError
+from formats.logs.channels import Block, Index
+from formats.logs.mcap_chunks import chunk_beginning, chunk_data
+from formats.logs.mcap_records import (
+    CHANNEL,
+    CHUNK,
+    DATA_END,
+    HEAD_BYTES,
+    MAGIC,
+    MESSAGE,
+    SCHEMA,
+    Definitions,
+    chunk_messages,
+    parse_chunk_head,
+    record_head,
+)
+
+_MESSAGE_HEAD = Struct("<HIQ")
+_RUN_BYTES = 1 << 20  # bare messages gathered into one block
+_WINDOW_BYTES = 1 << 20
+_DAY_NS = 86_400_000_000_000
+_COMPRESSIONS = {"", "none", "lz4", "zstd"}
+# A chunk, message or end-of-data record whose length is below 2^40.
+_CANDIDATE = re.compile(rb"[\x05\x06\x0f].{5}\x00\x00\x00", re.DOTALL)
+
+
+def scan(stream: BinaryIO, path: Path, size: int) -> Index:
+    """Reads every record; bad stretches are skipped and reported."""
+    return _Scan(stream, path, size).run()
+
+
+class _Scan:
+    """The state of one reading: where we are, what is defined, the block being gathered."""
+
+    def __init__(self, stream: BinaryIO, path: Path, size: int) -> None:
+        self.stream, self.path, self.size = stream, path, size
+        self.index = Index(details=[("index", "none, rebuilt")])
+        self.definitions = Definitions()
+        self.latest_ns = 0
+        self.bare: list[tuple[int, int, bytes]] = []
+        self.bare_start = self.bare_end = 0
+
+    def run(self) -> Index:
+        position = len(MAGIC)
+        while position < self.size:
+            try:
+                position = self._record(position)
+            except DamagedBlockError as error:
+                following = self._next_record(position + 1)
+                what = f"damaged ({error}): {following - position} bytes skipped"
+                if following >= self.size:
+                    what = f"ends or is damaged ({error}): {self.size - position} bytes lost"
+                self.index.problems.append(f"{self.path}: at byte {position} the file {what}")
+                position = following
+        self._close_run()
+        self.index.channels = self.definitions.channels
+        self.index.details.append(("blocks", str(len(self.index.blocks))))
+        return self.index
+
+    def _record(self, position: int) -> int:
+        """Takes in the record at `position` and gives the position after it."""
+        opcode, length = self._head(position)
+        after = position + HEAD_BYTES + length
+        if opcode == CHUNK:
+            return self._chunk(position, after)
+        if (opcode == 0 and length == 0) or (opcode > DATA_END and opcode < 0x80):
+            if position == self.size - len(MAGIC):
+                return self.size
+            raise DamagedBlockError(f"opcode {opcode} is unknown")
+        if after > self.size:
+            raise DamagedBlockError("it ends within a record")
+        if not self._plausible(after):
+            raise DamagedBlockError("no record follows where one should")
+        if opcode == MESSAGE:
+            self._message(position, after)
+        elif opcode in {SCHEMA, CHANNEL}:
+            self.definitions.take(opcode, self.stream.read(length))
+        return after
+
+    def _head(self, position: int) -> tuple[int, int]:
+        self.stream.seek(position)
+        head = self.stream.read(HEAD_BYTES)
+        if head.startswith(MAGIC[: len(head)]) and position == self.size - len(MAGIC):
+            return 0, 0
+        if len(head) < HEAD_BYTES:
+            raise DamagedBlockError("it ends within a record")
+        return record_head(head)
+
+    def _chunk(self, position: int, after: int) -> int:
+        self._close_run()
+        content_start = self.stream.read(128)
+        head = parse_chunk_head(content_start)
+        consistent = position + HEAD_BYTES + head.data_at + head.data_bytes == after
+        if not consistent or head.compression not in _COMPRESSIONS:
+            raise DamagedBlockError("a chunk contradicts itself")
+        self.stream.seek(position)
+        if after > self.size:
+            self._cut_chunk(position)
+            raise DamagedBlockError("it ends within a chunk")
+        try:
+            messages = chunk_messages(chunk_data(self.stream), None, self.definitions)
+        except DamagedBlockError as error:
+            if not self._plausible(after):
+                raise
+            lost_s = (head.end_ns - head.start_ns) * 1e-9
+            self.index.problems.append(
+                f"{self.path}: chunk at byte {position} skipped: {error}; "
+                f"lost {lost_s:.2f} s of recording"
+            )
+            return after
+        self._add(messages, position, 0)
+        return after
+
+    def _cut_chunk(self, position: int) -> None:
+        """Keeps the messages of the last chunk that a cut file still has."""
+        content = self.stream.read(self.size - position)[HEAD_BYTES:]
+        plain = chunk_beginning(content)
+        messages = chunk_messages(plain, None, self.definitions, to_the_end=False)
+        self._add(messages, position, len(content))
+
+    def _message(self, position: int, after: int) -> None:
+        key, _, time = _MESSAGE_HEAD.unpack(self.stream.read(_MESSAGE_HEAD.size))
+        if not self.bare or position != self.bare_end or after - self.bare_start > _RUN_BYTES:
+            self._close_run()
+            self.bare_start = position
+        self.bare.append((time, key, b""))
+        self.bare_end = after
+
+    def _close_run(self) -> None:
+        if self.bare:
+            self._add(self.bare, self.bare_start, self.bare_end - self.bare_start, bare=True)
+            self.bare = []
+
+    def _add(
+        self,
+        messages: list[tuple[int, int, bytes]],
+        offset: int,
+        length: int,
+        *,
+        bare: bool = False,
+    ) -> None:
+        if not messages:
+            return
+        for _, key, _ in messages:
+            self.index.counts[key] = self.index.counts.get(key, 0) + 1
+        times = [message[0] for message in messages]
+        self.latest_ns = max(times)
+        keys = frozenset(message[1] for message in messages)
+        self.index.blocks.append(Block(offset, length, min(times), max(times), keys, bare))
+
+    def _plausible(self, position: int) -> bool:
+        """Whether a record, the closing magic or the end of the file stands here."""
+        if position >= self.size - len(MAGIC):
+            return position in {self.size, self.size - len(MAGIC)} or position < self.size
+        here = self.stream.tell()
+        self.stream.seek(position)
+        head = self.stream.read(HEAD_BYTES)
+        self.stream.seek(here)
+        if len(head) < HEAD_BYTES:
+            return True
+        opcode, length = record_head(head)
+        return (0 < opcode <= DATA_END or opcode >= 0x80) and length < 1 << 40
+
+    def _next_record(self, position: int) -> int:
+        """Where the next chunk, message or end of data can be, or the file's size."""
+        while position < self.size:
+            self.stream.seek(position)
+            window = self.stream.read(_WINDOW_BYTES + 128)
+            for found in _CANDIDATE.finditer(window):
+                if found.start() < _WINDOW_BYTES and self._credible(
+                    position + found.start(), window[found.start() : found.start() + 128]
+                ):
+                    return position + found.start()
+            position += _WINDOW_BYTES
+        return self.size
+
+    def _credible(self, position: int, data: bytes) -> bool:
+        opcode, length = record_head(data)
+        after = position + HEAD_BYTES + length
+        if after > self.size:
+            return False
+        if opcode == CHUNK:
+            try:
+                head = parse_chunk_head(data[HEAD_BYTES:])
+            except DamagedBlockError:
+                return False
+            return head.compression in _COMPRESSIONS and head.data_at + head.data_bytes == length
+        if opcode == DATA_END:
+            return length == 4 and self._plausible(after)
+        if length < 22 or len(data) < HEAD_BYTES + 14:
+            return False
+        key, _, time = _MESSAGE_HEAD.unpack_from(data, HEAD_BYTES)
+        near = abs(time - self._latest()) < _DAY_NS
+        return key in self.definitions.channels and near and self._plausible(after)
+
+    def _latest(self) -> int:
+        return self.bare[-1][0] if self.bare else self.latest_ns

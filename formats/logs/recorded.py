@@ -1,0 +1,77 @@
+"""A container of serialised messages as a LogSource: info, and lazily decoded messages."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from functools import partial
+
+from formats.logs.channels import Channel, Container, Record
+from formats.logs.decoding import ChannelDecoder, decoder_for
+from formats.logs.files import hash_files
+from formats.logs.merged import merged_topics
+from mapmyworld.types import LogInfo, RawMessage, TopicInfo
+
+
+class RecordedLog:
+    """A LogSource over one bag or MCAP file."""
+
+    def __init__(self, container: Container) -> None:
+        self.container = container
+        self._decoders: dict[Channel, ChannelDecoder] = {}
+        self._hash: str | None = None
+
+    def info(self) -> LogInfo:
+        index = self.container.index()
+        topics = merged_topics(self._topic(key) for key in index.channels)
+        start, end = index.span_ns()
+        return LogInfo(
+            tuple(str(path) for path in self.container.files()),
+            self.container.name,
+            sum(path.stat().st_size for path in self.container.files()),
+            sum(index.counts.values()),
+            start,
+            end,
+            topics,
+            tuple(index.details),
+            tuple(dict.fromkeys([*index.problems, *self.container.losses()])),
+        )
+
+    def content_hash(self) -> str:
+        if self._hash is None:
+            self._hash = hash_files(self.container.files())
+        return self._hash
+
+    def losses(self) -> tuple[str, ...]:
+        return self.container.losses()
+
+    def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
+        """Messages as recorded, undecoded."""
+        return self.container.records(topics)
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
+        decoders = self._decoders
+        for time, channel, data in self.container.records(topics):
+            decoder = decoders.get(channel)
+            if decoder is None:
+                decoder = decoders[channel] = decoder_for(channel)
+            yield RawMessage(
+                channel.topic,
+                decoder.kind,
+                time,
+                decoder.stamp(data),
+                partial(decoder.decode, data, time),
+            )
+
+    def _topic(self, key: int) -> TopicInfo:
+        index = self.container.index()
+        channel, count = index.channels[key], index.counts.get(key, 0)
+        first, last = index.span_ns(key) if count else (None, None)
+        kind = self._decoder(channel).kind
+        return TopicInfo(
+            channel.topic, channel.type_name, kind, channel.encoding, count, first, last
+        )
+
+    def _decoder(self, channel: Channel) -> ChannelDecoder:
+        if channel not in self._decoders:
+            self._decoders[channel] = decoder_for(channel)
+        return self._decoders[channel]

@@ -1,0 +1,215 @@
+"""rosbag2 recordings in SQLite: .db3 files, plain or compressed, and the folders around them."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Collection, Iterator
+from contextlib import closing
+from pathlib import Path
+
+import zstandard
+
+from formats.logs.blocks import BlockFile, DamagedBlockError
+from formats.logs.channels import Block, Channel, Index, Record, normalised_type
+from formats.logs.compression import MAX_CHUNK_BYTES, decompress
+from formats.logs.mcap_file import open_mcap
+from formats.logs.mcap_records import MAGIC as MCAP_MAGIC
+from formats.logs.mcap_records import is_transient_local
+from mapmyworld.errors import LogError
+
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # never the start of a CDR message
+_LISTED = re.compile(r"^\s*-\s*['\"]?([^'\"\n]+?\.(?:db3|mcap)(?:\.zstd)?)['\"]?\s*$", re.MULTILINE)
+
+
+def listed_files(metadata: Path) -> list[Path]:
+    """The files that a metadata.yaml names, in its order; missing ones included."""
+    text = metadata.read_text("utf-8", "replace")
+    names = dict.fromkeys(Path(name).name for name in _LISTED.findall(text))
+    return [metadata.parent / name for name in names]
+
+
+class SqliteBag:
+    """A Container over one .db3 file."""
+
+    name = "rosbag2 (sqlite3)"
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._index: Index | None = None
+        self._losses: list[str] = []
+
+    def files(self) -> tuple[Path, ...]:
+        return (self.path,)
+
+    def losses(self) -> tuple[str, ...]:
+        return (*self.index().problems, *self._losses)
+
+    def index(self) -> Index:
+        if self._index is None:
+            try:
+                with closing(self._connect()) as database:
+                    self._index = _read_index(database)
+            except sqlite3.Error as error:
+                raise LogError(
+                    f"{self.path}: damaged or no rosbag2 database ({error}): "
+                    "try `sqlite3 FILE .recover`"
+                ) from error
+        return self._index
+
+    def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
+        index = self.index()
+        wanted = {
+            key: channel
+            for key, channel in index.channels.items()
+            if topics is None or channel.topic in topics
+        }
+        self._losses = []
+        with closing(self._connect()) as database:
+            for time, key, data in self._rows(database, wanted):
+                try:
+                    yield time, wanted[key], _plain(data)
+                except DamagedBlockError as error:
+                    self._losses.append(f"{self.path}: a message of {wanted[key].topic}: {error}")
+
+    def _rows(
+        self, database: sqlite3.Connection, wanted: Collection[int]
+    ) -> Iterator[tuple[int, int, bytes]]:
+        """Rows in order; where the file is damaged, what follows is fetched one by one."""
+        marks = ",".join(str(int(key)) for key in wanted)
+        query = f"SELECT id, timestamp, topic_id, data FROM messages WHERE topic_id IN ({marks})"
+        seen, last_ns = 0, 0
+        try:
+            for row, time, key, data in database.execute(query + " ORDER BY timestamp, id"):
+                seen, last_ns = row, time
+                yield time, key, data
+        except sqlite3.DatabaseError as error:
+            self._losses.append(f"{self.path}: damaged after {last_ns * 1e-9:.2f} s ({error})")
+            yield from self._salvaged(database, query, seen)
+
+    def _salvaged(
+        self, database: sqlite3.Connection, query: str, seen: int
+    ) -> Iterator[tuple[int, int, bytes]]:
+        """Later rows by their number, skipping those that cannot be had."""
+        lost, highest = 0, seen
+        try:
+            (highest,) = database.execute("SELECT max(id) FROM messages").fetchone()
+        except sqlite3.DatabaseError:
+            highest = seen + 1_000_000
+        misses = 0
+        for row in range(seen + 1, (highest or 0) + 1):
+            try:
+                found = database.execute(query + " AND id = ?", (row,)).fetchone()
+            except sqlite3.DatabaseError:
+                lost, misses = lost + 1, misses + 1
+                if misses > 10_000:
+                    break
+                continue
+            if found is not None:
+                misses = 0
+                yield found[1], found[2], found[3]
+        self._losses.append(f"{self.path}: {lost} messages could not be read")
+
+    def _connect(self) -> sqlite3.Connection:
+        return sqlite3.connect(
+            f"{self.path.resolve().as_uri()}?mode=ro&immutable=1", uri=True, check_same_thread=False
+        )
+
+
+class PackedBag:
+    """A Container over a .db3.zstd or .mcap.zstd file, unpacked into a temporary one."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._inner: SqliteBag | BlockFile | None = None
+
+    @property
+    def name(self) -> str:
+        return f"{self._unpacked().name}, packed with zstd"
+
+    def files(self) -> tuple[Path, ...]:
+        return (self.path,)
+
+    def index(self) -> Index:
+        return self._unpacked().index()
+
+    def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
+        return self._unpacked().records(topics)
+
+    def losses(self) -> tuple[str, ...]:
+        return self._unpacked().losses()
+
+    def _unpacked(self) -> SqliteBag | BlockFile:
+        if self._inner is None:
+            self._folder = tempfile.TemporaryDirectory(prefix="mapmyworld-")
+            file = Path(self._folder.name) / self.path.stem
+            unpack_zstd(self.path, file)
+            is_mcap = file.open("rb").read(len(MCAP_MAGIC)) == MCAP_MAGIC
+            self._inner = open_mcap(file) if is_mcap else SqliteBag(file)
+        return self._inner
+
+
+def unpack_zstd(source: Path, target: Path) -> None:
+    """Decompresses a file; a cut one as far as it goes."""
+    with source.open("rb") as packed, target.open("wb") as plain:
+        reader = zstandard.ZstdDecompressor().stream_reader(packed)
+        try:
+            shutil.copyfileobj(reader, plain, 1 << 20)
+        except zstandard.ZstdError as error:
+            if plain.tell() == 0:
+                raise LogError(f"{source}: damaged zstd file ({error})") from error
+
+
+def _plain(data: object) -> bytes:
+    if not isinstance(data, bytes):
+        raise DamagedBlockError("its data are missing")
+    if not data.startswith(ZSTD_MAGIC):
+        return data
+    size = zstandard.frame_content_size(data)
+    if 0 <= size <= MAX_CHUNK_BYTES:
+        return decompress(data, "zstd", size)
+    try:
+        return bytes(zstandard.ZstdDecompressor().decompressobj().decompress(data))
+    except zstandard.ZstdError as error:
+        raise DamagedBlockError(f"zstd data damaged ({error})") from error
+
+
+def _read_index(database: sqlite3.Connection) -> Index:
+    index = Index()
+    columns = {str(row[1]) for row in database.execute("PRAGMA table_info(topics)")}
+    definitions = _definitions(database)
+    qos = "offered_qos_profiles" if "offered_qos_profiles" in columns else "''"
+    digest = "type_description_hash" if "type_description_hash" in columns else "''"
+    query = f"SELECT id, name, type, serialization_format, {qos}, {digest} FROM topics"
+    for key, topic, kind, encoding, profiles, hashed in database.execute(query):
+        schema_encoding, schema = definitions.get(str(kind), ("", b""))
+        index.channels[int(key)] = Channel(
+            str(topic),
+            normalised_type(str(kind)),
+            str(encoding),
+            schema_encoding,
+            schema,
+            str(hashed or ""),
+            is_transient_local(str(profiles or "")),
+            {"offered_qos_profiles": str(profiles or "")},
+        )
+    spans = "SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages GROUP BY 1"
+    for key, count, first, last in database.execute(spans):
+        if key in index.channels:
+            index.counts[int(key)] = int(count)
+            index.blocks.append(Block(0, 0, int(first), int(last), frozenset({int(key)})))
+    return index
+
+
+def _definitions(database: sqlite3.Connection) -> dict[str, tuple[str, bytes]]:
+    """Type -> (encoding, definition), where the recording keeps them (since ROS 2 Iron)."""
+    try:
+        rows = database.execute(
+            "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+        ).fetchall()
+    except sqlite3.DatabaseError:
+        return {}
+    return {str(kind): (str(encoding), str(text).encode()) for kind, encoding, text in rows}

@@ -51,9 +51,10 @@ def _encode(pixels, out):  # type: ignore[no-untyped-def]
 
 def _decode(words, pixels):  # type: ignore[no-untyped-def]
     """Fills `pixels`; returns whether the words held exactly so many."""
-    at, i, n, total = 0, 0, len(pixels), 8 * len(words)
-    previous, pending, left = np.int64(0), np.int64(0), np.int64(0)
-    is_zeros, first = True, True
+    at, i, n, total = 0, np.int64(0), len(pixels), 8 * len(words)
+    # `pending`: valid pixels of the last run; 1 at first, as an image may begin with one.
+    previous, pending, left = np.int64(0), np.int64(1), np.int64(0)
+    is_zeros = True
     while i < n:
         value, bits, more = np.int64(0), 0, True
         while more:
@@ -70,15 +71,17 @@ def _decode(words, pixels):  # type: ignore[no-untyped-def]
             i += 1
             left -= 1
         elif is_zeros:
-            if value > n - i or (value == 0 and not first and pending == 0):
+            # Two empty runs in a row would go on for ever without a pixel.
+            if value > n - i or (value == 0 and pending == 0):
                 return False
             pixels[i : i + value] = 0
             i += value
-            is_zeros, first = False, False
+            is_zeros = False
         else:
             if value > n - i:
                 return False
-            left, pending, is_zeros = value, value, True
+            left, is_zeros = value, True
+            pending = value
     return True
 
 

@@ -24,14 +24,14 @@ _MAX_EXPANSION = 1040
 _COMPRESSION = 6  # zlib's default, as RTAB-Map's writer uses
 
 
-def matrix_to_blob(matrix: NDArray[np.generic]) -> bytes | None:
+def matrix_to_blob(matrix: NDArray[np.generic], level: int = _COMPRESSION) -> bytes | None:
     """A compressed matrix of (rows, cols) or (rows, cols, channels); None for an empty one."""
     if matrix.size == 0:
         return None
     rows, cols = matrix.shape[:2]
     channels = matrix.shape[2] if matrix.ndim == 3 else 1
     depth = _DEPTHS.index(np.dtype(matrix.dtype).newbyteorder("<").str.lstrip("|"))
-    stream = zlib.compress(np.ascontiguousarray(matrix).tobytes(), _COMPRESSION)
+    stream = zlib.compress(np.ascontiguousarray(matrix).tobytes(), level)
     return stream + _TRAILER.pack(rows, cols, depth + 8 * (channels - 1))
 
 

@@ -15,26 +15,24 @@ _EMPTY, _OBSTACLE = 1, 2
 
 def _trace(points, x0, y0, cell, reach, grid):  # type: ignore[no-untyped-def]
     """Marks `grid`, centred on (x0, y0), along the beam to every point; ends win over rays."""
-    half = grid.shape[0] // 2
+    centre = grid.shape[0] // 2 + 0.5
     for k in range(points.shape[0]):
-        dx, dy = points[k, 0] - x0, points[k, 1] - y0
+        dx, dy = (points[k, 0] - x0) / cell, (points[k, 1] - y0) / cell
         length = math.sqrt(dx * dx + dy * dy)
-        if length < 1e-6:
-            continue
-        shown = min(length, reach)
-        steps = int(shown / (0.5 * cell))
-        for i in range(steps):
-            t = i * 0.5 * cell / length
-            row = half + math.floor(dy * t / cell + 0.5)
-            col = half + math.floor(dx * t / cell + 0.5)
-            if grid[row, col] == 0:
-                grid[row, col] = 1
+        if length * cell > reach:
+            dx, dy = dx * reach / (length * cell), dy * reach / (length * cell)
+        # One step a cell of the longer axis (the digital differential analyser).
+        steps = int(max(abs(dx), abs(dy)))
+        if steps > 0:
+            step_x, step_y = dx / max(abs(dx), abs(dy)), dy / max(abs(dx), abs(dy))
+            x, y = centre, centre
+            for _ in range(steps):
+                grid[int(y), int(x)] = 1
+                x, y = x + step_x, y + step_y
     for k in range(points.shape[0]):
-        dx, dy = points[k, 0] - x0, points[k, 1] - y0
-        if math.sqrt(dx * dx + dy * dy) <= reach:
-            row = half + math.floor(dy / cell + 0.5)
-            col = half + math.floor(dx / cell + 0.5)
-            grid[row, col] = 2
+        dx, dy = (points[k, 0] - x0) / cell, (points[k, 1] - y0) / cell
+        if math.sqrt(dx * dx + dy * dy) * cell <= reach:
+            grid[int(dy + centre), int(dx + centre)] = 2
 
 
 _trace_beams = njit(

@@ -51,6 +51,7 @@ class DatabaseStore:
         self._uncommitted_nodes = 0
         self._uncommitted_scans = 0
         self._previous: dict[int, Node] = {}
+        self._last_with_cells: Node | None = None
         self._compact = False
         self._restore_session()
 
@@ -131,7 +132,9 @@ class DatabaseStore:
         before = self._previous.get(node.session)
         self._db.run(rows.INSERT_NODE, rows.node_row(node, before))
         self._db.run(rows.INSERT_OWN, rows.own_row(node, data))
-        data_row = rows.data_row(node.id, data, self._options)
+        with_cells = rows.wants_cells(node, self._last_with_cells, self._options)
+        self._last_with_cells = node if with_cells else self._last_with_cells
+        data_row = rows.data_row(node.id, data, self._options, with_cells=with_cells)
         if data_row is not None:
             self._db.run(rows.INSERT_DATA, data_row)
         if data.features is not None:
@@ -360,6 +363,7 @@ class DatabaseStore:
         )
         nodes = [rows.node_from_own_row(row) for row in self._db.rows(last)]
         self._previous = {node.session: node for node in nodes}
+        self._last_with_cells = None
         first = self._db.row("SELECT stamp_ns FROM mapmyworld_nodes ORDER BY id LIMIT 1")
         if first is not None:
             self._db.set_clock(first[0])

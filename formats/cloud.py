@@ -1,0 +1,118 @@
+"""Point clouds as binary PLY or PCD, both ways."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.ply import ply_header, read_vertices
+from mapmyworld.errors import MapError
+from mapmyworld.types import PointCloud
+
+_PCD_SIZES = {"F": {4: "<f4", 8: "<f8"}, "U": {1: "u1", 2: "<u2", 4: "<u4"}, "I": {4: "<i4"}}
+
+
+def write_cloud(path: Path, cloud: PointCloud) -> None:
+    """A .ply or .pcd file, by its name."""
+    suffix = path.suffix.lower()
+    if suffix == ".pcd":
+        path.write_bytes(_pcd(cloud))
+    elif suffix == ".ply":
+        path.write_bytes(_ply(cloud))
+    else:
+        raise MapError(f"{path}: a cloud is written as .ply or .pcd")
+
+
+def read_cloud(path: Path) -> PointCloud:
+    """The points, colours and normals of a .ply or .pcd file."""
+    if path.suffix.lower() == ".pcd":
+        return _read_pcd(path)
+    fields = read_vertices(path)
+    return _cloud_of(fields, path)
+
+
+def _table(cloud: PointCloud, *, packed_colour: bool) -> NDArray[np.void]:
+    """One record a point."""
+    points = np.asarray(cloud.points, np.float32).reshape(-1, 3)
+    columns: list[tuple[str, str, NDArray[np.generic]]] = [
+        (name, "<f4", points[:, i]) for i, name in enumerate("xyz")
+    ]
+    if cloud.normals is not None:
+        names = ("normal_x", "normal_y", "normal_z") if packed_colour else ("nx", "ny", "nz")
+        columns += [(name, "<f4", cloud.normals[:, i]) for i, name in enumerate(names)]
+    if cloud.colours is not None and packed_colour:
+        r, g, b = cloud.colours.astype(np.uint32).T
+        columns.append(("rgb", "<u4", r << 16 | g << 8 | b))
+    elif cloud.colours is not None:
+        names = ("red", "green", "blue")
+        columns += [(name, "u1", cloud.colours[:, i]) for i, name in enumerate(names)]
+    table = np.zeros(len(points), [(name, dtype) for name, dtype, _ in columns])
+    for name, _, values in columns:
+        table[name] = values
+    return table
+
+
+def _ply(cloud: PointCloud) -> bytes:
+    table = _table(cloud, packed_colour=False)
+    return ply_header([("vertex", table)]) + table.tobytes()
+
+
+def _pcd(cloud: PointCloud) -> bytes:
+    table = _table(cloud, packed_colour=True)
+    names = table.dtype.names or ()
+    kinds = [table.dtype[name] for name in names]
+    head = [
+        "# .PCD v0.7 - Point Cloud Data file format",
+        "VERSION 0.7",
+        "FIELDS " + " ".join(names),
+        "SIZE " + " ".join(str(kind.itemsize) for kind in kinds),
+        "TYPE " + " ".join("F" if kind.kind == "f" else "U" for kind in kinds),
+        "COUNT " + " ".join("1" for _ in names),
+        f"WIDTH {len(table)}",
+        "HEIGHT 1",
+        "VIEWPOINT 0 0 0 1 0 0 0",
+        f"POINTS {len(table)}",
+        "DATA binary",
+    ]
+    return "".join(f"{line}\n" for line in head).encode() + table.tobytes()
+
+
+def _cloud_of(fields: NDArray[np.void], path: Path) -> PointCloud:
+    names = set(fields.dtype.names or ())
+    if not {"x", "y", "z"} <= names:
+        raise MapError(f"{path}: its points have no x, y, z")
+    colours = normals = None
+    if {"red", "green", "blue"} <= names:
+        colours = _columns(fields, ("red", "green", "blue")).astype(np.uint8)
+    elif "rgb" in names:
+        packed = np.ascontiguousarray(fields["rgb"]).view("<u4")
+        colours = np.column_stack([packed >> 16 & 255, packed >> 8 & 255, packed & 255])
+        colours = colours.astype(np.uint8)
+    for axes in (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z")):
+        if set(axes) <= names:
+            normals = _columns(fields, axes).astype(np.float32)
+    return PointCloud(_columns(fields, ("x", "y", "z")).astype(np.float32), colours, normals)
+
+
+def _columns(fields: NDArray[np.void], names: tuple[str, ...]) -> NDArray[np.generic]:
+    return np.column_stack([fields[name] for name in names])
+
+
+def _read_pcd(path: Path) -> PointCloud:
+    data = path.read_bytes()
+    end = re.search(rb"^DATA (\S+)\s*\n", data, re.MULTILINE)
+    if end is None or end.group(1) != b"binary":
+        raise MapError(f"{path}: not a binary PCD file")
+    lines = [line.split() for line in data[: end.start()].decode("ascii", "replace").splitlines()]
+    head = {words[0]: words[1:] for words in lines if words}
+    try:
+        sizes, count = [int(size) for size in head["SIZE"]], int(head["POINTS"][0])
+        kinds = [_PCD_SIZES[t][s] for t, s in zip(head["TYPE"], sizes, strict=True)]
+        dtype = np.dtype(list(zip(head["FIELDS"], kinds, strict=True)))
+        fields = np.frombuffer(data, dtype, count, end.end())
+    except (KeyError, IndexError, ValueError) as error:
+        raise MapError(f"{path}: a damaged PCD file ({error})") from None
+    return _cloud_of(fields, path)

@@ -1,0 +1,197 @@
+"""Occupancy grids as PGM (or PNG) + YAML, by the rules of Nav2's map_server and map_saver."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.errors import MapError
+from mapmyworld.types import OccupancyGrid
+
+Mode = Literal["trinary", "scale", "raw"]
+_OCCUPIED, _FREE, _UNKNOWN = 0, 254, 205
+# What map_saver states: 205 reads as p = 0.196078, which must lie above the free threshold.
+_OCCUPIED_THRESHOLD, _FREE_THRESHOLD = 0.65, 0.196
+_MAX_CELLS = 1 << 28
+
+
+def write_grid(stem: Path, grid: OccupancyGrid, mode: Mode = "trinary") -> tuple[Path, Path]:
+    """Writes `stem`.pgm (scale mode: .png) and `stem`.yaml; returns their paths."""
+    image = stem.with_name(stem.name + (".png" if mode == "scale" else ".pgm"))
+    description = stem.with_name(stem.name + ".yaml")
+    if mode == "scale":
+        _write_png(image, _scaled(grid))
+    else:
+        cells = grid.trinary() if mode == "trinary" else _raw(grid)
+        grey = _grey(cells) if mode == "trinary" else cells.view(np.uint8)
+        _write_pgm(image, grey[::-1], grid.resolution)
+    description.write_text(_yaml(image.name, grid, mode))
+    return image, description
+
+
+def _grey(cells: NDArray[np.int8]) -> NDArray[np.uint8]:
+    grey = np.full(cells.shape, _UNKNOWN, np.uint8)
+    grey[cells == 0], grey[cells == 100] = _FREE, _OCCUPIED
+    return grey
+
+
+def _raw(grid: OccupancyGrid) -> NDArray[np.int8]:
+    """The cell values themselves, 0 to 100; unknown is -1, which a byte holds as 255."""
+    probability = grid.probabilities()
+    known = np.isfinite(probability)
+    cells = np.full(probability.shape, -1, np.int8)
+    cells[known] = np.rint(100.0 * probability[known]).astype(np.int8)
+    return cells
+
+
+def _scaled(grid: OccupancyGrid) -> NDArray[np.uint8]:
+    """Grey and alpha (H, W, 2), top row first: lightness is freedom, unknown is transparent."""
+    probability = grid.probabilities()
+    known = np.isfinite(probability)
+    picture = np.zeros((*probability.shape, 2), np.uint8)
+    picture[known, 0] = np.rint(255.0 * (1.0 - probability[known])).astype(np.uint8)
+    picture[..., 1] = np.where(known, 255, 0)
+    return picture[::-1]
+
+
+def _write_pgm(path: Path, grey: NDArray[np.uint8], resolution: float) -> None:
+    height, width = grey.shape
+    head = f"P5\n# CREATOR: mapmyworld {resolution:.3f} m/pix\n{width} {height}\n255\n"
+    path.write_bytes(head.encode() + np.ascontiguousarray(grey).tobytes())
+
+
+def _write_png(path: Path, picture: NDArray[np.uint8]) -> None:
+    import cv2
+
+    grey, alpha = picture[..., 0], picture[..., 1]
+    done, data = cv2.imencode(".png", np.dstack([grey, grey, grey, alpha]))
+    if not done:
+        raise MapError(f"{path}: the grid cannot be written as PNG")
+    path.write_bytes(bytes(data))
+
+
+def _yaml(image: str, grid: OccupancyGrid, mode: Mode) -> str:
+    """Numbers as short as they can be while reading back exactly."""
+    x, y = (float(value) for value in grid.origin)
+    return (
+        f"image: {image}\n"
+        f"mode: {mode}\n"
+        f"resolution: {float(grid.resolution)!r}\n"
+        f"origin: [{x!r}, {y!r}, 0.0]\n"
+        "negate: 0\n"
+        f"occupied_thresh: {_OCCUPIED_THRESHOLD}\n"
+        f"free_thresh: {_FREE_THRESHOLD}\n"
+    )
+
+
+def read_grid(path: Path) -> OccupancyGrid:
+    """The grid of a YAML file by map_server's rules.
+
+    Trinary cells come back as the log-odds of 0.95, 0.05 and NaN, so that `trinary()` gives
+    what a robot would load; scaled and raw ones as the log-odds of their probability.
+    """
+    keys = _read_keys(path)
+    mode = keys.get("mode", "trinary")
+    if mode not in ("trinary", "scale", "raw"):
+        raise MapError(f"{path}: mode {mode!r} is none of trinary, scale, raw")
+    picture = _read_picture(path.parent / keys["image"])
+    occupied, free = _number(path, keys, "occupied_thresh"), _number(path, keys, "free_thresh")
+    negate = keys["negate"].lower() in ("1", "true")
+    probability = _probabilities(picture, mode, negate, occupied, free)
+    origin = _origin(path, keys["origin"])
+    with np.errstate(divide="ignore"):
+        log_odds = np.log(probability) - np.log1p(-probability)
+    resolution = _number(path, keys, "resolution")
+    if not resolution > 0:
+        raise MapError(f"{path}: resolution {resolution} is not a positive number of metres")
+    ascending = np.ascontiguousarray(log_odds[::-1], np.float32)
+    return OccupancyGrid(ascending, resolution, origin)
+
+
+def _probabilities(
+    picture: NDArray[np.uint8], mode: str, negate: bool, occupied: float, free: float
+) -> NDArray[np.float64]:
+    """Occupancy (H, W), top row first; NaN = unknown."""
+    grey, alpha = picture[..., :-1].mean(axis=2), picture[..., -1]
+    if mode == "raw":
+        return np.where(grey <= 100, np.clip(grey / 100.0, 1e-6, 1 - 1e-6), np.nan)
+    p = grey / 255.0 if negate else (255.0 - grey) / 255.0
+    between = np.nan if mode == "trinary" else np.clip(p, 1e-6, 1 - 1e-6)
+    cells = np.where(p >= occupied, 0.95, np.where(p <= free, 0.05, between))
+    return np.where(alpha < 255, np.nan, cells)
+
+
+def _read_keys(path: Path) -> dict[str, str]:
+    try:
+        text = path.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        raise MapError(f"{path}: cannot be read as a map's YAML ({error})") from None
+    keys = {}
+    for line in text.splitlines():
+        name, colon, value = line.partition("#")[0].partition(":")
+        if colon:
+            keys[name.strip()] = value.strip().strip("'\"")
+    needed = ("image", "resolution", "origin", "occupied_thresh", "free_thresh", "negate")
+    absent = [name for name in needed if name not in keys]
+    if absent:
+        raise MapError(f"{path}: lacks {', '.join(absent)}, which map_server requires")
+    return keys
+
+
+def _number(path: Path, keys: dict[str, str], name: str) -> float:
+    try:
+        number = float(keys[name])
+    except ValueError:
+        raise MapError(f"{path}: {name}: {keys[name]!r} is not a number") from None
+    if not math.isfinite(number):
+        raise MapError(f"{path}: {name}: {number} is not a finite number")
+    return number
+
+
+def _origin(path: Path, text: str) -> NDArray[np.float64]:
+    try:
+        x, y, yaw = (float(part) for part in text.strip("[] ").split(","))
+    except ValueError:
+        raise MapError(f"{path}: origin: {text!r} is not [x, y, yaw]") from None
+    if yaw != 0.0:
+        raise MapError(f"{path}: a grid turned by {yaw} rad cannot be read: turn it to yaw 0")
+    return np.array([x, y])
+
+
+def _read_picture(path: Path) -> NDArray[np.uint8]:
+    """Channels and alpha (H, W, C + 1), top row first."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise MapError(f"{path}: {error.strerror}") from None
+    if data[:2] == b"P5":
+        grey = _parse_pgm(data, path)
+        return np.dstack([grey, np.full_like(grey, 255)])
+    import cv2
+
+    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    if pixels is None or pixels.dtype != np.uint8:
+        raise MapError(f"{path}: not an 8-bit image that can be read")
+    picture = np.asarray(pixels, np.uint8)
+    if picture.ndim == 3 and picture.shape[2] == 4:
+        return picture
+    return np.dstack([picture, np.full(picture.shape[:2], 255, np.uint8)])
+
+
+def _parse_pgm(data: bytes, path: Path) -> NDArray[np.uint8]:
+    head = re.match(
+        rb"P5(?:\s|#[^\n]*\n)+(\d+)(?:\s|#[^\n]*\n)+(\d+)(?:\s|#[^\n]*\n)+(\d+)\s", data
+    )
+    if head is None:
+        raise MapError(f"{path}: a damaged PGM header")
+    width, height, top = (int(number) for number in head.groups())
+    if top != 255 or not 0 < width * height <= _MAX_CELLS:
+        raise MapError(f"{path}: a PGM of {width} x {height} with maximum {top} is refused")
+    if len(data) - head.end() < width * height:
+        raise MapError(f"{path}: {width} x {height} cells are stated, the file ends before")
+    return np.frombuffer(data, np.uint8, width * height, head.end()).reshape(height, width)

@@ -40,3 +40,26 @@ class VisualConfig:
     window: int = 8  # keyframes adjusted together while tracking
     local_keyframes: int = 20  # nearest keyframes whose points are looked for
     kept_keyframes: int = 200  # keyframes the tracker remembers
+    place_features: int = 600  # features of a node's image for words and closures
+    vocabulary_branches: int = 10  # children of a word in the vocabulary's tree
+    vocabulary_depth: int = 4  # levels of the tree: at most branches^depth words
+    place_gap: float = 5.0  # s that two nodes must lie apart to be the same place again
+    place_candidates: int = 4  # places verified for each node, at most
+    place_similarity: float = 0.02  # cosine of two images' words, at least, for a candidate
+    place_posterior: float = 0.2  # probability of a candidate after smoothing, at least
+    closure_inliers: int = 25  # matches that agree on a closure, at least
+    closure_share: float = 0.25  # of the matches that must agree
+    closure_cells: int = 5  # of an 8 x 6 lattice over the image that agreeing matches must reach
+    closure_radius: float = (
+        8.0  # pixels around the closure's projection in which more matches are sought
+    )
+    closure_translation_sigma: float = 0.1  # m, no closure is less certain
+    closure_rotation_sigma: float = 0.05  # rad, no closure is less certain
+    closure_gate: float = 3.5  # sigmas of drift by which a closure may contradict the tracked poses
+    drift_translation: float = 0.05  # share of the path that tracked poses may be off by
+    drift_rotation: float = 0.03  # rad a metre of path that tracked poses may be off by
+    drift_turn: float = 0.03  # share of all rotation that tracked poses may be off by
+    place_nodes: int = 3000  # nodes compared with each other, evenly chosen from longer logs
+    proximity_distance: float = 1.5  # m between nodes whose images are compared for being near
+    proximity_angle: float = 45.0  # deg between their headings, at most
+    proximity_candidates: int = 3  # near nodes verified for each node, at most

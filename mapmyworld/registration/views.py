@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,7 @@ class View:
     sigmas: Array
     """(N, 2) standard deviations of x and y, and of the inverse depth."""
     words: NDArray[np.uint64]
-    """(N, 4) binary descriptors; (0, 4) for real-valued ones."""
+    """(N, 4) descriptors as 256 bits."""
     starts: NDArray[np.int32]
     members: NDArray[np.int32]
     columns: int
@@ -80,11 +81,22 @@ def scales(features: Features) -> Array:
 
 
 def binary_words(features: Features) -> NDArray[np.uint64]:
-    """(N, 4) descriptors of 256 bits as integers; (0, 4) where they are no bits."""
+    """(N, 4) descriptors as 256 bits in integers.
+
+    Real-valued ones become the signs of random projections, whose Hamming distance grows with
+    the angle between descriptors (Charikar, "Similarity estimation techniques", 2002).
+    """
     descriptors = features.descriptors
-    if descriptors.dtype != np.uint8 or descriptors.shape[1] != 32:
-        return np.zeros((0, 4), np.uint64)
-    return np.ascontiguousarray(descriptors).view(np.uint64)
+    if descriptors.dtype != np.uint8:
+        roots = np.sqrt(np.maximum(descriptors, 0.0))
+        centred = roots - roots.mean(axis=1, keepdims=True)
+        descriptors = np.packbits(centred @ _projections(descriptors.shape[1]) > 0, axis=1)
+    return np.ascontiguousarray(descriptors).view(np.uint64).reshape(-1, 4)
+
+
+@lru_cache(maxsize=2)
+def _projections(width: int) -> NDArray[np.float32]:
+    return np.random.default_rng(1).standard_normal((width, 256)).astype(np.float32)
 
 
 def match_around(

@@ -1,0 +1,168 @@
+"""Which images show the same place: words in common, weighed, and smoothed over the whole log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_NEW_STAYS = 0.9  # probability that an unknown place is followed by another one
+_LOST = 0.1  # probability that a known place is followed by an unknown one
+_STEP_SIGMA = 1.6  # nodes by which the place advances or goes back from one node to the next
+_REACH = 6  # nodes beyond which it does not jump
+_ALIKE = 0.6  # of the best similarity, from which another place is looked at as well
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """Two nodes, by index, that may show the same place."""
+
+    index: int
+    """The later one."""
+    other: int
+    similarity: float
+    """Cosine of their weighed words."""
+    posterior: float
+    """Probability after smoothing that `index` is at `other` or a neighbour of it."""
+
+
+def weigh_words(words: Sequence[NDArray[np.int32]], size: int) -> scipy.sparse.csr_matrix:
+    """Unit vectors (N, size + 1) of each image's words, weighed by tf-idf.
+
+    Sivic and Zisserman, "Video Google" (2003): share of the image's words, times the logarithm of
+    how many images there are for each that holds the word.
+    """
+    rows = np.repeat(np.arange(len(words)), [len(w) for w in words])
+    columns = np.concatenate([*words, np.zeros(0, np.int32)]).astype(np.int64)
+    known = columns > 0
+    counts = scipy.sparse.csr_matrix(
+        (np.ones(np.count_nonzero(known)), (rows[known], columns[known])),
+        shape=(len(words), size + 1),
+    )
+    counts.sum_duplicates()
+    holders = np.bincount(counts.indices, minlength=size + 1)
+    idf = np.log(max(len(words), 1) / np.maximum(holders, 1))
+    weighed = counts.multiply(idf[None, :]).tocsr()
+    length = np.sqrt(np.asarray(weighed.multiply(weighed).sum(axis=1))).reshape(-1, 1)
+    return scipy.sparse.csr_matrix(weighed.multiply(1.0 / np.maximum(length, 1e-12)))
+
+
+def find_candidates(
+    words: Sequence[NDArray[np.int32]],
+    size: int,
+    stamps_ns: NDArray[np.int64],
+    sessions: NDArray[np.int64],
+    *,
+    gap_s: float,
+    least_similarity: float,
+    least_posterior: float,
+    most: int,
+) -> list[Candidate]:
+    """Pairs worth verifying, each node with its `most` best places, most likely first.
+
+    Nodes of one session closer than `gap_s` seconds are not the same place again. Of neighbouring
+    places only the best is proposed. Places nearly as similar as the best one are proposed too,
+    whatever the filter thinks: that they look alike must be known before one is believed.
+    """
+    similarity = _similarities(weigh_words(words, size), stamps_ns, sessions, gap_s)
+    posterior = smooth_places(similarity)
+    best: dict[tuple[int, int], Candidate] = {}
+    for i in range(len(words)):
+        row = similarity[i]
+        around = np.convolve(posterior[i], np.ones(2 * _REACH + 1), mode="same")
+        worth = (around >= least_posterior) | (row >= _ALIKE * row.max())
+        worth &= row >= least_similarity
+        order = np.argsort(-(row * (0.2 + around)), kind="stable")
+        proposed = _distinct(order[worth[order]], most)
+        for j in proposed:
+            pair = (max(i, j), min(i, j))
+            candidate = Candidate(*pair, float(row[j]), float(around[j]))
+            if pair not in best or best[pair].posterior < candidate.posterior:
+                best[pair] = candidate
+    return sorted(best.values(), key=lambda c: (c.index, -c.posterior * c.similarity, c.other))
+
+
+def _similarities(
+    vectors: scipy.sparse.csr_matrix,
+    stamps_ns: NDArray[np.int64],
+    sessions: NDArray[np.int64],
+    gap_s: float,
+) -> NDArray[np.float32]:
+    similarity = np.asarray((vectors @ vectors.T).todense(), np.float32)
+    close = np.abs(stamps_ns[:, None] - stamps_ns[None, :]) < gap_s * 1e9
+    similarity[close & (sessions[:, None] == sessions[None, :])] = 0.0
+    return similarity
+
+
+def smooth_places(similarity: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Probability (N, N) that node i is at the place of node j, given the whole log.
+
+    A discrete Bayes filter over "at node j" or "at a new place" as in Angeli et al., "Fast and
+    incremental method for loop-closure detection using bags of visual words" (2008), run forwards
+    and backwards. A place's likelihood grows with how far its similarity stands out of its row.
+    """
+    likelihood, unknown = _likelihoods(similarity)
+    forward, new_forward = _filter(likelihood, unknown)
+    backward, new_backward = _filter(likelihood[::-1], unknown[::-1])
+    # Both passes count the node's own likelihood; one of them is divided out.
+    joint = forward * backward[::-1] / np.maximum(likelihood, 1e-12)
+    new = new_forward * new_backward[::-1] / unknown
+    total = joint.sum(axis=1) + new
+    return np.asarray(joint / np.maximum(total, 1e-30)[:, None], np.float32)
+
+
+def _likelihoods(similarity: NDArray[np.float32]) -> tuple[NDArray[np.float32], Array]:
+    """Likelihood (N, N) of each place and (N,) of a new one; places ruled out have 0."""
+    allowed = similarity > 0
+    count = np.maximum(allowed.sum(axis=1), 1)
+    mean = similarity.sum(axis=1) / count
+    spread = np.sqrt(np.maximum((similarity**2).sum(axis=1) / count - mean**2, 0.0))
+    limit = (mean + spread)[:, None]
+    raised = (similarity - spread[:, None]) / np.maximum(mean, 1e-6)[:, None]
+    likelihood = np.where(similarity > limit, np.maximum(raised, 1.0), 1.0) * allowed
+    unknown = 1.0 + mean / np.maximum(spread, 1e-6)
+    return likelihood.astype(np.float32), np.clip(unknown, 1.0, 10.0)
+
+
+def _filter(likelihood: NDArray[np.float32], unknown: Array) -> tuple[NDArray[np.float32], Array]:
+    """Posterior (N, N) of each place and (N,) of a new one, given the nodes so far."""
+    n = len(likelihood)
+    offsets = np.arange(-_REACH, _REACH + 1)
+    kernel = np.exp(-0.5 * (offsets / _STEP_SIGMA) ** 2)
+    kernel *= (1.0 - _LOST) / kernel.sum()
+    posterior = np.zeros((n, n), np.float32)
+    new = np.zeros(n)
+    places, at_new = np.zeros(n), 1.0
+    for i in range(n):
+        allowed = likelihood[i] > 0
+        spread_in = (1.0 - _NEW_STAYS) * at_new / max(int(np.count_nonzero(allowed)), 1)
+        predicted = np.convolve(places, kernel, mode="same")[:n] if n >= len(kernel) else places
+        places = likelihood[i] * (predicted + spread_in)
+        at_new = float(unknown[i]) * (_NEW_STAYS * at_new + _LOST * places_sum(predicted))
+        total = float(places.sum()) + at_new
+        places, at_new = places / total, at_new / total
+        posterior[i], new[i] = places, at_new
+    return posterior, new
+
+
+def places_sum(predicted: NDArray[np.floating]) -> float:
+    """What the kernel left to the known places, as it was before the loss."""
+    return float(predicted.sum()) / (1.0 - _LOST)
+
+
+def _distinct(order: NDArray[np.int64], most: int) -> list[int]:
+    chosen: list[int] = []
+    for j in order:
+        if not _is_near(int(j), chosen):
+            chosen.append(int(j))
+            if len(chosen) == most:
+                break
+    return chosen
+
+
+def _is_near(index: int, chosen: Sequence[int]) -> bool:
+    return any(abs(index - other) <= 2 for other in chosen)

@@ -1,0 +1,52 @@
+"""How far tracked poses may have drifted between two nodes: what a closure may correct."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import between, rotation_angle
+from mapmyworld.types import Node
+
+Array = NDArray[np.float64]
+_BASE_TRANSLATION = 0.05  # m that a closure may be off without any drift
+_BASE_ROTATION = 0.03  # rad
+
+
+class Drift:
+    """Expected error of the tracked motion between any two nodes of a session."""
+
+    def __init__(self, nodes: Sequence[Node], config: Config) -> None:
+        self._settings = config.visual
+        self._poses = np.stack([node.tracked_from_base for node in nodes])
+        self._sessions = np.array([node.session for node in nodes])
+        steps = between(self._poses[:-1], self._poses[1:])
+        self._path = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps[:, :3, 3], axis=1))])
+        self._turn = np.concatenate([[0.0], np.cumsum(rotation_angle(steps))])
+
+    def sigmas(self, i: int, j: int) -> tuple[float, float]:
+        """Standard deviations (m, rad) of the tracked motion from node index i to j."""
+        settings = self._settings
+        path, turn = abs(self._path[i] - self._path[j]), abs(self._turn[i] - self._turn[j])
+        rotation = _BASE_ROTATION + settings.drift_rotation * np.sqrt(path)
+        rotation += settings.drift_turn * np.sqrt(turn)
+        lever = min(path / 4.0, 10.0)
+        translation = _BASE_TRANSLATION + settings.drift_translation * path + rotation * lever
+        return float(translation), float(rotation)
+
+    def comparable(self, i: int, j: int) -> bool:
+        return bool(self._sessions[i] == self._sessions[j])
+
+    def excess(self, i: int, j: int, i_from_j: Array) -> tuple[float, float, float]:
+        """How a measured motion contradicts the tracked one: largest sigma, metres, radians."""
+        error = between(between(self._poses[i], self._poses[j]), i_from_j)
+        metres, radians = float(np.linalg.norm(error[:3, 3])), float(rotation_angle(error))
+        translation, rotation = self.sigmas(i, j)
+        return max(metres / translation, radians / rotation), metres, radians
+
+    def tracked(self, i: int, j: int) -> Array:
+        """i_from_j (4, 4) by tracking."""
+        return between(self._poses[i], self._poses[j])

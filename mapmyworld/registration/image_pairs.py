@@ -1,0 +1,166 @@
+"""Two images aligned: matches, the motion between them, and how far it can be trusted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import invert, se3_adjoint, transform_points
+from mapmyworld.registration.views import View, match_around, match_views
+from mapmyworld.registration.visual import Sightings, errors, inliers, ransac_pose, refine_pose
+from mapmyworld.types import Registration
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+_LATTICE = np.array([8, 6])  # cells over the image that tell how widely matches are spread
+_WRONG_PIXELS = 4.0  # sigmas; a model error that no residual shows inflates the covariance
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImagePair:
+    """A registration of b's image in a's, with what was compared to get it."""
+
+    registration: Registration
+    """a_from_b of the bases; information rotation first."""
+    features_a: Indices
+    """(M,) matched features of a."""
+    features_b: Indices
+    """(M,) their partners in b."""
+    agreed: NDArray[np.bool_]
+    """(M,) whether a match agrees with the motion."""
+    cells: int
+    """Cells of an 8 x 6 lattice over b's image that agreeing matches reach."""
+    sigma_rotation: float
+    """rad, the largest axis."""
+    sigma_translation: float
+    """m, the largest axis."""
+
+
+def register_images(a: View, b: View, config: Config, *, guess: Array | None = None) -> ImagePair:
+    """The motion between two images by PnP: points of a, from depth, as b sees them.
+
+    With a `guess` of a_from_b (of the bases) matches are sought around its projection only,
+    else over the whole image. The verdict names the limit that was missed.
+    """
+    settings = config.visual
+    points = transform_points(a.camera.base_from_camera, a.camera_points())
+    if guess is None:
+        mine, theirs = match_views(a, b, settings.match_bits, settings.match_ratio)
+    else:
+        mine, theirs = _match_by_pose(a, b, points, guess, settings.search_radius, config)
+    deep = np.isfinite(points[mine, 2])
+    mine, theirs = mine[deep], theirs[deep]
+    sightings = Sightings(points[mine], b.seen[theirs], b.sigmas[theirs])
+    pose, found = ransac_pose(
+        sightings, settings.inlier_sigmas, settings.ransac_rounds, config.seed
+    )
+    if found < settings.closure_inliers // 2:
+        reason = f"{found} of {len(mine)} matches agree, {settings.closure_inliers} needed"
+        return _failed(mine, theirs, reason)
+    first = found / len(mine)
+    pose, _ = refine_pose(
+        pose, sightings.select(inliers(pose, sightings, 2 * settings.inlier_sigmas))
+    )
+    base = pose @ invert(b.camera.base_from_camera)
+    more = _match_by_pose(a, b, points, base, settings.closure_radius, config)
+    if len(more[0]) >= found:
+        mine, theirs = more
+        sightings = Sightings(points[mine], b.seen[theirs], b.sigmas[theirs])
+    pose, information = refine_pose(pose, sightings)
+    agreed = inliers(pose, sightings, settings.inlier_sigmas)
+    if np.count_nonzero(agreed) >= 6:
+        pose, information = refine_pose(pose, sightings.select(agreed))
+        agreed = inliers(pose, sightings, settings.inlier_sigmas)
+    return _judged(b, (mine, theirs, agreed), pose, information, sightings, first, config)
+
+
+def _match_by_pose(
+    a: View, b: View, points: Array, a_from_b: Array, radius: float, config: Config
+) -> tuple[Indices, Indices]:
+    """Features of a with depth and their partners in b near where the motion expects them."""
+    deep = np.flatnonzero(np.isfinite(points[:, 2]))
+    local = transform_points(invert(a_from_b @ b.camera.base_from_camera), points[deep])
+    matches = match_around(
+        b,
+        local,
+        a.words[deep],
+        radius,
+        config.visual.match_bits,
+        config.visual.match_ratio,
+    )
+    found = np.flatnonzero(matches >= 0)
+    return deep[found], matches[found].astype(np.int64)
+
+
+def _judged(
+    b: View,
+    matched: tuple[Indices, Indices, NDArray[np.bool_]],
+    pose: Array,
+    information: Array,
+    sightings: Sightings,
+    share: float,
+    config: Config,
+) -> ImagePair:
+    settings = config.visual
+    mine, theirs, agreed = matched
+    count = int(np.count_nonzero(agreed))
+    cells = occupied_cells(b, theirs[agreed])
+    squared = errors(pose, sightings)[agreed, 0]
+    scale = max(float(np.mean(squared)) / 2.0 if count else np.inf, 1.0)
+    camera_from_base = invert(b.camera.base_from_camera)
+    adjoint = se3_adjoint(camera_from_base)  # a base's tangent, seen in the camera
+    information = adjoint.T @ information @ adjoint / (scale * _WRONG_PIXELS)
+    covariance = np.linalg.inv(information + 1e-9 * np.eye(6))
+    sigmas = [
+        float(np.sqrt(np.linalg.eigvalsh(covariance[k : k + 3, k : k + 3])[-1])) for k in (0, 3)
+    ]
+    reason = _verdict(count, share, cells, sigmas, config)
+    focal = float(b.camera.intrinsics[0, 0])
+    residual = (
+        float(np.sqrt(np.mean(squared * (sightings.sigmas[agreed, 0] * focal) ** 2)))
+        if count
+        else np.inf
+    )
+    registration = Registration(
+        pose @ camera_from_base,
+        information,
+        reason == "",
+        reason or f"{count} matches agree within {settings.inlier_sigmas:g} sigma",
+        count,
+        share,
+        residual,
+    )
+    return ImagePair(registration, mine, theirs, agreed, cells, sigmas[0], sigmas[1])
+
+
+def _verdict(count: int, share: float, cells: int, sigmas: list[float], config: Config) -> str:
+    """Empty when all limits are met, else the first that is missed, with its value."""
+    settings = config.visual
+    if count < settings.closure_inliers:
+        return f"{count} matches agree, {settings.closure_inliers} needed"
+    if share < settings.closure_share:
+        return f"{share:.0%} of the matches agree, {settings.closure_share:.0%} needed"
+    if cells < settings.closure_cells:
+        return f"agreeing matches reach {cells} cells of the image, {settings.closure_cells} needed"
+    if sigmas[1] > settings.closure_translation_sigma:
+        limit = settings.closure_translation_sigma
+        return f"translation certain to {sigmas[1]:.3f} m only, {limit:g} m needed"
+    if sigmas[0] > settings.closure_rotation_sigma:
+        limit = settings.closure_rotation_sigma
+        return f"rotation certain to {sigmas[0]:.3f} rad only, {limit:g} rad needed"
+    return ""
+
+
+def occupied_cells(view: View, chosen: Indices) -> int:
+    """Cells of an 8 x 6 lattice over the image that the chosen features reach."""
+    size = np.array([view.camera.width, view.camera.height])
+    cells = np.clip(np.floor(view.features.pixels[chosen] / size * _LATTICE), 0, _LATTICE - 1)
+    return len(np.unique(cells @ [1, 100]))
+
+
+def _failed(mine: Indices, theirs: Indices, reason: str) -> ImagePair:
+    nothing = Registration(np.eye(4), np.zeros((6, 6)), False, reason)
+    return ImagePair(nothing, mine, theirs, np.zeros(len(mine), np.bool_), 0, np.inf, np.inf)

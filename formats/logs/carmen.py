@@ -15,6 +15,7 @@ from formats.logs.carmen_records import (
     LASER_TOPICS,
     odometry_from_laser_line,
     odometry_from_odom_line,
+    planar_pose,
     pose_from_truepos_line,
     scan_from_line,
     stamp_from_text,
@@ -22,7 +23,6 @@ from formats.logs.carmen_records import (
 from formats.logs.carmen_survey import Survey, survey_lines
 from formats.logs.files import DECOMPRESSION_ERRORS, hash_files, open_binary
 from mapmyworld.errors import LogError
-from mapmyworld.geometry import planar_to_matrix
 from mapmyworld.types import (
     LogInfo,
     Message,
@@ -193,7 +193,7 @@ def _decode(decode: Callable[[], Message], path: Path, kind: bytes) -> Message:
 
 def _mountings(survey: Survey, stamp_ns: int, log_time_ns: int) -> RawMessage:
     transforms = tuple(
-        TransformStamped(stamp_ns, "base_link", frame, planar_to_matrix(pose))
+        TransformStamped(stamp_ns, "base_link", frame, planar_pose(*pose.tolist()))
         for frame, pose in sorted(survey.base_from_laser.items())
     )
     message = TransformsMessage(transforms, static=True)

@@ -13,7 +13,7 @@ from decimal import Decimal, InvalidOperation
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import planar_to_matrix
+from formats.logs.poses import pose_matrix
 from mapmyworld.types import LaserScanMessage, OdometryMessage, PoseMessage
 
 _MAX_BEAMS = 100_000  # more in one line is damage, not a lidar
@@ -120,18 +120,28 @@ def parse_laser(line: bytes) -> LaserRecord:
     return parse_robotlaser(line) if line.startswith(b"ROBOTLASER") else parse_flaser(line)
 
 
+def single(value: float) -> float:
+    """The value as a ROS message holds it, so that a converted log gives the same map."""
+    return float(np.float32(value))
+
+
+def planar_pose(x: float, y: float, yaw: float) -> NDArray[np.float64]:
+    """The matrix (4, 4), formed as readers of ROS messages form it from a quaternion."""
+    return pose_matrix((x, y, 0.0, 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)))
+
+
 def scan_from_line(line: bytes, stamp_ns: int, frame_id: str, range_max: float) -> LaserScanMessage:
     """The sweep of a laser line; `range_max` serves where the record itself has none."""
     record = parse_laser(line)
     return LaserScanMessage(
         stamp_ns,
         frame_id,
-        record.angle_min,
-        record.angle_increment,
+        single(record.angle_min),
+        single(record.angle_increment),
         0.0,
         0.0,
         0.0,
-        record.range_max or range_max,
+        single(record.range_max or range_max),
         record.ranges.astype(np.float32),
         record.intensities,
     )
@@ -144,7 +154,7 @@ _UNKNOWN_COVARIANCE.setflags(write=False)
 def _odometry(
     stamp_ns: int, pose: NDArray[np.float64], twist: NDArray[np.float64]
 ) -> OdometryMessage:
-    matrix = planar_to_matrix(pose)
+    matrix = planar_pose(*pose.tolist())
     return OdometryMessage(
         stamp_ns, "odom", "base_link", matrix, _UNKNOWN_COVARIANCE, twist, _UNKNOWN_COVARIANCE
     )
@@ -168,4 +178,4 @@ def odometry_from_odom_line(line: bytes, stamp_ns: int) -> OdometryMessage:
 def pose_from_truepos_line(line: bytes, stamp_ns: int) -> PoseMessage:
     """TRUEPOS true_x true_y true_theta odom_x odom_y odom_theta: the simulator's true pose."""
     pose = _finite(_floats(line.split()[1:4]))
-    return PoseMessage(stamp_ns, "map", planar_to_matrix(pose), _UNKNOWN_COVARIANCE)
+    return PoseMessage(stamp_ns, "map", planar_pose(*pose.tolist()), _UNKNOWN_COVARIANCE)

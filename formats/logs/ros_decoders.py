@@ -7,7 +7,7 @@ IndexError where they do not hold what the type needs.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import cast
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from formats.logs.images import compressed_image, raw_image
 from formats.logs.point_clouds import PointField, cloud_points
+from formats.logs.poses import pose_matrix
 from formats.logs.wire import Wire
 from mapmyworld.types import (
     CameraInfoMessage,
@@ -33,24 +34,6 @@ from mapmyworld.types import (
 
 Floats = NDArray[np.float64]
 _MAX_ITEMS = 1_000_000  # transforms or echoes in one message; more is damage
-
-
-def pose_matrix(values: Sequence[float]) -> Floats:
-    """The matrix (4, 4) of x y z qx qy qz qw; a zero quaternion, never set, means no rotation."""
-    x, y, z, qx, qy, qz, qw = values
-    square = qx * qx + qy * qy + qz * qz + qw * qw
-    s = 2.0 / square if square else 0.0
-    xx, yy, zz = s * qx * qx, s * qy * qy, s * qz * qz
-    xy, xz, yz = s * qx * qy, s * qx * qz, s * qy * qz
-    wx, wy, wz = s * qw * qx, s * qw * qy, s * qw * qz
-    return np.array(
-        [
-            [1.0 - yy - zz, xy - wz, xz + wy, x],
-            [xy + wz, 1.0 - xx - zz, yz - wx, y],
-            [xz - wy, yz + wx, 1.0 - xx - yy, z],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
 
 
 def _doubles(wire: Wire, data: bytes, position: int, count: int) -> tuple[Floats, int]:

@@ -1,0 +1,26 @@
+"""Poses as messages hold them, as matrices."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def pose_matrix(values: Sequence[float]) -> NDArray[np.float64]:
+    """The matrix (4, 4) of x y z qx qy qz qw; a zero quaternion, never set, means no rotation."""
+    x, y, z, qx, qy, qz, qw = values
+    square = qx * qx + qy * qy + qz * qz + qw * qw
+    s = 2.0 / square if square else 0.0
+    xx, yy, zz = s * qx * qx, s * qy * qy, s * qz * qz
+    xy, xz, yz = s * qx * qy, s * qx * qz, s * qy * qz
+    wx, wy, wz = s * qw * qx, s * qw * qy, s * qw * qz
+    return np.array(
+        [
+            [1.0 - yy - zz, xy - wz, xz + wy, x],
+            [xy + wz, 1.0 - xx - zz, yz - wx, y],
+            [xz - wy, yz + wx, 1.0 - xx - yy, z],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )

@@ -1,0 +1,116 @@
+"""Writing logs: MCAP, ROS 1 bags and rosbag2 recordings, by stock libraries."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from types import TracebackType
+
+from formats.logs.channels import Channel
+from formats.logs.definitions import ros1_store, ros2_store
+from formats.recording_sinks import Handle, McapSink, Ros1Sink, Rosbag2Sink, Sink
+from formats.ros_messages import RosMessages
+from mapmyworld.errors import LogError
+from mapmyworld.types import Message, TransformsMessage
+
+COMPRESSIONS = {
+    ".mcap": ("zstd", "lz4", "none"),
+    ".bag": ("none", "lz4", "bz2"),
+    ".db3": ("none", "zstd"),
+}
+
+
+class LogWriter:
+    """Writes messages in the order in which they come; a context manager.
+
+    The path decides: `.mcap` (CDR), `.bag` (ROS 1), `.db3` (a lone rosbag2 file), anything else a
+    rosbag2 folder. Left by an exception, it removes what it wrote.
+    """
+
+    def __init__(
+        self, path: Path | str, *, compression: str | None = None, overwrite: bool = False
+    ) -> None:
+        """Raises LogError where the path exists, unless `overwrite`, or cannot be written."""
+        self.path = Path(path)
+        kind = container_of(self.path)
+        compression = compression or COMPRESSIONS[kind][0]
+        if compression not in COMPRESSIONS[kind]:
+            raise LogError(
+                f"{self.path}: a {kind} log cannot be compressed by {compression}: "
+                f"choose {', '.join(COMPRESSIONS[kind])}"
+            )
+        _make_room(self.path, overwrite)
+        try:
+            self.sink = _open_sink(self.path, kind, compression)
+        except OSError as error:
+            raise LogError(f"{self.path}: cannot be written: {error.strerror or error}") from error
+        self._ros = RosMessages(
+            ros1_store() if self.sink.encoding == "ros1" else ros2_store(),
+            is_ros1=self.sink.encoding == "ros1",
+        )
+        self._handles: dict[tuple[str, str], Handle] = {}
+
+    def write(self, topic: str, message: Message, log_time_ns: int) -> None:
+        """Appends a message, as the standard ROS type that carries it."""
+        type_name = self._ros.type_name(message)
+        handle = self._handles.get((topic, type_name))
+        if handle is None:
+            latching = isinstance(message, TransformsMessage) and message.static
+            handle = self.sink.add(self._channel(topic, type_name, latching))
+            self._handles[topic, type_name] = handle
+        built = self._ros.build(message)
+        store = ros1_store() if self.sink.encoding == "ros1" else ros2_store()
+        serialise = store.serialize_ros1 if self.sink.encoding == "ros1" else store.serialize_cdr
+        self.sink.write(handle, log_time_ns, bytes(serialise(built, type_name)))
+
+    def __enter__(self) -> LogWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self.sink.close()
+        else:
+            self.sink.abort()
+
+    def _channel(self, topic: str, type_name: str, latching: bool) -> Channel:
+        if self.sink.encoding == "ros1":
+            text, digest = ros1_store().generate_msgdef(type_name)
+            schema_encoding = "ros1msg"
+        else:
+            text, _ = ros2_store().generate_msgdef(type_name, ros_version=2)
+            digest, schema_encoding = ros2_store().hash_rihs01(type_name), "ros2msg"
+        encoding = self.sink.encoding
+        return Channel(topic, type_name, encoding, schema_encoding, text.encode(), digest, latching)
+
+
+def container_of(path: Path) -> str:
+    """The kind of log by the path's name: .mcap, .bag or .db3; a folder is a .db3 recording."""
+    return path.suffix if path.suffix in COMPRESSIONS else ".db3"
+
+
+def _open_sink(path: Path, kind: str, compression: str) -> Sink:
+    if kind == ".mcap":
+        return McapSink(path, compression)
+    if kind == ".bag":
+        return Ros1Sink(path, compression)
+    return Rosbag2Sink(path, compression)
+
+
+def _make_room(path: Path, overwrite: bool) -> None:
+    if not path.parent.is_dir():
+        raise LogError(f"{path}: cannot be written: its folder does not exist")
+    if not path.exists():
+        return
+    if not overwrite:
+        raise LogError(f"{path}: exists already: name another file or ask to overwrite it")
+    if path.is_dir():
+        if not (path / "metadata.yaml").is_file():
+            raise LogError(f"{path}: not replaced: the folder holds no recording")
+        shutil.rmtree(path)
+    else:
+        path.unlink()

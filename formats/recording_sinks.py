@@ -1,0 +1,199 @@
+"""Where serialised messages go: an MCAP file, a ROS 1 bag, a rosbag2 recording."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any, Protocol
+
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Rosbag2Writer
+
+import mapmyworld
+from formats.logs.channels import Channel
+from mapmyworld.errors import LogError
+
+Handle = Any
+"""What a sink gives for a channel, to write with."""
+
+_CHUNK_BYTES = 1 << 20
+_FOREVER = QosTime(2147483647, 4294967295)
+# The profile of a topic whose messages hold for those who come late, as /tf_static's do.
+LATCHED = Qos(
+    QosHistory.KEEP_LAST,
+    1,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    _FOREVER,
+    _FOREVER,
+    QosLiveliness.AUTOMATIC,
+    _FOREVER,
+    avoid_ros_namespace_conventions=False,
+)
+# The same as rosbag2 writes it into MCAP's channel metadata.
+_LATCHED_TEXT = (
+    "- history: 1\n  depth: 1\n  reliability: 1\n  durability: 1\n"
+    "  deadline:\n    sec: 2147483647\n    nsec: 4294967295\n"
+    "  lifespan:\n    sec: 2147483647\n    nsec: 4294967295\n"
+    "  liveliness: 1\n"
+    "  liveliness_lease_duration:\n    sec: 2147483647\n    nsec: 4294967295\n"
+    "  avoid_ros_namespace_conventions: false"
+)
+
+
+class Sink(Protocol):
+    encoding: str
+    """Of the messages it takes: "cdr" or "ros1"."""
+
+    def add(self, channel: Channel) -> Handle: ...
+
+    def write(self, handle: Handle, log_time_ns: int, data: bytes) -> None: ...
+
+    def close(self) -> None: ...
+
+    def abort(self) -> None:
+        """Removes what was written."""
+
+
+class McapSink:
+    """A lone .mcap file; takes messages of any encoding, profile "ros2" unless told."""
+
+    encoding = "cdr"
+
+    def __init__(self, path: Path, compression: str, profile: str = "ros2") -> None:
+        self.path = path
+        self._stream = path.open("wb")
+        kind = {
+            "zstd": CompressionType.ZSTD,
+            "lz4": CompressionType.LZ4,
+            "none": CompressionType.NONE,
+        }[compression]
+        self._writer = McapWriter(self._stream, _CHUNK_BYTES, kind)
+        self._writer.start(profile, f"mapmyworld {mapmyworld.__version__}")
+        self._schemas: dict[tuple[str, str, bytes], int] = {}
+        self._sequences: dict[int, int] = {}
+
+    def add(self, channel: Channel) -> Handle:
+        name = channel.type_name
+        if channel.encoding == "ros1":
+            name = name.replace("/msg/", "/")
+        key = (name, channel.schema_encoding, channel.schema)
+        if name and key not in self._schemas:
+            self._schemas[key] = self._writer.register_schema(*key)
+        metadata = dict(channel.metadata)
+        if channel.encoding == "ros1":
+            metadata |= {"md5sum": channel.digest} if channel.digest else {}
+            metadata |= {"latching": "1"} if channel.latching else {}
+        elif channel.latching:
+            metadata.setdefault("offered_qos_profiles", _LATCHED_TEXT)
+        return self._writer.register_channel(
+            channel.topic, channel.encoding, self._schemas.get(key, 0), metadata
+        )
+
+    def write(self, handle: Handle, log_time_ns: int, data: bytes) -> None:
+        sequence = self._sequences[handle] = self._sequences.get(handle, -1) + 1
+        self._writer.add_message(handle, log_time_ns, data, log_time_ns, sequence)
+
+    def close(self) -> None:
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._stream.close()
+
+    def abort(self) -> None:
+        self._stream.close()
+        self.path.unlink(missing_ok=True)
+
+
+class Ros1Sink:
+    """A ROS 1 bag."""
+
+    encoding = "ros1"
+
+    def __init__(self, path: Path, compression: str) -> None:
+        self.path = path
+        self._writer = Ros1Writer(path)
+        if compression != "none":
+            self._writer.set_compression(Ros1Writer.CompressionFormat[compression.upper()])
+        self._writer.open()
+        self._connections: dict[tuple[str, str, str, str], Handle] = {}
+
+    def add(self, channel: Channel) -> Handle:
+        caller = channel.metadata.get("callerid", "")
+        key = (channel.topic, channel.type_name, channel.digest, caller)
+        if key not in self._connections:
+            self._connections[key] = self._writer.add_connection(
+                channel.topic,
+                channel.type_name,
+                msgdef=channel.schema.decode("utf-8", "replace"),
+                md5sum=channel.digest or "*",
+                callerid=caller or None,
+                latching=1 if channel.latching else None,
+            )
+        return self._connections[key]
+
+    def write(self, handle: Handle, log_time_ns: int, data: bytes) -> None:
+        if not 0 <= log_time_ns < 1_000_000_000 << 32:
+            raise LogError(f"{self.path}: a ROS 1 bag cannot hold the time {log_time_ns} ns")
+        self._writer.write(handle, log_time_ns, data)
+
+    def close(self) -> None:
+        self._writer.close()
+
+    def abort(self) -> None:
+        self._writer.abort()
+        self.path.unlink(missing_ok=True)
+
+
+class Rosbag2Sink:
+    """A rosbag2 folder with a .db3 file in it; a path ending in .db3 becomes that file alone."""
+
+    encoding = "cdr"
+
+    def __init__(self, path: Path, compression: str) -> None:
+        self.path = path
+        self._alone = path.suffix == ".db3"
+        self._folder = path.with_name(f".{path.name}.folder") if self._alone else path
+        shutil.rmtree(self._folder, ignore_errors=True)
+        self._writer = Rosbag2Writer(self._folder, version=9, storage_plugin=StoragePlugin.SQLITE3)
+        if compression == "zstd":
+            mode = CompressionMode.MESSAGE if self._alone else CompressionMode.FILE
+            self._writer.set_compression(mode, CompressionFormat.ZSTD)
+        self._writer.open()
+        self._connections: dict[tuple[str, str], Handle] = {}
+
+    def add(self, channel: Channel) -> Handle:
+        key = (channel.topic, channel.type_name)
+        if key not in self._connections:
+            self._connections[key] = self._writer.add_connection(
+                channel.topic,
+                channel.type_name,
+                msgdef=channel.schema.decode("utf-8", "replace"),
+                rihs01=channel.digest or "RIHS01_",
+                serialization_format=channel.encoding,
+                offered_qos_profiles=[LATCHED] if channel.latching else [],
+            )
+        return self._connections[key]
+
+    def write(self, handle: Handle, log_time_ns: int, data: bytes) -> None:
+        self._writer.write(handle, log_time_ns, data)
+
+    def close(self) -> None:
+        self._writer.close()
+        if self._alone:
+            (file,) = self._folder.glob("*.db3")
+            file.replace(self.path)
+            shutil.rmtree(self._folder)
+
+    def abort(self) -> None:
+        self._writer.abort()
+        shutil.rmtree(self._folder, ignore_errors=True)

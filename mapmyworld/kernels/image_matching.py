@@ -109,3 +109,51 @@ def match_all(
         if matches[i] >= 0 and back_index[matches[i]] != i:
             matches[i] = -1
     return matches
+
+
+@njit(cache=True, nogil=True)
+def nearest_leaves(
+    words: NDArray[np.uint64],
+    centres: NDArray[np.uint64],
+    first_child: NDArray[np.int32],
+    children: NDArray[np.int32],
+) -> NDArray[np.int32]:
+    """For each word (N, 4) the leaf of the tree it comes to, always down to the nearest child."""
+    leaves = np.zeros(len(words), np.int32)
+    for i in range(len(words)):
+        node = 0
+        while first_child[node] >= 0:
+            start = first_child[node]
+            best, found = 1 << 20, start
+            for child in range(start, start + children[node]):
+                d = _distance(words[i], centres[child])
+                if d < best:
+                    best, found = d, child
+            node = found
+        leaves[i] = node
+    return leaves
+
+
+@njit(cache=True, nogil=True)
+def nearest_and_votes(
+    words: NDArray[np.uint64],
+    centres: NDArray[np.uint64],
+    labels: NDArray[np.int64],
+    votes: NDArray[np.int64],
+) -> None:
+    """The nearest centre (N,) of each word, and per centre (K, 256) its bits' votes.
+
+    A set bit counts one up, a clear one down.
+    """
+    votes[:] = 0
+    for i in range(len(words)):
+        best, found = 1 << 20, 0
+        for k in range(len(centres)):
+            d = _distance(words[i], centres[k])
+            if d < best:
+                best, found = d, k
+        labels[i] = found
+        for w in range(4):
+            x = words[i, w]
+            for b in range(64):
+                votes[found, 64 * w + b] += 2 * np.int64((x >> np.uint64(b)) & np.uint64(1)) - 1

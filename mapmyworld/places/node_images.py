@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.places.features import extract_features, spread
 from mapmyworld.places.vocabulary import Vocabulary, train_vocabulary
-from mapmyworld.registration.views import View, make_view
+from mapmyworld.registration.views import View, binary_words, make_view
 from mapmyworld.types import CameraModel, Features, MapStore, Node, NodeData, Progress
 
 _AHEAD = 4  # items prepared per thread before they are asked for
@@ -79,12 +79,14 @@ class NodeImages:
         per_image = max(1, _TRAINING // max(len(self._features), 1))
         sample = [_sample(f, per_image) for f in self._features]
         vocabulary = train_vocabulary(
-            np.concatenate(sample),  # type: ignore[arg-type]
+            np.concatenate(sample),
             branches=self._config.visual.vocabulary_branches,
             depth=self._config.visual.vocabulary_depth,
             seed=self._config.seed,
         )
-        self._features = [replace(f, words=vocabulary.words(f.descriptors)) for f in self._features]
+        self._features = [
+            replace(f, words=vocabulary.words(binary_words(f))) for f in self._features
+        ]
         return vocabulary
 
     def words(self) -> list[NDArray[np.int32]]:
@@ -128,7 +130,7 @@ def _best(features: Features, camera: CameraModel, config: Config) -> Features:
     return select_features(features, chosen)
 
 
-def _sample(features: Features, count: int) -> NDArray[np.uint8] | NDArray[np.float32]:
-    """The strongest descriptors of an image."""
+def _sample(features: Features, count: int) -> NDArray[np.uint64]:
+    """The strongest descriptors (N, 4) of an image."""
     order = np.argsort(-features.responses, kind="stable")[:count]
-    return features.descriptors[np.sort(order)]
+    return binary_words(features)[np.sort(order)]

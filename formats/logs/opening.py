@@ -16,6 +16,7 @@ from formats.logs.merged import MergedLog
 from formats.logs.recorded import RecordedLog
 from formats.logs.ros1_bag import open_ros1_bag
 from formats.logs.rosbag2 import ZSTD_MAGIC, PackedBag, SqliteBag, listed_files
+from formats.logs.tum_rgbd import LISTS, TumRgbdLog
 from mapmyworld.errors import LogError
 from mapmyworld.types import LogSource
 
@@ -52,6 +53,8 @@ def _open_one(path: Path) -> LogSource:
 
 
 def _open_folder(path: Path) -> LogSource:
+    if any((path / name).is_file() for name in LISTS):
+        return TumRgbdLog(path)
     metadata = path / "metadata.yaml"
     if metadata.is_file():
         listed = listed_files(metadata)

@@ -8,6 +8,7 @@ from typing import Any
 
 from formats.database import schema
 from formats.database.connection import Connection, is_sqlite
+from formats.database.foreign import RtabmapStore
 from formats.database.node_rows import StorageOptions
 from formats.database.results import parameters_to_text
 from formats.database.store import DatabaseStore
@@ -30,7 +31,7 @@ def open_store(
     read_only: bool = False,
     parameters: Mapping[str, str] | None = None,
     **options: Any,
-) -> DatabaseStore:
+) -> DatabaseStore | RtabmapStore:
     """The map in `path`.
 
     `create` makes the file where there is none; `overwrite` then replaces one of ours.
@@ -49,7 +50,7 @@ def open_store(
     if not is_sqlite(path):
         raise MapError(f"{path}: is not a map (no SQLite database): give another file")
     if not _is_ours(path):
-        return _foreign(path, create)
+        return _foreign(path, create=create)
     if create and overwrite:
         path.unlink()
         path.with_name(path.name + "-journal").unlink(missing_ok=True)
@@ -72,8 +73,13 @@ def _is_ours(path: Path) -> bool:
     return True
 
 
-def _foreign(path: Path, create: bool) -> DatabaseStore:
-    raise MapError(f"{path}: not one of ours")
+def _foreign(path: Path, *, create: bool) -> RtabmapStore:
+    """A database of RTAB-Map's, for reading; refused where a map was to be written."""
+    store = RtabmapStore(Connection(path, writable=False))
+    if create:
+        store.close()
+        raise MapError(f"{path}: is a database of RTAB-Map's and is never changed: give another -o")
+    return store
 
 
 def _created(path: Path, options: StorageOptions, parameters: Mapping[str, str]) -> Connection:

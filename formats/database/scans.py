@@ -79,7 +79,10 @@ def _planar_info(scan: Scan, bearings: NDArray[np.float64], count: int) -> bytes
     step = scan.angle_increment
     high = max(high, low + step * max(count - 1, 1))
     most = math.ceil((high - low) / step) + 1 if step > 0 else count
-    head = (_XY, 0.0, scan.range_max, low, high, step, most)
+    reach = scan.range_max
+    if not math.isfinite(reach):  # not said by the log
+        reach = float(np.linalg.norm(scan.points - scan.origin[:2], axis=1).max(initial=1.0))
+    head = (_XY, 0.0, reach, low, high, step, most)
     mount = planar_to_matrix(scan.origin)[:3]
     return np.array([*head, *mount.ravel()], "<f4").tobytes()
 

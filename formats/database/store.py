@@ -183,6 +183,11 @@ class DatabaseStore:
             for frame, blob in self._scan_blobs(chunk):
                 yield frame, blob_to_scan(blob, f"{self.path}: scan {frame}")
 
+    def scan_count(self) -> int:
+        """How many frames have a scan."""
+        self._flush()
+        return int(self._db.row("SELECT COUNT(*) FROM mapmyworld_scans")[0])
+
     def _scan_blobs(self, frames: list[int]) -> list[tuple[int, bytes]]:
         """Rows of these frames, ascending; a gapless run is read as a range."""
         if frames[-1] - frames[0] == len(frames) - 1:

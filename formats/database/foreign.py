@@ -1,0 +1,228 @@
+"""A database that RTAB-Map wrote, as a finished map: read, never changed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from decimal import Decimal
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.database import features as feature_rows
+from formats.database import foreign_graph as graph
+from formats.database.blobs import blob_to_matrix, blob_to_pose
+from formats.database.connection import Connection
+from formats.database.node_rows import node_data
+from formats.database.read_only import ReadOnly
+from formats.database.results import text_to_parameters
+from mapmyworld.errors import MapError
+from mapmyworld.types import (
+    Constraint,
+    Node,
+    NodeData,
+    OccupancyGrid,
+    Poses,
+    Scan,
+    TrackedFrames,
+)
+
+_OLDEST = (0, 13, 0)
+_INVALID_WEIGHT = -9  # merged into another node, or deleted
+# Log-odds that stand for the three values of a stored grid: beyond its thresholds.
+_LOG_ODDS = {100: 3.0, 0: -3.0}
+
+
+_LATEST_S = 9e9  # a stamp's seconds beyond which nanoseconds leave 64 bits
+
+
+def nanoseconds(stamp: float | None) -> int:
+    """A stamp in float seconds as the decimal number that was meant: microseconds survive."""
+    return int(Decimal(repr(float(stamp or 0.0))) * 1_000_000_000)
+
+
+class RtabmapStore(ReadOnly):
+    """The reading half of a MapStore, from RTAB-Map's own tables."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._db = connection
+        self.path: Path = connection.path
+        self._problems: list[str] = []
+        self._columns = {name: connection.columns(name) for name in ("Node", "Data", "Admin")}
+        self.version = self._checked_version()
+        self._nodes: tuple[Node, ...] | None = None
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What was left out so far, one line each."""
+        return tuple(self._problems)
+
+    def __enter__(self) -> RtabmapStore:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._db.close()
+
+    def _checked_version(self) -> str:
+        if "id" not in self._columns["Node"] or "version" not in self._columns["Admin"]:
+            raise MapError(f"{self.path}: is a database, but neither a map nor RTAB-Map's")
+        found = self._db.rows("SELECT version FROM Admin")
+        version = str(found[0][0]) if len(found) == 1 and found[0][0] else ""
+        try:
+            numbers = tuple(int(part) for part in version.split(".")[:3])
+        except ValueError:
+            numbers = ()
+        if not numbers:
+            raise MapError(f"{self.path}: does not say which version of RTAB-Map wrote it")
+        if numbers < _OLDEST:
+            raise MapError(
+                f"{self.path}: was written by RTAB-Map {version}, whose format is too old:"
+                ' convert it with `rtabmap-reprocess --Db/TargetVersion "" old.db new.db`'
+            )
+        return version
+
+    # What only our own builds keep
+
+    def stage_done(self, stage: str, inputs: str) -> bool:
+        return False
+
+    def get(self, key: str) -> Any:
+        return None
+
+    def frame_poses(self) -> NDArray[np.float64] | None:
+        return None
+
+    # Nodes
+
+    def nodes(self) -> tuple[Node, ...]:
+        """Nodes by id; those that RTAB-Map merged away are left out."""
+        if self._nodes is None:
+            truth = "ground_truth_pose" if self._has("Node", "ground_truth_pose") else "NULL"
+            query = f"SELECT id, map_id, weight, stamp, pose, {truth} FROM Node ORDER BY id"
+            found = (self._node(row) for row in self._db.rows(query))
+            self._nodes = tuple(node for node in found if node is not None)
+        return self._nodes
+
+    def _node(self, row: tuple[Any, ...]) -> Node | None:
+        node_id, session, weight, stamp, pose_blob, truth_blob = row
+        if weight == _INVALID_WEIGHT or node_id <= 0:
+            return None
+        try:
+            pose = blob_to_pose(pose_blob, f"node {node_id}'s pose")
+            truth = blob_to_pose(truth_blob, f"node {node_id}'s ground truth")
+        except MapError as error:
+            self._leave_out(f"{error}: the node is left out")
+            return None
+        if pose is None or not abs(stamp or 0.0) < _LATEST_S:
+            self._leave_out(f"node {node_id} has no odometry pose: it is left out")
+            return None
+        return Node(node_id, session, nanoseconds(stamp), pose, pose, weight or 0, truth)
+
+    def _leave_out(self, problem: str) -> None:
+        if problem not in self._problems:
+            self._problems.append(problem)
+
+    def _has(self, table: str, column: str) -> bool:
+        return column in self._columns[table]
+
+    def node_data(self, node_id: int) -> NodeData:
+        stamp = self._db.row("SELECT stamp FROM Node WHERE id = ?", (node_id,))
+        if stamp is None:
+            raise MapError(f"{self.path}: there is no node {node_id}")
+        what = f"{self.path}: node {node_id}"
+        wanted = ("image", "depth", "calibration", "scan", "scan_info")
+        columns = ", ".join(c if self._has("Data", c) else "NULL" for c in wanted)
+        row = self._db.row(f"SELECT {columns} FROM Data WHERE id = ?", (node_id,))
+        data = node_data(row or (None,) * 5, None, nanoseconds(stamp[0]), what)
+        found = self._db.rows(feature_rows.SELECT_FEATURES, (node_id,))
+        features = feature_rows.features_from_rows(found, what)
+        return NodeData(data.scan, data.images, data.cloud, features)
+
+    def contents(self) -> dict[int, dict[str, int]]:
+        """What each node keeps; from the row's header alone, no blob is read."""
+        query = (
+            "SELECT id, typeof(image) = 'blob', typeof(depth) = 'blob', typeof(scan) = 'blob'"
+            " FROM Data ORDER BY id"
+        )
+        names = ("images", "depth", "scan")
+        known = {node.id for node in self.nodes()}
+        found = self._db.rows(query)
+        return {row[0]: dict(zip(names, row[1:], strict=True)) for row in found if row[0] in known}
+
+    def words(self) -> dict[int, NDArray[Any]]:
+        words = {}
+        for word_id, size, blob in self._db.iterate(feature_rows.SELECT_WORDS):
+            what = f"{self.path}: word {word_id}"
+            words[word_id] = feature_rows.descriptor_from_blob(size, blob, what)
+        return words
+
+    # Frames: only nodes were kept
+
+    def tracked_frames(self) -> TrackedFrames:
+        """One frame a node, numbered from 0 in their order."""
+        nodes = self.nodes()
+        return TrackedFrames(
+            np.array([node.stamp_ns for node in nodes], np.int64),
+            np.array([node.id for node in nodes], np.int64),
+            np.broadcast_to(np.eye(4), (len(nodes), 4, 4)).copy(),
+            np.ones(len(nodes), np.bool_),
+        )
+
+    def scans(self, frames: Sequence[int] | NDArray[np.int64]) -> Iterator[tuple[int, Scan]]:
+        """Scans of the nodes with these indices in `nodes()`."""
+        nodes = self.nodes()
+        for frame in np.unique(np.asarray(frames, np.int64)).tolist():
+            if 0 <= frame < len(nodes):
+                scan = self.node_data(nodes[frame].id).scan
+                if scan is not None:
+                    yield frame, scan
+
+    # The graph
+
+    def constraints(self) -> tuple[Constraint, ...]:
+        """Links, one a pair and kind; dangling, null and damaged ones are left out."""
+        known = {node.id for node in self.nodes()}
+        found, problems = graph.constraints_from_links(self._db.iterate(graph.SELECT_LINKS), known)
+        for problem in problems:
+            self._leave_out(problem)
+        return found
+
+    def poses(self) -> Poses | None:
+        """The optimised poses; None where RTAB-Map did not come to write them."""
+        if not self._has("Admin", "opt_poses"):
+            return None
+        ids, poses = self._db.row("SELECT opt_ids, opt_poses FROM Admin")
+        return graph.poses_from_blobs(ids, poses, str(self.path))
+
+    def grid(self) -> OccupancyGrid | None:
+        """The stored grid; its three values become log-odds beyond the thresholds."""
+        if not self._has("Admin", "opt_map"):
+            return None
+        row = self._db.row(
+            "SELECT opt_map, opt_map_x_min, opt_map_y_min, opt_map_resolution FROM Admin"
+        )
+        matrix = blob_to_matrix(row[0], f"{self.path}: opt_map")
+        if matrix is None:
+            return None
+        if matrix.dtype != np.int8 or None in row[1:] or not row[3] > 0:
+            raise MapError(f"{self.path}: opt_map is not a grid of RTAB-Map's")
+        cells = matrix[:, :, 0]
+        log_odds = np.full(cells.shape, np.nan, np.float32)
+        for value, figure in _LOG_ODDS.items():
+            log_odds[cells == value] = figure
+        return OccupancyGrid(log_odds, float(row[3]), np.array(row[1:3], np.float64))
+
+    def parameters(self) -> dict[str, str]:
+        """How RTAB-Map was set, by its own names."""
+        newest = self._db.row("SELECT parameters FROM Info ORDER BY time_enter DESC LIMIT 1")
+        return text_to_parameters(newest[0]) if newest else {}

@@ -1,0 +1,99 @@
+"""RTAB-Map's links and optimised poses as constraints and poses of ours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Set
+from typing import Any
+
+import numpy as np
+
+from formats.database.blobs import (
+    blob_to_information,
+    blob_to_matrix,
+    blob_to_pose,
+    matrices_from_floats,
+    orthonormal,
+)
+from formats.database.links import KINDS
+from mapmyworld.errors import MapError
+from mapmyworld.geometry import invert
+from mapmyworld.types import Constraint, ConstraintKind, Poses
+
+SELECT_LINKS = "SELECT from_id, to_id, type, information_matrix, transform FROM Link ORDER BY rowid"
+_GRAVITY = 9
+_NAMES = {3: "closure in time", 6: "merged neighbour"}
+_SELF = {ConstraintKind.PRIOR}
+_MANY = 20  # problems listed in full; the rest are counted
+
+
+def constraints_from_links(
+    rows: Iterable[tuple[Any, ...]], nodes: Set[int]
+) -> tuple[tuple[Constraint, ...], tuple[str, ...]]:
+    """Constraints in the order of the rows, and a line on each link that was left out.
+
+    Of the two directions of a pair the one that goes forward in time is kept.
+    """
+    found: dict[tuple[int, int, int], Constraint] = {}
+    problems: list[str] = []
+    for row in rows:
+        if row[2] == _GRAVITY:
+            continue  # an orientation, which our graph takes from the imu
+        try:
+            constraint = _constraint(row, nodes)
+        except MapError as error:
+            problems.append(str(error))
+            continue
+        if constraint is not None:
+            key = (constraint.from_id, constraint.to_id, row[2])
+            found.setdefault(key, constraint)
+    shown = problems[:_MANY]
+    if len(problems) > _MANY:
+        shown.append(f"{len(problems) - _MANY} more links were left out")
+    return tuple(found.values()), tuple(shown)
+
+
+def _constraint(row: tuple[Any, ...], nodes: Set[int]) -> Constraint | None:
+    """A row's constraint, turned forward; None for a link of merged-away nodes."""
+    from_id, to_id, number, information, transform = row
+    what = f"link {from_id} to {to_id} of type {number}"
+    kind = KINDS.get(number)
+    if kind is None:
+        raise MapError(f"{what}: an unknown type, left out")
+    motion = blob_to_pose(transform, what)
+    if motion is None:
+        return None  # RTAB-Map's "null link": its node was merged into another
+    _check_ends(from_id, to_id, kind, nodes, what)
+    matrix = blob_to_information(information, what)
+    if (np.diag(matrix) <= 0).any():
+        raise MapError(f"{what}: its information is not positive, left out")
+    if 0 < to_id < from_id:
+        from_id, to_id, motion = to_id, from_id, invert(motion)
+    reason = f"stored by RTAB-Map as a {_NAMES[number]}" if number in _NAMES else ""
+    return Constraint(from_id, to_id, kind, motion, matrix, True, reason or "stored by RTAB-Map")
+
+
+def _check_ends(from_id: int, to_id: int, kind: ConstraintKind, nodes: Set[int], what: str) -> None:
+    if (from_id == to_id) != (kind in _SELF):
+        raise MapError(f"{what}: a node linked to itself, left out")
+    if (to_id < 0) != (kind is ConstraintKind.LANDMARK):
+        raise MapError(f"{what}: only landmarks have negative ids, left out")
+    if from_id not in nodes or (to_id > 0 and to_id not in nodes):
+        raise MapError(f"{what}: there is no such node, left out")
+
+
+def poses_from_blobs(ids_blob: bytes | None, poses_blob: bytes | None, what: str) -> Poses | None:
+    """`opt_ids` and `opt_poses`, nodes first; None where there are none."""
+    ids = blob_to_matrix(ids_blob, f"{what}: opt_ids")
+    floats = blob_to_matrix(poses_blob, f"{what}: opt_poses")
+    if ids is None or floats is None:
+        return None
+    if ids.dtype != np.int32 or floats.dtype != np.float32 or floats.size != 12 * ids.size:
+        raise MapError(
+            f"{what}: {ids.size} optimised ids do not fit {floats.size} numbers of poses"
+        )
+    numbers = ids.ravel().astype(np.int64)
+    poses = matrices_from_floats(np.asarray(floats, np.float32).reshape(-1, 12))
+    if not np.isfinite(poses).all():
+        raise MapError(f"{what}: optimised poses that are not finite")
+    order = np.lexsort((np.abs(numbers), numbers < 0))
+    return Poses(numbers[order], orthonormal(poses)[order])

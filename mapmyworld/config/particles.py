@@ -7,4 +7,20 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ParticlesConfig:
-    pass
+    count: int = 30  # particles at most
+    count_min: int = 10  # particles at least; as many as `count` switches the adaptation off
+    resolution: float = 0.05  # m, cells of the particles' maps
+    range_max: float = 25.0  # m, end points farther away are not used
+    beams: int = 180  # end points of a scan at most
+    beam_spacing: float = 0.03  # m between neighbouring end points
+    step_distance: float = 0.15  # m of motion between two updates of the filter
+    step_angle: float = 0.15  # rad of rotation between two updates of the filter
+    sigma: float = 0.04  # m, end points about surfaces
+    beams_effective: float = 40.0  # beams of a scan that count as independent
+    odometry_sigma: float = 0.15  # m per m and rad per rad: how far recorded motion is believed
+    odometry_floor: float = 0.05  # m, and half as many rad, of uncertainty in any recorded motion
+    drift_sigma: float = 0.03  # m per m: uncertainty of scan-matched motion
+    drift_angle: float = 0.01  # rad per m: uncertainty of scan-matched motion
+    resample_below: float = 0.5  # share of effective particles at which the filter resamples
+    measurement: str = "field"  # "field" = likelihood field, "beams" = beam model
+    smoothing: int = 20  # rounds in which path and map of the best particle refine each other

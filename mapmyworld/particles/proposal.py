@@ -1,0 +1,89 @@
+"""The improved proposal: particles are drawn where the motion and the scan agree.
+
+Grisetti, Stachniss, Burgard, "Improved techniques for grid mapping with Rao-Blackwellized
+particle filters" (2007). The optimal proposal p(x_t | m, x_{t-1}, z_t, u_t) is proportional to
+p(z_t | x_t, m) p(x_t | x_{t-1}, u_t) (their eq. 9). The paper fits a Gaussian to samples around the
+scan matcher's result; here it is Laplace's: the mean is the maximum, found by Gauss-Newton, and
+the covariance the inverse of the Hessian there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config.particles import ParticlesConfig
+from mapmyworld.geometry import compose_planar, wrap_angle
+from mapmyworld.particles import kernels
+from mapmyworld.particles.kernels import Beams
+from mapmyworld.particles.threads import Workers
+from mapmyworld.particles.tiles import TileMaps
+
+REACHES = np.array([3, 2, 2, 2, 2, 2, 2, 2], np.int64)
+REACHES_WIDE = np.array([8, 7, 6, 5, 4, 3, 2, 2, 2, 2, 2, 2], np.int64)
+_STILL = np.zeros((1, 3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposal:
+    """One Gaussian a particle."""
+
+    mean: NDArray[np.float64]
+    """(P, 3) map frame."""
+    covariance: NDArray[np.float64]
+    """(P, 3, 3) map frame's axes."""
+    log_weight: NDArray[np.float64]
+    """(P,) log p(z_t | m, x_{t-1}, u_t), up to a constant."""
+    share: NDArray[np.float64]
+    """(P,) share of the beams that the map explains."""
+
+    def sample(self, random: np.random.Generator) -> NDArray[np.float64]:
+        """x_t (P, 3), one from each particle's Gaussian."""
+        root = np.linalg.cholesky(self.covariance)
+        noise = random.standard_normal(self.mean.shape)
+        x = self.mean + np.einsum("pij,pj->pi", root, noise)
+        x[:, 2] = wrap_angle(x[:, 2])
+        return np.asarray(x)
+
+
+def improved_proposal(
+    x: NDArray[np.float64],
+    u: NDArray[np.float64],
+    u_covariance: NDArray[np.float64],
+    z: Beams,
+    m: TileMaps,
+    config: ParticlesConfig,
+    workers: Workers,
+    shifts: NDArray[np.float64] = _STILL,
+) -> Proposal:
+    """Where particles at `x` (P, 3) go after a motion u that ended with the scan z.
+
+    `shifts` (K, 3), in the body frame, are further places around the prediction to start from.
+    """
+    count = len(x)
+    scale = min(1.0, config.beams_effective / max(len(z.points), 1))
+    predicted = compose_planar(x, u)
+    starts = np.ascontiguousarray(compose_planar(predicted[:, None, :], shifts[None]))
+    starts[:, 0] = predicted
+    mean, information = np.zeros((count, 3)), np.zeros((count, 3, 3))
+    quality = np.zeros((count, 3))
+    reaches = REACHES if len(shifts) == 1 else REACHES_WIDE
+    prior = np.linalg.inv(u_covariance)
+    workers.run_maps(
+        kernels.match,
+        m.surfaces,
+        count,
+        (z, starts, prior, 0.0, reaches, config.sigma, scale, mean, information, quality),
+    )
+    log_z = quality[:, 1]
+    if config.measurement == "beams":
+        workers.run_maps(
+            kernels.beam_log_likelihoods, m.surfaces, count, (z, mean, 2.0 * config.sigma, log_z)
+        )
+    covariance = np.linalg.inv(information)
+    # Laplace: the integral of exp(-cost) is exp(-minimum) times the root of |2 pi Sigma|.
+    volume = 0.5 * (np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(u_covariance)[1])
+    log_weight = scale * log_z - 0.5 * quality[:, 2] + volume
+    return Proposal(mean, covariance, log_weight, quality[:, 0])

@@ -1,0 +1,42 @@
+"""When and how particles are replaced by others."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def normalised_weights(log_weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """w (P,) that sum to one, of logarithms known up to a constant."""
+    w = np.exp(log_weights - np.max(log_weights))
+    return np.asarray(w / np.sum(w))
+
+
+def effective_sample_size(w: NDArray[np.float64]) -> float:
+    """1 / sum of w^2: P when all weights are equal, 1 when one particle has all the weight."""
+    return float(1.0 / np.sum(w * w))
+
+
+def low_variance_sampler(w: NDArray[np.float64], count: int, r: float) -> NDArray[np.int64]:
+    """Ancestors (count,) of the next particles; `r` in [0, 1) is the one random number it takes.
+
+    Thrun, Burgard, Fox 2005, table 4.4: a comb of `count` equal steps over the cumulated weights,
+    so that a particle of weight w is drawn count * w times, rounded up or down.
+    """
+    comb = (np.arange(count) + r) / count
+    cumulated = np.cumsum(w)
+    return np.minimum(np.searchsorted(cumulated / cumulated[-1], comb, "right"), len(w) - 1)
+
+
+def kld_sample_size(bins: int, error: float, quantile: float = 2.33) -> int:
+    """Particles after which the sampled distribution over `bins` bins is `error` from the true one.
+
+    In Kullback-Leibler divergence, with the certainty of the normal `quantile` (Fox 2003, by the
+    Wilson-Hilferty approximation of the chi-squared distribution).
+    """
+    if bins < 2:
+        return 1
+    a = 2.0 / (9.0 * (bins - 1))
+    return math.ceil((bins - 1) / (2.0 * error) * (1.0 - a + math.sqrt(a) * quantile) ** 3)

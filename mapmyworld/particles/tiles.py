@@ -1,0 +1,118 @@
+"""Maps of many particles in tiles that are copied only when a particle writes to them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.particles import kernels
+from mapmyworld.particles.kernels import TILE, Beams, Surfaces
+from mapmyworld.particles.threads import Workers
+
+_EMPTY = 0  # slot of the tile in which nothing was ever observed
+_MARGIN = 4  # tiles added around what is needed when the world outgrows the tables
+
+
+class TileMaps:
+    """`count` maps; particles with a common past share the tiles of that past."""
+
+    def __init__(self, count: int, resolution: float, workers: Workers) -> None:
+        self._workers = workers
+        self._base = np.zeros(2, np.int64)
+        self._resolution = resolution
+        self._tables = np.zeros((count, 1, 1), np.int32)
+        self._owners = np.zeros(64, np.int32)
+        cells = TILE * TILE
+        self._hits = np.zeros((64, cells), np.uint8)
+        self._visits = np.zeros((64, cells), np.uint8)
+        self._means = np.zeros((64, cells, 2), np.uint8)
+        self._normals = np.zeros((64, cells, 2), np.int8)
+
+    @property
+    def surfaces(self) -> Surfaces:
+        """The arrays that kernels read and write."""
+        return Surfaces(
+            self._tables,
+            self._hits,
+            self._visits,
+            self._means,
+            self._normals,
+            self._base,
+            self._resolution,
+        )
+
+    @property
+    def tiles_used(self) -> int:
+        """Tiles in memory that belong to some particle."""
+        return int(np.count_nonzero(self._owners[1:]))
+
+    def insert(self, beams: Beams, poses: NDArray[np.float64], *, rays: bool = True) -> None:
+        """Adds a scan to every particle's map at its own pose (P, 3)."""
+        self._make_room(beams, poses)
+        touched = np.zeros(self._tables.shape, np.bool_)
+        self._workers.run(
+            kernels.touched_tiles,
+            len(poses),
+            (beams, poses, self._base, self._resolution, rays, touched),
+        )
+        self._make_own(touched)
+        self._workers.run_maps(
+            kernels.insert, self.surfaces, len(poses), (beams, poses, rays, self._owners)
+        )
+
+    def resample(self, ancestors: NDArray[np.int64]) -> None:
+        """Particle k continues with the map of `ancestors[k]`; nothing is copied."""
+        self._tables = self._tables[ancestors]
+        self._count_owners()
+
+    def clear(self, particle: int) -> None:
+        """Forgets everything in one particle's map."""
+        self._tables[particle] = _EMPTY
+        self._count_owners()
+
+    def _count_owners(self) -> None:
+        self._owners = np.bincount(self._tables.ravel(), minlength=len(self._owners)).astype(
+            np.int32
+        )
+        self._owners[_EMPTY] = 0
+
+    def _make_own(self, touched: NDArray[np.bool_]) -> None:
+        """Gives particles their own copy of every touched tile that they share, or lack."""
+        shared = touched & (self._owners[self._tables] != 1)
+        old = self._tables[shared]
+        free = np.flatnonzero(self._owners == 0)[1:]
+        if len(free) < len(old):
+            self._grow(len(old) - len(free))
+            free = np.flatnonzero(self._owners == 0)[1:]
+        new = free[: len(old)].astype(np.int32)
+        for array in (self._hits, self._visits, self._means, self._normals):
+            array[new] = array[old]
+        self._tables[shared] = new
+        self._count_owners()
+
+    def _grow(self, missing: int) -> None:
+        more = max(missing, len(self._owners) // 4)
+        self._owners = np.concatenate([self._owners, np.zeros(more, np.int32)])
+        for name in ("_hits", "_visits", "_means", "_normals"):
+            array = getattr(self, name)
+            setattr(self, name, np.concatenate([array, np.zeros((more, *array.shape[1:]), array.dtype)]))
+
+    def _make_room(self, beams: Beams, poses: NDArray[np.float64]) -> None:
+        """Widens the tables so that the scan lies within, wherever a particle puts it."""
+        reach = np.sqrt(max(np.max(np.sum(beams.points**2, axis=1), initial=0.0), np.sum(beams.origin**2)))
+        side = TILE * self._resolution
+        low = np.floor((poses[:, 1::-1].min(axis=0) - reach) / side).astype(np.int64) - 1
+        high = np.floor((poses[:, 1::-1].max(axis=0) + reach) / side).astype(np.int64) + 2
+        size = np.array(self._tables.shape[1:])
+        if np.all(low >= self._base) and np.all(high <= self._base + size):
+            return
+        if not np.any(self._tables):
+            before, after = low, high
+        else:
+            before = np.where(low < self._base, low - _MARGIN, self._base)
+            after = np.where(high > self._base + size, high + _MARGIN, self._base + size)
+        wider = np.zeros((len(self._tables), *(after - before)), np.int32)
+        if np.any(self._tables):
+            y, x = self._base - before
+            wider[:, y : y + size[0], x : x + size[1]] = self._tables
+        self._tables, self._base = wider, before

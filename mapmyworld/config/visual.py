@@ -14,17 +14,13 @@ class VisualConfig:
     cloud_view_angle: float = 75.0  # deg between a surface's normal and the ray to it, at most
     cloud_agreement: float = 0.03  # share of the depth by which two views of a point may differ
     cloud_views: int = 2  # measurements that a voxel of the cloud needs
-    features: str = (
-        "orb"  # local features of images: "orb", "gftt" (corners with ORB words), "sift"
-    )
+    features: str = "orb"  # of images: "orb", "gftt" (corners described by ORB) or "sift"
     feature_count: int = 1000  # features kept of an image, spread over it
     fast_threshold: int = 7  # grey levels by which a corner stands out
     pyramid_levels: int = 8  # scales at which ORB looks
     pyramid_scale: float = 1.2  # between neighbouring scales
     depth_max: float = 8.0  # m, farther depth gives no 3D point to a feature
-    depth_sigma: float = (
-        0.005  # 1/m, standard deviation of inverse depth: sigma of depth = this * z^2
-    )
+    depth_sigma: float = 0.02  # 1/m, sigma of inverse depth: that of depth is this times z^2
     pixel_sigma: float = 1.0  # pixels, standard deviation of a feature at the finest scale
     search_radius: float = 30.0  # pixels around the prediction in which a point is looked for
     match_bits: int = 64  # of 256 in which matching binary features may differ
@@ -32,9 +28,7 @@ class VisualConfig:
     least_inliers: int = 25  # sightings that agree on a pose, at least
     inlier_sigmas: float = 3.0  # a sighting agrees within so many standard deviations
     ransac_rounds: int = 512  # hypotheses tried for a pose, at most
-    keyframe_share: float = (
-        0.7  # of the last keyframe's points still seen, below which a new one is made
-    )
+    keyframe_share: float = 0.7  # of the last keyframe's points; fewer seen make a new one
     keyframe_distance: float = 0.15  # m of motion that makes a keyframe
     keyframe_angle: float = 0.2  # rad of rotation that makes a keyframe
     window: int = 8  # keyframes adjusted together while tracking
@@ -50,9 +44,7 @@ class VisualConfig:
     closure_inliers: int = 25  # matches that agree on a closure, at least
     closure_share: float = 0.25  # of the matches that must agree
     closure_cells: int = 5  # of an 8 x 6 lattice over the image that agreeing matches must reach
-    closure_radius: float = (
-        8.0  # pixels around the closure's projection in which more matches are sought
-    )
+    closure_radius: float = 8.0  # pixels around a found motion's projections for more matches
     closure_translation_sigma: float = 0.1  # m, no closure is less certain
     closure_rotation_sigma: float = 0.05  # rad, no closure is less certain
     closure_gate: float = 3.5  # sigmas of drift by which a closure may contradict the tracked poses

@@ -6,7 +6,10 @@ import hashlib
 import heapq
 from collections.abc import Collection, Iterator, Sequence
 
-from mapmyworld.types import LogInfo, LogSource, RawMessage, TopicInfo
+from formats.logs.channels import Record
+from formats.logs.recorded import RecordedLog
+from formats.logs.topics import merged_topics
+from mapmyworld.types import LogInfo, LogSource, RawMessage
 
 
 class MergedLog:
@@ -14,8 +17,10 @@ class MergedLog:
 
     def __init__(self, sources: Sequence[LogSource], problems: Sequence[str] = ()) -> None:
         """`problems` tells of parts that could not be opened."""
-        self.sources = tuple(sources)
-        self.problems = tuple(problems)
+        flat = [s.sources if isinstance(s, MergedLog) else (s,) for s in sources]
+        told = [line for s in sources if isinstance(s, MergedLog) for line in s.problems]
+        self.sources: tuple[LogSource, ...] = tuple(source for part in flat for source in part)
+        self.problems = (*problems, *told)
 
     def info(self) -> LogInfo:
         infos = [source.info() for source in self.sources]
@@ -42,28 +47,15 @@ class MergedLog:
         streams = [source.messages(topics) for source in self.sources]
         return heapq.merge(*streams, key=lambda message: message.log_time_ns)
 
+    @property
+    def is_recorded(self) -> bool:
+        """Whether all parts hold serialised messages, so that `records` works."""
+        return all(isinstance(source, RecordedLog) for source in self.sources)
+
+    def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
+        """Messages as recorded, undecoded, in the order of `messages`."""
+        streams = [s.records(topics) for s in self.sources if isinstance(s, RecordedLog)]
+        return heapq.merge(*streams, key=lambda record: record[0])
+
     def losses(self) -> tuple[str, ...]:
         return (*self.problems, *(loss for source in self.sources for loss in source.losses()))
-
-
-def merged_topics(topics: Iterator[TopicInfo]) -> tuple[TopicInfo, ...]:
-    """One entry a topic and type, by name; counts added up where all are known."""
-    found: dict[tuple[str, str], TopicInfo] = {}
-    for topic in topics:
-        key = (topic.topic, topic.type_name)
-        found[key] = _added(found[key], topic) if key in found else topic
-    return tuple(found[key] for key in sorted(found))
-
-
-def _added(a: TopicInfo, b: TopicInfo) -> TopicInfo:
-    firsts = [t.first_ns for t in (a, b) if t.first_ns is not None]
-    lasts = [t.last_ns for t in (a, b) if t.last_ns is not None]
-    return TopicInfo(
-        a.topic,
-        a.type_name,
-        a.kind,
-        a.encoding,
-        a.count + b.count if a.count >= 0 and b.count >= 0 else -1,
-        min(firsts, default=None),
-        max(lasts, default=None),
-    )

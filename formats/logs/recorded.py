@@ -8,7 +8,7 @@ from functools import partial
 from formats.logs.channels import Channel, Container, Record
 from formats.logs.decoding import ChannelDecoder, decoder_for
 from formats.logs.files import hash_files
-from formats.logs.merged import merged_topics
+from formats.logs.topics import merged_topics
 from mapmyworld.types import LogInfo, RawMessage, TopicInfo
 
 

@@ -1,0 +1,70 @@
+"""`mapmyworld convert`: any readable log as MCAP, ROS 1 bag or rosbag2."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from cli.common import EXIT_PARTIAL
+
+
+@click.command()
+@click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path),
+    help="OUT.mcap, OUT.bag, OUT.db3, or a folder for a rosbag2 recording.",
+)  # fmt: skip
+@click.option("--start", type=float, default=0.0, help="Seconds of the log to leave out first.")
+@click.option("--duration", type=float, help="Seconds of the log to write; all when not given.")
+@click.option("--topic", "topics", multiple=True, help="Only this topic; may be repeated.")
+@click.option(
+    "--compress", type=click.Choice(["none", "lz4", "zstd", "bz2"]),
+    help="Compression of the output: zstd for .mcap, none for the others unless told.",
+)  # fmt: skip
+@click.option("--overwrite", is_flag=True, help="Replace the output where it exists.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress and no summary.")
+def convert(
+    logs: tuple[Path, ...],
+    output: Path,
+    start: float,
+    duration: float | None,
+    topics: tuple[str, ...],
+    compress: str | None,
+    overwrite: bool,
+    quiet: bool,
+) -> None:
+    """Write any readable log, or several parts of one, as another kind of log.
+
+    Messages keep their bytes where the output takes their encoding (MCAP takes all); CARMEN logs
+    and TUM folders become standard ROS messages from which the same map results.
+
+    \b
+    mapmyworld convert intel.clf.bz2 -o intel.mcap
+    mapmyworld convert part_0.bag part_1.bag -o whole.mcap --topic /scan --topic /tf
+    """
+    from formats.converting import Selection, convert_log
+    from formats.logs import open_log
+
+    log = open_log(logs)
+    selection = Selection(frozenset(topics) or None, start, duration)
+    report = None if quiet or not sys.stderr.isatty() else _show
+    result = convert_log(log, output, selection, compress, overwrite=overwrite, report=report)
+    if report:
+        click.echo("\r\x1b[K", nl=False, err=True)
+    for line in result.losses:
+        click.echo(f"mapmyworld: {line}", err=True)
+    if not quiet:
+        seconds = f"{result.duration_s:.2f} s"
+        click.echo(f"{output}: {result.messages} messages, {seconds} of recording", err=True)
+    if result.losses:
+        sys.exit(EXIT_PARTIAL)
+
+
+def _show(messages: int, log_s: float, rate: float) -> None:
+    click.echo(
+        f"\r\x1b[Kconvert {messages} messages, {log_s:.0f} s, {rate:.0f}x real time",
+        nl=False,
+        err=True,
+    )

@@ -1,0 +1,181 @@
+"""One kind of log as another: bytes kept where the output takes them, else encoded anew."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from formats.logs.channels import Channel, Record
+from formats.logs.decoding import decoder_for
+from formats.logs.merged import MergedLog
+from formats.logs.recorded import RecordedLog
+from formats.recording import LogWriter
+from formats.transcoding import Transcoder, transcoder_for
+from mapmyworld.errors import LogError
+from mapmyworld.types import LogSource, MessageKind
+
+_REPORT_S = 0.2  # between two reports of progress
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """Which part of a log is wanted."""
+
+    topics: frozenset[str] | None = None
+    start_s: float = 0.0
+    """After the first message."""
+    duration_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Conversion:
+    """What was written, and what could not be."""
+
+    messages: int
+    duration_s: float
+    losses: tuple[str, ...]
+
+
+Report = Callable[[int, float, float], None]
+"""Told messages, seconds of log and the real-time factor."""
+
+
+def convert_log(
+    log: LogSource,
+    output: Path,
+    selection: Selection,
+    compression: str | None = None,
+    *,
+    overwrite: bool = False,
+    report: Report | None = None,
+) -> Conversion:
+    """Writes the selected messages of `log`, in its order and with its log times, to `output`.
+
+    Raises LogError where nothing is selected or the output cannot be written.
+    """
+    info = log.info()
+    _check_topics(selection, {topic.topic for topic in info.topics})
+    if any(Path(path).resolve() == output.resolve() for path in info.paths):
+        raise LogError(f"{output}: is the log itself: name another output")
+    first_ns = info.start_ns + round(selection.start_s * 1e9)
+    end_ns = None if selection.duration_s is None else first_ns + round(selection.duration_s * 1e9)
+    clock = _Clock(report)
+    with LogWriter(output, compression=compression, overwrite=overwrite) as writer:
+        copier = _Copier(writer)
+        for time_ns, write in copier.writes(log, selection.topics):
+            if end_ns is not None and time_ns >= end_ns:
+                break
+            if time_ns >= first_ns:
+                write()
+                clock.tick(time_ns)
+        if clock.messages == 0:
+            raise LogError(
+                f"nothing to write: no message of the selection in {', '.join(info.paths)}",
+                problems=(*copier.losses(), *log.losses()),
+            )
+    return Conversion(clock.messages, clock.span_s, (*log.losses(), *copier.losses()))
+
+
+def _check_topics(selection: Selection, known: set[str]) -> None:
+    missing = sorted((selection.topics or frozenset()) - known)
+    if missing:
+        raise LogError(
+            f"no topic {', '.join(missing)} in the log: it has {', '.join(sorted(known))}"
+        )
+
+
+class _Clock:
+    """Counts messages and the time they span, and reports now and then."""
+
+    def __init__(self, report: Report | None) -> None:
+        self.messages, self.span_s = 0, 0.0
+        self._report, self._first_ns = report, 0
+        self._began = self._reported = time.monotonic()
+
+    def tick(self, time_ns: int) -> None:
+        if self.messages == 0:
+            self._first_ns = time_ns
+        self.messages += 1
+        self.span_s = (time_ns - self._first_ns) * 1e-9
+        if self._report is None:
+            return
+        now = time.monotonic()
+        if now - self._reported > _REPORT_S:
+            self._reported = now
+            self._report(self.messages, self.span_s, self.span_s / (now - self._began))
+
+
+class _Copier:
+    """Takes messages of any log to one writer."""
+
+    def __init__(self, writer: LogWriter) -> None:
+        self.writer = writer
+        self._transcoders: dict[Channel, Transcoder | None] = {}
+        self._lost: dict[str, int] = {}
+
+    def writes(
+        self, log: LogSource, topics: frozenset[str] | None
+    ) -> Iterator[tuple[int, Callable[[], None]]]:
+        """Log time and the act of writing, message by message."""
+        recorded = _recorded(log)
+        if recorded is not None:
+            for record in recorded(topics):
+                yield record[0], lambda record=record: self._copy(record)  # type: ignore[misc]
+            return
+        for raw in log.messages(topics):
+
+            def write(raw: object = raw) -> None:
+                self._encode(raw)
+
+            yield raw.log_time_ns, write
+
+    def losses(self) -> tuple[str, ...]:
+        return tuple(
+            f"{reason}: {count} message(s) left out" for reason, count in sorted(self._lost.items())
+        )
+
+    def _copy(self, record: Record) -> None:
+        log_time_ns, channel, data = record
+        if channel not in self._transcoders:
+            self._transcoders[channel] = transcoder_for(channel, self.writer.sink)
+        transcoder = self._transcoders[channel]
+        try:
+            if transcoder is not None:
+                self.writer.sink.write(transcoder.handle, log_time_ns, transcoder.convert(data))
+            else:
+                self._decoded(channel, log_time_ns, data)
+        except LogError as error:
+            self._lose(str(error))
+
+    def _decoded(self, channel: Channel, log_time_ns: int, data: bytes) -> None:
+        """A message whose encoding the output does not take, by way of our own types."""
+        decoder = decoder_for(channel)
+        if decoder.kind is MessageKind.OTHER:
+            raise LogError(
+                f"{channel.topic}: {channel.type_name} ({channel.encoding}) cannot be written as "
+                f"{self.writer.sink.encoding}"
+            )
+        self.writer.write(channel.topic, decoder.decode(data, log_time_ns), log_time_ns)
+
+    def _encode(self, raw: object) -> None:
+        from mapmyworld.types import RawMessage
+
+        assert isinstance(raw, RawMessage)
+        try:
+            self.writer.write(raw.topic, raw.decode(), raw.log_time_ns)
+        except LogError as error:
+            self._lose(str(error))
+
+    def _lose(self, reason: str) -> None:
+        self._lost[reason] = self._lost.get(reason, 0) + 1
+
+
+def _recorded(log: LogSource) -> Callable[[frozenset[str] | None], Iterator[Record]] | None:
+    """Where the log's messages can be had undecoded, how."""
+    if isinstance(log, RecordedLog):
+        return log.records
+    if isinstance(log, MergedLog) and log.is_recorded:
+        return log.records
+    return None

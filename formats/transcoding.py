@@ -1,0 +1,109 @@
+"""Messages of one encoding as another's bytes, without decoding them where that can be helped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
+
+from formats.logs.channels import Channel
+from formats.logs.definitions import recorded_store, ros1_store, ros2_store, standard_store
+from formats.recording_sinks import Handle, McapSink, Sink
+from mapmyworld.errors import LogError
+
+_HEADER = "std_msgs/msg/Header"
+# ROS 1's tf type, which ROS 2 knows under its newer name.
+_RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
+
+
+@dataclass(frozen=True, slots=True)
+class Transcoder:
+    """Where a channel's messages go and what becomes of their bytes."""
+
+    handle: Handle
+    convert: Callable[[bytes], bytes]
+
+
+def transcoder_for(channel: Channel, sink: Sink) -> Transcoder | None:
+    """None where the sink cannot take the channel's encoding and must be given typed messages."""
+    if isinstance(sink, McapSink):
+        return Transcoder(sink.add(_with_definition(channel)), _unchanged)
+    if channel.encoding not in {"ros1", "cdr"}:
+        return None
+    if channel.encoding == sink.encoding:
+        return Transcoder(sink.add(_complete(channel)), _unchanged)
+    to_ros1 = sink.encoding == "ros1"
+    try:
+        store = _ros2_view(channel)
+        target = _converted_channel(channel, store, to_ros1=to_ros1)
+    except Exception:  # rosbags promises no family of errors for definitions it cannot take
+        return None
+    change = store.cdr_to_ros1 if to_ros1 else store.ros1_to_cdr
+
+    def convert(data: bytes) -> bytes:
+        try:
+            return bytes(change(data, channel.type_name))
+        except Exception as error:
+            raise LogError(f"{channel.topic}: a damaged {channel.type_name}") from error
+
+    return Transcoder(sink.add(target), convert)
+
+
+def _unchanged(data: bytes) -> bytes:
+    return data
+
+
+def _with_definition(channel: Channel) -> Channel:
+    """The standard definition for a channel of an older rosbag2, which recorded none."""
+    if channel.schema or channel.encoding != "cdr":
+        return channel
+    try:
+        text, _ = ros2_store().generate_msgdef(channel.type_name, ros_version=2)
+    except Exception:  # a type that we do not know either
+        return channel
+    return replace(channel, schema=text.encode(), schema_encoding="ros2msg")
+
+
+def _complete(channel: Channel) -> Channel:
+    """With definition and hash, which bags want, where they can be had."""
+    channel = _with_definition(channel)
+    if channel.digest or not channel.schema:
+        return channel
+    try:
+        store = recorded_store(channel)
+        if channel.encoding == "ros1":
+            return replace(channel, digest=store.generate_msgdef(channel.type_name)[1])
+        return replace(channel, digest=store.hash_rihs01(channel.type_name))
+    except Exception:  # a definition that rosbags cannot take; the bag goes without its hash
+        return channel
+
+
+def _ros2_view(channel: Channel) -> Typestore:
+    """The channel's types with ROS 2's Header, which both directions of conversion start from."""
+    store = recorded_store(channel) if channel.schema else standard_store(channel.encoding)
+    return _with_header(store, ros2_store())
+
+
+def _with_header(store: Typestore, source: Typestore) -> Typestore:
+    changed = get_typestore(Stores.EMPTY)
+    types = {
+        name: fields for name, fields in store.fielddefs.items() if name not in changed.fielddefs
+    }
+    changed.register({**types, _HEADER: source.fielddefs[_HEADER]})
+    return changed
+
+
+def _converted_channel(channel: Channel, store: Typestore, *, to_ros1: bool) -> Channel:
+    name = channel.type_name if to_ros1 else _RENAMED.get(channel.type_name, channel.type_name)
+    if name != channel.type_name:
+        store = ros2_store()
+    if to_ros1:
+        text, digest = _with_header(store, ros1_store()).generate_msgdef(name, ros_version=1)
+        return Channel(
+            channel.topic, name, "ros1", "ros1msg", text.encode(), digest, channel.latching
+        )
+    text, _ = store.generate_msgdef(name, ros_version=2)
+    digest = store.hash_rihs01(name)
+    return Channel(channel.topic, name, "cdr", "ros2msg", text.encode(), digest, channel.latching)

@@ -55,3 +55,12 @@ class VisualConfig:
     proximity_distance: float = 1.5  # m between nodes whose images are compared for being near
     proximity_angle: float = 45.0  # deg between their headings, at most
     proximity_candidates: int = 3  # near nodes verified for each node, at most
+    floor_tolerance: float = 0.05  # m above or below the floor that still counts as floor
+    floor_tilt: float = 15.0  # deg between the floor's normal and the base's z axis, at most
+    floor_prior: float = 0.15  # m that the floor may differ from the base's z = 0
+    obstacle_lowest: float = 0.08  # m above the floor from which something is an obstacle
+    obstacle_highest: float = 1.5  # m above the floor; what hangs higher is passed under
+    grid_beam: float = 0.5  # deg between the beams of a scan made from depth
+    grid_range: float = 5.0  # m to which a scan is made from depth
+    mesh_voxel: float = 0.02  # m, edge of the mesh's voxels
+    mesh_truncation: float = 0.08  # m on either side of a surface that a view informs about

@@ -64,3 +64,4 @@ class VisualConfig:
     grid_range: float = 5.0  # m to which a scan is made from depth
     mesh_voxel: float = 0.02  # m, edge of the mesh's voxels
     mesh_truncation: float = 0.08  # m on either side of a surface that a view informs about
+    mesh_views: int = 2  # measurements that a voxel of the mesh needs

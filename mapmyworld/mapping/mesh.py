@@ -15,6 +15,8 @@ from mapmyworld.geometry import invert
 from mapmyworld.types import CameraModel, Mesh, NodeData, RgbdImage
 
 Array = NDArray[np.float64]
+_BLOCK = 16  # voxels along the edge of a block
+_FIRST_BLOCKS = 2000  # room at the start; the volume grows
 _PACKAGES = "libgl1 libegl1 libx11-6 libgomp1 libusb-1.0-0"
 
 
@@ -25,28 +27,62 @@ def build_mesh(items: Iterable[tuple[Array, NodeData]], config: Config) -> Mesh:
     by Open3D. Raises `MissingDependencyError` where Open3D is absent or cannot load.
     """
     o3d = _open3d()
-    settings = config.visual
-    volume = o3d.pipelines.integration.ScalableTSDFVolume(
-        voxel_length=settings.mesh_voxel,
-        sdf_trunc=settings.mesh_truncation,
-        color_type=o3d.pipelines.integration.TSDFVolumeColorType.RGB8,
+    core, settings = o3d.core, config.visual
+    single, triple = core.SizeVector([1]), core.SizeVector([3])
+    # The tensor volume: Open3D 0.20's older one integrates nothing.
+    volume = o3d.t.geometry.VoxelBlockGrid(
+        ("tsdf", "weight", "color"),
+        (core.float32, core.float32, core.float32),
+        (single, single, triple),
+        settings.mesh_voxel,
+        _BLOCK,
+        _FIRST_BLOCKS,
     )
     count = 0
     for map_from_base, data in items:
         for image in data.images:
             if image.depth is None:
                 continue
-            rgbd, intrinsics = _rectified(o3d, image, config)
+            colour, depth, k = _rectified(image)
             pose = map_from_base @ image.camera.base_from_camera
-            volume.integrate(rgbd, intrinsics, invert(pose))
+            _integrate(o3d, volume, colour, depth, k, pose, config)
             count += 1
     if count == 0:
         raise MapError("no node has a depth image: a mesh needs depth")
-    mesh = volume.extract_triangle_mesh()
-    colours = np.clip(np.round(np.asarray(mesh.vertex_colors) * 255.0), 0, 255)
+    return _extracted(volume, settings.mesh_views)
+
+
+def _integrate(
+    o3d: Any,
+    volume: Any,
+    colour: NDArray[np.uint8],
+    depth: NDArray[np.float32],
+    k: Array,
+    map_from_camera: Array,
+    config: Config,
+) -> None:
+    settings = config.visual
+    tensor, image = o3d.core.Tensor, o3d.t.geometry.Image
+    intrinsics, extrinsics = tensor(k), tensor(invert(map_from_camera))
+    pictured = image(tensor(np.ascontiguousarray(depth)))
+    coloured = image(tensor(np.ascontiguousarray(colour, np.float32)))
+    truncation = settings.mesh_truncation / settings.mesh_voxel
+    scale_and_range = (1.0, settings.cloud_range, truncation)
+    blocks = volume.compute_unique_block_coordinates(
+        pictured, intrinsics, extrinsics, *scale_and_range
+    )
+    if len(blocks):
+        volume.integrate(
+            blocks, pictured, coloured, intrinsics, intrinsics, extrinsics, *scale_and_range
+        )
+
+
+def _extracted(volume: Any, least_weight: int) -> Mesh:
+    mesh = volume.extract_triangle_mesh(float(least_weight))
+    colours = np.clip(np.round(mesh.vertex.colors.numpy()), 0, 255)
     return Mesh(
-        np.asarray(mesh.vertices, np.float32),
-        np.asarray(mesh.triangles, np.int32),
+        mesh.vertex.positions.numpy().astype(np.float32),
+        mesh.triangle.indices.numpy().astype(np.int32),
         colours.astype(np.uint8),
     )
 
@@ -62,8 +98,8 @@ def _open3d() -> Any:
     return open3d
 
 
-def _rectified(o3d: Any, image: RgbdImage, config: Config) -> tuple[Any, Any]:
-    """Open3D's image pair, free of distortion, at the depth image's size, and its intrinsics."""
+def _rectified(image: RgbdImage) -> tuple[NDArray[np.uint8], NDArray[np.float32], Array]:
+    """Colour and depth free of distortion, at the depth image's size, and their intrinsics."""
     assert image.depth is not None
     depth = np.asarray(image.depth.pixels(), np.float32)
     height, width = depth.shape
@@ -83,16 +119,7 @@ def _rectified(o3d: Any, image: RgbdImage, config: Config) -> tuple[Any, Any]:
         maps = _undistortion(camera, k, width, height)
         colour = cv2.remap(colour, *maps, cv2.INTER_LINEAR)
         depth = cv2.remap(depth, *maps, cv2.INTER_NEAREST)
-    rgbd = o3d.geometry.RGBDImage.create_from_color_and_depth(
-        o3d.geometry.Image(np.ascontiguousarray(colour)),
-        o3d.geometry.Image(np.ascontiguousarray(depth)),
-        depth_scale=1.0,
-        depth_trunc=config.visual.cloud_range,
-        convert_rgb_to_intensity=False,
-    )
-    return rgbd, o3d.camera.PinholeCameraIntrinsic(
-        width, height, k[0, 0], k[1, 1], k[0, 2], k[1, 2]
-    )
+    return colour, depth, k
 
 
 def _undistortion(

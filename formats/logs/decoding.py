@@ -43,6 +43,12 @@ def decoder_for(channel: Channel) -> ChannelDecoder:
         found = _ros_decoder(channel)
         if found is not None:
             return found
+    if "foxglove" in channel.type_name:
+        from formats.logs.foxglove_encodings import foxglove_decoder
+
+        parts = foxglove_decoder(channel)
+        if parts is not None:
+            return ChannelDecoder(*parts)
     return ChannelDecoder(MessageKind.OTHER, _no_stamp, partial(_refuse, channel))
 
 

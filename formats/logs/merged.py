@@ -17,10 +17,10 @@ class MergedLog:
 
     def __init__(self, sources: Sequence[LogSource], problems: Sequence[str] = ()) -> None:
         """`problems` tells of parts that could not be opened."""
+        nested = [source for source in sources if isinstance(source, MergedLog)]
         flat = [s.sources if isinstance(s, MergedLog) else (s,) for s in sources]
-        told = [line for s in sources if isinstance(s, MergedLog) for line in s.problems]
         self.sources: tuple[LogSource, ...] = tuple(source for part in flat for source in part)
-        self.problems = (*problems, *told)
+        self.problems: tuple[str, ...] = (*problems, *(p for log in nested for p in log.problems))
 
     def info(self) -> LogInfo:
         infos = [source.info() for source in self.sources]

@@ -113,6 +113,17 @@ def read_grid(path: Path) -> OccupancyGrid:
     return OccupancyGrid(ascending, resolution, origin)
 
 
+def same_grid(path: Path, grid: OccupancyGrid, mode: Mode) -> int:
+    """How many cells a robot would load differently from what we hold."""
+    read = read_grid(path)
+    if mode == "trinary":
+        return int(np.count_nonzero(read.trinary() != grid.trinary()))
+    ours, theirs = grid.probabilities(), read.probabilities()
+    if mode == "scale":  # map_server itself rounds what lies beyond the thresholds
+        ours, theirs = (np.clip(p, _FREE_THRESHOLD, _OCCUPIED_THRESHOLD) for p in (ours, theirs))
+    return int(np.count_nonzero(~np.isclose(ours, theirs, rtol=0, atol=0.006, equal_nan=True)))
+
+
 def _probabilities(
     picture: NDArray[np.uint8], mode: str, negate: bool, occupied: float, free: float
 ) -> NDArray[np.float64]:

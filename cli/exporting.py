@@ -1,0 +1,189 @@
+"""From a stored map to files: what `export` and the end of `build` share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.errors import MapError
+from mapmyworld.types import MapStore, Node, NodeData, OccupancyGrid, Poses, Scan, Trajectory
+
+if TYPE_CHECKING:
+    from mapmyworld.config import Config
+    from mapmyworld.types.pose_graph import PoseGraph
+
+Array = NDArray[np.float64]
+
+
+def export_grid(store: MapStore, stem: Path, mode: Any = "trinary") -> list[Path]:
+    """Writes the stored grid; nothing where there is none."""
+    from formats.grid import write_grid
+
+    grid = store.grid()
+    return [] if grid is None else list(write_grid(stem, grid, mode))
+
+
+def export_trajectory(
+    store: MapStore,
+    path: Path,
+    style: Any = "tum",
+    which: Literal["optimised", "odometry"] = "optimised",
+) -> list[Path]:
+    """Writes the pose of every tracked frame, or of every node where only those were kept."""
+    from formats.trajectory import write_trajectory
+
+    write_trajectory(path, trajectory_of(store, which), style)
+    return [path]
+
+
+def export_cloud(store: MapStore, path: Path, config: Config) -> list[Path]:
+    """Writes the cloud of depth images or 3D scans; nothing where there are none."""
+    from formats.cloud import write_cloud
+    from mapmyworld.mapping.cloud import build_cloud
+
+    if not _has_depth(store):
+        return []
+    write_cloud(path, build_cloud(nodes_with_poses(store), config))
+    return [path]
+
+
+def export_scan_cloud(store: MapStore, path: Path, config: Config) -> list[Path]:
+    """Writes the returns of all planar scans, at height 0, one a voxel."""
+    from formats.cloud import write_cloud
+    from mapmyworld.mapping.cloud import build_cloud
+
+    flat = ((pose, NodeData(cloud=_lifted(data.scan))) for pose, data in nodes_with_poses(store))
+    single = replace(config, visual=replace(config.visual, cloud_views=1))
+    write_cloud(path, build_cloud(flat, single))
+    return [path]
+
+
+def _lifted(scan: Scan | None) -> NDArray[np.float32] | None:
+    if scan is None:
+        return None
+    return np.column_stack([scan.points, np.zeros(len(scan.points), np.float32)])
+
+
+def _has_depth(store: MapStore) -> bool:
+    """Whether any node keeps depth or a 3D scan."""
+    return any(
+        data.cloud is not None or any(image.depth is not None for image in data.images)
+        for data in (store.node_data(node.id) for node in store.nodes()[:_LOOKED_AT])
+    )
+
+
+_FLAT = 1e-3  # m, rad
+_LOOKED_AT = 20  # nodes that show what a map keeps
+
+
+def trajectory_of(store: MapStore, which: str = "optimised") -> Trajectory:
+    """Poses of all tracked frames in time: final ones, or the recorded odometry of the nodes."""
+    if which == "odometry":
+        nodes = store.nodes()
+        _require(bool(nodes), store, "holds no nodes")
+        stamps = np.array([node.stamp_ns for node in nodes], np.int64)
+        return Trajectory(stamps, np.stack([node.odom_from_base for node in nodes]))
+    frames = store.tracked_frames()
+    which_frames, poses = frame_poses(store)
+    return Trajectory(frames.stamps_ns[which_frames], poses)
+
+
+def frame_poses(store: MapStore) -> tuple[NDArray[np.int64], Array]:
+    """Indices (K,) of the tracked frames whose place in the map is known, and map_from_frame."""
+    stored = store.frame_poses()
+    if stored is not None:
+        return np.arange(len(stored)), stored
+    poses, frames = solved_poses(store), store.tracked_frames()
+    place = {int(node_id): i for i, node_id in enumerate(poses.ids)}
+    rows = np.array([place.get(int(node_id), -1) for node_id in frames.node_ids], np.int64)
+    known = np.flatnonzero(rows >= 0)
+    return known, poses.map_from_node[rows[known]] @ frames.node_from_frame[known]
+
+
+def solved_poses(store: MapStore) -> Poses:
+    """The optimised poses; computed here where the file was left without them."""
+    poses = store.poses()
+    if poses is not None:
+        return poses
+    from mapmyworld.config import GraphConfig
+    from mapmyworld.geometry import planar_to_matrix
+    from mapmyworld.graph import graph_from_constraints, optimise
+
+    nodes, constraints = store.nodes(), store.constraints()
+    _require(bool(nodes), store, "holds no nodes")
+    ids, start = np.array([n.id for n in nodes]), np.stack([n.odom_from_base for n in nodes])
+    planar = is_planar(start)
+    graph = graph_from_constraints(ids, start, constraints, planar)
+    solved = optimise(graph, GraphConfig()).graph
+    placed = planar_to_matrix(solved.map_from_node) if planar else solved.map_from_node
+    return Poses(solved.ids, placed)
+
+
+def nodes_with_poses(store: MapStore) -> Iterator[tuple[Array, NodeData]]:
+    """map_from_base and data of every node that is in the map, in time."""
+    poses = solved_poses(store)
+    place = {int(node_id): i for i, node_id in enumerate(poses.ids)}
+    for node in store.nodes():
+        if node.id in place:
+            yield poses.map_from_node[place[node.id]], store.node_data(node.id)
+
+
+def node_items(store: MapStore) -> Iterator[tuple[Node, NodeData, Array]]:
+    """Every node with its data and its place: in the map, or by odometry where it has none."""
+    poses = store.poses()
+    place = (
+        {}
+        if poses is None
+        else {int(n): m for n, m in zip(poses.ids, poses.map_from_node, strict=True)}
+    )
+    for node in store.nodes():
+        yield node, store.node_data(node.id), place.get(node.id, node.odom_from_base)
+
+
+def graph_of(store: MapStore) -> PoseGraph:
+    """The solved graph with its accepted constraints."""
+    from mapmyworld.graph import graph_from_constraints
+
+    poses = solved_poses(store)
+    return graph_from_constraints(
+        poses.ids, poses.map_from_node, store.constraints(), is_planar(poses.map_from_node)
+    )
+
+
+def is_planar(poses: Array) -> bool:
+    """Whether poses (N, 4, 4) stay in the plane z = 0."""
+    return bool(np.abs(poses[:, 2, 3]).max() < _FLAT and np.abs(poses[:, 2, :2]).max() < _FLAT)
+
+
+def grid_at(store: MapStore, config: Config, resolution: float | None) -> OccupancyGrid:
+    """The stored grid, or one made anew from the scans where another resolution is wanted."""
+    grid = store.grid()
+    if grid is not None and resolution in (None, grid.resolution):
+        return grid
+    from mapmyworld.mapping.occupancy import build_grid
+
+    if resolution is not None:
+        config = replace(config, mapping=replace(config.mapping, resolution=resolution))
+    return build_grid(_planar_scans(store), config)
+
+
+def _planar_scans(store: MapStore) -> Iterator[tuple[Array, Scan]]:
+    from mapmyworld.geometry import matrix_to_planar
+
+    indices, poses = frame_poses(store)
+    place = dict(zip(indices.tolist(), matrix_to_planar(poses), strict=True))
+    found = False
+    for frame, scan in store.scans(indices):
+        found = True
+        yield place[frame], scan
+    _require(found, store, "keeps no scans, so there is nothing to make a grid of")
+
+
+def _require(there: bool, store: MapStore, otherwise: str) -> None:
+    if not there:
+        raise MapError(f"{getattr(store, 'path', 'the map')}: {otherwise}")

@@ -1,0 +1,59 @@
+"""Triangle meshes as binary PLY, both ways."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.ply import parse_header, ply_header, read_vertices
+from mapmyworld.errors import MapError
+from mapmyworld.types import Mesh
+
+_FACE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
+
+
+def write_mesh(path: Path, mesh: Mesh) -> None:
+    """A .ply file of vertices, with colours where there are any, and triangles."""
+    if path.suffix.lower() != ".ply":
+        raise MapError(f"{path}: a mesh is written as .ply")
+    vertices = _vertices(mesh)
+    faces = np.empty(len(mesh.triangles), _FACE)
+    faces["count"], faces["corners"] = 3, mesh.triangles
+    head = ply_header([("vertex", vertices)], len(faces))
+    path.write_bytes(head + vertices.tobytes() + faces.tobytes())
+
+
+def _vertices(mesh: Mesh) -> NDArray[np.void]:
+    fields = [(name, "<f4") for name in "xyz"]
+    if mesh.colours is not None:
+        fields += [(name, "u1") for name in ("red", "green", "blue")]
+    table = np.zeros(len(mesh.vertices), fields)
+    for i, name in enumerate("xyz"):
+        table[name] = mesh.vertices[:, i]
+    if mesh.colours is not None:
+        for i, name in enumerate(("red", "green", "blue")):
+            table[name] = mesh.colours[:, i]
+    return table
+
+
+def read_mesh(path: Path) -> Mesh:
+    """The mesh of a binary PLY file whose faces are all triangles."""
+    vertices = read_vertices(path)
+    data = path.read_bytes()
+    head = parse_header(data, path)
+    start = head.start + vertices.nbytes
+    if head.text_format or len(data) - start < head.face_count * _FACE.itemsize:
+        raise MapError(f"{path}: not a binary mesh of triangles, or cut short")
+    faces = np.frombuffer(data, _FACE, head.face_count, start)
+    if (faces["count"] != 3).any():
+        raise MapError(f"{path}: has faces that are no triangles")
+    if len(faces) and not 0 <= faces["corners"].min() <= faces["corners"].max() < len(vertices):
+        raise MapError(f"{path}: has triangles of vertices that do not exist")
+    points = np.column_stack([vertices[name] for name in "xyz"]).astype(np.float32)
+    names = ("red", "green", "blue")
+    colours = None
+    if set(names) <= set(vertices.dtype.names or ()):
+        colours = np.column_stack([vertices[name] for name in names]).astype(np.uint8)
+    return Mesh(points, faces["corners"].copy(), colours)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +21,7 @@ from mapmyworld.geometry import (
     transform_points,
 )
 from mapmyworld.odometry.local_map import Keyframe, LocalMap
+from mapmyworld.parallel import in_threads
 from mapmyworld.places.features import extract_features
 from mapmyworld.registration.views import View, make_view, match_around, match_views, sightings_of
 from mapmyworld.registration.visual import Sightings, inliers, ransac_pose, refine_pose
@@ -61,9 +64,21 @@ class VisualTracker:
         self._seen_ns = 0
         self._frames = 0
 
-    def track(self, frame: Frame, view: View | None = None) -> VisualMotion:
-        """The pose after this frame; `view` are its features where they were prepared before."""
-        view = view if view is not None else view_of_frame(frame, self._config)
+    def track(self, frame: Frame) -> VisualMotion:
+        """The pose after this frame; a frame without an image is bridged by dead reckoning."""
+        return self._tracked(frame, view_of_frame(frame, self._config))
+
+    def track_all(self, frames: Iterable[Frame]) -> Iterator[tuple[Frame, VisualMotion]]:
+        """Each frame with its motion; features are prepared on other threads, a few ahead."""
+        cv2.setNumThreads(1)
+
+        def prepare(frame: Frame) -> tuple[Frame, View | None]:
+            return frame, view_of_frame(frame, self._config)
+
+        for frame, view in in_threads(prepare, frames, self._config.threads):
+            yield frame, self._tracked(frame, view)
+
+    def _tracked(self, frame: Frame, view: View | None) -> VisualMotion:
         predicted, how = self._predict(frame)
         motion = self._follow(frame, view, predicted, how)
         self._remember(frame, motion)

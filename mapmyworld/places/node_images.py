@@ -2,40 +2,20 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from typing import TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.parallel import in_threads
 from mapmyworld.places.features import extract_features, spread
 from mapmyworld.places.vocabulary import Vocabulary, train_vocabulary
 from mapmyworld.registration.views import View, binary_words, make_view
 from mapmyworld.types import CameraModel, Features, MapStore, Node, NodeData, Progress
 
-_AHEAD = 4  # items prepared per thread before they are asked for
 _TRAINING = 60_000  # descriptors that the vocabulary is learned from, at most
-
-In = TypeVar("In")
-Out = TypeVar("Out")
-
-
-def in_threads(work: Callable[[In], Out], items: Iterable[In], threads: int) -> Iterator[Out]:
-    """Results in the order of the items, some of them computed ahead on other threads."""
-    count = threads or os.cpu_count() or 1
-    with ThreadPoolExecutor(count) as pool:
-        waiting: list[Future[Out]] = []
-        for item in items:
-            waiting.append(pool.submit(work, item))
-            if len(waiting) >= _AHEAD * count:
-                yield waiting.pop(0).result()
-        for future in waiting:
-            yield future.result()
 
 
 class NodeImages:

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.parallel import in_threads
 from mapmyworld.places.appearance import Candidate, find_candidates
 from mapmyworld.places.drift import Drift
-from mapmyworld.places.node_images import NodeImages, in_threads
+from mapmyworld.places.node_images import NodeImages
 from mapmyworld.registration.image_pairs import ImagePair, register_images
 from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, Poses, Progress
 

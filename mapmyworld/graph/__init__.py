@@ -2,5 +2,6 @@
 
 from mapmyworld.graph.optimise import OptimisedGraph, optimise
 from mapmyworld.graph.pose_graph import graph_from_constraints
+from mapmyworld.graph.solve import SolvedGraph, solve
 
-__all__ = ["OptimisedGraph", "graph_from_constraints", "optimise"]
+__all__ = ["OptimisedGraph", "SolvedGraph", "graph_from_constraints", "optimise", "solve"]

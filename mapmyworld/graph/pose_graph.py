@@ -32,8 +32,8 @@ def graph_from_constraints(
     poses = np.asarray(map_from_node, np.float64).reshape(-1, 4, 4)[order]
     used = [c for c in constraints if c.accepted]
     ends = np.array([(c.from_id, c.to_id) for c in used], np.int64).reshape(-1, 2)
-    inside = np.isin(ends, known).all(axis=1)
-    used, ends = [c for c, keep in zip(used, inside, strict=True) if keep], ends[inside]
+    inside = np.asarray(np.isin(ends, known).all(axis=1))
+    used, ends = [c for c, keep in zip(used, inside.tolist(), strict=True) if keep], ends[inside]
     measured = np.array([c.from_from_to for c in used], np.float64).reshape(-1, 4, 4)
     information = np.array([c.information for c in used], np.float64).reshape(-1, 6, 6)
     odometry = np.array([c.kind in TRUSTED for c in used], np.bool_)

@@ -1,14 +1,27 @@
-"""Residuals of a pose graph's edges, for all of them at once; the same as gtsam's factors.
+"""Residuals of a pose graph's edges and their derivatives, for all of them at once.
 
 An edge's residual is `log(measured^-1 * between(from, to))`: (E, 3) over x, y, yaw in a planar
-graph, else (E, 6), rotation first. Half the sum of their squared sigmas is the graph's cost.
+graph, else (E, 6), rotation first; the same as gtsam's factors. Half the sum of their squared
+sigmas is the graph's cost. Formulas: Sola, Deray, Atchuthan, "A micro Lie theory" (2018).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from mapmyworld.geometry import Array, between, between_planar, se3_log
+from mapmyworld.geometry import (
+    Array,
+    between,
+    between_planar,
+    compose_planar,
+    se3_adjoint,
+    se3_exp,
+    se3_log,
+    skew,
+)
+
+# Bernoulli numbers over factorials: the series of the inverse Jacobian of the exponential map.
+_SERIES = (1 / 12, -1 / 720, 1 / 30240, -1 / 1209600, 1 / 47900160)
 
 
 def planar_log(motion: Array) -> Array:
@@ -22,6 +35,24 @@ def planar_log(motion: Array) -> Array:
     return np.stack([factor * x + half * y, factor * y - half * x, yaw], axis=-1)
 
 
+def planar_exp(tangent: Array) -> Array:
+    """Planar motions (..., 3) of tangents (..., 3)."""
+    yaw = tangent[..., 2]
+    small = np.abs(yaw) < 1e-5
+    safe = np.where(small, 1.0, yaw)
+    along = np.where(small, 1.0 - yaw * yaw / 6.0, np.sin(safe) / safe)
+    across = np.where(small, 0.5 * yaw, (1.0 - np.cos(safe)) / safe)
+    x, y = tangent[..., 0], tangent[..., 1]
+    return np.stack([along * x - across * y, across * x + along * y, yaw], axis=-1)
+
+
+def retract(planar: bool, poses: Array, tangents: Array) -> Array:
+    """Poses moved by tangents (N, 3 or 6) in their own frames."""
+    if planar:
+        return compose_planar(poses, planar_exp(tangents))
+    return np.asarray(poses @ se3_exp(tangents))
+
+
 def edge_residuals(
     planar: bool, map_from_tail: Array, map_from_head: Array, measured: Array
 ) -> Array:
@@ -31,6 +62,62 @@ def edge_residuals(
     return se3_log(between(measured, between(map_from_tail, map_from_head)))
 
 
+def edge_jacobians(
+    planar: bool, map_from_tail: Array, map_from_head: Array, residuals: Array
+) -> tuple[Array, Array]:
+    """Derivatives (E, d, d) of residuals by tangents of the tail and of the head."""
+    by_head = inverse_right_jacobian(planar, residuals)
+    if planar:
+        adjoint = planar_adjoint(between_planar(map_from_head, map_from_tail))
+    else:
+        adjoint = se3_adjoint(between(map_from_head, map_from_tail))
+    return -by_head @ adjoint, by_head
+
+
+def inverse_right_jacobian(planar: bool, tangents: Array) -> Array:
+    """(E, d, d): how the logarithm changes with a right perturbation, by its series.
+
+    Exact to 1e-9 up to a radian; a residual near pi has no useful derivative anyway.
+    """
+    small = planar_small_adjoint(tangents) if planar else small_adjoint(tangents)
+    square = small @ small
+    power, total = square, np.eye(small.shape[-1]) + 0.5 * small
+    for factor in _SERIES:
+        total = total + factor * power
+        power = power @ square
+    return np.asarray(total)
+
+
+def planar_adjoint(a_from_b: Array) -> Array:
+    """The adjoint (..., 3, 3) over x, y, yaw of planar motions (..., 3)."""
+    cos, sin = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
+    matrix = np.zeros((*a_from_b.shape, 3))
+    matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2] = cos, -sin, a_from_b[..., 1]
+    matrix[..., 1, 0], matrix[..., 1, 1], matrix[..., 1, 2] = sin, cos, -a_from_b[..., 0]
+    matrix[..., 2, 2] = 1.0
+    return matrix
+
+
+def planar_small_adjoint(tangents: Array) -> Array:
+    """The derivative (..., 3, 3) of the adjoint along tangents (..., 3)."""
+    matrix = np.zeros((*tangents.shape, 3))
+    matrix[..., 0, 1], matrix[..., 0, 2] = -tangents[..., 2], tangents[..., 1]
+    matrix[..., 1, 0], matrix[..., 1, 2] = tangents[..., 2], -tangents[..., 0]
+    return matrix
+
+
+def small_adjoint(tangents: Array) -> Array:
+    """The derivative (..., 6, 6) of the adjoint along tangents (..., 6), rotation first."""
+    matrix = np.zeros((*tangents.shape, 6))
+    matrix[..., :3, :3] = matrix[..., 3:, 3:] = skew(tangents[..., :3])
+    matrix[..., 3:, :3] = skew(tangents[..., 3:])
+    return matrix
+
+
 def squared_sigmas(residuals: Array, information: Array) -> Array:
     """(E,) chi-squared values `r' I r`."""
-    return np.asarray(np.einsum("ei,eij,ej->e", residuals, information, residuals))
+    return np.asarray(np.einsum("ei,ei->e", residuals, _times(information, residuals)))
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    return np.asarray((matrices @ vectors[..., None])[..., 0])

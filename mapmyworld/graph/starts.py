@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
@@ -22,21 +25,46 @@ from mapmyworld.graph.pose_graph import Index
 _ANCHOR = 1e3
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Tree:
+    """A spanning tree of every component, rooted at its first node."""
+
+    parents: Index
+    """(N,) of every node; roots are their own."""
+    motions: Array
+    """(N, 3 or 4, 4) parent_from_node; identity for roots."""
+    edges: Index
+    """(N,) the edge that leads to the parent; -1 for roots."""
+
+
 def chain_start(
     planar: bool,
     guess: Array,
     tails: Index,
     heads: Index,
     measured: Array,
-    trusted: np.ndarray,  # type: ignore[type-arg]
+    trusted: NDArray[np.bool_],
 ) -> Array:
     """Poses along the spanning tree that prefers odometry, then the shortest jumps in time.
 
     `tails`, `heads` are positions in `guess`, whose first pose of every component is kept.
     """
-    count = len(guess)
+    penalty = np.where(trusted, 0, len(guess))
+    tree = spanning_tree(planar, len(guess), tails, heads, measured, penalty)
+    return along_tree(planar, guess, tree.parents, tree.motions)
+
+
+def spanning_tree(
+    planar: bool,
+    count: int,
+    tails: Index,
+    heads: Index,
+    measured: Array,
+    penalty: Index | None = None,
+) -> Tree:
+    """The tree of the shortest jumps, each lengthened by its `penalty`."""
     low, high = np.minimum(tails, heads), np.maximum(tails, heads)
-    jump = high - low + np.where(trusted, 0, count)
+    jump = high - low + (0 if penalty is None else penalty)
     order = np.lexsort((jump, high, low))
     keys, first = np.unique((low * count + high)[order], return_index=True)
     kept = order[first]
@@ -45,13 +73,14 @@ def chain_start(
     children = np.flatnonzero(parents != np.arange(count))
     above = parents[children]
     key = np.minimum(above, children) * count + np.maximum(above, children)
-    edge = kept[np.searchsorted(keys, key)]
+    edges = np.full(count, -1, np.int64)
+    edges[children] = edge = kept[np.searchsorted(keys, key)]
     inverse = invert_planar if planar else invert
     forward = tails[edge] == above
     motions = np.zeros((count, 3)) if planar else np.tile(np.eye(4), (count, 1, 1))
     motions[children[forward]] = measured[edge[forward]]
     motions[children[~forward]] = inverse(measured[edge[~forward]])
-    return _along_tree(planar, guess, parents, motions)
+    return Tree(parents, motions, edges)
 
 
 def _parents(tree: csr_array) -> Index:
@@ -66,7 +95,7 @@ def _parents(tree: csr_array) -> Index:
     return parents
 
 
-def _along_tree(planar: bool, guess: Array, parents: Index, motions: Array) -> Array:
+def along_tree(planar: bool, guess: Array, parents: Index, motions: Array) -> Array:
     """Poses of all nodes by doubling: each round joins every node's path to its ancestor's."""
     compose = compose_planar if planar else np.matmul
     while not np.array_equal(parents, parents[parents]):

@@ -1,0 +1,189 @@
+"""Which closures agree with each other, judged by odometry between their ends.
+
+Pairwise consistency maximisation: Mangelson, Dominic, Eustice, Vasudevan, "Pairwise consistent
+measurement set maximization for robust multi-robot map merging" (2018). Two closures and the
+odometry between their ends make a loop; it must come back to where it began, within the
+uncertainty of its four parts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mapmyworld.geometry import (
+    Array,
+    compose_planar,
+    invert,
+    invert_planar,
+    se3_adjoint,
+    se3_log,
+)
+from mapmyworld.graph.pose_graph import Index
+from mapmyworld.graph.residuals import planar_adjoint, planar_log
+
+_PARTNERS = 12  # nearest closures each one is compared with
+_EVIDENCE = 6.0  # log-likelihood ratio of true to chance from which two closures support each other
+_SMALLEST = 1e-300  # volume, so that its logarithm exists
+_REACH = 200  # nodes of odometry between the ends of compared closures, at most
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Odometry:
+    """Dead reckoning along trusted edges, with its growing uncertainty."""
+
+    poses: Array
+    """(N, 3) or (N, 4, 4), each chain in a frame of its own."""
+    spread: Array
+    """(N, d, d) covariance since the chain's first node, of perturbations in that frame."""
+    chain: Index
+    """(N,) which chain a node belongs to."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Consistency:
+    """How closures agree."""
+
+    pairs: Index
+    """(P, 2) positions of compared closures, the lower first."""
+    chi2: Array
+    """(P,) squared sigmas by which their loop fails to close."""
+    supporters: Index
+    """(K,) partners a closure agrees with."""
+    partners: Index
+    """(K,) partners it was compared with."""
+    clique: NDArray[np.bool_]
+    """(K,) in the largest found set of mutually agreeing closures of its group, of two at least."""
+
+
+def compare_closures(
+    planar: bool,
+    odometry: Odometry,
+    tails: Index,
+    heads: Index,
+    measured: Array,
+    information: Array,
+    limit: float,
+) -> Consistency:
+    """The agreement of K closures with those that join the same stretches of the path."""
+    count = len(tails)
+    tails, heads, measured, spread = _forward(planar, tails, heads, measured, information)
+    pairs = _near_pairs(odometry.chain, tails, heads)
+    chi2, volume = _loop_chi2(planar, odometry, tails, heads, measured, spread, pairs)
+    evidence = np.log(alternatives(planar, measured)) - 0.5 * chi2 - np.log(volume)
+    agree = (chi2 <= limit) & (evidence >= _EVIDENCE)
+    differ = chi2 > limit
+    supporters = np.bincount(pairs[agree].ravel(), minlength=count)
+    partners = np.bincount(pairs.ravel(), minlength=count)
+    clique = largest_agreeing_sets(count, pairs, differ, supporters)
+    return Consistency(pairs, chi2, supporters, partners, clique)
+
+
+def _forward(
+    planar: bool, tails: Index, heads: Index, measured: Array, information: Array
+) -> tuple[Index, Index, Array, Array]:
+    """The same closures from the earlier to the later node, with covariances."""
+    spread = np.linalg.inv(information)
+    back = tails > heads
+    measured = measured.copy()
+    adjoint = planar_adjoint(measured[back]) if planar else se3_adjoint(measured[back])
+    spread[back] = adjoint @ spread[back] @ np.swapaxes(adjoint, 1, 2)
+    measured[back] = invert_planar(measured[back]) if planar else invert(measured[back])
+    low, high = np.minimum(tails, heads), np.maximum(tails, heads)
+    return low, high, measured, np.asarray(spread, np.float64)
+
+
+def _near_pairs(chain: Index, tails: Index, heads: Index) -> Index:
+    """(P, 2) closures whose ends lie near along the path, in the same chains."""
+    if len(tails) < 2:
+        return np.zeros((0, 2), np.int64)
+    places = np.column_stack([tails, heads]).astype(np.float64)
+    neighbours = min(_PARTNERS + 1, len(tails))
+    distance, partner = cKDTree(places).query(places, neighbours, p=1, distance_upper_bound=_REACH)
+    first = np.repeat(np.arange(len(tails)), neighbours)
+    second, found = partner.ravel(), np.isfinite(distance.ravel())
+    pairs = np.column_stack([first, second])[found & (first != second)]
+    same = chain[tails[pairs]] == chain[tails[pairs[:, :1]]]
+    same &= chain[heads[pairs]] == chain[heads[pairs[:, :1]]]
+    return np.unique(np.sort(pairs[same.all(axis=1)], axis=1), axis=0).reshape(-1, 2)
+
+
+def _loop_chi2(
+    planar: bool,
+    odometry: Odometry,
+    tails: Index,
+    heads: Index,
+    measured: Array,
+    spread: Array,
+    pairs: Index,
+) -> tuple[Array, Array]:
+    """(P,) squared sigmas by which `measured_k^-1 * odometry * measured_m * odometry` misses the
+    identity, and the volume (P,) of its uncertainty.
+    """
+    k, m = pairs[:, 0], pairs[:, 1]
+    adjoint = planar_adjoint if planar else se3_adjoint
+    compose = compose_planar if planar else np.matmul
+    inverse = invert_planar if planar else invert
+    poses = odometry.poses
+    back = inverse(measured[k])
+    to_tail = compose(back, inverse(poses[tails[k]]))
+    around = compose(compose(to_tail, poses[tails[m]]), measured[m])
+    to_head = compose(around, inverse(poses[heads[m]]))
+    error = compose(to_head, poses[heads[k]])
+    covariance = spread[k] + _transported(adjoint(around), spread[m])
+    for ends, here in ((tails, to_tail), (heads, to_head)):
+        covariance += _transported(adjoint(here), _between_spread(odometry, ends[k], ends[m]))
+    residual = planar_log(error) if planar else se3_log(error)
+    solved = np.linalg.solve(covariance, residual[..., None])[..., 0]
+    volume = np.sqrt(np.linalg.det(2.0 * np.pi * covariance))
+    return np.einsum("ei,ei->e", residual, solved), np.maximum(volume, _SMALLEST)
+
+
+def alternatives(planar: bool, measured: Array) -> float:
+    """The volume of relative poses that a false closure could have measured instead."""
+    places = measured[:, :2] if planar else measured[:, :3, 3]
+    reach = max(1.0, float(np.linalg.norm(places, axis=1).max(initial=0.0)))
+    if planar:
+        return np.pi * reach**2 * 2.0 * np.pi
+    return 4.0 / 3.0 * np.pi * reach**3 * 8.0 * np.pi**2
+
+
+def _transported(adjoint: Array, covariance: Array) -> Array:
+    return np.asarray(adjoint @ covariance @ np.swapaxes(adjoint, 1, 2))
+
+
+def _between_spread(odometry: Odometry, a: Index, b: Index) -> Array:
+    """Covariance of the odometry between nodes of one chain, in the chain's frame."""
+    later, earlier = np.maximum(a, b), np.minimum(a, b)
+    return odometry.spread[later] - odometry.spread[earlier]
+
+
+def largest_agreeing_sets(
+    count: int,
+    pairs: Index,
+    differ: NDArray[np.bool_],
+    supporters: Index,
+) -> NDArray[np.bool_]:
+    """(K,) members of cliques: greedy, most supported first, ties to the earlier closure.
+
+    A closure joins unless a compared member of the clique disagrees with it; it starts one only
+    with a supporter.
+    """
+    foes: list[set[int]] = [set() for _ in range(count)]
+    for a, b in pairs[differ].tolist():
+        foes[a].add(b)
+        foes[b].add(a)
+    chosen = np.zeros(count, np.bool_)
+    banned = np.zeros(count, np.bool_)
+    for seed in np.lexsort((np.arange(count), -supporters)).tolist():
+        if supporters[seed] == 0 or banned[seed]:
+            continue
+        if not chosen[seed] and not any(chosen[f] for f in foes[seed]):
+            chosen[seed] = True
+        if chosen[seed]:
+            for foe in foes[seed]:
+                banned[foe] |= not chosen[foe]
+    return chosen

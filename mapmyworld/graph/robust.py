@@ -1,0 +1,267 @@
+"""Which closures are true: consistency first, then graduated non-convexity.
+
+Graduated non-convexity with truncated least squares: Yang, Antonante, Tzoumas, Carlone,
+"Graduated non-convexity for robust spatial perception" (2020). Odometry keeps weight 1; closures
+end with weight 0 or 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2 as chi_squared
+
+from mapmyworld.config.graph import GraphConfig
+from mapmyworld.geometry import Array
+from mapmyworld.graph.consistency import Consistency, alternatives, compare_closures
+from mapmyworld.graph.dead_reckoning import reckon
+from mapmyworld.graph.pose_graph import Index
+from mapmyworld.graph.residuals import retract
+from mapmyworld.graph.starts import chordal_start
+from mapmyworld.graph.system import (
+    Pattern,
+    System,
+    dense_rows,
+    edge_chi2,
+    factorise,
+    linearise,
+    pattern_of,
+    step_to_nodes,
+)
+
+_GROWTH = 1.4  # of the control parameter between two rounds, as in the paper
+_ROUNDS = 100  # at most
+_CANDIDATES = 400  # closures left out that are tried again at once, best fitting first
+_STEPS = 20  # of Gauss-Newton at most
+_HALVINGS = 8  # of a step at most
+_RETRIES = 3  # times that left-out closures are tried again on a better solution
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobustSolution:
+    poses: Array
+    inliers: NDArray[np.bool_]
+    """(E,) edges that were believed in the end; trusted ones always."""
+    chi2: Array
+    """(E,) squared sigmas of every edge at `poses`."""
+    limit: float
+    """The chi-squared up to which an edge can be true."""
+    closures: Index
+    """(K,) positions of the edges that were questioned."""
+    consistency: Consistency
+    """Of these closures."""
+
+    def moved(self, poses: Array, chi2: Array) -> RobustSolution:
+        """The same verdicts at other poses."""
+        return replace(self, poses=poses, chi2=chi2)
+
+    @staticmethod
+    def untouched(system: System, poses: Array, trusted: NDArray[np.bool_]) -> RobustSolution:
+        """Nothing to solve: every edge believed, every node where it was."""
+        nothing = np.zeros(0, np.int64)
+        agreement = Consistency(
+            nothing.reshape(0, 2), np.zeros(0), nothing, nothing, np.zeros(0, np.bool_)
+        )
+        every = np.ones(len(trusted), np.bool_)
+        return RobustSolution(poses, every, edge_chi2(system, poses), np.inf, nothing, agreement)
+
+
+def solve_robustly(
+    system: System, guess: Array, anchors: Index, trusted: NDArray[np.bool_], config: GraphConfig
+) -> RobustSolution:
+    """Poses and inliers of a graph whose untrusted edges may be wrong."""
+    freedom = system.dimension
+    limit = float(chi_squared.ppf(config.inlier_probability, freedom))
+    closures = np.flatnonzero(~trusted).astype(np.int64)
+    consistency = _compare(system, guess, trusted, closures, config)
+    inliers = trusted.copy()
+    inliers[closures[consistency.clique]] = True
+    poses = settle(chosen_edges(system, inliers), _fresh_start(system, guess, anchors, inliers))
+    for _ in range(_RETRIES):
+        poses, inliers = _without_misfits(system, poses, trusted, inliers, limit)
+        found = inliers | _admissible(system, poses, inliers, limit)
+        if np.array_equal(found, inliers):
+            break
+        inliers = found
+        poses = settle(chosen_edges(system, inliers), poses)
+    poses, inliers = _without_misfits(system, poses, trusted, inliers, limit)
+    return RobustSolution(poses, inliers, edge_chi2(system, poses), limit, closures, consistency)
+
+
+def _without_misfits(
+    system: System,
+    poses: Array,
+    trusted: NDArray[np.bool_],
+    inliers: NDArray[np.bool_],
+    limit: float,
+) -> tuple[Array, NDArray[np.bool_]]:
+    """The solution after graduated non-convexity, where believed edges contradict each other."""
+    while ((edge_chi2(system, poses) > limit) & inliers & ~trusted).any():
+        poses, inliers = graduate(system, poses, trusted, inliers, limit)
+        poses = settle(chosen_edges(system, inliers), poses)
+    return poses, inliers
+
+
+def _admissible(
+    system: System, poses: Array, inliers: NDArray[np.bool_], limit: float
+) -> NDArray[np.bool_]:
+    """(E,) edges left out that the solution predicts, and too well to be chance.
+
+    The prediction's own uncertainty counts: a closure after a long drift may miss by metres and
+    be true. Where many closures look false, fitting by chance becomes likely, and a lone closure
+    must fit the better: expected are at most 0.1 false ones.
+    """
+    candidates = np.flatnonzero(~inliers)
+    chi2 = edge_chi2(system, poses)[candidates]
+    candidates = candidates[np.argsort(chi2, kind="stable")[:_CANDIDATES]]
+    admitted = np.zeros(len(inliers), np.bool_)
+    if len(candidates) == 0:
+        return admitted
+    fit, volume = innovations(system, poses, inliers, candidates)
+    likelihood = np.log(alternatives(system.planar, system.measured[~inliers])) - 0.5 * fit
+    evidence = likelihood - np.log(volume)
+    false_ones = np.count_nonzero(~inliers) - np.count_nonzero(fit <= limit)
+    needed = np.log(max(1.0, 10.0 * false_ones))
+    admitted[candidates] = (fit <= limit) & (evidence >= needed)
+    return admitted
+
+
+def innovations(
+    system: System, poses: Array, inliers: NDArray[np.bool_], candidates: Index
+) -> tuple[Array, Array]:
+    """Squared sigmas (C,) of edges against what the inliers predict, and the volume of that."""
+    part = chosen_edges(system, inliers)
+    matrix, _ = linearise(part, pattern_of(part), poses)
+    factors = factorise(matrix)
+    tested = replace(
+        system,
+        tails=system.tails[candidates],
+        heads=system.heads[candidates],
+        measured=system.measured[candidates],
+        information=system.information[candidates],
+    )
+    rows, residuals = dense_rows(tested, poses)
+    covariance = np.linalg.inv(tested.information)
+    for k, row in enumerate(rows):
+        covariance[k] += row @ factors.solve(np.ascontiguousarray(row.T))
+    fit = np.einsum(
+        "ei,ei->e", residuals, np.linalg.solve(covariance, residuals[..., None])[..., 0]
+    )
+    volume = np.sqrt(np.linalg.det(2.0 * np.pi * covariance))
+    return fit, np.maximum(volume, 1e-300)
+
+
+def _compare(
+    system: System, guess: Array, trusted: NDArray[np.bool_], closures: Index, config: GraphConfig
+) -> Consistency:
+    odometry = reckon(
+        system.planar,
+        guess,
+        system.tails[trusted],
+        system.heads[trusted],
+        system.measured[trusted],
+        system.information[trusted],
+    )
+    limit = float(chi_squared.ppf(config.consistency_probability, system.dimension))
+    return compare_closures(
+        system.planar,
+        odometry,
+        system.tails[closures],
+        system.heads[closures],
+        system.measured[closures],
+        system.information[closures],
+        limit,
+    )
+
+
+def _fresh_start(
+    system: System, guess: Array, anchors: Index, believed: NDArray[np.bool_]
+) -> Array:
+    part = chosen_edges(system, believed)
+    return chordal_start(
+        system.planar, guess, anchors, part.tails, part.heads, part.measured, part.information
+    )
+
+
+def graduate(
+    system: System,
+    start: Array,
+    trusted: NDArray[np.bool_],
+    tried: NDArray[np.bool_],
+    limit: float,
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Poses and inliers (E,) among the `tried` edges; the others play no part."""
+    part, fixed = chosen_edges(system, tried), trusted[tried]
+    pattern = pattern_of(part)
+    weights = np.ones(len(fixed))
+    poses = relax(part, pattern, start, weights, 3)
+    chi2 = edge_chi2(part, poses)
+    control = first_control(chi2[~fixed], limit)
+    for _ in range(_ROUNDS):
+        weights = np.where(fixed, 1.0, truncated_weights(chi2, limit, control))
+        poses = relax(part, pattern, poses, weights, 1)
+        chi2 = edge_chi2(part, poses)
+        decided = (weights < 1e-3) | (weights > 1.0 - 1e-3)
+        if decided.all() and control > 1.0:
+            break
+        control *= _GROWTH
+    inliers = np.zeros(len(tried), np.bool_)
+    inliers[np.flatnonzero(tried)] = fixed | (weights > 0.5)
+    return poses, inliers
+
+
+def chosen_edges(system: System, which: NDArray[np.bool_]) -> System:
+    """The system with some of its edges."""
+    return replace(
+        system,
+        tails=system.tails[which],
+        heads=system.heads[which],
+        measured=system.measured[which],
+        information=system.information[which],
+    )
+
+
+def first_control(chi2: Array, limit: float) -> float:
+    """The control parameter at which the loss is convex over the largest residual."""
+    worst = float(chi2.max(initial=0.0))
+    return 1e3 if 2.0 * worst <= limit else limit / (2.0 * worst - limit)
+
+
+def truncated_weights(chi2: Array, limit: float, control: float) -> Array:
+    """Weights (E,) in closed form (equation 14 of the paper)."""
+    middle = np.sqrt(limit * control * (control + 1.0) / np.maximum(chi2, 1e-12)) - control
+    weights = np.clip(middle, 0.0, 1.0)
+    weights[chi2 >= limit * (control + 1.0) / control] = 0.0
+    weights[chi2 <= limit * control / (control + 1.0)] = 1.0
+    return weights
+
+
+def relax(system: System, pattern: Pattern, poses: Array, weights: Array, steps: int) -> Array:
+    """Poses after some Gauss-Newton steps on the weighted problem."""
+    for _ in range(steps):
+        matrix, gradient = linearise(system, pattern, poses, weights)
+        step = factorise(matrix).solve(-gradient)
+        poses = retract(system.planar, poses, step_to_nodes(system, step))
+    return poses
+
+
+def settle(system: System, poses: Array, tolerance: float = 1e-3) -> Array:
+    """Poses at the nearby minimum: Gauss-Newton, each step halved while it makes things worse."""
+    pattern, cost = pattern_of(system), float(edge_chi2(system, poses).sum())
+    for _ in range(_STEPS):
+        matrix, gradient = linearise(system, pattern, poses)
+        step = factorise(matrix).solve(-gradient)
+        for _ in range(_HALVINGS):
+            moved = retract(system.planar, poses, step_to_nodes(system, step))
+            found = float(edge_chi2(system, moved).sum())
+            if found <= cost:
+                break
+            step = 0.5 * step
+        else:
+            return poses
+        done, poses, cost = cost - found <= tolerance * cost, moved, found
+        if done:
+            break
+    return poses

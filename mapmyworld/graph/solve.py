@@ -1,0 +1,139 @@
+"""Nodes and constraints in, solved poses and judged constraints out: what `build` calls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config.graph import GraphConfig
+from mapmyworld.geometry import (
+    Array,
+    information_to_planar,
+    matrix_to_planar,
+    planar_to_matrix,
+)
+from mapmyworld.graph.pose_graph import TRUSTED, Index, components, positions
+from mapmyworld.graph.robust import RobustSolution, chosen_edges, settle, solve_robustly
+from mapmyworld.graph.system import System, edge_chi2, number_free
+from mapmyworld.graph.verdicts import fault_of, judged
+from mapmyworld.types import Constraint, Poses
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SolvedGraph:
+    """Where the nodes are, what became of every constraint, and how sure that is."""
+
+    poses: Poses
+    constraints: tuple[Constraint, ...]
+    """All that were given, in their order, with verdict, reason and evidence."""
+    component: NDArray[np.int64]
+    """(N,) connected part of every node of `poses`, numbered by first node."""
+    cost: float
+    """Half the sum of squared sigmas of the accepted constraints."""
+    certainty: str
+    """What is known about the solution: connection, consistency, global minimum."""
+
+
+def solve(
+    ids: Sequence[int] | Index,
+    initial: Array,
+    constraints: Sequence[Constraint],
+    planar: bool,
+    config: GraphConfig | None = None,
+) -> SolvedGraph:
+    """The graph of nodes at `initial` poses (N, 4, 4), solved robustly and judged.
+
+    Constraints that come rejected stay so. Motion, priors and what a person stated are believed;
+    closures must agree with these and with each other. The first node of every connected part
+    stays at its initial pose.
+    """
+    config = config or GraphConfig()
+    order = _nodes_first(np.asarray(ids, np.int64))
+    known = np.asarray(ids, np.int64)[order]
+    guess = np.asarray(initial, np.float64).reshape(-1, 4, 4)[order]
+    faults = [fault_of(c, set(known.tolist())) for c in constraints]
+    used = np.flatnonzero([c.accepted and not f for c, f in zip(constraints, faults, strict=True)])
+    system, start, trusted = _system(known, guess, [constraints[k] for k in used.tolist()], planar)
+    anchors = _anchors(system, len(known))
+    system = _with_fixed(system, anchors, len(start))
+    solution = _solved(system, start, anchors, trusted, config)
+    poses = solution.poses[: len(known)]
+    matrices = planar_to_matrix(poses) if planar else poses
+    verdicts = judged(constraints, faults, used, solution, system)
+    linked = solution.inliers & (system.tails < len(known))
+    part = components(len(known), system.tails[linked], system.heads[linked])
+    cost = 0.5 * float(solution.chi2[solution.inliers].sum())
+    statement = _certainty(part, solution)
+    return SolvedGraph(Poses(known, matrices), verdicts, part, cost, statement)
+
+
+def _nodes_first(ids: Index) -> Index:
+    """Positions that put nodes by id first, then landmarks by absolute id."""
+    return np.lexsort((np.abs(ids), ids < 0)).astype(np.int64)
+
+
+def _system(
+    known: Index, guess: Array, constraints: Sequence[Constraint], planar: bool
+) -> tuple[System, Array, NDArray[np.bool_]]:
+    """The system, its start with the map's own frame as one more node, and whom it trusts.
+
+    A prior is an edge from that frame to its node.
+    """
+    start = np.concatenate([guess, np.eye(4)[None]])
+    measured = np.array([c.from_from_to for c in constraints]).reshape(-1, 4, 4)
+    information = np.array([c.information for c in constraints]).reshape(-1, 6, 6)
+    if planar:
+        start, measured = matrix_to_planar(start), matrix_to_planar(measured)
+        information = information_to_planar(information)
+    by_id = np.argsort(known, kind="stable")
+    ends = np.array([(c.from_id, c.to_id) for c in constraints], np.int64).reshape(-1, 2)
+    places = by_id[positions(known[by_id], ends.ravel())].reshape(-1, 2)
+    tails = np.where(ends[:, 0] == ends[:, 1], len(known), places[:, 0])
+    trusted = np.array([c.kind in TRUSTED for c in constraints], np.bool_)
+    free = np.zeros(len(start), np.int64)
+    return System(planar, tails, places[:, 1], measured, information, free), start, trusted
+
+
+def _anchors(system: System, world: int) -> Index:
+    """The map's frame, and the first node of every part that no prior ties to it."""
+    part = components(world + 1, system.tails, system.heads)
+    first = np.unique(part, return_index=True)[1]
+    return np.array([world, *(k for k in first if part[k] != part[world])], np.int64)
+
+
+def _with_fixed(system: System, anchors: Index, count: int) -> System:
+    return System(
+        system.planar,
+        system.tails,
+        system.heads,
+        system.measured,
+        system.information,
+        number_free(count, anchors),
+    )
+
+
+def _solved(
+    system: System, start: Array, anchors: Index, trusted: NDArray[np.bool_], config: GraphConfig
+) -> RobustSolution:
+    trusted = trusted if config.robust else np.ones_like(trusted)
+    if len(trusted) == 0 or system.size == 0:
+        return RobustSolution.untouched(system, start, trusted)
+    solution = solve_robustly(system, start, anchors, trusted, config)
+    part = chosen_edges(system, solution.inliers)
+    poses = settle(part, solution.poses, config.tolerance)
+    return solution.moved(poses, edge_chi2(system, poses))
+
+
+def _certainty(part: Index, solution: RobustSolution) -> str:
+    count = int(part.max(initial=-1)) + 1
+    connected = "one connected graph" if count <= 1 else f"{count} parts with no link between them"
+    closures = solution.closures
+    kept = int(solution.inliers[closures].sum())
+    agreeing = int(solution.consistency.clique.sum())
+    return (
+        f"{connected}; {kept} of {len(closures)} closures accepted, {agreeing} of them "
+        f"supported by a neighbouring closure"
+    )

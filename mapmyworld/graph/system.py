@@ -1,0 +1,159 @@
+"""The least-squares problem of a pose graph as arrays, and its linear system at a point."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import splu
+
+from mapmyworld.geometry import Array
+from mapmyworld.graph.pose_graph import Index
+from mapmyworld.graph.residuals import edge_jacobians, edge_residuals, squared_sigmas
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class System:
+    """Edges between positions, and where each free node stands in the vector of unknowns."""
+
+    planar: bool
+    tails: Index
+    heads: Index
+    """(E,) positions of nodes."""
+    measured: Array
+    information: Array
+    """(E, 3 or 4, 4) and (E, d, d)."""
+    free: Index
+    """(N,) number of each node among the free ones; -1 for those that stay."""
+
+    @property
+    def dimension(self) -> int:
+        """Unknowns of a node."""
+        return 3 if self.planar else 6
+
+    @property
+    def size(self) -> int:
+        """Unknowns in all."""
+        return self.dimension * int(self.free.max(initial=-1) + 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pattern:
+    """Where blocks go in the sparse symmetric matrix; depends on the edges alone."""
+
+    sources: tuple[NDArray[np.bool_], ...]
+    """Which edges give a block (tail, tail), (head, head), (tail, head), (head, tail)."""
+    slots: Index
+    """Place of every scalar of these blocks among the stored entries."""
+    indices: NDArray[np.int32]
+    indptr: NDArray[np.int32]
+    size: int
+
+
+def number_free(node_count: int, fixed: Index) -> Index:
+    """(N,) 0, 1, ... over the nodes that are not fixed, and -1 for those that are."""
+    is_free = np.ones(node_count, np.bool_)
+    is_free[fixed] = False
+    return np.where(is_free, np.cumsum(is_free) - 1, -1).astype(np.int64)
+
+
+def pattern_of(system: System) -> Pattern:
+    """The pattern of the system's matrix."""
+    a, b = system.free[system.tails], system.free[system.heads]
+    both = (a >= 0) & (b >= 0)
+    sources = (a >= 0, b >= 0, both, both)
+    rows = np.concatenate([a[sources[0]], b[sources[1]], a[both], b[both]])
+    columns = np.concatenate([a[sources[0]], b[sources[1]], b[both], a[both]])
+    size, inner = system.dimension, np.arange(system.dimension)
+    row = (rows * size)[:, None, None] + inner[:, None]
+    column = (columns * size)[:, None, None] + inner
+    keys, slots = np.unique((column * system.size + row).ravel(), return_inverse=True)
+    indptr = np.searchsorted(keys, np.arange(system.size + 1) * system.size)
+    return Pattern(
+        sources,
+        slots.astype(np.int64),
+        (keys % system.size).astype(np.int32),
+        indptr.astype(np.int32),
+        system.size,
+    )
+
+
+def linearise(
+    system: System, pattern: Pattern, poses: Array, weights: Array | None = None
+) -> tuple[csc_array, Array]:
+    """Matrix and gradient (size,) of the cost at `poses`; `weights` (E,) scale information."""
+    tail, head = poses[system.tails], poses[system.heads]
+    residuals = edge_residuals(system.planar, tail, head, system.measured)
+    by_tail, by_head = edge_jacobians(system.planar, tail, head, residuals)
+    information = system.information
+    if weights is not None:
+        information = information * weights[:, None, None]
+    left, right = (np.swapaxes(j, 1, 2) @ information for j in (by_tail, by_head))
+    blocks = (left @ by_tail, right @ by_head, left @ by_head, right @ by_tail)
+    values = np.concatenate(
+        [block[used].ravel() for block, used in zip(blocks, pattern.sources, strict=True)]
+    )
+    data = np.bincount(pattern.slots, values, minlength=len(pattern.indices))
+    matrix = csc_array((data, pattern.indices, pattern.indptr), shape=(pattern.size, pattern.size))
+    return matrix, _gradient(system, left, right, residuals)
+
+
+def _gradient(system: System, left: Array, right: Array, residuals: Array) -> Array:
+    size, count = system.dimension, system.size // system.dimension
+    gradient = np.zeros((count + 1, size))
+    for ends, jacobian in ((system.tails, left), (system.heads, right)):
+        part = (jacobian @ residuals[..., None])[..., 0]
+        target = np.where(system.free[ends] < 0, count, system.free[ends])
+        for column in range(size):
+            gradient[:, column] += np.bincount(target, part[:, column], minlength=count + 1)
+    return gradient[:-1].ravel()
+
+
+def edge_chi2(system: System, poses: Array) -> Array:
+    """(E,) squared sigmas of every edge at `poses`."""
+    residuals = edge_residuals(
+        system.planar, poses[system.tails], poses[system.heads], system.measured
+    )
+    return squared_sigmas(residuals, system.information)
+
+
+def factorise(matrix: csc_array) -> Any:
+    """The factors of a symmetric matrix, without pivoting, so that its signs show in U."""
+    return splu(
+        matrix,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+
+
+def step_to_nodes(system: System, step: Array) -> Array:
+    """Tangents (N, d) of all nodes from the vector of unknowns; zero for those that stay."""
+    tangents = np.vstack([step.reshape(-1, system.dimension), np.zeros(system.dimension)])
+    return tangents[system.free]
+
+
+def dense_rows(system: System, poses: Array) -> tuple[Iterator[Array], Array]:
+    """Jacobians (d, size) of the edges one after the other, and residuals (E, d)."""
+    tail, head = poses[system.tails], poses[system.heads]
+    residuals = edge_residuals(system.planar, tail, head, system.measured)
+    jacobians = edge_jacobians(system.planar, tail, head, residuals)
+    return _rows(system, *jacobians), residuals
+
+
+def _rows(system: System, by_tail: Array, by_head: Array) -> Iterator[Array]:
+    size = system.dimension
+    for k in range(len(system.tails)):
+        row = np.zeros((size, system.size))
+        ends = (
+            (system.free[system.tails[k]], by_tail[k]),
+            (system.free[system.heads[k]], by_head[k]),
+        )
+        for number, block in ends:
+            if number >= 0:
+                row[:, number * size : (number + 1) * size] += block
+        yield row

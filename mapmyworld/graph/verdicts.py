@@ -1,0 +1,99 @@
+"""What became of every constraint, in words a user can act on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mapmyworld.geometry import Array, rotation_angle, se3_exp
+from mapmyworld.graph.pose_graph import Index
+from mapmyworld.graph.residuals import edge_residuals, planar_exp
+from mapmyworld.graph.robust import RobustSolution
+from mapmyworld.graph.system import System
+from mapmyworld.types import Constraint
+
+
+def fault_of(constraint: Constraint, known: set[int]) -> str:
+    """Why a constraint cannot be used at all; empty when it can."""
+    missing = {constraint.from_id, constraint.to_id} - known
+    if missing:
+        return f"node {min(missing)} does not exist"
+    if not np.isfinite(constraint.from_from_to).all():
+        return "its measurement is not a number"
+    return information_fault(np.asarray(constraint.information))
+
+
+def information_fault(information: Array) -> str:
+    """Why a matrix is no information matrix; empty when it is one."""
+    if not np.isfinite(information).all():
+        return "its information is not a number"
+    scale = float(np.abs(information).max(initial=0.0))
+    if np.abs(information - information.T).max(initial=0.0) > 1e-6 * scale:
+        return "its information matrix is not symmetric"
+    if scale == 0.0 or np.linalg.eigvalsh(information)[0] <= 1e-15 * scale:
+        return "its information matrix is not positive definite"
+    return ""
+
+
+def judged(
+    constraints: Sequence[Constraint],
+    faults: Sequence[str],
+    used: Index,
+    solution: RobustSolution,
+    system: System,
+) -> tuple[Constraint, ...]:
+    """All constraints with verdict, reason and evidence; `used` are those of the system."""
+    result = [
+        replace(c, accepted=False, reason=f"cannot be used: {fault}") if fault else c
+        for c, fault in zip(constraints, faults, strict=True)
+    ]
+    metres, degrees = misfits(system, solution.poses)
+    closure_at = {int(k): n for n, k in enumerate(solution.closures)}
+    for place, k in enumerate(used.tolist()):
+        evidence = {
+            "residual_metres": float(metres[place]),
+            "residual_degrees": float(degrees[place]),
+            "sigmas": float(np.sqrt(solution.chi2[place])),
+            "sigmas_limit": float(np.sqrt(solution.limit)),
+        }
+        fit = (
+            f"misses by {metres[place]:.3g} m, {degrees[place]:.3g} deg = "
+            f"{evidence['sigmas']:.1f} sigma (limit {evidence['sigmas_limit']:.1f})"
+        )
+        accepted = bool(solution.inliers[place])
+        reason = fit
+        if place in closure_at:
+            n = closure_at[place]
+            supporters = int(solution.consistency.supporters[n])
+            partners = int(solution.consistency.partners[n])
+            evidence |= {"supporters": supporters, "partners": partners}
+            reason = f"{fit}; {_support(supporters, partners)}"
+            if not accepted:
+                reason = f"contradicts the rest of the graph: {reason}"
+                if evidence["sigmas"] <= evidence["sigmas_limit"]:
+                    reason = f"nothing supports it and it may fit by chance: {fit}"
+        before = result[k]
+        kept = "; ".join(part for part in (before.reason, reason) if part)
+        result[k] = replace(
+            before, accepted=accepted, reason=kept, evidence={**before.evidence, **evidence}
+        )
+    return tuple(result)
+
+
+def _support(supporters: int, partners: int) -> str:
+    if partners == 0:
+        return "no other closure near it"
+    return f"{supporters} of {partners} closures near it agree"
+
+
+def misfits(system: System, poses: Array) -> tuple[Array, Array]:
+    """Metres and degrees (E,) by which every edge is missed."""
+    tail, head = poses[system.tails], poses[system.heads]
+    residuals = edge_residuals(system.planar, tail, head, system.measured)
+    if system.planar:
+        motion = planar_exp(residuals)
+        return np.linalg.norm(motion[:, :2], axis=1), np.degrees(np.abs(motion[:, 2]))
+    motion = se3_exp(residuals)
+    return np.linalg.norm(motion[:, :3, 3], axis=1), np.degrees(rotation_angle(motion))

@@ -11,6 +11,7 @@ from mapmyworld.config import SensingConfig
 from mapmyworld.geometry import between, invert, rotation_angle, se3_adjoint
 from mapmyworld.types import Constraint, ConstraintKind, Frame, Node
 
+_ROUNDING = 1e-6  # share of the distance, so that ten steps of a centimetre are ten
 _PATIENCE = 1.5  # times the distance that a due node waits for a frame with an image
 
 
@@ -76,7 +77,7 @@ class NodeSelector:
             float(rotation_angle(moved)) / max(self.config.node_angle, 1e-9),
         )
         waits = self.wants_images and not frame.images
-        return share >= (_PATIENCE if waits else 1.0)
+        return share >= (_PATIENCE if waits else 1.0) - _ROUNDING
 
     def _neighbour(self, last: Node, node: Node, motion: Motion) -> Constraint:
         measured = between(last.tracked_from_base, node.tracked_from_base)

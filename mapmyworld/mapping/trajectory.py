@@ -1,0 +1,42 @@
+"""The final pose of every tracked frame, nodes or not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.geometry import between, interpolate, invert
+from mapmyworld.types import Node, Poses, TrackedFrames
+
+
+def pose_every_frame(
+    nodes: Sequence[Node], poses: Poses, frames: TrackedFrames
+) -> NDArray[np.float64]:
+    """`map_from_frame` (F, 4, 4): frames between two nodes share out what solving moved them.
+
+    A frame follows its node at first and the next node at last, in proportion to its place among
+    the frames between them, so that the path has no steps. Frames after the last node follow it.
+    """
+    row_of_id = {int(i): row for row, i in enumerate(poses.ids)}
+    solved = np.stack([poses.map_from_node[row_of_id[node.id]] for node in nodes])
+    tracked = np.stack([node.tracked_from_base for node in nodes])
+    index_of_id = {node.id: index for index, node in enumerate(nodes)}
+    here = np.array([index_of_id[int(i)] for i in frames.node_ids], np.int64)
+    after = np.minimum(here + 1, len(nodes) - 1)
+    by_here = solved[here] @ frames.node_from_frame
+    next_from_here = invert(between(tracked[:-1], tracked[1:])) if len(nodes) > 1 else None
+    if next_from_here is None:
+        return np.asarray(by_here)
+    step = next_from_here[np.minimum(here, len(nodes) - 2)]
+    by_next = solved[after] @ step @ frames.node_from_frame
+    share = np.where(after > here, _share_of_way(here, len(nodes)), 0.0)
+    return interpolate(by_here, by_next, share)
+
+
+def _share_of_way(here: NDArray[np.int64], count: int) -> NDArray[np.float64]:
+    """How far (F,) a frame is from its node (0) to the next one (towards 1), counted in frames."""
+    first = np.searchsorted(here, np.arange(count + 1))
+    place = np.arange(len(here)) - first[here]
+    return np.asarray(place / np.maximum(first[here + 1] - first[here], 1))

@@ -1,0 +1,112 @@
+"""From a log to a map: the page to read first. Each stage is one line."""
+
+from __future__ import annotations
+
+import functools
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mapmyworld.config import Config
+from mapmyworld.sensing import Plan, make_plan, survey_log
+from mapmyworld.stages.maps import draw_maps
+from mapmyworld.stages.recognise import recognise
+from mapmyworld.stages.record import StageRecord
+from mapmyworld.stages.solve import solve_and_judge
+from mapmyworld.stages.track import track
+from mapmyworld.types import LogSource, MapStore, Progress
+
+
+@dataclass(frozen=True, slots=True)
+class BuildResult:
+    """What a build made, in numbers."""
+
+    nodes: int
+    frames: int
+    distance_m: float
+    """Length of the final path."""
+    duration_s: float
+    """Length of the log."""
+    constraints: dict[str, dict[str, int]]
+    """Kind -> tried and accepted."""
+    reused_stages: tuple[str, ...]
+    losses: tuple[str, ...]
+    """What the map lacks, one line each; empty for a complete map."""
+
+    def as_dict(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+def build_map(
+    log: LogSource,
+    store: MapStore,
+    config: Config,
+    progress: Progress,
+    *,
+    method: str = "graph",
+) -> BuildResult:
+    """Builds the map of a log into the store; stages done with the same inputs are not redone."""
+    record = StageRecord(store, log.content_hash())
+    plan = functools.cache(lambda: _plan(log, config, progress))
+    cfg, seed = config, config.seed
+
+    record.run("plan", (cfg.sensing,), lambda: _note_plan(store, plan()))
+    motion = (cfg.odometry, cfg.registration, cfg.visual, cfg.storage, seed)
+    record.run("track", motion, lambda: track(log, plan(), store, cfg, progress))
+    if method == "fastslam":
+        from mapmyworld.stages.particles import filter_particles
+
+        record.run(
+            "fastslam", (cfg.particles, seed), lambda: filter_particles(store, cfg, progress)
+        )
+    else:
+        record.run("recognise", (cfg.places, seed), lambda: recognise(store, cfg, progress))
+        edits = store.get("edits")
+        record.run("optimise", (cfg.graph, edits), lambda: solve_and_judge(store, cfg, progress))
+    record.run("map", (cfg.mapping,), lambda: draw_maps(store, cfg, progress))
+    return _result(store, log, record)
+
+
+def _plan(log: LogSource, config: Config, progress: Progress) -> Plan:
+    info = log.info()
+    progress.stage("survey", max(info.duration_s, 1e-9), "s")
+    survey = survey_log(log, lambda t: progress.update((t - info.start_ns) * 1e-9))
+    plan = make_plan(survey, config.sensing)
+    for warning in plan.warnings:
+        progress.note(warning)
+    return plan
+
+
+def _note_plan(store: MapStore, plan: Plan) -> None:
+    store.put(
+        "plan",
+        {
+            "planar": plan.planar,
+            "base_frame": plan.base_frame,
+            "decisions": [
+                {"role": d.role, "choice": d.choice, "reason": d.reason} for d in plan.decisions
+            ],
+            "warnings": plan.warnings,
+            "losses": plan.losses,
+        },
+    )
+
+
+def _result(store: MapStore, log: LogSource, record: StageRecord) -> BuildResult:
+    frames = store.frame_poses()
+    path = np.zeros((0, 3)) if frames is None else frames[:, :3, 3]
+    tried = Counter(str(c.kind) for c in store.constraints())
+    accepted = Counter(str(c.kind) for c in store.constraints() if c.accepted)
+    notes = {key: store.get(key) or {} for key in ("plan", "track", "solve")}
+    losses = [line for note in notes.values() for line in note.get("losses", ())]
+    return BuildResult(
+        nodes=len(store.nodes()),
+        frames=len(path),
+        distance_m=float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()),
+        duration_s=log.info().duration_s,
+        constraints={kind: {"tried": tried[kind], "accepted": accepted[kind]} for kind in tried},
+        reused_stages=tuple(record.reused),
+        losses=tuple(dict.fromkeys(losses)),
+    )

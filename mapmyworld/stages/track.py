@@ -1,0 +1,99 @@
+"""The stage that streams the log: frames, motion, nodes, neighbour constraints, store."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Protocol
+
+import numpy as np
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import between
+from mapmyworld.sensing import Plan, read_frames
+from mapmyworld.sensing.synchronise import FrameCounts
+from mapmyworld.stages.nodes import Motion, NodeSelector
+from mapmyworld.stages.trackers import make_tracker
+from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
+
+
+class Tracker(Protocol):
+    """Follows the robot frame by frame."""
+
+    def follow(self, frame: Frame) -> Motion | None:
+        """Where the robot is; None where that cannot be said, and the frame is left out."""
+
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know, once all frames have been followed."""
+
+    def losses(self) -> tuple[str, ...]:
+        """What was lost on the way, one line each."""
+
+
+def track(log: LogSource, plan: Plan, store: MapStore, config: Config, progress: Progress) -> None:
+    """Follows the robot through the log; leaves nodes, scans and neighbour constraints."""
+    info = log.info()
+    progress.stage("track", max(info.duration_s, 1e-9), "s")
+    counts = FrameCounts()
+    frames = read_frames(
+        log, plan, config.sensing, counts, lambda t: progress.update((t - info.start_ns) * 1e-9)
+    )
+    tracker = make_tracker(plan, config)
+    writer = _Writer(store, config, wants_images=plan.camera is not None)
+    for frame in frames:
+        motion = tracker.follow(frame)
+        if motion is not None:
+            writer.add(frame, motion)
+    writer.finish()
+    for note in tracker.notes():
+        progress.note(note)
+    losses = [*log.losses(), *tracker.losses(), *_count_losses(counts)]
+    store.put("track", {"frames": counts.frames, "losses": losses, "notes": tracker.notes()})
+
+
+class _Writer:
+    """Puts frames and nodes into the store as they come."""
+
+    def __init__(self, store: MapStore, config: Config, *, wants_images: bool) -> None:
+        self._store = store
+        self._selector = NodeSelector(config.sensing, wants_images=wants_images)
+        self._stamps: list[int] = []
+        self._node_ids: list[int] = []
+        self._moved: list[np.ndarray] = []
+        self._is_node: list[bool] = []
+
+    def add(self, frame: Frame, motion: Motion) -> None:
+        node, constraint = self._selector.consider(frame, motion)
+        if node is not None:
+            self._store.add_node(node, NodeData(frame.scan, frame.images, frame.cloud))
+        if constraint is not None:
+            self._store.add_constraints([constraint])
+        last = self._selector.last
+        assert last is not None
+        if frame.scan is not None:
+            self._store.add_scan(len(self._stamps), frame.scan)
+        self._stamps.append(frame.stamp_ns)
+        self._node_ids.append(last.id)
+        self._moved.append(between(last.tracked_from_base, motion.tracked_from_base)[:3])
+        self._is_node.append(node is not None)
+
+    def finish(self) -> None:
+        moved = np.zeros((len(self._stamps), 4, 4))
+        if self._moved:
+            moved[:, :3], moved[:, 3, 3] = np.stack(self._moved), 1.0
+        self._store.set_tracked_frames(
+            TrackedFrames(
+                np.array(self._stamps, np.int64),
+                np.array(self._node_ids, np.int64),
+                moved,
+                np.array(self._is_node, np.bool_),
+            )
+        )
+
+
+def _count_losses(counts: FrameCounts) -> Iterator[str]:
+    if counts.undecodable:
+        yield f"{counts.undecodable} frames could not be decoded and are left out"
+    if counts.without_odometry:
+        yield f"{counts.without_odometry} frames have no odometry near their stamp"
+    if counts.unpaired_images:
+        yield f"{counts.unpaired_images} colour images have no depth image near their stamp"

@@ -1,0 +1,117 @@
+"""Which tracker follows the robot: by laser, by camera, or by the recorded odometry alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import matrix_to_planar, planar_to_matrix
+from mapmyworld.odometry.recorded import RecordedMotionModel
+from mapmyworld.sensing import Plan
+from mapmyworld.stages.nodes import Motion
+from mapmyworld.types import Frame
+
+if TYPE_CHECKING:
+    from mapmyworld.stages.track import Tracker
+
+
+def make_tracker(plan: Plan, config: Config) -> Tracker:
+    """Laser where there is one, else wheels, else the camera."""
+    if plan.scan is not None:
+        return LaserFollower(plan, config)
+    if plan.odometry is not None:
+        return WheelFollower(plan)
+    return CameraFollower(plan, config)
+
+
+class WheelFollower:
+    """Believes the recorded odometry."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._model = RecordedMotionModel(planar=plan.planar)
+
+    def follow(self, frame: Frame) -> Motion | None:
+        if frame.odom_from_base is None:
+            return None
+        covariance = self._model.follow(frame.odom_from_base)
+        return Motion(frame.odom_from_base, covariance, "recorded odometry")
+
+    def notes(self) -> tuple[str, ...]:
+        return ()
+
+    def losses(self) -> tuple[str, ...]:
+        return ()
+
+
+class CameraFollower:
+    """Estimates the motion from colour and depth."""
+
+    def __init__(self, plan: Plan, config: Config) -> None:
+        from mapmyworld.odometry.visual import VisualTracker
+
+        self._start = plan.map_from_first
+        self._tracker = VisualTracker(config)
+        self._frames = self._blind = 0
+        self._notes: list[str] = []
+
+    def follow(self, frame: Frame) -> Motion | None:
+        motion = self._tracker.track(frame)
+        self._frames += 1
+        if motion.verdict in {"dead reckoning", "restarted"}:
+            self._blind += 1
+            self._notes += [f"at {frame.stamp_ns * 1e-9:.2f} s: {note}" for note in motion.notes]
+        covariance = np.linalg.inv(motion.information)
+        return Motion(
+            self._start @ motion.tracker_from_base,
+            np.asarray(covariance),
+            f"visual odometry: {motion.verdict}, {motion.inliers} inliers",
+        )
+
+    def notes(self) -> tuple[str, ...]:
+        if not self._blind:
+            return ()
+        share = self._blind / max(self._frames, 1)
+        head = f"the camera was blind in {self._blind} frames ({share:.1%}): dead reckoning there"
+        return (head, *self._notes[:5])
+
+    def losses(self) -> tuple[str, ...]:
+        return ()
+
+
+class LaserFollower:
+    """Matches each scan against the local map, with the odometry as a prior."""
+
+    def __init__(self, plan: Plan, config: Config) -> None:
+        from mapmyworld.odometry.laser import LaserTracker
+
+        self._tracker = LaserTracker(config)
+
+    def follow(self, frame: Frame) -> Motion | None:
+        moved = self._tracker.track(frame)
+        covariance = _planar_covariance(np.asarray(np.linalg.inv(moved.information)))
+        return Motion(planar_to_matrix(moved.pose), covariance, moved.reason)
+
+    def notes(self) -> tuple[str, ...]:
+        return self._tracker.notes()
+
+    def losses(self) -> tuple[str, ...]:
+        return ()
+
+
+_OUT_OF_PLANE = 1e-8  # rad^2 and m^2 by which a planar robot leaves its plane, a step
+
+
+def _planar_covariance(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariance (6, 6), rotation first, of one over x, y, yaw (3, 3)."""
+    full = np.diag(np.full(6, _OUT_OF_PLANE))
+    rows = np.array([3, 4, 2])
+    full[np.ix_(rows, rows)] = covariance
+    return full
+
+
+def planar_pose(frame: Frame) -> NDArray[np.float64] | None:
+    """The recorded odometry (3,) of a frame."""
+    return None if frame.odom_from_base is None else matrix_to_planar(frame.odom_from_base)

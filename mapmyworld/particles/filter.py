@@ -51,7 +51,13 @@ class Filter:
         spread = np.zeros((3, 3))
         if self.poses:
             proposal = improved_proposal(
-                self.x, u, motion_covariance(u, self.config), z, self.maps, self.config, self.workers
+                self.x,
+                u,
+                motion_covariance(u, self.config),
+                z,
+                self.maps,
+                self.config,
+                self.workers,
             )
             self.x = proposal.sample(random)
             self.log_w = self.log_w + proposal.log_weight

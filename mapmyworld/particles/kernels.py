@@ -74,6 +74,9 @@ def _nearest(
     res = maps.resolution
     cx, cy = int(math.floor(x / res)), int(math.floor(y / res))
     best, qx, qy, mx, my = 1e9, 0.0, 0.0, 0.0, 0.0
+    # Neighbouring cells mostly lie in the same tile, whose slot is looked up once.
+    tile_x, tile_y = cx >> TILE_SHIFT, cy >> TILE_SHIFT
+    slot = _slot(maps, particle, cx, cy)
     for ring in range(reach + 1):
         if ring > 1 and best <= ((ring - 1) * res) ** 2:
             break
@@ -81,7 +84,9 @@ def _nearest(
             step = 1 if (dy == ring or dy == -ring) else 2 * ring
             for dx in range(-ring, ring + 1, max(step, 1)):
                 ix, iy = cx + dx, cy + dy
-                slot = _slot(maps, particle, ix, iy)
+                if ix >> TILE_SHIFT != tile_x or iy >> TILE_SHIFT != tile_y:
+                    tile_x, tile_y = ix >> TILE_SHIFT, iy >> TILE_SHIFT
+                    slot = _slot(maps, particle, ix, iy)
                 if slot == 0:
                     continue
                 cell = ((iy & MASK) << TILE_SHIFT) | (ix & MASK)
@@ -374,10 +379,9 @@ def touched_tiles(
     poses: NDArray[np.float64],
     base: NDArray[np.int64],
     resolution: float,
-    rays: bool,
     out: NDArray[np.bool_],
 ) -> None:
-    """Marks in `out` (P, H, W) the tiles that the scan's rays, or only its ends, will change."""
+    """Marks in `out` (P, H, W) the tiles that the scan's rays will change."""
     side = TILE * resolution
     for particle in range(first, last):
         pose = poses[particle]
@@ -388,8 +392,7 @@ def touched_tiles(
             x = (pose[0] + cos * beams.points[i, 0] - sin * beams.points[i, 1]) / side - base[1]
             y = (pose[1] + sin * beams.points[i, 0] + cos * beams.points[i, 1]) / side - base[0]
             out[particle, int(math.floor(y)), int(math.floor(x))] = True
-            if rays:
-                _mark_line(out[particle], ox, oy, x, y)
+            _mark_line(out[particle], ox, oy, x, y)
 
 
 @njit(cache=True, nogil=True)
@@ -421,7 +424,6 @@ def insert(
     last: int,
     beams: Any,
     poses: NDArray[np.float64],
-    rays: bool,
     own: NDArray[np.int32],
 ) -> None:
     """Adds the scan at `poses` to the maps of particles `first` to `last`.
@@ -436,8 +438,7 @@ def insert(
         for i in range(beams.points.shape[0]):
             x = pose[0] + cos * beams.points[i, 0] - sin * beams.points[i, 1]
             y = pose[1] + sin * beams.points[i, 0] + cos * beams.points[i, 1]
-            if rays:
-                _cross(maps, particle, ox, oy, x, y, own)
+            _cross(maps, particle, ox, oy, x, y, own)
         for i in range(beams.points.shape[0]):
             x = pose[0] + cos * beams.points[i, 0] - sin * beams.points[i, 1]
             y = pose[1] + sin * beams.points[i, 0] + cos * beams.points[i, 1]
@@ -515,6 +516,45 @@ def _hit(
 
 
 @njit(cache=True, nogil=True)
+def mark_path(
+    points: NDArray[np.float64],
+    ends: NDArray[np.int64],
+    poses: NDArray[np.float64],
+    base: NDArray[np.int64],
+    resolution: float,
+    out: NDArray[np.bool_],
+) -> None:
+    """Marks in `out` (H, W) the tiles in which scans at `poses` (K, 3) end."""
+    side = TILE * resolution
+    for k in range(len(poses)):
+        cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        for i in range(ends[k], ends[k + 1]):
+            x = (poses[k, 0] + cos * points[i, 0] - sin * points[i, 1]) / side - base[1]
+            y = (poses[k, 1] + sin * points[i, 0] + cos * points[i, 1]) / side - base[0]
+            out[int(math.floor(y)), int(math.floor(x))] = True
+
+
+@njit(cache=True, nogil=True)
+def insert_path(
+    maps: Any,
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    ends: NDArray[np.int64],
+    poses: NDArray[np.float64],
+    own: NDArray[np.int32],
+) -> None:
+    """Adds the end points of scans at `poses` (K, 3) to the one map there is."""
+    for k in range(len(poses)):
+        cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        for i in range(ends[k], ends[k + 1]):
+            x = poses[k, 0] + cos * points[i, 0] - sin * points[i, 1]
+            y = poses[k, 1] + sin * points[i, 0] + cos * points[i, 1]
+            nx = cos * normals[i, 0] - sin * normals[i, 1]
+            ny = sin * normals[i, 0] + cos * normals[i, 1]
+            _hit(maps, 0, x, y, nx, ny, own)
+
+
+@njit(cache=True, nogil=True)
 def linearise_path(
     maps: Any,
     first: int,
@@ -535,7 +575,5 @@ def linearise_path(
     """
     origin = np.zeros(2)
     for k in range(first, last):
-        beams = Beams(
-            points[ends[k] : ends[k + 1]], normals[ends[k] : ends[k + 1]], origin
-        )
+        beams = Beams(points[ends[k] : ends[k + 1]], normals[ends[k] : ends[k + 1]], origin)
         share[k] = _linearise(maps, 0, beams, poses[k], reach, sigma, H[k], g[k])

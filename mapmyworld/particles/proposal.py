@@ -85,5 +85,5 @@ def improved_proposal(
     covariance = np.linalg.inv(information)
     # Laplace: the integral of exp(-cost) is exp(-minimum) times the root of |2 pi Sigma|.
     volume = 0.5 * (np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(u_covariance)[1])
-    log_weight = scale * log_z - 0.5 * quality[:, 2] + volume
+    log_weight = config.weight_gain * (scale * log_z - 0.5 * quality[:, 2] + volume)
     return Proposal(mean, covariance, log_weight, quality[:, 0])

@@ -22,9 +22,7 @@ def beams_from_scan(scan: Scan, *, range_max: float, spacing: float, most: int) 
     keep = _spaced(points, spacing)
     if len(keep) > most:
         keep = keep[(np.arange(most) * len(keep)) // most]
-    return Beams(
-        np.ascontiguousarray(points[keep]), np.ascontiguousarray(normals[keep]), origin
-    )
+    return Beams(np.ascontiguousarray(points[keep]), np.ascontiguousarray(normals[keep]), origin)
 
 
 def surface_normals(

@@ -41,7 +41,8 @@ def smooth_path(
     scale = np.minimum(1.0, config.beams_effective / np.maximum(sizes, 1))
     path = path.copy()
     for _ in range(config.smoothing):
-        maps = map_from_path(path, scans, config, workers)
+        maps = TileMaps(1, config.resolution, workers)
+        maps.insert_path(points, normals, ends, path)
         H, g = np.zeros((len(path), 3, 3)), np.zeros((len(path), 3))
         share = np.zeros(len(path))
         workers.run_maps(
@@ -57,19 +58,6 @@ def smooth_path(
         if np.max(np.abs(step)) < 1e-4:
             break
     return path
-
-
-def map_from_path(
-    path: NDArray[np.float64],
-    scans: Sequence[Beams],
-    config: ParticlesConfig,
-    workers: Workers,
-) -> TileMaps:
-    """Surfaces of all scans at known poses, without free space."""
-    maps = TileMaps(1, config.resolution, workers)
-    for pose, scan in zip(path, scans, strict=True):
-        maps.insert(scan, pose[None], rays=False)
-    return maps
 
 
 def _banded_step(

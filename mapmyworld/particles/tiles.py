@@ -46,19 +46,36 @@ class TileMaps:
         """Tiles in memory that belong to some particle."""
         return int(np.count_nonzero(self._owners[1:]))
 
-    def insert(self, beams: Beams, poses: NDArray[np.float64], *, rays: bool = True) -> None:
+    def insert(self, beams: Beams, poses: NDArray[np.float64]) -> None:
         """Adds a scan to every particle's map at its own pose (P, 3)."""
-        self._make_room(beams, poses)
+        self._make_room(poses, _reach(beams))
         touched = np.zeros(self._tables.shape, np.bool_)
         self._workers.run(
             kernels.touched_tiles,
             len(poses),
-            (beams, poses, self._base, self._resolution, rays, touched),
+            (beams, poses, self._base, self._resolution, touched),
         )
         self._make_own(touched)
         self._workers.run_maps(
-            kernels.insert, self.surfaces, len(poses), (beams, poses, rays, self._owners)
+            kernels.insert, self.surfaces, len(poses), (beams, poses, self._owners)
         )
+
+    def insert_path(
+        self,
+        points: NDArray[np.float64],
+        normals: NDArray[np.float64],
+        ends: NDArray[np.int64],
+        poses: NDArray[np.float64],
+    ) -> None:
+        """Adds the end points, without their rays, of many scans to the only map there is.
+
+        Scan k, at `poses[k]` (3,), has the points and normals `ends[k]` to `ends[k + 1]`.
+        """
+        self._make_room(poses, float(np.sqrt(np.max(np.sum(points**2, axis=1), initial=0.0))))
+        touched = np.zeros(self._tables.shape, np.bool_)
+        kernels.mark_path(points, ends, poses, self._base, self._resolution, touched[0])
+        self._make_own(touched)
+        kernels.insert_path(self.surfaces, points, normals, ends, poses, self._owners)
 
     def resample(self, ancestors: NDArray[np.int64]) -> None:
         """Particle k continues with the map of `ancestors[k]`; nothing is copied."""
@@ -95,11 +112,12 @@ class TileMaps:
         self._owners = np.concatenate([self._owners, np.zeros(more, np.int32)])
         for name in ("_hits", "_visits", "_means", "_normals"):
             array = getattr(self, name)
-            setattr(self, name, np.concatenate([array, np.zeros((more, *array.shape[1:]), array.dtype)]))
+            setattr(
+                self, name, np.concatenate([array, np.zeros((more, *array.shape[1:]), array.dtype)])
+            )
 
-    def _make_room(self, beams: Beams, poses: NDArray[np.float64]) -> None:
-        """Widens the tables so that the scan lies within, wherever a particle puts it."""
-        reach = np.sqrt(max(np.max(np.sum(beams.points**2, axis=1), initial=0.0), np.sum(beams.origin**2)))
+    def _make_room(self, poses: NDArray[np.float64], reach: float) -> None:
+        """Widens the tables so that all within `reach` of the poses lies inside."""
         side = TILE * self._resolution
         low = np.floor((poses[:, 1::-1].min(axis=0) - reach) / side).astype(np.int64) - 1
         high = np.floor((poses[:, 1::-1].max(axis=0) + reach) / side).astype(np.int64) + 2
@@ -116,3 +134,9 @@ class TileMaps:
             y, x = self._base - before
             wider[:, y : y + size[0], x : x + size[1]] = self._tables
         self._tables, self._base = wider, before
+
+
+def _reach(beams: Beams) -> float:
+    """Metres from the robot to the farthest point of a scan or to the lidar."""
+    squared = np.sum(beams.points**2, axis=1)
+    return float(np.sqrt(max(np.max(squared, initial=0.0), np.sum(beams.origin**2))))

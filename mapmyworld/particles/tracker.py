@@ -19,9 +19,13 @@ from mapmyworld.particles.tiles import TileMaps
 
 _REACHES = np.array([6, 5, 4, 3, 2, 2, 2, 2, 2, 2, 2, 2], np.int64)
 _ROBUST = 2.0  # standard deviations after which odometry counts less
+_GOOD = 0.7  # matched share from which the first guess is taken
+_FAR = 4.0  # squared deviation from odometry from which other guesses are tried
 _POOR = 0.5  # matched share below which the search widens
 _REVERSED = np.array([-1.0, -1.0, 1.0])
-_WIDER = np.array([[x, y, a] for x in (-0.15, 0, 0.15) for y in (-0.1, 0, 0.1) for a in (-0.1, 0.1)])
+_WIDER = np.array(
+    [[x, y, a] for x in (-0.15, 0, 0.15) for y in (-0.1, 0, 0.1) for a in (-0.1, 0.1)]
+)
 _SUBMAP_STEPS = 60  # filter steps after which the older of the two local maps is dropped
 
 
@@ -42,7 +46,9 @@ class LocalTracker:
             return self.pose
         motion = self._last_step if odometry is None else odometry
         guesses = np.array([motion, self._last_step, np.zeros(3), motion * _REVERSED])
-        found = self._match(beams, guesses, recorded=odometry is not None)
+        found = self._match(beams, guesses[:1], recorded=odometry is not None)
+        if found[1][0] < _GOOD or found[1][2] > _FAR:
+            found = self._match(beams, guesses, recorded=odometry is not None)
         if found[1][0] < _POOR:
             wider = np.concatenate([guesses, motion + _WIDER, _WIDER])
             found = self._match(beams, wider, recorded=odometry is not None)
@@ -59,8 +65,19 @@ class LocalTracker:
         maps = self._maps.surfaces
         maps = maps._replace(tables=maps.tables[self._older : self._older + 1])
         kernels.match(
-            maps, 0, 1, beams, starts, self._prior(guesses[0], recorded), _ROBUST,
-            _REACHES, self._config.sigma, self._scale(beams), pose, information, quality,
+            maps,
+            0,
+            1,
+            beams,
+            starts,
+            self._prior(guesses[0], recorded),
+            _ROBUST,
+            _REACHES,
+            self._config.sigma,
+            self._scale(beams),
+            pose,
+            information,
+            quality,
         )
         return pose[0], quality[0]
 

@@ -20,11 +20,12 @@ _LAST_SECOND = 253402300799  # 9999-12-31 23:59:59 UTC
 class Connection:
     """One database file. Every failure is a MapError that names the file."""
 
-    def __init__(self, path: Path, *, writable: bool) -> None:
+    def __init__(self, path: Path, *, writable: bool, frozen: bool = False) -> None:
+        """`frozen`: read the file as it lies, whatever another program left beside it."""
         self.path = path
         self.writable = writable
         self._entered_s = 0
-        mode = "rwc" if writable else "ro"
+        mode = "rwc" if writable else "ro&immutable=1" if frozen else "ro"
         with self._explained():
             self._sqlite = self._connect(mode)
             if writable:
@@ -114,6 +115,12 @@ def _remedy(message: str) -> str:
     if "unable to open" in message:
         return f"cannot be opened ({message}): check that the folder exists and is yours"
     return message
+
+
+def keeps_write_ahead_log(path: Path) -> bool:
+    """Whether the file's header asks for a -wal file, which merely reading it would create."""
+    with path.open("rb") as file:
+        return file.read(20)[18:20] == b"\2\2"
 
 
 def is_sqlite(path: Path) -> bool:

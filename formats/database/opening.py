@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from formats.database import schema
-from formats.database.connection import Connection, is_sqlite
+from formats.database.connection import Connection, is_sqlite, keeps_write_ahead_log
 from formats.database.foreign import RtabmapStore
 from formats.database.node_rows import StorageOptions
 from formats.database.results import parameters_to_text
@@ -53,13 +53,18 @@ def open_store(
         return _foreign(path, create=create)
     if create and overwrite:
         path.unlink()
-        path.with_name(path.name + "-journal").unlink(missing_ok=True)
+        _beside(path, "journal").unlink(missing_ok=True)
         return DatabaseStore(_created(path, settings, parameters or {}), settings)
+    _recover(path)
     return DatabaseStore(Connection(path, writable=not read_only), settings)
 
 
+def _beside(path: Path, ending: str) -> Path:
+    return path.with_name(f"{path.name}-{ending}")
+
+
 def _is_ours(path: Path) -> bool:
-    connection = Connection(path, writable=False)
+    connection = Connection(path, writable=False, frozen=True)
     try:
         if not connection.columns("mapmyworld_format"):
             return False
@@ -73,9 +78,26 @@ def _is_ours(path: Path) -> bool:
     return True
 
 
+def _recover(path: Path) -> None:
+    """Takes back what a killed build had half written, as SQLite does on opening for writing."""
+    if _beside(path, "journal").exists():
+        connection = Connection(path, writable=True)
+        try:
+            connection.begin()
+            connection.commit()
+        finally:
+            connection.close()
+
+
 def _foreign(path: Path, *, create: bool) -> RtabmapStore:
     """A database of RTAB-Map's, for reading; refused where a map was to be written."""
-    store = RtabmapStore(Connection(path, writable=False))
+    for ending in ("journal", "wal"):
+        if _beside(path, ending).exists() and _beside(path, ending).stat().st_size:
+            raise MapError(
+                f"{path}: was not closed cleanly ({_beside(path, ending).name} lies beside it):"
+                " run `rtabmap-info` on it once, or on a copy of both files"
+            )
+    store = RtabmapStore(Connection(path, writable=False, frozen=keeps_write_ahead_log(path)))
     if create:
         store.close()
         raise MapError(f"{path}: is a database of RTAB-Map's and is never changed: give another -o")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections.abc import Mapping
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -84,11 +85,10 @@ def compact(path: Path) -> None:
     fresh = path.with_name(path.name + ".compact")
     fresh.unlink(missing_ok=True)
     try:
-        source = sqlite3.connect(path)
-        try:
+        with closing(sqlite3.connect(path)) as source:
             source.execute("VACUUM INTO ?", (str(fresh),))
-        finally:
-            source.close()
+        with closing(sqlite3.connect(fresh)) as packed:
+            packed.execute("PRAGMA schema_version = 1")  # SQLite's count of earlier packings
         os.replace(fresh, path)
     except (sqlite3.Error, OSError) as error:
         fresh.unlink(missing_ok=True)

@@ -97,10 +97,11 @@ class DatabaseStore:
         clear_from(self._db, rank)
         self._restore_session()
         self._rewrite_links()
-        self._rank, self._compact = rank, True
+        self._rank, self._compact = rank, False
         try:
             yield
             self._begin()
+            self._compact = True
             record = "INSERT OR REPLACE INTO mapmyworld_stages VALUES (?,?,?)"
             self._db.run(record, (stage, rank, inputs))
         finally:

@@ -73,7 +73,7 @@ def find_candidates(
     best: dict[tuple[int, int], Candidate] = {}
     for i in range(len(words)):
         row = similarity[i]
-        around = np.convolve(posterior[i], np.ones(2 * _REACH + 1), mode="same")
+        around = _around(posterior[i])
         worth = (around >= least_posterior) | (row >= _ALIKE * row.max())
         worth &= row >= least_similarity
         order = np.argsort(-(row * (0.2 + around)), kind="stable")
@@ -106,13 +106,14 @@ def smooth_places(similarity: NDArray[np.float32]) -> NDArray[np.float32]:
     and backwards. A place's likelihood grows with how far its similarity stands out of its row.
     """
     likelihood, unknown = _likelihoods(similarity)
-    forward, new_forward = _filter(likelihood, unknown)
-    backward, new_backward = _filter(likelihood[::-1], unknown[::-1])
-    # Both passes count the node's own likelihood; one of them is divided out.
-    joint = forward * backward[::-1] / np.maximum(likelihood, 1e-12)
-    new = new_forward * new_backward[::-1] / unknown
-    total = joint.sum(axis=1) + new
-    return np.asarray(joint / np.maximum(total, 1e-30)[:, None], np.float32)
+    posterior, new = _forwards(likelihood, unknown)
+    ahead, new_ahead = np.ones(len(likelihood)), 1.0  # likelihood of what follows
+    for i in range(len(likelihood) - 2, -1, -1):
+        ahead, new_ahead = _backwards(likelihood[i + 1], unknown[i + 1], ahead, new_ahead)
+        posterior[i] *= ahead
+        total = float(posterior[i].sum()) + new[i] * new_ahead
+        posterior[i] /= max(total, 1e-30)
+    return posterior
 
 
 def _likelihoods(similarity: NDArray[np.float32]) -> tuple[NDArray[np.float32], Array]:
@@ -128,30 +129,50 @@ def _likelihoods(similarity: NDArray[np.float32]) -> tuple[NDArray[np.float32], 
     return likelihood.astype(np.float32), np.clip(unknown, 1.0, 10.0)
 
 
-def _filter(likelihood: NDArray[np.float32], unknown: Array) -> tuple[NDArray[np.float32], Array]:
+def _forwards(likelihood: NDArray[np.float32], unknown: Array) -> tuple[NDArray[np.float32], Array]:
     """Posterior (N, N) of each place and (N,) of a new one, given the nodes so far."""
     n = len(likelihood)
-    offsets = np.arange(-_REACH, _REACH + 1)
-    kernel = np.exp(-0.5 * (offsets / _STEP_SIGMA) ** 2)
-    kernel *= (1.0 - _LOST) / kernel.sum()
-    posterior = np.zeros((n, n), np.float32)
-    new = np.zeros(n)
+    posterior, new = np.zeros((n, n), np.float32), np.zeros(n)
     places, at_new = np.zeros(n), 1.0
     for i in range(n):
-        allowed = likelihood[i] > 0
-        spread_in = (1.0 - _NEW_STAYS) * at_new / max(int(np.count_nonzero(allowed)), 1)
-        predicted = np.convolve(places, kernel, mode="same")[:n] if n >= len(kernel) else places
-        places = likelihood[i] * (predicted + spread_in)
-        at_new = float(unknown[i]) * (_NEW_STAYS * at_new + _LOST * places_sum(predicted))
+        entered = (1.0 - _NEW_STAYS) * at_new / _allowed(likelihood[i])
+        left = _LOST * float(places.sum())
+        places = likelihood[i] * ((1.0 - _LOST) * _blurred(places) + entered)
+        at_new = float(unknown[i]) * (_NEW_STAYS * at_new + left)
         total = float(places.sum()) + at_new
         places, at_new = places / total, at_new / total
         posterior[i], new[i] = places, at_new
     return posterior, new
 
 
-def places_sum(predicted: NDArray[np.floating]) -> float:
-    """What the kernel left to the known places, as it was before the loss."""
-    return float(predicted.sum()) / (1.0 - _LOST)
+def _backwards(
+    likelihood: NDArray[np.float32], unknown: float, ahead: Array, new_ahead: float
+) -> tuple[Array, float]:
+    """How likely the nodes from the next one on are, for each place now and for a new one."""
+    places, new = likelihood * ahead, unknown * new_ahead
+    before = (1.0 - _LOST) * _blurred(places) + _LOST * new
+    entered = (1.0 - _NEW_STAYS) * float(places.sum()) / _allowed(likelihood)
+    new_before = _NEW_STAYS * new + entered
+    scale = max(new_before, float(before.max()))
+    return before / scale, new_before / scale
+
+
+def _allowed(likelihood: NDArray[np.float32]) -> int:
+    return max(int(np.count_nonzero(likelihood)), 1)
+
+
+def _blurred(places: Array) -> Array:
+    """The places (N,) after one step: forwards or backwards by a node or two."""
+    offsets = np.arange(-_REACH, _REACH + 1)
+    kernel = np.exp(-0.5 * (offsets / _STEP_SIGMA) ** 2)
+    blurred = np.convolve(places, kernel / kernel.sum(), mode="full")
+    return np.asarray(blurred[_REACH : _REACH + len(places)])
+
+
+def _around(posterior: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Probability (N,) of being at each place or at one of its neighbours."""
+    summed = np.convolve(posterior, np.ones(2 * _REACH + 1, np.float32), mode="full")
+    return np.asarray(summed[_REACH : _REACH + len(posterior)], np.float32)
 
 
 def _distinct(order: NDArray[np.int64], most: int) -> list[int]:

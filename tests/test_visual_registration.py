@@ -1,0 +1,175 @@
+"""Cameras, poses from points, and bundles, against known truth and independent twins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from mapmyworld.geometry import between, invert, se3_exp, se3_log, transform_points
+from mapmyworld.graph.bundle import Bundle, RelativePoses, adjust_bundle
+from mapmyworld.registration.camera import pixels_of_points, rays_of_pixels
+from mapmyworld.registration.visual import Sightings, errors, inliers, ransac_pose, refine_pose
+from mapmyworld.types import CameraModel
+
+Array = NDArray[np.float64]
+K = np.array([[500.0, 0.0, 320.0], [0.0, 510.0, 240.0], [0.0, 0.0, 1.0]])
+SIGMAS = (0.002, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("model", "distortion"),
+    [
+        ("", []),
+        ("plumb_bob", [0.2624, -0.9531, -0.0054, 0.0026, 1.1633]),
+        ("plumb_bob", [-0.05, 0.02, 0.001, -0.001]),
+        ("rational_polynomial", [0.3, 0.1, 0.0005, -0.0003, 0.02, 0.4, 0.15, 0.03]),
+        ("equidistant", [0.02, -0.01, 0.004, -0.001]),
+    ],
+)
+def test_pixels_become_rays_and_rays_the_same_pixels(model: str, distortion: list[float]) -> None:
+    """OpenCV inverts the distortion, our own formulas apply it: two sources must agree."""
+    camera = CameraModel(640, 480, K, model, np.array(distortion), np.eye(4))
+    u, v = np.meshgrid(np.linspace(80, 560, 9), np.linspace(60, 420, 7))
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    rays = rays_of_pixels(camera, pixels)
+    points = np.column_stack([rays, np.ones(len(rays))]) * 2.5
+    assert np.abs(pixels_of_points(camera, points) - pixels).max() < 0.05
+
+
+def test_points_behind_the_camera_have_no_pixel() -> None:
+    camera = CameraModel(640, 480, K, "", np.zeros(0), np.eye(4))
+    assert np.isnan(pixels_of_points(camera, np.array([[0.1, 0.2, -1.0], [0.0, 0.0, 0.0]]))).all()
+
+
+def scene(seed: int, count: int, noise: float) -> tuple[Array, Sightings]:
+    """A camera's pose and its noisy sightings; a third has no depth."""
+    random = np.random.default_rng(seed)
+    pose = se3_exp(random.normal(size=6) * 0.5)
+    local = np.column_stack([random.uniform(-1, 1, (count, 2)), random.uniform(1, 4, count)])
+    seen = np.column_stack([local[:, :2] / local[:, 2:], 1.0 / local[:, 2]])
+    sigmas = np.tile(SIGMAS, (count, 1))
+    seen += noise * random.normal(size=seen.shape) * sigmas[:, [0, 0, 1]]
+    seen[::3, 2] = np.nan
+    return pose, Sightings(transform_points(pose, local), seen, sigmas)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_a_pose_is_found_among_forty_percent_of_wrong_matches(seed: int) -> None:
+    pose, sightings = scene(seed, 200, 1.0)
+    wrong = np.random.default_rng(seed).permutation(200)[:80]
+    sightings.seen[wrong, :2] += np.random.default_rng(seed + 1).uniform(0.1, 0.6, (80, 2))
+    found, count = ransac_pose(sightings, 3.0, 512, seed)
+    assert count >= 60
+    kept = sightings.select(inliers(found, sightings, 5.0))
+    refined, _ = refine_pose(found, kept)
+    motion = se3_log(between(pose, refined))
+    assert np.abs(motion[:3]).max() < 0.003
+    assert np.abs(motion[3:]).max() < 0.01
+    agreed = inliers(refined, sightings, 4.0)
+    assert not agreed[wrong].any()
+    assert agreed.sum() > 110
+
+
+def test_the_information_predicts_the_scatter_of_refined_poses() -> None:
+    """Over many noise draws, mean chi-squared of the error is its dimension, 6."""
+    squares = []
+    for seed in range(60):
+        pose, sightings = scene(seed, 120, 1.0)
+        refined, information = refine_pose(pose, sightings, width=1e9)
+        motion = se3_log(between(pose, refined))
+        squares.append(motion @ information @ motion)
+    assert 4.5 < np.mean(squares) < 7.7  # 6 +- 3.4 standard errors of 0.45, and a little more
+
+
+def test_a_motion_of_the_world_moves_the_pose_with_it() -> None:
+    pose, sightings = scene(3, 100, 1.0)
+    world = se3_exp(np.array([0.4, -0.2, 1.0, 3.0, -2.0, 0.5]))
+    moved = Sightings(transform_points(world, sightings.points), sightings.seen, sightings.sigmas)
+    here, _ = refine_pose(pose, sightings)
+    there, _ = refine_pose(world @ pose, moved)
+    assert np.abs(se3_log(between(world @ here, there))).max() < 1e-6
+    assert errors(here, sightings) == pytest.approx(errors(world @ here, moved), rel=1e-6, abs=1e-9)
+
+
+def test_two_points_give_no_pose() -> None:
+    _, sightings = scene(1, 2, 0.0)
+    assert ransac_pose(sightings, 3.0, 100, 0)[1] == 0
+
+
+def make_bundle(seed: int, noise: float) -> tuple[Bundle, Array, Array]:
+    """Five cameras on a line that all see twelve points; start values off by centimetres."""
+    random = np.random.default_rng(seed)
+    points = np.column_stack([random.uniform(-1, 1, (12, 2)), random.uniform(2, 4, 12)])
+    cameras = se3_exp(np.column_stack([np.zeros((5, 3)), 0.2 * np.arange(5), np.zeros((5, 2))]))
+    point_of, camera_of = (
+        a.ravel() for a in np.meshgrid(np.arange(12), np.arange(5), indexing="ij")
+    )
+    local = np.einsum(
+        "mij,mj->mi", invert(cameras[camera_of]), np.column_stack([points, np.ones(12)])[point_of]
+    )[:, :3]
+    seen = np.column_stack([local[:, :2] / local[:, 2:], 1.0 / local[:, 2]])
+    sigmas = np.tile(SIGMAS, (len(seen), 1))
+    seen += noise * random.normal(size=seen.shape) * sigmas[:, [0, 0, 1]]
+    fixed = np.arange(5) == 0
+    start = cameras @ se3_exp(0.02 * random.normal(size=(5, 6)) * ~fixed[:, None])
+    rough = points + 0.03 * random.normal(size=points.shape)
+    return Bundle(start, fixed, rough, camera_of, point_of, seen, sigmas), cameras, points
+
+
+def test_a_bundle_without_noise_comes_out_exact() -> None:
+    bundle, cameras, points = make_bundle(0, 0.0)
+    adjusted, cost = adjust_bundle(bundle, rounds=30)
+    assert cost < 1e-3
+    assert np.abs(adjusted.cameras - cameras).max() < 1e-4
+    assert np.abs(adjusted.points - points).max() < 1e-3
+    assert np.array_equal(adjusted.cameras[0], cameras[0])
+
+
+def test_a_bundle_reaches_what_a_general_solver_reaches() -> None:
+    """SciPy's least squares on all unknowns at once, no Schur complement, no weights."""
+    from scipy.optimize import least_squares
+
+    bundle, cameras, _ = make_bundle(1, 1.0)
+    adjusted, cost = adjust_bundle(bundle, rounds=50, width=1e9)
+
+    def residuals(unknowns: Array) -> Array:
+        poses = bundle.cameras.copy()
+        poses[1:] = bundle.cameras[1:] @ se3_exp(unknowns[:24].reshape(4, 6))
+        points = bundle.points + unknowns[24:].reshape(-1, 3)
+        world = np.column_stack([points, np.ones(len(points))])[bundle.point_of]
+        local = np.einsum("mij,mj->mi", invert(poses[bundle.camera_of]), world)[:, :3]
+        predicted = np.column_stack([local[:, :2] / local[:, 2:], 1.0 / local[:, 2]])
+        return ((predicted - bundle.seen) / bundle.sigmas[:, [0, 0, 1]]).ravel()
+
+    solution = least_squares(residuals, np.zeros(24 + 36), method="trf")
+    assert cost == pytest.approx(2.0 * solution.cost, rel=2e-3)
+    best = bundle.cameras[1:] @ se3_exp(solution.x[:24].reshape(4, 6))
+    assert np.abs(se3_log(between(best, adjusted.cameras[1:]))).max() < 2e-3
+    assert len(cameras) == 5
+
+
+def test_measured_motions_hold_a_camera_that_sees_nothing() -> None:
+    """A camera without sightings ends where its motion to the next one says."""
+    bundle, cameras, _ = make_bundle(2, 0.5)
+    blind = bundle.camera_of != 4
+    step = between(cameras[3], cameras[4])[None]
+    motions = RelativePoses(np.array([3]), np.array([4]), step, 1e6 * np.eye(6)[None])
+    adjusted, _ = adjust_bundle(
+        Bundle(
+            bundle.cameras,
+            bundle.fixed,
+            bundle.points,
+            bundle.camera_of[blind],
+            bundle.point_of[blind],
+            bundle.seen[blind],
+            bundle.sigmas[blind],
+            motions,
+        ),
+        rounds=40,
+    )
+    error = se3_log(between(step[0], between(adjusted.cameras[3], adjusted.cameras[4])))
+    assert np.abs(error).max() < 1e-3

@@ -30,7 +30,7 @@ def feature_rows(node_id: int, features: Features) -> Iterator[Row]:
         words.tolist(),
         *np.asarray(features.pixels, np.float64).T.tolist(),
         features.sizes.astype(np.int64).tolist(),
-        *(np.asarray(c, np.float64).tolist() for c in (features.angles, features.responses)),
+        *(np.nan_to_num(c).astype(float).tolist() for c in (features.angles, features.responses)),
         features.octaves.tolist(),
         # SQLite keeps NaN as NULL, which is RTAB-Map's "no depth".
         *np.asarray(features.points, np.float64).T.tolist(),
@@ -45,7 +45,13 @@ def features_from_rows(rows: Sequence[Row], what: str) -> Features | None:
     """The features of `SELECT_FEATURES`; None for none."""
     if not rows:
         return None
-    columns = list(zip(*rows, strict=True))
+    try:
+        return _features(list(zip(*rows, strict=True)), what)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise MapError(f"{what}: features that cannot be read ({error})") from None
+
+
+def _features(columns: list[tuple[Any, ...]], what: str) -> Features:
     words = np.array(columns[0], np.int64)
     points = np.array(columns[7:10], np.float64).T  # NULL becomes NaN
     octaves = np.array(columns[6], np.int64)

@@ -40,7 +40,10 @@ _LATEST_S = 9e9  # a stamp's seconds beyond which nanoseconds leave 64 bits
 
 def nanoseconds(stamp: float | None) -> int:
     """A stamp in float seconds as the decimal number that was meant: microseconds survive."""
-    return int(Decimal(repr(float(stamp or 0.0))) * 1_000_000_000)
+    seconds = float(stamp or 0.0)
+    if not abs(seconds) < _LATEST_S:
+        raise MapError(f"a stamp of {seconds} s")
+    return int(Decimal(repr(seconds)) * 1_000_000_000)
 
 
 class RtabmapStore(ReadOnly):
@@ -120,13 +123,14 @@ class RtabmapStore(ReadOnly):
         try:
             pose = blob_to_pose(pose_blob, f"node {node_id}'s pose")
             truth = blob_to_pose(truth_blob, f"node {node_id}'s ground truth")
-        except MapError as error:
+            moment = nanoseconds(stamp)
+        except (MapError, ArithmeticError, TypeError, ValueError) as error:
             self._leave_out(f"{error}: the node is left out")
             return None
-        if pose is None or not abs(stamp or 0.0) < _LATEST_S:
+        if pose is None:
             self._leave_out(f"node {node_id} has no odometry pose: it is left out")
             return None
-        return Node(node_id, session, nanoseconds(stamp), pose, pose, weight or 0, truth)
+        return Node(node_id, session or 0, moment, pose, pose, weight or 0, truth)
 
     def _leave_out(self, problem: str) -> None:
         if problem not in self._problems:

@@ -223,6 +223,8 @@ def node_data(row: Row, own: Row | None, stamp_ns: int, what: str) -> NodeData:
     `own`: scan_rest, image_stamps, cloud and the depth count of our own table, None in a file
     of RTAB-Map's.
     """
+    if any(value is not None and not isinstance(value, bytes) for value in row):
+        raise MapError(f"{what}: a column of its data is not a blob")
     image, depth, calibration, scan, scan_info = row
     rest, stamps, both = own or (None, None, None)
     cameras = blob_to_cameras(calibration, f"{what}'s calibration")
@@ -264,6 +266,8 @@ def _strips(
     if data is None or len(data) <= 4 or count == 0:
         return [None] * count
     width, height = pictures.image_size(data, what)
+    if encoding == "rgb8" and pictures.is_grey(data, what):
+        encoding = "mono8"
     strip = width // count
 
     def pixels_of(index: int) -> Callable[[], NDArray[Any]]:

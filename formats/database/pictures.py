@@ -28,7 +28,7 @@ def image_size(data: bytes, what: str) -> tuple[int, int]:
     elif data.startswith(_RVL_MAGIC) and len(data) >= 16:
         width, height = struct.unpack_from("<2I", data, 8)
     elif data.startswith(JPEG_MAGIC):
-        width, height = _jpeg_size(data, what)
+        width, height, _ = _jpeg_frame(data, what)
     else:
         raise MapError(f"{what}: neither a JPEG nor a PNG image (begins with {data[:8].hex()})")
     if width == 0 or height == 0 or width * height > MAX_PIXELS:
@@ -36,13 +36,21 @@ def image_size(data: bytes, what: str) -> tuple[int, int]:
     return width, height
 
 
-def _jpeg_size(data: bytes, what: str) -> tuple[int, int]:
+def is_grey(data: bytes, what: str) -> bool:
+    """Whether a JPEG or PNG file holds one channel, by its header."""
+    if data.startswith(PNG_MAGIC):
+        return len(data) > 25 and data[25] == 0
+    return data.startswith(JPEG_MAGIC) and _jpeg_frame(data, what)[2] == 1
+
+
+def _jpeg_frame(data: bytes, what: str) -> tuple[int, int, int]:
+    """Width, height and number of channels."""
     at = 2
-    while at + 9 <= len(data) and data[at] == 0xFF:
+    while at + 10 <= len(data) and data[at] == 0xFF:
         marker = data[at + 1]
         if marker in _JPEG_FRAMES:
             height, width = struct.unpack_from(">2H", data, at + 5)
-            return width, height
+            return width, height, data[at + 9]
         at += 1 if marker == 0xFF else 2 + struct.unpack_from(">H", data, at + 2)[0]
     raise MapError(f"{what}: a JPEG image without a size")
 

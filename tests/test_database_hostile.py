@@ -1,0 +1,161 @@
+"""Databases that lie: every claim is checked before memory is spent on it, and told in one line."""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+import tracemalloc
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foreign_database import add_nodes, insert, matrix, mono, rtabmap_file, scan_info, stereo
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from formats.database import open_store
+from formats.database.blobs import blob_to_matrix, blob_to_pose
+from formats.database.calibration import blob_to_cameras
+from formats.database.pictures import decode_depth, decode_picture
+from formats.database.scans import blob_to_scan, columns_to_observation
+from mapmyworld.errors import MapError
+
+POINTS = np.ones((1, 10, 2), np.float32)
+
+
+@pytest.mark.parametrize(
+    "blob",
+    [
+        matrix(POINTS, cols=11),
+        matrix(POINTS, cols=9),
+        matrix(POINTS, rows=1 << 30, cols=1 << 30),
+        matrix(POINTS, rows=-1),
+        matrix(POINTS, kind=7),
+        matrix(POINTS, kind=-3),
+        matrix(POINTS, kind=5 + 8 * 1000),
+        matrix(POINTS)[6:],
+        b"nonsense nonsense",
+        b"12345",
+    ],
+)
+def test_matrices_that_lie(blob: bytes) -> None:
+    with pytest.raises(MapError) as caught:
+        blob_to_matrix(blob, "node 3's scan")
+    assert "node 3's scan" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_zlib_bomb_does_not_fill_the_memory() -> None:
+    """A hundred megabytes of zeros in a tenth of one, announced as ten numbers."""
+    bomb = zlib.compress(bytes(100 << 20), 9) + struct.pack("<3i", 1, 10, 5)
+    tracemalloc.start()
+    with pytest.raises(MapError, match="holds more"):
+        blob_to_matrix(bomb, "scan")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1 << 20
+
+
+def test_a_bomb_that_tells_its_size_is_refused_by_it() -> None:
+    huge = zlib.compress(bytes(1 << 20), 9) + struct.pack("<3i", 1 << 14, 1 << 14, 5)
+    with pytest.raises(MapError, match="cannot hold"):
+        blob_to_matrix(huge, "scan")
+
+
+def png(width: int, height: int) -> bytes:
+    body = b"IHDR" + struct.pack(">2I5B", width, height, 8, 0, 0, 0, 0)
+    chunk = struct.pack(">I", 13) + body + struct.pack(">I", zlib.crc32(body))
+    return b"\x89PNG\r\n\x1a\n" + chunk
+
+
+def jpeg(width: int, height: int) -> bytes:
+    frame = struct.pack(">2B2H2H", 0xFF, 0xC0, 11, 0x0800 | height >> 8, 0, width)
+    frame = b"\xff\xc0" + struct.pack(">HBHHB", 11, 8, height, width, 1) + b"\1\x11\0"
+    return b"\xff\xd8" + frame + b"\xff\xd9"
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        png(100_000, 100_000),
+        png(0, 10),
+        png(10, 10),
+        jpeg(65_000, 65_000),
+        jpeg(10, 10),
+        b"\xff\xd8\xff",
+        b"GIF89a" + bytes(100),
+        b"DEPTHRVL" + struct.pack("<2I", 1 << 20, 1 << 20) + bytes(8),
+        b"DEPTHRVL" + struct.pack("<2I", 640, 480) + bytes(8),
+        b"DEPTHRVL" + struct.pack("<2I", 4, 4) + b"\xff" * 64,
+        b"DEPTHRVL",
+    ],
+)
+def test_images_that_lie(data: bytes) -> None:
+    for decode in (decode_picture, decode_depth):
+        with pytest.raises(MapError) as caught:
+            decode(data, "node 3's image")
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "blob",
+    [
+        mono()[:-1],
+        mono()[:20],
+        mono() + b"\0",
+        mono(width=-4),
+        mono(width=1 << 30),
+        struct.pack("<11i", 0, 20, 0, 0, 64, 48, 1 << 28, 0, 0, 0, 12) + bytes(100),
+        struct.pack("<10i", 0, 20, 0, 1, -9, 0, 0, 0, 100, 100) + bytes(300),
+        stereo()[:-10],
+        struct.pack("<11i", 0, 20, 0, 7, 64, 48, 9, 0, 0, 0, 12) + bytes(300),
+    ],
+)
+def test_calibrations_that_lie(blob: bytes) -> None:
+    with pytest.raises(MapError) as caught:
+        blob_to_cameras(blob, "node 3's calibration")
+    assert "\n" not in str(caught.value)
+
+
+@given(st.binary(max_size=200))
+@settings(max_examples=200, deadline=None)
+def test_no_bytes_at_all_bring_a_decoder_down(data: bytes) -> None:
+    """Whatever the bytes, the answer is a value or a MapError."""
+    decoders = (
+        lambda: blob_to_matrix(data, "x"),
+        lambda: blob_to_pose(data, "x"),
+        lambda: blob_to_cameras(data, "x"),
+        lambda: decode_picture(data, "x"),
+        lambda: decode_depth(b"DEPTHRVL" + data, "x"),
+        lambda: blob_to_scan(data, "x"),
+        lambda: columns_to_observation(matrix(POINTS), data, None, "x"),
+    )
+    for decode in decoders:
+        with contextlib.suppress(MapError):
+            decode()
+
+
+def test_one_bad_node_does_not_spoil_the_others(tmp_path: Path) -> None:
+    with rtabmap_file(tmp_path / "r.db") as sqlite:
+        add_nodes(sqlite, 2)
+        sqlite.execute("UPDATE Node SET stamp = 1e300 WHERE id = 2")
+        insert(sqlite, "Data", id=1, scan=matrix(POINTS, cols=99), scan_info=scan_info(1))
+        insert(sqlite, "Node", id=3, map_id=0, weight=0, stamp=1.0, pose=b"bad")
+    with open_store(tmp_path / "r.db") as store:
+        assert [node.id for node in store.nodes()] == [1]
+        assert len(store.problems) == 2
+        with pytest.raises(MapError, match="node 1's scan"):
+            store.node_data(1)
+
+
+def test_columns_of_the_wrong_type(tmp_path: Path) -> None:
+    """SQLite holds any type in any column."""
+    with rtabmap_file(tmp_path / "r.db") as sqlite:
+        add_nodes(sqlite, 1)
+        insert(sqlite, "Data", id=1, scan="text", image=5)
+        insert(sqlite, "Node", id=2, map_id=0, weight=0, stamp="noon", pose="here")
+    with open_store(tmp_path / "r.db") as store:
+        assert [node.id for node in store.nodes()] == [1]
+        with pytest.raises(MapError):
+            store.node_data(1)

@@ -44,6 +44,11 @@ class NodeImages:
     def __len__(self) -> int:
         return len(self.nodes)
 
+    @property
+    def have_words(self) -> bool:
+        """Whether all features came from the store with their words."""
+        return all(f.words is not None and f.words.any() for f in self._features)
+
     def view(self, index: int) -> View:
         """The view of the node at `index` of `nodes`."""
         view = self._views.get(index)

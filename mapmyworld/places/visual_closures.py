@@ -28,14 +28,16 @@ def find_visual_closures(
 
     Loop closures are proposed by words; with solved `poses` also proximity constraints, between
     nodes that these bring together. Pairs that the store holds already are not tried again.
-    Features, words and the vocabulary are kept in the store.
+    Features, words and the vocabulary are kept in the store, and words are asked once only.
     """
     images = NodeImages(store, config, progress)
     if len(images) < 3:
         return []
-    vocabulary = images.learn_words()
-    images.keep(store, vocabulary)
-    proposals = _by_words(images, vocabulary.size, config)
+    proposals: list[_Proposal] = []
+    if not images.have_words:
+        vocabulary = images.learn_words()
+        images.keep(store, vocabulary)
+        proposals += _by_words(images, vocabulary.size, config)
     if poses is not None:
         proposals += _by_poses(images, poses, proposals, config)
     known = _pairs(store.constraints())

@@ -16,3 +16,16 @@ $(VENV)/.installed: pyproject.toml
 
 clean:
 	rm -rf $(VENV) demo
+
+demo: install
+	rm -rf demo && mkdir -p demo
+	$(BIN)/mapmyworld build sample_logs/apartment.mcap -o demo/map.db
+	$(BIN)/mapmyworld inspect graph demo/map.db --image demo/graph.png
+	@echo "The map of sample_logs/apartment.mcap is in demo/: map.pgm + map.yaml (grid), map.ply"
+	@echo "(cloud), map.tum (trajectory), map.db (everything), graph.png (picture of the graph)."
+
+test: install
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/pytest

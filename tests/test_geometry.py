@@ -75,3 +75,19 @@ def test_information_of_the_plane_survives_the_way_to_space_and_back() -> None:
 
 def test_angles_wrap_into_the_half_open_turn() -> None:
     assert geometry.wrap_angle([np.pi, -np.pi, 3 * np.pi]) == pytest.approx([np.pi] * 3)
+
+
+@given(planar, planar)
+def test_one_planar_motion_composes_as_many_do(a: np.ndarray, b: np.ndarray) -> None:
+    many = geometry.compose_planar(a, b)
+    one = np.stack([geometry.compose_planar(x, y) for x, y in zip(a, b, strict=True)])
+    assert one == pytest.approx(many, abs=1e-12)
+    inverse = np.stack([geometry.invert_planar(x) for x in a])
+    assert inverse == pytest.approx(geometry.invert_planar(a), abs=1e-12)
+
+
+@given(tangents)
+def test_the_angle_is_the_length_of_the_rotation_vector(tangent: np.ndarray) -> None:
+    motion = geometry.se3_exp(tangent)
+    length = np.linalg.norm(geometry.so3_log(motion[:, :3, :3]), axis=-1)
+    assert geometry.rotation_angle(motion) == pytest.approx(length, abs=1e-7)

@@ -23,7 +23,7 @@ def select(path: list[list[float]]) -> tuple[list[Node], list[Constraint]]:
     nodes, constraints = [], []
     for i, planar in enumerate(path):
         pose = planar_to_matrix(planar)
-        node, constraint = selector.consider(
+        node, constraint, _ = selector.consider(
             frame_at(i, pose), Motion(pose, np.eye(6) * 1e-4, "test")
         )
         nodes += [node] if node else []

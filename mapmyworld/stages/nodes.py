@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import SensingConfig
-from mapmyworld.geometry import between, invert, rotation_angle, se3_adjoint
+from mapmyworld.geometry import between, rotation_angle, se3_adjoint
 from mapmyworld.types import Constraint, ConstraintKind, Frame, Node
 
 _ROUNDING = 1e-6  # share of the distance, so that ten steps of a centimetre are ten
@@ -32,60 +33,61 @@ class NodeSelector:
 
     def __init__(self, config: SensingConfig, *, wants_images: bool) -> None:
         self.config, self.wants_images = config, wants_images
-        self.nodes = 0
         self.session = 0
         self._last: Node | None = None
-        self._covariance = np.zeros((6, 6))
-        self._previous = np.eye(4)
-
-    def consider(self, frame: Frame, motion: Motion) -> tuple[Node | None, Constraint | None]:
-        """The node that the frame becomes, if it does, and its constraint to the one before."""
-        pose = motion.tracked_from_base
-        self._grow(pose, motion.covariance)
-        if self._last is not None and not self._is_due(frame, pose):
-            return None, None
-        self.nodes += 1
-        odometry = pose if frame.odom_from_base is None else frame.odom_from_base
-        node = Node(
-            id=self.nodes,
-            session=self.session,
-            stamp_ns=frame.stamp_ns,
-            odom_from_base=odometry,
-            tracked_from_base=pose,
-            ground_truth=frame.ground_truth,
-        )
-        constraint = None if self._last is None else self._neighbour(self._last, node, motion)
-        self._last, self._covariance = node, np.zeros((6, 6))
-        return node, constraint
+        self._since: list[Motion] = []
 
     @property
     def last(self) -> Node | None:
         """The newest node."""
         return self._last
 
-    def _grow(self, pose: NDArray[np.float64], covariance: NDArray[np.float64]) -> None:
-        """Carries the covariance of the motion since the last node on to this frame."""
-        adjoint = se3_adjoint(invert(between(self._previous, pose)))
-        self._covariance = adjoint @ self._covariance @ adjoint.T + covariance
-        self._previous = pose
+    def consider(
+        self, frame: Frame, motion: Motion
+    ) -> tuple[Node | None, Constraint | None, NDArray[np.float64]]:
+        """The node that the frame becomes, if it does, its constraint to the one before, and the
+        frame's pose (4, 4) in its node: itself, or the last one."""
+        self._since.append(motion)
+        pose, last = motion.tracked_from_base, self._last
+        moved = np.eye(4) if last is None else between(last.tracked_from_base, pose)
+        if last is not None and not self._is_due(frame, moved):
+            return None, None, moved
+        odometry = pose if frame.odom_from_base is None else frame.odom_from_base
+        node = Node(
+            id=1 if last is None else last.id + 1,
+            session=self.session,
+            stamp_ns=frame.stamp_ns,
+            odom_from_base=odometry,
+            tracked_from_base=pose,
+            ground_truth=frame.ground_truth,
+        )
+        constraint = None if last is None else self._neighbour(last, node, moved)
+        self._last, self._since = node, []
+        return node, constraint, np.eye(4)
 
-    def _is_due(self, frame: Frame, pose: NDArray[np.float64]) -> bool:
-        assert self._last is not None
-        moved = between(self._last.tracked_from_base, pose)
+    def _is_due(self, frame: Frame, moved: NDArray[np.float64]) -> bool:
+        x, y, z = moved[:3, 3].tolist()
         share = max(
-            float(np.linalg.norm(moved[:3, 3])) / max(self.config.node_distance, 1e-9),
+            math.sqrt(x * x + y * y + z * z) / max(self.config.node_distance, 1e-9),
             float(rotation_angle(moved)) / max(self.config.node_angle, 1e-9),
         )
         waits = self.wants_images and not frame.images
         return share >= (_PATIENCE if waits else 1.0) - _ROUNDING
 
-    def _neighbour(self, last: Node, node: Node, motion: Motion) -> Constraint:
-        measured = between(last.tracked_from_base, node.tracked_from_base)
+    def _covariance(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Covariance (6, 6) of the motion since the last node, all its steps carried to its end."""
+        steps = np.stack([motion.tracked_from_base for motion in self._since])
+        adjoint = se3_adjoint(between(pose, steps))
+        covariances = np.stack([motion.covariance for motion in self._since])
+        return np.asarray((adjoint @ covariances @ adjoint.transpose(0, 2, 1)).sum(axis=0))
+
+    def _neighbour(self, last: Node, node: Node, moved: NDArray[np.float64]) -> Constraint:
+        covariance = self._covariance(node.tracked_from_base) + 1e-12 * np.eye(6)
         return Constraint(
             from_id=last.id,
             to_id=node.id,
             kind=ConstraintKind.NEIGHBOUR,
-            from_from_to=measured,
-            information=np.asarray(np.linalg.inv(self._covariance + 1e-12 * np.eye(6))),
-            reason=motion.reason,
+            from_from_to=moved,
+            information=np.asarray(np.linalg.inv(covariance)),
+            reason=self._since[-1].reason,
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mapmyworld.config import Config
-from mapmyworld.graph.solving import SolvedGraph, solve
+from mapmyworld.graph.solve import SolvedGraph, solve
 from mapmyworld.mapping.trajectory import pose_every_frame
 from mapmyworld.stages.recognise import add_closures
 from mapmyworld.types import MapStore, Progress
@@ -24,7 +24,7 @@ def solve_and_judge(store: MapStore, config: Config, progress: Progress) -> None
     store.set_poses(solved.poses)
     frames = store.tracked_frames()
     store.set_frame_poses(pose_every_frame(store.nodes(), solved.poses, frames))
-    store.put("solve", {"certainty": solved.certainty, "losses": solved.losses})
+    store.put("solve", {"certainty": solved.certainty, "losses": _losses(solved)})
 
 
 def _solve(store: MapStore, config: Config, progress: Progress) -> SolvedGraph:
@@ -34,3 +34,11 @@ def _solve(store: MapStore, config: Config, progress: Progress) -> SolvedGraph:
     start = np.stack([node.tracked_from_base for node in nodes])
     planar = bool((store.get("plan") or {}).get("planar", False))
     return solve(ids, start, store.constraints(), planar, config.graph)
+
+
+def _losses(solved: SolvedGraph) -> list[str]:
+    """What the graph does not hold together."""
+    parts = int(solved.component.max()) + 1 if len(solved.component) else 0
+    if parts <= 1:
+        return []
+    return [f"the graph falls into {parts} parts that nothing connects"]

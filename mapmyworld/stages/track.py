@@ -8,7 +8,6 @@ from typing import Protocol
 import numpy as np
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between
 from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.sensing.synchronise import FrameCounts
 from mapmyworld.stages.nodes import Motion, NodeSelector
@@ -62,7 +61,7 @@ class _Writer:
         self._is_node: list[bool] = []
 
     def add(self, frame: Frame, motion: Motion) -> None:
-        node, constraint = self._selector.consider(frame, motion)
+        node, constraint, node_from_frame = self._selector.consider(frame, motion)
         if node is not None:
             self._store.add_node(node, NodeData(frame.scan, frame.images, frame.cloud))
         if constraint is not None:
@@ -73,7 +72,7 @@ class _Writer:
             self._store.add_scan(len(self._stamps), frame.scan)
         self._stamps.append(frame.stamp_ns)
         self._node_ids.append(last.id)
-        self._moved.append(between(last.tracked_from_base, motion.tracked_from_base)[:3])
+        self._moved.append(node_from_frame[:3])
         self._is_node.append(node is not None)
 
     def finish(self) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import matrix_to_planar, planar_to_matrix
+from mapmyworld.geometry import planar_to_matrix
 from mapmyworld.odometry.recorded import RecordedMotionModel
 from mapmyworld.sensing import Plan
 from mapmyworld.stages.nodes import Motion
@@ -92,7 +92,8 @@ class LaserFollower:
     def follow(self, frame: Frame) -> Motion | None:
         moved = self._tracker.track(frame)
         covariance = _planar_covariance(np.asarray(np.linalg.inv(moved.information)))
-        return Motion(planar_to_matrix(moved.pose), covariance, moved.reason)
+        reason = f"scan matching: {moved.verdict}, overlap {moved.overlap:.0%}"
+        return Motion(planar_to_matrix(moved.pose), covariance, reason)
 
     def notes(self) -> tuple[str, ...]:
         return self._tracker.notes()
@@ -110,8 +111,3 @@ def _planar_covariance(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     rows = np.array([3, 4, 2])
     full[np.ix_(rows, rows)] = covariance
     return full
-
-
-def planar_pose(frame: Frame) -> NDArray[np.float64] | None:
-    """The recorded odometry (3,) of a frame."""
-    return None if frame.odom_from_base is None else matrix_to_planar(frame.odom_from_base)

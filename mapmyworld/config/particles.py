@@ -19,9 +19,11 @@ class ParticlesConfig:
     beams_effective: float = 40.0  # beams of a scan that count as independent
     odometry_sigma: float = 0.15  # m per m and rad per rad: how far recorded motion is believed
     odometry_floor: float = 0.05  # m, and half as many rad, of uncertainty in any recorded motion
+    drift_floor: float = 0.02  # m, and half as many rad, of uncertainty in scan-matched motion
     drift_sigma: float = 0.03  # m per m: uncertainty of scan-matched motion
     drift_angle: float = 0.01  # rad per m: uncertainty of scan-matched motion
     weight_gain: float = 0.1  # power of the weights; below 1 keeps particles apart for longer
     resample_below: float = 0.5  # share of effective particles at which the filter resamples
+    kld_error: float = 0.15  # distance to the true posterior that sets the number of particles
     measurement: str = "field"  # "field" = likelihood field, "beams" = beam model
     smoothing: int = 20  # rounds in which path and map of the best particle refine each other

@@ -1,92 +1,130 @@
-"""Grid-based FastSLAM over a whole log."""
+"""The Rao-Blackwellised particle filter: a path and, given the path, a map a particle."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config import Config
 from mapmyworld.config.particles import ParticlesConfig
-from mapmyworld.geometry import between_planar, compose_planar, wrap_angle
+from mapmyworld.geometry import wrap_angle
 from mapmyworld.particles.kernels import Beams
-from mapmyworld.particles.proposal import improved_proposal
+from mapmyworld.particles.proposal import Proposal, improved_proposal
 from mapmyworld.particles.resampling import (
     effective_sample_size,
+    kld_sample_size,
     low_variance_sampler,
     normalised_weights,
 )
 from mapmyworld.particles.threads import Workers
 from mapmyworld.particles.tiles import TileMaps
 
+_BIN = np.array([0.1, 0.1, np.radians(2.0)])  # m, m, rad: poses in one bin count as the same
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Generation:
+    """What one update left behind."""
+
+    x: NDArray[np.float64]
+    """(P, 3) poses drawn."""
+    ancestors: NDArray[np.int64]
+    """(Q,) which of them the next update starts from."""
+    covariance: NDArray[np.float64]
+    """(3, 3) of the weighted particles and of their Gaussians, about the mean, in its own frame."""
+    effective: float
+    """Effective sample size before resampling."""
+    resampled: bool
+
 
 @dataclass(slots=True)
-class Filter:
-    """Particles: a pose, a map and a weight each, and where they came from."""
+class ParticleFilter:
+    """Particles at poses x with weights w and maps m; `step` is one line of the algorithm each."""
 
     config: ParticlesConfig
     workers: Workers
     seed: int
-    maps: TileMaps = field(init=False)
+    m: TileMaps = field(init=False)
     x: NDArray[np.float64] = field(init=False)
     log_w: NDArray[np.float64] = field(init=False)
-    poses: list[NDArray[np.float64]] = field(default_factory=list)
-    ancestors: list[NDArray[np.int64]] = field(default_factory=list)
-    covariances: list[NDArray[np.float64]] = field(default_factory=list)
-    effective: list[float] = field(default_factory=list)
-    resampled: list[bool] = field(default_factory=list)
+    generations: list[Generation] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.maps = TileMaps(self.config.count, self.config.resolution, self.workers)
+        self.m = TileMaps(self.config.count, self.config.resolution, self.workers)
         self.x = np.zeros((self.config.count, 3))
         self.log_w = np.zeros(self.config.count)
 
     def step(self, u: NDArray[np.float64], z: Beams) -> None:
-        """One update: propose, weigh, resample when weights differ much, map."""
-        random = np.random.Generator(np.random.Philox(key=self.seed, counter=len(self.poses) << 64))
-        ancestors = np.arange(len(self.x))
-        resample = False
-        spread = np.zeros((3, 3))
-        if self.poses:
+        """Moves by u (3,), which ended with the scan z: propose, weigh, map, resample."""
+        random = self._random()
+        covariance = np.zeros((3, 3))
+        if self.generations:
+            u_covariance = motion_covariance(u, self.config)
             proposal = improved_proposal(
-                self.x,
-                u,
-                motion_covariance(u, self.config),
-                z,
-                self.maps,
-                self.config,
-                self.workers,
+                self.x, u, u_covariance, z, self.m, self.config, self.workers
             )
             self.x = proposal.sample(random)
             self.log_w = self.log_w + proposal.log_weight
-            self.log_w -= np.max(self.log_w)
-            w = normalised_weights(self.log_w)
-            self.effective.append(effective_sample_size(w))
-            resample = self.effective[-1] < self.config.resample_below * len(w)
-        self.maps.insert(z, self.x)
-        self.poses.append(self.x)
-        if resample:
-            ancestors = low_variance_sampler(w, len(w), float(random.random()))
-            self.x, self.log_w = self.x[ancestors], np.zeros(len(w))
-            self.maps.resample(ancestors)
-        self.ancestors.append(ancestors)
-        self.resampled.append(resample)
+            covariance = _mixture_covariance(proposal, normalised_weights(self.log_w))
+        self.m.insert(z, self.x)
+        self._select(covariance, float(random.random()))
 
-    def paths(self) -> NDArray[np.float64]:
-        """(P, K, 3) the path of each of the last particles, by their ancestors."""
-        index = np.arange(len(self.x))
-        out = np.zeros((len(self.x), len(self.poses), 3))
-        for k in range(len(self.poses) - 1, -1, -1):
-            index = self.ancestors[k][index]
-            out[:, k] = self.poses[k][index]
-        return out
+    def best_path(self) -> NDArray[np.float64]:
+        """(K, 3) the path of the particle with the greatest weight, by its ancestors."""
+        index = int(np.argmax(self.log_w))
+        path = np.zeros((len(self.generations), 3))
+        for k in range(len(path) - 1, -1, -1):
+            index = int(self.generations[k].ancestors[index])
+            path[k] = self.generations[k].x[index]
+        return path
+
+    def _random(self) -> np.random.Generator:
+        """Numbers that depend on the seed and on how many updates there were, on nothing else."""
+        counter = len(self.generations) << 64
+        return np.random.Generator(np.random.Philox(key=self.seed, counter=counter))
+
+    def _select(self, covariance: NDArray[np.float64], r: float) -> None:
+        """Resamples when few particles carry the weight; records what happened."""
+        w = normalised_weights(self.log_w)
+        effective = effective_sample_size(w)
+        resampled = effective < self.config.resample_below * len(w)
+        ancestors, x = np.arange(len(w)), self.x
+        if resampled:
+            ancestors = low_variance_sampler(w, self._wanted(w), r)
+            self.m.resample(ancestors)
+            self.x, self.log_w = x[ancestors], np.zeros(len(ancestors))
+        self.generations.append(Generation(x, ancestors, covariance, effective, resampled))
+
+    def _wanted(self, w: NDArray[np.float64]) -> int:
+        """How many particles describe the present spread of poses (Fox 2003)."""
+        heavy = self.x[w > 0.1 / len(w)]
+        bins = len(np.unique(np.floor(heavy / _BIN), axis=0))
+        wanted = kld_sample_size(bins, self.config.kld_error)
+        return int(
+            np.clip(wanted, min(self.config.count_min, self.config.count), self.config.count)
+        )
 
 
 def motion_covariance(u: NDArray[np.float64], config: ParticlesConfig) -> NDArray[np.float64]:
-    """(3, 3) of scan-matched motion u, body frame."""
+    """(3, 3) of scan-matched motion u (3,), in the body frame."""
     distance, angle = float(np.hypot(*u[:2])), abs(float(u[2]))
-    sigma_xy = 0.02 + config.drift_sigma * (distance + 0.1 * angle)
-    sigma_yaw = 0.01 + config.drift_angle * (distance + angle)
-    return np.diag([sigma_xy**2, sigma_xy**2, sigma_yaw**2])
+    along = config.drift_floor + config.drift_sigma * (distance + 0.1 * angle)
+    turn = 0.5 * config.drift_floor + config.drift_angle * (distance + angle)
+    return np.diag([along**2, along**2, turn**2])
+
+
+def _mixture_covariance(proposal: Proposal, w: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariance (3, 3) of a weighted sum of Gaussians, in the frame of the heaviest one.
+
+    By the law of total covariance: the mean of the covariances plus the covariance of the means.
+    """
+    about = proposal.mean[int(np.argmax(w))]
+    deviation = proposal.mean - about
+    deviation[:, 2] = wrap_angle(deviation[:, 2])
+    deviation -= w @ deviation
+    total = np.einsum("p,pij->ij", w, proposal.covariance)
+    total += np.einsum("p,pi,pj->ij", w, deviation, deviation)
+    cos, sin = np.cos(about[2]), np.sin(about[2])
+    turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(turn @ total @ turn.T)

@@ -82,7 +82,7 @@ def improved_proposal(
         workers.run_maps(
             kernels.beam_log_likelihoods, m.surfaces, count, (z, mean, 2.0 * config.sigma, log_z)
         )
-    covariance = np.linalg.inv(information)
+    covariance = np.asarray(np.linalg.inv(information), np.float64)
     # Laplace: the integral of exp(-cost) is exp(-minimum) times the root of |2 pi Sigma|.
     volume = 0.5 * (np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(u_covariance)[1])
     log_weight = config.weight_gain * (scale * log_z - 0.5 * quality[:, 2] + volume)

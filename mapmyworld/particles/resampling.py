@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 def normalised_weights(log_weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """w (P,) that sum to one, of logarithms known up to a constant."""
+    """Weights w (P,) that sum to one, of logarithms known up to a constant."""
     w = np.exp(log_weights - np.max(log_weights))
     return np.asarray(w / np.sum(w))
 

@@ -20,6 +20,7 @@ from mapmyworld.particles import kernels
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.threads import Workers
 from mapmyworld.particles.tiles import TileMaps
+from mapmyworld.types import Progress
 
 _REACH = 3  # cells searched around an end point
 _ANCHOR = 1e8  # information that holds the first pose
@@ -32,6 +33,7 @@ def smooth_path(
     scans: Sequence[Beams],
     config: ParticlesConfig,
     workers: Workers,
+    progress: Progress | None = None,
 ) -> NDArray[np.float64]:
     """The refined path (K, 3) of scans whose motions (K - 1, 3) are known to `information`."""
     points = np.concatenate([scan.points for scan in scans])
@@ -40,7 +42,9 @@ def smooth_path(
     ends = np.concatenate([[0], np.cumsum(sizes)])
     scale = np.minimum(1.0, config.beams_effective / np.maximum(sizes, 1))
     path = path.copy()
-    for _ in range(config.smoothing):
+    for done in range(config.smoothing):
+        if progress is not None:
+            progress.update(done)
         maps = TileMaps(1, config.resolution, workers)
         maps.insert_path(points, normals, ends, path)
         H, g = np.zeros((len(path), 3, 3)), np.zeros((len(path), 3))

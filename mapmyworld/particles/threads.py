@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -39,7 +40,7 @@ class Workers:
         edges = [count * piece // pieces for piece in range(pieces + 1)]
         jobs = [
             self._pool.submit(kernel, first, last, *arguments)
-            for first, last in zip(edges[1:-1], edges[2:], strict=True)
+            for first, last in itertools.pairwise(edges[1:])
         ]
         kernel(edges[0], edges[1], *arguments)
         for job in jobs:

@@ -1,0 +1,194 @@
+"""Scans written into maps: which tiles they change, and how."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.particles.kernels.surfaces import FULL, MASK, MEMORY, TILE, TILE_SHIFT, jit, slot_of
+
+
+@jit
+def _mark_line(out: NDArray[np.bool_], ox: float, oy: float, x: float, y: float) -> None:
+    """Marks every cell of `out` that the segment crosses (Amanatides and Woo 1987)."""
+    ix, iy = math.floor(ox), math.floor(oy)
+    ex, ey = math.floor(x), math.floor(y)
+    dx, dy = x - ox, y - oy
+    sx, sy = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+    tx = ((ix + (sx > 0)) - ox) / dx if dx != 0.0 else 1e18
+    ty = ((iy + (sy > 0)) - oy) / dy if dy != 0.0 else 1e18
+    out[iy, ix] = True
+    for _ in range(abs(ex - ix) + abs(ey - iy)):
+        if tx < ty:
+            tx += sx / dx
+            ix += sx
+        else:
+            ty += sy / dy
+            iy += sy
+        if ix < 0 or iy < 0 or iy >= out.shape[0] or ix >= out.shape[1]:
+            return
+        out[iy, ix] = True
+
+
+@jit
+def touched_tiles(
+    first: int,
+    last: int,
+    beams: Any,
+    poses: NDArray[np.float64],
+    base: NDArray[np.int64],
+    resolution: float,
+    out: NDArray[np.bool_],
+) -> None:
+    """Marks in `out` (P, H, W) the tiles that the scan's rays will change."""
+    side = TILE * resolution
+    for particle in range(first, last):
+        pose = poses[particle]
+        cos, sin = math.cos(pose[2]), math.sin(pose[2])
+        ox = (pose[0] + cos * beams.origin[0] - sin * beams.origin[1]) / side - base[1]
+        oy = (pose[1] + sin * beams.origin[0] + cos * beams.origin[1]) / side - base[0]
+        for i in range(beams.points.shape[0]):
+            x = (pose[0] + cos * beams.points[i, 0] - sin * beams.points[i, 1]) / side - base[1]
+            y = (pose[1] + sin * beams.points[i, 0] + cos * beams.points[i, 1]) / side - base[0]
+            out[particle, math.floor(y), math.floor(x)] = True
+            _mark_line(out[particle], ox, oy, x, y)
+
+
+@jit
+def _visit(maps: Any, slot: int, cell: int) -> None:
+    if maps.visits[slot, cell] == FULL:
+        maps.visits[slot, cell] = FULL >> 1
+        maps.hits[slot, cell] >>= 1
+    maps.visits[slot, cell] += 1
+
+
+@jit
+def _cross(
+    maps: Any, particle: int, ox: float, oy: float, x: float, y: float, own: NDArray[np.int32]
+) -> None:
+    """One more visit for the cells a beam crosses, up to a cell and a half before its end."""
+    res = maps.resolution
+    length = math.hypot(x - ox, y - oy)
+    if length < 3.0 * res:
+        return
+    keep = (length - 1.5 * res) / length
+    x, y = (ox + keep * (x - ox)) / res, (oy + keep * (y - oy)) / res
+    ox, oy = ox / res, oy / res
+    ix, iy = math.floor(ox), math.floor(oy)
+    dx, dy = x - ox, y - oy
+    sx, sy = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+    tx = ((ix + (sx > 0)) - ox) / dx if dx != 0.0 else 1e18
+    ty = ((iy + (sy > 0)) - oy) / dy if dy != 0.0 else 1e18
+    stepx = sx / dx if dx != 0.0 else 1e18
+    stepy = sy / dy if dy != 0.0 else 1e18
+    for _ in range(abs(math.floor(x) - ix) + abs(math.floor(y) - iy) + 1):
+        slot = slot_of(maps, particle, ix, iy)
+        if slot > 0 and own[slot] == 1:
+            cell = ((iy & MASK) << TILE_SHIFT) | (ix & MASK)
+            _visit(maps, slot, cell)
+        if tx < ty:
+            tx += stepx
+            ix += sx
+        else:
+            ty += stepy
+            iy += sy
+
+
+@jit
+def _hit(
+    maps: Any,
+    particle: int,
+    x: float,
+    y: float,
+    nx: float,
+    ny: float,
+    own: NDArray[np.int32],
+) -> None:
+    """One more end point for a cell: counts, running mean and running normal."""
+    res = maps.resolution
+    ix, iy = math.floor(x / res), math.floor(y / res)
+    slot = slot_of(maps, particle, ix, iy)
+    if slot == 0 or own[slot] != 1:
+        return
+    cell = ((iy & MASK) << TILE_SHIFT) | (ix & MASK)
+    _visit(maps, slot, cell)
+    maps.hits[slot, cell] += 1
+    rate = 1.0 / min(float(maps.hits[slot, cell]), float(MEMORY))
+    fx, fy = (x / res - ix) * 255.0, (y / res - iy) * 255.0
+    mean, normal = maps.means[slot, cell], maps.normals[slot, cell]
+    mean[0] = round(mean[0] + rate * (fx - mean[0]))
+    mean[1] = round(mean[1] + rate * (fy - mean[1]))
+    normal[0] = round(normal[0] + rate * (127.0 * nx - normal[0]))
+    normal[1] = round(normal[1] + rate * (127.0 * ny - normal[1]))
+
+
+@jit
+def insert(
+    maps: Any,
+    first: int,
+    last: int,
+    beams: Any,
+    poses: NDArray[np.float64],
+    own: NDArray[np.int32],
+) -> None:
+    """Adds the scan at `poses` to the maps of particles `first` to `last`.
+
+    Only tiles of which `own` (S,) says that one particle has them are changed.
+    """
+    for particle in range(first, last):
+        pose = poses[particle]
+        cos, sin = math.cos(pose[2]), math.sin(pose[2])
+        ox = pose[0] + cos * beams.origin[0] - sin * beams.origin[1]
+        oy = pose[1] + sin * beams.origin[0] + cos * beams.origin[1]
+        for i in range(beams.points.shape[0]):
+            x = pose[0] + cos * beams.points[i, 0] - sin * beams.points[i, 1]
+            y = pose[1] + sin * beams.points[i, 0] + cos * beams.points[i, 1]
+            _cross(maps, particle, ox, oy, x, y, own)
+        for i in range(beams.points.shape[0]):
+            x = pose[0] + cos * beams.points[i, 0] - sin * beams.points[i, 1]
+            y = pose[1] + sin * beams.points[i, 0] + cos * beams.points[i, 1]
+            nx = cos * beams.normals[i, 0] - sin * beams.normals[i, 1]
+            ny = sin * beams.normals[i, 0] + cos * beams.normals[i, 1]
+            _hit(maps, particle, x, y, nx, ny, own)
+
+
+@jit
+def mark_path(
+    points: NDArray[np.float64],
+    ends: NDArray[np.int64],
+    poses: NDArray[np.float64],
+    base: NDArray[np.int64],
+    resolution: float,
+    out: NDArray[np.bool_],
+) -> None:
+    """Marks in `out` (H, W) the tiles in which scans at `poses` (K, 3) end."""
+    side = TILE * resolution
+    for k in range(len(poses)):
+        cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        for i in range(ends[k], ends[k + 1]):
+            x = (poses[k, 0] + cos * points[i, 0] - sin * points[i, 1]) / side - base[1]
+            y = (poses[k, 1] + sin * points[i, 0] + cos * points[i, 1]) / side - base[0]
+            out[math.floor(y), math.floor(x)] = True
+
+
+@jit
+def insert_path(
+    maps: Any,
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    ends: NDArray[np.int64],
+    poses: NDArray[np.float64],
+    own: NDArray[np.int32],
+) -> None:
+    """Adds the end points of scans at `poses` (K, 3) to the one map there is."""
+    for k in range(len(poses)):
+        cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        for i in range(ends[k], ends[k + 1]):
+            x = poses[k, 0] + cos * points[i, 0] - sin * points[i, 1]
+            y = poses[k, 1] + sin * points[i, 0] + cos * points[i, 1]
+            nx = cos * normals[i, 0] - sin * normals[i, 1]
+            ny = sin * normals[i, 0] + cos * normals[i, 1]
+            _hit(maps, 0, x, y, nx, ny, own)

@@ -1,0 +1,106 @@
+"""How well scans fit maps: the likelihood field, and the beam model."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.particles.kernels.surfaces import MASK, PLANAR, TILE_SHIFT, jit, nearest, slot_of
+
+
+@jit
+def log_likelihood(
+    maps: Any, particle: int, beams: Any, pose: NDArray[np.float64], reach: int, sigma: float
+) -> float:
+    """Logarithm of p(z | x, m) of the likelihood field: every beam near a surface, or by chance."""
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    total = 0.0
+    half = 0.5 / (sigma * sigma)
+    for i in range(beams.points.shape[0]):
+        x = pose[0] + cos * beams.points[i, 0] - sin * beams.points[i, 1]
+        y = pose[1] + sin * beams.points[i, 0] + cos * beams.points[i, 1]
+        nx = cos * beams.normals[i, 0] - sin * beams.normals[i, 1]
+        ny = sin * beams.normals[i, 0] + cos * beams.normals[i, 1]
+        d2, qx, qy, mx, my = nearest(maps, particle, x, y, nx, ny, reach)
+        if d2 < 1e8:
+            length = math.sqrt(mx * mx + my * my)
+            if length > PLANAR:
+                along = (mx * (x - qx) + my * (y - qy)) / length
+                d2 = 0.25 * d2 + 0.75 * along * along
+        total += math.log(0.9 * math.exp(-half * d2) + 0.1)
+    return total
+
+
+@jit
+def log_likelihoods(
+    maps: Any,
+    first: int,
+    last: int,
+    beams: Any,
+    poses: NDArray[np.float64],
+    reach: int,
+    sigma: float,
+    out: NDArray[np.float64],
+) -> None:
+    """Logarithm of p(z | x, m) (P,) of particles `first` to `last` by the likelihood field."""
+    for particle in range(first, last):
+        out[particle] = log_likelihood(maps, particle, beams, poses[particle], reach, sigma)
+
+
+@jit
+def beam_log_likelihoods(
+    maps: Any,
+    first: int,
+    last: int,
+    beams: Any,
+    poses: NDArray[np.float64],
+    sigma: float,
+    out: NDArray[np.float64],
+) -> None:
+    """Logarithm of p(z | x, m) (P,) by the beam model: rays are followed to the first surface.
+
+    Thrun et al. 2005, table 6.1, with a Gaussian about the expected range, a constant for
+    what stands in the way and for chance, and no opinion where the ray leaves the known map.
+    """
+    half = 0.5 / (sigma * sigma)
+    for particle in range(first, last):
+        pose = poses[particle]
+        cos, sin = math.cos(pose[2]), math.sin(pose[2])
+        ox = pose[0] + cos * beams.origin[0] - sin * beams.origin[1]
+        oy = pose[1] + sin * beams.origin[0] + cos * beams.origin[1]
+        total = 0.0
+        for i in range(beams.points.shape[0]):
+            x = pose[0] + cos * beams.points[i, 0] - sin * beams.points[i, 1]
+            y = pose[1] + sin * beams.points[i, 0] + cos * beams.points[i, 1]
+            error = _ray_error(maps, particle, ox, oy, x, y, 4.0 * sigma)
+            total += math.log(0.9 * math.exp(-half * error * error) + 0.1)
+        out[particle] = total
+
+
+@jit
+def _ray_error(
+    maps: Any, particle: int, ox: float, oy: float, x: float, y: float, beyond: float
+) -> float:
+    """Expected minus measured range, at most `beyond`, along the ray from o through (x, y)."""
+    length = math.hypot(x - ox, y - oy)
+    if length < 1e-6:
+        return beyond
+    ux, uy = (x - ox) / length, (y - oy) / length
+    step = 0.5 * maps.resolution
+    travelled = step
+    while travelled < length + beyond:
+        ix = math.floor((ox + ux * travelled) / maps.resolution)
+        iy = math.floor((oy + uy * travelled) / maps.resolution)
+        slot = slot_of(maps, particle, ix, iy)
+        cell = ((iy & MASK) << TILE_SHIFT) | (ix & MASK)
+        hits = maps.hits[slot, cell]
+        if hits > 0 and hits * 2 >= maps.visits[slot, cell]:
+            px = (ix + maps.means[slot, cell, 0] / 255.0) * maps.resolution
+            py = (iy + maps.means[slot, cell, 1] / 255.0) * maps.resolution
+            expected = (px - ox) * ux + (py - oy) * uy
+            return float(max(-beyond, min(beyond, expected - length)))
+        travelled += step
+    return beyond

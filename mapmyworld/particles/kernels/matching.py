@@ -1,0 +1,208 @@
+"""Scan matching by Gauss-Newton, of many particles and of whole paths."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.particles.kernels.likelihood import log_likelihood
+from mapmyworld.particles.kernels.surfaces import PLANAR, Beams, jit, nearest
+
+
+@jit
+def linearise(
+    maps: Any,
+    particle: int,
+    beams: Any,
+    pose: NDArray[np.float64],
+    reach: int,
+    sigma: float,
+    H: NDArray[np.float64],
+    g: NDArray[np.float64],
+) -> float:
+    """Adds the scan's Gauss-Newton system at `pose` to H (3, 3), g (3); returns the matched share.
+
+    Residuals run along the normal where the map has one, else in both axes. Increments are
+    those of the map frame, the rotation about the robot.
+    """
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    limit = ((reach + 0.5) * maps.resolution) ** 2
+    matched = 0.0
+    inverse = 1.0 / (sigma * sigma)
+    for i in range(beams.points.shape[0]):
+        rx = cos * beams.points[i, 0] - sin * beams.points[i, 1]
+        ry = sin * beams.points[i, 0] + cos * beams.points[i, 1]
+        nx = cos * beams.normals[i, 0] - sin * beams.normals[i, 1]
+        ny = sin * beams.normals[i, 0] + cos * beams.normals[i, 1]
+        x, y = pose[0] + rx, pose[1] + ry
+        d2, qx, qy, mx, my = nearest(maps, particle, x, y, nx, ny, reach)
+        if d2 > limit:
+            continue
+        ex, ey = x - qx, y - qy
+        length = math.sqrt(mx * mx + my * my)
+        if length > PLANAR:
+            ux, uy = mx / length, my / length
+            r = ux * ex + uy * ey
+            w = inverse / (1.0 + r * r * inverse) ** 2
+            jt = -ux * ry + uy * rx
+            H[0, 0] += w * ux * ux
+            H[0, 1] += w * ux * uy
+            H[0, 2] += w * ux * jt
+            H[1, 1] += w * uy * uy
+            H[1, 2] += w * uy * jt
+            H[2, 2] += w * jt * jt
+            g[0] += w * ux * r
+            g[1] += w * uy * r
+            g[2] += w * jt * r
+            matched += 1.0 / (1.0 + r * r * inverse)
+        else:
+            w = 0.25 * inverse / (1.0 + d2 * inverse) ** 2
+            H[0, 0] += w
+            H[0, 2] += -w * ry
+            H[1, 1] += w
+            H[1, 2] += w * rx
+            H[2, 2] += w * (rx * rx + ry * ry)
+            g[0] += w * ex
+            g[1] += w * ey
+            g[2] += w * (-ry * ex + rx * ey)
+            matched += 1.0 / (1.0 + d2 * inverse)
+    H[1, 0], H[2, 0], H[2, 1] = H[0, 1], H[0, 2], H[1, 2]
+    return float(matched / max(beams.points.shape[0], 1))
+
+
+@jit
+def _solve(H: NDArray[np.float64], g: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    """`out = -H^-1 g` of a positive definite 3x3 system, by Cramer's rule."""
+    a, b, c = H[0, 0], H[0, 1], H[0, 2]
+    d, e, f = H[1, 1], H[1, 2], H[2, 2]
+    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
+    determinant = a * A + b * B + c * C
+    D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
+    out[0] = -(A * g[0] + B * g[1] + C * g[2]) / determinant
+    out[1] = -(B * g[0] + D * g[1] + E * g[2]) / determinant
+    out[2] = -(C * g[0] + E * g[1] + F * g[2]) / determinant
+
+
+@jit
+def _turn_information(prior: NDArray[np.float64], yaw: float, P: NDArray[np.float64]) -> None:
+    """The information of a body-frame increment in the map frame's axes."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    a, b, d = prior[0, 0], prior[0, 1], prior[1, 1]
+    P[0, 0] = c * c * a - 2.0 * c * s * b + s * s * d
+    P[1, 1] = s * s * a + 2.0 * c * s * b + c * c * d
+    P[0, 1] = P[1, 0] = c * s * (a - d) + (c * c - s * s) * b
+    P[0, 2] = P[2, 0] = c * prior[0, 2] - s * prior[1, 2]
+    P[1, 2] = P[2, 1] = s * prior[0, 2] + c * prior[1, 2]
+    P[2, 2] = prior[2, 2]
+
+
+@jit
+def _deviation(
+    pose: NDArray[np.float64],
+    mean: NDArray[np.float64],
+    P: NDArray[np.float64],
+    gap: NDArray[np.float64],
+) -> float:
+    """Squared Mahalanobis distance of a pose from its prediction; `gap` becomes the difference."""
+    for i in range(3):
+        gap[i] = pose[i] - mean[i]
+    gap[2] -= 2.0 * math.pi * math.floor((gap[2] + math.pi) / (2.0 * math.pi))
+    total = 0.0
+    for i in range(3):
+        for j in range(3):
+            total += gap[i] * P[i, j] * gap[j]
+    return total
+
+
+@jit
+def match(
+    maps: Any,
+    first: int,
+    last: int,
+    beams: Any,
+    starts: NDArray[np.float64],
+    prior: NDArray[np.float64],
+    robust: float,
+    reaches: NDArray[np.int64],
+    sigma: float,
+    scale: float,
+    poses: NDArray[np.float64],
+    informations: NDArray[np.float64],
+    quality: NDArray[np.float64],
+) -> None:
+    """Most likely poses of particles `first` to `last`, given their maps and predictions.
+
+    `starts` (P, K, 3): the prediction first, then other places to start from. `prior` (3, 3): the
+    information of the prediction, in the map frame's axes turned to its heading. `robust`: the
+    deviations after which the prediction counts less (0 = never). `reaches`: cells searched around
+    an end point, for each iteration. `scale` turns sums over beams, which are not independent,
+    into information. Fills `poses` (P, 3), `informations` (P, 3, 3) and `quality` (P, 3): matched
+    share, log-likelihood of the scan, squared deviation from the prediction.
+    """
+    H, g, step = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    P, gap, pose = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    for particle in range(first, last):
+        best = -1e18
+        mean = starts[particle, 0]
+        _turn_information(prior, mean[2], P)
+        for k in range(starts.shape[1]):
+            pose[:] = starts[particle, k]
+            share = 0.0
+            for iteration in range(reaches.shape[0]):
+                H[:], g[:] = 0.0, 0.0
+                # A wide search tolerates wide residuals.
+                width = sigma * (1.0 + 0.5 * (reaches[iteration] - reaches[-1]))
+                share = linearise(maps, particle, beams, pose, reaches[iteration], width, H, g)
+                H *= scale
+                g *= scale
+                squared = _deviation(pose, mean, P, gap)
+                weight = 1.0 if robust <= 0.0 else 1.0 / (1.0 + squared / (robust * robust))
+                if reaches[iteration] > reaches[-1]:
+                    weight *= 0.02
+                H += weight * P
+                g += weight * (P[:, 0] * gap[0] + P[:, 1] * gap[1] + P[:, 2] * gap[2])
+                _solve(H, g, step)
+                pose += step
+                small = abs(step[0]) + abs(step[1]) < 2e-4 and abs(step[2]) < 2e-5
+                if small and reaches[iteration] == reaches[-1]:
+                    break
+            fit = log_likelihood(maps, particle, beams, pose, reaches[-1], sigma)
+            squared = _deviation(pose, mean, P, gap)
+            if robust > 0.0:
+                cost = 0.5 * robust * robust * math.log(1.0 + squared / (robust * robust))
+            else:
+                cost = 0.5 * squared
+            if scale * fit - cost > best:
+                best = scale * fit - cost
+                poses[particle] = pose
+                informations[particle] = H
+                quality[particle, 0], quality[particle, 1] = share, fit
+                quality[particle, 2] = squared
+
+
+@jit
+def linearise_path(
+    maps: Any,
+    first: int,
+    last: int,
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    ends: NDArray[np.int64],
+    poses: NDArray[np.float64],
+    reach: int,
+    sigma: float,
+    H: NDArray[np.float64],
+    g: NDArray[np.float64],
+    share: NDArray[np.float64],
+) -> None:
+    """Gauss-Newton systems (K, 3, 3), (K, 3) of the scans `first` to `last` in one map.
+
+    `ends` (K + 1,): scan k's beams are `points[ends[k]:ends[k + 1]]`.
+    """
+    origin = np.zeros(2)
+    for k in range(first, last):
+        beams = Beams(points[ends[k] : ends[k + 1]], normals[ends[k] : ends[k + 1]], origin)
+        share[k] = linearise(maps, 0, beams, poses[k], reach, sigma, H[k], g[k])

@@ -14,6 +14,7 @@ from cli.common import EXIT_PARTIAL, default_map, format_option, show_json
 from cli.plan_text import plan_json, plan_lines
 from cli.progress import StderrProgress
 from cli.settings import config_options, load_config
+from cli.storing import storage_arguments
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
@@ -119,7 +120,8 @@ def _build(
 
     started = time.monotonic()
     cpu = time.process_time()
-    with open_store(map_path, create=True, overwrite=overwrite) as store:
+    stored = storage_arguments(config)
+    with open_store(map_path, create=True, overwrite=overwrite, **stored) as store:
         result = build_map(log, store, config, progress, method=method)
         written = [str(map_path)]
         if export:

@@ -56,7 +56,10 @@ def open_store(
         _beside(path, "journal").unlink(missing_ok=True)
         return DatabaseStore(_created(path, settings, parameters or {}), settings)
     _recover(path)
-    return DatabaseStore(Connection(path, writable=not read_only), settings)
+    store = DatabaseStore(Connection(path, writable=not read_only), settings)
+    if parameters and not read_only:
+        store.set_parameters(parameters)
+    return store
 
 
 def _beside(path: Path, ending: str) -> Path:

@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from formats.database.blobs import matrix_to_blob, pose_to_blob
+from formats.database.calibration import blob_to_cameras
 from formats.database.connection import Connection
 from mapmyworld.errors import MapError
 from mapmyworld.types import OccupancyGrid, Poses
 
 _PREVIEW_SIDE = 320  # pixels, at most
+_FLAT = 1e-6  # m, and sine of tilt, up to which motion is planar
 
 
 def write_poses(db: Connection, poses: Poses) -> None:
@@ -75,6 +77,39 @@ def text_to_parameters(text: str | None) -> dict[str, str]:
     """The other way round: split at ";", then at the first ":"."""
     pairs = (part.partition(":") for part in (text or "").split(";") if ":" in part)
     return {key: value for key, _, value in pairs}
+
+
+def read_parameters(db: Connection) -> dict[str, str]:
+    """Those of the one Info row."""
+    return text_to_parameters(db.row("SELECT parameters FROM Info")[0])
+
+
+def write_parameters(db: Connection, parameters: Mapping[str, str]) -> None:
+    """Adds to those of the one Info row; keeps its count of nodes true as well."""
+    text = parameters_to_text(read_parameters(db) | dict(parameters))
+    last = "(SELECT COALESCE(MAX(id), 0) FROM Node)"
+    db.run(f"UPDATE Info SET parameters = ?, last_sign_added = {last}", (text,))
+
+
+def sensor_parameters(db: Connection) -> dict[str, str]:
+    """What the nodes' data say of the sensors: laser or camera, planar or not, lens or none."""
+    (scans,) = db.row("SELECT EXISTS (SELECT 1 FROM Data WHERE scan IS NOT NULL)")
+    poses = db.rows("SELECT tracked_from_base FROM mapmyworld_nodes")
+    motion = np.array([np.frombuffer(blob, "<f8") for (blob,) in poses]).reshape(-1, 4, 4)
+    flat = bool(np.abs(motion[:, 2, [0, 1, 3]]).max(initial=0.0) < _FLAT)
+    found = db.row("SELECT calibration FROM Data WHERE calibration IS NOT NULL LIMIT 1")
+    cameras = blob_to_cameras(found[0], "calibration") if found else ()
+    bent = any(camera.distortion.any() for camera in cameras)
+    return {
+        "Grid/Sensor": "0" if scans else "1",
+        "Reg/Force3DoF": _flag(flat),
+        "Reg/Strategy": "1" if scans else "0",
+        "Rtabmap/ImagesAlreadyRectified": _flag(not bent),
+    }
+
+
+def _flag(value: bool) -> str:
+    return "true" if value else "false"
 
 
 def compact(path: Path) -> None:

@@ -35,6 +35,7 @@ def clear_from(db: Connection, rank: int) -> None:
     if rank <= _RECOGNISE:
         _clear_words(db, rank)
     if rank <= _OPTIMISE:
+        db.run("DELETE FROM Statistics")
         db.run("UPDATE Admin SET opt_ids = NULL, opt_poses = NULL, opt_last_localization = NULL")
     db.run(
         "UPDATE Admin SET opt_map = NULL, opt_map_x_min = NULL, opt_map_y_min = NULL,"

@@ -19,7 +19,9 @@ from formats.database.arrays import read_array, write_array
 from formats.database.connection import Connection
 from formats.database.node_rows import StorageOptions
 from formats.database.scans import blob_to_scan, scan_to_blob
+from formats.database.schema import STAGE_RANKS
 from formats.database.stages import clear_from, rank_of
+from formats.database.statistics import INSERT_STATISTICS, statistics_rows
 from mapmyworld.errors import MapError
 from mapmyworld.types import (
     Constraint,
@@ -53,6 +55,7 @@ class DatabaseStore:
         self._previous: dict[int, Node] = {}
         self._last_with_cells: Node | None = None
         self._compact = False
+        self._solved_anew = False
         self._restore_session()
 
     @property
@@ -101,6 +104,7 @@ class DatabaseStore:
         try:
             yield
             self._begin()
+            self._tell_rtabmap(rank)
             self._compact = True
             record = "INSERT OR REPLACE INTO mapmyworld_stages VALUES (?,?,?)"
             self._db.run(record, (stage, rank, inputs))
@@ -232,6 +236,7 @@ class DatabaseStore:
         mark = "INSERT OR REPLACE INTO mapmyworld_keys VALUES (?,?,'true')"
         self._db.run(mark, (_REPLACED, rank))
         self._rewrite_links()
+        self._solved_anew = True
         self._settle()
 
     def constraints(self) -> tuple[Constraint, ...]:
@@ -284,6 +289,7 @@ class DatabaseStore:
         if poses.covariances is not None:
             self._write("poses covariances", poses.covariances)
         results.write_poses(self._db, poses)
+        self._solved_anew = True
         self._settle()
 
     def poses(self) -> Poses | None:
@@ -318,11 +324,32 @@ class DatabaseStore:
     # What only RTAB-Map's tools read
 
     def set_parameters(self, parameters: Mapping[str, str]) -> None:
-        """How the map was made, in RTAB-Map's parameter names."""
+        """Adds to how the map was made, in RTAB-Map's parameter names."""
         self._begin()
-        text = results.parameters_to_text(parameters)
-        self._db.run("UPDATE Info SET parameters = ?", (text,))
+        results.write_parameters(self._db, parameters)
         self._settle()
+
+    def parameters(self) -> dict[str, str]:
+        """How the map was made, in RTAB-Map's parameter names."""
+        return results.read_parameters(self._db)
+
+    def _tell_rtabmap(self, rank: int) -> None:
+        """At the end of a stage, what follows from it under RTAB-Map's names."""
+        if rank == STAGE_RANKS["track"]:
+            results.write_parameters(self._db, results.sensor_parameters(self._db))
+        if rank >= STAGE_RANKS["recognise"] and self._solved_anew:
+            self._solved_anew = False
+            self._write_statistics()
+
+    def _write_statistics(self) -> None:
+        poses = self.poses()
+        if poses is None:
+            return
+        counts = dict(self._db.rows("SELECT node_id, count FROM mapmyworld_features"))
+        (words,) = self._db.row("SELECT COUNT(*) FROM Word")
+        figures = statistics_rows(self.nodes(), self.constraints(), poses, counts, words)
+        self._db.run("DELETE FROM Statistics")
+        self._db.run_many(INSERT_STATISTICS, figures)
 
     # How rows are written
 

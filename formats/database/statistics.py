@@ -1,0 +1,110 @@
+"""Figures of each node under RTAB-Map's names, for the plots of its tools.
+
+No timings: they would differ from build to build, and the same log must give the same bytes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.database.blobs import text_to_blob
+from mapmyworld.geometry import between, invert
+from mapmyworld.types import Constraint, ConstraintKind, Node, Poses
+
+INSERT_STATISTICS = "INSERT INTO Statistics (id, stamp, data) VALUES (?,?,?)"
+_CLOSURES = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY, ConstraintKind.USER)
+
+
+def statistics_rows(
+    nodes: Sequence[Node],
+    constraints: Sequence[Constraint],
+    poses: Poses,
+    feature_counts: Mapping[int, int],
+    word_count: int,
+) -> Iterator[tuple[int, float, bytes]]:
+    """One row a node; a closure counts for the later of its two nodes."""
+    place = {int(i): pose for i, pose in zip(poses.ids, poses.map_from_node, strict=True)}
+    closures = defaultdict[int, list[Constraint]](list)
+    for constraint in constraints:
+        if constraint.kind in _CLOSURES:
+            closures[max(constraint.from_id, constraint.to_id)].append(constraint)
+    travelled, before = 0.0, None
+    for number, node in enumerate(nodes):
+        if before is not None and before.session == node.session:
+            step = between(before.tracked_from_base, node.tracked_from_base)
+            travelled += float(np.linalg.norm(step[:3, 3]))
+        before = node
+        figures = {
+            "Loop/Map_id/": node.session,
+            "Memory/Distance_travelled/m": travelled,
+            "Memory/Working_memory_size/": number + 1,
+            "Keypoint/Current_frame/words": feature_counts.get(node.id, 0),
+            "Keypoint/Dictionary_size/words": word_count,
+            **_closure_figures(node.id, closures[node.id], place),
+        }
+        if node.id in place:
+            figures |= _pose_figures("Loop/MapToBase", place[node.id])
+            figures |= _pose_figures("Loop/MapToOdom", place[node.id] @ invert(node.odom_from_base))
+        yield node.id, node.stamp_ns * 1e-9, text_to_blob(_text(figures))
+
+
+def _closure_figures(
+    node_id: int, tried: Sequence[Constraint], place: Mapping[int, NDArray[np.float64]]
+) -> dict[str, float]:
+    """What was tried at a node, what was accepted, how well it fits."""
+    loops = [c for c in tried if c.kind is not ConstraintKind.PROXIMITY]
+    near = [c for c in tried if c.kind is ConstraintKind.PROXIMITY]
+    accepted = [c for c in loops if c.accepted]
+    best = max(loops, key=_score, default=None)
+    kept = next((c for c in accepted if c is best), accepted[0] if accepted else None)
+    added = [c for c in near if c.accepted]
+    return {
+        "Loop/Highest_hypothesis_id/": 0 if best is None else _other(best, node_id),
+        "Loop/Highest_hypothesis_value/": 0.0 if best is None else _score(best),
+        "Loop/Accepted_hypothesis_id/": 0 if kept is None else _other(kept, node_id),
+        "Loop/RejectedHypothesis/": int(bool(loops) and kept is None),
+        "Loop/Visual_inliers/": 0.0 if best is None else best.evidence.get("inliers", 0.0),
+        "Loop/Optimization_max_error/m": max(
+            (_misfit(c, place) for c in tried if c.accepted), default=0.0
+        ),
+        "Proximity/Space_last_detection_id/": _other(added[-1], node_id) if added else 0,
+        "Proximity/Space_detections_added_icp_multi/": len(added),
+        "Proximity/Space_scan_paths_checked/": len(near),
+    }
+
+
+def _score(constraint: Constraint) -> float:
+    """Likelihood of a hypothesis, by what its finder calls it."""
+    evidence = constraint.evidence
+    return float(evidence.get("posterior", evidence.get("score", evidence.get("similarity", 0.0))))
+
+
+def _other(constraint: Constraint, node_id: int) -> int:
+    return constraint.from_id if constraint.to_id == node_id else constraint.to_id
+
+
+def _misfit(constraint: Constraint, place: Mapping[int, NDArray[np.float64]]) -> float:
+    """Metres between where a constraint puts its node and where optimisation put it."""
+    if constraint.from_id not in place or constraint.to_id not in place:
+        return 0.0
+    solved = between(place[constraint.from_id], place[constraint.to_id])
+    return float(np.linalg.norm(solved[:3, 3] - constraint.from_from_to[:3, 3]))
+
+
+def _pose_figures(name: str, pose: NDArray[np.float64]) -> dict[str, float]:
+    r = pose[:3, :3]
+    roll, yaw = math.atan2(r[2, 1], r[2, 2]), math.atan2(r[1, 0], r[0, 0])
+    angles = {"roll": roll, "pitch": math.atan2(-r[2, 0], math.hypot(r[0, 0], r[1, 0])), "yaw": yaw}
+    figures = {f"{name}_{axis}/m": float(pose[i, 3]) for i, axis in enumerate("xyz")}
+    return figures | {f"{name}_{axis}/deg": math.degrees(a) for axis, a in angles.items()}
+
+
+def _text(figures: Mapping[str, Any]) -> str:
+    finite = {name: value for name, value in figures.items() if math.isfinite(value)}
+    return ";".join(f"{name}:{finite[name]:.6g}" for name in sorted(finite)) + ";"

@@ -121,7 +121,9 @@ def _candidates(draft: Draft, base: str) -> list[tuple[float, OdometrySource, st
 def _share_with_scans(draft: Draft, motion: RecordedMotion) -> float:
     """Share of the laser's scans that have a pose of exactly their stamp: no interpolation."""
     streams = draft.survey.of_kind(MessageKind.LASER_SCAN)
-    stamps = np.concatenate([np.array(s.stamps_ns, np.int64) for s in streams] or [np.zeros(0, np.int64)])
+    stamps = np.concatenate(
+        [np.array(s.stamps_ns, np.int64) for s in streams] or [np.zeros(0, np.int64)]
+    )
     return float(np.mean(np.isin(stamps, motion.stamps_ns))) if len(stamps) else 0.0
 
 

@@ -1,0 +1,72 @@
+"""Counting, for every cell of a grid, the scans that ended in it and those that passed through."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+
+@njit(cache=True, nogil=True)
+def count_rays(
+    hits: NDArray[np.uint16],
+    passes: NDArray[np.uint16],
+    marks: NDArray[np.int32],
+    mark: int,
+    x0: float,
+    y0: float,
+    ends: NDArray[np.float64],
+    is_hit: NDArray[np.bool_],
+) -> None:
+    """One scan from (x0, y0) to `ends` (N, 2), all in cells; each cell counts once, hits first.
+
+    Grids (H, W); `marks` remembers the last scan that a cell counted, `mark` is this one. A ray
+    visits every cell it touches (Amanatides and Woo, 1987) and stops before the one it ends in.
+    All coordinates must lie inside the grid.
+    """
+    for k in range(len(ends)):
+        if is_hit[k]:
+            row, column = int(ends[k, 1]), int(ends[k, 0])
+            if marks[row, column] != mark:
+                marks[row, column] = mark
+                if hits[row, column] < 65535:
+                    hits[row, column] += 1
+    for k in range(len(ends)):
+        _pass_through(passes, marks, mark, x0, y0, ends[k, 0], ends[k, 1])
+
+
+@njit(cache=True, nogil=True)
+def _pass_through(
+    passes: NDArray[np.uint16],
+    marks: NDArray[np.int32],
+    mark: int,
+    x0: float,
+    y0: float,
+    x1: float,
+    y1: float,
+) -> None:
+    column, row = int(x0), int(y0)
+    last_column, last_row = int(x1), int(y1)
+    dx, dy = x1 - x0, y1 - y0
+    step_x = 1 if dx > 0 else -1
+    step_y = 1 if dy > 0 else -1
+    # Share of the ray at which it next crosses a vertical and a horizontal line of the lattice.
+    next_x = math.inf if dx == 0 else ((column + (step_x > 0)) - x0) / dx
+    next_y = math.inf if dy == 0 else ((row + (step_y > 0)) - y0) / dy
+    grow_x = math.inf if dx == 0 else step_x / dx
+    grow_y = math.inf if dy == 0 else step_y / dy
+    left = abs(last_column - column) + abs(last_row - row)
+    while left > 0:
+        if marks[row, column] != mark:
+            marks[row, column] = mark
+            if passes[row, column] < 65535:
+                passes[row, column] += 1
+        if next_x < next_y:
+            column += step_x
+            next_x += grow_x
+        else:
+            row += step_y
+            next_y += grow_y
+        left -= 1

@@ -164,7 +164,7 @@ def _checked_stamp(kind: bytes, line: bytes) -> int:
     fields = line.count(b" ") + 1
     if kind in {b"FLASER", b"RLASER"} and len(line.split()) != int(line.split(None, 2)[1]) + 11:
         raise ValueError("wrong number of fields")
-    if kind == b"ODOM" and fields < 10:
+    if kind in {b"ODOM", b"TRUEPOS"} and fields < 10:
         raise ValueError("wrong number of fields")
     return stamp_ns
 

@@ -30,7 +30,7 @@ def stamp_from_text(text: bytes) -> int:
     else:
         try:
             stamp = int(Decimal(text.decode("ascii")).scaleb(9))
-        except (InvalidOperation, OverflowError, UnicodeDecodeError) as error:
+        except (InvalidOperation, OverflowError, ValueError) as error:
             raise ValueError(f"{text!r} is no time") from error
     if not 0 <= stamp < _MAX_STAMP_S * 1_000_000_000:
         raise ValueError(f"{text!r} is no time")

@@ -44,26 +44,30 @@ class LaserSurvey:
 
     def __init__(self) -> None:
         self.histogram = np.zeros(_BINS, np.int64)
+        self.lowest, self.highest = np.full(_BINS, np.inf), np.zeros(_BINS)
         self.mountings: list[NDArray[np.float64]] = []
 
     def add(self, record: LaserRecord) -> None:
         ranges = record.ranges[np.isfinite(record.ranges)]
         bins = np.clip(ranges, 0, _BINS - 1).astype(np.int64)
         self.histogram += np.bincount(bins, minlength=_BINS)
+        np.minimum.at(self.lowest, bins, ranges)
+        np.maximum.at(self.highest, bins, ranges)
         if len(self.mountings) < _MOUNTING_SAMPLES:
             self.mountings.append(between_planar(record.odom_from_base, record.odom_from_laser))
 
 
-def longest_return(histogram: NDArray[np.int64]) -> float:
+def longest_return(histogram: NDArray[np.int64], single: NDArray[np.bool_]) -> float:
     """Metres below which all real returns lie, given counts of readings by whole metres.
 
-    A value repeated at the top, far above all others, is what the driver writes for "no return";
-    there may be two of them (50.0 and 81.83, say).
+    `single` tells where all of a metre's readings are one and the same value. Such a value,
+    repeated at the top, far above all others, is what the driver writes for "no return"; there may
+    be two of them (50.0 and 81.83, say).
     """
     occupied = np.flatnonzero(histogram)
     while len(occupied) > 1:
         top, below = occupied[-1], occupied[-2]
-        if histogram[top] < _REPEATED or below + 1 > _GAP * top:
+        if not single[top] or histogram[top] < _REPEATED or below + 1 > _GAP * top:
             break
         occupied = occupied[:-1]
     return float(occupied[-1] + 1) if len(occupied) else 0.0
@@ -71,7 +75,7 @@ def longest_return(histogram: NDArray[np.int64]) -> float:
 
 def add_laser(survey: Survey, kind: bytes, lasers: LaserSurvey) -> None:
     """Concludes on one laser: its largest range and where it sits on the robot."""
-    seen = longest_return(lasers.histogram)
+    seen = longest_return(lasers.histogram, lasers.lowest == lasers.highest)
     survey.range_max[kind] = _range_max(survey.parameters, lasers.histogram, seen)
     frame = LASER_FRAMES[kind]
     if frame in survey.base_from_laser:

@@ -6,7 +6,7 @@ Parsing, and messages of types laid out in another way, are rosbags' work.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 from rosbags.interfaces import Nodetype
@@ -101,9 +101,15 @@ def is_standard(channel: Channel) -> bool:
     """
     if not channel.schema.strip():
         return True
-    standard = standard_store(channel.encoding)
-    recorded = recorded_store(channel)
-    return layout(recorded, channel.type_name) == layout(standard, channel.type_name)
+    described = channel.encoding, channel.type_name, channel.schema_encoding, channel.schema
+    return _is_standard(*described)
+
+
+@lru_cache(maxsize=256)
+def _is_standard(encoding: str, type_name: str, schema_encoding: str, schema: bytes) -> bool:
+    channel = Channel("", type_name, encoding, schema_encoding, schema)
+    standard = standard_store(encoding)
+    return layout(recorded_store(channel), type_name) == layout(standard, type_name)
 
 
 def standardiser(channel: Channel) -> Callable[[bytes], bytes]:

@@ -64,22 +64,24 @@ def _raw_pixels(
 def _converted(encoding: str, cells: NDArray[np.generic]) -> NDArray[np.generic]:
     """Cells (H, W, C) as recorded -> RGB, grey or metres."""
     name = encoding.lower()
-    if name in {"16uc1", "z16", "mono16"} and name != "mono16":
-        return metres_from_depth(cells[..., 0])
-    if name == "32fc1":
+    if name in {"16uc1", "mono16", "z16", "32fc1"}:
         return metres_from_depth(cells[..., 0])
     if name.startswith("bayer"):
         return _from_bayer(name, cells[..., 0])
     if name in {"yuv422", "uyvy", "yuv422_yuy2", "yuyv"}:
         return _from_yuv(name, cells)
-    if cells.dtype.itemsize == 2 and name != "mono16":
-        cells = (cells.astype(np.uint16) >> 8).astype(np.uint8)
-    if name == "mono16":
-        return metres_from_depth(cells[..., 0])
+    cells = _eight_bits(cells)
     if cells.shape[2] == 1:
         return np.ascontiguousarray(cells[..., 0])
     blue_first = name.startswith("bgr") or name in {"8uc3", "8uc4"}
     return np.ascontiguousarray(cells[..., 2::-1] if blue_first else cells[..., :3])
+
+
+def _eight_bits(cells: NDArray[np.generic]) -> NDArray[np.generic]:
+    """The high bytes of 16-bit cells; others as they are."""
+    if cells.dtype.itemsize == 1:
+        return cells
+    return np.asarray((cells.astype(np.uint16) >> 8).astype(np.uint8))
 
 
 def metres_from_depth(cells: NDArray[np.generic], unit: float = _MILLIMETRE) -> NDArray[np.float32]:
@@ -93,11 +95,9 @@ def metres_from_depth(cells: NDArray[np.generic], unit: float = _MILLIMETRE) -> 
 def _from_bayer(name: str, cells: NDArray[np.generic]) -> NDArray[np.generic]:
     import cv2
 
-    if cells.dtype.itemsize == 2:
-        cells = (cells.astype(np.uint16) >> 8).astype(np.uint8)
     # OpenCV names a pattern by its second row, second column.
     code = {"rggb": "BG", "bggr": "RG", "gbrg": "GR", "grbg": "GB"}[name[6:10]]
-    return np.asarray(cv2.cvtColor(cells, getattr(cv2, f"COLOR_Bayer{code}2RGB")))
+    return np.asarray(cv2.cvtColor(_eight_bits(cells), getattr(cv2, f"COLOR_Bayer{code}2RGB")))
 
 
 def _from_yuv(name: str, cells: NDArray[np.generic]) -> NDArray[np.generic]:

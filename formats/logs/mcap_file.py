@@ -39,6 +39,10 @@ def open_mcap(path: Path) -> BlockFile:
     return BlockFile(path, "MCAP", read_index, read_block)
 
 
+class _NoSummaryError(Exception):
+    """The file has no summary, or one that does not list all: allowed, and no damage."""
+
+
 def read_index(stream: BinaryIO, path: Path) -> Index:
     """From the summary where that is whole, else from the chunks."""
     if stream.read(len(MAGIC)) != MAGIC:
@@ -46,10 +50,11 @@ def read_index(stream: BinaryIO, path: Path) -> Index:
     size = path.stat().st_size
     try:
         index = _from_summary(stream, size)
+    except _NoSummaryError:
+        index = scan(stream, path, size)
     except DamagedBlockError as error:
         index = scan(stream, path, size)
-        if index.problems or "closed" in str(error):
-            index.problems.insert(0, f"{path}: {error}: chunks were read one by one")
+        index.problems.insert(0, f"{path}: {error}: chunks were read one by one")
     index.details[:0] = _header_details(stream)
     return index
 
@@ -103,7 +108,7 @@ def _from_summary(stream: BinaryIO, size: int) -> Index:
             statistics = parse_statistics(content)
         position += HEAD_BYTES + length
     if statistics is None or not _says_all(statistics, chunks, definitions):
-        raise DamagedBlockError("the summary does not list all chunks and channels")
+        raise _NoSummaryError
     blocks = [Block(c.offset, 0, c.start_ns, c.end_ns, c.channels) for c in chunks]
     return Index(definitions.channels, statistics.counts, blocks, _chunk_details(chunks))
 

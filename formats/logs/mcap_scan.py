@@ -105,7 +105,7 @@ class _Scan:
         self.stream.seek(position)
         if after > self.size:
             self._cut_chunk(position)
-            raise DamagedBlockError("it ends within a chunk")
+            return self.size
         try:
             messages = chunk_messages(chunk_data(self.stream), None, self.definitions)
         except DamagedBlockError as error:
@@ -126,6 +126,10 @@ class _Scan:
         plain = chunk_beginning(content)
         messages = chunk_messages(plain, None, self.definitions, to_the_end=False)
         self._add(messages, position, len(content))
+        self.index.problems.append(
+            f"{self.path}: the file ends within the chunk at byte {position}, "
+            f"of which {len(messages)} message(s) could be had"
+        )
 
     def _message(self, position: int, after: int) -> None:
         key, _, time = _MESSAGE_HEAD.unpack(self.stream.read(_MESSAGE_HEAD.size))

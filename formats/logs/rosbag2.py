@@ -6,6 +6,7 @@ import re
 import shutil
 import sqlite3
 import tempfile
+import weakref
 from collections.abc import Collection, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -123,7 +124,6 @@ class PackedBag:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._inner: SqliteBag | BlockFile | None = None
 
     @property
@@ -144,10 +144,12 @@ class PackedBag:
 
     def _unpacked(self) -> SqliteBag | BlockFile:
         if self._inner is None:
-            self._folder = tempfile.TemporaryDirectory(prefix="mapmyworld-")
-            file = Path(self._folder.name) / self.path.stem
+            folder = Path(tempfile.mkdtemp(prefix="mapmyworld-"))
+            weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+            file = folder / self.path.stem
             unpack_zstd(self.path, file)
-            is_mcap = file.open("rb").read(len(MCAP_MAGIC)) == MCAP_MAGIC
+            with file.open("rb") as stream:
+                is_mcap = stream.read(len(MCAP_MAGIC)) == MCAP_MAGIC
             self._inner = open_mcap(file) if is_mcap else SqliteBag(file)
         return self._inner
 

@@ -1,0 +1,245 @@
+"""Damaged logs: what can be had is had, the rest is told, and nothing but LogError is raised."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from log_builders import Built, allowed, drive, serialised, write_mcap, write_ros1, write_rosbag2
+
+from formats.logs import open_log
+from formats.logs.mcap_records import MAGIC, record_head
+from formats.logs.merged import MergedLog
+from formats.logs.recorded import RecordedLog
+from mapmyworld.errors import LogError
+
+DRIVES: dict[int, list[Built]] = {ros: drive(ros, 12) for ros in (1, 2)}
+PAYLOADS = {ros: [serialised(ros, built) for built in DRIVES[ros]] for ros in (1, 2)}
+FILES: dict[str, tuple[int, Callable[[Path], Path]]] = {
+    "zstd.mcap": (2, lambda p: write_mcap(p, DRIVES[2], chunk_bytes=3000)),
+    "lz4.mcap": (2, lambda p: write_mcap(p, DRIVES[2], chunk_bytes=3000, compression="lz4")),
+    "plain.mcap": (2, lambda p: write_mcap(p, DRIVES[2], chunk_bytes=3000, compression="none")),
+    "bare.mcap": (2, lambda p: write_mcap(p, DRIVES[2], use_chunking=False)),
+    "ros1.mcap": (1, lambda p: write_mcap(p, DRIVES[1], ros=1, chunk_bytes=3000)),
+    "none.bag": (1, lambda p: write_ros1(p, DRIVES[1], chunk_bytes=3000)),
+    "bz2.bag": (1, lambda p: write_ros1(p, DRIVES[1], "bz2", chunk_bytes=3000)),
+    "lz4.bag": (1, lambda p: write_ros1(p, DRIVES[1], "lz4", chunk_bytes=3000)),
+}
+CHECKED = {"zstd.mcap", "lz4.mcap", "plain.mcap", "ros1.mcap"}  # by a CRC over each chunk
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    folder = tmp_path_factory.mktemp("whole")
+    return {name: write(folder / name).read_bytes() for name, (_, write) in FILES.items()}
+
+
+def read(path: Path) -> tuple[list[tuple[str, int, bytes]], tuple[str, ...]]:
+    """Whatever can be read, decoded where it decodes; LogError is the only error allowed."""
+    log = open_log([path])
+    log.info()
+    for message in log.messages():
+        try:
+            message.decode()
+        except LogError:
+            continue
+    if not isinstance(log, RecordedLog | MergedLog):
+        return [], log.losses()
+    records = [(channel.topic, time, data) for time, channel, data in log.records()]
+    return records, log.losses()
+
+
+def boundaries(data: bytes) -> list[int]:
+    """Where top-level records of an MCAP file or a ROS 1 bag end."""
+    found, position = [], len(MAGIC)
+    if data.startswith(MAGIC):
+        while position < len(data) - len(MAGIC):
+            position += 9 + record_head(data, position)[1]
+            found.append(position)
+        return found
+    position = 13
+    while position < len(data):
+        for _ in range(2):
+            position += 4 + struct.unpack_from("<I", data, position)[0]
+        found.append(position)
+    return found
+
+
+def chunks(data: bytes) -> list[tuple[int, int]]:
+    """Start and end of the chunk records."""
+    starts = [len(MAGIC) if data.startswith(MAGIC) else 13, *boundaries(data)]
+    spans = pairwise(starts)
+    if data.startswith(MAGIC):
+        return [(a, b) for a, b in spans if data[a] == 6]
+    return [(a, b) for a, b in spans if b"op=\x05" in data[a : a + 80]]
+
+
+def expected_of(name: str) -> list[tuple[str, int, bytes]]:
+    ros = FILES[name][0]
+    return [(b[0], b[2], data) for b, data in zip(DRIVES[ros], PAYLOADS[ros], strict=True)]
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_cut_at_any_record_keeps_all_before(
+    files: dict[str, bytes], name: str, tmp_path: Path
+) -> None:
+    data, expected = files[name], expected_of(name)
+    path = tmp_path / name
+    most = 0
+    for cut in boundaries(data)[:-1]:
+        path.write_bytes(data[:cut])
+        records, losses = read(path)
+        assert records == expected[: len(records)]
+        assert len(records) >= most  # a longer file never gives less
+        assert losses
+        most = len(records)
+    assert most == len(expected)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_cut_anywhere_keeps_whole_chunks(
+    files: dict[str, bytes], name: str, tmp_path: Path
+) -> None:
+    data, expected = files[name], expected_of(name)
+    ends = boundaries(data)
+    counts = {}
+    path = tmp_path / name
+    for end in ends:
+        path.write_bytes(data[:end])
+        counts[end] = len(read(path)[0])
+    for cut in range(20, len(data), max(len(data) // 25, 1)):
+        path.write_bytes(data[:cut])
+        records, losses = read(path)
+        whole = max((counts[end] for end in ends if end <= cut), default=0)
+        assert records == expected[: len(records)]
+        assert len(records) >= whole
+        assert losses
+
+
+@pytest.mark.parametrize("name", ["zstd.mcap", "plain.mcap", "bz2.bag", "lz4.bag"])
+def test_a_bad_chunk_is_skipped_and_told(
+    files: dict[str, bytes], name: str, tmp_path: Path
+) -> None:
+    data = bytearray(files[name])
+    start, end = chunks(files[name])[1]
+    middle = (start + end) // 2
+    data[middle : middle + 40] = bytes(40)
+    path = tmp_path / name
+    path.write_bytes(data)
+    records, losses = read(path)
+    expected = expected_of(name)
+    assert len(losses) == 1
+    assert name in losses[0]
+    assert set(records) < set(expected)
+    assert len(records) >= len(expected) // 3
+
+
+@pytest.mark.parametrize("name", FILES)
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(draw=st.data())
+def test_flipped_bytes_never_raise_anything_else(
+    files: dict[str, bytes], name: str, tmp_path: Path, draw: st.DataObject
+) -> None:
+    data = bytearray(files[name])
+    for _ in range(draw.draw(st.integers(1, 4))):
+        data[draw.draw(st.integers(0, len(data) - 1))] ^= draw.draw(st.integers(1, 255))
+    path = tmp_path / name
+    path.write_bytes(data)
+    found = allowed(lambda: read(path))
+    if found is not None and name in CHECKED:
+        records, losses = found
+        assert set(records) <= set(expected_of(name)) or losses == ()
+
+
+@pytest.mark.parametrize("name", ["a.mcap", "a.bag", "a.log", "a.db3"])
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(content=st.binary(max_size=600))
+def test_noise_behind_a_good_start_is_survived(name: str, tmp_path: Path, content: bytes) -> None:
+    start = {
+        "a.mcap": MAGIC,
+        "a.bag": b"#ROSBAG V2.0\n",
+        "a.log": b"FLASER 2 1.0 2.0 0 0 0 0 0 0 1.5 host 1.5\n",
+        "a.db3": b"SQLite format 3\0",
+    }
+    path = tmp_path / name
+    path.write_bytes(start[name] + content)
+    found = allowed(lambda: read(path), name)
+    assert found is None or found[1] or name == "a.log"
+
+
+def test_absurd_sizes_are_refused_without_memory(files: dict[str, bytes], tmp_path: Path) -> None:
+    """A chunk that claims 2^60 bytes, compressed or not, is one bad chunk."""
+    for name, field in (("zstd.mcap", 16), ("lz4.mcap", 16)):
+        data = bytearray(files[name])
+        start = data.index(b"zstd" if "zstd" in name else b"lz4") - 4 - 28
+        data[start + field : start + field + 8] = (1 << 60).to_bytes(8, "little")
+        path = tmp_path / name
+        path.write_bytes(data)
+        records, losses = read(path)
+        assert 0 < len(records) < len(expected_of(name))
+        assert "claims" in losses[0]
+
+
+def test_a_bag_that_was_never_closed_is_read_by_its_chunks(
+    files: dict[str, bytes], tmp_path: Path
+) -> None:
+    """index_pos 0, as rosbag leaves it when the recorder is killed."""
+    data = bytearray(files["lz4.bag"])
+    at = data.index(b"index_pos=") + len(b"index_pos=")
+    data[at : at + 8] = bytes(8)
+    path = tmp_path / "a.bag.active"
+    path.write_bytes(data)
+    records, losses = read(path)
+    assert records == expected_of("lz4.bag")
+    assert "not closed" in losses[0]
+
+
+def test_a_lying_footer_is_not_believed(files: dict[str, bytes], tmp_path: Path) -> None:
+    data = bytearray(files["zstd.mcap"])
+    data[-37 + 9 : -37 + 17] = (1 << 62).to_bytes(8, "little")
+    path = tmp_path / "a.mcap"
+    path.write_bytes(data)
+    records, losses = read(path)
+    assert records == expected_of("zstd.mcap")
+    assert losses
+
+
+def test_a_damaged_db3_gives_what_sqlite_can_read(tmp_path: Path) -> None:
+    built = drive(2, 300)
+    folder = write_rosbag2(tmp_path / "a", built)
+    path = next(folder.glob("*.db3"))
+    data = bytearray(path.read_bytes())
+    middle = len(data) // 2 // 4096 * 4096
+    data[middle : middle + 3 * 4096] = b"\xff" * 3 * 4096
+    path.write_bytes(data)
+    found = allowed(lambda: read(path), str(path))
+    if found is not None:
+        records, losses = found
+        assert losses
+        assert 0 < len(records) < len(built)
+
+
+def test_a_cut_db3_is_refused_or_read_with_an_account(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / "a", drive(2, 300))
+    path = next(folder.glob("*.db3"))
+    data = path.read_bytes()
+    for share in (0.1, 0.5, 0.9, 0.99):
+        path.write_bytes(data[: int(len(data) * share)])
+        found = allowed(lambda: read(path), str(path))
+        if found is not None:
+            records, losses = found
+            assert losses or len(records) == len(drive(2, 300))
+
+
+def test_a_cut_packed_file_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / "a", drive(2, 3000), "mcap", "file")
+    path = next(folder.glob("*.zstd"))
+    path.write_bytes(path.read_bytes()[:-2000])
+    records, losses = read(path)
+    assert len(records) > 3000
+    assert losses

@@ -22,7 +22,7 @@ def choose_scan(draft: Draft, base: str) -> ScanSource | None:
         return None
     ranked = sorted(
         ((*_judge(draft, stream, base), stream) for stream in _streams(draft)),
-        key=lambda item: (-item[0], item[2].topic),
+        key=lambda item: (-item[0], len(item[2].topic), item[2].topic),
     )
     ranked = [item for item in ranked if item[0] > 0] or ranked
     if not ranked or ranked[0][0] <= 0:

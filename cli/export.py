@@ -96,7 +96,7 @@ def grid(
 _GRIDS = (".pgm", ".yaml", ".png")
 
 
-def _verify(path: Path, made: Any, mode: str) -> None:
+def _verify(path: Path, made: Any, mode: Any) -> None:
     """Ends with exit code 4 unless the files hold what we hold."""
     from formats.grid import same_grid
 
@@ -207,11 +207,11 @@ def graph(map_path: Path, output: Path | None) -> None:
     mapmyworld export graph office.db -o office.g2o
     """
     from cli.exporting import graph_of
-    from formats.pose_graph import write_g2o
+    from formats.pose_graph import write_graph
 
     path = output or map_path.with_suffix(".g2o")
     with _open(map_path) as store:
-        write_g2o(path, graph_of(store))
+        write_graph(path, graph_of(store))
         _tell([path], store)
 
 

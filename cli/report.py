@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import mapmyworld
-from cli.exporting import frame_poses
+from cli.exporting import frame_poses, grid_at
 from formats.report.map_picture import Lines, curve, map_picture
 from formats.report.page import (
     Page,
@@ -22,9 +21,10 @@ from formats.report.page import (
     side_by_side,
     table,
 )
+from mapmyworld.config import Config
 from mapmyworld.errors import MapError
 from mapmyworld.geometry import between
-from mapmyworld.types import Constraint, MapStore, Node, Poses
+from mapmyworld.types import Constraint, MapStore, Node, OccupancyGrid, Poses
 
 # Colours that are told apart by those who do not see red and green.
 _COLOURS = {
@@ -35,16 +35,18 @@ _COLOURS = {
 }
 _LISTED = 200  # rejected constraints shown one by one
 _SHOWN_IMAGES = 4
+_LOOKED_AT = 20  # frames that show whether there are scans
 _THUMBNAIL = 320  # pixels across
 
 
 def report_page(store: MapStore) -> str:
     """One HTML page on a finished map."""
-    nodes, constraints, grid = store.nodes(), store.constraints(), store.grid()
+    nodes, constraints = store.nodes(), store.constraints()
     if not nodes:
         raise MapError(f"{getattr(store, 'path', 'the map')}: holds no nodes to report on")
     frames, poses = frame_poses(store)
     stamps = store.tracked_frames().stamps_ns[frames]
+    grid = _grid(store)
     name = str(getattr(store, "path", "map"))
     page = Page(f"Map {name.rsplit('/', 1)[-1]}", f"mapmyworld {mapmyworld.__version__}")
     page.add(figures(_headline(nodes, constraints, stamps, poses)))
@@ -56,6 +58,14 @@ def report_page(store: MapStore) -> str:
     page.section("What the cameras saw", _thumbnails(store, nodes))
     page.section("How it was made", *_origin(store))
     return page.html()
+
+
+def _grid(store: MapStore) -> OccupancyGrid | None:
+    """The stored grid; drawn from the scans where there is none, as in RTAB-Map's files."""
+    grid = store.grid()
+    if grid is None and next(iter(store.scans(range(_LOOKED_AT))), None) is not None:
+        grid = grid_at(store, Config(), None)
+    return grid
 
 
 def _headline(
@@ -78,7 +88,10 @@ def _headline(
 
 
 def _from_above(
-    poses: NDArray[np.float64], solved: Poses | None, grid: Any, constraints: Sequence[Constraint]
+    poses: NDArray[np.float64],
+    solved: Poses | None,
+    grid: OccupancyGrid | None,
+    constraints: Sequence[Constraint],
 ) -> tuple[str, ...]:
     kinds: list[Lines] = []
     if solved is not None:

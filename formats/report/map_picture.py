@@ -13,7 +13,7 @@ from formats.report.page import data_uri
 from mapmyworld.errors import MapError
 from mapmyworld.types import OccupancyGrid
 
-_SCALE_BARS = (1, 2, 5, 10, 20, 50, 100, 200, 500)  # m
+_SCALE_BARS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)  # m
 _WIDTH, _HEIGHT = 960.0, 720.0  # pixels that a picture fills at most
 _POINTS = 4000  # of a path that are drawn
 Place = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -107,7 +107,7 @@ def _dot(at: NDArray[np.float64], colour: str, name: str) -> str:
 
 
 def _scale_bar(scale: float, width: float, height: float) -> str:
-    metres = max([m for m in _SCALE_BARS if m * scale <= 0.25 * width], default=1)
+    metres = max([m for m in _SCALE_BARS if m * scale <= 0.25 * width], default=0.1)
     x0, x1, y = 12.0, 12.0 + metres * scale, height - 14.0
     return (
         f'<path d="M{x0} {y:.1f}H{x1:.1f}" stroke="#000" stroke-width="3"/>'

@@ -1,0 +1,107 @@
+"""Clouds and meshes: round trips, Open3D as a second reader, and damaged files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from formats.cloud import read_cloud, write_cloud
+from formats.mesh import read_mesh, write_mesh
+from mapmyworld.errors import MapError
+from mapmyworld.types import Mesh, PointCloud
+
+RNG = np.random.default_rng(0)
+POINTS = RNG.normal(size=(50, 3)).astype(np.float32)
+COLOURS = RNG.integers(0, 256, (50, 3), dtype=np.uint8)
+NORMALS = RNG.normal(size=(50, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".pcd"])
+@pytest.mark.parametrize("colours", [None, COLOURS])
+@pytest.mark.parametrize("normals", [None, NORMALS])
+def test_clouds_read_back(
+    tmp_path: Path, suffix: str, colours: np.ndarray | None, normals: np.ndarray | None
+) -> None:
+    path = tmp_path / f"cloud{suffix}"
+    write_cloud(path, PointCloud(POINTS, colours, normals))
+    read = read_cloud(path)
+    np.testing.assert_array_equal(read.points, POINTS)
+    for kept, expected in ((read.colours, colours), (read.normals, normals)):
+        assert (kept is None) == (expected is None)
+        if expected is not None:
+            np.testing.assert_array_equal(kept, expected)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", [".ply", ".pcd"])
+def test_open3d_reads_the_same(tmp_path: Path, suffix: str) -> None:
+    open3d = pytest.importorskip("open3d")
+    path = tmp_path / f"cloud{suffix}"
+    write_cloud(path, PointCloud(POINTS, COLOURS, NORMALS))
+    read = open3d.io.read_point_cloud(str(path))
+    np.testing.assert_array_equal(np.asarray(read.points, np.float32), POINTS)
+    np.testing.assert_allclose(np.asarray(read.colors) * 255, COLOURS, atol=1e-6)
+    np.testing.assert_array_equal(np.asarray(read.normals, np.float32), NORMALS)
+
+
+@pytest.mark.slow
+def test_open3d_reads_the_same_mesh(tmp_path: Path) -> None:
+    open3d = pytest.importorskip("open3d")
+    write_mesh(tmp_path / "mesh.ply", tetrahedron())
+    read = open3d.io.read_triangle_mesh(str(tmp_path / "mesh.ply"))
+    np.testing.assert_array_equal(np.asarray(read.triangles), tetrahedron().triangles)
+    np.testing.assert_allclose(np.asarray(read.vertices), tetrahedron().vertices)
+
+
+def tetrahedron() -> Mesh:
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
+    triangles = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.int32)
+    return Mesh(vertices, triangles, COLOURS[:4])
+
+
+def test_meshes_read_back(tmp_path: Path) -> None:
+    for mesh in (tetrahedron(), Mesh(tetrahedron().vertices, tetrahedron().triangles)):
+        write_mesh(tmp_path / "mesh.ply", mesh)
+        read = read_mesh(tmp_path / "mesh.ply")
+        np.testing.assert_array_equal(read.vertices, mesh.vertices)
+        np.testing.assert_array_equal(read.triangles, mesh.triangles)
+        assert (read.colours is None) == (mesh.colours is None)
+
+
+def test_an_empty_cloud_is_a_file(tmp_path: Path) -> None:
+    write_cloud(tmp_path / "cloud.ply", PointCloud(np.zeros((0, 3), np.float32)))
+    assert read_cloud(tmp_path / "cloud.ply").points.shape == (0, 3)
+
+
+def test_ascii_ply_of_other_programs(tmp_path: Path) -> None:
+    (tmp_path / "a.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 2\nproperty double x\nproperty double y\n"
+        "property double z\nproperty float intensity\nend_header\n1 2 3 0.5\n4 5 6 0.7\n"
+    )
+    assert read_cloud(tmp_path / "a.ply").points.tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".pcd"])
+def test_files_cut_anywhere_are_refused(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"cloud{suffix}"
+    write_cloud(path, PointCloud(POINTS, COLOURS))
+    whole = path.read_bytes()
+    for length in [*range(0, 400, 7), len(whole) - 1]:
+        path.write_bytes(whole[:length])
+        with pytest.raises(MapError):
+            read_cloud(path)
+
+
+def test_names_and_contents_that_are_none(tmp_path: Path) -> None:
+    with pytest.raises(MapError, match=r"\.ply or \.pcd"):
+        write_cloud(tmp_path / "cloud.xyz", PointCloud(POINTS))
+    with pytest.raises(MapError, match="No such file"):
+        read_cloud(tmp_path / "absent.ply")
+    write_mesh(tmp_path / "mesh.ply", tetrahedron())
+    data = bytearray((tmp_path / "mesh.ply").read_bytes())
+    data[-1] = 99  # a vertex that does not exist
+    (tmp_path / "mesh.ply").write_bytes(bytes(data))
+    with pytest.raises(MapError, match="do not exist"):
+        read_mesh(tmp_path / "mesh.ply")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mapmyworld.config import Config
+from mapmyworld.errors import MapError
 from mapmyworld.sensing import Plan, make_plan, survey_log
 from mapmyworld.stages.maps import draw_maps
 from mapmyworld.stages.recognise import recognise
@@ -48,7 +49,7 @@ def build_map(
     method: str = "graph",
 ) -> BuildResult:
     """Builds the map of a log into the store; stages done with the same inputs are not redone."""
-    record = StageRecord(store, log.content_hash())
+    record = StageRecord(store, _same_log(store, log))
     plan = functools.cache(lambda: _plan(log, config, progress))
     cfg, seed = config, config.seed
 
@@ -67,6 +68,21 @@ def build_map(
         record.run("optimise", (cfg.graph, edits), lambda: solve_and_judge(store, cfg, progress))
     record.run("map", (cfg.mapping,), lambda: draw_maps(store, cfg, progress))
     return _result(store, log, record)
+
+
+def _same_log(store: MapStore, log: LogSource) -> str:
+    """The log's hash; a map of another log is not continued."""
+    known, found = store.get("log"), log.content_hash()
+    if known is not None and known["hash"] != found:
+        made_of = ", ".join(known["paths"])
+        raise MapError(
+            f"the map was made of another log ({made_of}): give --overwrite to replace it, or "
+            "another name with -o"
+        )
+    if known is None:
+        names = [path.replace("\\", "/").rsplit("/", 1)[-1] for path in log.info().paths]
+        store.put("log", {"hash": found, "paths": names})
+    return found
 
 
 def _plan(log: LogSource, config: Config, progress: Progress) -> Plan:

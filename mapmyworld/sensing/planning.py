@@ -13,7 +13,10 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
     """Decides from a survey; raises `LogError` with every problem when no map can be made."""
     draft = Draft(survey, config)
     if not any(stream.count for stream in survey.streams.values()):
-        raise LogError(f"{survey.info.paths[0]}: the log holds no message that mapping can use")
+        raise LogError(
+            f"{survey.info.paths[0]}: the log holds no message that mapping can use",
+            problems=[*survey.info.problems, *survey.losses],
+        )
     base = plan_motion.choose_base(draft)
     odometry = plan_motion.choose_odometry(draft, base)
     scan = plan_lasers.choose_scan(draft, base)
@@ -44,5 +47,5 @@ def _refuse(draft: Draft) -> None:
     raise LogError(
         f"{paths}: no map can be made: the log has neither a laser scan nor colour with depth "
         "that can be used",
-        problems=[*draft.problems, *draft.losses],
+        problems=[*draft.problems, *draft.losses, *draft.survey.losses],
     )

@@ -16,7 +16,7 @@ from mapmyworld.types import CameraModel
 
 Array = NDArray[np.float64]
 K = np.array([[500.0, 0.0, 320.0], [0.0, 510.0, 240.0], [0.0, 0.0, 1.0]])
-SIGMAS = (0.002, 0.01)
+SIGMAS = (0.002, 0.01, 0.05)
 
 
 @pytest.mark.parametrize(

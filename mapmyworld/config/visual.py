@@ -20,7 +20,8 @@ class VisualConfig:
     pyramid_levels: int = 8  # scales at which ORB looks
     pyramid_scale: float = 1.2  # between neighbouring scales
     depth_max: float = 8.0  # m, farther depth gives no 3D point to a feature
-    depth_sigma: float = 0.02  # 1/m, sigma of inverse depth: that of depth is this times z^2
+    depth_sigma: float = 0.007  # 1/m, sigma of inverse depth: that of depth is this times z^2
+    depth_outlier: float = 0.06  # 1/m by which a feature's inverse depth may be off
     pixel_sigma: float = 1.0  # pixels, standard deviation of a feature at the finest scale
     search_radius: float = 30.0  # pixels around the prediction in which a point is looked for
     match_bits: int = 64  # of 256 in which matching binary features may differ

@@ -50,7 +50,7 @@ class Bundle:
     seen: Array
     """(M, 3): x, y at depth 1, inverse depth in 1/m or NaN."""
     sigmas: Array
-    """(M, 2) standard deviations of x and y, and of the inverse depth."""
+    """(M, 2 or more) standard deviations of x and y, and of the inverse depth."""
     motions: RelativePoses | None = None
 
 

@@ -2,7 +2,7 @@
 
 Poses are map_from_camera (4, 4). An observation is a row x, y, q: the point's normalised image
 coordinates and its inverse depth, NaN without depth. A row of sigmas holds the standard
-deviations of x and y, and of q.
+deviations of x and y, and of q, and the deviation of q beyond which it is an outlier.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def squared_errors(pose: Array, points: Array, seen: Array, sigmas: Array, error
 def score_poses(
     poses: Array, points: Array, seen: Array, sigmas: Array, limit: float, counts: NDArray[np.int64]
 ) -> None:
-    """For each pose (K, 4, 4) the number of observations within `limit` sigma, depth included."""
+    """For each pose (K, 4, 4) the observations within `limit` sigma whose depth is no outlier."""
     squared = limit * limit
     for k in range(len(poses)):
         counts[k] = 0
@@ -52,10 +52,8 @@ def score_poses(
             y = (poses[k, 0, 1] * dx + poses[k, 1, 1] * dy + poses[k, 2, 1] * dz) / z - seen[i, 1]
             if x * x + y * y > squared * sigmas[i, 0] * sigmas[i, 0]:
                 continue
-            if not np.isnan(seen[i, 2]):
-                q = (1.0 / z - seen[i, 2]) / sigmas[i, 1]
-                if q * q > squared:
-                    continue
+            if not np.isnan(seen[i, 2]) and abs(1.0 / z - seen[i, 2]) > sigmas[i, 2]:
+                continue
             counts[k] += 1
 
 

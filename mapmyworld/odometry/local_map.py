@@ -11,7 +11,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry import between, rotation_angle, transform_points
 from mapmyworld.graph.bundle import Bundle, adjust_bundle
 from mapmyworld.registration.views import View
-from mapmyworld.registration.visual import Sightings, errors
+from mapmyworld.registration.visual import Sightings, inliers
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -150,7 +150,7 @@ class LocalMap:
         camera, feature, point = camera[order], feature[order], point[order]
         ids, local = np.unique(point, return_inverse=True)
         seen = np.empty((len(point), 3))
-        sigmas = np.empty((len(point), 2))
+        sigmas = np.empty((len(point), 3))
         for k, frame in enumerate(frames):
             mine = camera == k
             seen[mine] = frame.view.seen[feature[mine]]
@@ -161,13 +161,13 @@ class LocalMap:
         return bundle, ids, feature
 
     def _drop_outliers(self, frames: list[Keyframe], bundle: Bundle, feature_of: Indices) -> None:
-        limit = self._settings.inlier_sigmas**2
+        limit = self._settings.inlier_sigmas
         for k, frame in enumerate(frames):
             mine = bundle.camera_of == k
             sightings = Sightings(
                 bundle.points[bundle.point_of[mine]], bundle.seen[mine], bundle.sigmas[mine]
             )
-            bad = (errors(frame.map_from_camera, sightings) > limit).any(axis=1)
+            bad = ~inliers(frame.map_from_camera, sightings, limit)
             features = feature_of[mine][bad]
             np.subtract.at(self._sightings, frame.point_of[features], 1)
             frame.point_of[features] = -1

@@ -16,7 +16,7 @@ from mapmyworld.types import Features, RgbdImage
 
 _SURPLUS = 3  # times the wanted number is detected, so that there is something to choose from
 _CELLS = 24  # cells across the image that share the features fairly
-_SIFT_BORDER = 8  # pixels at the rim where gradients are incomplete
+_ORB_PATCH = 31.0  # pixels, diameter of an ORB feature at the finest scale
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,13 +113,26 @@ def _describe(
     if descriptors is None or len(kept) == 0:
         kept, descriptors = [], np.zeros((0, width), kind)
     keypoints = _Keypoints(
-        np.array([k.pt for k in kept], np.float32).reshape(-1, 2),
+        _centred(kept, kind),
         np.array([k.size for k in kept], np.float32),
         np.array([k.angle for k in kept], np.float32),
         np.array([k.response for k in kept], np.float32),
         np.array([k.octave & 0xFF for k in kept], np.int32),
     )
     return keypoints, np.ascontiguousarray(descriptors, kind)
+
+
+def _centred(kept: list[cv2.KeyPoint], kind: type[np.generic]) -> NDArray[np.float32]:
+    """Positions (N, 2) with pixel centres at whole numbers.
+
+    OpenCV's ORB scales the position found in a smaller image without regard to where that image's
+    first pixel has its centre, which shifts coarse features up and to the left.
+    """
+    pixels = np.array([k.pt for k in kept], np.float32).reshape(-1, 2)
+    if kind is not np.uint8:
+        return pixels
+    scale = np.array([k.size for k in kept], np.float32) / np.float32(_ORB_PATCH)
+    return np.asarray(pixels + 0.5 * (np.maximum(scale, 1.0) - 1.0)[:, None], np.float32)
 
 
 def spread(

@@ -31,7 +31,7 @@ class View:
     seen: Array
     """(N, 3): x, y at depth 1 and inverse depth in 1/m, NaN without depth."""
     sigmas: Array
-    """(N, 2) standard deviations of x and y, and of the inverse depth."""
+    """(N, 3) as in `Sightings`."""
     words: NDArray[np.uint64]
     """(N, 4) descriptors as 256 bits."""
     starts: NDArray[np.int32]
@@ -55,9 +55,10 @@ def make_view(features: Features, camera: CameraModel, config: Config) -> View:
     pixels = rays * focal + camera.intrinsics[:2, 2]
     z = transform_points(invert(camera.base_from_camera), features.points)[:, 2]
     seen = np.concatenate([rays, (1.0 / z)[:, None]], axis=1)
-    sigmas = np.empty((len(rays), 2))
+    sigmas = np.empty((len(rays), 3))
     sigmas[:, 0] = config.visual.pixel_sigma / focal[0] * scales(features)
     sigmas[:, 1] = config.visual.depth_sigma
+    sigmas[:, 2] = config.visual.depth_outlier
     columns = int(np.ceil(camera.width / _CELL))
     starts, members = _sorted_into_cells(pixels, columns, int(np.ceil(camera.height / _CELL)))
     return View(

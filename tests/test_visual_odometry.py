@@ -1,0 +1,111 @@
+"""The visual tracker in a room of known shape, through blindness, and on a real log."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from visual_rooms import Room, circle
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import between, rotation_angle
+from mapmyworld.odometry.visual import VisualMotion, VisualTracker
+from mapmyworld.types import Frame, ImageMessage, ImuSample, RgbdImage
+
+Array = NDArray[np.float64]
+STEP_NS = 50_000_000
+
+
+def frames_of(
+    room: Room, truth: list[Array], *, odometry: list[Array] | None = None
+) -> list[Frame]:
+    frames = []
+    for i, pose in enumerate(truth):
+        stamp = i * STEP_NS
+        odom = None if odometry is None else odometry[i]
+        frames.append(Frame(stamp, odom, None, images=(room.image(pose, stamp),)))
+    return frames
+
+
+def errors_of(motions: list[VisualMotion], truth: list[Array]) -> Array:
+    """Distance (F,) in metres between tracked and true positions, first frames laid together."""
+    found = [
+        between(between(truth[0], true), motion.tracker_from_base)[:3, 3]
+        for true, motion in zip(truth, motions, strict=True)
+    ]
+    return np.linalg.norm(found, axis=1)
+
+
+def test_a_lap_in_a_room_is_followed_within_a_percent() -> None:
+    truth = circle((3.0, 2.5), 1.0, 70, 0.8)
+    tracker = VisualTracker(Config())
+    motions = [tracker.track(frame) for frame in frames_of(Room(), truth)]
+    assert motions[0].verdict == "first"
+    assert {m.verdict for m in motions[1:]} == {"tracked"}
+    assert errors_of(motions, truth).max() < 0.01 * 2 * np.pi * 0.8
+    turn = rotation_angle(between(between(truth[0], truth[-1]), motions[-1].tracker_from_base))
+    assert turn < 0.03
+
+
+def test_prepared_features_give_the_same_poses_as_one_thread() -> None:
+    truth = circle((3.0, 2.5), 1.0, 16, 0.15)
+    frames = frames_of(Room(), truth)
+    alone = VisualTracker(Config())
+    expected = [alone.track(frame).tracker_from_base for frame in frames]
+    ahead = VisualTracker(replace(Config(), threads=3))
+    for (frame, motion), original, pose in zip(
+        ahead.track_all(frames), frames, expected, strict=True
+    ):
+        assert frame is original
+        assert np.array_equal(motion.tracker_from_base, pose)
+
+
+def covered(image: RgbdImage) -> RgbdImage:
+    """The same moment with a hand before the lens."""
+    black = np.zeros((image.camera.height, image.camera.width, 3), np.uint8)
+    size = (image.camera.width, image.camera.height)
+    return RgbdImage(
+        image.camera, ImageMessage(0, "camera", "rgb8", *size, lambda: black), image.depth
+    )
+
+
+def test_blindness_is_bridged_by_odometry_and_admitted() -> None:
+    truth = circle((3.0, 2.5), 1.0, 40, 0.35)
+    frames = frames_of(Room(), truth, odometry=truth)
+    for i in range(15, 22):
+        frames[i] = replace(frames[i], images=(covered(frames[i].images[0]),))
+    tracker = VisualTracker(Config())
+    motions = [tracker.track(frame) for frame in frames]
+    assert {m.verdict for m in motions[15:22]} == {"dead reckoning"}
+    assert "odometry" in motions[15].notes[0]
+    assert {m.verdict for m in motions[22:]} == {"tracked"}
+    assert errors_of(motions, truth).max() < 0.05
+    certain = np.linalg.eigvalsh(motions[10].information)[0]
+    assert np.linalg.eigvalsh(motions[16].information)[-1] < certain
+
+
+def test_a_gyroscope_carries_a_turn_through_the_dark() -> None:
+    """Turning on the spot at 1 rad/s; after 0.5 s of darkness the heading is still right."""
+    rate = 1.0
+    yaws = np.arange(30) * rate * STEP_NS * 1e-9
+    truth = [circle((3.0, 2.5), 0.0, 1, 0.0, phase=float(yaw))[0] for yaw in yaws]
+    frames = frames_of(Room(), truth)
+    sample = np.array([0.0, 0.0, rate])
+    for i in range(1, 30):
+        imu = (ImuSample(i * STEP_NS, sample, np.array([0.0, 0.0, 9.81]), None),)
+        images = (covered(frames[i].images[0]),) if 10 <= i < 20 else frames[i].images
+        frames[i] = replace(frames[i], images=images, imu=imu)
+    tracker = VisualTracker(Config())
+    motions = [tracker.track(frame) for frame in frames]
+    assert "gyroscope" in motions[19].notes[0]
+    error = rotation_angle(between(between(truth[0], truth[19]), motions[19].tracker_from_base))
+    assert error < 0.03
+    assert motions[20].verdict == "tracked"
+
+
+def test_a_frame_without_images_is_no_disaster() -> None:
+    tracker = VisualTracker(Config())
+    motion = tracker.track(Frame(0, None, None))
+    assert motion.verdict == "dead reckoning"
+    assert np.array_equal(motion.tracker_from_base, np.eye(4))

@@ -7,4 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class OdometryConfig:
-    pass
+    keyscan_distance: float = 0.15  # m of motion after which a scan joins the local submap
+    keyscan_angle: float = 0.2  # rad of rotation after which a scan joins the local submap
+    keyscans: int = 16  # scans of the local submap that are kept
+    share_sigma: float = 0.2  # m per m and rad per rad: trust in recorded motion at the start
+    floor_sigma: float = 0.02  # m, and half as many rad, of uncertainty in any recorded motion
+    contradiction: float = 4.0  # sigmas between odometry and match at which odometry is ignored
+    least_overlap: float = 0.55  # share of a scan that the submap explains, below which it searches
+    search_distance: float = 0.8  # m to each side that such a search covers
+    search_angle: float = 1.6  # rad to each side that such a search covers

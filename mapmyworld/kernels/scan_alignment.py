@@ -1,0 +1,267 @@
+"""Point-to-line alignment of a scan with other scans, by bearing-ordered nearest neighbours.
+
+Censi, "An ICP variant using a point-to-line metric", ICRA 2008: a scan seen from one origin is
+sorted by bearing, so the search for a nearest neighbour ends where the ray is farther than the
+best point found. Tangents are (x, y, yaw) and perturb on the right.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Rows = NDArray[np.float32]
+"""(N, 5): x, y, normal x, normal y, bearing about the lidar, sorted by bearing."""
+
+
+@njit(cache=True, nogil=True)
+def nearest(rows: Rows, first: int, last: int, x: float, y: float, ox: float, oy: float,
+            reach: float) -> int:  # fmt: skip
+    """Row of `rows[first:last]` nearest to (x, y) within `reach` metres; -1 if there is none."""
+    if last <= first:
+        return -1
+    distance, bearing = np.hypot(x - ox, y - oy), np.arctan2(y - oy, x - ox)
+    low, high = first, last
+    while low < high:
+        middle = (low + high) >> 1
+        if rows[middle, 4] < bearing:
+            low = middle + 1
+        else:
+            high = middle
+    best, found, count = reach * reach, -1, last - first
+    for side in range(2):
+        for step in range(count):
+            k = low + step if side == 0 else low - 1 - step
+            if k >= last:
+                k -= count
+            elif k < first:
+                k += count
+            turn = abs(rows[k, 4] - bearing)
+            turn = min(turn, 2.0 * np.pi - turn)
+            if turn > 1.5:
+                break
+            # sin(a) >= a * 0.66 up to 1.5 rad: a bound that is cheap and never too large.
+            clearance = distance * turn * 0.66
+            if clearance * clearance > best:
+                break
+            dx, dy = rows[k, 0] - x, rows[k, 1] - y
+            squared = dx * dx + dy * dy
+            if squared < best:
+                best, found = squared, k
+    return found
+
+
+@njit(cache=True, nogil=True)
+def add_target(
+    source: Rows,
+    s_first: int,
+    s_last: int,
+    target: Rows,
+    t_first: int,
+    t_last: int,
+    origin: NDArray[np.float64],
+    target_from_source: NDArray[np.float64],
+    reach: float,
+    scale: float,
+    system: NDArray[np.float64],
+    hit: NDArray[np.bool_],
+) -> None:
+    """Adds a target's normal equations to `system` (12,), marks the source points it explains.
+
+    `system` holds the upper triangle of the Hessian (6), the gradient (3), and sums of weights,
+    of weighted squared residuals (m^2), and of residuals within 3 * `scale` (Cauchy's, metres).
+    """
+    c, s = np.cos(target_from_source[2]), np.sin(target_from_source[2])
+    tx, ty = target_from_source[0], target_from_source[1]
+    for i in range(s_first, s_last):
+        px, py = np.float64(source[i, 0]), np.float64(source[i, 1])
+        x, y = c * px - s * py + tx, s * px + c * py + ty
+        k = nearest(target, t_first, t_last, x, y, origin[0], origin[1], reach)
+        if k < 0:
+            continue
+        nx, ny = np.float64(target[k, 2]), np.float64(target[k, 3])
+        if nx == 0.0 and ny == 0.0:
+            continue
+        ax, ay = c * nx + s * ny, c * ny - s * nx  # the normal in the source's frame
+        if source[i, 2] != 0.0 or source[i, 3] != 0.0:
+            if ax * source[i, 2] + ay * source[i, 3] < 0.7:
+                continue
+        residual = nx * (x - target[k, 0]) + ny * (y - target[k, 1])
+        ratio = residual / scale
+        weight = 1.0 / (1.0 + ratio * ratio)
+        ar = px * ay - py * ax
+        system[0] += weight * ax * ax
+        system[1] += weight * ax * ay
+        system[2] += weight * ax * ar
+        system[3] += weight * ay * ay
+        system[4] += weight * ay * ar
+        system[5] += weight * ar * ar
+        system[6] += weight * ax * residual
+        system[7] += weight * ay * residual
+        system[8] += weight * ar * residual
+        system[9] += weight
+        system[10] += weight * residual * residual
+        if abs(ratio) < 3.0:
+            system[11] += 1.0
+            hit[i - s_first] = True
+
+
+@njit(cache=True, nogil=True)
+def solve3(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The solution of a symmetric positive definite 3x3 system, by Cholesky's factors."""
+    l00 = np.sqrt(a[0, 0])
+    l10, l20 = a[1, 0] / l00, a[2, 0] / l00
+    l11 = np.sqrt(max(a[1, 1] - l10 * l10, 1e-18))
+    l21 = (a[2, 1] - l20 * l10) / l11
+    l22 = np.sqrt(max(a[2, 2] - l20 * l20 - l21 * l21, 1e-18))
+    y0 = b[0] / l00
+    y1 = (b[1] - l10 * y0) / l11
+    y2 = (b[2] - l20 * y0 - l21 * y1) / l22
+    x2 = y2 / l22
+    x1 = (y1 - l21 * x2) / l11
+    x0 = (y0 - l10 * x1 - l20 * x2) / l00
+    return np.array([x0, x1, x2])
+
+
+@njit(cache=True, nogil=True)
+def relative(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """`a_from_b` of two planar poses."""
+    c, s = np.cos(a[2]), np.sin(a[2])
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    return np.array([c * dx + s * dy, c * dy - s * dx, b[2] - a[2]])
+
+
+@njit(cache=True, nogil=True)
+def align(
+    source: Rows,
+    s_first: int,
+    s_last: int,
+    targets: Rows,
+    bounds: NDArray[np.int64],
+    which: NDArray[np.int64],
+    poses: NDArray[np.float64],
+    origins: NDArray[np.float64],
+    guess: NDArray[np.float64],
+    prior: NDArray[np.float64],
+    prior_information: NDArray[np.float64],
+    reaches: NDArray[np.float64],
+    scale: float,
+    sigma: float,
+    out: NDArray[np.float64],
+) -> None:
+    """Aligns source rows with targets `which` (rows `bounds[w]` to `bounds[w + 1]`) at `poses`.
+
+    Gauss-Newton, one step a reach. `out` (16,): pose (3), match Hessian (6, upper triangle, in
+    units of residuals), share explained of source points with normals, mean squared residual, count of
+    residuals, length of the last step (m), sum of weights.
+    """
+    pose = guess.copy()
+    hit = np.zeros(s_last - s_first, np.bool_)
+    system = np.zeros(12)
+    a, b = np.empty((3, 3)), np.empty(3)
+    length = 0.0
+    rounds, turn = len(reaches), 0
+    while turn <= rounds:
+        system[:] = 0.0
+        hit[:] = False
+        reach = reaches[min(turn, rounds - 1)]
+        for w in which:
+            add_target(source, s_first, s_last, targets, bounds[w], bounds[w + 1], origins[w],
+                       relative(poses[w], pose), reach, max(scale, 0.25 * reach), system, hit)  # fmt: skip
+        if turn == rounds:
+            break
+        factor = 1.0 / (sigma * sigma * max(len(which), 1))
+        a[0, 0], a[0, 1], a[0, 2] = system[0], system[1], system[2]
+        a[1, 0], a[1, 1], a[1, 2] = system[1], system[3], system[4]
+        a[2, 0], a[2, 1], a[2, 2] = system[2], system[4], system[5]
+        off = relative(prior, pose)
+        off[2] = (off[2] + np.pi) % (2.0 * np.pi) - np.pi
+        for row in range(3):
+            b[row] = -factor * system[6 + row]
+            for column in range(3):
+                # The frames of prior and pose differ by the small rotation `off[2]`: left out.
+                a[row, column] = a[row, column] * factor + prior_information[row, column]
+                b[row] -= prior_information[row, column] * off[column]
+            a[row, row] += 1e-6
+        step = solve3(a, b)
+        c, s = np.cos(pose[2]), np.sin(pose[2])
+        pose[0] += c * step[0] - s * step[1]
+        pose[1] += s * step[0] + c * step[1]
+        pose[2] += step[2]
+        length = np.hypot(step[0], step[1]) + 2.0 * abs(step[2])
+        if length < 2e-4 and turn + 2 < rounds:
+            turn = rounds - 2  # converged at this reach: look at the finest once more
+        turn += 1
+    explained, straight = 0.0, 0.0
+    for i in range(len(hit)):
+        if source[s_first + i, 2] != 0.0 or source[s_first + i, 3] != 0.0:
+            straight += 1.0
+            explained += hit[i]
+    out[0], out[1] = pose[0], pose[1]
+    out[2] = (pose[2] + np.pi) % (2.0 * np.pi) - np.pi
+    for k in range(6):
+        out[3 + k] = system[k]
+    out[9] = explained / max(straight, 1.0)
+    out[10] = system[10] / max(system[9], 1e-9)
+    out[11] = system[11]
+    out[12] = length
+    out[13] = system[9]
+
+
+@njit(cache=True, nogil=True)
+def pair_systems(
+    first: int,
+    last: int,
+    rows: Rows,
+    bounds: NDArray[np.int64],
+    origins: NDArray[np.float64],
+    pairs: NDArray[np.int64],
+    poses: NDArray[np.float64],
+    reach: float,
+    scale: float,
+    out: NDArray[np.float64],
+) -> None:
+    """Normal equations `out[k]` (12,) of pairs (target, source) `first` to `last` at `poses`.
+
+    Scans are compared both ways, so that a pair is the same seen from either end; everything is
+    expressed for a perturbation of the source.
+    """
+    back = np.zeros(12)
+    hit = np.zeros(4096, np.bool_)
+    for k in range(first, last):
+        t, s = pairs[k, 0], pairs[k, 1]
+        out[k] = 0.0
+        add_target(rows, bounds[s], bounds[s + 1], rows, bounds[t], bounds[t + 1], origins[t],
+                   relative(poses[t], poses[s]), reach, scale, out[k], hit)  # fmt: skip
+        back[:] = 0.0
+        turned = relative(poses[s], poses[t])
+        add_target(rows, bounds[t], bounds[t + 1], rows, bounds[s], bounds[s + 1], origins[s],
+                   turned, reach, scale, back, hit)  # fmt: skip
+        # A perturbation d of the source moves the target by -A d, A the adjoint of `turned^-1`:
+        # rel exp(d) inverted is exp(-d) rel^-1 = rel^-1 exp(-A d), A = adjoint of rel.
+        c, sn = np.cos(turned[2]), np.sin(turned[2])
+        # adjoint of rel = relative(target, source) = inverse of `turned`
+        x = -(c * turned[0] + sn * turned[1])
+        y = -(c * turned[1] - sn * turned[0])
+        a = np.array([[c, sn, y], [-sn, c, -x], [0.0, 0.0, 1.0]])
+        h = np.array(
+            [
+                [back[0], back[1], back[2]],
+                [back[1], back[3], back[4]],
+                [back[2], back[4], back[5]],
+            ]
+        )
+        slot = 0
+        for i in range(3):
+            for m in range(3):
+                out[k, 6 + i] -= a[m, i] * back[6 + m]
+            for j in range(i, 3):
+                total = 0.0
+                for m in range(3):
+                    for n in range(3):
+                        total += a[m, i] * h[m, n] * a[n, j]
+                out[k, slot] += total
+                slot += 1
+        for m in range(9, 12):
+            out[k, m] += back[m]

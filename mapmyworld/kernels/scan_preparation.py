@@ -1,0 +1,106 @@
+"""Scans made ready for matching: spaced evenly, smoothed onto local lines, with their normals."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+_GAP = 6.0  # beam spacings between neighbours beyond which a surface is taken to end
+_LEAST_GAP = 0.08  # m, gaps that never end a surface
+_SPAN = 2.3  # beam spacings to each side that a line's support reaches at least
+
+
+@njit(cache=True, nogil=True)
+def sort_by_bearing(
+    points: NDArray[np.float32], origin: NDArray[np.float64], order: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Bearings (N,) about the lidar, ascending; `order` becomes the points' order in them.
+
+    Sweeps come sorted one way or the other, so an insertion sort is the fastest.
+    """
+    count = len(points)
+    bearings = np.empty(count)
+    turns_back, start = 0, 0
+    for i in range(count):
+        bearings[i] = np.arctan2(points[i, 1] - origin[1], points[i, 0] - origin[0])
+        if i > 0 and bearings[i] < bearings[i - 1]:
+            turns_back += 1
+    backward = 2 * turns_back > count
+    # A full turn that does not start behind the lidar wraps once: begin after that place.
+    for i in range(1, count):
+        before, after = (i, i - 1) if backward else (i - 1, i)
+        if bearings[after] < bearings[before] - np.pi:
+            start = i
+    raw = bearings.copy()
+    for i in range(count):
+        k = (start - 1 - i) % count if backward else (start + i) % count
+        order[i], bearings[i] = k, raw[k]
+    for i in range(1, count):
+        value, which, k = bearings[i], order[i], i - 1
+        while k >= 0 and bearings[k] > value:
+            bearings[k + 1], order[k + 1] = bearings[k], order[k]
+            k -= 1
+        bearings[k + 1], order[k + 1] = value, which
+    return bearings
+
+
+@njit(cache=True, nogil=True)
+def prepare_points(
+    points: NDArray[np.float32],
+    origin: NDArray[np.float64],
+    increment: float,
+    spacing: float,
+    radius: float,
+    out: NDArray[np.float32],
+) -> int:
+    """Fills `out` rows x, y, normal x, normal y, bearing, sorted by bearing; says how many.
+
+    A point whose neighbours within `radius` lie on a line is moved onto it and gets the line's
+    normal, towards the lidar; others keep their place and a zero normal.
+    """
+    count = len(points)
+    order = np.empty(count, np.int64)
+    bearings = sort_by_bearing(points, origin, order)
+    xs, ys = np.empty(count), np.empty(count)
+    for i in range(count):
+        xs[i], ys[i] = points[order[i], 0], points[order[i], 1]
+    kept, travelled = 0, np.inf
+    for i in range(count):
+        if i > 0:
+            travelled += np.hypot(xs[i] - xs[i - 1], ys[i] - ys[i - 1])
+        if travelled < spacing:
+            continue
+        travelled = 0.0
+        distance = np.hypot(xs[i] - origin[0], ys[i] - origin[1])
+        gap = max(_LEAST_GAP, _GAP * distance * increment)
+        reach = max(radius, _SPAN * distance * increment)
+        n, sx, sy, sxx, sxy, syy = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for side in (-1, 1):
+            k = i + side
+            while 0 <= k < count:
+                step = np.hypot(xs[k] - xs[k - side], ys[k] - ys[k - side])
+                dx, dy = xs[k] - xs[i], ys[k] - ys[i]
+                if step > gap or (np.hypot(dx, dy) > reach and abs(k - i) > 1):
+                    break
+                n += 1.0
+                sx, sy = sx + dx, sy + dy
+                sxx, sxy, syy = sxx + dx * dx, sxy + dx * dy, syy + dy * dy
+                k += side
+        out[kept, 0], out[kept, 1] = xs[i], ys[i]
+        out[kept, 2], out[kept, 3], out[kept, 4] = 0.0, 0.0, bearings[i]
+        if n >= 3.0:
+            mx, my = sx / n, sy / n
+            cxx, cxy, cyy = sxx / n - mx * mx, sxy / n - mx * my, syy / n - my * my
+            half, root = 0.5 * (cxx + cyy), np.hypot(0.5 * (cxx - cyy), cxy)
+            thick, long = max(half - root, 0.0), half + root
+            if long > 9.0 * thick and thick < 0.0025:
+                angle = 0.5 * np.arctan2(2.0 * cxy, cxx - cyy) + 0.5 * np.pi
+                nx, ny = np.cos(angle), np.sin(angle)
+                if nx * (origin[0] - xs[i]) + ny * (origin[1] - ys[i]) < 0.0:
+                    nx, ny = -nx, -ny
+                offset = nx * mx + ny * my
+                out[kept, 0], out[kept, 1] = xs[i] + offset * nx, ys[i] + offset * ny
+                out[kept, 2], out[kept, 3] = nx, ny
+        kept += 1
+    return kept

@@ -1,0 +1,2 @@
+def search_pose(*a, **k):
+    return None

@@ -176,6 +176,7 @@ def tracked_frames() -> TrackedFrames:
         np.array([1, 1, 2, 2, 3, 3]),
         motions,
         np.array([True, False] * 3),
+        np.stack([pose(900 + i) for i in range(6)]),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -40,15 +41,23 @@ def ours(tmp_path: Path) -> LogSource:
     return open_log([tmp_path / "map.db"])
 
 
-def test_odometry_is_the_nodes_own(ours: LogSource) -> None:
-    messages = decoded(ours, "/odom")
+@pytest.mark.parametrize("recorded", [True, False])
+def test_odometry_is_as_recorded_or_goes_on_from_the_nodes(tmp_path: Path, recorded: bool) -> None:
     frames = tracked_frames()
+    with open_store(tmp_path / "map.db", create=True) as store:
+        fill(store)
+        if not recorded:
+            frames = dataclasses.replace(frames, odom_from_base=None)
+            store.set_tracked_frames(frames)
+    messages = decoded(open_log([tmp_path / "map.db"]), "/odom")
     assert [m.stamp_ns for m in messages] == frames.stamps_ns.tolist()
     for i, message in enumerate(messages):
         assert isinstance(message, OdometryMessage)
         assert message.child_frame_id == "base_link"
-        start = node(int(frames.node_ids[i])).odom_from_base
-        np.testing.assert_allclose(message.pose, start @ frames.node_from_frame[i], atol=1e-12)
+        expected = node(int(frames.node_ids[i])).odom_from_base @ frames.node_from_frame[i]
+        if frames.odom_from_base is not None:
+            expected = frames.odom_from_base[i]
+        np.testing.assert_allclose(message.pose, expected, atol=1e-12)
 
 
 def test_every_tracked_scan_comes_back(ours: LogSource) -> None:

@@ -24,7 +24,7 @@ from memory_store import MemoryStore
 
 from formats.database import open_store
 from mapmyworld.errors import MapError
-from mapmyworld.types import Constraint, ConstraintKind, MapStore, NodeData, Scan
+from mapmyworld.types import Constraint, ConstraintKind, MapStore, NodeData, Poses, Scan
 
 Reopen = Callable[[], MapStore]
 
@@ -123,7 +123,7 @@ def test_graph_and_results_come_back_exactly(filled: MapStore) -> None:
     frame_poses = filled.frame_poses()
     assert frame_poses is not None
     np.testing.assert_array_equal(frame_poses, np.stack([pose(70 + i) for i in range(6)]))
-    for name in ("stamps_ns", "node_ids", "node_from_frame", "is_node"):
+    for name in ("stamps_ns", "node_ids", "node_from_frame", "is_node", "odom_from_base"):
         kept_array = getattr(filled.tracked_frames(), name)
         np.testing.assert_array_equal(kept_array, getattr(tracked_frames(), name))
     assert list(filled.words()) == list(range(1, 21))
@@ -223,3 +223,16 @@ def test_without_tracked_frames_every_node_is_one(store: MapStore) -> None:
     assert frames.node_ids.tolist() == [1, 2]
     assert frames.is_node.all()
     np.testing.assert_array_equal(frames.node_from_frame, np.stack([np.eye(4)] * 2))
+
+
+def test_poses_solved_again_without_covariances_have_none(filled: MapStore) -> None:
+    with filled.write_stage("judge", "j"):
+        poses = sample_poses()
+        filled.set_poses(Poses(poses.ids, poses.map_from_node))
+        kept = filled.poses()
+        assert kept is not None
+        assert kept.covariances is None
+    with filled.write_stage("judge", "j2"):
+        kept = filled.poses()  # those of the stage before
+        assert kept is not None
+        assert kept.covariances is not None

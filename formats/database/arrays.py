@@ -16,21 +16,30 @@ from mapmyworld.errors import MapError
 _FAST = 1
 
 
-def write_array(db: Connection, name: str, rank: int, array: NDArray[Any]) -> None:
-    """Keeps `array` as what the stage of this rank wrote under `name`; later ones' is dropped."""
+_NONE = "none"
+
+
+def write_array(db: Connection, name: str, rank: int, array: NDArray[Any] | None) -> None:
+    """Keeps `array` as what the stage of this rank wrote under `name`; later ones' is dropped.
+
+    None is kept as well: it hides what earlier stages wrote.
+    """
+    db.run("DELETE FROM mapmyworld_arrays WHERE name = ? AND rank >= ?", (name, rank))
+    insert = "INSERT INTO mapmyworld_arrays VALUES (?,?,?,?,?)"
+    if array is None:
+        db.run(insert, (name, rank, _NONE, _NONE, b""))
+        return
     little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
     data = zlib.compress(little.tobytes(), _FAST)
     shape = json.dumps(list(array.shape))
-    db.run("DELETE FROM mapmyworld_arrays WHERE name = ? AND rank >= ?", (name, rank))
-    row = (name, rank, little.dtype.str, shape, data)
-    db.run("INSERT INTO mapmyworld_arrays VALUES (?,?,?,?,?)", row)
+    db.run(insert, (name, rank, little.dtype.str, shape, data))
 
 
 def read_array(db: Connection, name: str) -> NDArray[Any] | None:
     """What the latest stage wrote under `name`; None where none did."""
     query = "SELECT dtype, shape, data FROM mapmyworld_arrays WHERE name = ? ORDER BY rank DESC"
     row = db.row(query, (name,))
-    if row is None:
+    if row is None or row[0] == _NONE:
         return None
     try:
         dtype, shape = np.dtype(row[0]), tuple(json.loads(row[1]))

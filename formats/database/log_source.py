@@ -182,13 +182,16 @@ class DatabaseLog:
 
 
 def _moments(store: DatabaseStore | RtabmapStore) -> list[_Moment]:
-    """Every tracked frame in time, with odometry that is the node's own at each node."""
+    """Every tracked frame in time; its odometry as recorded, else continued from its node's."""
     nodes = {node.id: node for node in store.nodes()}
     frames = store.tracked_frames()
     moments = []
     for i, node_id in enumerate(frames.node_ids.tolist()):
         if node_id in nodes:
-            odom = nodes[node_id].odom_from_base @ frames.node_from_frame[i]
+            if frames.odom_from_base is not None:
+                odom = frames.odom_from_base[i]
+            else:
+                odom = nodes[node_id].odom_from_base @ frames.node_from_frame[i]
             stamp_ns, is_node = int(frames.stamps_ns[i]), bool(frames.is_node[i])
             moments.append(_Moment(i, stamp_ns, nodes[node_id], odom, is_node))
     return moments

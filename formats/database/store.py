@@ -208,6 +208,7 @@ class DatabaseStore:
         self._write("tracked node_ids", frames.node_ids)
         self._write("tracked node_from_frame", frames.node_from_frame)
         self._write("tracked is_node", np.asarray(frames.is_node, np.uint8))
+        self._write("tracked odom_from_base", frames.odom_from_base)
         self._settle()
 
     def tracked_frames(self) -> TrackedFrames:
@@ -216,7 +217,8 @@ class DatabaseStore:
         is_node = self._read("tracked is_node")
         if stamps is None or node_ids is None or motions is None or is_node is None:
             return _nodes_as_frames(self.nodes())
-        return TrackedFrames(stamps, node_ids, motions, is_node.astype(np.bool_))
+        odometry = self._read("tracked odom_from_base")
+        return TrackedFrames(stamps, node_ids, motions, is_node.astype(np.bool_), odometry)
 
     # The graph
 
@@ -285,9 +287,7 @@ class DatabaseStore:
         self._begin()
         self._write("poses ids", poses.ids)
         self._write("poses map_from_node", poses.map_from_node)
-        self._delete("poses covariances")
-        if poses.covariances is not None:
-            self._write("poses covariances", poses.covariances)
+        self._write("poses covariances", poses.covariances)
         results.write_poses(self._db, poses)
         self._solved_anew = True
         self._settle()
@@ -360,15 +360,11 @@ class DatabaseStore:
         (rank,) = self._db.row("SELECT MAX(rank) FROM mapmyworld_stages")
         return 0 if rank is None else int(rank)
 
-    def _write(self, name: str, array: NDArray[Any]) -> None:
+    def _write(self, name: str, array: NDArray[Any] | None) -> None:
         write_array(self._db, name, self._current_rank(), array)
 
     def _read(self, name: str) -> NDArray[Any] | None:
         return read_array(self._db, name)
-
-    def _delete(self, name: str) -> None:
-        at = (name, self._current_rank())
-        self._db.run("DELETE FROM mapmyworld_arrays WHERE name = ? AND rank >= ?", at)
 
     def _begin(self) -> None:
         if not self._db.writable:

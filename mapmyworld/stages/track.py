@@ -36,7 +36,7 @@ def track(log: LogSource, plan: Plan, store: MapStore, config: Config, progress:
     frames = read_frames(
         log, plan, config.sensing, counts, lambda t: progress.update((t - info.start_ns) * 1e-9)
     )
-    tracker = make_tracker(plan, config)
+    tracker = tracker or make_tracker(plan, config)
     writer = _Writer(store, config, wants_images=plan.camera is not None)
     for frame in frames:
         motion = tracker.follow(frame)
@@ -59,6 +59,7 @@ class _Writer:
         self._node_ids: list[int] = []
         self._moved: list[np.ndarray] = []
         self._is_node: list[bool] = []
+        self._odometry: list[np.ndarray | None] = []
 
     def add(self, frame: Frame, motion: Motion) -> None:
         node, constraint, node_from_frame = self._selector.consider(frame, motion)
@@ -74,6 +75,7 @@ class _Writer:
         self._node_ids.append(last.id)
         self._moved.append(node_from_frame[:3])
         self._is_node.append(node is not None)
+        self._odometry.append(None if frame.odom_from_base is None else frame.odom_from_base[:3])
 
     def finish(self) -> None:
         moved = np.zeros((len(self._stamps), 4, 4))
@@ -85,8 +87,17 @@ class _Writer:
                 np.array(self._node_ids, np.int64),
                 moved,
                 np.array(self._is_node, np.bool_),
+                self._recorded(),
             )
         )
+
+    def _recorded(self) -> np.ndarray | None:
+        rows = [pose for pose in self._odometry if pose is not None]
+        if not rows or len(rows) < len(self._odometry):
+            return None
+        poses = np.zeros((len(rows), 4, 4))
+        poses[:, :3], poses[:, 3, 3] = np.stack(rows), 1.0
+        return poses
 
 
 def _count_losses(counts: FrameCounts) -> Iterator[str]:

@@ -141,3 +141,5 @@ class TrackedFrames:
     """(F, 4, 4) motion since that node, by the tracker."""
     is_node: NDArray[np.bool_]
     """(F,) whether the frame is that node itself."""
+    odom_from_base: NDArray[np.float64] | None = None
+    """(F, 4, 4) recorded odometry; None where the log has none at some frame."""

@@ -78,7 +78,8 @@ def sorted_records(records: list[Record]) -> list[Record]:
 
 
 IndexReader = Callable[[BinaryIO, Path], Index]
-BlockReader = Callable[[BinaryIO, Block, dict[int, Channel]], list[Record]]
+BlockReader = Callable[[BinaryIO, Block, dict[int, Channel], bool], list[Record]]
+"""Reads a block's records on these channels; the last argument says whether to check sums."""
 
 
 class BlockFile:
@@ -92,6 +93,7 @@ class BlockFile:
         self._read_index, self._read_block = read_index, read_block
         self._index: Index | None = None
         self._losses: list[str] = []
+        self._checked: set[int] = set()
 
     def index(self) -> Index:
         if self._index is None:
@@ -120,8 +122,11 @@ class BlockFile:
         with open_binary(self.path) as stream:
 
             def read(block: Block) -> list[Record]:
+                check = block.offset not in self._checked  # once is enough for one log
                 try:
-                    return self._read_block(stream, block, wanted)
+                    records = self._read_block(stream, block, wanted, check)
+                    self._checked.add(block.offset)
+                    return records
                 except DamagedBlockError as error:
                     losses.append(
                         f"{self.path}: chunk at byte {block.offset} skipped: {error}; "

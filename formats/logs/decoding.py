@@ -57,7 +57,7 @@ def _ros_decoder(channel: Channel) -> ChannelDecoder | None:
     if kind is MessageKind.OTHER:
         return None
     standardise = _standardiser(channel)
-    decode = partial(_decode_ros, channel, _body(channel), standardise)
+    decode = _decode(channel, standardise)
     if standardise is not None:
         return ChannelDecoder(kind, partial(_slow_stamp, decode), decode)
     if kind is MessageKind.TEXT:
@@ -77,7 +77,11 @@ def ros_kind(type_name: str) -> MessageKind:
     return STAMPED[type_name][0] if type_name in STAMPED else MessageKind.OTHER
 
 
-def _body(channel: Channel) -> Callable[[Wire, bytes, int], Message]:
+Body = Callable[[Wire, bytes, int], Message]
+
+
+def _body(channel: Channel) -> Body:
+    """What makes a message of a wire format, its bytes and the log time."""
     if channel.type_name in TRANSFORMS:
         static = channel.topic.rstrip("/").endswith("tf_static")
         return lambda wire, data, _: transforms(wire, data, static=static)
@@ -99,24 +103,34 @@ def _standardiser(channel: Channel) -> Callable[[bytes], bytes] | None:
         return None
 
 
-def _decode_ros(
-    channel: Channel,
-    body: Callable[[Wire, bytes, int], Message],
-    standardise: Callable[[bytes], bytes] | None,
-    data: bytes,
-    log_time_ns: int,
-) -> Message:
-    try:
-        if standardise is not None:
-            data = _standardised(standardise, data)
+def _decode(
+    channel: Channel, standardise: Callable[[bytes], bytes] | None
+) -> Callable[[bytes, int], Message]:
+    body = _body(channel)
+
+    def decode_ros1(data: bytes, log_time_ns: int) -> Message:
+        try:
+            return body(ROS1, data, log_time_ns)
+        except DECODE_ERRORS as error:
+            raise _damaged(channel, log_time_ns, error) from error
+
+    def decode_cdr(data: bytes, log_time_ns: int) -> Message:
+        try:
+            if standardise is not None:
+                data = _standardised(standardise, data)
             return body(cdr_wire(data), data, log_time_ns)
-        wire = ROS1 if channel.encoding == "ros1" else cdr_wire(data)
-        return body(wire, data, log_time_ns)
-    except DECODE_ERRORS as error:
-        raise LogError(
-            f"{channel.topic}: a damaged {channel.type_name} at log time "
-            f"{log_time_ns * 1e-9:.3f} s: {error}"
-        ) from error
+        except DECODE_ERRORS as error:
+            raise _damaged(channel, log_time_ns, error) from error
+
+    # Messages that were brought into standard layout are CDR, whatever they were before.
+    return decode_ros1 if channel.encoding == "ros1" and standardise is None else decode_cdr
+
+
+def _damaged(channel: Channel, log_time_ns: int, error: Exception) -> LogError:
+    return LogError(
+        f"{channel.topic}: a damaged {channel.type_name} at log time "
+        f"{log_time_ns * 1e-9:.3f} s: {error}"
+    )
 
 
 def _standardised(standardise: Callable[[bytes], bytes], data: bytes) -> bytes:

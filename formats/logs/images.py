@@ -11,7 +11,7 @@ from formats.logs.compressed_depth import decode_compressed_depth
 from mapmyworld.errors import LogError
 from mapmyworld.types import ImageMessage
 
-_MILLIMETRE = 0.001  # metres a unit of 16-bit depth (REP-118)
+_MILLIMETRES = 1000.0  # units of 16-bit depth in a metre (REP-118)
 # Encoding -> bytes a channel, channels.
 _LAYOUTS = {
     "rgb8": (1, 3), "bgr8": (1, 3), "rgba8": (1, 4), "bgra8": (1, 4),
@@ -84,10 +84,12 @@ def _eight_bits(cells: NDArray[np.generic]) -> NDArray[np.generic]:
     return np.asarray((cells.astype(np.uint16) >> 8).astype(np.uint8))
 
 
-def metres_from_depth(cells: NDArray[np.generic], unit: float = _MILLIMETRE) -> NDArray[np.float32]:
-    """Depth (H, W) in metres, 0 where there is none, of integers in `unit` or of float metres."""
+def metres_from_depth(
+    cells: NDArray[np.generic], units: float = _MILLIMETRES
+) -> NDArray[np.float32]:
+    """Depth (H, W) in metres, 0 where there is none, of `units` a metre or of float metres."""
     if cells.dtype.kind == "u":
-        return np.asarray(cells.astype(np.float32) * np.float32(unit), np.float32)
+        return np.asarray(cells.astype(np.float32) / np.float32(units), np.float32)
     metres = cells.astype(np.float32)
     return np.where(np.isfinite(metres) & (metres > 0), metres, np.float32(0)).astype(np.float32)
 
@@ -131,7 +133,7 @@ def _compressed_depth_pixels(encoding: str, described: str, data: bytes) -> NDAr
     return metres_from_depth(decode_compressed_depth(data, encoding, described))
 
 
-def encoded_pixels(data: bytes, encoding: str, unit: float = _MILLIMETRE) -> NDArray[np.generic]:
+def encoded_pixels(data: bytes, encoding: str, units: float = _MILLIMETRES) -> NDArray[np.generic]:
     """Pixels of a JPEG, PNG or WebP file; LogError where it is damaged."""
     import cv2
 
@@ -147,7 +149,7 @@ def encoded_pixels(data: bytes, encoding: str, unit: float = _MILLIMETRE) -> NDA
     if cells is None:
         raise LogError(f"a compressed image of {len(data)} bytes cannot be decoded")
     if depth:
-        return metres_from_depth(cells if cells.ndim == 2 else cells[..., 0], unit)
+        return metres_from_depth(cells if cells.ndim == 2 else cells[..., 0], units)
     return np.ascontiguousarray(cells if cells.ndim == 2 else cells[..., 2::-1])
 
 

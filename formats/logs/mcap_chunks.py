@@ -10,8 +10,8 @@ from formats.logs.compression import MAX_CHUNK_BYTES, decompress, decompress_beg
 from formats.logs.mcap_records import CHUNK, HEAD_BYTES, parse_chunk_head, record_head
 
 
-def chunk_data(stream: BinaryIO) -> bytes:
-    """Decompressed, checked bytes of the chunk at the stream's position."""
+def chunk_data(stream: BinaryIO, check: bool = True) -> bytes:
+    """Decompressed bytes, checked where `check`, of the chunk at the stream's position."""
     head = stream.read(HEAD_BYTES)
     opcode, length = record_head(head) if len(head) == HEAD_BYTES else (0, 0)
     if opcode != CHUNK or length > MAX_CHUNK_BYTES:
@@ -22,7 +22,7 @@ def chunk_data(stream: BinaryIO) -> bytes:
     if len(content) < length or len(stored) < chunk.data_bytes:
         raise DamagedBlockError("the file ends in it")
     data = decompress(stored, chunk.compression, chunk.size)
-    if chunk.crc and zlib.crc32(data) != chunk.crc:
+    if check and chunk.crc and zlib.crc32(data) != chunk.crc:
         raise DamagedBlockError("its checksum is wrong")
     return data
 

@@ -132,8 +132,10 @@ def _chunk_details(chunks: list[ChunkIndexRecord]) -> list[tuple[str, str]]:
     return [("compression", ", ".join(names) + ratio), ("chunks", str(len(chunks)))]
 
 
-def read_block(stream: BinaryIO, block: Block, wanted: dict[int, Channel]) -> list[Record]:
-    """The block's wanted records."""
+def read_block(
+    stream: BinaryIO, block: Block, wanted: dict[int, Channel], check: bool = True
+) -> list[Record]:
+    """The block's wanted records, its checksum checked where `check`."""
     stream.seek(block.offset)
     if block.bare:
         messages = chunk_messages(stream.read(block.length), wanted, to_the_end=False)
@@ -141,5 +143,5 @@ def read_block(stream: BinaryIO, block: Block, wanted: dict[int, Channel]) -> li
         content = stream.read(HEAD_BYTES + block.length)[HEAD_BYTES:]
         messages = chunk_messages(chunk_beginning(content), wanted, to_the_end=False)
     else:
-        messages = chunk_messages(chunk_data(stream), wanted)
+        messages = chunk_messages(chunk_data(stream, check), wanted)
     return [(time, wanted[key], data) for time, key, data in messages]

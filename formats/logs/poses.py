@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from struct import Struct
 
 import numpy as np
 from numpy.typing import NDArray
+
+_MATRIX = Struct("16d").pack
 
 
 def pose_matrix(values: Sequence[float]) -> NDArray[np.float64]:
@@ -16,11 +19,10 @@ def pose_matrix(values: Sequence[float]) -> NDArray[np.float64]:
     xx, yy, zz = s * qx * qx, s * qy * qy, s * qz * qz
     xy, xz, yz = s * qx * qy, s * qx * qz, s * qy * qz
     wx, wy, wz = s * qw * qx, s * qw * qy, s * qw * qz
-    return np.array(
-        [
-            [1.0 - yy - zz, xy - wz, xz + wy, x],
-            [xy + wz, 1.0 - xx - zz, yz - wx, y],
-            [xz - wy, yz + wx, 1.0 - xx - yy, z],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
+    rows = _MATRIX(
+        1.0 - yy - zz, xy - wz, xz + wy, x,
+        xy + wz, 1.0 - xx - zz, yz - wx, y,
+        xz - wy, yz + wx, 1.0 - xx - yy, z,
+        0.0, 0.0, 0.0, 1.0,
+    )  # fmt: skip
+    return np.frombuffer(rows).reshape(4, 4)  # read-only, and half the time of np.array

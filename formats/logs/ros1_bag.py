@@ -105,8 +105,10 @@ def _chunk_info(fields: Fields, data: bytes, counts: dict[int, int], size: int) 
     return Block(position, 0, start, end, frozenset(pairs))
 
 
-def read_block(stream: BinaryIO, block: Block, wanted: dict[int, Channel]) -> list[Record]:
-    """The chunk's wanted records."""
+def read_block(
+    stream: BinaryIO, block: Block, wanted: dict[int, Channel], _check: bool = True
+) -> list[Record]:
+    """The chunk's wanted records; bags have no checksums to check."""
     stream.seek(block.offset)
     if block.bare:
         records = chunk_records(stream.read(block.length), wanted, to_the_end=False)

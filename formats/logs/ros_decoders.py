@@ -93,15 +93,17 @@ def _scan(
 def odometry(wire: Wire, data: bytes) -> OdometryMessage:
     stamp, frame, position = wire.header(data, wire.start)
     child, position = wire.string(data, position)
-    values, _ = _doubles(wire, data, position, 85)
+    position = wire.align(position, 8)
+    matrix = pose_matrix(wire.unpack_pose(data, position))
+    values, _ = _doubles(wire, data, position + 56, 78)
     return OdometryMessage(
         stamp,
         frame,
         child,
-        pose_matrix(values[:7].tolist()),
-        values[7:43].reshape(6, 6),
-        values[43:49],
-        values[49:].reshape(6, 6),
+        matrix,
+        values[:36].reshape(6, 6),
+        values[36:42],
+        values[42:].reshape(6, 6),
     )
 
 
@@ -121,8 +123,10 @@ def transforms(wire: Wire, data: bytes, *, static: bool) -> TransformsMessage:
     for _ in range(count):
         stamp, parent, position = wire.header(data, position)
         child, position = wire.string(data, position)
-        values, position = _doubles(wire, data, position, 7)
-        found.append(TransformStamped(stamp, parent, child, pose_matrix(values.tolist())))
+        position = wire.align(position, 8)
+        matrix = pose_matrix(wire.unpack_pose(data, position))
+        found.append(TransformStamped(stamp, parent, child, matrix))
+        position += 56
     return TransformsMessage(tuple(found), static)
 
 

@@ -35,7 +35,7 @@ from mapmyworld.types import (
 COLOUR, DEPTH = "/camera/rgb/image_color", "/camera/depth/image"
 INFO, TRUTH = "/camera/rgb/camera_info", "/ground_truth"
 FRAME, WORLD = "camera_rgb_optical_frame", "world"
-_DEPTH_UNIT = 1.0 / 5000.0  # metres
+_DEPTH_UNITS = 5000.0  # a metre
 # In the order in which messages of equal time come.
 _TOPICS = {
     TRUTH: (MessageKind.POSE, "geometry_msgs/msg/PoseWithCovarianceStamped"),
@@ -176,7 +176,7 @@ class TumRgbdLog:
     def _depth(self, entry: _Entry) -> ImageMessage:
         """Metres; no `encoded`, because its 5000 units a metre are not ROS's millimetres."""
         data = _bytes(self._file(entry))
-        pixels = partial(encoded_pixels, data, "32FC1", _DEPTH_UNIT)
+        pixels = partial(encoded_pixels, data, "32FC1", _DEPTH_UNITS)
         return ImageMessage(entry.stamp_ns, FRAME, "32FC1", *picture_size(data), pixels)
 
     def _camera_info(self, entry: _Entry) -> CameraInfoMessage:

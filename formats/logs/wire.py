@@ -23,6 +23,7 @@ class Ros1Wire:
         self.order = order
         self._stamp = Struct(order + "iII").unpack_from
         self._u32 = Struct(order + "I").unpack_from
+        self.unpack_pose = Struct(order + "7d").unpack_from  # x y z qx qy qz qw
 
     def align(self, position: int, size: int) -> int:
         return position

@@ -55,14 +55,14 @@ def build_map(
 
     record.run("plan", (cfg.sensing,), lambda: _note_plan(store, plan()))
     motion = (cfg.odometry, cfg.registration, cfg.visual, cfg.storage, seed)
-    record.run("track", motion, lambda: track(log, plan(), store, cfg, progress))
     if method == "fastslam":
-        from mapmyworld.stages.particles import filter_particles
+        from mapmyworld.stages.particles import settle_particles, track_particles
 
-        record.run(
-            "fastslam", (cfg.particles, seed), lambda: filter_particles(store, cfg, progress)
-        )
+        particles = (method, cfg.particles, cfg.storage, seed)
+        record.run("track", particles, lambda: track_particles(log, plan(), store, cfg, progress))
+        record.run("fastslam", (), lambda: settle_particles(store))
     else:
+        record.run("track", motion, lambda: track(log, plan(), store, cfg, progress))
         record.run("recognise", (cfg.places, seed), lambda: recognise(store, cfg, progress))
         edits = store.get("edits")
         record.run("optimise", (cfg.graph, edits), lambda: solve_and_judge(store, cfg, progress))

@@ -46,7 +46,8 @@ class NodeSelector:
         self, frame: Frame, motion: Motion
     ) -> tuple[Node | None, Constraint | None, NDArray[np.float64]]:
         """The node that the frame becomes, if it does, its constraint to the one before, and the
-        frame's pose (4, 4) in its node: itself, or the last one."""
+        frame's pose (4, 4) in its node: itself, or the last one.
+        """
         self._since.append(motion)
         pose, last = motion.tracked_from_base, self._last
         moved = np.eye(4) if last is None else between(last.tracked_from_base, pose)

@@ -28,7 +28,14 @@ class Tracker(Protocol):
         """What was lost on the way, one line each."""
 
 
-def track(log: LogSource, plan: Plan, store: MapStore, config: Config, progress: Progress) -> None:
+def track(
+    log: LogSource,
+    plan: Plan,
+    store: MapStore,
+    config: Config,
+    progress: Progress,
+    tracker: Tracker | None = None,
+) -> None:
     """Follows the robot through the log; leaves nodes, scans and neighbour constraints."""
     info = log.info()
     progress.stage("track", max(info.duration_s, 1e-9), "s")

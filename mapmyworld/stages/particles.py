@@ -1,0 +1,66 @@
+"""The stages of `--method fastslam`: particles give the path, the store keeps it as any other."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.errors import LogError
+from mapmyworld.geometry import planar_to_matrix
+from mapmyworld.mapping.trajectory import pose_every_frame
+from mapmyworld.particles.fastslam import FastSlamResult, run_fastslam
+from mapmyworld.sensing import Plan, read_frames
+from mapmyworld.stages.nodes import Motion
+from mapmyworld.stages.track import track
+from mapmyworld.types import Frame, LogSource, MapStore, Poses, Progress
+
+_STEP_COVARIANCE = np.diag([1e-8, 1e-8, 1e-6, 1e-6, 1e-6, 1e-8])  # of one step of a smoothed path
+_PLANE = np.array([3, 4, 2])  # x, y, yaw in a rotation-first tangent
+
+
+def track_particles(
+    log: LogSource, plan: Plan, store: MapStore, config: Config, progress: Progress
+) -> None:
+    """Filters the log with particles, then writes frames and nodes along the best one's path."""
+    if plan.scan is None:
+        raise LogError("--method fastslam needs a laser: this log has no usable scan")
+    result = run_fastslam(read_frames(log, plan, config.sensing), config, progress)
+    track(log, plan, store, config, progress, _PathFollower(result))
+    frames = store.tracked_frames()
+    spread = result.covariances[: len(frames.stamps_ns)][frames.is_node]
+    store.put("particle_spread", spread.reshape(-1, 9).tolist())
+    store.put("particles", result.history.summary())
+
+
+def settle_particles(store: MapStore) -> None:
+    """The best particle's path as the map's poses, its spread as their covariances."""
+    nodes = store.nodes()
+    spread = np.array(store.get("particle_spread")).reshape(-1, 3, 3)
+    covariances = np.zeros((len(nodes), 6, 6))
+    covariances[:, _PLANE[:, None], _PLANE] = spread[: len(nodes)]
+    ids = np.array([node.id for node in nodes], np.int64)
+    poses = Poses(ids, np.stack([node.tracked_from_base for node in nodes]), covariances)
+    store.set_poses(poses)
+    store.set_frame_poses(pose_every_frame(nodes, poses, store.tracked_frames()))
+
+
+class _PathFollower:
+    """Gives the frames with a scan, one after the other, the poses of a finished path."""
+
+    def __init__(self, result: FastSlamResult) -> None:
+        self._path = planar_to_matrix(result.path)
+        self._next = 0
+
+    def follow(self, frame: Frame) -> Motion | None:
+        if frame.scan is None:
+            return None
+        pose: NDArray[np.float64] = self._path[self._next]
+        self._next += 1
+        return Motion(pose, _STEP_COVARIANCE, "path of the best particle")
+
+    def notes(self) -> tuple[str, ...]:
+        return ()
+
+    def losses(self) -> tuple[str, ...]:
+        return ()

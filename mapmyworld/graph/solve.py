@@ -15,6 +15,7 @@ from mapmyworld.geometry import (
     matrix_to_planar,
     planar_to_matrix,
 )
+from mapmyworld.graph.covariance import marginal_covariances, spatial_covariances
 from mapmyworld.graph.pose_graph import TRUSTED, Index, components, positions
 from mapmyworld.graph.robust import RobustSolution, chosen_edges, settle, solve_robustly
 from mapmyworld.graph.system import System, edge_chi2, number_free
@@ -67,7 +68,14 @@ def solve(
     part = components(len(known), system.tails[linked], system.heads[linked])
     cost = 0.5 * float(solution.chi2[solution.inliers].sum())
     statement = _certainty(part, solution)
-    return SolvedGraph(Poses(known, matrices), verdicts, part, cost, statement)
+    spread = _covariances(system, solution, len(known)) if config.covariances else None
+    return SolvedGraph(Poses(known, matrices, spread), verdicts, part, cost, statement)
+
+
+def _covariances(system: System, solution: RobustSolution, count: int) -> Array | None:
+    believed = chosen_edges(system, solution.inliers)
+    found = marginal_covariances(believed, solution.poses)
+    return None if found is None else spatial_covariances(system.planar, found[:count])
 
 
 def _nodes_first(ids: Index) -> Index:

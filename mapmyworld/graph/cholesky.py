@@ -1,0 +1,249 @@
+"""Sparse Cholesky factors of matrices whose blocks are nodes, and what they are good for.
+
+Multifrontal: nodes are ordered by minimum degree and gathered into cliques (supernodes); each
+clique is a dense matrix, eliminated with LAPACK, that hands its Schur complement to its parent.
+Davis, "Direct methods for sparse linear systems" (2006), chapters 4 to 7. Marginal covariances
+follow by going back down the tree (Golub and Plemmons 1980; Kaess and Dellaert 2009).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg.blas import dtrsm
+from scipy.linalg.lapack import dpotrf
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import splu
+
+from mapmyworld.errors import GraphError
+from mapmyworld.geometry import Array
+from mapmyworld.graph.pose_graph import Index
+
+# Nodes of a clique, and the share of zeros up to which it may be joined from smaller ones.
+_RELAXED = ((4, 1.0), (16, 0.6), (40, 0.2), (10**9, 0.05))
+
+
+class NotPositiveDefiniteError(GraphError):
+    """A matrix that has no Cholesky factor: the graph leaves something undetermined."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clique:
+    """Nodes eliminated together; numbers are places in the elimination order."""
+
+    first: int
+    last: int
+    """Eliminated are `first` to `last - 1`."""
+    rows: Index
+    """Later nodes (R,) they are linked to, ascending."""
+    parent: int
+    """The clique that takes the Schur complement; -1 for roots."""
+    into_parent: Index
+    """(R * d,) scalars of the parent's front at which `rows` stand there."""
+    blocks: slice
+    """Blocks of the matrix, in the order of `Symbolic.block_order`, that enter here."""
+    places: Index
+    """(blocks * d * d,) where their scalars stand in the front, flat."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Symbolic:
+    """Everything about a factorisation that depends on the pattern alone."""
+
+    size: int
+    """Unknowns of a node."""
+    order: Index
+    """(N,) nodes in the order of elimination."""
+    block_order: Index
+    """(B,) the given blocks in the order in which cliques take them."""
+    transposed: Index
+    """(T,) which of these, in their new order, stand above the diagonal and are turned."""
+    cliques: tuple[Clique, ...]
+
+
+def analyse(count: int, rows: Index, columns: Index, size: int) -> Symbolic:
+    """The elimination of a symmetric matrix with blocks (size, size) at (rows, columns).
+
+    Each unordered pair of nodes occurs at most once; every node has its diagonal block.
+    """
+    ones = np.ones(len(rows))
+    upper = csc_array((ones, (rows, columns)), shape=(count, count))
+    pattern = csc_array(upper + upper.T)
+    diagonal = np.asarray(pattern.sum(axis=0)).ravel() + 1.0
+    pattern = csc_array(-pattern)
+    pattern.setdiag(diagonal)
+    factors = splu(
+        csc_array(pattern),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    place = np.asarray(factors.perm_c, np.int64)
+    lower = csc_array(factors.L)
+    lower.sort_indices()
+    groups = _groups(lower.indptr.astype(np.int64), lower.indices.astype(np.int64), count)
+    return _with_blocks(groups, place, rows, columns, size)
+
+
+def _groups(indptr: Index, indices: Index, count: int) -> list[tuple[int, int, Index]]:
+    """Runs of columns eliminated together, as first, last and later rows."""
+    groups: list[tuple[int, int, Index]] = []
+    entries: list[int] = []
+    for j in range(count):
+        first, rows = j, indices[indptr[j] + 1 : indptr[j + 1]]
+        stored = len(rows) + 1
+        while groups and len(groups[-1][2]) and groups[-1][2][0] <= j:
+            width = j + 1 - groups[-1][0]
+            both = stored + entries[-1]
+            dense = width * (width + 1) // 2 + width * len(rows)
+            if 1.0 - both / dense > _zeros_allowed(width):
+                break
+            first, stored = groups.pop()[0], both
+            entries.pop()
+        groups.append((first, j + 1, rows))
+        entries.append(stored)
+    return groups
+
+
+def _zeros_allowed(width: int) -> float:
+    """The share of zeros up to which columns go together: calls cost more than zeros."""
+    return next(share for nodes, share in _RELAXED if width <= nodes)
+
+
+def _with_blocks(
+    groups: list[tuple[int, int, Index]], place: Index, rows: Index, columns: Index, size: int
+) -> Symbolic:
+    count = len(place)
+    owner = np.zeros(count, np.int64)
+    for number, (first, last, _) in enumerate(groups):
+        owner[first:last] = number
+    at_row, at_column = place[rows], place[columns]
+    low, high = np.minimum(at_row, at_column), np.maximum(at_row, at_column)
+    block_order = np.lexsort((high, low))
+    transposed = np.flatnonzero((at_row < at_column)[block_order])
+    low, high = low[block_order], high[block_order]
+    ends = np.searchsorted(low, [last for _, last, _ in groups])
+    inner, start = np.arange(size), 0
+    cliques: list[Clique] = []
+    for (first, last, later), end in zip(groups, ends.tolist(), strict=True):
+        width, front = last - first, (last - first + len(later)) * size
+        tall = _local(high[start:end], first, width, later)
+        scalar_row = (tall * size)[:, None, None] + inner[:, None]
+        scalar_column = ((low[start:end] - first) * size)[:, None, None] + inner
+        parent, into = -1, np.zeros(0, np.int64)
+        if len(later):
+            parent = int(owner[later[0]])
+            above, above_last, above_later = groups[parent]
+            local = _local(later, above, above_last - above, above_later)
+            into = ((local * size)[:, None] + inner).ravel()
+        places = (scalar_column * front + scalar_row).ravel()
+        cliques.append(Clique(first, last, later, parent, into, slice(start, end), places))
+        start = end
+    return Symbolic(size, np.argsort(place), block_order, transposed, tuple(cliques))
+
+
+def _local(nodes: Index, first: int, width: int, later: Index) -> Index:
+    """Places of nodes in a front: its own nodes first, then the later ones."""
+    return np.where(nodes < first + width, nodes - first, width + np.searchsorted(later, nodes))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Factors:
+    """The Cholesky factor, clique by clique."""
+
+    symbolic: Symbolic
+    triangles: tuple[Array, ...]
+    """(p, p) lower factor of a clique's own unknowns."""
+    below: tuple[Array, ...]
+    """(r, p) rows of the factor below it."""
+
+    def solve(self, right: Array) -> Array:
+        """The solution (N * d, K) or (N * d,) of the factorised system."""
+        symbolic = self.symbolic
+        size, columns = symbolic.size, right.reshape(len(right), -1)
+        x = columns.reshape(-1, size, columns.shape[1])[symbolic.order]
+        for clique, triangle, below in zip(
+            symbolic.cliques, self.triangles, self.below, strict=True
+        ):
+            own = x[clique.first : clique.last]
+            part = dtrsm(1.0, triangle, own.reshape(-1, x.shape[2]), lower=1)
+            own[:] = part.reshape(own.shape)
+            if len(clique.rows):
+                x[clique.rows] -= (below @ part).reshape(-1, size, x.shape[2])
+        for clique, triangle, below in zip(
+            reversed(symbolic.cliques),
+            reversed(self.triangles),
+            reversed(self.below),
+            strict=True,
+        ):
+            own = x[clique.first : clique.last]
+            part = own.reshape(-1, x.shape[2])
+            if len(clique.rows):
+                part = part - below.T @ x[clique.rows].reshape(-1, x.shape[2])
+            own[:] = dtrsm(1.0, triangle, part, lower=1, trans_a=1).reshape(own.shape)
+        result = np.empty_like(x)
+        result[symbolic.order] = x
+        return result.reshape(right.shape)
+
+    def marginals(self) -> Array:
+        """(N, d, d): the diagonal blocks of the inverse, by one pass down the tree."""
+        symbolic, size = self.symbolic, self.symbolic.size
+        found = np.empty((len(symbolic.order), size, size))
+        waiting = np.bincount(
+            [c.parent for c in symbolic.cliques if c.parent >= 0], minlength=len(symbolic.cliques)
+        )
+        fronts: dict[int, Array] = {}
+        for number in range(len(symbolic.cliques) - 1, -1, -1):
+            clique = symbolic.cliques[number]
+            triangle, below = self.triangles[number], self.below[number]
+            inverse = dtrsm(1.0, triangle, np.eye(len(triangle)), lower=1)
+            own = inverse.T @ inverse
+            front = own
+            if clique.parent >= 0:
+                later = fronts[clique.parent][np.ix_(clique.into_parent, clique.into_parent)]
+                waiting[clique.parent] -= 1
+                if waiting[clique.parent] == 0:
+                    del fronts[clique.parent]
+                across = -later @ (below @ inverse)
+                own = own - (below @ inverse).T @ across
+                front = np.block([[own, across.T], [across, later]])
+            if waiting[number]:
+                fronts[number] = front
+            nodes = np.arange(clique.last - clique.first)
+            tiles = own.reshape(len(nodes), size, len(nodes), size)
+            found[symbolic.order[clique.first : clique.last]] = tiles[nodes, :, nodes, :]
+        return found
+
+
+def factorise(symbolic: Symbolic, blocks: Array) -> Factors:
+    """The factors of the matrix with these blocks (B, d, d), as given to `analyse`.
+
+    Raises `NotPositiveDefiniteError` when it is not positive definite.
+    """
+    size = symbolic.size
+    ordered = blocks[symbolic.block_order]
+    ordered[symbolic.transposed] = np.swapaxes(ordered[symbolic.transposed], 1, 2)
+    updates: dict[int, list[tuple[Index, Array]]] = {}
+    triangles: list[Array] = []
+    below: list[Array] = []
+    for number, clique in enumerate(symbolic.cliques):
+        width = (clique.last - clique.first) * size
+        front = width + len(clique.rows) * size
+        flat = np.zeros(front * front)
+        flat[clique.places] = ordered[clique.blocks].ravel()
+        matrix = flat.reshape((front, front), order="F")
+        for into, update in updates.pop(number, ()):
+            matrix[into[:, None], into] += update
+        triangle, failed = dpotrf(matrix[:width, :width], lower=1)
+        if failed:
+            raise NotPositiveDefiniteError(
+                "the graph's information matrix is not positive definite"
+            )
+        triangles.append(triangle)
+        rows = dtrsm(1.0, triangle, matrix[width:, :width], side=1, lower=1, trans_a=1)
+        below.append(rows)
+        if clique.parent >= 0:
+            update = matrix[width:, width:] - rows @ rows.T
+            updates.setdefault(clique.parent, []).append((clique.into_parent, update))
+    return Factors(symbolic, tuple(triangles), tuple(below))

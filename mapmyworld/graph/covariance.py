@@ -1,0 +1,82 @@
+"""How uncertain nodes are: marginal covariances of all, relative covariances of pairs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mapmyworld.geometry import PLANAR_IN_TANGENT, Array, between, between_planar
+from mapmyworld.graph.cholesky import NotPositiveDefiniteError, analyse, factorise
+from mapmyworld.graph.pose_graph import Index
+from mapmyworld.graph.residuals import edge_jacobians, edge_residuals
+from mapmyworld.graph.system import System, dense_rows
+
+
+def marginal_covariances(system: System, poses: Array) -> Array | None:
+    """(N, d, d) covariance of every node in its own frame, given the fixed ones; zero for those.
+
+    None where the edges leave a node undetermined.
+    """
+    rows, columns, blocks = information_blocks(system, poses)
+    count = system.size // system.dimension
+    covariances = np.zeros((len(system.free), system.dimension, system.dimension))
+    if count == 0:
+        return covariances
+    try:
+        factors = factorise(analyse(count, rows, columns, system.dimension), blocks)
+    except NotPositiveDefiniteError:
+        return None
+    covariances[system.free >= 0] = factors.marginals()
+    return covariances
+
+
+def relative_covariances(system: System, poses: Array, tails: Index, heads: Index) -> Array:
+    """(P, d, d) covariance of the motions between pairs of nodes, in the second node's frame.
+
+    Raises `NotPositiveDefiniteError` where the edges leave a node undetermined.
+    """
+    rows, columns, blocks = information_blocks(system, poses)
+    factors = factorise(
+        analyse(system.size // system.dimension, rows, columns, system.dimension), blocks
+    )
+    step = between_planar if system.planar else between
+    asked = replace(system, tails=tails, heads=heads, measured=step(poses[tails], poses[heads]))
+    jacobians, _ = dense_rows(asked, poses)
+    return np.array([row @ factors.solve(np.ascontiguousarray(row.T)) for row in jacobians])
+
+
+def information_blocks(system: System, poses: Array) -> tuple[Index, Index, Array]:
+    """Rows, columns and blocks (B, d, d) of the information matrix, each pair of nodes once."""
+    tail, head = poses[system.tails], poses[system.heads]
+    residuals = edge_residuals(system.planar, tail, head, system.measured)
+    by_tail, by_head = edge_jacobians(system.planar, tail, head, residuals)
+    left, right = (np.swapaxes(j, 1, 2) @ system.information for j in (by_tail, by_head))
+    a, b = system.free[system.tails], system.free[system.heads]
+    both, turned = (a >= 0) & (b >= 0), a > b
+    cross = left @ by_head
+    cross[turned] = np.swapaxes(cross[turned], 1, 2)
+    count, size = system.size // system.dimension, system.dimension
+    diagonal = np.arange(count)
+    keys = np.concatenate(
+        [
+            diagonal * (count + 1),
+            a[a >= 0] * (count + 1),
+            b[b >= 0] * (count + 1),
+            (np.minimum(a, b) * count + np.maximum(a, b))[both],
+        ]
+    )
+    parts = [np.zeros((count, size, size)), (left @ by_tail)[a >= 0], (right @ by_head)[b >= 0]]
+    unique, slot = np.unique(keys, return_inverse=True)
+    blocks = np.zeros((len(unique), size, size))
+    np.add.at(blocks, slot, np.concatenate([*parts, cross[both]]))
+    return unique // count, unique % count, blocks
+
+
+def spatial_covariances(planar: bool, covariances: Array) -> Array:
+    """(N, 6, 6), rotation first; a planar one knows height, roll and pitch exactly."""
+    if not planar:
+        return covariances
+    full = np.zeros((len(covariances), 6, 6))
+    full[:, PLANAR_IN_TANGENT[:, None], PLANAR_IN_TANGENT] = covariances
+    return full

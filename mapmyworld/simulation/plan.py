@@ -1,0 +1,92 @@
+"""What a planar laser can meet: segments at its height, and rays cast against them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.kernels.planar_rays import cast_planar_rays
+from mapmyworld.simulation.section import horizontal_section
+from mapmyworld.simulation.world import Scene
+
+_CELL = 0.5  # m, edge of the cells that rays walk through
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """Segments at one height, sorted into cells."""
+
+    segments: NDArray[np.float64]
+    """(S, 4) x0, y0, x1, y1."""
+    glass: NDArray[np.bool_]
+    """(S,)."""
+    cell_starts: NDArray[np.int64]
+    cell_segments: NDArray[np.int64]
+    corner: NDArray[np.float64]
+    shape: NDArray[np.int64]
+
+    def cast(self, rays: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Ranges (N,), infinite where nothing is met, and the segments met (-1) of rays (N, 3)."""
+        ranges, hits = np.empty(len(rays)), np.empty(len(rays), np.int64)
+        cast_planar_rays(
+            np.ascontiguousarray(rays, np.float64),
+            self.segments,
+            self.cell_starts,
+            self.cell_segments,
+            self.corner,
+            _CELL,
+            self.shape,
+            ranges,
+            hits,
+        )
+        return ranges, hits
+
+    def without_glass(self) -> Plan:
+        """The same with glass taken away."""
+        kept = ~self.glass
+        return _sorted_into_cells(self.segments[kept], self.glass[kept])
+
+
+def plan_at(scene: Scene, height: float) -> Plan:
+    """The plan of a scene at the laser's height above the floor."""
+    segments, owner = horizontal_section(scene.faces.corners, height)
+    return _sorted_into_cells(segments, scene.glass[owner])
+
+
+def _sorted_into_cells(segments: NDArray[np.float64], glass: NDArray[np.bool_]) -> Plan:
+    ends = segments.reshape(-1, 2) if len(segments) else np.zeros((1, 2))
+    corner = ends.min(0) - _CELL
+    shape = np.ceil((ends.max(0) + _CELL - corner) / _CELL).astype(np.int64)
+    keys, owners = _cells_of(segments, corner, shape)
+    starts = np.searchsorted(keys, np.arange(shape[0] * shape[1] + 1)).astype(np.int64)
+    return Plan(np.ascontiguousarray(segments), glass, starts, owners, corner, shape)
+
+
+def _cells_of(
+    segments: NDArray[np.float64], corner: NDArray[np.float64], shape: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Sorted keys of cells and the segments whose pieces, a cell long, may lie in them."""
+    pairs: set[tuple[int, int]] = set()
+    for index, (x0, y0, x1, y1) in enumerate(segments):
+        pieces = max(1, int(np.ceil(np.hypot(x1 - x0, y1 - y0) / _CELL)))
+        xs, ys = np.linspace(x0, x1, pieces + 1), np.linspace(y0, y1, pieces + 1)
+        low_x, high_x = _cell_span(xs, corner[0])
+        low_y, high_y = _cell_span(ys, corner[1])
+        for piece in range(pieces):
+            for row in range(low_y[piece], high_y[piece] + 1):
+                for column in range(low_x[piece], high_x[piece] + 1):
+                    pairs.add((row * int(shape[0]) + column, index))
+    table = np.array(sorted(pairs), np.int64).reshape(-1, 2)
+    return np.ascontiguousarray(table[:, 0]), np.ascontiguousarray(table[:, 1])
+
+
+def _cell_span(
+    values: NDArray[np.float64], corner: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last cell index, with a hair's breadth to spare, of each piece of a segment."""
+    low = np.minimum(values[:-1], values[1:]) - 1e-6
+    high = np.maximum(values[:-1], values[1:]) + 1e-6
+    first = np.floor((low - corner) / _CELL).astype(np.int64)
+    return first, np.floor((high - corner) / _CELL).astype(np.int64)

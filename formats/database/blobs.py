@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +83,18 @@ def blob_to_pose(blob: bytes | None, what: str) -> NDArray[np.float64] | None:
     if not np.isfinite(poses).all():
         raise MapError(f"{what}: a transform that is not finite")
     return None if not poses[0, :3].any() else orthonormal(poses)[0]
+
+
+def blobs_to_poses(blobs: Sequence[Any]) -> NDArray[np.float64]:
+    """Motions (N, 4, 4) of many blobs at once; NaN for those that `blob_to_pose` has to judge."""
+    fit = np.array([isinstance(blob, bytes) and len(blob) == 48 for blob in blobs], np.bool_)
+    poses = np.full((len(blobs), 4, 4), np.nan)
+    joined = b"".join(blob for blob, good in zip(blobs, fit, strict=True) if good)
+    poses[fit] = matrices_from_floats(np.frombuffer(joined, "<f4").reshape(-1, 12))
+    good = np.isfinite(poses).all(axis=(1, 2)) & poses[:, :3].any(axis=(1, 2))
+    poses[~good] = np.nan
+    poses[good] = orthonormal(poses[good])
+    return poses
 
 
 def matrices_from_floats(rows: NDArray[np.float32]) -> NDArray[np.float64]:

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from formats.database import features as feature_rows
 from formats.database import foreign_graph as graph
-from formats.database.blobs import blob_to_matrix, blob_to_pose
+from formats.database.blobs import blob_to_matrix, blob_to_pose, blobs_to_poses
 from formats.database.connection import Connection
-from formats.database.node_rows import node_data
 from formats.database.read_only import ReadOnly
 from formats.database.results import text_to_parameters
 from mapmyworld.errors import MapError
@@ -112,16 +111,19 @@ class RtabmapStore(ReadOnly):
         if self._nodes is None:
             truth = "ground_truth_pose" if self._has("Node", "ground_truth_pose") else "NULL"
             query = f"SELECT id, map_id, weight, stamp, pose, {truth} FROM Node ORDER BY id"
-            found = (self._node(row) for row in self._db.rows(query))
+            rows = self._db.rows(query)
+            poses = blobs_to_poses([row[4] for row in rows])
+            found = (self._node(row, pose) for row, pose in zip(rows, poses, strict=True))
             self._nodes = tuple(node for node in found if node is not None)
         return self._nodes
 
-    def _node(self, row: tuple[Any, ...]) -> Node | None:
+    def _node(self, row: tuple[Any, ...], pose: NDArray[np.float64] | None) -> Node | None:
         node_id, session, weight, stamp, pose_blob, truth_blob = row
         if weight == _INVALID_WEIGHT or node_id <= 0:
             return None
         try:
-            pose = blob_to_pose(pose_blob, f"node {node_id}'s pose")
+            if pose is None or np.isnan(pose[0, 0]):
+                pose = blob_to_pose(pose_blob, f"node {node_id}'s pose")
             truth = blob_to_pose(truth_blob, f"node {node_id}'s ground truth")
             moment = nanoseconds(stamp)
         except (MapError, ArithmeticError, TypeError, ValueError) as error:
@@ -144,6 +146,8 @@ class RtabmapStore(ReadOnly):
         if stamp is None:
             raise MapError(f"{self.path}: there is no node {node_id}")
         what = f"{self.path}: node {node_id}"
+        from formats.database.data_rows import node_data
+
         wanted = ("image", "depth", "calibration", "scan", "scan_info")
         columns = ", ".join(c if self._has("Data", c) else "NULL" for c in wanted)
         row = self._db.row(f"SELECT {columns} FROM Data WHERE id = ?", (node_id,))
@@ -196,7 +200,7 @@ class RtabmapStore(ReadOnly):
     def constraints(self) -> tuple[Constraint, ...]:
         """Links, one a pair and kind; dangling, null and damaged ones are left out."""
         known = {node.id for node in self.nodes()}
-        found, problems = graph.constraints_from_links(self._db.iterate(graph.SELECT_LINKS), known)
+        found, problems = graph.constraints_from_links(self._db.rows(graph.SELECT_LINKS), known)
         for problem in problems:
             self._leave_out(problem)
         return found

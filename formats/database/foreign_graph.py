@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Set
+from collections.abc import Sequence, Set
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from formats.database.blobs import (
     blob_to_information,
     blob_to_matrix,
     blob_to_pose,
+    blobs_to_poses,
     matrices_from_floats,
     orthonormal,
 )
@@ -27,44 +29,54 @@ _MANY = 20  # problems listed in full; the rest are counted
 
 
 def constraints_from_links(
-    rows: Iterable[tuple[Any, ...]], nodes: Set[int]
+    rows: Sequence[tuple[Any, ...]], nodes: Set[int]
 ) -> tuple[tuple[Constraint, ...], tuple[str, ...]]:
     """Constraints in the order of the rows, and a line on each link that was left out.
 
-    Of the two directions of a pair the one that goes forward in time is kept.
+    Of the two directions of a pair the first one is kept, turned forward in time.
     """
     found: dict[tuple[int, int, int], Constraint] = {}
     problems: list[str] = []
-    for row in rows:
+    motions = blobs_to_poses([row[4] for row in rows])
+    for row, motion in zip(rows, motions, strict=True):
         if row[2] == _GRAVITY:
             continue  # an orientation, which our graph takes from the imu
+        key = _key(row)
+        if key in found:
+            continue
         try:
-            constraint = _constraint(row, nodes)
+            constraint = _constraint(row, motion, nodes)
         except MapError as error:
             problems.append(str(error))
             continue
         if constraint is not None:
-            key = (constraint.from_id, constraint.to_id, row[2])
-            found.setdefault(key, constraint)
+            found[key] = constraint
     shown = problems[:_MANY]
     if len(problems) > _MANY:
         shown.append(f"{len(problems) - _MANY} more links were left out")
     return tuple(found.values()), tuple(shown)
 
 
-def _constraint(row: tuple[Any, ...], nodes: Set[int]) -> Constraint | None:
+def _key(row: tuple[Any, ...]) -> tuple[int, int, int]:
+    """The same for both directions of a link."""
+    from_id, to_id, number = row[:3]
+    return (to_id, from_id, number) if 0 < to_id < from_id else (from_id, to_id, number)
+
+
+def _constraint(
+    row: tuple[Any, ...], motion: NDArray[np.float64], nodes: Set[int]
+) -> Constraint | None:
     """A row's constraint, turned forward; None for a link of merged-away nodes."""
     from_id, to_id, number, information, transform = row
     what = f"link {from_id} to {to_id} of type {number}"
     kind = KINDS.get(number)
     if kind is None:
         raise MapError(f"{what}: an unknown type, left out")
-    motion = blob_to_pose(transform, what)
-    if motion is None:
+    if np.isnan(motion[0, 0]) and blob_to_pose(transform, what) is None:
         return None  # RTAB-Map's "null link": its node was merged into another
     _check_ends(from_id, to_id, kind, nodes, what)
     matrix = blob_to_information(information, what)
-    if (np.diag(matrix) <= 0).any():
+    if not (np.diag(matrix) > 0).all():
         raise MapError(f"{what}: its information is not positive, left out")
     if 0 < to_id < from_id:
         from_id, to_id, motion = to_id, from_id, invert(motion)

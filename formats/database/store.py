@@ -139,9 +139,11 @@ class DatabaseStore:
         self._db.run(rows.INSERT_OWN, rows.own_row(node, data))
         with_cells = rows.wants_cells(node, self._last_with_cells, self._options)
         self._last_with_cells = node if with_cells else self._last_with_cells
-        data_row = rows.data_row(node.id, data, self._options, with_cells=with_cells)
+        from formats.database import data_rows
+
+        data_row = data_rows.data_row(node.id, data, self._options, with_cells=with_cells)
         if data_row is not None:
-            self._db.run(rows.INSERT_DATA, data_row)
+            self._db.run(data_rows.INSERT_DATA, data_row)
         if data.features is not None:
             self.set_features(node.id, data.features)
         self._previous[node.session] = node
@@ -159,9 +161,11 @@ class DatabaseStore:
         )
         if own is None:
             raise MapError(f"{self.path}: there is no node {node_id}")
-        row = self._db.row(rows.SELECT_DATA, (node_id,)) or (None,) * 5
+        from formats.database import data_rows
+
+        row = self._db.row(data_rows.SELECT_DATA, (node_id,)) or (None,) * 5
         what = f"{self.path}: node {node_id}"
-        data = rows.node_data(row, own[1:], own[0], what)
+        data = data_rows.node_data(row, own[1:], own[0], what)
         found = self._db.rows(feature_rows.SELECT_FEATURES, (node_id,))
         features = feature_rows.features_from_rows(found, what)
         return NodeData(data.scan, data.images, data.cloud, features)

@@ -1,0 +1,170 @@
+"""What a node keeps, as a row of RTAB-Map's Data table, both ways.
+
+Imported when data are touched: what only looks at the graph needs no image codec.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.database import pictures
+from formats.database.blobs import blob_to_matrix, matrix_to_blob
+from formats.database.calibration import blob_to_cameras, cameras_to_blob, is_stereo
+from formats.database.cells import local_cells
+from formats.database.node_rows import StorageOptions
+from formats.database.scans import cloud_to_columns, columns_to_observation, scan_to_columns
+from mapmyworld.errors import MapError
+from mapmyworld.types import CameraModel, ImageMessage, NodeData, RgbdImage, Scan
+
+INSERT_DATA = (
+    "INSERT INTO Data (id, image, depth, calibration, scan, scan_info, obstacle_cells,"
+    " empty_cells, cell_size, view_point_x, view_point_y, view_point_z)"
+    " VALUES (?,?,?,?,?,?,?,?,?,?,?,?)"
+)
+SELECT_DATA = "SELECT image, depth, calibration, scan, scan_info FROM Data WHERE id = ?"
+Row = tuple[Any, ...]
+_FAST = 1  # zlib level: for cells the default takes six times as long and saves a ninth
+
+
+def data_row(
+    node_id: int, data: NodeData, options: StorageOptions, *, with_cells: bool
+) -> Row | None:
+    """RTAB-Map's row of a node's data; None where there are none."""
+    images = data.images if options.store_images else ()
+    if not images and data.scan is None and data.cloud is None:
+        return None
+    colour, depth, calibration = _image_columns(images, options)
+    scan, scan_info = _scan_columns(data)
+    cells = _cell_columns(data.scan if with_cells else None, options)
+    return (node_id, colour, depth, calibration, scan, scan_info, *cells)
+
+
+def _image_columns(
+    images: tuple[RgbdImage, ...], options: StorageOptions
+) -> tuple[bytes | None, bytes | None, bytes | None]:
+    colours = [image.colour for image in images]
+    depths = [image.depth for image in images]
+    return (
+        _colour_blob(colours, options),
+        _depth_blob(depths, options),
+        cameras_to_blob(tuple(image.camera for image in images)),
+    )
+
+
+def _colour_blob(colours: list[ImageMessage | None], options: StorageOptions) -> bytes | None:
+    """One file for all cameras, side by side; a lone JPEG goes in as it was recorded."""
+    there = [colour for colour in colours if colour is not None]
+    if not there:
+        return None
+    if len(colours) == 1 and (there[0].encoded or b"").startswith(pictures.JPEG_MAGIC):
+        return there[0].encoded
+    joined = _side_by_side([None if c is None else c.pixels() for c in colours], "colour images")
+    return pictures.encode_picture(joined, options.image_codec, options.image_quality)
+
+
+def _depth_blob(depths: list[ImageMessage | None], options: StorageOptions) -> bytes | None:
+    if all(depth is None for depth in depths):
+        return None
+    joined = _side_by_side([None if d is None else d.pixels() for d in depths], "depth images")
+    return pictures.encode_depth(joined, options.depth_codec)
+
+
+def _side_by_side(images: list[NDArray[np.generic] | None], what: str) -> NDArray[np.generic]:
+    """All images left to right; a missing one is black."""
+    there = [image for image in images if image is not None]
+    if len({(image.shape, image.dtype) for image in there}) != 1:
+        raise MapError(f"{what} of one node differ in size: RTAB-Map's database keeps equal ones")
+    black = np.zeros_like(there[0])
+    return np.concatenate([black if image is None else image for image in images], axis=1)
+
+
+def _scan_columns(data: NodeData) -> tuple[bytes | None, bytes | None]:
+    if data.scan is not None:
+        return scan_to_columns(data.scan)
+    return (None, None) if data.cloud is None else cloud_to_columns(data.cloud)
+
+
+def _cell_columns(scan: Scan | None, options: StorageOptions) -> Row:
+    """Obstacle cells, empty cells, cell size and view point."""
+    if scan is None:
+        return (None, None, 0.0, 0.0, 0.0, 0.0)
+    empty, obstacle = local_cells(scan, options.local_cell_size, options.local_cell_range)
+    x, y = (float(value) for value in scan.origin[:2])
+    blobs = (matrix_to_blob(obstacle, _FAST), matrix_to_blob(empty, _FAST))
+    return (*blobs, options.local_cell_size, x, y, 0.0)
+
+
+def node_data(row: Row, own: Row | None, stamp_ns: int, what: str) -> NodeData:
+    """The data of a row of `SELECT_DATA`.
+
+    `own`: scan_rest, image_stamps, cloud and the depth count of our own table, None in a file
+    of RTAB-Map's.
+    """
+    if any(value is not None and not isinstance(value, bytes) for value in row):
+        raise MapError(f"{what}: a column of its data is not a blob")
+    image, depth, calibration, scan, scan_info = row
+    rest, stamps, both = own or (None, None, None)
+    cameras = blob_to_cameras(calibration, f"{what}'s calibration")
+    planar, cloud = columns_to_observation(scan, scan_info, rest, f"{what}'s scan")
+    if both is not None:
+        matrix = blob_to_matrix(both, f"{what}'s cloud")
+        cloud = None if matrix is None else np.asarray(matrix, np.float32).reshape(-1, 3)
+    times = json.loads(stamps) if stamps else [stamp_ns] * max(len(cameras), 1)
+    depth_blob = None if is_stereo(calibration) else depth
+    return NodeData(planar, _images(image, depth_blob, cameras, times, what), cloud)
+
+
+def _images(
+    image: bytes | None,
+    depth: bytes | None,
+    cameras: tuple[CameraModel, ...],
+    stamps: list[int],
+    what: str,
+) -> tuple[RgbdImage, ...]:
+    """One a camera; without a calibration there is nothing that the pixels could mean."""
+    count = len(cameras)
+    colours = _strips(image, count, stamps, f"{what}'s image", pictures.decode_picture, "rgb8")
+    depths = _strips(depth, count, stamps, f"{what}'s depth", pictures.decode_depth, "32FC1")
+    return tuple(
+        RgbdImage(camera, colour, deep)
+        for camera, colour, deep in zip(cameras, colours, depths, strict=True)
+    )
+
+
+def _strips(
+    data: bytes | None,
+    count: int,
+    stamps: list[int],
+    what: str,
+    decode: Callable[[bytes, str], NDArray[Any]],
+    encoding: str,
+) -> list[ImageMessage | None]:
+    """The images of `count` cameras in one file, decoded when asked for."""
+    if data is None or len(data) <= 4 or count == 0:
+        return [None] * count
+    width, height = pictures.image_size(data, what)
+    if encoding == "rgb8" and pictures.is_grey(data, what):
+        encoding = "mono8"
+    strip = width // count
+
+    def pixels_of(index: int) -> Callable[[], NDArray[Any]]:
+        return lambda: decode(data, what)[:, index * strip : (index + 1) * strip]
+
+    stamps = stamps + stamps[-1:] * (count - len(stamps))
+    return [
+        ImageMessage(
+            stamp_ns=stamps[i],
+            frame_id=f"camera_{i}",
+            encoding=encoding,
+            width=strip,
+            height=height,
+            pixels=pixels_of(i),
+            encoded=data if count == 1 else None,
+        )
+        for i in range(count)
+    ]

@@ -1,0 +1,70 @@
+"""Real logs through the whole pipeline, with the bands that the project promises."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from cli.main import group
+from formats.grid import read_grid
+from formats.relations import read_relations
+from formats.trajectory import read_trajectory
+from mapmyworld.evaluation.relations import relations_score
+from mapmyworld.evaluation.trajectory import ate
+
+pytestmark = [pytest.mark.slow, pytest.mark.real_log]
+
+
+def build(log: Path, folder: Path) -> dict[str, object]:
+    arguments = ["build", str(log), "-o", str(folder / "map.db"), "-q", "--format", "json"]
+    found = CliRunner().invoke(group, arguments)
+    assert found.exit_code == 0, found.output + repr(found.exception)
+    return dict(json.loads(found.stdout))
+
+
+@pytest.mark.parametrize(
+    ("name", "metres", "degrees"), [("intel", 0.06, 0.6), ("fr079", 0.10, 0.8)]
+)
+def test_benchmark_relations(
+    data: Path, tmp_path: Path, name: str, metres: float, degrees: float
+) -> None:
+    """Mean errors of the relations metric (Kuemmerle et al. 2009) as recorded, no repair."""
+    build(data / "laser" / f"{name}.clf.bz2", tmp_path)
+    trajectory = read_trajectory(tmp_path / "map.tum")
+    score = relations_score(trajectory, read_relations(data / "laser" / f"{name}.relations"))
+    assert score.translation.mean <= metres
+    assert score.rotation_deg.mean <= degrees
+
+
+def test_csail_closes_its_loops_though_its_odometry_stalls_and_jumps(
+    data: Path, tmp_path: Path
+) -> None:
+    """No relations at hand: the mapped area is a second measure, doubled rooms would enlarge it."""
+    summary = build(data / "laser" / "mit-csail.clf.bz2", tmp_path)
+    assert summary["frames"] == 1988
+    cells = read_grid(tmp_path / "map.yaml").trinary()
+    free = (cells == 0).sum() * 0.05**2
+    assert 800 < free < 1300
+
+
+@pytest.mark.parametrize("name", ["neato_middle", "neato_with_particle_filter"])
+def test_bags_of_a_vacuum_cleaner(data: Path, tmp_path: Path, name: str) -> None:
+    summary = build(data / "bags" / f"{name}.bag", tmp_path)
+    assert summary["losses"] == []
+    cells = read_grid(tmp_path / "map.yaml").trinary()
+    assert (cells == 0).sum() > 10 * (cells == 100).sum() > 0
+
+
+def test_a_depth_camera_alone(data: Path, tmp_path: Path) -> None:
+    """Fast rotations at half rate, without odometry: ATE over all frames that have a pose."""
+    folder = data / "rgbd" / "freiburg1_rpy_15hz"
+    build(folder, tmp_path)
+    estimate = read_trajectory(tmp_path / "map.tum")
+    score = ate(estimate, read_trajectory(folder / "groundtruth.txt"), align=True)
+    assert len(estimate.stamps_ns) >= 0.98 * 339
+    assert score.translation.rmse < 0.030
+    assert np.isfinite(estimate.poses).all()

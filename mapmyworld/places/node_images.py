@@ -15,49 +15,57 @@ from mapmyworld.places.vocabulary import Vocabulary, train_vocabulary
 from mapmyworld.registration.views import View, binary_words, make_view
 from mapmyworld.types import CameraModel, Features, MapStore, Node, NodeData, Progress
 
+_REMEMBERED = 600  # views kept at hand
 _TRAINING = 60_000  # descriptors that the vocabulary is learned from, at most
 
 
 class NodeImages:
-    """Features and words of every node with an image; views are made when asked for."""
+    """Features and words of the nodes' images, found once and then kept in the store."""
 
     def __init__(self, store: MapStore, config: Config, progress: Progress) -> None:
-        self._config = config
+        """Reads features from the store where an earlier round left them, as they are asked for."""
+        self._store, self._config = store, config
+        self._views: dict[int, View | None] = {}
+        self._features: list[Features] = []
         nodes = store.nodes()
         every = max(1, -(-len(nodes) // config.visual.place_nodes))
-        self.nodes: list[Node] = []
-        self._features: list[Features] = []
-        self._cameras: list[CameraModel] = []
-        self._views: dict[int, View] = {}
-        progress.stage("features", len(nodes), "nodes")
-        cv2.setNumThreads(1)
-        chosen = nodes[::every]
-        data = (store.node_data(node.id) for node in chosen)
-        done = in_threads(self._prepare, data, config.threads)
-        for node, found in zip(chosen, done, strict=True):
-            progress.update(node.id)
-            if found is not None:
-                self.nodes.append(node)
-                self._features.append(found[0])
-                self._cameras.append(found[1])
+        self.nodes: list[Node] = list(nodes[::every])
+        self.have_words = bool(store.words())
+        if not self.have_words:
+            self._extract(progress)
 
     def __len__(self) -> int:
         return len(self.nodes)
 
-    @property
-    def have_words(self) -> bool:
-        """Whether all features came from the store with their words."""
-        return all(f.words is not None and f.words.any() for f in self._features)
+    def _extract(self, progress: Progress) -> None:
+        """Features of all nodes; those without an image are left out from then on."""
+        progress.stage("features", len(self.nodes), "nodes")
+        cv2.setNumThreads(1)
+        data = (self._store.node_data(node.id) for node in self.nodes)
+        with_images: list[Node] = []
+        self._cameras: list[CameraModel] = []
+        found = in_threads(self._prepare, data, self._config.threads)
+        for done, (node, item) in enumerate(zip(self.nodes, found, strict=True)):
+            progress.update(done)
+            if item is not None:
+                with_images.append(node)
+                self._features.append(item[0])
+                self._cameras.append(item[1])
+        self.nodes = with_images
 
-    def view(self, index: int) -> View:
-        """The view of the node at `index` of `nodes`."""
-        view = self._views.get(index)
-        if view is None:
-            view = make_view(self._features[index], self._cameras[index], self._config)
-            if len(self._views) > 600:
+    def view(self, index: int) -> View | None:
+        """The view of the node at `index` of `nodes`; None without an image."""
+        if index not in self._views:
+            if len(self._views) > _REMEMBERED:
                 self._views.clear()
-            self._views[index] = view
-        return view
+            self._views[index] = self._load(index)
+        return self._views[index]
+
+    def _load(self, index: int) -> View | None:
+        if self._features:
+            return make_view(self._features[index], self._cameras[index], self._config)
+        item = self._prepare(self._store.node_data(self.nodes[index].id))
+        return None if item is None else make_view(*item, self._config)
 
     def learn_words(self) -> Vocabulary:
         """A vocabulary of these images; their features then carry its words."""

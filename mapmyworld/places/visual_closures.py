@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from mapmyworld.places.appearance import Candidate, find_candidates
 from mapmyworld.places.drift import Drift
 from mapmyworld.places.node_images import NodeImages
 from mapmyworld.registration.image_pairs import ImagePair, register_images
+from mapmyworld.registration.views import View
 from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, Poses, Progress
 
 Array = NDArray[np.float64]
@@ -109,9 +110,16 @@ def _by_poses(
 
 
 def _view_directions(images: NodeImages, map_from_node: Array) -> Array:
-    """Unit vectors (N, 3) along which the nodes' cameras look, map frame."""
-    axes = [images.view(k).camera.base_from_camera[:3, 2] for k in range(len(images))]
-    return np.asarray(np.einsum("nij,nj->ni", map_from_node[:, :3, :3], np.stack(axes)))
+    """Unit vectors (N, 3) along which the nodes' cameras look, map frame.
+
+    The camera is taken to be mounted as it is on the first node of each session.
+    """
+    axes: dict[int, Array] = {}
+    for k, node in enumerate(images.nodes):
+        if node.session not in axes and (view := images.view(k)) is not None:
+            axes[node.session] = view.camera.base_from_camera[:3, 2]
+    every = np.stack([axes.get(node.session, np.array([1.0, 0, 0])) for node in images.nodes])
+    return np.asarray(np.einsum("nij,nj->ni", map_from_node[:, :3, :3], every))
 
 
 def _spaced(order: NDArray[np.int64], most: int) -> list[int]:
@@ -127,17 +135,27 @@ def _verify(
     images: NodeImages, proposals: Sequence[_Proposal], config: Config, progress: Progress
 ) -> list[_Verified]:
     progress.stage("closures by images", len(proposals), "pairs")
+    work = _loaded(images, proposals)
+
+    def register(item: tuple[_Proposal, View, View]) -> _Verified:
+        proposal, later, earlier = item
+        return _Verified(proposal, register_images(earlier, later, config))
+
     done: list[_Verified] = []
-
-    def register(proposal: _Proposal) -> ImagePair:
-        return register_images(images.view(proposal.other), images.view(proposal.index), config)
-
-    for proposal, pair in zip(
-        proposals, in_threads(register, proposals, config.threads), strict=True
-    ):
-        done.append(_Verified(proposal, pair))
+    for verified in in_threads(register, work, config.threads):
+        done.append(verified)
         progress.update(len(done))
     return done
+
+
+def _loaded(
+    images: NodeImages, proposals: Sequence[_Proposal]
+) -> Iterator[tuple[_Proposal, View, View]]:
+    """Proposals with both views; the store is read on the caller's thread only."""
+    for proposal in proposals:
+        later, earlier = images.view(proposal.index), images.view(proposal.other)
+        if later is not None and earlier is not None:
+            yield proposal, later, earlier
 
 
 def _judge(

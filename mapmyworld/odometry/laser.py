@@ -26,6 +26,7 @@ from mapmyworld.types import Frame
 
 _BACK = (1, 2, 4, 8, 16)  # how many keyscans back the targets of a match lie
 _CLEARLY = 0.05  # by which one match must be better to be preferred over a nearer one
+_DOUBT_FROM = 6.0  # squared sigmas between odometry and match from which neither is sure
 _FEWEST = 12  # points of a scan below which it is not matched
 _WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
 
@@ -110,7 +111,11 @@ class LaserTracker:
         if recorded is not None:
             moved = between_planar(self._pose, match.pose)
             self._trust.learn(recorded, moved, surprise)
-        return self._tracked(match, covariance, verdict)
+        doubt = np.zeros((3, 3))
+        if surprise > _DOUBT_FROM and recorded is not None:
+            # A door that swings past looks like a turn: either may be right.
+            doubt = np.diag(between_planar(predicted, match.pose) ** 2)
+        return self._tracked(match, covariance, verdict, doubt)
 
     def _recorded_step(self, frame: Frame) -> NDArray[np.float64] | None:
         assert self._last is not None
@@ -159,7 +164,13 @@ class LaserTracker:
         good = best.overlap >= 0.6 * self._odometry.least_overlap
         return best, "searched" if good else "lost"
 
-    def _tracked(self, match: Match, covariance: NDArray[np.float64], verdict: str) -> Tracked:
+    def _tracked(
+        self,
+        match: Match,
+        covariance: NDArray[np.float64],
+        verdict: str,
+        doubt: NDArray[np.float64],
+    ) -> Tracked:
         """The match as motion: errors add up from keyscan to keyscan, not from scan to scan."""
         step = between_planar(self._pose, match.pose)
         moved = max(
@@ -168,7 +179,7 @@ class LaserTracker:
         )
         share = min(max(moved, 0.01), 1.0)
         total = match.information + np.linalg.inv(covariance)
-        motion = share * np.linalg.inv(total) + np.diag([1e-8, 1e-8, 1e-8])
+        motion = share * np.linalg.inv(total) + np.diag([1e-8, 1e-8, 1e-8]) + doubt
         weakest = float(np.sqrt(np.linalg.eigvalsh(np.linalg.inv(
             match.information + 1e-6 * np.eye(3))[:2, :2])[-1]))  # fmt: skip
         return Tracked(match.pose, np.linalg.inv(motion), verdict, match.overlap, weakest)

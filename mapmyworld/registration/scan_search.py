@@ -1,2 +1,114 @@
-def search_pose(*a, **k):
-    return None
+"""A scan looked for in a submap, however poor the guess: exhaustive, by branch and bound."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.geometry import transform_points_planar
+from mapmyworld.kernels.branch_and_bound import best_shift
+from mapmyworld.registration.scan_matching import PreparedScan, ScanSet
+
+Array = NDArray[np.float64]
+_RESOLUTION = 0.1  # m, cells of the likelihood grid
+_LEVELS = 6  # of the pyramid: the coarsest bounds 3.2 m x 3.2 m of shifts
+_NEAR = 0.6  # likelihood of a point one cell beside a surface
+_POINTS = 140  # of the scan that are scored
+_ELSEWHERE = np.array([0.6, 0.3])  # m and rad from the best pose where a rival counts
+_NOWHERE = np.array([0.0, 0.0, 0.0, -1.0, -1.0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LikelihoodGrid:
+    """How likely a surface is, cell by cell, and its maxima over ever larger squares."""
+
+    pyramid: NDArray[np.float32]
+    """(levels, H, W)."""
+    corner: Array
+    """(2,) of the first unpadded cell, in the frame of the points."""
+    margin: int
+    resolution: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """The best pose in the window and its rival."""
+
+    pose: Array
+    """(3,)."""
+    score: float
+    """Mean likelihood of the scan's points, 0 to 1."""
+    rival: float
+    """Score of the best pose elsewhere in the window; 0 if none comes near."""
+
+
+def likelihood_grid(points: Array, resolution: float = _RESOLUTION) -> LikelihoodGrid:
+    """The grid of surface points (N, 2)."""
+    margin = 1 << (_LEVELS - 1)
+    corner = points.min(axis=0) - 2.0 * resolution
+    cells = np.floor((points - corner) / resolution).astype(np.int64)
+    width, height = cells.max(axis=0) + 3
+    grid = np.zeros((height, width), np.float32)
+    grid[cells[:, 1], cells[:, 0]] = 1.0
+    field = np.pad(grid, margin)
+    beside = field.copy()
+    for axis in (0, 1):
+        for step in (-1, 1):
+            beside = np.maximum(beside, _NEAR * np.roll(field, step, axis))
+    levels = [beside]
+    for level in range(_LEVELS - 1):
+        reach = 1 << level
+        last = levels[-1]
+        wide = last.copy()
+        wide[:, :-reach] = np.maximum(wide[:, :-reach], last[:, reach:])
+        tall = wide.copy()
+        tall[:-reach] = np.maximum(tall[:-reach], wide[reach:])
+        levels.append(tall)
+    return LikelihoodGrid(np.stack(levels), corner, margin, resolution)
+
+
+def search_grid(
+    points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float, least: float
+) -> Found | None:
+    """The best pose of points (N, 2) within a window about `guess`; None if none exceeds `least`."""
+    if len(points) == 0:
+        return None
+    used = points[np.linspace(0, len(points) - 1, min(_POINTS, len(points))).astype(np.int64)]
+    used = np.ascontiguousarray(used, np.float64)
+    far = float(np.percentile(np.hypot(*used.T), 80))
+    step = float(np.clip(grid.resolution / max(far, 1.0), 0.01, 0.05))
+    count = int(np.ceil(angle / step))
+    angles = np.arange(-count, count + 1) * step
+    reach = int(np.ceil(distance / grid.resolution))
+    best = np.zeros(4)
+    fixed = (grid.pyramid, grid.margin, used, grid.corner, grid.resolution, guess, reach, angles)
+    best_shift(*fixed, least, _NOWHERE, best)
+    if best[0] <= least:
+        return None
+    rival = np.zeros(4)
+    floor = max(least, 0.8 * best[0])
+    best_shift(*fixed, floor, np.concatenate([best[1:], _ELSEWHERE]), rival)
+    return Found(best[1:].copy(), float(best[0]), float(rival[0]) if rival[0] > floor else 0.0)
+
+
+def search_pose(
+    scan: PreparedScan, targets: ScanSet, poses: Array, guess: Array, distance: float, angle: float
+) -> Found | None:
+    """Where a scan lies among targets at `poses` (S, 3), within a window about `guess`."""
+    points = submap_points(targets, np.arange(len(targets)), poses)
+    if len(points) == 0:
+        return None
+    found = search_grid(scan.rows[:, :2].astype(np.float64), likelihood_grid(points), guess,
+                        distance, angle, 0.3)  # fmt: skip
+    return found
+
+
+def submap_points(scans: ScanSet, which: NDArray[np.int64], poses: Array) -> Array:
+    """All points (N, 2) of scans `which` at their `poses` (len(which), 3)."""
+    parts = [
+        transform_points_planar(pose, scans.rows[scans.bounds[w] : scans.bounds[w + 1], :2])
+        for w, pose in zip(which, poses, strict=True)
+    ]
+    return np.concatenate(parts) if parts else np.zeros((0, 2))

@@ -1,0 +1,293 @@
+"""Loop closures by scans alone: submap against submap, searched as far as the drift may reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import (
+    between_planar,
+    information_from_planar,
+    matrix_to_planar,
+    planar_to_matrix,
+    transform_points_planar,
+)
+from mapmyworld.registration.scan_matching import (
+    FINE,
+    Match,
+    PreparedScan,
+    ScanSet,
+    match_scan,
+    prepare_scan,
+    scan_set,
+)
+from mapmyworld.registration.scan_search import (
+    Found,
+    LikelihoodGrid,
+    likelihood_grid,
+    search_grid,
+    submap_points,
+)
+from mapmyworld.registration.threads import run_in_chunks
+from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, Poses, Progress
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+_LEAST_PATH = 8.0  # m of path between two visits, below which they are one
+_SETTLED_WINDOW = 1.0  # m to each side that is searched once the graph is optimised
+_SETTLED_ANGLE = 0.2  # rad, the same
+_NO_PRIOR = np.diag([1e-3, 1e-3, 1e-3])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaserNodes:
+    """The nodes that have scans, their scans, and where they are thought to be."""
+
+    ids: Index
+    scans: ScanSet
+    poses: Array
+    """(N, 3)."""
+    path: Array
+    """(N,) metres driven, rotation counted as well."""
+    grids: dict[int, LikelihoodGrid]
+    """Likelihood grids by their middle node, filled when needed."""
+
+
+def load_node_scans(store: MapStore, config: Config) -> tuple[list[Node], ScanSet]:
+    """The nodes that have a scan, with their scans made ready."""
+    frames = store.tracked_frames()
+    at_nodes = np.flatnonzero(frames.is_node)
+    node_of = dict(zip(at_nodes.tolist(), frames.node_ids[at_nodes].tolist(), strict=True))
+    known = {node.id: node for node in store.nodes()}
+    nodes: list[Node] = []
+    scans: list[PreparedScan] = []
+    for frame, scan in store.scans(at_nodes):
+        nodes.append(known[node_of[frame]])
+        scans.append(prepare_scan(scan, config.registration))
+    return nodes, scan_set(scans)
+
+
+def find_laser_closures(
+    store: MapStore, poses: Poses | None, config: Config, progress: Progress
+) -> list[Constraint]:
+    """Every pair of places that was compared, with its verdict.
+
+    From tracked poses the search reaches as far as the drift may have gone; from optimised ones
+    only a little, and the constraints are of the kind `proximity`.
+    """
+    listed, scans = load_node_scans(store, config)
+    if len(listed) < 2:
+        return []
+    if poses is None:
+        planar = matrix_to_planar(np.stack([node.tracked_from_base for node in listed]))
+    else:
+        solved = dict(zip(poses.ids.tolist(), poses.map_from_node, strict=True))
+        planar = matrix_to_planar(np.stack([solved[node.id] for node in listed]))
+    nodes = laser_nodes(np.array([node.id for node in listed]), scans, planar)
+    known = {(c.from_id, c.to_id) for c in store.constraints()}
+    pairs = [
+        (a, b)
+        for a, b in candidate_pairs(nodes, config, settled=poses is not None)
+        if (int(nodes.ids[a]), int(nodes.ids[b])) not in known
+    ]
+    progress.stage("loop closures by laser", len(pairs), "pairs")
+    return compare_places(nodes, pairs, config, settled=poses is not None)
+
+
+def laser_nodes(ids: Index, scans: ScanSet, poses: Array) -> LaserNodes:
+    """Nodes with the length of path up to each."""
+    steps = between_planar(poses[:-1], poses[1:])
+    lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.2 * np.abs(steps[:, 2])
+    return LaserNodes(ids, scans, poses, np.concatenate([[0.0], np.cumsum(lengths)]), {})
+
+
+def candidate_pairs(
+    nodes: LaserNodes, config: Config, *, settled: bool
+) -> list[tuple[int, int]]:
+    """(earlier, later) indices of visits that may be of the same place."""
+    places = config.places
+    spots = _spaced(nodes.path, places.laser_spacing)
+    tree = cKDTree(nodes.poses[spots, :2])
+    pairs: list[tuple[int, int]] = []
+    for later in spots:
+        widest = 4.0 if settled else 3.0 + places.laser_window
+        near = np.array(sorted(tree.query_ball_point(nodes.poses[later, :2], widest)), np.int64)
+        driven = nodes.path[later] - nodes.path[spots[near]]
+        near, driven = near[driven > _LEAST_PATH], driven[driven > _LEAST_PATH]
+        apart = np.hypot(*(nodes.poses[spots[near], :2] - nodes.poses[later, :2]).T)
+        reach = 3.0 + (0.0 if settled else 1.0) * np.minimum(
+            places.laser_drift * driven, places.laser_window
+        )
+        near, apart = near[apart < reach], apart[apart < reach]
+        if len(near) == 0:
+            continue
+        # Of each visit the nearest spot; visits are runs of neighbouring spots.
+        runs = np.cumsum(np.diff(near, prepend=near[0]) > 2)
+        best = [near[runs == r][np.argmin(apart[runs == r])] for r in range(int(runs[-1]) + 1)]
+        costs = [float(apart[runs == r].min()) for r in range(int(runs[-1]) + 1)]
+        chosen = np.argsort(costs, kind="stable")[: places.laser_passes]
+        pairs += [(int(spots[best[k]]), int(later)) for k in sorted(chosen.tolist())]
+    return pairs
+
+
+def compare_places(
+    nodes: LaserNodes, pairs: list[tuple[int, int]], config: Config, *, settled: bool
+) -> list[Constraint]:
+    """Each pair's constraint, accepted or not, in the order of the pairs."""
+    for a, _ in pairs:
+        if a not in nodes.grids:
+            nodes.grids[a] = likelihood_grid(_surroundings(nodes, a, config))
+    results: list[Constraint | None] = [None] * len(pairs)
+
+    def work(first: int, last: int) -> None:
+        for k in range(first, last):
+            results[k] = _compare(nodes, *pairs[k], config, settled)
+
+    run_in_chunks(work, len(pairs), config.threads)
+    nodes.grids.clear()
+    return [constraint for constraint in results if constraint is not None]
+
+
+def _spaced(path: Array, spacing: float) -> Index:
+    return np.unique(np.searchsorted(path, np.arange(0.0, path[-1] + spacing, spacing)).clip(
+        0, len(path) - 1))  # fmt: skip
+
+
+def _members(nodes: LaserNodes, middle: int, config: Config) -> Index:
+    """Nodes around one along the path, at most nine."""
+    half = config.places.laser_submap
+    first = int(np.searchsorted(nodes.path, nodes.path[middle] - half))
+    last = int(np.searchsorted(nodes.path, nodes.path[middle] + half, side="right"))
+    before = np.linspace(first, middle, 5).astype(np.int64)
+    after = np.linspace(middle, last - 1, 5).astype(np.int64)
+    return np.unique(np.concatenate([before, after]))
+
+
+def _surroundings(nodes: LaserNodes, middle: int, config: Config) -> Array:
+    """Points (N, 2) of the submap around a node, in that node's frame."""
+    members = _members(nodes, middle, config)
+    return submap_points(
+        nodes.scans, members, between_planar(nodes.poses[middle], nodes.poses[members])
+    )
+
+
+def _compare(
+    nodes: LaserNodes, a: int, b: int, config: Config, settled: bool
+) -> Constraint:
+    places = config.places
+    guess = between_planar(nodes.poses[a], nodes.poses[b])
+    driven = float(nodes.path[b] - nodes.path[a])
+    if settled:
+        distance, angle = _SETTLED_WINDOW, _SETTLED_ANGLE
+    else:
+        distance = min(1.0 + places.laser_drift * driven, places.laser_window)
+        angle = min(0.2 + places.laser_drift_angle * driven, np.pi)
+    points = _surroundings(nodes, b, config)
+    found = search_grid(points, nodes.grids[a], guess, distance, angle, places.laser_score)
+    if found is None:
+        return _rejected(nodes, a, b, settled, guess, f"score below {places.laser_score}", {})
+    match = _match_submaps(nodes, a, b, found.pose, config)
+    return _verdict(nodes, a, b, guess, found, match, config, settled)
+
+
+def _match_submaps(nodes: LaserNodes, a: int, b: int, guess: Array, config: Config) -> Match:
+    """The scans around b, as one, aligned with those around a."""
+    targets, members = _members(nodes, a, config), _members(nodes, b, config)
+    source = _joined(nodes, b, members)
+    return match_scan(
+        source, nodes.scans, targets, between_padded(nodes, a, targets), guess,
+        config.registration, prior=guess, prior_information=_NO_PRIOR,
+        reaches=np.concatenate([[0.4, 0.3], FINE]),
+    )  # fmt: skip
+
+
+def between_padded(nodes: LaserNodes, a: int, targets: Index) -> Array:
+    """(N, 3) poses in a's frame, filled in for the targets only: the kernel looks no further."""
+    poses = np.zeros_like(nodes.poses)
+    poses[targets] = between_planar(nodes.poses[a], nodes.poses[targets])
+    return poses
+
+
+def _joined(nodes: LaserNodes, b: int, members: Index) -> PreparedScan:
+    """Some of the members' points, in b's frame; their bearings serve no search."""
+    parts = []
+    for m in members:
+        rows = nodes.scans.rows[nodes.scans.bounds[m] : nodes.scans.bounds[m + 1] : 2]
+        b_from_m = between_planar(nodes.poses[b], nodes.poses[m])
+        turn = np.array([0.0, 0.0, b_from_m[2]])
+        moved = rows.copy()
+        moved[:, :2] = transform_points_planar(b_from_m, rows[:, :2])
+        moved[:, 2:4] = transform_points_planar(turn, rows[:, 2:4])
+        parts.append(moved)
+    return PreparedScan(np.ascontiguousarray(np.concatenate(parts)), nodes.scans.origins[b])
+
+
+def _verdict(
+    nodes: LaserNodes, a: int, b: int, guess: Array, found: Found, match: Match,
+    config: Config, settled: bool,
+) -> Constraint:  # fmt: skip
+    places = config.places
+    moved = between_planar(guess, match.pose)
+    slipped = between_planar(found.pose, match.pose)
+    evidence = {
+        "score": found.score,
+        "rival": found.rival,
+        "overlap": match.overlap,
+        "residual": match.residual,
+        "moved": float(np.hypot(*moved[:2])),
+    }
+    weakest = float(np.linalg.eigvalsh(match.information)[0])
+    if match.overlap < places.laser_overlap:
+        reason = f"overlap {match.overlap:.0%} below {places.laser_overlap:.0%}"
+    elif found.rival > places.laser_rival * found.score:
+        reason = f"ambiguous: another pose scores {found.rival:.2f} against {found.score:.2f}"
+    elif np.hypot(*slipped[:2]) > 0.5 or abs(slipped[2]) > 0.15:
+        reason = "not converged: the refined pose left the best one of the search"
+    elif weakest < 100.0:
+        reason = "poorly constrained: the surfaces leave a direction open"
+    else:
+        return _constraint(nodes, a, b, settled, match, evidence)
+    return _rejected(nodes, a, b, settled, match.pose, reason, evidence)
+
+
+def _kind(settled: bool) -> ConstraintKind:
+    return ConstraintKind.PROXIMITY if settled else ConstraintKind.LOOP_CLOSURE
+
+
+def _constraint(
+    nodes: LaserNodes, a: int, b: int, settled: bool, match: Match, evidence: dict[str, float]
+) -> Constraint:
+    # Nothing is known better than the maps of the two places agree in themselves.
+    floor = np.diag([0.02**2, 0.02**2, 0.005**2])
+    information = np.linalg.inv(np.linalg.inv(match.information) + floor)
+    return Constraint(
+        from_id=int(nodes.ids[a]),
+        to_id=int(nodes.ids[b]),
+        kind=_kind(settled),
+        from_from_to=planar_to_matrix(match.pose),
+        information=information_from_planar(information),
+        reason=f"overlap {match.overlap:.0%}, residual {match.residual:.3f} m",
+        evidence=evidence,
+    )
+
+
+def _rejected(
+    nodes: LaserNodes, a: int, b: int, settled: bool, pose: Array, reason: str,
+    evidence: dict[str, float],
+) -> Constraint:  # fmt: skip
+    return Constraint(
+        from_id=int(nodes.ids[a]),
+        to_id=int(nodes.ids[b]),
+        kind=_kind(settled),
+        from_from_to=planar_to_matrix(pose),
+        information=information_from_planar(np.eye(3)),
+        accepted=False,
+        reason=reason,
+        evidence=evidence,
+    )
+
+

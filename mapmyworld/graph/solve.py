@@ -16,10 +16,11 @@ from mapmyworld.geometry import (
     planar_to_matrix,
 )
 from mapmyworld.graph.covariance import marginal_covariances, spatial_covariances
+from mapmyworld.graph.edits import BY_HAND
 from mapmyworld.graph.pose_graph import TRUSTED, Index, components, positions
 from mapmyworld.graph.robust import RobustSolution, chosen_edges, settle, solve_robustly
 from mapmyworld.graph.system import System, edge_chi2, number_free
-from mapmyworld.graph.verdicts import fault_of, judged
+from mapmyworld.graph.verdicts import fault_of, judged, unjudged
 from mapmyworld.types import Constraint, Poses
 
 
@@ -47,11 +48,13 @@ def solve(
 ) -> SolvedGraph:
     """The graph of nodes at `initial` poses (N, 4, 4), solved robustly and judged.
 
-    Constraints that come rejected stay so. Motion, priors and what a person stated are believed;
+    Constraints that come rejected stay so, unless an earlier `solve` rejected them: its verdicts
+    are forgotten first. Motion, priors and what a person stated are believed;
     closures must agree with these and with each other. The first node of every connected part
     stays at its initial pose.
     """
     config = config or GraphConfig()
+    constraints = [unjudged(c) for c in constraints]
     order = _nodes_first(np.asarray(ids, np.int64))
     known = np.asarray(ids, np.int64)[order]
     guess = np.asarray(initial, np.float64).reshape(-1, 4, 4)[order]
@@ -100,7 +103,7 @@ def _system(
     ends = np.array([(c.from_id, c.to_id) for c in constraints], np.int64).reshape(-1, 2)
     places = by_id[positions(known[by_id], ends.ravel())].reshape(-1, 2)
     tails = np.where(ends[:, 0] == ends[:, 1], len(known), places[:, 0])
-    trusted = np.array([c.kind in TRUSTED for c in constraints], np.bool_)
+    trusted = np.array([c.kind in TRUSTED or BY_HAND in c.evidence for c in constraints], np.bool_)
     free = np.zeros(len(start), np.int64)
     return System(planar, tails, places[:, 1], measured, information, free), start, trusted
 

@@ -8,11 +8,25 @@ from dataclasses import replace
 import numpy as np
 
 from mapmyworld.geometry import Array, rotation_angle, se3_exp
+from mapmyworld.graph.edits import BY_HAND
 from mapmyworld.graph.pose_graph import Index
 from mapmyworld.graph.residuals import edge_residuals, planar_exp
 from mapmyworld.graph.robust import RobustSolution
 from mapmyworld.graph.system import System
 from mapmyworld.types import Constraint
+
+_MARK = "graph: "
+_UNUSABLE = "cannot be used: "
+_JUDGED = (
+    "residual_metres",
+    "residual_degrees",
+    "sigmas",
+    "sigmas_limit",
+    "supporters",
+    "partners",
+    "moved_metres",
+    "moved_degrees",
+)
 
 
 def fault_of(constraint: Constraint, known: set[int]) -> str:
@@ -46,7 +60,7 @@ def judged(
 ) -> tuple[Constraint, ...]:
     """All constraints with verdict, reason and evidence; `used` are those of the system."""
     result = [
-        replace(c, accepted=False, reason=f"cannot be used: {fault}") if fault else c
+        replace(c, accepted=False, reason=f"{_UNUSABLE}{fault}") if fault else c
         for c, fault in zip(constraints, faults, strict=True)
     ]
     metres, degrees = misfits(system, solution.poses)
@@ -75,11 +89,27 @@ def judged(
                 if evidence["sigmas"] <= evidence["sigmas_limit"]:
                     reason = f"nothing supports it and it may fit by chance: {fit}"
         before = result[k]
-        kept = "; ".join(part for part in (before.reason, reason) if part)
         result[k] = replace(
-            before, accepted=accepted, reason=kept, evidence={**before.evidence, **evidence}
+            before,
+            accepted=accepted,
+            reason=" | ".join(part for part in (before.reason, _MARK + reason) if part),
+            evidence={**before.evidence, **evidence},
         )
     return tuple(result)
+
+
+def unjudged(constraint: Constraint) -> Constraint:
+    """The constraint as it was before the graph judged it; what a person stated stays."""
+    unusable = constraint.reason.startswith(_UNUSABLE)
+    if "sigmas" not in constraint.evidence and not unusable:
+        return constraint
+    parts = [] if unusable else constraint.reason.split(" | ")
+    return replace(
+        constraint,
+        accepted=constraint.accepted if BY_HAND in constraint.evidence else True,
+        reason=" | ".join(part for part in parts if not part.startswith(_MARK)),
+        evidence={k: v for k, v in constraint.evidence.items() if k not in _JUDGED},
+    )
 
 
 def _support(supporters: int, partners: int) -> str:

@@ -1,0 +1,119 @@
+"""Edits: read with clear words, applied, undone, and obeyed by the solver."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from formats.edits import read_edits
+from mapmyworld.errors import GraphError, MapError
+from mapmyworld.graph import solve
+from mapmyworld.graph.edits import apply_edits, edits_from_json, edits_to_json, resolve_pins
+from mapmyworld.types import Constraint, ConstraintKind, Poses
+from tests.test_graph_solve import noisy_constraints, square_walk
+
+TEXT = """
+[[reject]]
+from = 41
+to = 1
+reason = "two corridors alike"
+
+[[add]]
+from = 3
+to = 43
+pose = [0.0, 0.0, 0.0]
+sigma = [0.05, 2.0]
+reason = "tape"
+
+[[prior]]
+node = 1
+pose = [5.0, 0.0, 90.0]
+sigma = [0.01, 0.5]
+reason = "dock"
+
+[[pin]]
+node = 20
+reason = "surveyed"
+"""
+
+
+def edits_from(text: str, folder: Path):
+    path = folder / "edits.toml"
+    path.write_text(text)
+    return read_edits(path)
+
+
+def world():
+    truth = square_walk(rounds=2)
+    return truth, noisy_constraints(truth, np.random.default_rng(7))
+
+
+def test_edits_are_applied_and_undone_when_the_file_no_longer_says_so(tmp_path):
+    truth, constraints = world()
+    edits = edits_from(TEXT, tmp_path)
+    edits = resolve_pins(edits, Poses(np.arange(1, 81), truth))
+    edited = apply_edits(constraints, edits)
+    rejected = [c for c in edited if not c.accepted]
+    assert [(c.from_id, c.to_id) for c in rejected] == [(1, 41)]
+    assert "two corridors alike" in rejected[0].reason
+    assert [str(c.kind) for c in edited[len(constraints) :]] == ["user", "prior", "prior"]
+    again = apply_edits(apply_edits(edited, edits), ())
+    assert [(c.accepted, c.reason) for c in again] == [(c.accepted, c.reason) for c in constraints]
+
+
+def test_edits_survive_the_store(tmp_path):
+    edits = edits_from(TEXT, tmp_path)
+    again = edits_from_json(edits_to_json(edits))
+    assert edits_to_json(again) == edits_to_json(edits)
+    assert edits_from_json(None) == ()
+
+
+def test_the_solver_obeys_a_rejection_an_acceptance_and_a_prior(tmp_path):
+    truth, constraints = world()
+    wrong = Constraint(2, 60, ConstraintKind.LOOP_CLOSURE, np.eye(4), constraints[0].information)
+    ids = np.arange(1, 81)
+    first = solve(ids, truth, [*constraints, wrong], planar=True)
+    assert not first.constraints[-1].accepted
+    text = '[[accept]]\nfrom = 2\nto = 60\nreason = "I was there"\n' + TEXT
+    edited = apply_edits(first.constraints, resolve_pins(edits_from(text, tmp_path), first.poses))
+    solved = solve(ids, truth, edited, planar=True)
+    assert solved.constraints[len(constraints)].accepted
+    assert not any(c.accepted for c in solved.constraints if (c.from_id, c.to_id) == (1, 41))
+    # The prior puts the first node at x = 5, but the pin at node 20 and the false closure pull.
+    assert solved.cost > 10 * first.cost
+    restored = solve(ids, truth, apply_edits(solved.constraints, ()), planar=True)
+    assert [c.accepted for c in restored.constraints] == [c.accepted for c in first.constraints]
+    assert [c.reason for c in restored.constraints] == [c.reason for c in first.constraints]
+
+
+def test_an_edit_of_nothing_is_refused(tmp_path):
+    _, constraints = world()
+    edits = edits_from('[[reject]]\nfrom = 1\nto = 77\nreason = "no"\n', tmp_path)
+    with pytest.raises(GraphError, match="reject: no constraint between 1 and 77"):
+        apply_edits(constraints, edits)
+    with pytest.raises(GraphError, match="no node 77"):
+        resolve_pins(edits, Poses(np.arange(1, 9), np.tile(np.eye(4), (8, 1, 1))))
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("[[burn]]\nnode = 1", "an edits file holds"),
+        ('[[reject]]\nfrom = 1\nreason = "x"', "lacks to"),
+        ("[[reject]]\nfrom = 1\nto = 2", "lacks reason"),
+        ('[[reject]]\nfrom = 1\nto = 2\nreason = " "', "reason must say why"),
+        ('[[reject]]\nfrom = 1\nto = 1\nreason = "x"', "same node"),
+        ('[[reject]]\nfrom = 1\nto = 2\nkind = "x"\nreason = "x"', "kind is one of"),
+        ('[[add]]\nfrom = 1\nto = 2\npose = [1]\nsigma = [1, 1]\nreason = "x"', "pose is"),
+        ('[[add]]\nfrom = 1\nto = 2\npose = [1, 2, 3]\nreason = "x"', "give either sigma"),
+        ('[[add]]\nfrom = 1\nto = 2\npose = [1, 2, nan]\nsigma = [1, 1]\nreason = "x"', "finite"),
+        ('[[pin]]\nnode = "a"\nreason = "x"', "whole numbers"),
+        ('[[pin]]\nnode = 1\nwhy = 2\nreason = "x"', "does not know why"),
+        ("[[pin]", "not valid TOML"),
+    ],
+)
+def test_a_broken_edits_file_is_explained(text, word, tmp_path):
+    with pytest.raises(MapError, match=word.replace("[", r"\[")):
+        edits_from(text, tmp_path)

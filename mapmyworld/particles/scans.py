@@ -9,6 +9,8 @@ from mapmyworld.particles.kernels import Beams
 from mapmyworld.types import Scan
 
 _SPAN = 4  # neighbours on each side that a normal may rest on
+_STRAIGHT = 0.03  # m from the chord of its neighbours at which a lone end point is on a line
+_CHORD = 4.0  # m, such a chord at most
 _NORMAL_BASE = 0.12  # m between the outer neighbours from which a direction is trusted
 
 
@@ -54,9 +56,23 @@ def surface_normals(
         across = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.maximum(length, 1e-9)[:, None]
         normals[ready] = across[ready]
         pending &= ~ready
+    _add_sparse_normals(points, normals, pending)
     towards = np.sum(normals * (origin - points), axis=1)
     normals[towards < 0.0] *= -1.0
     return normals
+
+
+def _add_sparse_normals(
+    points: NDArray[np.float64], normals: NDArray[np.float64], pending: NDArray[np.bool_]
+) -> None:
+    """Fills in normals where beams graze a wall so that end points lie far apart, but in a line."""
+    chord = points[2:] - points[:-2]
+    length = np.hypot(*chord.T)
+    across = np.stack([chord[:, 1], -chord[:, 0]], axis=1) / np.maximum(length, 1e-9)[:, None]
+    offset = np.abs(np.sum(across * (points[1:-1] - points[:-2]), axis=1))
+    inner = pending[1:-1] & (offset < _STRAIGHT) & (length > _NORMAL_BASE) & (length < _CHORD)
+    middle = np.flatnonzero(inner) + 1
+    normals[middle] = across[inner]
 
 
 def _spaced(points: NDArray[np.float64], spacing: float) -> NDArray[np.int64]:

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from mapmyworld.particles.kernels.likelihood import log_likelihood
 from mapmyworld.particles.kernels.surfaces import PLANAR, Beams, jit, nearest
 
+POINT = 0.1  # weight of an end point at a cell that is no line: it may lie beside the true one
+
 
 @jit
 def linearise(
@@ -59,7 +61,7 @@ def linearise(
             g[2] += w * jt * r
             matched += 1.0 / (1.0 + r * r * inverse)
         else:
-            w = 0.25 * inverse / (1.0 + d2 * inverse) ** 2
+            w = POINT * inverse / (1.0 + d2 * inverse) ** 2
             H[0, 0] += w
             H[0, 2] += -w * ry
             H[1, 1] += w

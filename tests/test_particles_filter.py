@@ -1,0 +1,356 @@
+"""The fast filter: shared maps, scan matching, proposals, smoothing, and whole runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from formats.logs import open_log
+from formats.relations import read_relations
+from mapmyworld.config import Config, MappingConfig, ParticlesConfig
+from mapmyworld.errors import LogError
+from mapmyworld.evaluation import ate, relations_score
+from mapmyworld.geometry import between_planar, compose_planar, planar_to_matrix
+from mapmyworld.mapping.occupancy import build_grid
+from mapmyworld.particles import kernels
+from mapmyworld.particles.fastslam import run_fastslam
+from mapmyworld.particles.history import loops_reentered
+from mapmyworld.particles.kernels import Beams
+from mapmyworld.particles.occupancy import SensorModel, update_occupancy_grid
+from mapmyworld.particles.proposal import improved_proposal
+from mapmyworld.particles.scans import beams_from_scan
+from mapmyworld.particles.smoothing import _banded_step, _motion_jacobians
+from mapmyworld.particles.threads import Workers
+from mapmyworld.particles.tiles import TileMaps
+from mapmyworld.sensing import make_plan, read_frames, survey_log
+from mapmyworld.types import OccupancyGrid, Scan, Trajectory
+
+Array = NDArray[np.float64]
+SETTINGS = ParticlesConfig(count=6, count_min=6, smoothing=5)
+
+
+def segments(*corners: tuple[float, float]) -> Array:
+    ring = np.array([*corners, corners[0]])
+    return np.stack([ring[:-1], ring[1:]], axis=1)
+
+
+# A ring corridor 2 m wide around a block, with niches that break its symmetry.
+RING = np.concatenate(
+    [
+        segments((0, 0), (5, 0), (5, -0.6), (5.8, -0.6), (5.8, 0), (12, 0), (12, 9), (0, 9)),
+        segments((2, 2), (10, 2), (10, 4), (9.4, 4), (9.4, 4.7), (10, 4.7), (10, 7), (2, 7)),
+    ]
+)
+CORRIDOR = np.array([[[-30.0, -1.0], [30.0, -1.0]], [[-30.0, 1.0], [30.0, 1.0]]])
+
+
+def cast(walls: Array, pose: Array, beams: int = 181, range_max: float = 12.0) -> Scan:
+    """What a lidar at `pose` sees of walls (S, 2, 2): the nearest crossing of every ray."""
+    angles = np.linspace(-np.pi / 2, np.pi / 2, beams)
+    d = np.stack([np.cos(angles + pose[2]), np.sin(angles + pose[2])], axis=-1)[:, None]
+    a, edge = walls[None, :, 0] - pose[:2], (walls[:, 1] - walls[:, 0])[None]
+    cross = d[..., 0] * edge[..., 1] - d[..., 1] * edge[..., 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        way = (a[..., 0] * edge[..., 1] - a[..., 1] * edge[..., 0]) / cross
+        share = (a[..., 0] * d[..., 1] - a[..., 1] * d[..., 0]) / cross
+    way = np.where((way > 0) & (share >= 0) & (share <= 1), way, np.inf).min(axis=1)
+    seen = way < range_max
+    ends = way[seen, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)[seen]
+    return Scan(
+        ends.astype(np.float32),
+        np.zeros(3),
+        angles[~seen].astype(np.float32),
+        range_max,
+        float(angles[1] - angles[0]),
+    )
+
+
+def beams_at(walls: Array, pose: Array) -> Beams:
+    return beams_from_scan(cast(walls, pose), range_max=12.0, spacing=0.03, most=180)
+
+
+def drive_round(laps: float, step: float = 0.12) -> Array:
+    """Poses (T, 3) along the middle of the ring corridor, corners turned on the spot."""
+    corners = np.array([[1.0, 1.0], [11.0, 1.0], [11.0, 8.0], [1.0, 8.0]])
+    poses, heading = [], 0.0
+    for side in range(int(4 * laps)):
+        a, b = corners[side % 4], corners[(side + 1) % 4]
+        turns = np.arange(-np.pi / 2, 0.0, 0.12) if side else [0.0]
+        poses += [[*a, heading + turn] for turn in turns]
+        ways = np.arange(step, np.hypot(*(b - a)), step)
+        poses += [[*(a + way * (b - a) / np.hypot(*(b - a))), heading] for way in ways]
+        heading += np.pi / 2
+    return np.array(poses)
+
+
+@dataclass(frozen=True)
+class Moment:
+    stamp_ns: int
+    odom_from_base: Array | None
+    scan: Scan | None
+
+
+class Silence:
+    def stage(self, name: str, total: float | None = None, unit: str = "") -> None: ...
+    def update(self, done: float) -> None: ...
+    def note(self, message: str) -> None: ...
+
+
+def recorded(truth: Array, bias: Array, *, odometry: bool = True) -> list[Moment]:
+    """Moments whose odometry errs by `bias` (3,): shares of x and y, rad of yaw a metre."""
+    motions = between_planar(truth[:-1], truth[1:])
+    way = np.hypot(motions[:, 0], motions[:, 1])
+    motions[:, :2] *= 1.0 + bias[:2]
+    motions[:, 2] += bias[2] * way
+    poses = [np.zeros(3)]
+    for motion in motions:
+        poses.append(compose_planar(poses[-1], motion))
+    return [
+        Moment(k * 100_000_000, planar_to_matrix(p) if odometry else None, cast(RING, x))
+        for k, (x, p) in enumerate(zip(truth, poses, strict=True))
+    ]
+
+
+def error(path: Array, truth: Array) -> float:
+    """Absolute trajectory error (m)."""
+    stamps = np.arange(len(path), dtype=np.int64)
+    estimate, reference = (Trajectory(stamps, planar_to_matrix(p)) for p in (path, truth))
+    return ate(estimate, reference).rmse
+
+
+def test_known_poses_give_the_graph_pipelines_grid() -> None:
+    poses = drive_round(1.0)[::12] + np.array([0.0137, 0.0071, 0.0031])
+    scans = [cast(RING, pose) for pose in poses]
+    sure = MappingConfig(clamp_probability=1.0 - 1e-12)
+    expected = build_grid(zip(poses, scans, strict=True), Config(mapping=sure))
+    grid = OccupancyGrid(
+        np.full_like(expected.log_odds, np.nan), expected.resolution, expected.origin
+    )
+    sensor = SensorModel(sure.hit_probability, sure.miss_probability, limit=100.0)
+    for pose, z in zip(poses, scans, strict=True):
+        grid = update_occupancy_grid(z, pose, grid, sensor)
+    np.testing.assert_allclose(grid.log_odds, expected.log_odds, atol=1e-4)
+
+
+def test_particles_share_tiles_until_they_write() -> None:
+    with Workers(1) as workers:
+        maps = TileMaps(4, 0.05, workers)
+        pose = np.array([1.0, 1.0, 0.0])
+        maps.insert(beams_at(RING, pose), np.tile(pose, (4, 1)))
+        alone = maps.tiles_used
+        maps.resample(np.zeros(4, np.int64))
+        assert maps.tiles_used == alone // 4
+        before = [array.copy() for array in maps.surfaces[1:3]]
+        tables = maps.surfaces.tables.copy()
+        far = np.array([1.0, 8.0, 0.0])
+        maps.insert(beams_at(RING, far), np.stack([far, far, far, pose]))
+        for array, old in zip(maps.surfaces[1:3], before, strict=True):
+            kept = np.unique(tables[0][np.isin(tables[0], maps.surfaces.tables)])
+            np.testing.assert_array_equal(array[kept], old[kept])
+
+
+def test_one_particles_map_does_not_depend_on_the_others() -> None:
+    poses = drive_round(0.5)[::10]
+    with Workers(1) as workers:
+        lone, many = TileMaps(1, 0.05, workers), TileMaps(5, 0.05, workers)
+        for k, pose in enumerate(poses):
+            z = beams_at(RING, pose)
+            lone.insert(z, pose[None])
+            others = compose_planar(pose, np.outer(np.arange(5), [0.1, -0.2, 0.3]))
+            many.insert(z, others)
+            if k % 3 == 2:
+                many.resample(np.array([0, 2, 2, 0, 4]))
+        a, b = lone.surfaces, many.surfaces
+        shift = a.base - b.base
+        for y, x in np.argwhere(a.tables[0]):
+            slot, twin = a.tables[0, y, x], b.tables[0, y + shift[0], x + shift[1]]
+            np.testing.assert_array_equal(a.visits[slot], b.visits[twin])
+            np.testing.assert_array_equal(a.hits[slot], b.hits[twin])
+            np.testing.assert_array_equal(a.means[slot], b.means[twin])
+
+
+def mapped(walls: Array, poses: Array, workers: Workers) -> TileMaps:
+    maps = TileMaps(1, 0.05, workers)
+    for pose in poses:
+        maps.insert(beams_at(walls, pose), pose[None])
+    return maps
+
+
+def test_the_proposal_finds_the_true_pose_and_knows_how_well() -> None:
+    around = np.array([[1.0 + 0.1 * k, 1.0, 0.05 * k] for k in range(8)])
+    truth = np.array([1.43, 1.08, 0.21])
+    u = np.array([0.05, -0.04, 0.03])
+    wide = np.diag([0.1, 0.1, 0.05]) ** 2
+    with Workers(1) as workers:
+        maps = mapped(RING, around, workers)
+        z = beams_at(RING, truth)
+        start = compose_planar(truth, np.array([-0.11, 0.09, -0.06]))
+        proposal = improved_proposal(start[None], u, wide, z, maps, SETTINGS, workers)
+    assert np.hypot(*(proposal.mean[0] - truth)[:2]) < 0.01
+    assert abs(proposal.mean[0, 2] - truth[2]) < 0.005
+    assert np.sqrt(proposal.covariance[0].diagonal()).max() < 0.02
+    assert proposal.share[0] > 0.8
+
+
+def test_in_a_corridor_the_proposal_is_as_long_as_the_motion_leaves_it() -> None:
+    poses = np.array([[0.1 * k, 0.0, 0.0] for k in range(8)])
+    motion = np.diag([0.2, 0.2, 0.05]) ** 2
+    with Workers(1) as workers:
+        maps = mapped(CORRIDOR, poses, workers)
+        z = beams_at(CORRIDOR, np.array([0.8, 0.0, 0.0]))
+        u = np.array([0.1, 0.0, 0.0])
+        proposal = improved_proposal(poses[-1:], u, motion, z, maps, SETTINGS, workers)
+    sigma = np.sqrt(proposal.covariance[0].diagonal())
+    assert sigma[0] == pytest.approx(0.2, rel=0.3)
+    assert sigma[1] < 0.02
+
+
+@pytest.mark.parametrize("model", ["field", "beams"])
+def test_weights_prefer_the_particle_that_is_right(model: str) -> None:
+    truth = np.array([1.3, 1.0, 0.1])
+    settings = replace(SETTINGS, measurement=model)
+    with Workers(1) as workers:
+        maps = mapped(RING, np.array([[1.0 + 0.1 * k, 1.0, 0.0] for k in range(8)]), workers)
+        maps.resample(np.zeros(2, np.int64))
+        x = np.stack([truth, truth + np.array([0.6, 0.5, 0.4])])
+        u, tight = np.zeros(3), np.diag([0.005, 0.005, 0.002]) ** 2
+        z = beams_at(RING, truth)
+        proposal = improved_proposal(x, u, tight, z, maps, settings, workers)
+    assert proposal.log_weight[0] > proposal.log_weight[1] + 0.5
+
+
+def test_likelihoods_of_ranges_do_not_depend_on_how_they_are_split() -> None:
+    pose = np.array([1.0, 1.0, 0.0])
+    with Workers(1) as workers:
+        maps = mapped(RING, pose[None], workers)
+        maps.resample(np.zeros(7, np.int64))
+    poses = pose + np.linspace(0.0, 0.3, 7)[:, None]
+    z = beams_at(RING, pose)
+    whole, parts = np.zeros(7), np.zeros(7)
+    kernels.log_likelihoods(maps.surfaces, 0, 7, z, poses, 2, 0.04, whole)
+    for first, last in ((3, 7), (0, 3)):
+        kernels.log_likelihoods(maps.surfaces, first, last, z, poses, 2, 0.04, parts)
+    np.testing.assert_array_equal(whole, parts)
+    assert np.all(np.diff(whole) < 0.0)
+
+
+def test_the_banded_step_is_the_dense_one() -> None:
+    random = np.random.default_rng(5)
+    path = np.cumsum(random.normal(0.1, 0.1, (6, 3)), axis=0)
+    motions = between_planar(path[:-1], path[1:]) + random.normal(0.0, 0.05, (5, 3))
+    information = np.array([np.diag(random.uniform(1.0, 50.0, 3)) for _ in range(5)])
+    roots = random.normal(size=(6, 3, 3))
+    H, g = roots @ roots.transpose(0, 2, 1), random.normal(size=(6, 3))
+    A, B = _motion_jacobians(path)
+    dense, right = np.zeros((18, 18)), g.ravel().copy()
+    dense[:3, :3] += 1e8 * np.eye(3)
+    errors = between_planar(path[:-1], path[1:]) - motions
+    for k in range(6):
+        dense[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += H[k]
+    for k in range(5):
+        J = np.zeros((3, 18))
+        J[:, 3 * k : 3 * k + 3], J[:, 3 * k + 3 : 3 * k + 6] = A[k], B[k]
+        dense += J.T @ information[k] @ J
+        right += J.T @ information[k] @ errors[k]
+    step = _banded_step(path, motions, information, H, g)
+    np.testing.assert_allclose(step.ravel(), -np.linalg.solve(dense, right), rtol=1e-6, atol=1e-9)
+
+
+def test_motion_jacobians_are_the_derivatives() -> None:
+    path = np.array([[0.3, -0.2, 0.7], [1.1, 0.4, -2.5]])
+    A, B = _motion_jacobians(path)
+    for axis in range(3):
+        for end, jacobian in ((0, A), (1, B)):
+            moved = [path.copy(), path.copy()]
+            moved[0][end, axis] -= 1e-6
+            moved[1][end, axis] += 1e-6
+            low, high = (between_planar(p[0], p[1]) for p in moved)
+            np.testing.assert_allclose(jacobian[0][:, axis], (high - low) / 2e-6, atol=1e-7)
+
+
+def test_loops_are_counted_once_each() -> None:
+    """Three laps of a circle of 63 m around: back at the start once, then never away again."""
+    angle = np.linspace(0.0, 6 * np.pi, 600)
+    circle = 10.0 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    found = loops_reentered(circle)
+    assert len(found) == 1
+    assert angle[found[0]] == pytest.approx(2 * np.pi - 0.2, abs=0.05)
+    assert loops_reentered(np.stack([np.linspace(0, 100, 500), np.zeros(500)], axis=-1)) == []
+
+
+def test_a_log_without_scans_is_refused() -> None:
+    with pytest.raises(LogError, match="laser"):
+        run_fastslam([Moment(0, np.eye(4), None)], Config(), Silence())
+
+
+def test_one_scan_makes_a_map() -> None:
+    result = run_fastslam(
+        [Moment(5, None, cast(RING, np.array([1.0, 1.0, 0.0])))], Config(), Silence()
+    )
+    np.testing.assert_array_equal(result.path, np.zeros((1, 3)))
+    assert np.isfinite(result.grid.log_odds).any()
+
+
+def test_the_same_bytes_for_any_number_of_threads_and_others_for_other_seeds() -> None:
+    moments = recorded(drive_round(0.5, step=0.2), np.array([0.05, 0.0, 0.03]))
+    runs = [
+        run_fastslam(moments, Config(seed=seed, threads=threads, particles=SETTINGS), Silence())
+        for seed, threads in ((3, 1), (3, 3), (4, 1))
+    ]
+    assert runs[0].path.tobytes() == runs[1].path.tobytes()
+    assert runs[0].covariances.tobytes() == runs[1].covariances.tobytes()
+    assert runs[0].grid.log_odds.tobytes() == runs[1].grid.log_odds.tobytes()
+    assert runs[0].path.tobytes() != runs[2].path.tobytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("bias", "odometry"), [([0.05, 0.05, 0.05], True), ([0.0, 0.0, 0.0], False)]
+)
+def test_a_ring_closes_whatever_odometry_says(bias: list[float], odometry: bool) -> None:
+    """A lap and a quarter of 34 m; odometry 5 % too long, turning 3 degrees a metre, or none."""
+    truth = drive_round(1.25)
+    moments = recorded(truth, np.array(bias), odometry=odometry)
+    result = run_fastslam(moments, Config(particles=SETTINGS), Silence())
+    assert error(result.path, truth) < 0.05
+    assert result.history.summary()["loops_reentered"] == 1
+    assert len(result.stamps_ns) == len(result.path) == len(result.covariances) == len(truth)
+    assert np.linalg.eigvalsh(result.covariances).min() > -1e-12
+
+
+@pytest.mark.slow
+def test_odometry_that_counts_forwards_while_reversing_is_outvoted() -> None:
+    """Forwards, 1.5 m back, forwards again, with a niche in view; all forwards by odometry."""
+    x = np.concatenate(
+        [np.arange(2.0, 5.0, 0.1), np.arange(5.0, 3.5, -0.1), np.arange(3.5, 5, 0.1)]
+    )
+    truth = np.column_stack([x, np.full(len(x), 1.0), np.zeros(len(x))])
+    moments = recorded(truth, np.zeros(3))
+    forwards = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(x)))])
+    lies = [
+        Moment(m.stamp_ns, planar_to_matrix(np.array([way, 0.0, 0.0])), m.scan)
+        for m, way in zip(moments, forwards, strict=True)
+    ]
+    result = run_fastslam(lies, Config(particles=SETTINGS), Silence())
+    assert error(result.path, truth) < 0.03
+
+
+@pytest.mark.slow
+@pytest.mark.real_log
+def test_fr079_as_recorded(data: Path) -> None:
+    """A log on which GMapping is a metre off, because odometry counts reversing as driving on.
+
+    Eight particles, for speed; the figures in the documentation are for thirty.
+    """
+    log = open_log([data / "laser" / "fr079.clf.bz2"])
+    config = Config(particles=ParticlesConfig(count=8, count_min=8))
+    plan = make_plan(survey_log(log), config.sensing)
+    result = run_fastslam(read_frames(log, plan, config.sensing), config, Silence())
+    path = Trajectory(result.stamps_ns, planar_to_matrix(result.path))
+    score = relations_score(path, read_relations(data / "laser" / "fr079.relations"))
+    assert score.translation.mean < 0.044
+    assert score.rotation_deg.mean < 0.8

@@ -9,11 +9,14 @@ import zstandard
 
 from formats.logs.blocks import DamagedBlockError
 
-MAX_CHUNK_BYTES = 1 << 31  # a chunk that claims more is damaged, and must not exhaust memory
+# What claims more is damaged, and must not exhaust memory.
+MAX_CHUNK_BYTES = 1 << 30
+MAX_DEFINITION_BYTES = 1 << 26
+Buffer = bytes | memoryview
 _ERRORS = (RuntimeError, OSError, EOFError, ValueError, MemoryError, zstandard.ZstdError)
 
 
-def decompress(data: bytes, compression: str, size: int) -> bytes:
+def decompress(data: Buffer, compression: str, size: int) -> bytes:
     """The chunk's `size` bytes; DamagedBlockError where they cannot be had."""
     if not 0 <= size <= MAX_CHUNK_BYTES:
         raise DamagedBlockError(f"it claims {size} bytes")
@@ -26,9 +29,9 @@ def decompress(data: bytes, compression: str, size: int) -> bytes:
     return plain
 
 
-def _decompress(data: bytes, compression: str, size: int) -> bytes:
+def _decompress(data: Buffer, compression: str, size: int) -> bytes:
     if compression in {"", "none"}:
-        return data
+        return bytes(data)
     if compression == "zstd":
         return bytes(_ZSTD.decompress(data, max_output_size=size)) if size else b""
     if compression == "lz4":
@@ -39,7 +42,7 @@ def _decompress(data: bytes, compression: str, size: int) -> bytes:
 
 
 def _bounded(
-    decompressor: lz4.frame.LZ4FrameDecompressor | bz2.BZ2Decompressor, data: bytes, size: int
+    decompressor: lz4.frame.LZ4FrameDecompressor | bz2.BZ2Decompressor, data: Buffer, size: int
 ) -> bytes:
     """At most `size` + 1 bytes, so that a lying chunk cannot fill the memory."""
     return bytes(decompressor.decompress(data, max_length=size + 1))

@@ -18,7 +18,7 @@ def chunk_data(stream: BinaryIO, check: bool = True) -> bytes:
         raise DamagedBlockError("there is no chunk")
     content = stream.read(length)
     chunk = parse_chunk_head(content[:128])
-    stored = content[chunk.data_at : chunk.data_at + chunk.data_bytes]
+    stored = memoryview(content)[chunk.data_at : chunk.data_at + chunk.data_bytes]
     if len(content) < length or len(stored) < chunk.data_bytes:
         raise DamagedBlockError("the file ends in it")
     data = decompress(stored, chunk.compression, chunk.size)

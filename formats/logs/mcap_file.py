@@ -31,7 +31,7 @@ from formats.logs.mcap_scan import scan
 from mapmyworld.errors import LogError
 
 _FOOTER = Struct("<QQI")
-_MAX_SUMMARY_BYTES = 1 << 30
+_MAX_SUMMARY_BYTES = 1 << 29
 
 
 def open_mcap(path: Path) -> BlockFile:

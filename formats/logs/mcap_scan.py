@@ -9,6 +9,7 @@ from typing import BinaryIO
 
 from formats.logs.blocks import DamagedBlockError
 from formats.logs.channels import Block, Index
+from formats.logs.compression import MAX_CHUNK_BYTES, MAX_DEFINITION_BYTES
 from formats.logs.mcap_chunks import chunk_beginning, chunk_data
 from formats.logs.mcap_records import (
     CHANNEL,
@@ -83,6 +84,8 @@ class _Scan:
         if opcode == MESSAGE:
             self._message(position, after)
         elif opcode in {SCHEMA, CHANNEL}:
+            if length > MAX_DEFINITION_BYTES:
+                raise DamagedBlockError(f"a definition claims {length} bytes")
             self.definitions.take(opcode, self.stream.read(length))
         return after
 
@@ -122,7 +125,7 @@ class _Scan:
 
     def _cut_chunk(self, position: int) -> None:
         """Keeps the messages of the last chunk that a cut file still has."""
-        content = self.stream.read(self.size - position)[HEAD_BYTES:]
+        content = self.stream.read(min(self.size - position, MAX_CHUNK_BYTES))[HEAD_BYTES:]
         plain = chunk_beginning(content)
         messages = chunk_messages(plain, None, self.definitions, to_the_end=False)
         self._add(messages, position, len(content))

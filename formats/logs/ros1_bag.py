@@ -8,7 +8,12 @@ from typing import BinaryIO
 
 from formats.logs.blocks import BlockFile, DamagedBlockError
 from formats.logs.channels import Block, Channel, Index, Record
-from formats.logs.compression import MAX_CHUNK_BYTES, decompress, decompress_beginning
+from formats.logs.compression import (
+    MAX_CHUNK_BYTES,
+    MAX_DEFINITION_BYTES,
+    decompress,
+    decompress_beginning,
+)
 from formats.logs.ros1_records import (
     MAGIC,
     MAX_HEADER_BYTES,
@@ -82,7 +87,9 @@ def _indexed(stream: BinaryIO, size: int) -> Index:
     chunks = field_u32(fields, b"chunk_count")
     while stream.tell() < size:
         fields, start, length = _record(stream, size)
-        data = stream.read(min(length, size - start))
+        if length > min(MAX_DEFINITION_BYTES, size - start):
+            raise DamagedBlockError(f"an index record claims {length} bytes")
+        data = stream.read(length)
         if operation(fields) == OP_CONNECTION:
             key, channel = parse_connection(fields, data)
             index.channels[key] = channel
@@ -172,6 +179,8 @@ def _scan_record(stream: BinaryIO, position: int, size: int, index: Index) -> in
         return after
     if after > size:
         raise EOFError("the file ends in a record")
+    if length > (MAX_DEFINITION_BYTES if op == OP_CONNECTION else MAX_CHUNK_BYTES):
+        raise DamagedBlockError(f"a record claims {length} bytes")
     if op == OP_CONNECTION:
         key, channel = parse_connection(fields, stream.read(length))
         index.channels[key] = channel

@@ -24,7 +24,7 @@ def _hit_distance(x: float, y: float, dx: float, dy: float, segment: NDArray[np.
     along = (ox * dy - oy * dx) / determinant
     if distance < 0.0 or along < -1e-9 or along > 1.0 + 1e-9:
         return np.inf
-    return distance
+    return float(distance)
 
 
 @njit(cache=True, nogil=True)

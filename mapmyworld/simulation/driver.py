@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mapmyworld.errors import WorldError
 from mapmyworld.geometry import interpolate_planar
@@ -44,7 +44,7 @@ class Drive:
         """Metres driven, forwards and backwards."""
         return float(np.abs(self.speeds[:, 0]).sum() * TICK)
 
-    def at(self, seconds: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, seconds: ArrayLike) -> NDArray[np.float64]:
         """Poses (..., 3) at the times (...,); the end poses beyond the ends."""
         place = np.clip(np.asarray(seconds) / TICK, 0.0, len(self.poses) - 1)
         low = np.minimum(place.astype(np.int64), len(self.poses) - 2)
@@ -53,7 +53,7 @@ class Drive:
         jumping = np.isin(low + 1, self.jumps) & (place - low < 1.0)
         return np.where(jumping[..., None], self.poses[low], moved)
 
-    def travel(self, seconds: NDArray[np.float64]) -> NDArray[np.float64]:
+    def travel(self, seconds: ArrayLike) -> NDArray[np.float64]:
         """(..., 2) metres forwards and radians turned since the start, by the wheels."""
         sums = np.concatenate([np.zeros((1, 2)), np.cumsum(self.speeds[:-1] * TICK, axis=0)])
         place = np.clip(np.asarray(seconds) / TICK, 0.0, len(self.poses) - 1)

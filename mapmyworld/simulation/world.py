@@ -45,8 +45,6 @@ class World:
     """Name -> route, as `mapmyworld.simulation.route` reads it; "default" is one lap."""
     laps: int = 1
     """Of the default route."""
-    overrides: Mapping[str, float] = field(default_factory=dict)
-    """Settings that suit the world, by dotted name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,3 +74,14 @@ def build_scene(world: World) -> Scene:
             parts.append(floor_faces(ground.extent, ground.height, ground.ceiling, up=False))
     faces = merge_faces(parts)
     return Scene(faces, np.array([name == GLASS for name in faces.texture]))
+
+
+def scene_from_mesh(mesh: Mesh) -> Scene:
+    """A user's mesh as a scene, in the colours of its vertices."""
+    corners = mesh.vertices[mesh.triangles].astype(np.float64)
+    count = len(corners)
+    faces = Faces(corners, np.zeros((count, 3, 2)), np.zeros(count, np.bool_), ("mesh",) * count)
+    colours = mesh.colours
+    if colours is None:
+        colours = np.full((len(mesh.vertices), 3), 180, np.uint8)
+    return Scene(faces, np.zeros(count, np.bool_), colours[mesh.triangles])

@@ -56,6 +56,7 @@ HALL = World(
     grounds=(Ground((_WEST, _SOUTH, _EAST, _NORTH), "plain:grey", "plain:white"),),
     routes={
         "default": "9,0 9,5 0,5 0,0",
+        "short": "9,0 9,5 0,5 0,0 4,0",
         "second": "start:9,5,180 0,5 0,0 9,0 9,5",
         "across": "9,0 9,5 0,0 0,5 9,0",
         "kidnap": "9,0 9,5 kidnap:0,5,-90 0,0 9,0",

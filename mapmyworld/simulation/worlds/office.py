@@ -84,7 +84,7 @@ _SHELL = (
     *wall((_IN_E, _IN_N - _DEEP), (_IN_W, _IN_N - _DEEP), _WALL),
 )
 
-_LANDMARKS = (
+_LANDMARKS: tuple[Box | Post, ...] = (
     Box(12.0, _OUT_S + 0.30, 0.8, 0.4, 0.0, 1.2, "picture:201", stretch=True),
     Post(_OUT_E - 0.35, 9.0, 0.22, 0.0, 0.6, "terracotta"),
     Box(20.0, _OUT_N - 0.28, 1.2, 0.35, 0.0, 1.8, "books:5"),
@@ -111,7 +111,10 @@ OFFICE = World(
     grounds=(Ground((_FAR_W, _FAR_S, _FAR_E, _FAR_N), "carpet", "plain:white"),),
     routes={
         "default": f"{_EAST},{_SOUTH} {_EAST},{_NORTH} {_WEST},{_NORTH} {_WEST},{_SOUTH} 0,0",
-        "second": f"start:{_EAST},10,-90 {_EAST},0 {_WEST},0 {_WEST},{_NORTH} {_EAST},{_NORTH} {_EAST},10",
+        "second": (
+            f"start:{_EAST},10,-90 {_EAST},{_SOUTH} {_WEST},{_SOUTH} "
+            f"{_WEST},{_NORTH} {_EAST},{_NORTH} {_EAST},10"
+        ),
     },
     laps=2,
 )

@@ -1,0 +1,212 @@
+"""The RGB-D camera: views rendered by ray casting on the processor, without GPU or display."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.errors import MissingDependencyError
+from mapmyworld.geometry import planar_to_matrix
+from mapmyworld.kernels.texture_lookup import shade_pixels
+from mapmyworld.simulation import robot
+from mapmyworld.simulation.camera_noise import disturb_colour, disturb_depth, exposure_at
+from mapmyworld.simulation.clocks import Schedule, random_of
+from mapmyworld.simulation.driver import Drive
+from mapmyworld.simulation.images import colour_message, depth_message
+from mapmyworld.simulation.settings import SimulationSettings
+from mapmyworld.simulation.streams import Messages, Stream
+from mapmyworld.simulation.textures import EDGE, TextureSet, texture_set
+from mapmyworld.simulation.world import Scene
+from mapmyworld.types import CameraInfoMessage
+
+COLOUR_TOPIC = "/camera_ir/rgb/image_raw"
+DEPTH_TOPIC = "/camera_ir/depth/image_raw"
+INFO_TOPIC = "/camera_ir/rgb/camera_info"
+
+_SKY = np.array([188, 208, 230], np.uint8)
+_LIGHT = np.array([0.35, 0.52, 0.78])  # where the light comes from, not quite from above
+_AMBIENT = 0.66  # share of the light that comes from everywhere
+_PACKAGES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libgomp1"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """A clean image: what an ideal camera sees."""
+
+    colour: NDArray[np.uint8]
+    """(H, W, 3) RGB."""
+    depth: NDArray[np.float32]
+    """(H, W) metres along the optical axis; infinite where nothing is met."""
+    slant: NDArray[np.float32]
+    """(H, W) cosine between the ray and the normal of the surface."""
+
+
+class Renderer:
+    """A scene made ready for views; raises `MissingDependencyError` where Open3D is absent."""
+
+    def __init__(self, scene: Scene, settings: SimulationSettings) -> None:
+        open3d = import_open3d()
+        solid = np.flatnonzero(~scene.glass)
+        corners = scene.faces.corners[solid].astype(np.float32)
+        self._width, self._height = settings.camera.width, settings.camera.height
+        self._rays = _optical_rays(settings)
+        self._pixel_angle = 1.0 / float(robot.intrinsics(settings)[0, 0])
+        self._normals = _normals(corners)
+        self._lights = _lights(self._normals)
+        self._paint = _Paint(scene, solid, self._lights)
+        self._tensor = open3d.core.Tensor
+        self._caster = open3d.t.geometry.RaycastingScene()
+        triangles = np.arange(corners.size // 3, dtype=np.uint32).reshape(-1, 3)
+        self._caster.add_triangles(
+            open3d.core.Tensor(corners.reshape(-1, 3)), open3d.core.Tensor(triangles)
+        )
+
+    def render(self, world_from_optical: NDArray[np.float64]) -> View:
+        """What the camera sees from there."""
+        ways = self._rays @ world_from_optical[:3, :3].T.astype(np.float32)
+        rays = np.empty((len(ways), 6), np.float32)
+        rays[:, :3], rays[:, 3:] = world_from_optical[:3, 3], ways
+        met = self._caster.cast_rays(self._tensor(rays))
+        # Rays have length one along the optical axis, so the hit distance is the depth.
+        depth: NDArray[np.float32] = met["t_hit"].numpy()
+        triangle: NDArray[np.uint32] = met["primitive_ids"].numpy()
+        inside = np.where(np.isfinite(depth), triangle, 0)
+        length = np.linalg.norm(ways, axis=1)
+        slant = np.abs(np.einsum("ij,ij->i", self._normals[inside], ways)) / length
+        colour = np.empty((len(ways), 3), np.uint8)
+        uv = met["primitive_uvs"].numpy()
+        self._paint.fill(inside, uv, depth, slant, self._pixel_angle, colour)
+        shape = (self._height, self._width)
+        return View(colour.reshape(*shape, 3), depth.reshape(shape), slant.reshape(shape))
+
+
+class _Paint:
+    """Colours of the triangles: by texture, or the scene's own at their corners."""
+
+    def __init__(self, scene: Scene, solid: NDArray[np.int64], lights: NDArray[np.float32]) -> None:
+        self._lights = lights
+        self._corners = None
+        if scene.colours is not None:
+            self._corners = scene.colours[solid].astype(np.float32)
+            return
+        names = tuple(sorted({scene.faces.texture[t] for t in solid}))
+        number = {name: index for index, name in enumerate(names)}
+        self._set: TextureSet = texture_set(names)
+        self._texture = np.array([number[scene.faces.texture[t]] for t in solid], np.int32)
+        sizes = np.array([[t.width, t.height] for t in self._set.textures])[self._texture]
+        stretched = scene.faces.stretched[solid]
+        self._uv = scene.faces.uv[solid] / np.where(stretched[:, None], 1.0, sizes)[:, None, :]
+        self._uv = self._uv.astype(np.float32)
+        self._texel_metres = (sizes.min(axis=1) / EDGE).astype(np.float32)
+
+    def fill(
+        self,
+        triangle: NDArray[np.uint32],
+        uv: NDArray[np.float32],
+        depth: NDArray[np.float32],
+        slant: NDArray[np.float32],
+        pixel_angle: float,
+        colour: NDArray[np.uint8],
+    ) -> None:
+        """Writes the pixels' colours (P, 3)."""
+        if self._corners is not None:
+            weights = np.stack([1.0 - uv[:, 0] - uv[:, 1], uv[:, 0], uv[:, 1]], axis=1)
+            mixed = np.einsum("pk,pkc->pc", weights, self._corners[triangle])
+            lit = np.clip(mixed * self._lights[triangle, None], 0, 255)
+            colour[:] = np.where(np.isfinite(depth)[:, None], lit, _SKY)
+            return
+        shade_pixels(
+            triangle.astype(np.uint32),
+            uv,
+            depth,
+            slant.astype(np.float32),
+            self._uv,
+            self._texture,
+            self._lights,
+            self._texel_metres,
+            self._set.offsets,
+            self._set.sizes,
+            self._set.texels,
+            pixel_angle,
+            _SKY,
+            colour,
+        )
+
+
+def camera_stream(
+    scene: Scene, drive: Drive, schedule: Schedule, settings: SimulationSettings, seed: int
+) -> Stream:
+    """Colour, depth and intrinsics at every exposure."""
+    renderer = Renderer(scene, settings)
+    s = settings.camera
+    gains = exposure_at(schedule.times, s, random_of(seed, "exposure"))
+    base_from_optical = robot.base_from_optical(settings)
+
+    def messages(index: int) -> Messages:
+        pose = planar_to_matrix(drive.at(schedule.times[index : index + 1])[0])
+        view = renderer.render(pose @ base_from_optical)
+        random = random_of(seed, "camera", index)
+        depth = disturb_depth(view.depth, view.slant, s, random)
+        colour = disturb_colour(view.colour, float(gains[index]), s, random)
+        stamp_ns = int(schedule.stamps_ns[index])
+        suffixes = ("/compressed", "/compressedDepth") if s.compressed else ("", "")
+        return [
+            (INFO_TOPIC, _info(settings, stamp_ns)),
+            (COLOUR_TOPIC + suffixes[0], colour_message(colour, stamp_ns, s)),
+            (DEPTH_TOPIC + suffixes[1], depth_message(depth, stamp_ns, s)),
+        ]
+
+    return Stream(schedule, messages, slow=True)
+
+
+def _info(settings: SimulationSettings, stamp_ns: int) -> CameraInfoMessage:
+    matrix = robot.intrinsics(settings)
+    return CameraInfoMessage(
+        stamp_ns=stamp_ns,
+        frame_id=robot.OPTICAL,
+        width=settings.camera.width,
+        height=settings.camera.height,
+        distortion_model="plumb_bob",
+        distortion=np.zeros(5),
+        intrinsics=matrix,
+        rectification=np.eye(3),
+        projection=np.concatenate([matrix, np.zeros((3, 1))], axis=1),
+    )
+
+
+def import_open3d() -> Any:
+    """Open3D, or an error that names what to install."""
+    try:
+        import open3d
+    except ImportError as error:
+        raise MissingDependencyError(
+            'rendering needs Open3D: `pip install "mapmyworld[mesh]"` and, on a bare system, '
+            f"`apt-get install {_PACKAGES}` ({error}); or simulate with --no-camera"
+        ) from None
+    except OSError as error:
+        raise MissingDependencyError(
+            f"Open3D cannot load ({error}): `apt-get install {_PACKAGES}`; "
+            "or simulate with --no-camera"
+        ) from None
+    return open3d
+
+
+def _optical_rays(settings: SimulationSettings) -> NDArray[np.float32]:
+    """(H * W, 3) directions of the pixels, length one along the optical axis."""
+    k = robot.intrinsics(settings)
+    v, u = np.mgrid[0 : settings.camera.height, 0 : settings.camera.width]
+    x, y = (u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1]
+    return np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3).astype(np.float32)
+
+
+def _normals(corners: NDArray[np.float32]) -> NDArray[np.float32]:
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12))
+
+
+def _lights(normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    facing = np.abs(normals @ (_LIGHT / np.linalg.norm(_LIGHT)))
+    return np.asarray(_AMBIENT + (1.0 - _AMBIENT) * facing, np.float32)

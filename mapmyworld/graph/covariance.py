@@ -9,8 +9,7 @@ import numpy as np
 from mapmyworld.geometry import PLANAR_IN_TANGENT, Array, between, between_planar
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError, analyse, factorise
 from mapmyworld.graph.pose_graph import Index
-from mapmyworld.graph.residuals import edge_jacobians, edge_residuals
-from mapmyworld.graph.system import System, dense_rows
+from mapmyworld.graph.system import System, dense_rows, jacobians_of, residuals_of
 
 
 def marginal_covariances(system: System, poses: Array) -> Array | None:
@@ -48,9 +47,7 @@ def relative_covariances(system: System, poses: Array, tails: Index, heads: Inde
 
 def information_blocks(system: System, poses: Array) -> tuple[Index, Index, Array]:
     """Rows, columns and blocks (B, d, d) of the information matrix, each pair of nodes once."""
-    tail, head = poses[system.tails], poses[system.heads]
-    residuals = edge_residuals(system.planar, tail, head, system.measured)
-    by_tail, by_head = edge_jacobians(system.planar, tail, head, residuals)
+    by_tail, by_head = jacobians_of(system, poses, residuals_of(system, poses))
     left, right = (np.swapaxes(j, 1, 2) @ system.information for j in (by_tail, by_head))
     a, b = system.free[system.tails], system.free[system.heads]
     both, turned = (a >= 0) & (b >= 0), a > b

@@ -22,7 +22,6 @@ class Minimum:
 
 
 def minimise(
-    planar: bool,
     start: Array,
     tails: Index,
     heads: Index,
@@ -31,6 +30,7 @@ def minimise(
     config: GraphConfig,
 ) -> Minimum:
     """The local minimum that Levenberg-Marquardt reaches from `start`."""
+    planar = start.shape[1:] == (3,)
     factors = gtsam.NonlinearFactorGraph()
     add_edges(factors, planar, tails, heads, edges)
     values = values_from_poses(planar, start)

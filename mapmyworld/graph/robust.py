@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import diags_array
 from scipy.stats import chi2 as chi_squared
 
 from mapmyworld.config.graph import GraphConfig
@@ -23,6 +24,7 @@ from mapmyworld.graph.starts import chordal_start
 from mapmyworld.graph.system import (
     Pattern,
     System,
+    chosen_edges,
     dense_rows,
     edge_chi2,
     factorise,
@@ -35,7 +37,9 @@ _GROWTH = 1.4  # of the control parameter between two rounds, as in the paper
 _ROUNDS = 100  # at most
 _CANDIDATES = 400  # closures left out that are tried again at once, best fitting first
 _STEPS = 20  # of Gauss-Newton at most
-_HALVINGS = 8  # of a step at most
+_DAMPING = 1e-4  # share of the diagonal, at first
+_DAMPED_OUT = 1e8  # where no step helps any more
+_NOTHING = 1e-18  # cost of a graph without contradiction
 _RETRIES = 3  # times that left-out closures are tried again on a better solution
 
 
@@ -135,13 +139,7 @@ def innovations(
     part = chosen_edges(system, inliers)
     matrix, _ = linearise(part, pattern_of(part), poses)
     factors = factorise(matrix)
-    tested = replace(
-        system,
-        tails=system.tails[candidates],
-        heads=system.heads[candidates],
-        measured=system.measured[candidates],
-        information=system.information[candidates],
-    )
+    tested = chosen_edges(system, candidates)
     rows, residuals = dense_rows(tested, poses)
     covariance = np.linalg.inv(tested.information)
     for k, row in enumerate(rows):
@@ -212,17 +210,6 @@ def graduate(
     return poses, inliers
 
 
-def chosen_edges(system: System, which: NDArray[np.bool_]) -> System:
-    """The system with some of its edges."""
-    return replace(
-        system,
-        tails=system.tails[which],
-        heads=system.heads[which],
-        measured=system.measured[which],
-        information=system.information[which],
-    )
-
-
 def first_control(chi2: Array, limit: float) -> float:
     """The control parameter at which the loss is convex over the largest residual."""
     worst = float(chi2.max(initial=0.0))
@@ -247,21 +234,33 @@ def relax(system: System, pattern: Pattern, poses: Array, weights: Array, steps:
     return poses
 
 
-def settle(system: System, poses: Array, tolerance: float = 1e-3) -> Array:
-    """Poses at the nearby minimum: Gauss-Newton, each step halved while it makes things worse."""
+def settle(system: System, poses: Array, tolerance: float = 1e-3, steps: int = _STEPS) -> Array:
+    """Poses at the nearby minimum: Gauss-Newton, damped where that makes things worse."""
+    return descend(system, poses, tolerance, steps)[0]
+
+
+def descend(system: System, poses: Array, tolerance: float, steps: int) -> tuple[Array, int, bool]:
+    """Poses at the nearby minimum, steps taken, and whether it was reached.
+
+    Levenberg-Marquardt that tries the full step first (Marquardt's scaling of the diagonal).
+    """
     pattern, cost = pattern_of(system), float(edge_chi2(system, poses).sum())
-    for _ in range(_STEPS):
+    damping = 0.0
+    for taken in range(1, steps + 1):
         matrix, gradient = linearise(system, pattern, poses)
-        step = factorise(matrix).solve(-gradient)
-        for _ in range(_HALVINGS):
+        diagonal = matrix.diagonal()
+        while True:
+            damped = matrix + diags_array(damping * diagonal, format="csc") if damping else matrix
+            step = factorise(damped).solve(-gradient)
             moved = retract(system.planar, poses, step_to_nodes(system, step))
             found = float(edge_chi2(system, moved).sum())
             if found <= cost:
                 break
-            step = 0.5 * step
-        else:
-            return poses
-        done, poses, cost = cost - found <= tolerance * cost, moved, found
-        if done:
-            break
-    return poses
+            damping = max(_DAMPING, 10.0 * damping)
+            if damping > _DAMPED_OUT:
+                return poses, taken, True
+        gain, poses, cost = cost - found, moved, found
+        damping = damping / 10.0 if damping > _DAMPING else 0.0
+        if gain <= tolerance * cost or cost < _NOTHING:
+            return poses, taken, True
+    return poses, steps, False

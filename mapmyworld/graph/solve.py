@@ -18,8 +18,8 @@ from mapmyworld.geometry import (
 from mapmyworld.graph.covariance import marginal_covariances, spatial_covariances
 from mapmyworld.graph.edits import BY_HAND
 from mapmyworld.graph.pose_graph import TRUSTED, Index, components, positions
-from mapmyworld.graph.robust import RobustSolution, chosen_edges, settle, solve_robustly
-from mapmyworld.graph.system import System, edge_chi2, number_free
+from mapmyworld.graph.robust import RobustSolution, settle, solve_robustly
+from mapmyworld.graph.system import System, chosen_edges, edge_chi2, number_free
 from mapmyworld.graph.verdicts import fault_of, judged, unjudged
 from mapmyworld.types import Constraint, Poses
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from mapmyworld.geometry import Array
+from mapmyworld.graph.landmarks import sighting_jacobians, sighting_residuals
 from mapmyworld.graph.pose_graph import Index
 from mapmyworld.graph.residuals import edge_jacobians, edge_residuals, squared_sigmas
 
@@ -29,6 +30,8 @@ class System:
     """(E, 3 or 4, 4) and (E, d, d)."""
     free: Index
     """(N,) number of each node among the free ones; -1 for those that stay."""
+    kinds: Index | None = None
+    """(E,) POINT or POLAR for sightings of landmarks, 0 for edges; None = all edges."""
 
     @property
     def dimension(self) -> int:
@@ -86,9 +89,8 @@ def linearise(
     system: System, pattern: Pattern, poses: Array, weights: Array | None = None
 ) -> tuple[csc_array, Array]:
     """Matrix and gradient (size,) of the cost at `poses`; `weights` (E,) scale information."""
-    tail, head = poses[system.tails], poses[system.heads]
-    residuals = edge_residuals(system.planar, tail, head, system.measured)
-    by_tail, by_head = edge_jacobians(system.planar, tail, head, residuals)
+    residuals = residuals_of(system, poses)
+    by_tail, by_head = jacobians_of(system, poses, residuals)
     information = system.information
     if weights is not None:
         information = information * weights[:, None, None]
@@ -113,12 +115,44 @@ def _gradient(system: System, left: Array, right: Array, residuals: Array) -> Ar
     return gradient[:-1].ravel()
 
 
+def residuals_of(system: System, poses: Array) -> Array:
+    """(E, d) residuals of edges and sightings."""
+    tails, heads = poses[system.tails], poses[system.heads]
+    residuals = edge_residuals(system.planar, tails, heads, system.measured)
+    if system.kinds is not None:
+        k = np.flatnonzero(system.kinds)
+        residuals[k] = sighting_residuals(
+            system.planar, tails[k], heads[k], system.measured[k], system.kinds[k]
+        )
+    return residuals
+
+
+def jacobians_of(system: System, poses: Array, residuals: Array) -> tuple[Array, Array]:
+    """Derivatives (E, d, d) of these residuals by tangents of tails and heads."""
+    tails, heads = poses[system.tails], poses[system.heads]
+    by_tail, by_head = edge_jacobians(system.planar, tails, heads, residuals)
+    if system.kinds is not None:
+        k = np.flatnonzero(system.kinds)
+        found = sighting_jacobians(system.planar, tails[k], heads[k], system.kinds[k])
+        by_tail[k], by_head[k] = found
+    return by_tail, by_head
+
+
+def chosen_edges(system: System, which: NDArray[np.bool_] | Index) -> System:
+    """The system with some of its edges."""
+    return replace(
+        system,
+        tails=system.tails[which],
+        heads=system.heads[which],
+        measured=system.measured[which],
+        information=system.information[which],
+        kinds=None if system.kinds is None else system.kinds[which],
+    )
+
+
 def edge_chi2(system: System, poses: Array) -> Array:
     """(E,) squared sigmas of every edge at `poses`."""
-    residuals = edge_residuals(
-        system.planar, poses[system.tails], poses[system.heads], system.measured
-    )
-    return squared_sigmas(residuals, system.information)
+    return squared_sigmas(residuals_of(system, poses), system.information)
 
 
 def factorise(matrix: csc_array) -> Any:
@@ -139,10 +173,8 @@ def step_to_nodes(system: System, step: Array) -> Array:
 
 def dense_rows(system: System, poses: Array) -> tuple[Iterator[Array], Array]:
     """Jacobians (d, size) of the edges one after the other, and residuals (E, d)."""
-    tail, head = poses[system.tails], poses[system.heads]
-    residuals = edge_residuals(system.planar, tail, head, system.measured)
-    jacobians = edge_jacobians(system.planar, tail, head, residuals)
-    return _rows(system, *jacobians), residuals
+    residuals = residuals_of(system, poses)
+    return _rows(system, *jacobians_of(system, poses, residuals)), residuals
 
 
 def _rows(system: System, by_tail: Array, by_head: Array) -> Iterator[Array]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mapmyworld.config import Config
+from mapmyworld.graph.edits import apply_edits, edits_from_json
 from mapmyworld.graph.solve import SolvedGraph, solve
 from mapmyworld.mapping.trajectory import pose_every_frame
 from mapmyworld.stages.recognise import add_closures
@@ -33,7 +34,9 @@ def _solve(store: MapStore, config: Config, progress: Progress) -> SolvedGraph:
     ids = np.array([node.id for node in nodes], np.int64)
     start = np.stack([node.tracked_from_base for node in nodes])
     planar = bool((store.get("plan") or {}).get("planar", False))
-    return solve(ids, start, store.constraints(), planar, config.graph)
+    edits = edits_from_json(store.get("edits"))
+    constraints = apply_edits(store.constraints(), edits)
+    return solve(ids, start, constraints, planar, config.graph)
 
 
 def _losses(solved: SolvedGraph) -> list[str]:

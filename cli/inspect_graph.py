@@ -1,0 +1,186 @@
+"""`mapmyworld inspect graph`: constraints tried, accepted and rejected, and why."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cli.common import format_option, map_argument, show_json
+from mapmyworld.errors import MapError
+from mapmyworld.types import Constraint, ConstraintKind, Poses
+
+
+@click.command()
+@map_argument
+@format_option
+@click.option("--image", type=click.Path(path_type=Path), help="Draw the graph into this PNG.")
+@click.option("--worst", default=10, show_default=True, help="Constraints listed of each sort.")
+@click.option("--all", "everything", is_flag=True, help="List every rejected constraint.")
+def graph(map_path: Path, style: str, image: Path | None, worst: int, everything: bool) -> None:
+    """Nodes and constraints of MAP: tried, accepted, rejected and why; residuals; connectivity.
+
+    Lines that begin with [[ can be pasted into a file for `mapmyworld edit`.
+
+    \b
+    mapmyworld inspect graph
+    mapmyworld inspect graph office.db --image graph.png
+    """
+    from formats.database import open_store
+
+    with open_store(map_path, read_only=True) as store:
+        poses, constraints, grid = store.poses(), store.constraints(), store.grid()
+        nodes = store.nodes()
+        planar = bool((store.get("plan") or {}).get("planar", False))
+        solved = store.get("solve") or {}
+    if poses is None:
+        raise MapError(f"{map_path}: its graph is not solved yet: finish `mapmyworld build` first")
+    start = _start(nodes)
+    facts = graph_facts(poses, constraints, start, planar, None if everything else worst, worst)
+    facts["certainty"] = solved.get("certainty", "")
+    if image is not None:
+        from formats.report.graph_picture import write_graph_picture
+
+        write_graph_picture(image, poses, constraints, grid)
+        click.echo(f"drew {image}", err=True)
+    if style == "json":
+        show_json(facts)
+    else:
+        click.echo("\n".join(_lines(facts)))
+
+
+def _start(nodes: Any) -> Poses:
+    import numpy as np
+
+    ids = np.array([node.id for node in nodes], np.int64)
+    poses = np.array([node.tracked_from_base for node in nodes]).reshape(-1, 4, 4)
+    return Poses(ids, poses)
+
+
+def graph_facts(
+    poses: Poses,
+    constraints: tuple[Constraint, ...],
+    start: Poses,
+    planar: bool,
+    rejected_shown: int | None,
+    worst: int,
+) -> dict[str, Any]:
+    """Everything that `inspect graph` shows."""
+    from mapmyworld.graph import audit
+
+    misfits = audit.misfits_of(constraints, poses, planar)
+    known = [m for m in misfits if m is not None]
+    accepted = sorted((m for m in known if m.constraint.accepted), key=lambda m: -m.sigmas)
+    rejected = [(c, m) for c, m in zip(constraints, misfits, strict=True) if not c.accepted]
+    factors = audit.overconfidence_of(misfits, planar)
+    corrections = audit.corrections_of(misfits, start)
+    return {
+        "nodes": int((poses.ids > 0).sum()),
+        "landmarks": int((poses.ids < 0).sum()),
+        "constraints": audit.counts_of(constraints),
+        "parts": [
+            {"first": first, "last": last, "nodes": count}
+            for first, last, count in audit.parts_of(constraints, poses)
+        ],
+        "overconfidence": factors,
+        "overconfident": [kind for kind, f in factors.items() if audit.is_overconfident(f)],
+        "uncertainty": audit.uncertainty_of(poses),
+        "worst": [_shown(m.constraint, m) for m in accepted[:worst]],
+        "corrections": [
+            {**_shown(m.constraint, m), "start_metres": metres, "start_degrees": degrees}
+            for m, metres, degrees in corrections[:worst]
+        ],
+        "rejected": [_shown(c, m) for c, m in rejected[:rejected_shown]],
+        "rejected_reasons": dict(Counter(_short(c.reason) for c, _ in rejected).most_common()),
+    }
+
+
+def _shown(constraint: Constraint, misfit: Any) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "kind": str(constraint.kind),
+        "from": constraint.from_id,
+        "to": constraint.to_id,
+        "reason": constraint.reason,
+    }
+    if misfit is not None:
+        row |= {"metres": misfit.metres, "degrees": misfit.degrees, "sigmas": misfit.sigmas}
+    return row
+
+
+def _short(reason: str) -> str:
+    """A reason without its figures, so that like ones are counted together."""
+    last = reason.split(" | ")[-1]
+    words = last.partition(": misses")[0] if ": misses" in last else last
+    return "".join("#" if letter.isdigit() else letter for letter in words)[:70]
+
+
+def _lines(facts: dict[str, Any]) -> list[str]:
+    lines = [f"nodes       {facts['nodes']}"]
+    if facts["landmarks"]:
+        lines.append(f"landmarks   {facts['landmarks']}")
+    lines += _part_lines(facts["parts"])
+    if facts["certainty"]:
+        lines.append(f"certainty   {facts['certainty']}")
+    spread = facts["uncertainty"]
+    if spread:
+        lines.append(
+            f"uncertainty median {spread['median_metres']:.3g} m, "
+            f"{spread['median_degrees']:.2g} deg; "
+            f"largest {spread['largest_metres']:.3g} m (node {spread['largest_at']}), "
+            f"{spread['largest_degrees']:.2g} deg, relative to the first node"
+        )
+    lines += ["", f"{'constraints':<14}{'tried':>8}{'accepted':>10}{'rejected':>10}{'misfit':>10}"]
+    for kind, row in facts["constraints"].items():
+        factor = facts["overconfidence"].get(kind)
+        misfit = "" if factor is None else f"{factor:>9.2f}x"
+        lines.append(
+            f"{kind:<14}{row['tried']:>8}{row['accepted']:>10}{row['rejected']:>10}{misfit:>10}"
+        )
+    lines.append("misfit: median residual of the accepted ones against what their covariances say")
+    for kind in facts["overconfident"]:
+        lines.append(
+            f"warning: {kind} constraints are over-confident: their misfits are "
+            f"{facts['overconfidence'][kind]:.1f} times what they claim"
+        )
+    if facts["worst"]:
+        lines += ["", "accepted constraints that fit worst"]
+        lines += [_row(row, "reject") for row in facts["worst"]]
+    if facts["corrections"]:
+        lines += ["", "closures that moved most (miss before -> after)"]
+        lines += [
+            f"  {_name(row)}  {row['start_metres']:.2f} m, {row['start_degrees']:.1f} deg -> "
+            f"{row['metres']:.3f} m, {row['degrees']:.2f} deg"
+            for row in facts["corrections"]
+        ]
+    if facts["rejected"]:
+        total = sum(facts["rejected_reasons"].values())
+        lines += ["", f"rejected constraints ({len(facts['rejected'])} of {total} shown)"]
+        lines += [f"  {n:>6} x {reason}" for reason, n in facts["rejected_reasons"].items()][:12]
+        lines += [_row(row, "accept") for row in facts["rejected"]]
+    return lines
+
+
+def _part_lines(parts: list[dict[str, int]]) -> list[str]:
+    if len(parts) <= 1:
+        return ["connected   all nodes"]
+    lines = [f"connected   NO: {len(parts)} parts that nothing links"]
+    return lines + [
+        f"            nodes {p['first']} to {p['last']} ({p['nodes']} nodes)" for p in parts[:10]
+    ]
+
+
+def _name(row: dict[str, Any]) -> str:
+    return f"{row['kind']} {row['from']} -> {row['to']}"
+
+
+def _row(row: dict[str, Any], action: str) -> str:
+    fit = ""
+    if "metres" in row:
+        fit = f"{row['metres']:.3f} m, {row['degrees']:.2f} deg, {row['sigmas']:.1f} sigma"
+    line = f"  {_name(row)}  {fit}  {row['reason']}".rstrip()
+    if row["kind"] == ConstraintKind.NEIGHBOUR or row["kind"] == ConstraintKind.PRIOR:
+        return line
+    paste = f'from = {row["from"]}\nto = {row["to"]}\nkind = "{row["kind"]}"\nreason = ""'
+    return "\n".join([line, f"[[{action}]]", *paste.splitlines()])

@@ -1,0 +1,181 @@
+"""`mapmyworld optimise`: the back end alone, on a graph file or a map."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from cli.common import EXIT_PARTIAL, format_option, show_json
+from cli.settings import config_options, load_config
+from mapmyworld.errors import GraphError
+
+if TYPE_CHECKING:
+    from mapmyworld.types.pose_graph import PoseGraph
+
+_TEXT_GRAPHS = {".g2o", ".graph", ".toro", ".txt"}
+
+
+@click.command()
+@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="The optimised graph, as g2o.  [default: FILE with _optimised.g2o]",
+)
+@click.option("--robust", is_flag=True, help="Reject closures that contradict the rest.")
+@click.option("--image", type=click.Path(path_type=Path), help="Draw the result into this PNG.")
+@config_options
+@format_option
+def optimise(
+    path: Path,
+    output: Path | None,
+    robust: bool,
+    image: Path | None,
+    config_path: Path | None,
+    changes: tuple[str, ...],
+    style: str,
+) -> None:
+    """Optimise the pose graph in FILE: g2o, TORO, GTSAM text, map.db or an RTAB-Map database.
+
+    Stored vertices are not needed: the start is found from the edges. Edges between consecutive
+    nodes count as odometry, which --robust believes. What cannot be used is named on stderr, the
+    rest is optimised, and the exit code is 3.
+
+    \b
+    mapmyworld optimise manhattan.g2o -o solved.g2o
+    mapmyworld optimise map.db --robust --format json
+    """
+    config = load_config(config_path, changes).graph
+    started = time.perf_counter()
+    graph, problems, notes = load_graph(path)
+    read_seconds = time.perf_counter() - started
+    if len(graph) == 0:
+        raise GraphError(f"{path}: the graph has no nodes: nothing to optimise")
+    started = time.perf_counter()
+    from mapmyworld.graph.optimise import optimise as optimise_graph
+    from mapmyworld.graph.optimise import optimise_robustly
+
+    import_seconds = time.perf_counter() - started
+    started = time.perf_counter()
+    solved = optimise_robustly(graph, config) if robust else optimise_graph(graph, config)
+    facts: dict[str, Any] = {
+        "file": str(path),
+        "nodes": len(graph),
+        "edges": len(graph.edges),
+        "landmarks": len(graph.landmark_ids),
+        "cost": solved.cost,
+        "start": solved.start,
+        "start_costs": solved.start_costs,
+        "iterations": solved.iterations,
+        "converged": solved.converged,
+        "certainty": solved.certainty,
+        "parts": int(solved.component.max()) + 1,
+        "rejected": [
+            [int(a), int(b)]
+            for a, b, good in zip(
+                graph.edges.from_ids, graph.edges.to_ids, solved.accepted, strict=True
+            )
+            if not good
+        ],
+        "problems": problems,
+        "notes": notes,
+        "seconds": {
+            "read": read_seconds,
+            "import": import_seconds,
+            "optimise": time.perf_counter() - started,
+        },
+    }
+    output = output or path.with_name(f"{path.stem}_optimised.g2o")
+    from formats.pose_graph import write_graph
+
+    write_graph(output, solved.graph)
+    facts["output"] = str(output)
+    if image is not None:
+        draw(image, solved.graph, solved.accepted)
+    show_json(facts) if style == "json" else click.echo("\n".join(_lines(facts)))
+    for problem in problems:
+        click.echo(f"mapmyworld: {path}: {problem}", err=True)
+    if problems or facts["parts"] > 1:
+        sys.exit(EXIT_PARTIAL)
+
+
+def load_graph(path: Path) -> tuple[PoseGraph, list[str], list[str]]:
+    """The graph of a text file or of a map, its problems, and its notes."""
+    if path.is_file() and path.read_bytes()[:15] == b"SQLite format 3":
+        return _graph_of_map(path), [], []
+    from formats.pose_graph import read_graph
+
+    read = read_graph(path)
+    return read.graph, list(read.problems), list(read.notes)
+
+
+def _graph_of_map(path: Path) -> PoseGraph:
+    import numpy as np
+
+    from formats.database import open_store
+    from mapmyworld.graph.pose_graph import graph_from_constraints
+
+    with open_store(path, read_only=True) as store:
+        nodes, constraints, plan = store.nodes(), store.constraints(), store.get("plan") or {}
+        poses = store.poses()
+    ids = np.array([node.id for node in nodes], np.int64)
+    start = np.array([node.tracked_from_base for node in nodes]).reshape(-1, 4, 4)
+    if poses is not None:
+        extra = poses.ids < 0
+        ids = np.concatenate([ids, poses.ids[extra]])
+        start = np.concatenate([start, poses.map_from_node[extra]])
+    return graph_from_constraints(ids, start, constraints, bool(plan.get("planar", False)))
+
+
+def draw(image: Path, graph: PoseGraph, accepted: Any) -> None:
+    """The graph as a picture."""
+    import numpy as np
+
+    from formats.report.graph_picture import write_graph_picture
+    from mapmyworld.geometry import planar_to_matrix
+    from mapmyworld.types import Constraint, ConstraintKind, Poses
+
+    poses = planar_to_matrix(graph.map_from_node) if graph.planar else graph.map_from_node
+    nothing = np.eye(6)
+    constraints = [
+        Constraint(
+            int(a),
+            int(b),
+            ConstraintKind.NEIGHBOUR if odometry else ConstraintKind.LOOP_CLOSURE,
+            nothing[:4, :4],
+            nothing,
+            bool(good),
+        )
+        for a, b, odometry, good in zip(
+            graph.edges.from_ids, graph.edges.to_ids, graph.edges.odometry, accepted, strict=True
+        )
+    ]
+    landmarks = graph.landmarks if len(graph.landmark_ids) else None
+    write_graph_picture(image, Poses(graph.ids, poses), constraints, None, landmarks)
+    click.echo(f"drew {image}", err=True)
+
+
+def _lines(facts: dict[str, Any]) -> list[str]:
+    starts = ", ".join(f"{name} {cost:.6g}" for name, cost in facts["start_costs"].items())
+    seconds = facts["seconds"]
+    lines = [
+        f"graph       {facts['nodes']} nodes, {facts['edges']} edges, "
+        f"{facts['landmarks']} landmarks",
+        f"cost        {facts['cost']:.8g} (half the sum of squared sigmas)",
+        f"starts      {starts}; went on from {facts['start']}",
+        f"steps       {facts['iterations']}{'' if facts['converged'] else ', not converged'}",
+        f"certainty   {facts['certainty']}",
+        f"time        read {seconds['read']:.3f} s, optimise {seconds['optimise']:.3f} s",
+        f"written     {facts['output']}",
+    ]
+    if facts["parts"] > 1:
+        lines.insert(1, f"connected   NO: {facts['parts']} parts, each with its own anchor")
+    if facts["rejected"]:
+        shown = ", ".join(f"{a}-{b}" for a, b in facts["rejected"][:10])
+        lines.append(f"rejected    {len(facts['rejected'])} edges: {shown} ...")
+    return lines + [f"note        {note}" for note in facts["notes"]]

@@ -1,0 +1,155 @@
+"""What a person wants to know about a solved graph: counts, misfits, corrections, connection."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2 as chi_squared
+
+from mapmyworld.geometry import Array, between, information_to_planar, rotation_angle
+from mapmyworld.graph.pose_graph import components, positions
+from mapmyworld.graph.residuals import edge_residuals, squared_sigmas
+from mapmyworld.types import Constraint, ConstraintKind, Poses
+
+_OVERCONFIDENT = 2.0  # times larger than stated: misfits from which a kind is called over-confident
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Misfit:
+    """One constraint against the solution."""
+
+    constraint: Constraint
+    metres: float
+    degrees: float
+    sigmas: float
+
+
+def misfits_of(
+    constraints: Sequence[Constraint], poses: Poses, planar: bool
+) -> tuple[Misfit | None, ...]:
+    """Every constraint against the solved poses, accepted or not; None where a node is missing."""
+    order = np.argsort(poses.ids, kind="stable")
+    known = poses.ids[order]
+    found: list[Misfit | None] = [None] * len(constraints)
+    ends = np.array([(c.from_id, c.to_id) for c in constraints], np.int64).reshape(-1, 2)
+    places = positions(known, ends.ravel()).reshape(-1, 2)
+    sound = np.array(
+        [
+            np.isfinite(c.from_from_to).all() and np.isfinite(c.information).all()
+            for c in constraints
+        ],
+        np.bool_,
+    )
+    usable = np.flatnonzero((places >= 0).all(axis=1) & sound)
+    if len(usable) == 0:
+        return tuple(found)
+    matrices = poses.map_from_node[order]
+    tails = matrices[places[usable, 0]]
+    tails[ends[usable, 0] == ends[usable, 1]] = np.eye(4)
+    heads = matrices[places[usable, 1]]
+    measured = np.array([constraints[k].from_from_to for k in usable.tolist()])
+    information = np.array([constraints[k].information for k in usable.tolist()])
+    residuals = edge_residuals(False, tails, heads, measured)
+    if planar:
+        residuals, information = residuals[:, [3, 4, 2]], information_to_planar(information)
+    chi2 = np.maximum(squared_sigmas(residuals, information), 0.0)
+    error = between(measured, between(tails, heads))
+    metres = np.linalg.norm(error[:, :3, 3], axis=1)
+    degrees = np.degrees(rotation_angle(error))
+    for n, k in enumerate(usable.tolist()):
+        found[k] = Misfit(
+            constraints[k], float(metres[n]), float(degrees[n]), float(chi2[n] ** 0.5)
+        )
+    return tuple(found)
+
+
+def counts_of(constraints: Sequence[Constraint]) -> dict[str, dict[str, int]]:
+    """Kind -> how many were tried, accepted and rejected."""
+    result: dict[str, dict[str, int]] = {}
+    for kind in ConstraintKind:
+        mine = [c for c in constraints if c.kind == kind]
+        if mine:
+            good = sum(c.accepted for c in mine)
+            result[str(kind)] = {
+                "tried": len(mine),
+                "accepted": good,
+                "rejected": len(mine) - good,
+            }
+    return result
+
+
+def overconfidence_of(misfits: Sequence[Misfit | None], planar: bool) -> dict[str, float]:
+    """Kind -> how many times larger than stated its accepted misfits are (median, sigmas)."""
+    expected = float(np.sqrt(chi_squared.median(3 if planar else 6)))
+    result = {}
+    for kind in ConstraintKind:
+        mine = [
+            m.sigmas for m in misfits if m and m.constraint.kind == kind and m.constraint.accepted
+        ]
+        if mine:
+            result[str(kind)] = float(np.median(mine)) / expected
+    return result
+
+
+def is_overconfident(factor: float) -> bool:
+    """Whether a factor of `overconfidence_of` is worth a warning."""
+    return factor > _OVERCONFIDENT
+
+
+def corrections_of(
+    misfits: Sequence[Misfit | None], start: Poses
+) -> tuple[tuple[Misfit, float, float], ...]:
+    """Accepted closures with the metres and degrees by which the start had missed them.
+
+    `start` holds the poses by tracking alone; largest first.
+    """
+    at = {int(k): pose for k, pose in zip(start.ids, start.map_from_node, strict=True)}
+    found: list[tuple[Misfit, float, float]] = []
+    for misfit in misfits:
+        if misfit is None or not misfit.constraint.accepted:
+            continue
+        c = misfit.constraint
+        if c.kind in (ConstraintKind.NEIGHBOUR, ConstraintKind.PRIOR):
+            continue
+        if c.from_id in at and c.to_id in at:
+            error = between(c.from_from_to, between(at[c.from_id], at[c.to_id]))
+            moved = float(np.linalg.norm(error[:3, 3])), float(np.degrees(rotation_angle(error)))
+            found.append((misfit, *moved))
+    return tuple(sorted(found, key=lambda item: -item[1]))
+
+
+def parts_of(constraints: Sequence[Constraint], poses: Poses) -> tuple[tuple[int, int, int], ...]:
+    """Connected parts as first node, last node and number of nodes."""
+    order = np.argsort(poses.ids, kind="stable")
+    known = poses.ids[order]
+    ends = np.array([(c.from_id, c.to_id) for c in constraints if c.accepted], np.int64)
+    places = positions(known, ends.ravel()).reshape(-1, 2)
+    places = places[(places >= 0).all(axis=1)]
+    part = components(len(known), places[:, 0], places[:, 1])
+    members = [known[part == k] for k in range(int(part.max(initial=-1)) + 1)]
+    return tuple((int(m[0]), int(m[-1]), len(m)) for m in members)
+
+
+def uncertainty_of(poses: Poses) -> dict[str, Any] | None:
+    """Largest and median one-sigma of position (m) and rotation (deg); None when not computed."""
+    if poses.covariances is None or len(poses.covariances) == 0:
+        return None
+    metres, degrees = sigmas_of(poses.covariances)
+    worst = int(np.argmax(metres))
+    return {
+        "median_metres": float(np.median(metres)),
+        "median_degrees": float(np.median(degrees)),
+        "largest_metres": float(metres[worst]),
+        "largest_degrees": float(degrees.max()),
+        "largest_at": int(poses.ids[worst]),
+    }
+
+
+def sigmas_of(covariances: Array) -> tuple[Array, Array]:
+    """One-sigma radii (N,) of position, metres, and rotation, degrees."""
+    variances = np.maximum(np.einsum("nii->ni", covariances), 0.0)
+    metres = np.sqrt(variances[:, 3:].sum(axis=1))
+    return metres, np.degrees(np.sqrt(variances[:, :3].sum(axis=1)))

@@ -1,0 +1,116 @@
+"""Landmarks as nodes: a point is a node whose orientation is held, so that blocks stay alike.
+
+The residual of a sighting is the landmark's position in the node's frame, or its bearing and
+range, less the measured one; the rest of the residual keeps the landmark's orientation at zero.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mapmyworld.geometry import Array, planar_to_matrix, skew, so3_log, wrap_angle
+from mapmyworld.graph.pose_graph import Index, positions
+from mapmyworld.types.pose_graph import Sightings
+
+POINT, POLAR = 1, 2
+"""Kinds of edges that are sightings; edges between poses are 0."""
+
+
+def sighting_residuals(
+    planar: bool, tails: Array, heads: Array, measured: Array, kinds: Index
+) -> Array:
+    """Residuals (K, d) of sightings, in the order of the tangent."""
+    local, residuals = _local(planar, tails, heads), np.zeros((len(tails), 3 if planar else 6))
+    if not planar:
+        residuals[:, :3] = so3_log(heads[:, :3, :3])
+        residuals[:, 3:] = local - measured[:, :3, 3]
+        return residuals
+    residuals[:, :2] = local - measured[:, :2]
+    polar = kinds == POLAR
+    bearing = np.arctan2(local[polar, 1], local[polar, 0])
+    residuals[polar, 0] = wrap_angle(bearing - measured[polar, 0])
+    residuals[polar, 1] = np.hypot(*local[polar].T) - measured[polar, 1]
+    residuals[:, 2] = wrap_angle(heads[:, 2])
+    return residuals
+
+
+def sighting_jacobians(
+    planar: bool, tails: Array, heads: Array, kinds: Index
+) -> tuple[Array, Array]:
+    """Derivatives (K, d, d) by tangents of the node and of the landmark."""
+    size = 3 if planar else 6
+    local = _local(planar, tails, heads)
+    by_tail, by_head = np.zeros((2, len(tails), size, size))
+    where = slice(0, 2) if planar else slice(3, 6)
+    turn = planar_to_matrix(tails)[:, :2, :2] if planar else tails[:, :3, :3]
+    facing = planar_to_matrix(heads)[:, :2, :2] if planar else heads[:, :3, :3]
+    by_tail[:, where, where] = -np.eye(2 if planar else 3)
+    by_head[:, where, where] = np.swapaxes(turn, 1, 2) @ facing
+    if planar:
+        by_tail[:, 0, 2], by_tail[:, 1, 2] = local[:, 1], -local[:, 0]
+        by_head[:, 2, 2] = 1.0
+        polar = kinds == POLAR
+        change = _polar_change(local[polar])
+        by_tail[polar, :2] = change @ by_tail[polar, :2]
+        by_head[polar, :2] = change @ by_head[polar, :2]
+    else:
+        by_tail[:, 3:, :3] = skew(local)
+        by_head[:, :3, :3] = np.eye(3)
+    return by_tail, by_head
+
+
+def _local(planar: bool, tails: Array, heads: Array) -> Array:
+    """Positions (K, 2 or 3) of landmarks in their nodes' frames."""
+    if planar:
+        cos, sin = np.cos(tails[:, 2]), np.sin(tails[:, 2])
+        x, y = (heads[:, :2] - tails[:, :2]).T
+        return np.column_stack([cos * x + sin * y, cos * y - sin * x])
+    return np.asarray(np.einsum("kji,kj->ki", tails[:, :3, :3], heads[:, :3, 3] - tails[:, :3, 3]))
+
+
+def _polar_change(points: Array) -> Array:
+    """Derivatives (K, 2, 2) of bearing and range by position."""
+    x, y = points.T
+    square = np.maximum(x * x + y * y, 1e-12)
+    reach = np.sqrt(square)
+    rows = [np.column_stack([-y / square, x / square]), np.column_stack([x / reach, y / reach])]
+    return np.stack(rows, axis=1)
+
+
+def as_edges(planar: bool, sightings: Sightings) -> tuple[Array, Array, Index]:
+    """Measurements, information (K, d, d) and kinds of sightings, shaped like pose edges."""
+    count, size = len(sightings), 2 if planar else 3
+    information = np.tile(np.eye(3 if planar else 6), (count, 1, 1))
+    kinds = np.where(sightings.polar, POLAR, POINT).astype(np.int64)
+    if planar:
+        information[:, :size, :size] = sightings.information
+        return np.column_stack([sightings.measured, np.zeros(count)]), information, kinds
+    information[:, size:, size:] = sightings.information
+    measured = np.tile(np.eye(4), (count, 1, 1))
+    measured[:, :3, 3] = sightings.measured
+    return measured, information, kinds
+
+
+def first_places(
+    planar: bool, poses: Array, node_ids: Index, landmark_ids: Index, sightings: Sightings
+) -> Array:
+    """Landmarks as poses (L, 3 or 4, 4), each where its first sighting puts it."""
+    order = np.lexsort((sightings.node_ids, sightings.landmark_ids))
+    seen, first = np.unique(sightings.landmark_ids[order], return_index=True)
+    chosen = sightings.chosen(order[first])
+    tails = poses[positions(node_ids, chosen.node_ids)]
+    local = chosen.measured.copy()
+    if planar:
+        bearing, reach = chosen.measured.T
+        direct = np.column_stack([reach * np.cos(bearing), reach * np.sin(bearing)])
+        local = np.where(chosen.polar[:, None], direct, local)
+        cos, sin = np.cos(tails[:, 2]), np.sin(tails[:, 2])
+        x, y = local.T
+        turned = np.column_stack([cos * x - sin * y, sin * x + cos * y]) + tails[:, :2]
+        places = np.zeros((len(landmark_ids), 3))
+        places[positions(landmark_ids, seen), :2] = turned
+        return places
+    places = np.tile(np.eye(4), (len(landmark_ids), 1, 1))
+    turned = np.einsum("kij,kj->ki", tails[:, :3, :3], local) + tails[:, :3, 3]
+    places[positions(landmark_ids, seen), :3, 3] = turned
+    return places

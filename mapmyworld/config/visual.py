@@ -48,6 +48,7 @@ class VisualConfig:
     closure_radius: float = 8.0  # pixels around a found motion's projections for more matches
     closure_translation_sigma: float = 0.1  # m, no closure is less certain
     closure_rotation_sigma: float = 0.05  # rad, no closure is less certain
+    succession: int = 2  # nodes before each that its image is compared with, without a laser
     closure_gate: float = 3.5  # sigmas of drift by which a closure may contradict the tracked poses
     drift_translation: float = 0.05  # share of the path that tracked poses may be off by
     drift_rotation: float = 0.03  # rad a metre of path that tracked poses may be off by

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import between
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.appearance import Candidate, find_candidates
 from mapmyworld.places.drift import Drift
@@ -39,6 +40,8 @@ def find_visual_closures(
         vocabulary = images.learn_words()
         images.keep(store, vocabulary)
         proposals += _by_words(images, vocabulary.size, config)
+        if config.visual.succession and store.node_data(images.nodes[0].id).scan is None:
+            proposals += _by_succession(images, config)
     if poses is not None:
         proposals += _by_poses(images, poses, proposals, config)
     known = _pairs(store.constraints())
@@ -47,12 +50,14 @@ def find_visual_closures(
     return _judge(images.nodes, _verify(images, fresh, config, progress), config)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Proposal:
     index: int
     other: int
     kind: ConstraintKind
     evidence: Mapping[str, float]
+    guess: Array | None = None
+    """other_from_index where tracking tells it well enough to search around it only."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,6 +84,19 @@ def _by_words(images: NodeImages, size: int, config: Config) -> list[_Proposal]:
 def _proposal_of(candidate: Candidate) -> _Proposal:
     evidence = {"similarity": candidate.similarity, "posterior": candidate.posterior}
     return _Proposal(candidate.index, candidate.other, ConstraintKind.LOOP_CLOSURE, evidence)
+
+
+def _by_succession(images: NodeImages, config: Config) -> list[_Proposal]:
+    """Each node with the ones just before it: what the images say of the motion between them."""
+    nodes = images.nodes
+    found = []
+    for i in range(1, len(nodes)):
+        for j in range(max(0, i - config.visual.succession), i):
+            if nodes[i].session == nodes[j].session:
+                motion = between(nodes[j].tracked_from_base, nodes[i].tracked_from_base)
+                steps = {"steps": float(i - j)}
+                found.append(_Proposal(i, j, ConstraintKind.PROXIMITY, steps, motion))
+    return found
 
 
 def _by_poses(
@@ -139,7 +157,7 @@ def _verify(
 
     def register(item: tuple[_Proposal, View, View]) -> _Verified:
         proposal, later, earlier = item
-        return _Verified(proposal, register_images(earlier, later, config))
+        return _Verified(proposal, register_images(earlier, later, config, guess=proposal.guess))
 
     done: list[_Verified] = []
     for verified in in_threads(register, work, config.threads):
@@ -176,12 +194,13 @@ def _judge(
                     f"looks alike, but contradicts the tracked motion by {metres:.2f} m and "
                     f"{np.degrees(radians):.0f} deg, {sigma:.1f} sigma"
                 )
-                for k in (i, j):
+                for k in (i, j) if item.proposal.guess is None else ():
                     aliases[k] = min(aliases[k], metres)
         reasons.append(reason)
     constraints = []
     for item, given in zip(verified, reasons, strict=True):
-        reason = given or _ambiguity(item, aliases, drift, gate)
+        guided = item.proposal.guess is not None
+        reason = given if guided else given or _ambiguity(item, aliases, drift, gate)
         constraints.append(_constraint(nodes, item, reason))
     return constraints
 

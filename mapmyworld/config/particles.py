@@ -22,7 +22,7 @@ class ParticlesConfig:
     drift_floor: float = 0.02  # m, and half as many rad, of uncertainty in scan-matched motion
     drift_sigma: float = 0.03  # m per m: uncertainty of scan-matched motion
     drift_angle: float = 0.01  # rad per m: uncertainty of scan-matched motion
-    weight_gain: float = 0.1  # power of the weights; below 1 keeps particles apart for longer
+    weight_gain: float = 0.025  # power of the weights; below 1 keeps particles apart for longer
     resample_below: float = 0.5  # share of effective particles at which the filter resamples
     kld_error: float = 0.15  # distance to the true posterior that sets the number of particles
     measurement: str = "field"  # "field" = likelihood field, "beams" = beam model

@@ -34,16 +34,16 @@ def sample_motion_model(
     rot_1, trans, rot_2 = rotations_and_translation(u)
     # Lines 5 to 7 of the table.
     variance_rot_1, variance_trans, variance_rot_2 = motion_variances(u, noise)
-    rot_1 = rot_1 - random.normal(0.0, np.sqrt(variance_rot_1), len(x))
-    trans = trans - random.normal(0.0, np.sqrt(variance_trans), len(x))
-    rot_2 = rot_2 - random.normal(0.0, np.sqrt(variance_rot_2), len(x))
+    first = rot_1 - random.normal(0.0, np.sqrt(variance_rot_1), len(x))
+    way = trans - random.normal(0.0, np.sqrt(variance_trans), len(x))
+    second = rot_2 - random.normal(0.0, np.sqrt(variance_rot_2), len(x))
     # Lines 8 to 10.
-    heading = x[:, 2] + rot_1
+    heading = x[:, 2] + first
     return np.stack(
         [
-            x[:, 0] + trans * np.cos(heading),
-            x[:, 1] + trans * np.sin(heading),
-            wrap_angle(heading + rot_2),
+            x[:, 0] + way * np.cos(heading),
+            x[:, 1] + way * np.sin(heading),
+            wrap_angle(heading + second),
         ],
         axis=-1,
     )

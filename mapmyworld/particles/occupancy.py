@@ -84,7 +84,7 @@ def cells_crossed(
     shares = np.unique(np.clip(np.concatenate(crossings), 0.0, 1.0))
     middles = 0.5 * (shares[1:] + shares[:-1])
     cells = np.floor(start + middles[:, None] * (end - start)).astype(np.int64)
-    return cells[:, ::-1]
+    return np.asarray(cells[:, ::-1])
 
 
 def _write(out: NDArray[np.float32], cells: NDArray[np.int64], value: float) -> None:

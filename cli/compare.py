@@ -1,0 +1,165 @@
+"""`mapmyworld compare`: several maps of one log side by side."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from cli.common import format_option, show_json
+from cli.settings import config_options, load_config
+from mapmyworld.errors import MapError
+
+if TYPE_CHECKING:
+    from cli.comparing import Candidate
+    from mapmyworld.types import Trajectory
+
+_METHODS = ("graph", "fastslam", "neighbour")
+
+
+@click.command()
+@click.argument("paths", metavar="MAP...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--methods",
+    metavar="LIST",
+    help="Build the maps of a LOG first: graph, fastslam, neighbour (tracking without closures).",
+)
+@click.option(
+    "-o",
+    "--output",
+    "folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("compare"),
+    show_default=True,
+    help="Folder for the maps that --methods builds.",
+)
+@click.option("--reference", type=click.Path(path_type=Path), help="True path (TUM or a MAP).")
+@click.option("--relations", type=click.Path(path_type=Path), help="Known relative poses.")
+@click.option("--image", type=click.Path(path_type=Path), help="Draw all maps into one PNG.")
+@config_options
+@format_option
+def compare(
+    paths: tuple[Path, ...],
+    methods: str | None,
+    folder: Path,
+    reference: Path | None,
+    relations: Path | None,
+    image: Path | None,
+    config_path: Path | None,
+    changes: tuple[str, ...],
+    style: str,
+) -> None:
+    """Accuracy, sharpness, time and memory of several MAPs of one log, side by side.
+
+    Accuracy needs the truth (--reference) or known relative poses (--relations). Sharpness needs
+    neither: a better map has less entropy a cell and thinner walls. With --methods, MAP is a LOG
+    (or several that are one drive), and its maps are built first, into a folder.
+
+    \b
+    mapmyworld compare graph.db particles.db --relations intel.relations --image both.png
+    mapmyworld compare drive.mcap --methods graph,fastslam,neighbour --reference truth.tum
+    """
+    from cli.comparing import figures_of, picture_of, read_candidate, table_lines
+    from formats.relations import read_relations
+
+    truth = None if reference is None else _read_path(reference)
+    known = None if relations is None else read_relations(relations)
+    if methods is None:
+        candidates = [read_candidate(path) for path in paths]
+    else:
+        candidates = _built(paths, _chosen(methods), folder, config_path, changes)
+    rows = [figures_of(c, candidates[0], truth, known) for c in candidates]
+    if image is not None:
+        _write_png(image, picture_of(candidates, rows))
+    if style == "json":
+        show_json({"maps": rows})
+    else:
+        click.echo("\n".join(table_lines(rows)))
+
+
+def _read_path(path: Path) -> Trajectory:
+    """A path from a TUM, KITTI or CSV file, or out of a map."""
+    from formats.trajectory import read_trajectory
+
+    if path.suffix == ".db":
+        from cli.comparing import read_candidate
+
+        return read_candidate(path).trajectory
+    return read_trajectory(path)
+
+
+def _chosen(methods: str) -> list[str]:
+    names = [name.strip() for name in methods.split(",") if name.strip()]
+    unknown = [name for name in names if name not in _METHODS]
+    if unknown or not names:
+        raise click.UsageError(
+            f"--methods {methods}: unknown {', '.join(unknown) or 'nothing'}; "
+            f"choose from {', '.join(_METHODS)}"
+        )
+    return list(dict.fromkeys(names))
+
+
+def _build_options(config_path: Path | None, changes: tuple[str, ...]) -> list[str]:
+    options = [] if config_path is None else ["--config", str(config_path)]
+    for change in changes:
+        options += ["--set", change]
+    return options
+
+
+def _built(
+    logs: tuple[Path, ...],
+    methods: list[str],
+    folder: Path,
+    config_path: Path | None,
+    changes: tuple[str, ...],
+) -> list[Candidate]:
+    """The log's map by each method; neighbour constraints alone come with the graph."""
+    from cli.comparing import read_candidate, without_closures
+    from formats.database import open_store
+
+    folder.mkdir(parents=True, exist_ok=True)
+    config = load_config(config_path, changes)
+    options = _build_options(config_path, changes)
+    candidates: list[Candidate] = []
+    for method in methods:
+        source = "graph" if method == "neighbour" else method
+        path = folder / f"{source}.db"
+        if method != "neighbour" or "graph" not in methods[: methods.index(method)]:
+            summary = _build(logs, source, path, options)
+        if method == "neighbour":
+            with open_store(path, read_only=True) as store:
+                candidates.append(without_closures(store, config))
+        else:
+            candidates.append(replace(read_candidate(path), name=method, summary=summary))
+    return candidates
+
+
+def _build(logs: tuple[Path, ...], method: str, path: Path, options: list[str]) -> dict[str, Any]:
+    """Builds one map in a process of its own, so that time and memory are its own."""
+    command = [sys.executable, "-m", "cli.main", "build", *map(str, logs), "-o", str(path)]
+    command += ["--method", method, "--overwrite", "--no-export", "--format", "json", *options]
+    click.echo(f"building {path} by {method}", err=True)
+    done = subprocess.run([*command, "--quiet"], capture_output=True, text=True, check=False)
+    if done.returncode not in (0, 3):
+        raise MapError(
+            f"{path}: building by {method} failed: {done.stderr.strip() or done.returncode}"
+        )
+    summary: dict[str, Any] = json.loads(done.stdout)
+    return summary
+
+
+def _write_png(path: Path, picture: Any) -> None:
+    import cv2
+
+    done, encoded = cv2.imencode(".png", picture[..., ::-1])
+    if not done:
+        raise MapError(f"{path}: the picture cannot be encoded as PNG")
+    try:
+        path.write_bytes(encoded.tobytes())
+    except OSError as error:
+        raise MapError(f"{path}: cannot be written: {error.strerror}") from None

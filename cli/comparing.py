@@ -1,0 +1,171 @@
+"""Maps read and scored side by side, for `mapmyworld compare`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cli.exporting import trajectory_of
+from mapmyworld.errors import MapError
+from mapmyworld.geometry import matrix_to_planar
+from mapmyworld.types import MapStore, OccupancyGrid, Trajectory
+
+if TYPE_CHECKING:
+    from mapmyworld.config import Config
+    from mapmyworld.types.relations import Relations
+
+# Figure -> heading and format of its column, in the order of printing.
+COLUMNS: dict[str, tuple[str, str]] = {
+    "frames": ("frames", "d"),
+    "length_m": ("length m", ".1f"),
+    "ate_m": ("ATE m", ".4f"),
+    "relations_m": ("relations m", ".4f"),
+    "relations_std_m": ("+- m", ".4f"),
+    "relations_deg": ("relations deg", ".3f"),
+    "apart_m": ("from first m", ".4f"),
+    "entropy_bits": ("entropy bit", ".3f"),
+    "wall_thickness_m": ("walls m", ".4f"),
+    "free_m2": ("free m2", ".1f"),
+    "cpu_s": ("CPU s", ".1f"),
+    "wall_s": ("wall s", ".1f"),
+    "peak_memory_mb": ("peak MB", ".0f"),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """One of the maps."""
+
+    name: str
+    trajectory: Trajectory
+    grid: OccupancyGrid | None
+    summary: dict[str, Any] = field(default_factory=dict)
+
+
+def read_candidate(path: Path) -> Candidate:
+    """A finished map from its file."""
+    from formats.database import open_store
+
+    with open_store(path, read_only=True) as store:
+        return Candidate(
+            path.stem, trajectory_of(store), store.grid(), dict(store.get("summary") or {})
+        )
+
+
+def without_closures(store: MapStore, config: Config) -> Candidate:
+    """What the neighbour constraints alone make of a map's scans: tracking, and nothing else."""
+    from mapmyworld.mapping.occupancy import build_grid
+
+    frames, nodes = store.tracked_frames(), store.nodes()
+    pose_of = {node.id: node.tracked_from_base for node in nodes}
+    poses = np.stack([pose_of[int(k)] for k in frames.node_ids]) @ frames.node_from_frame
+    planar = matrix_to_planar(poses)
+    scans = ((planar[k], scan) for k, scan in store.scans(np.arange(len(poses))))
+    first = next(iter(store.scans(np.arange(len(poses)))), None)
+    grid = None if first is None else build_grid(scans, config)
+    return Candidate("neighbour", Trajectory(frames.stamps_ns, poses), grid)
+
+
+def figures_of(
+    candidate: Candidate,
+    first: Candidate,
+    reference: Trajectory | None,
+    relations: Relations | None,
+) -> dict[str, Any]:
+    """Every figure that can be had of a map."""
+    from mapmyworld.evaluation import ate, relations_score
+    from mapmyworld.evaluation.sharpness import grid_sharpness
+
+    positions = candidate.trajectory.poses[:, :3, 3]
+    figures: dict[str, Any] = {
+        "name": candidate.name,
+        "frames": len(positions),
+        "length_m": float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum()),
+    }
+    if reference is not None:
+        figures["ate_m"] = ate(candidate.trajectory, reference).rmse
+    if relations is not None:
+        score = relations_score(candidate.trajectory, relations)
+        figures["relations_m"] = score.translation.mean
+        figures["relations_std_m"] = score.translation.std
+        figures["relations_deg"] = score.rotation_deg.mean
+    if candidate is not first:
+        figures["apart_m"] = _quietly(lambda: ate(candidate.trajectory, first.trajectory).rmse)
+    if candidate.grid is not None:
+        figures |= grid_sharpness(candidate.grid).as_dict()
+    wanted = ("cpu_s", "wall_s", "peak_memory_mb")
+    figures |= {key: candidate.summary[key] for key in wanted if key in candidate.summary}
+    return {key: value for key, value in figures.items() if value is not None}
+
+
+def _quietly(score: Callable[[], float]) -> float | None:
+    """The score, or None where two maps have no moment in common."""
+    try:
+        return score()
+    except MapError:
+        return None
+
+
+def table_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """The figures as a table: a map a line, a figure a column."""
+    keys = [key for key in COLUMNS if any(key in row for row in rows)]
+    heads = ["map", *(COLUMNS[key][0] for key in keys)]
+    cells = [
+        [row["name"], *(f"{row[k]:{COLUMNS[k][1]}}" if k in row else "-" for k in keys)]
+        for row in rows
+    ]
+    widths = [max(len(line[k]) for line in [heads, *cells]) for k in range(len(heads))]
+    lines = []
+    for line in [heads, *cells]:
+        first, *rest = (c.rjust(w) for c, w in zip(line, widths, strict=True))
+        lines.append("  ".join([first.strip().ljust(widths[0]), *rest]).rstrip())
+    return lines
+
+
+def picture_of(
+    candidates: Sequence[Candidate], rows: Sequence[dict[str, Any]]
+) -> NDArray[np.uint8]:
+    """All maps that have a grid, laid upon the first."""
+    from formats.report.compare_picture import MapPanel, compare_picture
+
+    panels = []
+    for candidate, row in zip(candidates, rows, strict=True):
+        if candidate.grid is None:
+            continue
+        first_from_map = _alignment(candidate, candidates[0])
+        path = candidate.trajectory.poses[:, :2, 3]
+        panels.append(MapPanel(candidate.grid, first_from_map, path, _captions(row)))
+    if not panels:
+        raise MapError("none of these maps has a grid to draw: build them from a log with scans")
+    return compare_picture(panels)
+
+
+def _alignment(candidate: Candidate, first: Candidate) -> NDArray[np.float64]:
+    """The motion (3,) that lays a map's path upon the first one's."""
+    from mapmyworld.evaluation import ate
+
+    if candidate is first:
+        return np.zeros(3)
+    try:
+        return matrix_to_planar(ate(candidate.trajectory, first.trajectory).reference_from_estimate)
+    except MapError:
+        return np.zeros(3)
+
+
+def _captions(row: dict[str, Any]) -> tuple[str, ...]:
+    accuracy = [
+        f"{head} {row[key]:{style}}"
+        for key, (head, style) in COLUMNS.items()
+        if key in row and key in {"ate_m", "relations_m", "relations_deg"}
+    ]
+    rest = [
+        f"{head} {row[key]:{style}}"
+        for key, (head, style) in COLUMNS.items()
+        if key in row and key in {"entropy_bits", "wall_thickness_m", "cpu_s", "peak_memory_mb"}
+    ]
+    return tuple(", ".join(part) for part in ([row["name"], *accuracy], rest) if part)

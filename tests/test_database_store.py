@@ -236,3 +236,13 @@ def test_poses_solved_again_without_covariances_have_none(filled: MapStore) -> N
         kept = filled.poses()  # those of the stage before
         assert kept is not None
         assert kept.covariances is not None
+
+
+def test_constraints_hidden_by_an_empty_set_come_back(store: MapStore) -> None:
+    with store.write_stage("track", "t"):
+        store.add_constraints([constraint(1, 2, ConstraintKind.NEIGHBOUR)])
+    with store.write_stage("judge", "j"):
+        store.replace_constraints([])
+    assert store.constraints() == ()
+    with store.write_stage("judge", "j2"):
+        assert len(store.constraints()) == 1

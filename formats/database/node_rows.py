@@ -39,7 +39,7 @@ class StorageOptions:
     local_cells: bool = True
     local_cell_size: float = 0.05
     local_cell_range: float = 5.0
-    local_cell_spacing: float = 0.3
+    local_cell_spacing: float = 0.5
 
 
 def node_row(node: Node, before: Node | None) -> Row:

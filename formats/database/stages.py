@@ -7,6 +7,7 @@ from formats.database.schema import STAGE_RANKS
 from mapmyworld.errors import MapError
 
 _TRACK, _RECOGNISE, _OPTIMISE = (STAGE_RANKS[name] for name in ("track", "recognise", "optimise"))
+REPLACED = "mapmyworld constraints replaced"  # key that marks a complete set of constraints
 _NODE_TABLES = (
     "Statistics",
     "GlobalDescriptor",
@@ -25,8 +26,16 @@ def rank_of(stage: str) -> int:
     return STAGE_RANKS[stage]
 
 
-def clear_from(db: Connection, rank: int) -> None:
-    """Deletes what stages of this rank and later wrote; Link rows are the caller's to rewrite."""
+def clear_from(db: Connection, rank: int) -> bool:
+    """Deletes what stages of this rank and later wrote.
+
+    Returns whether constraints were among it: Link rows are the caller's to write again.
+    """
+    judged = db.row(
+        "SELECT EXISTS (SELECT 1 FROM mapmyworld_constraints WHERE rank >= ?)"
+        " OR EXISTS (SELECT 1 FROM mapmyworld_keys WHERE key = ? AND rank >= ?)",
+        (rank, REPLACED, rank),
+    )
     for table in ("stages", "keys", "arrays", "constraints"):
         db.run(f"DELETE FROM mapmyworld_{table} WHERE rank >= ?", (rank,))
     if rank <= _TRACK:
@@ -43,6 +52,7 @@ def clear_from(db: Connection, rank: int) -> None:
         " opt_polygons_size = NULL, opt_polygons = NULL, opt_tex_coords = NULL,"
         " opt_tex_materials = NULL"
     )
+    return bool(judged[0])
 
 
 def _clear_words(db: Connection, rank: int) -> None:

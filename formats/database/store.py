@@ -20,7 +20,7 @@ from formats.database.connection import Connection
 from formats.database.node_rows import StorageOptions
 from formats.database.scans import blob_to_scan, scan_to_blob
 from formats.database.schema import STAGE_RANKS
-from formats.database.stages import clear_from, rank_of
+from formats.database.stages import REPLACED, clear_from, rank_of
 from formats.database.statistics import INSERT_STATISTICS, statistics_rows
 from mapmyworld.errors import MapError
 from mapmyworld.types import (
@@ -39,7 +39,6 @@ _BATCH_NODES = 200
 _BATCH_SCANS = 2000
 _SCANS_AT_ONCE = 256
 _OUTSIDE = -1  # rank of keys put outside any stage; no stage clears them
-_REPLACED = "mapmyworld constraints replaced"  # key that marks a complete set of constraints
 
 
 class DatabaseStore:
@@ -97,9 +96,9 @@ class DatabaseStore:
     def write_stage(self, stage: str, inputs: str) -> Iterator[None]:
         rank = rank_of(stage)
         self._begin()
-        clear_from(self._db, rank)
+        if clear_from(self._db, rank):
+            self._rewrite_links()
         self._restore_session()
-        self._rewrite_links()
         self._rank, self._compact = rank, False
         try:
             yield
@@ -240,14 +239,14 @@ class DatabaseStore:
         self._db.run("DELETE FROM mapmyworld_constraints WHERE rank >= ?", (rank,))
         self._db.run_many(links.INSERT_CONSTRAINT, links.constraint_rows(constraints, rank))
         mark = "INSERT OR REPLACE INTO mapmyworld_keys VALUES (?,?,'true')"
-        self._db.run(mark, (_REPLACED, rank))
+        self._db.run(mark, (REPLACED, rank))
         self._rewrite_links()
         self._solved_anew = True
         self._settle()
 
     def constraints(self) -> tuple[Constraint, ...]:
         newest = "SELECT MAX(rank) FROM mapmyworld_keys WHERE key = ?"
-        (rank,) = self._db.row(newest, (_REPLACED,))
+        (rank,) = self._db.row(newest, (REPLACED,))
         found = self._db.rows(links.SELECT_CONSTRAINTS, (_OUTSIDE if rank is None else rank,))
         return tuple(links.constraint_from_row(row) for row in found)
 

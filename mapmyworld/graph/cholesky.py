@@ -70,7 +70,10 @@ def analyse(count: int, rows: Index, columns: Index, size: int) -> Symbolic:
     ones = np.ones(len(rows))
     upper = csc_array((ones, (rows, columns)), shape=(count, count))
     pattern = csc_array(upper + upper.T)
-    diagonal = np.asarray(pattern.sum(axis=0)).ravel() + 1.0
+    # A Laplacian with a whisper on its diagonal: entries of its factor shrink with the length of a
+    # path only slowly. With a heavier diagonal those of long chains underflow and are lost.
+    degree = np.asarray(pattern.sum(axis=0)).ravel() - pattern.diagonal()
+    diagonal = degree + 1e-8
     pattern = csc_array(-pattern)
     pattern.setdiag(diagonal)
     factors = splu(

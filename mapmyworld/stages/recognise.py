@@ -14,6 +14,10 @@ def recognise(store: MapStore, config: Config, progress: Progress) -> None:
 def add_closures(store: MapStore, poses: Poses | None, config: Config, progress: Progress) -> int:
     """Tries what has not been tried, from solved poses where there are some; how many were new."""
     found = []
+    if has_scans(store):
+        from mapmyworld.places.laser_closures import find_laser_closures
+
+        found += find_laser_closures(store, poses, config, progress)
     if has_images(store):
         from mapmyworld.places.visual_closures import find_visual_closures
 

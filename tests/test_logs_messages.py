@@ -131,6 +131,16 @@ def test_transforms(ros: int, topic: str, static: bool) -> None:
         assert transform.stamp_ns == STAMP
 
 
+def test_the_first_tf_type_of_ros1_is_read() -> None:
+    data = serialised(1, ("", "tf2_msgs/msg/TFMessage", 0, Make(1).transforms(STAMP, [("a", "b")])))
+    text = b"geometry_msgs/TransformStamped[] transforms\n"
+    decoder = decoder_for(Channel("/tf", "tf/msg/tfMessage", "ros1", "ros1msg", text))
+    assert decoder.stamp(data) == STAMP
+    found = decoder.decode(data, 0)
+    assert isinstance(found, TransformsMessage)
+    assert found.transforms[0].child == "b"
+
+
 @pytest.mark.parametrize("ros", [1, 2])
 @pytest.mark.parametrize(
     ("first", "quaternion", "known"),

@@ -67,7 +67,7 @@ def _count(field: bytes, fields: list[bytes]) -> int:
 
 
 def _floats(fields: list[bytes]) -> NDArray[np.float64]:
-    return np.array([float(field) for field in fields], np.float64)
+    return np.array(list(map(float, fields)), np.float64)
 
 
 def parse_flaser(line: bytes) -> LaserRecord:

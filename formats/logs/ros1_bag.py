@@ -97,8 +97,17 @@ def _indexed(stream: BinaryIO, size: int) -> Index:
             index.blocks.append(_chunk_info(fields, data, index.counts, size))
     if len(index.blocks) != chunks or not set(index.counts) <= set(index.channels):
         raise DamagedBlockError("the index is incomplete")
-    index.details = [("chunks", str(chunks))]
+    index.details = [("compression", _compression(stream, index)), ("chunks", str(chunks))]
     return index
+
+
+def _compression(stream: BinaryIO, index: Index) -> str:
+    """Of the first chunk; writers do not change it on the way."""
+    if not index.blocks:
+        return "none"
+    stream.seek(index.blocks[0].offset)
+    fields, _, _ = _record(stream, 1 << 62)
+    return fields.get(b"compression", b"?").decode("ascii", "replace")
 
 
 def _chunk_info(fields: Fields, data: bytes, counts: dict[int, int], size: int) -> Block:

@@ -16,3 +16,8 @@ class OdometryConfig:
     least_overlap: float = 0.55  # share of a scan that the submap explains, below which it searches
     search_distance: float = 0.8  # m to each side that such a search covers
     search_angle: float = 1.6  # rad to each side that such a search covers
+    refine: bool = True  # whether all scans are aligned with each other after the graph is solved
+    refine_distance: float = 0.3  # m of motion between scans that are aligned jointly in the end
+    refine_angle: float = 0.3  # rad of rotation between scans that are aligned jointly
+    refine_radius: float = 4.0  # m within which other visits' scans are aligned with each
+    refine_passes: int = 4  # other visits that each scan is aligned with, at most

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class PlacesConfig:
-    laser_spacing: float = 1.0  # m of path between two scans that look for known places
+    laser_spacing: float = 1.0  # m of path between two scans that look for known places nearby
+    laser_far_spacing: float = 2.0  # m of path between two scans that look as far as drift may reach
     laser_submap: float = 2.0  # m of path to each side that a submap covers
-    laser_drift: float = 0.05  # m per m of path by which the tracked pose may be off
-    laser_drift_angle: float = 0.01  # rad per m of path by which the tracked pose may be off
+    laser_drift: float = 0.04  # m per m of path by which the tracked pose may be off
+    laser_drift_angle: float = 0.004  # rad per m of path by which the tracked pose may be off
     laser_window: float = 15.0  # m, widest search for a known place, to each side
     laser_score: float = 0.5  # mean likelihood from which a place is looked at closely
     laser_overlap: float = 0.7  # share of points that the known place must explain

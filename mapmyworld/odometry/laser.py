@@ -24,7 +24,7 @@ from mapmyworld.registration.scan_matching import (
 from mapmyworld.registration.scan_search import search_pose
 from mapmyworld.types import Frame
 
-_BACK = (1, 2, 4, 8, 16)  # how many keyscans back the targets of a match lie
+_BACK = (1, 3, 8)  # how many keyscans back the targets of a match lie
 _CLEARLY = 0.05  # by which one match must be better to be preferred over a nearer one
 _DOUBT_FROM = 6.0  # squared sigmas between odometry and match from which neither is sure
 _FEWEST = 12  # points of a scan below which it is not matched

@@ -105,12 +105,11 @@ def laser_nodes(ids: Index, scans: ScanSet, poses: Array) -> LaserNodes:
     return LaserNodes(ids, scans, poses, np.concatenate([[0.0], np.cumsum(lengths)]), {})
 
 
-def candidate_pairs(
-    nodes: LaserNodes, config: Config, *, settled: bool
-) -> list[tuple[int, int]]:
+def candidate_pairs(nodes: LaserNodes, config: Config, *, settled: bool) -> list[tuple[int, int]]:
     """(earlier, later) indices of visits that may be of the same place."""
     places = config.places
-    spots = _spaced(nodes.path, places.laser_spacing)
+    spacing = places.laser_spacing if settled else places.laser_far_spacing
+    spots = _spaced(nodes.path, spacing)
     tree = cKDTree(nodes.poses[spots, :2])
     pairs: list[tuple[int, int]] = []
     for later in spots:
@@ -175,9 +174,7 @@ def _surroundings(nodes: LaserNodes, middle: int, config: Config) -> Array:
     )
 
 
-def _compare(
-    nodes: LaserNodes, a: int, b: int, config: Config, settled: bool
-) -> Constraint:
+def _compare(nodes: LaserNodes, a: int, b: int, config: Config, settled: bool) -> Constraint:
     places = config.places
     guess = between_planar(nodes.poses[a], nodes.poses[b])
     driven = float(nodes.path[b] - nodes.path[a])
@@ -289,5 +286,3 @@ def _rejected(
         reason=reason,
         evidence=evidence,
     )
-
-

@@ -8,12 +8,12 @@ from scipy.spatial import cKDTree
 
 from mapmyworld.geometry import wrap_angle
 
-_IN_TIME = (1, 2, 3, 5, 8, 13)  # scans ahead that each scan is compared with
+_IN_TIME = (1, 2, 4, 8)  # scans ahead that each scan is compared with
 _METRES_PER_RADIAN = 1.5  # how much farther a scan counts for looking elsewhere
 
 
 def neighbour_pairs(
-    poses: NDArray[np.float64], radius: float, passes: int, gap: int = 14
+    poses: NDArray[np.float64], radius: float, passes: int, gap: int = 9
 ) -> NDArray[np.int64]:
     """(P, 2) ascending pairs of scan indices: close in time, or of another pass nearby.
 

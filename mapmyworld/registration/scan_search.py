@@ -75,8 +75,7 @@ def search_grid(
     """The best pose of points (N, 2) within a window about `guess`; None if none exceeds `least`."""
     if len(points) == 0:
         return None
-    used = points[np.linspace(0, len(points) - 1, min(_POINTS, len(points))).astype(np.int64)]
-    used = np.ascontiguousarray(used, np.float64)
+    used = _spread(points, grid.resolution)
     far = float(np.percentile(np.hypot(*used.T), 80))
     step = float(np.clip(grid.resolution / max(far, 1.0), 0.01, 0.05))
     count = int(np.ceil(angle / step))
@@ -91,6 +90,14 @@ def search_grid(
     floor = max(least, 0.8 * best[0])
     best_shift(*fixed, floor, np.concatenate([best[1:], _ELSEWHERE]), rival)
     return Found(best[1:].copy(), float(best[0]), float(rival[0]) if rival[0] > floor else 0.0)
+
+
+def _spread(points: Array, spacing: float) -> Array:
+    """Points one to a cell, so that what was seen twice does not count twice; not too many."""
+    cells = np.floor(points / spacing).astype(np.int64)
+    first = np.sort(np.unique(cells, axis=0, return_index=True)[1])
+    few = first[np.linspace(0, len(first) - 1, min(_POINTS, len(first))).astype(np.int64)]
+    return np.ascontiguousarray(points[few], np.float64)
 
 
 def search_pose(

@@ -8,8 +8,8 @@ from mapmyworld.config import Config
 from mapmyworld.graph.edits import apply_edits, edits_from_json
 from mapmyworld.graph.solve import SolvedGraph, solve
 from mapmyworld.mapping.trajectory import pose_every_frame
-from mapmyworld.stages.recognise import add_closures
-from mapmyworld.types import MapStore, Progress
+from mapmyworld.stages.recognise import add_closures, has_scans
+from mapmyworld.types import MapStore, Poses, Progress
 
 _ROUNDS = 4  # looks from better poses, at most; each finds less than the one before
 
@@ -22,10 +22,22 @@ def solve_and_judge(store: MapStore, config: Config, progress: Progress) -> None
             break
         solved = _solve(store, config, progress)
     store.replace_constraints(solved.constraints)
-    store.set_poses(solved.poses)
+    poses = _refined(store, solved.poses, config, progress)
+    store.set_poses(poses)
     frames = store.tracked_frames()
-    store.set_frame_poses(pose_every_frame(store.nodes(), solved.poses, frames))
+    store.set_frame_poses(pose_every_frame(store.nodes(), poses, frames))
     store.put("solve", {"certainty": solved.certainty, "losses": _losses(solved)})
+
+
+def _refined(store: MapStore, poses: Poses, config: Config, progress: Progress) -> Poses:
+    """The poses after all laser scans have been aligned with each other, where there are any."""
+    planar = bool((store.get("plan") or {}).get("planar", False))
+    if not planar or not config.odometry.refine or not has_scans(store):
+        return poses
+    from mapmyworld.odometry.laser_refinement import refine_poses
+
+    refined = refine_poses(store, poses, config, progress)
+    return poses if refined is None else refined.poses
 
 
 def _solve(store: MapStore, config: Config, progress: Progress) -> SolvedGraph:

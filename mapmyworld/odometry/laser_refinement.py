@@ -1,0 +1,150 @@
+"""Final poses from all scans at once: every scan aligned with all others that see the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import (
+    between,
+    between_planar,
+    compose_planar,
+    information_to_planar,
+    interpolate_planar,
+    matrix_to_planar,
+    planar_to_matrix,
+)
+from mapmyworld.places.laser_closures import load_node_scans
+from mapmyworld.places.laser_pairs import neighbour_pairs
+from mapmyworld.registration.joint_alignment import Motions, align_jointly
+from mapmyworld.registration.scan_matching import ScanSet, scan_set
+from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, Poses, Progress
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+_REACHES = (0.3, 0.2, 0.15, 0.12, 0.12, 0.12, 0.12, 0.12)  # m within which points are associated
+_ANEW = 2  # rounds after which neighbours are chosen anew
+_NOTHING = 4e-4  # m of movement, root mean square, at which refinement has ended
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Refinement:
+    """Where the nodes are after all scans have been aligned with each other."""
+
+    poses: Poses
+    moved: tuple[float, ...]
+    """Root mean square movement in each round, metres."""
+    residual: float
+    """Root mean square distance between points and other scans' lines, metres."""
+
+
+def refine_poses(
+    store: MapStore, poses: Poses, config: Config, progress: Progress
+) -> Refinement | None:
+    """Solved poses, refined by all scans; None where there are too few scans.
+
+    Nodes that are not aligned themselves keep their place between those that are.
+    """
+    nodes, scans = load_node_scans(store, config)
+    if len(nodes) < 3 or any(node.session != nodes[0].session for node in nodes):
+        return None
+    progress.stage("refine", len(_REACHES), "rounds")
+    rows = {int(i): row for row, i in enumerate(poses.ids)}
+    solved = matrix_to_planar(np.stack([poses.map_from_node[rows[n.id]] for n in nodes]))
+    chosen = spaced_nodes(solved, config)
+    motions = node_motions(nodes, chosen, store.constraints())
+    refined, moved, residual = _rounds(
+        _subset(scans, chosen), solved[chosen], motions, config, progress
+    )
+    every = carry_along(solved, chosen, refined)
+    matrices = np.array(poses.map_from_node)
+    where = np.array([rows[n.id] for n in nodes])
+    matrices[where] = _replace_planar(matrices[where], every)
+    return Refinement(Poses(poses.ids, matrices, poses.covariances), moved, residual)
+
+
+def _rounds(
+    scans: ScanSet, poses: Array, motions: Motions, config: Config, progress: Progress
+) -> tuple[Array, tuple[float, ...], float]:
+    moved: list[float] = []
+    residual = 0.0
+    pairs = np.zeros((0, 2), np.int64)
+    for turn, reach in enumerate(_REACHES):
+        if turn in (0, _ANEW):
+            settings = config.odometry
+            pairs = neighbour_pairs(poses, settings.refine_radius, settings.refine_passes)
+        step = align_jointly(
+            scans, poses, pairs, motions, [reach], config.registration, config.threads
+        )
+        poses, residual = step.poses, step.residual
+        moved.append(step.moved[0])
+        progress.update(turn + 1)
+        if turn > _ANEW and moved[-1] < _NOTHING:
+            break
+    return poses, tuple(moved), residual
+
+
+def spaced_nodes(poses: Array, config: Config) -> Index:
+    """Indices of nodes that moved far enough since the one before them in the list."""
+    settings = config.odometry
+    kept = [0]
+    for k in range(1, len(poses)):
+        step = between_planar(poses[kept[-1]], poses[k])
+        far = np.hypot(step[0], step[1]) >= settings.refine_distance
+        if far or abs(step[2]) >= settings.refine_angle:
+            kept.append(k)
+    return np.array(kept, np.int64)
+
+
+def node_motions(
+    nodes: Sequence[Node], chosen: Index, constraints: Sequence[Constraint]
+) -> Motions:
+    """Tracked motions between chosen nodes; their covariances are the neighbours', added up."""
+    steps = {
+        c.from_id: np.linalg.inv(information_to_planar(c.information))
+        for c in constraints
+        if c.kind == ConstraintKind.NEIGHBOUR and c.accepted
+    }
+    unknown = np.diag([0.05**2, 0.05**2, 0.05**2])
+    tracked = np.stack([nodes[k].tracked_from_base for k in chosen])
+    information = []
+    for a, b in zip(chosen[:-1], chosen[1:], strict=True):
+        covariance = sum(steps.get(nodes[k].id, unknown) for k in range(a, b))
+        information.append(np.linalg.inv(covariance + 1e-9 * np.eye(3)))
+    count = len(chosen)
+    return Motions(
+        np.arange(count - 1),
+        np.arange(1, count),
+        matrix_to_planar(between(tracked[:-1], tracked[1:])),
+        np.array(information).reshape(-1, 3, 3),
+    )
+
+
+def carry_along(solved: Array, chosen: Index, refined: Array) -> Array:
+    """All poses (N, 3): those between two chosen ones share out what the two were moved by."""
+    row = np.searchsorted(chosen, np.arange(len(solved)), side="right") - 1
+    after = np.minimum(row + 1, len(chosen) - 1)
+    by_row = _moved_with(solved, chosen[row], refined[row])
+    by_after = _moved_with(solved, chosen[after], refined[after])
+    span = np.maximum(chosen[after] - chosen[row], 1)
+    share = np.where(after > row, (np.arange(len(solved)) - chosen[row]) / span, 0.0)
+    return interpolate_planar(by_row, by_after, share)
+
+
+def _moved_with(solved: Array, reference: Index, refined: Array) -> Array:
+    return compose_planar(refined, between_planar(solved[reference], solved))
+
+
+def _subset(scans: ScanSet, chosen: Index) -> ScanSet:
+    return scan_set([scans.one(int(k)) for k in chosen])
+
+
+def _replace_planar(matrices: Array, planar: Array) -> Array:
+    """Matrices with x, y, yaw replaced, and their height kept."""
+    result = planar_to_matrix(planar)
+    result[:, 2, 3] = matrices[:, 2, 3]
+    return result

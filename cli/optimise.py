@@ -51,6 +51,8 @@ def optimise(
     mapmyworld optimise map.db --robust --format json
     """
     config = load_config(config_path, changes).graph
+    import formats.pose_graph  # noqa: F401  so that its import does not count as reading
+
     started = time.perf_counter()
     graph, problems, notes = load_graph(path)
     read_seconds = time.perf_counter() - started

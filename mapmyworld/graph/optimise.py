@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from mapmyworld.config.graph import GraphConfig
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array
+from mapmyworld.graph.growth import grown_start
 from mapmyworld.graph.landmarks import as_edges, first_places
 from mapmyworld.graph.pose_graph import Index, canonical_order, components, positions
 from mapmyworld.graph.robust import descend, solve_robustly
@@ -153,19 +154,28 @@ def _starts(problem: Problem) -> dict[str, Array]:
     guess, anchors = problem.guess[:count], problem.anchors
     chain = chain_start(graph.planar, guess, tails, heads, measured, trusted)
     chain[anchors] = guess[anchors]
+    if len(graph.landmark_ids):
+        return _starts_with_landmarks(problem, chain)
+    chordal = chordal_start(graph.planar, guess, anchors, tails, heads, measured, information)
+    return {"odometry": chain, "chordal": chordal, "guess": guess}
+
+
+def _starts_with_landmarks(problem: Problem, chain: Array) -> dict[str, Array]:
+    """Dead reckoning, the path grown from its beginning, and the guess where there is one."""
+    graph, count = problem.graph, problem.nodes
+    places = first_places(graph.planar, chain, graph.ids, graph.landmark_ids, graph.sightings)
     found = {
-        "odometry": chain,
-        "chordal": chordal_start(graph.planar, guess, anchors, tails, heads, measured, information),
-        "guess": guess,
+        "odometry": np.concatenate([chain, places]),
+        "growing": grown_start(graph, problem.system, chain),
     }
-    if len(graph.landmark_ids) == 0:
-        return found
-    return {name: np.concatenate([p, _landmarks(problem, p)]) for name, p in found.items()}
-
-
-def _landmarks(problem: Problem, poses: Array) -> Array:
-    graph = problem.graph
-    return first_places(graph.planar, poses, graph.ids, graph.landmark_ids, graph.sightings)
+    if np.ptp(graph.landmarks, axis=0).any():
+        guess = problem.guess.copy()
+        if graph.planar:
+            guess[count:, :2] = graph.landmarks
+        else:
+            guess[count:, :3, 3] = graph.landmarks
+        found["guess"] = guess
+    return found
 
 
 def _cost(system: System, poses: Array) -> float:

@@ -1,0 +1,60 @@
+"""A start for graphs with landmarks: the path grows from its solved beginning, part by part.
+
+Dead reckoning drifts too far for the first sighting of a landmark to be near its place; solving
+as one goes keeps every new sighting near.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.geometry import Array, between, between_planar, compose_planar
+from mapmyworld.graph.landmarks import first_places
+from mapmyworld.graph.robust import settle
+from mapmyworld.graph.system import System, chosen_edges, number_free
+from mapmyworld.types.pose_graph import PoseGraph
+
+_PARTS = 25  # at most, of equal length
+_SHORTEST = 100  # nodes of a part at least
+
+
+def grown_start(graph: PoseGraph, system: System, chain: Array) -> Array:
+    """Poses of nodes, the map's frame and landmarks; `chain` (N + 1) is dead reckoning."""
+    count = len(graph)
+    step = max(_SHORTEST, -(-count // _PARTS))
+    nodes = chain.copy()
+    places = np.zeros((0, *chain.shape[1:]))
+    seen = np.zeros(len(graph.landmark_ids), np.bool_)
+    last = 0
+    while last < count:
+        first, last = last, min(count, last + step)
+        if first:
+            nodes[first:last] = _continued(graph.planar, nodes[first - 1], chain, first, last)
+        fresh = first_places(graph.planar, nodes, graph.ids, graph.landmark_ids, graph.sightings)
+        places = np.where(_widened(seen, fresh), places, fresh) if first else fresh
+        poses = np.concatenate([nodes, places])
+        known = np.zeros(len(poses), np.bool_)
+        known[:last] = known[count] = True
+        inside = known[system.tails]
+        known[system.heads[inside & (system.heads > count)]] = True
+        seen = known[count + 1 :]
+        used = inside & known[system.heads]
+        held = np.flatnonzero(~known | (system.free < 0))
+        part = replace(chosen_edges(system, used), free=number_free(len(poses), held))
+        poses = settle(part, poses)
+        nodes, places = poses[: count + 1], poses[count + 1 :]
+    return np.concatenate([nodes, places])
+
+
+def _continued(planar: bool, before: Array, chain: Array, first: int, last: int) -> Array:
+    """Dead reckoning from `first` on, joined to the solved pose before it."""
+    if planar:
+        return compose_planar(before, between_planar(chain[first - 1], chain[first:last]))
+    return np.asarray(before @ between(chain[first - 1], chain[first:last]))
+
+
+def _widened(mask: NDArray[np.bool_], like: Array) -> NDArray[np.bool_]:
+    return mask.reshape(-1, *([1] * (like.ndim - 1)))

@@ -9,16 +9,20 @@ from hypothesis import strategies as st
 from log_builders import Make, write_mcap, write_ros1, write_rosbag2
 
 from formats.logs import open_log
-from formats.logs.blocks import in_time_order
 from formats.logs.channels import Block, Channel, Record
+from formats.logs.time_order import in_time_order
 from mapmyworld.types import TextMessage
 
 CHANNEL = Channel("/t", "", "")
 
 
 @settings(max_examples=300, deadline=None)
-@given(st.lists(st.lists(st.integers(0, 30), min_size=1, max_size=8), max_size=8))
-def test_blocks_merge_as_one_stable_sort_would(times: list[list[int]]) -> None:
+@given(
+    st.lists(st.lists(st.integers(0, 30), min_size=1, max_size=8), max_size=8),
+    st.sampled_from([0, 10, 30, 10**6]),
+)
+def test_blocks_merge_as_one_stable_sort_would(times: list[list[int]], limit: int) -> None:
+    """Also where little may be open at once, so that blocks are dropped and read again."""
     content = [
         [(t, CHANNEL, bytes([number, at])) for at, t in enumerate(block)]
         for number, block in enumerate(times)
@@ -29,7 +33,7 @@ def test_blocks_merge_as_one_stable_sort_would(times: list[list[int]]) -> None:
         return content[block.offset]
 
     expected = sorted((r for block in content for r in block), key=lambda r: r[0])
-    assert list(in_time_order(blocks, read)) == expected
+    assert list(in_time_order(blocks, read, limit)) == expected
 
 
 def test_only_overlapping_blocks_are_open_together() -> None:
@@ -44,6 +48,31 @@ def test_only_overlapping_blocks_are_open_together() -> None:
     for time, _, _ in in_time_order(blocks, read):
         assert opened[-1] <= time // 10
         assert time // 10 - 1 <= opened[-1]
+
+
+def test_chunks_that_all_start_with_a_wrong_time_do_not_all_stay_in_memory() -> None:
+    """Each block holds one record of time zero, as recorders under load write them."""
+    alive = peak = 0
+
+    class Payload(bytes):
+        def __new__(cls, size: int) -> Payload:
+            nonlocal alive, peak
+            alive += 1
+            peak = max(peak, alive)
+            return super().__new__(cls, size)
+
+        def __del__(self) -> None:
+            nonlocal alive
+            alive -= 1
+
+    blocks = [Block(i, 0, 0, 1000 + i, None) for i in range(100)]
+
+    def read(block: Block) -> list[Record]:
+        return [(t, CHANNEL, Payload(1000)) for t in (0, 1000 + block.offset)]
+
+    count = sum(1 for _ in in_time_order(blocks, read, 20_000))
+    assert count == 200
+    assert peak < 30
 
 
 TIMES = [5, 5, 3, 9, 1, 9, 9, 2, 2, 5, 7, 0]

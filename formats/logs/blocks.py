@@ -1,80 +1,18 @@
-"""Records of many blocks in time order, with as few blocks open as their times allow."""
+"""Files that are read block by block: ROS 1 bags and MCAP files."""
 
 from __future__ import annotations
 
-import heapq
-from collections import deque
 from collections.abc import Callable, Collection, Iterator
-from operator import itemgetter
 from pathlib import Path
 from typing import BinaryIO
 
 from formats.logs.channels import Block, Channel, Index, Record
 from formats.logs.files import open_binary
-
-_TIME = itemgetter(0)
+from formats.logs.time_order import in_time_order
 
 
 class DamagedBlockError(Exception):
     """A block that cannot be read; the message says why."""
-
-
-def in_time_order(
-    blocks: Collection[Block], read: Callable[[Block], list[Record]]
-) -> Iterator[Record]:
-    """Records by log time; equal times in the order of the file.
-
-    A block is read when the time has come at which it starts, and dropped when it is used up, so
-    that only overlapping blocks are in memory together.
-    """
-    pending = deque(sorted(blocks, key=lambda block: (block.start_ns, block.offset)))
-    # Open blocks: time of the next record, offset of the block, number of that record, records.
-    heap: list[tuple[int, int, int, list[Record]]] = []
-    while pending or heap:
-        while pending and (not heap or pending[0].start_ns <= heap[0][0]):
-            block = pending.popleft()
-            records = sorted_records(read(block))
-            if records:
-                heapq.heappush(heap, (records[0][0], block.offset, 0, records))
-        if not heap:
-            continue
-        _, offset, first, records = heapq.heappop(heap)
-        last = _run_length(first, offset, records, heap, pending)
-        yield from records[first:last] if last - first < len(records) else records
-        if last < len(records):
-            heapq.heappush(heap, (records[last][0], offset, last, records))
-
-
-def _run_length(
-    first: int,
-    offset: int,
-    records: list[Record],
-    heap: list[tuple[int, int, int, list[Record]]],
-    pending: deque[Block],
-) -> int:
-    """The number of the first record that must wait for another block; one at least goes now."""
-    others = heap[0][:2] if heap else None
-    start = pending[0].start_ns if pending else None
-    last_ns = records[-1][0]
-    if (start is None or last_ns < start) and (others is None or (last_ns, offset) < others):
-        return len(records)
-    last = first + 1
-    while last < len(records):
-        time = records[last][0]
-        if (start is not None and time >= start) or (others and (time, offset) > others):
-            break
-        last += 1
-    return last
-
-
-def sorted_records(records: list[Record]) -> list[Record]:
-    """Records by time, stably; the same list where it is in order already."""
-    previous = -1
-    for record in records:
-        if record[0] < previous:
-            return sorted(records, key=_TIME)
-        previous = record[0]
-    return records
 
 
 IndexReader = Callable[[BinaryIO, Path], Index]

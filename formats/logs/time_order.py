@@ -1,0 +1,101 @@
+"""Records of many blocks in time order, with as few blocks in memory as their times allow."""
+
+from __future__ import annotations
+
+import heapq
+from collections import deque
+from collections.abc import Callable, Collection, Iterator
+from operator import itemgetter
+
+from formats.logs.channels import Block, Record
+
+# Payloads of blocks that are open together. Beyond it, those needed last are dropped and read
+# again: a log in which every chunk holds one message of a wrong, early time opens all at once.
+_OPEN_BYTES = 1 << 28
+_TIME = itemgetter(0)
+
+
+class _Open:
+    """A block that is being handed out; `records` is None while it is dropped."""
+
+    __slots__ = ("block", "records", "size")
+
+    def __init__(self, block: Block, records: list[Record]) -> None:
+        self.block = block
+        self.records: list[Record] | None = records
+        self.size = sum(len(record[2]) for record in records)
+
+
+_Entry = tuple[int, int, int, _Open]
+"""Time of the next record, offset of the block, number of that record, the block."""
+
+
+def in_time_order(
+    blocks: Collection[Block],
+    read: Callable[[Block], list[Record]],
+    open_bytes: int = _OPEN_BYTES,
+) -> Iterator[Record]:
+    """Records by log time; equal times in the order of the file.
+
+    A block is read when the time has come at which it starts, and dropped when it is used up, so
+    that only overlapping blocks are in memory together, and of those at most `open_bytes` and one.
+    """
+    pending = deque(sorted(blocks, key=lambda block: (block.start_ns, block.offset)))
+    heap: list[_Entry] = []
+    while pending or heap:
+        while pending and (not heap or pending[0].start_ns <= heap[0][0]):
+            block = pending.popleft()
+            records = sorted_records(read(block))
+            if records:
+                heapq.heappush(heap, (records[0][0], block.offset, 0, _Open(block, records)))
+                _drop_the_last(heap, open_bytes)
+        if not heap:
+            continue
+        _, offset, first, opened = heapq.heappop(heap)
+        if opened.records is None:
+            opened.records = sorted_records(read(opened.block))
+            _drop_the_last(heap, open_bytes - opened.size)
+        records = opened.records
+        last = _run_length(first, offset, records, heap, pending)
+        yield from records[first:last] if last - first < len(records) else records
+        if last < len(records):
+            heapq.heappush(heap, (records[last][0], offset, last, opened))
+
+
+def _drop_the_last(heap: list[_Entry], open_bytes: int) -> None:
+    """Where open blocks exceed the limit, keeps those needed soonest, up to half of it."""
+    if len(heap) < 2 or sum(e[3].size for e in heap if e[3].records is not None) <= open_bytes:
+        return
+    kept = 0
+    for entry in sorted(heap, key=lambda entry: entry[:2]):
+        kept += entry[3].size
+        if kept > open_bytes // 2:
+            entry[3].records = None
+
+
+def _run_length(
+    first: int, offset: int, records: list[Record], heap: list[_Entry], pending: deque[Block]
+) -> int:
+    """The number of the first record that must wait for another block; one at least goes now."""
+    others = heap[0][:2] if heap else None
+    start = pending[0].start_ns if pending else None
+    last_ns = records[-1][0]
+    if (start is None or last_ns < start) and (others is None or (last_ns, offset) < others):
+        return len(records)
+    last = first + 1
+    while last < len(records):
+        time = records[last][0]
+        if (start is not None and time >= start) or (others and (time, offset) > others):
+            break
+        last += 1
+    return last
+
+
+def sorted_records(records: list[Record]) -> list[Record]:
+    """Records by time, stably; the same list where it is in order already."""
+    previous = -1
+    for record in records:
+        if record[0] < previous:
+            return sorted(records, key=_TIME)
+        previous = record[0]
+    return records

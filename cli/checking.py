@@ -1,0 +1,166 @@
+"""What `check` can require of a map, and how each figure is found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from cli.scoring import coverage, read_any_trajectory, score_loops, truth_beside
+from mapmyworld.errors import ConfigError
+from mapmyworld.evaluation import (
+    GridScore,
+    LoopScore,
+    RelationsScore,
+    TrajectoryScore,
+    ate,
+    grid_score,
+    relations_score,
+    rpe,
+)
+from mapmyworld.types import ConstraintKind, MapStore, OccupancyGrid, Trajectory
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    map_path: Path
+    reference: Path | None
+    relations: Path | None
+    grid: Path | None
+
+
+class Facts:
+    """Figures of one map, each worked out when first asked for."""
+
+    def __init__(self, store: MapStore, sources: Sources) -> None:
+        self.store, self.sources = store, sources
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        from cli.exporting import trajectory_of
+
+        return trajectory_of(self.store)
+
+    @cached_property
+    def reference(self) -> Trajectory:
+        assert self.sources.reference is not None
+        return read_any_trajectory(self.sources.reference)
+
+    @cached_property
+    def absolute(self) -> TrajectoryScore:
+        return ate(self.trajectory, self.reference)
+
+    @cached_property
+    def relative(self) -> TrajectoryScore:
+        return rpe(self.trajectory, self.reference, distance=1.0)
+
+    @cached_property
+    def related(self) -> RelationsScore:
+        from formats.relations import read_relations
+
+        assert self.sources.relations is not None
+        return relations_score(self.trajectory, read_relations(self.sources.relations))
+
+    @cached_property
+    def loops(self) -> LoopScore:
+        assert self.sources.reference is not None
+        pairs = truth_beside(self.sources.reference)
+        return score_loops(self.store, self.reference, pairs)
+
+    @cached_property
+    def grid(self) -> OccupancyGrid:
+        grid = self.store.grid()
+        if grid is None:
+            raise ConfigError(f"{self.sources.map_path} has no grid to check: build it with scans")
+        return grid
+
+    @cached_property
+    def agreement(self) -> GridScore:
+        from formats.grid import read_grid
+
+        assert self.sources.grid is not None
+        return grid_score(self.grid, read_grid(self.sources.grid))
+
+    def count(self, kind: ConstraintKind, *, accepted: bool = True) -> float:
+        return float(
+            sum(c.kind == kind and c.accepted == accepted for c in self.store.constraints())
+        )
+
+    def largest_sigma(self) -> float:
+        poses = self.store.poses()
+        if poses is None or poses.covariances is None or len(poses.covariances) == 0:
+            raise ConfigError(f"{self.sources.map_path} has no covariances to check")
+        variances = poses.covariances[:, 3:, 3:].trace(axis1=1, axis2=2)
+        return float(variances.max() ** 0.5)
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    about: str
+    find: Callable[[Facts], float]
+    needs: str = ""
+    """The option without which it cannot be found."""
+
+
+def _counted(kind: ConstraintKind, *, accepted: bool = True) -> Callable[[Facts], float]:
+    return lambda facts: facts.count(kind, accepted=accepted)
+
+
+KEYS: dict[str, Key] = {
+    "nodes": Key("nodes of the graph", lambda f: float(len(f.store.nodes()))),
+    "sessions": Key("sessions", lambda f: float(len({n.session for n in f.store.nodes()}))),
+    "frames": Key("tracked moments", lambda f: float(len(f.store.tracked_frames().stamps_ns))),
+    "neighbour": Key("neighbour constraints", _counted(ConstraintKind.NEIGHBOUR)),
+    "loop_closures": Key("accepted loop closures", _counted(ConstraintKind.LOOP_CLOSURE)),
+    "proximity": Key("accepted proximity constraints", _counted(ConstraintKind.PROXIMITY)),
+    "landmarks": Key("accepted landmark constraints", _counted(ConstraintKind.LANDMARK)),
+    "rejected": Key(
+        "rejected constraints of any kind",
+        lambda f: float(sum(not c.accepted for c in f.store.constraints())),
+    ),
+    "unknown_share": Key(
+        "share of the grid's cells never seen", lambda f: float((f.grid.trinary() < 0).mean())
+    ),
+    "free_area": Key(
+        "m2 of free floor", lambda f: float((f.grid.trinary() == 0).sum() * f.grid.resolution**2)
+    ),
+    "largest_sigma": Key("m, of the least certain node", lambda f: f.largest_sigma()),
+    "covered": Key(
+        "share of the reference's time mapped",
+        lambda f: coverage(f.trajectory, f.reference),
+        "reference",
+    ),
+    "ate_rmse": Key("m, after alignment", lambda f: f.absolute.rmse, "reference"),
+    "ate_max": Key("m, after alignment", lambda f: f.absolute.translation.maximum, "reference"),
+    "ate_rotation": Key("deg, rmse", lambda f: f.absolute.rotation_deg.rmse, "reference"),
+    "rpe_rmse": Key("m a metre", lambda f: f.relative.rmse, "reference"),
+    "rpe_rotation": Key("deg a metre, rmse", lambda f: f.relative.rotation_deg.rmse, "reference"),
+    "loop_precision": Key("share of right closures", lambda f: f.loops.precision, "reference"),
+    "loop_recall": Key("share of true loops found", lambda f: f.loops.recall, "reference"),
+    "relations_translation": Key(
+        "m, mean error", lambda f: f.related.translation_mean, "relations"
+    ),
+    "relations_rotation": Key(
+        "deg, mean error", lambda f: f.related.rotation_mean_deg, "relations"
+    ),
+    "grid_precision": Key(
+        "within one cell, aligned", lambda f: f.agreement.aligned.precision_1, "grid"
+    ),
+    "grid_recall": Key("within one cell, aligned", lambda f: f.agreement.aligned.recall_1, "grid"),
+    "grid_free": Key("share of free cells right", lambda f: f.agreement.aligned.free, "grid"),
+}
+
+
+def measure(wanted: Iterable[str], sources: Sources) -> dict[str, float]:
+    """The figures asked for; raises `ConfigError` where an option they need was not given."""
+    from formats.database import open_store
+
+    needed = sorted({KEYS[key].needs for key in wanted} - {""})
+    absent = [option for option in needed if getattr(sources, option) is None]
+    if absent:
+        options = ", ".join(f"--{option} FILE" for option in absent)
+        raise ConfigError(f"these requirements need {options}")
+    with open_store(sources.map_path, read_only=True) as store:
+        facts = Facts(store, sources)
+        return {key: KEYS[key].find(facts) for key in wanted}

@@ -1,0 +1,186 @@
+"""`mapmyworld evaluate`: scores against the truth."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cli.common import format_option, show_json
+
+_PATH = click.Path(path_type=Path)
+
+
+@click.group()
+def evaluate() -> None:
+    """Score a trajectory, a grid, a cloud or loop closures against the truth.
+
+    \b
+    mapmyworld evaluate trajectory map.db log.mcap.truth/trajectory.tum
+    mapmyworld evaluate relations map.db intel.relations
+    mapmyworld evaluate grid map.yaml log.mcap.truth/grid.yaml
+    """
+
+
+@evaluate.command()
+@click.argument("estimate", type=_PATH)
+@click.argument("reference", type=_PATH)
+@click.option("--align/--no-align", default=True, help="Best rigid alignment first (ATE).")
+@click.option("--delta", type=click.FloatRange(0), default=1.0, help="Metres between RPE's poses.")
+@click.option("--max-difference", type=click.FloatRange(0), default=0.01, help="Seconds.")
+@format_option
+def trajectory(
+    estimate: Path, reference: Path, align: bool, delta: float, max_difference: float, style: str
+) -> None:
+    """ATE and RPE of ESTIMATE against REFERENCE (TUM files or MAPs), by evo's definitions.
+
+    \b
+    mapmyworld evaluate trajectory map.db log.mcap.truth/trajectory.tum
+    """
+    from cli.scoring import coverage, read_any_trajectory
+    from mapmyworld.evaluation import ate, rpe
+
+    poses, truth = read_any_trajectory(estimate), read_any_trajectory(reference)
+    absolute = ate(poses, truth, align=align, max_difference_s=max_difference)
+    relative = rpe(poses, truth, distance=delta, max_difference_s=max_difference)
+    covered = coverage(poses, truth)
+    parts = {
+        "ate": absolute.translation,
+        "ate_rotation_deg": absolute.rotation_deg,
+        "rpe": relative.translation,
+        "rpe_rotation_deg": relative.rotation_deg,
+    }
+    if style == "json":
+        show_json({name: s.as_dict() for name, s in parts.items()} | {"covered": covered})
+        return
+    click.echo(f"{absolute.translation.count} poses matched, {100 * covered:.0f}% of the time")
+    click.echo(f"{'':18}{'rmse':>9}{'mean':>9}{'median':>9}{'max':>9}")
+    names = ["ATE [m]", "ATE [deg]", f"RPE [m] / {delta:g} m", f"RPE [deg] / {delta:g} m"]
+    for name, s in zip(names, parts.values(), strict=True):
+        click.echo(f"{name:18}{s.rmse:9.4f}{s.mean:9.4f}{s.median:9.4f}{s.maximum:9.4f}")
+
+
+@evaluate.command()
+@click.argument("estimate", type=_PATH)
+@click.argument("relations", type=_PATH)
+@format_option
+def relations(estimate: Path, relations: Path, style: str) -> None:
+    """Kuemmerle's relations metric of ESTIMATE (a MAP or TUM file) against a relations file.
+
+    \b
+    mapmyworld evaluate relations map.db intel.relations
+    """
+    from cli.scoring import read_any_trajectory
+    from formats.relations import read_relations
+    from mapmyworld.evaluation import relations_score
+
+    score = relations_score(read_any_trajectory(estimate), read_relations(relations))
+    figures = {
+        "translation_m": score.translation,
+        "rotation_deg": score.rotation_deg,
+        "squared_translation_m2": score.squared_translation,
+        "squared_rotation_deg2": score.squared_rotation_deg,
+        "cartographer_translation_m": score.cartographer_translation,
+    }
+    if style == "json":
+        shown: dict[str, Any] = {name: asdict(value) for name, value in figures.items()}
+        show_json({"count": score.count, "outside": score.outside} | shown)
+        return
+    click.echo(f"{score.count} relations, {score.outside} of them outside the trajectory's time")
+    for name, value in figures.items():
+        click.echo(f"{name:28}{value.mean:9.4f} +- {value.std:.4f}")
+
+
+@evaluate.command()
+@click.argument("grid", type=_PATH)
+@click.argument("reference", type=_PATH)
+@format_option
+def grid(grid: Path, reference: Path, style: str) -> None:
+    """How well two grids (YAML beside the picture) agree, as they lie and best aligned.
+
+    \b
+    mapmyworld evaluate grid map.yaml log.mcap.truth/grid.yaml
+    """
+    from formats.grid import read_grid
+    from mapmyworld.evaluation import grid_score
+
+    score = grid_score(read_grid(grid), read_grid(reference))
+    if style == "json":
+        show_json(
+            {
+                "unaligned": asdict(score.unaligned),
+                "aligned": asdict(score.aligned),
+                "reference_from_grid": score.reference_from_grid.tolist(),
+                "unknown": score.unknown,
+            }
+        )
+        return
+    click.echo(f"{'':12}{'precision':>11}{'recall':>9}{'precision':>11}{'recall':>9}{'free':>9}")
+    click.echo(f"{'':12}{'1 cell':>11}{'1 cell':>9}{'2 cells':>11}{'2 cells':>9}{'right':>9}")
+    for name, a in [("as it lies", score.unaligned), ("aligned", score.aligned)]:
+        shares = [a.precision_1, a.recall_1, a.precision_2, a.recall_2, a.free]
+        row = "".join(f"{v:>{w}.3f}" for v, w in zip(shares, (11, 9, 11, 9, 9), strict=True))
+        click.echo(f"{name:12}{row}")
+    x, y, yaw = score.reference_from_grid
+    click.echo(f"aligned by {x:.3f} m, {y:.3f} m, {yaw:.4f} rad; unknown {score.unknown:.3f}")
+
+
+@evaluate.command()
+@click.argument("map_path", metavar="MAP", type=_PATH)
+@click.argument("reference", type=_PATH)
+@format_option
+def loops(map_path: Path, reference: Path, style: str) -> None:
+    """Precision and recall of MAP's loop closures against a true trajectory.
+
+    Right is within 0.20 m and 1 degree. Recall needs loop_pairs.csv beside REFERENCE.
+
+    \b
+    mapmyworld evaluate loops map.db log.mcap.truth/trajectory.tum
+    """
+    from cli.scoring import read_any_trajectory, score_loops, truth_beside
+    from formats.database import open_store
+
+    pairs = truth_beside(reference)
+    with open_store(map_path, read_only=True) as store:
+        score = score_loops(store, read_any_trajectory(reference), pairs)
+    recall = score.recall if pairs is not None else None
+    if style == "json":
+        show_json({"count": score.count, "precision": score.precision, "recall": recall})
+        return
+    click.echo(f"closures:  {score.count}, {int(score.right.sum())} of them right")
+    click.echo(f"precision: {score.precision:.3f}")
+    if recall is not None:
+        click.echo(f"recall:    {recall:.3f}")
+
+
+@evaluate.command()
+@click.argument("cloud", type=_PATH)
+@click.argument("mesh", type=_PATH)
+@click.option("--trajectory", "est", type=_PATH, help="The map's own, with --reference: aligns.")
+@click.option("--reference", type=_PATH, help="The true trajectory.")
+@format_option
+def cloud(cloud: Path, mesh: Path, est: Path | None, reference: Path | None, style: str) -> None:
+    """Distance of CLOUD's points from the surfaces of MESH (PLY), metres.
+
+    \b
+    mapmyworld evaluate cloud map.ply log.mcap.truth/mesh.ply
+    """
+    from cli.scoring import read_any_trajectory, to_reference
+    from formats.cloud import read_cloud
+    from formats.mesh import read_mesh
+    from mapmyworld.evaluation import cloud_score
+    from mapmyworld.geometry import transform_points
+    from mapmyworld.types import PointCloud
+
+    points = read_cloud(cloud)
+    if est is not None and reference is not None:
+        motion = to_reference(read_any_trajectory(est), read_any_trajectory(reference))
+        points = PointCloud(transform_points(motion, points.points).astype("float32"))
+    score = cloud_score(points, read_mesh(mesh))
+    if style == "json":
+        show_json(score.as_dict())
+    else:
+        for name, value in score.as_dict().items():
+            click.echo(f"{name:10}{value:10.4f}")

@@ -1,0 +1,75 @@
+"""What `evaluate`, `check` and `compare` share: trajectories, loops and clouds from any file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.truth import read_loop_pairs
+from mapmyworld.errors import MapError
+from mapmyworld.evaluation import LoopScore, loop_closure_score
+from mapmyworld.types import ConstraintKind, MapStore, Trajectory
+
+_SQLITE = b"SQLite format 3\x00"
+_LOOPS = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY)
+
+
+def is_map(path: Path) -> bool:
+    """Whether a file is a database, by its first bytes."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_SQLITE)) == _SQLITE
+    except OSError as error:
+        raise MapError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def read_any_trajectory(path: Path) -> Trajectory:
+    """The trajectory of a map (every tracked frame where kept) or of a TUM file."""
+    if is_map(path):
+        from cli.exporting import trajectory_of
+        from formats.database import open_store
+
+        with open_store(path, read_only=True) as store:
+            return trajectory_of(store)
+    from formats.trajectory import read_trajectory
+
+    return read_trajectory(path)
+
+
+def truth_beside(reference: Path) -> Path | None:
+    """`loop_pairs.csv` beside a true trajectory, where it is."""
+    path = reference.with_name("loop_pairs.csv")
+    return path if path.is_file() else None
+
+
+def score_loops(store: MapStore, truth: Trajectory, pairs: Path | None) -> LoopScore:
+    """Accepted loop closures and proximity constraints of a map, judged by the truth."""
+    stamps = {node.id: node.stamp_ns for node in store.nodes()}
+    kept = [
+        c
+        for c in store.constraints()
+        if c.accepted and c.kind in _LOOPS and c.from_id in stamps and c.to_id in stamps
+    ]
+    moments = np.array([[stamps[c.from_id], stamps[c.to_id]] for c in kept], np.int64)
+    measured = np.array([c.from_from_to for c in kept], np.float64)
+    true_pairs: NDArray[np.int64] = np.zeros((0, 2), np.int64)
+    if pairs is not None:
+        true_pairs = read_loop_pairs(pairs)[0]
+    return loop_closure_score(moments.reshape(-1, 2), measured.reshape(-1, 4, 4), truth, true_pairs)
+
+
+def coverage(estimate: Trajectory, reference: Trajectory) -> float:
+    """Share of the reference's time that the estimate spans, 0 to 1."""
+    whole = int(reference.stamps_ns.max() - reference.stamps_ns.min())
+    first = max(estimate.stamps_ns.min(), reference.stamps_ns.min())
+    last = min(estimate.stamps_ns.max(), reference.stamps_ns.max())
+    return float(max(0, int(last - first)) / whole) if whole else 1.0
+
+
+def to_reference(estimate: Trajectory, reference: Trajectory) -> NDArray[np.float64]:
+    """`reference_from_estimate` (4, 4) by the best rigid alignment of the trajectories."""
+    from mapmyworld.evaluation import ate
+
+    return ate(estimate, reference).reference_from_estimate

@@ -1,0 +1,51 @@
+"""Writes the pages that come from the program itself: `python docs/generate.py`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+
+from cli.main import group
+from mapmyworld.config.settings import list_settings
+
+HERE = Path(__file__).parent
+
+
+def commands_page() -> str:
+    """Every command with its help text."""
+    parts = ["# Commands", "", "Written by `python docs/generate.py`; do not edit."]
+    for names, command in _commands(group, ("mapmyworld",)):
+        context = click.Context(command, info_name=" ".join(names), terminal_width=96)
+        parts += ["", f"## {' '.join(names)}", "", "```", command.get_help(context), "```"]
+    return "\n".join(parts) + "\n"
+
+
+def _commands(
+    command: click.Command, names: tuple[str, ...]
+) -> Iterator[tuple[tuple[str, ...], click.Command]]:
+    yield names, command
+    if isinstance(command, click.Group):
+        context = click.Context(command, info_name=names[-1])
+        for name in command.list_commands(context):
+            inner = command.get_command(context, name)
+            if inner is not None:
+                yield from _commands(inner, (*names, name))
+
+
+def settings_page() -> str:
+    """Every setting, its default and its meaning."""
+    rows = ["# Settings", "", "Written by `python docs/generate.py`; do not edit.", ""]
+    rows += ["| setting | default | meaning |", "| --- | --- | --- |"]
+    for setting in list_settings():
+        meaning = setting.meaning.replace("|", "\\|")
+        rows.append(f"| `{setting.name}` | `{setting.value!r}` | {meaning} |")
+    return "\n".join(rows) + "\n"
+
+
+PAGES = {"commands.md": commands_page, "settings.md": settings_page}
+
+if __name__ == "__main__":
+    for name, page in PAGES.items():
+        (HERE / name).write_text(page(), encoding="utf-8")

@@ -1,0 +1,44 @@
+"""The pages about the program say what the program says."""
+
+from __future__ import annotations
+
+import re
+import runpy
+
+import pytest
+from conftest import ROOT
+
+from cli.main import COMMANDS
+
+PAGES = runpy.run_path(str(ROOT / "docs" / "generate.py"))["PAGES"]
+
+
+@pytest.mark.parametrize("name", sorted(PAGES))
+def test_generated_pages_are_up_to_date(name: str) -> None:
+    """When this fails: `python docs/generate.py`."""
+    assert (ROOT / "docs" / name).read_text(encoding="utf-8") == PAGES[name]()
+
+
+def test_commands_named_in_the_readme_exist() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"^mapmyworld (\w+)", text, re.MULTILINE))
+    assert named
+    assert named <= set(COMMANDS)
+
+
+def test_links_between_pages_lead_somewhere() -> None:
+    for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]:
+        for link in re.findall(r"\]\((?!http)([^)#]+)", page.read_text(encoding="utf-8")):
+            assert (page.parent / link).exists(), f"{page.name} links to {link}"
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_every_command_shows_an_example(name: str) -> None:
+    from click.testing import CliRunner
+
+    from cli.main import group
+
+    help_text = CliRunner().invoke(group, [name, "--help"]).output
+    assert "mapmyworld " + name in help_text.split("Usage:")[1].split("\n", 1)[1] or name in {
+        "doctor"
+    }

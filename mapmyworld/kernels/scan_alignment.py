@@ -84,9 +84,9 @@ def add_target(
         if nx == 0.0 and ny == 0.0:
             continue
         ax, ay = c * nx + s * ny, c * ny - s * nx  # the normal in the source's frame
-        if source[i, 2] != 0.0 or source[i, 3] != 0.0:
-            if ax * source[i, 2] + ay * source[i, 3] < 0.7:
-                continue
+        straight = source[i, 2] != 0.0 or source[i, 3] != 0.0
+        if straight and ax * source[i, 2] + ay * source[i, 3] < 0.7:
+            continue
         residual = nx * (x - target[k, 0]) + ny * (y - target[k, 1])
         ratio = residual / scale
         weight = 1.0 / (1.0 + ratio * ratio)
@@ -153,8 +153,8 @@ def align(
     """Aligns source rows with targets `which` (rows `bounds[w]` to `bounds[w + 1]`) at `poses`.
 
     Gauss-Newton, one step a reach. `out` (16,): pose (3), match Hessian (6, upper triangle, in
-    units of residuals), share explained of source points with normals, mean squared residual, count of
-    residuals, length of the last step (m), sum of weights.
+    units of residuals), share explained of source points with normals, mean squared residual,
+    count of residuals, length of the last step (m), sum of weights.
     """
     pose = guess.copy()
     hit = np.zeros(s_last - s_first, np.bool_)
@@ -166,9 +166,10 @@ def align(
         system[:] = 0.0
         hit[:] = False
         reach = reaches[min(turn, rounds - 1)]
+        wide = max(scale, 0.25 * reach)
         for w in which:
             add_target(source, s_first, s_last, targets, bounds[w], bounds[w + 1], origins[w],
-                       relative(poses[w], pose), reach, max(scale, 0.25 * reach), system, hit)  # fmt: skip
+                       relative(poses[w], pose), reach, wide, system, hit)  # fmt: skip
         if turn == rounds:
             break
         factor = 1.0 / (sigma * sigma * max(len(which), 1))

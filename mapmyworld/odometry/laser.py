@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import between_planar, compose_planar, matrix_to_planar
+from mapmyworld.odometry.laser_stretches import WeakStretches
 from mapmyworld.odometry.laser_trust import OdometryTrust
 from mapmyworld.registration.scan_matching import (
     COARSE,
@@ -59,6 +60,7 @@ class LaserTracker:
     def __init__(self, config: Config) -> None:
         self._odometry, self._matching = config.odometry, config.registration
         self._trust = OdometryTrust(config.odometry)
+        self._stretches = WeakStretches()
         self._keyscans: deque[_Keyscan] = deque(maxlen=config.odometry.keyscans)
         self._targets: ScanSet | None = None
         self._target_poses = np.zeros((0, 3))
@@ -83,7 +85,7 @@ class LaserTracker:
 
     def notes(self) -> tuple[str, ...]:
         """What was noticed on the way: how far odometry can be trusted, where tracking failed."""
-        found = list(self._trust.notes())
+        found = [*self._trust.notes(), *self._stretches.notes()]
         for verdict, text in _NOTES.items():
             if self.verdicts[verdict]:
                 found.append(f"{self.verdicts[verdict]} scans {text}")
@@ -97,8 +99,8 @@ class LaserTracker:
         covariance = self._trust.covariance(step, recorded is not None)
         if scan is None or len(scan.rows) < _FEWEST or self._targets is None:
             verdict = "lost" if recorded is None else "odometry only"
-            return Tracked(predicted, np.linalg.inv(covariance), verdict, 0.0, 10.0)
-        information = np.linalg.inv(covariance)
+            return Tracked(predicted, _inverse(covariance), verdict, 0.0, 10.0)
+        information = _inverse(covariance)
         match = self._match(scan, predicted, predicted, information, FINE)
         surprise = self._trust.surprise(predicted, match, covariance)
         verdict = "matched"
@@ -111,6 +113,8 @@ class LaserTracker:
         if recorded is not None:
             moved = between_planar(self._pose, match.pose)
             self._trust.learn(recorded, moved, surprise)
+        moved = between_planar(self._pose, match.pose)
+        self._stretches.add(frame.stamp_ns, float(np.hypot(*moved[:2])), match.information)
         doubt = np.zeros((3, 3))
         if surprise > _DOUBT_FROM and recorded is not None:
             # A door that swings past looks like a turn: either may be right.
@@ -182,7 +186,7 @@ class LaserTracker:
         motion = share * np.linalg.inv(total) + np.diag([1e-8, 1e-8, 1e-8]) + doubt
         weakest = float(np.sqrt(np.linalg.eigvalsh(np.linalg.inv(
             match.information + 1e-6 * np.eye(3))[:2, :2])[-1]))  # fmt: skip
-        return Tracked(match.pose, np.linalg.inv(motion), verdict, match.overlap, weakest)
+        return Tracked(match.pose, _inverse(motion), verdict, match.overlap, weakest)
 
     def _remember(self, scan: PreparedScan, tracked: Tracked) -> None:
         if tracked.verdict in ("lost", "odometry only"):
@@ -198,6 +202,10 @@ class LaserTracker:
         self._target_poses = np.array([keyscan.pose for keyscan in chosen])
 
 
+def _inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.linalg.inv(matrix), np.float64)
+
+
 def _quality(match: Match) -> float:
     """Overlap, less what the points miss their lines by (0.1 m costs a whole overlap)."""
     return match.overlap - 10.0 * match.residual
@@ -207,5 +215,5 @@ _NOTES = {
     "odometry ignored": "contradicted the odometry and were placed without it",
     "searched": "were found again only by a wide search",
     "odometry only": "could not be matched; their motion is the odometry's",
-    "lost": "could not be matched and have no odometry: the robot is taken to have gone on as before",
+    "lost": "could not be matched and have no odometry: the robot is taken to go on as before",
 }

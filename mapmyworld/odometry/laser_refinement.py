@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -112,7 +113,7 @@ def node_motions(
     unknown = np.diag([0.05**2, 0.05**2, 0.05**2])
     tracked = np.stack([nodes[k].tracked_from_base for k in chosen])
     information = []
-    for a, b in zip(chosen[:-1], chosen[1:], strict=True):
+    for a, b in itertools.pairwise(chosen):
         covariance = sum(steps.get(nodes[k].id, unknown) for k in range(a, b))
         information.append(np.linalg.inv(covariance + 1e-9 * np.eye(3)))
     count = len(chosen)

@@ -70,9 +70,11 @@ def align_jointly(
     for reach in reaches:
         scale = max(config.residual_scale, 0.25 * reach)
 
-        def work(first: int, last: int, reach: float = reach, scale: float = scale) -> None:
+        def work(
+            first: int, last: int, reach: float = reach, scale: float = scale, at: Array = poses
+        ) -> None:
             pair_systems(
-                first, last, scans.rows, scans.bounds, scans.origins, pairs, poses, reach, scale,
+                first, last, scans.rows, scans.bounds, scans.origins, pairs, at, reach, scale,
                 systems,
             )  # fmt: skip
 

@@ -72,7 +72,7 @@ def likelihood_grid(points: Array, resolution: float = _RESOLUTION) -> Likelihoo
 def search_grid(
     points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float, least: float
 ) -> Found | None:
-    """The best pose of points (N, 2) within a window about `guess`; None if none exceeds `least`."""
+    """The best pose of points (N, 2) in a window about `guess`; None if none exceeds `least`."""
     if len(points) == 0:
         return None
     used = _spread(points, grid.resolution)
@@ -107,9 +107,8 @@ def search_pose(
     points = submap_points(targets, np.arange(len(targets)), poses)
     if len(points) == 0:
         return None
-    found = search_grid(scan.rows[:, :2].astype(np.float64), likelihood_grid(points), guess,
+    return search_grid(scan.rows[:, :2].astype(np.float64), likelihood_grid(points), guess,
                         distance, angle, 0.3)  # fmt: skip
-    return found
 
 
 def submap_points(scans: ScanSet, which: NDArray[np.int64], poses: Array) -> Array:

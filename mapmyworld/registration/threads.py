@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -10,7 +11,7 @@ _CHUNKS_PER_THREAD = 4  # so that a slow piece does not keep the others waiting
 
 
 def run_in_chunks(work: Callable[[int, int], None], count: int, threads: int) -> None:
-    """`work(first, last)` over all of `range(count)`; pieces must not touch each other's results."""
+    """`work(first, last)` over all of `range(count)`; pieces share no results."""
     workers = threads or os.cpu_count() or 1
     pieces = min(workers * _CHUNKS_PER_THREAD, count)
     if workers == 1 or pieces < 2:
@@ -19,6 +20,6 @@ def run_in_chunks(work: Callable[[int, int], None], count: int, threads: int) ->
         return
     edges = [count * piece // pieces for piece in range(pieces + 1)]
     with ThreadPoolExecutor(workers) as pool:
-        jobs = [pool.submit(work, a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        jobs = [pool.submit(work, a, b) for a, b in itertools.pairwise(edges)]
         for job in jobs:
             job.result()

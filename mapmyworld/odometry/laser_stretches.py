@@ -1,0 +1,66 @@
+"""Stretches of the drive where the scans leave a direction open, as in a long corridor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_RATIO = 12.0  # sigma along the weakest direction over sigma along the strongest
+_LEAST = 1.0  # m of path from which a weak stretch is worth a word
+_BRIDGED = 0.5  # m of well constrained path that do not end a stretch
+
+
+@dataclass(slots=True)
+class _Stretch:
+    start_ns: int
+    end_ns: int
+    length: float
+    good: float = 0.0
+
+
+class WeakStretches:
+    """Gathers frames that are poorly constrained into stretches."""
+
+    def __init__(self) -> None:
+        self._open: _Stretch | None = None
+        self._done: list[_Stretch] = []
+        self._first_ns: int | None = None
+
+    def add(self, stamp_ns: int, moved: float, information: NDArray[np.float64]) -> None:
+        """One frame: how far the robot moved, what the match alone knows (3, 3)."""
+        self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
+        if is_weak(information):
+            if self._open is None:
+                self._open = _Stretch(stamp_ns, stamp_ns, 0.0)
+            self._open.end_ns, self._open.good = stamp_ns, 0.0
+            self._open.length += moved
+        elif self._open is not None:
+            self._open.good += moved
+            if self._open.good > _BRIDGED:
+                self._close()
+
+    def _close(self) -> None:
+        if self._open is not None and self._open.length >= _LEAST:
+            self._done.append(self._open)
+        self._open = None
+
+    def notes(self) -> tuple[str, ...]:
+        """One line a stretch, the longest five."""
+        self._close()
+        zero = self._first_ns or 0
+        longest = sorted(self._done, key=lambda s: -s.length)[:5]
+        return tuple(
+            f"from {(s.start_ns - zero) * 1e-9:.0f} s to {(s.end_ns - zero) * 1e-9:.0f} s "
+            f"({s.length:.1f} m) the scans leave one direction open, as in a corridor: "
+            "the position along it is poorly constrained and rests on the odometry"
+            for s in sorted(longest, key=lambda s: s.start_ns)
+        )
+
+
+def is_weak(information: NDArray[np.float64]) -> bool:
+    """Whether a match (3, 3) knows one direction of the plane far worse than the other."""
+    covariance = np.linalg.inv(information + 1e-6 * np.eye(3))[:2, :2]
+    smallest, largest = np.linalg.eigvalsh(covariance)
+    return bool(largest > _RATIO**2 * max(smallest, 1e-12))

@@ -1,0 +1,235 @@
+"""Scan matching: laws, analytic cases, and plain twins of the kernels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import (
+    between_planar,
+    compose_planar,
+    invert_planar,
+    transform_points_planar,
+)
+from mapmyworld.kernels.branch_and_bound import best_shift
+from mapmyworld.kernels.scan_alignment import nearest, pair_systems
+from mapmyworld.registration.joint_alignment import Motions, adjoint_planar, align_jointly
+from mapmyworld.registration.scan_matching import (
+    COARSE,
+    PreparedScan,
+    match_scan,
+    prepare_scan,
+    scan_set,
+)
+from mapmyworld.registration.scan_search import likelihood_grid, search_grid
+from mapmyworld.types import Scan
+
+CONFIG = Config().registration
+BOX = ((-4.0, -3.0), (5.0, 4.0))  # m, lower left and upper right corner of a room
+CORRIDOR = ((-200.0, -1.0), (200.0, 1.0))
+
+
+def room_scan(
+    map_from_base: NDArray[np.float64],
+    room: tuple[tuple[float, float], tuple[float, float]] = BOX,
+    *,
+    seed: int | None = None,
+    reach: float = 20.0,
+) -> Scan:
+    """A full turn of 1 degree beams in an empty rectangular room, computed in closed form."""
+    angles = np.radians(np.arange(-180.0, 180.0))
+    directions = np.stack([np.cos(angles + map_from_base[2]), np.sin(angles + map_from_base[2])])
+    low, high = np.array(room[0]), np.array(room[1])
+    with np.errstate(divide="ignore"):
+        exits = np.where(
+            directions.T > 0,
+            (high - map_from_base[:2]) / directions.T,
+            (low - map_from_base[:2]) / directions.T,
+        )
+    ranges = np.nanmin(np.where(np.abs(directions.T) < 1e-9, np.inf, exits), axis=1)
+    if seed is not None:
+        ranges = ranges + np.random.default_rng(seed).normal(size=len(ranges)) * 0.01
+    seen = ranges < reach
+    points = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=-1)[seen]
+    return Scan(
+        points.astype(np.float32), np.zeros(3), np.zeros(0, np.float32), reach, np.radians(1.0)
+    )
+
+
+def prepared(pose: list[float], **options: object) -> PreparedScan:
+    return prepare_scan(room_scan(np.array(pose), **options), CONFIG)  # type: ignore[arg-type]
+
+
+def test_points_lie_on_their_walls_with_normals_towards_the_lidar() -> None:
+    scan = prepared([0.5, 0.2, 0.3])
+    straight = np.hypot(scan.rows[:, 2], scan.rows[:, 3]) > 0.5
+    assert straight.mean() > 0.8
+    assert np.all(np.diff(scan.rows[:, 4]) > 0)
+    towards = np.sum(scan.rows[straight, :2] * scan.rows[straight, 2:4], axis=1)
+    assert np.all(towards < 0)
+    walls = transform_points_planar(np.array([0.5, 0.2, 0.3]), scan.rows[straight, :2])
+    gaps = np.abs(walls[:, [0, 1, 0, 1]] - np.array([*BOX[0], *BOX[1]])).min(axis=1)
+    assert gaps.max() < 0.02
+
+
+@pytest.mark.parametrize("start", [0, 90, 200])
+@pytest.mark.parametrize("backward", [False, True])
+def test_the_sweep_may_start_anywhere_and_turn_either_way(start: int, backward: bool) -> None:
+    scan = room_scan(np.array([0.3, 0.1, 0.0]))
+    points = np.roll(scan.points, start, axis=0)[:: -1 if backward else 1]
+    turned = Scan(np.ascontiguousarray(points), scan.origin, scan.missing, 20.0, np.radians(1.0))
+    rows = prepare_scan(turned, CONFIG).rows
+    assert np.all(np.diff(rows[:, 4]) > 0)
+    assert len(rows) == pytest.approx(len(prepare_scan(scan, CONFIG).rows), abs=3)
+
+
+def test_a_scan_without_returns_is_empty() -> None:
+    empty = Scan(np.zeros((0, 2), np.float32), np.zeros(3), np.zeros(0, np.float32), 5.0, 0.01)
+    assert len(prepare_scan(empty, CONFIG).rows) == 0
+    nans = Scan(np.full((9, 2), np.nan, np.float32), np.zeros(3), empty.missing, 5.0, 0.01)
+    assert len(prepare_scan(nans, CONFIG).rows) == 0
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-6, 6), st.floats(-6, 6), st.floats(0.05, 1.0))
+def test_nearest_agrees_with_trying_every_point(x: float, y: float, reach: float) -> None:
+    rows = prepared([0.5, -0.4, 0.7]).rows
+    found = nearest(rows, 0, len(rows), x, y, 0.0, 0.0, reach)
+    distances = np.hypot(rows[:, 0] - x, rows[:, 1] - y)
+    if distances.min() >= reach:
+        assert found == -1
+    elif np.abs(np.arctan2(y, x) - rows[distances.argmin(), 4]) < 1.4:
+        assert distances[found] == pytest.approx(distances.min())
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(-0.15, 0.15))
+def test_a_match_finds_the_true_motion(x: float, y: float, yaw: float) -> None:
+    first, second = np.array([0.4, 0.3, 0.2]), np.array([0.7, 0.1, 0.35])
+    targets = scan_set([prepare_scan(room_scan(first, seed=1), CONFIG)])
+    scan = prepare_scan(room_scan(second, seed=2), CONFIG)
+    truth = between_planar(first, second)
+    guess = truth + np.array([x, y, yaw])
+    match = match_scan(
+        scan, targets, np.zeros(1, np.int64), np.zeros((1, 3)), guess, CONFIG, reaches=COARSE
+    )
+    error = between_planar(truth, match.pose)
+    assert np.hypot(*error[:2]) < 0.006
+    assert abs(error[2]) < 0.002
+    assert match.overlap > 0.9
+
+
+def test_a_room_is_known_in_every_direction_a_corridor_only_across() -> None:
+    """Along a corridor both walls' normals are orthogonal to the motion: no information."""
+    which, poses = np.zeros(1, np.int64), np.zeros((1, 3))
+    room = scan_set([prepared([0.0, 0.0, 0.0])])
+    in_room = match_scan(room.one(0), room, which, poses, np.zeros(3), CONFIG)
+    sigma = np.sqrt(np.linalg.inv(in_room.information)[[0, 1], [0, 1]])
+    assert sigma.max() < 0.01
+    hall = scan_set([prepared([0.0, 0.0, 0.0], room=CORRIDOR)])
+    in_hall = match_scan(hall.one(0), hall, which, poses, np.zeros(3), CONFIG)
+    assert in_hall.information[0, 0] < 1e-3 * in_hall.information[1, 1]
+
+
+def test_information_counts_points_over_the_variance_of_one() -> None:
+    """Many wall points seen head-on know the distance to them with variance sigma^2 c / n of them."""
+    points = np.stack([np.full(41, 2.0), np.linspace(-1, 1, 41)], axis=-1).astype(np.float32)
+    wall = Scan(points, np.zeros(3), np.zeros(0, np.float32), 10.0, np.radians(1.5))
+    scans = scan_set([prepare_scan(wall, CONFIG)])
+    match = match_scan(
+        scans.one(0), scans, np.zeros(1, np.int64), np.zeros((1, 3)), np.zeros(3), CONFIG
+    )
+    expected = len(scans.rows) / (CONFIG.range_sigma**2 * CONFIG.correlation)
+    assert match.information[0, 0] == pytest.approx(expected, rel=1e-6)
+    assert match.information[1, 1] == pytest.approx(0.0, abs=1e-6 * expected)
+
+
+def test_branch_and_bound_finds_what_trying_every_pose_finds() -> None:
+    random = np.random.default_rng(3)
+    grid = likelihood_grid(random.uniform(-3, 3, (60, 2)))
+    points = random.uniform(-2, 2, (25, 2))
+    guess, angles, reach = np.array([0.2, -0.1, 0.1]), np.arange(-5, 6) * 0.1, 9
+    found = np.zeros(4)
+    nowhere = np.array([0.0, 0.0, 0.0, -1.0, -1.0])
+    best_shift(
+        grid.pyramid, grid.margin, points, grid.corner, grid.resolution, guess, reach, angles,
+        0.0, nowhere, found,
+    )  # fmt: skip
+    assert found[0] == pytest.approx(_best_by_trying(grid, points, guess, angles, reach), abs=1e-6)
+
+
+def _best_by_trying(grid, points, guess, angles, reach) -> float:  # type: ignore[no-untyped-def]
+    field, best = grid.pyramid[0], 0.0
+    for angle in angles:
+        at = transform_points_planar(guess + np.array([0.0, 0.0, angle]), points)
+        cells = np.floor((at - grid.corner) / grid.resolution).astype(int) + grid.margin
+        for dx in range(-reach, reach + 1):
+            for dy in range(-reach, reach + 1):
+                x, y = (cells + np.array([dx, dy])).T
+                inside = (x >= 0) & (y >= 0) & (x < field.shape[1]) & (y < field.shape[0])
+                best = max(best, field[y[inside], x[inside]].sum() / len(points))
+    return best
+
+
+def test_a_search_finds_a_scan_turned_round_and_names_the_rival() -> None:
+    """A rectangle looks the same turned by half a turn: the other pose must show as a rival."""
+    target = prepared([0.0, 0.0, 0.0]).rows[:, :2].astype(np.float64)
+    scan = prepared([1.5, -1.0, 2.0]).rows[:, :2].astype(np.float64)
+    found = search_grid(scan, likelihood_grid(target), np.zeros(3), 4.0, np.pi, 0.5)
+    assert found is not None
+    truth = np.array([1.5, -1.0, 2.0])
+    # The room's centre is at (0.5, 0.5), about which half a turn changes nothing.
+    other = np.array([1.0 - 1.5, 1.0 + 1.0, 2.0 - np.pi])
+    errors = [np.hypot(*between_planar(p, found.pose)[:2]) for p in (truth, other)]
+    assert min(errors) < 0.15
+    assert found.rival > 0.9 * found.score
+
+
+def test_a_pair_seen_from_either_end_is_the_same() -> None:
+    a, b = np.array([0.2, 0.1, 0.3]), np.array([0.6, -0.2, 0.7])
+    scans = scan_set([prepared(list(a), seed=1), prepared(list(b), seed=2)])
+    poses = np.stack([a, compose_planar(b, [0.02, -0.01, 0.005])])
+    systems = np.zeros((2, 12))
+    pairs = np.array([[0, 1], [1, 0]], np.int64)
+    pair_systems(0, 2, scans.rows, scans.bounds, scans.origins, pairs, poses, 0.3, 0.05, systems)
+    upper = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+    there, back = systems[:, upper]
+    # A step of the second scan is the opposite step of the first, seen in the first's frame.
+    adjoint = adjoint_planar(between_planar(poses[1], poses[0]))
+    np.testing.assert_allclose(adjoint.T @ there @ adjoint, back, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(-adjoint.T @ systems[0, 6:9], systems[1, 6:9], rtol=1e-6, atol=1e-6)
+    assert systems[0, 9] == pytest.approx(systems[1, 9])
+
+
+def test_the_adjoint_carries_small_motions_across() -> None:
+    a_from_b, small = np.array([1.0, -2.0, 0.8]), np.array([1e-6, -2e-6, 3e-6])
+    left = compose_planar(adjoint_planar(a_from_b) @ small, a_from_b)
+    np.testing.assert_allclose(left, compose_planar(a_from_b, small), atol=1e-11)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_joint_alignment_brings_scattered_scans_home(threads: int) -> None:
+    random = np.random.default_rng(5)
+    truth = np.stack(
+        [np.linspace(-2, 2, 12), np.sin(np.linspace(0, 3, 12)), np.linspace(0, 6, 12)], axis=-1
+    )
+    scans = scan_set(
+        [prepare_scan(room_scan(pose, seed=k), CONFIG) for k, pose in enumerate(truth)]
+    )
+    start = compose_planar(truth, random.normal(size=(12, 3)) * [0.06, 0.06, 0.03])
+    start[0] = truth[0]
+    pairs = np.array([(i, j) for i in range(12) for j in range(i + 1, 12)], np.int64)
+    ends = np.arange(12)
+    weak = Motions(
+        ends[:-1], ends[1:], between_planar(start[:-1], start[1:]), np.tile(np.eye(3), (11, 1, 1))
+    )
+    reaches = [0.4, 0.3, 0.2, 0.12, 0.12]
+    solved = align_jointly(scans, start, pairs, weak, reaches, CONFIG, threads)
+    error = compose_planar(invert_planar(truth), solved.poses)
+    assert np.hypot(error[:, 0], error[:, 1]).max() < 0.005
+    assert np.abs(error[:, 2]).max() < 0.002
+    assert solved.moved[-1] < solved.moved[0] / 10

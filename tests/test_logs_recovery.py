@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import sqlite3
 import struct
 from collections.abc import Callable
 from itertools import pairwise
@@ -234,6 +236,27 @@ def test_a_cut_db3_is_refused_or_read_with_an_account(tmp_path: Path) -> None:
         if found is not None:
             records, losses = found
             assert losses or len(records) == len(drive(2, 300))
+
+
+def test_a_write_ahead_log_beside_the_file_is_read_too(tmp_path: Path) -> None:
+    """What a killed recorder leaves: rows that never reached the file itself."""
+    folder = write_rosbag2(tmp_path / "a", DRIVES[2])
+    path = next(folder.glob("*.db3"))
+    database = sqlite3.connect(path)
+    database.execute("PRAGMA journal_mode=WAL")
+    database.execute(
+        "INSERT INTO messages (topic_id, timestamp, data) "
+        "SELECT topic_id, timestamp + 1000000000, data FROM messages"
+    )
+    database.commit()
+    killed = tmp_path / "killed"
+    killed.mkdir()
+    for part in folder.glob("*.db3*"):
+        shutil.copy(part, killed)
+    database.close()
+    records, losses = read(killed)
+    assert len(records) == 2 * len(DRIVES[2])
+    assert losses == ()
 
 
 def test_a_cut_packed_file_is_read_as_far_as_it_goes(tmp_path: Path) -> None:

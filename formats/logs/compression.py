@@ -33,7 +33,7 @@ def _decompress(data: Buffer, compression: str, size: int) -> bytes:
     if compression in {"", "none"}:
         return bytes(data)
     if compression == "zstd":
-        return bytes(_ZSTD.decompress(data, max_output_size=size)) if size else b""
+        return _unzstd(data, size) if size else b""
     if compression == "lz4":
         return _bounded(lz4.frame.LZ4FrameDecompressor(), data, size)
     if compression == "bz2":
@@ -59,4 +59,6 @@ def decompress_beginning(data: bytes, compression: str, size: int) -> bytes:
         return b""
 
 
-_ZSTD = zstandard.ZstdDecompressor()
+def _unzstd(data: Buffer, size: int) -> bytes:
+    # A decompressor of one's own each time: they must not be shared by threads.
+    return bytes(zstandard.ZstdDecompressor().decompress(data, max_output_size=size))

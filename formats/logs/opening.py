@@ -15,7 +15,7 @@ from formats.logs.mcap_records import MAGIC as MCAP_MAGIC
 from formats.logs.merged import MergedLog
 from formats.logs.recorded import RecordedLog
 from formats.logs.ros1_bag import open_ros1_bag
-from formats.logs.rosbag2 import ZSTD_MAGIC, PackedBag, SqliteBag, listed_files
+from formats.logs.rosbag2 import ZSTD_MAGIC, PackedBag, SqliteBag, connect_read_only, listed_files
 from formats.logs.tum_rgbd import LISTS, TumRgbdLog
 from mapmyworld.errors import LogError
 from mapmyworld.types import LogSource
@@ -122,7 +122,7 @@ def _open_packed(path: Path) -> LogSource:
 
 def _tables(path: Path) -> set[str]:
     try:
-        database = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
+        database = connect_read_only(path)
         try:
             rows = database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
             return {str(name) for (name,) in rows}

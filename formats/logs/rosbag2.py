@@ -32,6 +32,16 @@ def listed_files(metadata: Path) -> list[Path]:
     return [metadata.parent / name for name in names]
 
 
+def connect_read_only(path: Path) -> sqlite3.Connection:
+    """The database, untouched. With a write-ahead log beside it, as a killed recorder leaves it,
+    that is read as well; else nothing is locked, so that read-only media work.
+    """
+    wal = path.with_name(path.name + "-wal")
+    options = "mode=ro" if wal.is_file() and wal.stat().st_size else "mode=ro&immutable=1"
+    uri = f"{path.resolve().as_uri()}?{options}"
+    return sqlite3.connect(uri, uri=True, check_same_thread=False)
+
+
 class SqliteBag:
     """A Container over one .db3 file."""
 
@@ -114,9 +124,7 @@ class SqliteBag:
         self._losses.append(f"{self.path}: {lost} messages could not be read")
 
     def _connect(self) -> sqlite3.Connection:
-        return sqlite3.connect(
-            f"{self.path.resolve().as_uri()}?mode=ro&immutable=1", uri=True, check_same_thread=False
-        )
+        return connect_read_only(self.path)
 
 
 class PackedBag:

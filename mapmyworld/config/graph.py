@@ -8,7 +8,7 @@ from dataclasses import dataclass
 @dataclass(frozen=True, slots=True)
 class GraphConfig:
     iterations: int = 100  # steps of Levenberg-Marquardt at most, per start
-    tolerance: float = 1e-9  # relative decrease of the cost below which a solution stands
+    tolerance: float = 1e-7  # relative decrease of the cost below which a solution stands
     starts: int = 2  # starts that are followed to the end when the first is not certified
     robust: bool = True  # whether closures that contradict odometry and each other are rejected
     certify: bool = True  # whether the minimum is tested for being the global one

@@ -9,7 +9,7 @@ import numpy as np
 from mapmyworld.geometry import PLANAR_IN_TANGENT, Array, between, between_planar
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError, analyse, factorise
 from mapmyworld.graph.pose_graph import Index
-from mapmyworld.graph.system import System, dense_rows, jacobians_of, residuals_of
+from mapmyworld.graph.system import System, jacobians_of, predicted_covariances, residuals_of
 
 
 def marginal_covariances(system: System, poses: Array) -> Array | None:
@@ -41,8 +41,7 @@ def relative_covariances(system: System, poses: Array, tails: Index, heads: Inde
     )
     step = between_planar if system.planar else between
     asked = replace(system, tails=tails, heads=heads, measured=step(poses[tails], poses[heads]))
-    jacobians, _ = dense_rows(asked, poses)
-    return np.array([row @ factors.solve(np.ascontiguousarray(row.T)) for row in jacobians])
+    return predicted_covariances(factors, asked, poses)[0]
 
 
 def information_blocks(system: System, poses: Array) -> tuple[Index, Index, Array]:

@@ -183,12 +183,12 @@ def _cost(system: System, poses: Array) -> float:
 
 
 def _minimise(problem: Problem, start: Array, config: GraphConfig) -> tuple[Array, int, bool]:
-    """By gtsam, whose factorisation is the faster one in space; else by our own."""
+    """By gtsam, but for graphs with priors, fixed nodes or landmarks."""
     graph, system = problem.graph, problem.system
     plain = not (len(graph.priors) or len(graph.sightings) or len(graph.fixed_ids))
     if system.size == 0:
         return start, 0, True
-    if graph.planar or not plain:
+    if not plain:
         return descend(system, start, config.tolerance, config.iterations)
     from mapmyworld.graph.levenberg import minimise
 

@@ -25,11 +25,11 @@ from mapmyworld.graph.system import (
     Pattern,
     System,
     chosen_edges,
-    dense_rows,
     edge_chi2,
     factorise,
     linearise,
     pattern_of,
+    predicted_covariances,
     step_to_nodes,
 )
 
@@ -137,13 +137,11 @@ def innovations(
 ) -> tuple[Array, Array]:
     """Squared sigmas (C,) of edges against what the inliers predict, and the volume of that."""
     part = chosen_edges(system, inliers)
-    matrix, _ = linearise(part, pattern_of(part), poses)
-    factors = factorise(matrix)
+    pattern = pattern_of(part)
+    factors = factorise(linearise(part, pattern, poses)[0], pattern)
     tested = chosen_edges(system, candidates)
-    rows, residuals = dense_rows(tested, poses)
-    covariance = np.linalg.inv(tested.information)
-    for k, row in enumerate(rows):
-        covariance[k] += row @ factors.solve(np.ascontiguousarray(row.T))
+    predicted, residuals = predicted_covariances(factors, tested, poses)
+    covariance = np.linalg.inv(tested.information) + predicted
     fit = np.einsum(
         "ei,ei->e", residuals, np.linalg.solve(covariance, residuals[..., None])[..., 0]
     )
@@ -229,7 +227,7 @@ def relax(system: System, pattern: Pattern, poses: Array, weights: Array, steps:
     """Poses after some Gauss-Newton steps on the weighted problem."""
     for _ in range(steps):
         matrix, gradient = linearise(system, pattern, poses, weights)
-        step = factorise(matrix).solve(-gradient)
+        step = factorise(matrix, pattern).solve(-gradient)
         poses = retract(system.planar, poses, step_to_nodes(system, step))
     return poses
 
@@ -251,7 +249,7 @@ def descend(system: System, poses: Array, tolerance: float, steps: int) -> tuple
         diagonal = matrix.diagonal()
         while True:
             damped = matrix + diags_array(damping * diagonal, format="csc") if damping else matrix
-            step = factorise(damped).solve(-gradient)
+            step = factorise(damped, pattern).solve(-gradient)
             moved = retract(system.planar, poses, step_to_nodes(system, step))
             found = float(edge_chi2(system, moved).sum())
             if found <= cost:

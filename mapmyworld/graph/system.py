@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,10 +10,16 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
+from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array
+from mapmyworld.graph import cholesky
+from mapmyworld.graph.cholesky import Symbolic, analyse
 from mapmyworld.graph.landmarks import sighting_jacobians, sighting_residuals
 from mapmyworld.graph.pose_graph import Index
 from mapmyworld.graph.residuals import edge_jacobians, edge_residuals, squared_sigmas
+
+# Unknowns from which a factorisation clique by clique is the faster one.
+_LARGE = 9000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +60,8 @@ class Pattern:
     indices: NDArray[np.int32]
     indptr: NDArray[np.int32]
     size: int
+    symbolic: Symbolic | None
+    """How to factorise it clique by clique, where that is the faster way."""
 
 
 def number_free(node_count: int, fixed: Index) -> Index:
@@ -76,12 +83,25 @@ def pattern_of(system: System) -> Pattern:
     column = (columns * size)[:, None, None] + inner
     keys, slots = np.unique((column * system.size + row).ravel(), return_inverse=True)
     indptr = np.searchsorted(keys, np.arange(system.size + 1) * system.size)
+    symbolic = None
+    if system.size >= _LARGE:
+        count = system.size // size
+        low, high = np.minimum(a, b)[both], np.maximum(a, b)[both]
+        linked = np.unique(low * count + high)
+        nodes = np.arange(count)
+        symbolic = analyse(
+            count,
+            np.concatenate([nodes, linked // count]),
+            np.concatenate([nodes, linked % count]),
+            size,
+        )
     return Pattern(
         sources,
         slots.astype(np.int64),
         (keys % system.size).astype(np.int32),
         indptr.astype(np.int32),
         system.size,
+        symbolic,
     )
 
 
@@ -155,14 +175,29 @@ def edge_chi2(system: System, poses: Array) -> Array:
     return squared_sigmas(residuals_of(system, poses), system.information)
 
 
-def factorise(matrix: csc_array) -> Any:
-    """The factors of a symmetric matrix, without pivoting, so that its signs show in U."""
-    return splu(
-        matrix,
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
+def factorise(matrix: csc_array, pattern: Pattern) -> Any:
+    """Something that can `solve`: small systems by SuperLU, large ones clique by clique.
+
+    Raises `GraphError` when the edges leave nodes undetermined.
+    """
+    if pattern.symbolic is None:
+        try:
+            return splu(
+                matrix,
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError:
+            raise GraphError("the edges leave some nodes undetermined") from None
+    size = pattern.symbolic.size
+    tiles = matrix.tobsr((size, size))
+    tiles.sort_indices()
+    count = pattern.size // size
+    rows = np.repeat(np.arange(count), np.diff(tiles.indptr))
+    diagonal, upper = rows == tiles.indices, rows < tiles.indices
+    blocks = np.concatenate([tiles.data[diagonal], tiles.data[upper]])
+    return cholesky.factorise(pattern.symbolic, blocks)
 
 
 def step_to_nodes(system: System, step: Array) -> Array:
@@ -171,21 +206,28 @@ def step_to_nodes(system: System, step: Array) -> Array:
     return tangents[system.free]
 
 
-def dense_rows(system: System, poses: Array) -> tuple[Iterator[Array], Array]:
-    """Jacobians (d, size) of the edges one after the other, and residuals (E, d)."""
+def predicted_covariances(factors: Any, system: System, poses: Array) -> tuple[Array, Array]:
+    """Covariances (E, d, d) of the edges' residuals as the factorised solution predicts them,
+    and these residuals.
+    """
     residuals = residuals_of(system, poses)
-    return _rows(system, *jacobians_of(system, poses, residuals)), residuals
+    jacobians = jacobians_of(system, poses, residuals)
+    size, count = system.dimension, len(system.tails)
+    ends = (system.free[system.tails], system.free[system.heads])
+    found = np.zeros((count, size, size))
+    for first in range(0, count, _BATCH):
+        batch = range(first, min(first + _BATCH, count))
+        right = np.zeros((system.size, size * len(batch)))
+        for n, k in enumerate(batch):
+            for numbers, blocks in zip(ends, jacobians, strict=True):
+                if numbers[k] >= 0:
+                    place = slice(numbers[k] * size, (numbers[k] + 1) * size)
+                    right[place, n * size : (n + 1) * size] += blocks[k].T
+        solved = factors.solve(right)
+        for n, k in enumerate(batch):
+            columns = slice(n * size, (n + 1) * size)
+            found[k] = right[:, columns].T @ solved[:, columns]
+    return found, residuals
 
 
-def _rows(system: System, by_tail: Array, by_head: Array) -> Iterator[Array]:
-    size = system.dimension
-    for k in range(len(system.tails)):
-        row = np.zeros((size, system.size))
-        ends = (
-            (system.free[system.tails[k]], by_tail[k]),
-            (system.free[system.heads[k]], by_head[k]),
-        )
-        for number, block in ends:
-            if number >= 0:
-                row[:, number * size : (number + 1) * size] += block
-        yield row
+_BATCH = 50  # edges whose predictions are solved for at once

@@ -142,6 +142,15 @@ def test_jpeg_and_grey() -> None:
     assert message.pixels().ndim == 2
 
 
+def test_a_compressed_mosaic_is_given_its_colours() -> None:
+    """One channel under a Bayer name is the mosaic; three are colours already."""
+    cells = np.tile(np.array([[200, 100], [100, 50]], np.uint8), (4, 4))
+    mosaic = compressed_image(1, "c", "bayer_rggb8; png compressed ", file(".png", cells))
+    np.testing.assert_array_equal(mosaic.pixels()[3, 3], [200, 100, 50])
+    colour = compressed_image(1, "c", "bayer_rggb8; png compressed bgr8", file(".png", RGB))
+    np.testing.assert_array_equal(colour.pixels(), RGB[..., ::-1])
+
+
 def test_png_of_sixteen_bits_is_depth() -> None:
     message = compressed_image(1, "c", "16UC1; png compressed ", file(".png", DEPTH_MM))
     assert message.is_depth

@@ -141,7 +141,7 @@ def encoded_pixels(data: bytes, encoding: str, units: float = _MILLIMETRES) -> N
     width, height = picture_size(data)
     if width * height > _MAX_PIXELS:
         raise LogError(f"a compressed image claims {width} x {height} pixels")
-    mode = cv2.IMREAD_UNCHANGED if depth else cv2.IMREAD_ANYCOLOR
+    mode = cv2.IMREAD_UNCHANGED if depth else cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
     try:
         cells = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
     except cv2.error:
@@ -150,6 +150,8 @@ def encoded_pixels(data: bytes, encoding: str, units: float = _MILLIMETRES) -> N
         raise LogError(f"a compressed image of {len(data)} bytes cannot be decoded")
     if depth:
         return metres_from_depth(cells if cells.ndim == 2 else cells[..., 0], units)
+    if cells.ndim == 2 and encoding.lower().startswith("bayer"):
+        return _from_bayer(encoding.lower(), cells)  # the mosaic was compressed as it was
     return np.ascontiguousarray(cells if cells.ndim == 2 else cells[..., 2::-1])
 
 

@@ -1,0 +1,60 @@
+"""The pictures that show why a pair was believed or not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from memory_store import MemoryStore
+from visual_rooms import HEIGHT, WIDTH, Room, planar_pose
+
+from formats.report.match_picture import features_picture, match_picture, words_picture
+from mapmyworld.config import Config
+from mapmyworld.errors import MapError
+from mapmyworld.places.node_pairs import NodePair, compare_nodes
+from mapmyworld.types import Node, NodeData
+
+
+@pytest.fixture(scope="module")
+def pair() -> NodePair:
+    """Two views of one wall, 0.2 m apart."""
+    store, room = MemoryStore(), Room()
+    for i, pose in enumerate((planar_pose(3.0, 2.5, 0.0), planar_pose(3.1, 2.4, 0.1)), start=1):
+        store.add_node(Node(i, 0, i, pose, pose), NodeData(images=(room.image(pose),)))
+    return compare_nodes(store, 1, 2, Config())
+
+
+def test_a_match_picture_shows_both_images_and_marks_every_match(pair: NodePair) -> None:
+    found = pair.pair
+    picture = match_picture(
+        pair.picture_a,
+        pair.picture_b,
+        pair.features_a.pixels[found.features_a],
+        pair.features_b.pixels[found.features_b],
+        found.agreed,
+        found.registration.reason,
+    )
+    assert picture.shape[0] > HEIGHT
+    assert picture.shape[1] > 2 * WIDTH
+    changed = (picture[:HEIGHT, :WIDTH] != pair.picture_a).any(axis=2)
+    ends = np.round(pair.features_a.pixels[found.features_a]).astype(int)
+    assert changed[ends[:, 1], ends[:, 0]].mean() > 0.9
+
+
+def test_the_original_picture_is_not_drawn_upon(pair: NodePair) -> None:
+    before = pair.picture_a.copy()
+    features_picture(pair.picture_a, pair.features_a)
+    assert np.array_equal(pair.picture_a, before)
+
+
+def test_features_without_words_have_none_in_common(pair: NodePair) -> None:
+    _, common = words_picture(pair.picture_a, pair.features_a, pair.picture_b, pair.features_b)
+    assert common == 0
+
+
+def test_a_node_without_an_image_cannot_be_compared() -> None:
+    store = MemoryStore()
+    store.add_node(Node(1, 0, 1, np.eye(4), np.eye(4)), NodeData())
+    with pytest.raises(MapError, match="no image"):
+        compare_nodes(store, 1, 1, Config())
+    with pytest.raises(MapError, match="no node 5"):
+        compare_nodes(store, 5, 1, Config())

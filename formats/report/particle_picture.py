@@ -29,7 +29,7 @@ def particle_picture(
     if len(branches):
         canvas.draw_lines(branches, _BRANCH)
     if len(path) > 1:
-        canvas.draw_lines(np.asarray(path)[None], _BEST, 2)
+        canvas.draw_lines(np.asarray(path)[None], _BEST)
     if len(loops):
         canvas.draw_lines(_rings(np.asarray(loops, np.float64), 8.0 / canvas.scale), _LOOP, 2)
     caption = f"{len(path)} updates; orange: all particles, blue: the best one"

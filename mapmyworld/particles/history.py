@@ -49,6 +49,14 @@ class FastSlamHistory:
             "loop_frames": list(self.loops),
         }
 
+    def paths(self) -> dict[str, list[Any]]:
+        """What a picture of the paths needs, as JSON values rounded to centimetres."""
+        thinned = self.branches[:: max(1, len(self.branches) // 5000)]
+        return {
+            "branches": np.round(thinned.astype(np.float64), 2).tolist(),
+            "path": np.round(self.path.astype(np.float64), 2).tolist(),
+        }
+
 
 def history_from_filter(
     generations: Sequence[Generation], path: NDArray[np.float64], frames: NDArray[np.int64]

@@ -136,7 +136,7 @@ def test_a_room_is_known_in_every_direction_a_corridor_only_across() -> None:
 
 
 def test_information_counts_points_over_the_variance_of_one() -> None:
-    """Many wall points seen head-on know the distance to them with variance sigma^2 c / n of them."""
+    """Many wall points seen head-on know the distance to them with variance sigma^2 c / n."""
     points = np.stack([np.full(41, 2.0), np.linspace(-1, 1, 41)], axis=-1).astype(np.float32)
     wall = Scan(points, np.zeros(3), np.zeros(0, np.float32), 10.0, np.radians(1.5))
     scans = scan_set([prepare_scan(wall, CONFIG)])

@@ -1,0 +1,149 @@
+"""The laser tracker: simulated drives, lying odometry, and honest notes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import between_planar, compose_planar, planar_to_matrix
+from mapmyworld.odometry.laser import LaserTracker, Tracked
+from mapmyworld.odometry.laser_stretches import WeakStretches, is_weak
+from mapmyworld.types import Frame, Scan
+
+# Two rooms joined by a door, with a pillar: walls as segments x0, y0, x1, y1 (m).
+WALLS = np.array(
+    [
+        [-4, -3, 6, -3], [6, -3, 6, 4], [6, 4, -4, 4], [-4, 4, -4, -3],
+        [1, 4, 1, 1.2], [1, -3, 1, 0], [3, 1, 3.5, 1], [3.5, 1, 3.5, 1.5], [3.5, 1.5, 3, 1.5],
+        [3, 1.5, 3, 1], [-4, 2.5, -3, 2.5], [-3, 2.5, -3, 4],
+    ],
+    np.float64,
+)  # fmt: skip
+
+
+def cast(pose: NDArray[np.float64], walls: NDArray[np.float64], seed: int) -> Scan:
+    """A half turn of half-degree beams with 1 cm of noise, by intersecting every wall."""
+    angles = np.radians(np.arange(-90.0, 90.01, 0.5))
+    direction = np.stack([np.cos(angles + pose[2]), np.sin(angles + pose[2])], axis=-1)
+    along = walls[:, 2:] - walls[:, :2]
+    offset = walls[:, :2] - pose[:2]
+    cross = direction[:, None, 0] * along[:, 1] - direction[:, None, 1] * along[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ranges = (offset[:, 0] * along[:, 1] - offset[:, 1] * along[:, 0]) / cross
+        place = offset[:, 0] * direction[:, None, 1] - offset[:, 1] * direction[:, None, 0]
+        place = place / cross
+    hit = (ranges > 0) & (place >= 0) & (place <= 1)
+    nearest = np.where(hit, ranges, np.inf).min(axis=1)
+    nearest = nearest + np.random.default_rng(seed).normal(size=len(nearest)) * 0.01
+    seen = nearest < 8.0
+    points = nearest[seen, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)[seen]
+    return Scan(
+        points.astype(np.float32), np.zeros(3), np.zeros(0, np.float32), 8.0, np.radians(0.5)
+    )
+
+
+def drive(walls: NDArray[np.float64] = WALLS) -> tuple[NDArray[np.float64], list[Scan]]:
+    """From one room through the door into the other, then backwards: 120 poses and scans."""
+    there = np.stack(
+        [np.linspace(-2, 2.2, 80), np.linspace(0, 0.4, 80), 0.4 * np.sin(np.arange(80) / 15)],
+        axis=-1,
+    )
+    truth = np.concatenate([there, there[::-1][1:41]])
+    return truth, [cast(pose, walls, seed) for seed, pose in enumerate(truth)]
+
+
+def follow(
+    scans: list[Scan], odometry: NDArray[np.float64] | None
+) -> tuple[list[Tracked], LaserTracker]:
+    tracker = LaserTracker(Config())
+    tracked = []
+    for k, scan in enumerate(scans):
+        odom = None if odometry is None else planar_to_matrix(odometry[k])
+        tracked.append(tracker.track(Frame(k * 100_000_000, odom, None, scan)))
+    return tracked, tracker
+
+
+def errors(tracked: list[Tracked], truth: NDArray[np.float64]) -> tuple[float, float]:
+    """Largest error of position (m) and of yaw (rad) against the drive's first pose."""
+    error = between_planar(
+        between_planar(truth[0], truth), np.stack([moment.pose for moment in tracked])
+    )
+    return float(np.hypot(error[:, 0], error[:, 1]).max()), float(np.abs(error[:, 2]).max())
+
+
+def integrate(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    poses = [np.zeros(3)]
+    for step in steps:
+        poses.append(compose_planar(poses[-1], step))
+    return np.stack(poses)
+
+
+@pytest.mark.parametrize("fault", ["none", "no odometry", "forward", "stall", "jump", "scale"])
+def test_tracking_survives_what_odometry_does(fault: str) -> None:
+    """`forward`: counts up while the robot reverses (fr079). `stall`: stands, then catches up in
+    one step (CSAIL). `jump`: 85 degrees at once. `scale`: turns counted 30 % short.
+    """
+    truth, scans = drive()
+    steps = between_planar(truth[:-1], truth[1:])
+    if fault == "forward":
+        steps[79:, 0] *= -1.0
+    elif fault == "stall":
+        steps[30] = between_planar(truth[25], truth[31])
+        steps[25:30] = 0.0
+    elif fault == "jump":
+        steps[50, 2] += np.radians(85.0)
+    elif fault == "scale":
+        steps[:, 2] *= 0.7
+    tracked, _ = follow(scans, None if fault == "no odometry" else integrate(steps))
+    position, yaw = errors(tracked, truth)
+    assert position < 0.05
+    assert yaw < 0.015
+    assert all(moment.verdict not in ("lost", "odometry only") for moment in tracked)
+
+
+def test_lying_odometry_is_noted() -> None:
+    truth, scans = drive()
+    steps = between_planar(truth[:-1], truth[1:])
+    steps[50, 2] += np.radians(85.0)
+    _, tracker = follow(scans, integrate(steps))
+    assert any("jumps" in note for note in tracker.notes())
+
+
+def test_a_blinded_laser_leaves_it_to_the_odometry() -> None:
+    truth, scans = drive()
+    empty = Scan(np.zeros((0, 2), np.float32), np.zeros(3), np.zeros(0, np.float32), 8.0, 0.01)
+    scans[40:50] = [empty] * 10
+    odometry = integrate(between_planar(truth[:-1], truth[1:]))
+    tracked, tracker = follow(scans, odometry)
+    assert {moment.verdict for moment in tracked[40:50]} == {"odometry only"}
+    assert errors(tracked, truth)[0] < 0.1
+    assert any("could not be matched" in note for note in tracker.notes())
+    seen, blind = tracked[30].information, tracked[45].information
+    assert np.linalg.det(blind) < np.linalg.det(seen)
+
+
+def test_a_corridor_is_reported_with_the_stretch() -> None:
+    """Only walls along x: along x the motion is the odometry's, and its uncertainty grows."""
+    walls = np.array([[-99.0, -1.0, 99.0, -1.0], [-99.0, 1.0, 99.0, 1.0]])
+    truth = np.stack([np.linspace(0, 6, 100), np.zeros(100), np.zeros(100)], axis=-1)
+    scans = [cast(pose, walls, seed) for seed, pose in enumerate(truth)]
+    tracked, tracker = follow(scans, truth)
+    along = sum(np.linalg.inv(moment.information)[0, 0] for moment in tracked[1:])
+    across = sum(np.linalg.inv(moment.information)[1, 1] for moment in tracked[1:])
+    assert along > 20.0 * across
+    assert abs(tracked[-1].pose[0] - 6.0) < 3.0 * np.sqrt(along)
+    assert any("poorly constrained" in note for note in tracker.notes())
+
+
+def test_weak_stretches_are_bridged_and_measured() -> None:
+    weak, good = np.diag([1.0, 1e5, 1e5]), np.diag([1e5, 1e5, 1e5])
+    assert is_weak(weak)
+    assert not is_weak(good)
+    stretches = WeakStretches()
+    for k in range(60):
+        open_now = 10 <= k < 40 and k != 20
+        stretches.add(k * 10**9, 0.1, weak if open_now else good)
+    (note,) = stretches.notes()
+    assert note.startswith("from 10 s to 39 s (2.9 m)")

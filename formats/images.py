@@ -95,11 +95,15 @@ def _write_pair(
         except MapError as error:
             written.problems.append(str(error))
             continue
+        listed = lists.setdefault(f"{place}{kind}", [])
+        line = f"{seconds_text(picture.stamp_ns)} {kind}/{name}{suffix}"
+        if line in listed[-9:]:  # several nodes of one moment
+            name = f"{name}_{node.id}"
+            line = f"{seconds_text(picture.stamp_ns)} {kind}/{name}{suffix}"
         file = f"{place}{kind}/{name}{suffix}"
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
         (folder / file).write_bytes(data)
-        line = f"{seconds_text(picture.stamp_ns)} {file.removeprefix(place)}"
-        lists.setdefault(f"{place}{kind}", []).append(line)
+        listed.append(line)
         written.colour += kind == "rgb"
         written.depth += kind == "depth"
 

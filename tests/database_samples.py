@@ -150,7 +150,7 @@ def fill(store: MapStore) -> None:
             store.add_scan(2 * number - 2, scan(number))
             store.add_scan(2 * number - 1, scan(10 + number))
             truth = pose(500 + number) if number > 1 else None
-            data = NodeData(scan=scan(number), images=(image(number),))
+            data = NodeData(scan=scan(number), images=(image(number, node(number).stamp_ns),))
             store.add_node(node(number, ground_truth=truth), data)
         store.add_constraints(sample_constraints()[:2])
         store.set_tracked_frames(tracked_frames())

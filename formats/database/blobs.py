@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from mapmyworld.errors import MapError
 from mapmyworld.geometry import SWAP_ROTATION_TRANSLATION
 
+# Between RTAB-Map's order of a tangent (translation first) and ours.
+_SWAP = np.ix_(SWAP_ROTATION_TRANSLATION, SWAP_ROTATION_TRANSLATION)
 # OpenCV's depth numbers; type = depth + 8 * (channels - 1).
 _DEPTHS = ("u1", "i1", "<u2", "<i2", "<i4", "<f4", "<f8")
 _TRAILER = struct.Struct("<3i")
@@ -116,14 +118,15 @@ def orthonormal(poses: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def information_to_blob(information: NDArray[np.float64]) -> bytes:
     """288 bytes, translation first, of a rotation-first matrix (6, 6); diagonal made positive."""
-    swapped = np.array(information[np.ix_(SWAP_ROTATION_TRANSLATION, SWAP_ROTATION_TRANSLATION)])
-    swapped[~np.isfinite(swapped)] = 0.0
-    diagonal = np.arange(6)
-    # RTAB-Map aborts on a component that is not positive; 1/9999 is its "ignore this one".
-    weak = swapped[diagonal, diagonal] <= 0.0
-    swapped[weak, :] = swapped[:, weak] = 0.0
-    swapped[diagonal[weak], diagonal[weak]] = 1.0 / 9999.0
-    return swapped.astype("<f8").tobytes()
+    swapped: NDArray[np.float64] = information[_SWAP].astype("<f8")
+    diagonal = np.einsum("ii->i", swapped)
+    if not (np.isfinite(swapped).all() and diagonal.min() > 0.0):
+        swapped[~np.isfinite(swapped)] = 0.0
+        # RTAB-Map aborts on a component that is not positive; 1/9999 is its "ignore this one".
+        weak = diagonal <= 0.0
+        swapped[weak, :] = swapped[:, weak] = 0.0
+        diagonal[weak] = 1.0 / 9999.0
+    return swapped.tobytes()
 
 
 def blob_to_information(blob: bytes, what: str) -> NDArray[np.float64]:
@@ -133,7 +136,7 @@ def blob_to_information(blob: bytes, what: str) -> NDArray[np.float64]:
     matrix = np.frombuffer(blob, "<f8").reshape(6, 6)
     if not np.isfinite(matrix).all():
         raise MapError(f"{what}: an information matrix that is not finite")
-    return np.array(matrix[np.ix_(SWAP_ROTATION_TRANSLATION, SWAP_ROTATION_TRANSLATION)])
+    return np.asarray(matrix[_SWAP], np.float64)
 
 
 def text_to_blob(text: str) -> bytes:

@@ -14,6 +14,7 @@ from mapmyworld.errors import MapError
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 _PAGE_SIZE = 4096
+_EPOCH = "1970-01-01 00:00:00"
 _LAST_SECOND = 253402300799  # 9999-12-31 23:59:59 UTC
 
 
@@ -24,7 +25,8 @@ class Connection:
         """`frozen`: read the file as it lies, whatever another program left beside it."""
         self.path = path
         self.writable = writable
-        self._entered_s = 0
+        self.entered = _EPOCH
+        """The text that `time_enter` gets, UTC."""
         mode = "rwc" if writable else "ro&immutable=1" if frozen else "ro"
         with self._explained():
             self._sqlite = self._connect(mode)
@@ -46,15 +48,11 @@ class Connection:
         self._sqlite.execute("PRAGMA journal_mode = DELETE")
         self._sqlite.execute("PRAGMA synchronous = NORMAL")
 
-    @property
-    def entered(self) -> str:
-        """The text that `time_enter` gets, UTC."""
-        moment = datetime.fromtimestamp(self._entered_s, UTC)
-        return f"{moment.year:04d}-{moment:%m-%d %H:%M:%S}"
-
     def set_clock(self, stamp_ns: int) -> None:
         """Rows entered from now on are stamped with this time of the log."""
-        self._entered_s = min(max(stamp_ns // 1_000_000_000, 0), _LAST_SECOND)
+        seconds = min(max(stamp_ns // 1_000_000_000, 0), _LAST_SECOND)
+        moment = datetime.fromtimestamp(seconds, UTC)
+        self.entered = f"{moment.year:04d}-{moment:%m-%d %H:%M:%S}"
 
     def rows(self, sql: str, parameters: Sequence[Any] = ()) -> list[Any]:
         """All rows of a query."""

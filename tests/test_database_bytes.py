@@ -192,3 +192,36 @@ def test_a_map_of_a_later_version_is_refused(tmp_path: Path) -> None:
     with sqlite3.connect(tmp_path / "map.db") as sqlite:
         sqlite.execute("UPDATE mapmyworld_format SET version = 99")
     assert "newer mapmyworld" in problems_of_opening(tmp_path / "map.db")
+
+
+def test_questions_about_the_graph_read_no_blob_of_a_node(tmp_path: Path) -> None:
+    """A damaged image must not be noticed by what does not ask for it; nor its table be scanned."""
+    path = tmp_path / "map.db"
+    with open_store(path, create=True) as store:
+        fill(store)
+    with sqlite3.connect(path) as sqlite:
+        sqlite.execute("DROP TABLE Data")
+    with open_store(path, read_only=True) as store:
+        assert len(store.nodes()) == 3
+        assert len(store.constraints()) == 8
+        assert store.contents()[1] == {"images": 1, "depth": 1, "scan": 1, "cloud": 0}
+        assert store.poses() is not None
+        assert store.grid() is not None
+        assert len(list(store.scans(range(6)))) == 6
+    sqlite.close()
+
+
+def test_one_nodes_data_are_found_by_key(tmp_path: Path) -> None:
+    with open_store(tmp_path / "map.db", create=True) as store:
+        fill(store)
+    sqlite = sqlite3.connect(tmp_path / "map.db")
+    for query, index in (
+        ("SELECT image FROM Data WHERE id = 1", "INTEGER PRIMARY KEY"),
+        ("SELECT pos_x FROM Feature WHERE node_id = 1 ORDER BY rowid", "IDX_Feature_node_id"),
+        ("SELECT scan FROM mapmyworld_scans WHERE frame BETWEEN 1 AND 2 ORDER BY frame", "PRIMARY"),
+    ):
+        plan = [row[3] for row in sqlite.execute(f"EXPLAIN QUERY PLAN {query}")]
+        assert len(plan) == 1  # no sorting
+        assert plan[0].startswith("SEARCH")
+        assert index in plan[0]
+    sqlite.close()

@@ -376,3 +376,43 @@ def test_3d_and_planar_scan_of_one_node_are_both_kept(tmp_path: Path) -> None:
     assert kept.scan is not None
     np.testing.assert_allclose(kept.scan.points, scan(1).points, atol=1e-6)
     np.testing.assert_array_equal(kept.cloud, cloud)
+
+
+def test_statistics_tell_what_each_node_showed(written: decode.Decoder) -> None:
+    rows = written.rows("Statistics")
+    assert [row["id"] for row in rows] == [1, 2, 3]
+    told = []
+    for row in rows:
+        pairs = [part.rsplit(":", 1) for part in decode.text(row["data"]).rstrip(";").split(";")]
+        told.append({name: float(value) for name, value in pairs})
+        assert row["wm_state"] is None
+    assert told[0]["Loop/Accepted_hypothesis_id/"] == 0
+    assert told[2]["Loop/Accepted_hypothesis_id/"] == 1  # 1 to 3, found at the later of the two
+    assert told[2]["Loop/RejectedHypothesis/"] == 0
+    assert told[2]["Proximity/Space_last_detection_id/"] == 1
+    assert told[2]["Keypoint/Dictionary_size/words"] == 20
+    walked = np.linalg.norm((np.linalg.inv(pose(1001)) @ pose(1002))[:3, 3])
+    assert told[1]["Memory/Distance_travelled/m"] == pytest.approx(walked, rel=1e-5)
+    assert told[1]["Loop/MapToBase_x/m"] == pytest.approx(pose(202)[0, 3], rel=1e-5)
+
+
+def test_parameters_tell_of_the_sensors(written: decode.Decoder, tmp_path: Path) -> None:
+    """Odometry of the sample leaves the plane and has a laser; this one does neither."""
+    told = written.parameters()
+    assert (told["Grid/Sensor"], told["Reg/Force3DoF"]) == ("0", "false")
+    assert written.only("Info")["last_sign_added"] == 3
+    lens = camera(distortion_model="plumb_bob", distortion=np.array([0.1, 0, 0, 0, 0]))
+    flat = node(1, odom_from_base=np.eye(4), tracked_from_base=np.eye(4))
+    given = {"Kp/MaxFeatures": "600", "Odd/Value": "a;b,c:d"}
+    with (
+        open_store(tmp_path / "map.db", create=True, parameters=given) as store,
+        store.write_stage("track", "t"),
+    ):
+        store.add_node(flat, NodeData(images=(RgbdImage(lens, image().colour, None),)))
+    decoder = decode.Decoder(tmp_path / "map.db")
+    told = decoder.parameters()
+    assert (told["Grid/Sensor"], told["Reg/Force3DoF"]) == ("1", "true")
+    assert told["Rtabmap/ImagesAlreadyRectified"] == "false"
+    assert told["Kp/MaxFeatures"] == "600"
+    assert told["Odd/Value"] == "a b.c:d"
+    decoder.close()

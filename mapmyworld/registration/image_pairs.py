@@ -16,7 +16,9 @@ from mapmyworld.types import Registration
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _LATTICE = np.array([8, 6])  # cells over the image that tell how widely matches are spread
-_WRONG_PIXELS = 4.0  # sigmas; a model error that no residual shows inflates the covariance
+_CORRELATED = 2.0  # features of one image err alike: each is worth half of what it seems
+# What no residual shows: shutter, colour and depth at different moments, calibration (rad, m).
+_FLOOR = np.array([0.002, 0.002, 0.002, 0.003, 0.003, 0.003])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,8 +114,9 @@ def _judged(
     scale = max(float(np.mean(squared)) / 2.0 if count else np.inf, 1.0)
     camera_from_base = invert(b.camera.base_from_camera)
     adjoint = se3_adjoint(camera_from_base)  # a base's tangent, seen in the camera
-    information = adjoint.T @ information @ adjoint / (scale * _WRONG_PIXELS)
-    covariance = np.linalg.inv(information + 1e-9 * np.eye(6))
+    information = adjoint.T @ information @ adjoint / (scale * _CORRELATED)
+    covariance = np.linalg.inv(information + 1e-9 * np.eye(6)) + np.diag(_FLOOR**2)
+    information = np.linalg.inv(covariance)
     sigmas = [
         float(np.sqrt(np.linalg.eigvalsh(covariance[k : k + 3, k : k + 3])[-1])) for k in (0, 3)
     ]

@@ -196,10 +196,10 @@ def test_real_bags_convert_to_rosbag2(tmp_path: Path, data: Path, name: str) -> 
 
 @pytest.mark.slow
 @pytest.mark.real_log
-def test_a_real_carmen_log_is_the_same_in_every_container(tmp_path: Path, data: Path) -> None:
+def test_a_real_carmen_log_is_the_same_in_bags(tmp_path: Path, data: Path) -> None:
     source = data / "laser" / "mit-csail.clf.bz2"
     expected = [(m, m.decode()) for m in islice(open_log([source]).messages(), 601)]
-    for output in OUTPUTS:
+    for output in ("a.mcap", "a.bag"):
         assert run(source, "-o", tmp_path / output, "--duration", 66).exit_code == 0
         found = open_log([tmp_path / output]).messages()
         for (a, message), b in zip(expected, islice(found, 601), strict=True):

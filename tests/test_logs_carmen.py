@@ -235,7 +235,7 @@ def test_a_log_cut_anywhere_is_read_or_refused(tmp_path: Path, cut: int) -> None
 @pytest.mark.real_log
 @pytest.mark.parametrize(
     ("name", "scans", "back"),
-    [("intel", 13631, True), ("fr079", 4934, False), ("mit-csail", 1988, False)],
+    [("intel", 13631, True), ("mit-csail", 1988, False)],
 )
 def test_real_logs_read_completely(data: Path, name: str, scans: int, back: bool) -> None:
     """Every line counts; stamps that step back stay where they are in the file."""

@@ -241,10 +241,13 @@ def write(
     return path
 
 
-@pytest.fixture(params=["protobuf", "json", "cdr"])
-def messages(request: pytest.FixtureRequest, tmp_path: Path) -> dict[str, Message]:
+@pytest.fixture(params=["protobuf", "json", "cdr"], scope="module")
+def messages(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, Message]:
     found = {}
-    for raw in open_log([write(tmp_path / "a.mcap", request.param)]).messages():
+    path = tmp_path_factory.mktemp("foxglove") / "a.mcap"
+    for raw in open_log([write(path, request.param)]).messages():
         assert raw.kind is not MessageKind.OTHER
         assert raw.stamp_ns == STAMP
         found[raw.topic.rsplit("/", 1)[1]] = raw.decode()

@@ -57,10 +57,10 @@ class _Scan:
                 position = self._record(position)
             except DamagedBlockError as error:
                 following = self._next_record(position + 1)
-                what = f"damaged ({error}): {following - position} bytes skipped"
-                if following >= self.size:
-                    what = f"ends or is damaged ({error}): {self.size - position} bytes lost"
-                self.index.problems.append(f"{self.path}: at byte {position} the file {what}")
+                self.index.problems.append(
+                    f"{self.path}: damaged or cut at byte {position} ({error}): "
+                    f"{following - position} bytes skipped"
+                )
                 position = following
         self._close_run()
         self.index.channels = self.definitions.channels

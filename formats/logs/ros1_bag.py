@@ -160,7 +160,10 @@ def _scanned(stream: BinaryIO, path: Path, size: int) -> Index:
         try:
             position = _scan_record(stream, position, size, index)
         except EOFError:
-            index.problems.append(f"{path}: the file ends in a record, at byte {position}")
+            index.problems.append(
+                f"{path}: the file ends in the record at byte {position}; "
+                f"{sum(index.counts.values())} message(s) before that were kept"
+            )
             break
         except DamagedBlockError as error:
             following = _next_chunk(stream, position + 1, size)

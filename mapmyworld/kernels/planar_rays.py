@@ -28,6 +28,25 @@ def _hit_distance(x: float, y: float, dx: float, dy: float, segment: NDArray[np.
 
 
 @njit(cache=True, nogil=True)
+def _entry(
+    x: float,
+    y: float,
+    dx: float,
+    dy: float,
+    corner: NDArray[np.float64],
+    size: NDArray[np.float64],
+) -> float:
+    """Distance at which a ray comes, by a hair, into the rectangle of cells; 0 if it is inside."""
+    enter = 0.0
+    for start, way, low, extent in ((x, dx, corner[0], size[0]), (y, dy, corner[1], size[1])):
+        if abs(way) > _EPSILON:
+            first = min((low - start) / way, (low + extent - start) / way)
+            if first > 0.0:
+                enter = max(enter, first + 1e-9)
+    return enter
+
+
+@njit(cache=True, nogil=True)
 def cast_planar_rays(
     rays: NDArray[np.float64],
     segments: NDArray[np.float64],
@@ -44,8 +63,9 @@ def cast_planar_rays(
         x, y = rays[i, 0], rays[i, 1]
         dx, dy = np.cos(rays[i, 2]), np.sin(rays[i, 2])
         ranges[i], hits[i] = np.inf, -1
-        column = int(np.floor((x - corner[0]) / cell))
-        row = int(np.floor((y - corner[1]) / cell))
+        enter = _entry(x, y, dx, dy, corner, cell * shape)
+        column = int(np.floor((x + enter * dx - corner[0]) / cell))
+        row = int(np.floor((y + enter * dy - corner[1]) / cell))
         step_x, step_y = 1 if dx > 0 else -1, 1 if dy > 0 else -1
         edge_x = corner[0] + (column + (1 if dx > 0 else 0)) * cell
         edge_y = corner[1] + (row + (1 if dy > 0 else 0)) * cell

@@ -144,6 +144,8 @@ def camera_stream(
     s = settings.camera
     gains = exposure_at(schedule.times, s, random_of(seed, "exposure"))
     base_from_optical = robot.base_from_optical(settings)
+    suffixes = ("/compressed", "/compressedDepth") if s.compressed else ("", "")
+    topics = (INFO_TOPIC, COLOUR_TOPIC + suffixes[0], DEPTH_TOPIC + suffixes[1])
 
     def messages(index: int) -> Messages:
         pose = planar_to_matrix(drive.at(schedule.times[index : index + 1])[0])
@@ -152,14 +154,14 @@ def camera_stream(
         depth = disturb_depth(view.depth, view.slant, s, random)
         colour = disturb_colour(view.colour, float(gains[index]), s, random)
         stamp_ns = int(schedule.stamps_ns[index])
-        suffixes = ("/compressed", "/compressedDepth") if s.compressed else ("", "")
-        return [
-            (INFO_TOPIC, _info(settings, stamp_ns)),
-            (COLOUR_TOPIC + suffixes[0], colour_message(colour, stamp_ns, s)),
-            (DEPTH_TOPIC + suffixes[1], depth_message(depth, stamp_ns, s)),
-        ]
+        made = (
+            _info(settings, stamp_ns),
+            colour_message(colour, stamp_ns, s),
+            depth_message(depth, stamp_ns, s),
+        )
+        return list(zip(topics, made, strict=True))
 
-    return Stream(schedule, messages, slow=True)
+    return Stream(topics, schedule, messages, slow=True)
 
 
 def _info(settings: SimulationSettings, stamp_ns: int) -> CameraInfoMessage:

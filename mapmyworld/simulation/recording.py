@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -53,22 +53,29 @@ class Recording:
         """Seconds."""
         return self.truth.drive.duration
 
-    def messages(self) -> Iterator[tuple[str, Message, int]]:
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[tuple[str, Message, int]]:
         """Topic, message and log time in nanoseconds, in the order of recording."""
         for topic, message in self.first:
-            yield topic, message, self.truth.start_ns
+            if topics is None or topic in topics:
+                yield topic, message, self.truth.start_ns
+        streams = [s for s in self.streams if topics is None or set(s.topics) & set(topics)]
         with ThreadPoolExecutor(_THREADS) as pool:
-            for (stream, index), made in _made_ahead(self._order(), pool):
+            for (stream, index), made in _made_ahead(_in_order(streams), pool):
                 log_time_ns = int(stream.schedule.log_times_ns[index])
                 for topic, message in made:
-                    yield topic, message, log_time_ns
+                    if topics is None or topic in topics:
+                        yield topic, message, log_time_ns
 
-    def _order(self) -> list[tuple[Stream, int]]:
-        times = [s.schedule.log_times_ns for s in self.streams]
-        which = np.concatenate([np.full(len(t), i) for i, t in enumerate(times)])
-        index = np.concatenate([np.arange(len(t)) for t in times])
-        order = np.argsort(np.concatenate(times), kind="stable")
-        return [(self.streams[which[k]], int(index[k])) for k in order]
+
+def _in_order(streams: list[Stream]) -> list[tuple[Stream, int]]:
+    """Every moment of every stream, as the recorder gets them."""
+    if not streams:
+        return []
+    times = [s.schedule.log_times_ns for s in streams]
+    which = np.concatenate([np.full(len(t), i) for i, t in enumerate(times)])
+    index = np.concatenate([np.arange(len(t)) for t in times])
+    order = np.argsort(np.concatenate(times), kind="stable")
+    return [(streams[which[k]], int(index[k])) for k in order]
 
 
 def _made_ahead(
@@ -121,11 +128,11 @@ def _drive(
                 "a world of your own needs a route, e.g. --route 'start:0,0,0 2,0 2,3'"
             )
         return drive_route(read_route(route, laps or 1), settings.driver)
-    name = route or "default"
-    text = world.routes.get(name, route or "")
-    if text == route and route.isidentifier():
+    name = "default" if route is None else route
+    text = world.routes.get(name, name)
+    if text == name and name.isidentifier():
         names = ", ".join(world.routes)
-        raise WorldError(f"{world.name} has no route {route!r}: it has {names}")
+        raise WorldError(f"{world.name} has no route {name!r}: it has {names}")
     default_laps = world.laps if name in {"default", "second"} else 1
     return drive_route(read_route(text, laps or default_laps), settings.driver)
 

@@ -39,6 +39,7 @@ _SPAN = 0.02  # s over which accelerations are taken
 class Stream:
     """One sensor's moments, and how to make the messages of each."""
 
+    topics: tuple[str, ...]
     schedule: Schedule
     messages: Callable[[int], Messages]
     slow: bool = False
@@ -76,7 +77,7 @@ def laser_stream(laser: Laser, drive: Drive, schedule: Schedule, seed: int) -> S
         )
         return [(SCAN_TOPIC, message)]
 
-    return Stream(schedule, messages)
+    return Stream((SCAN_TOPIC,), schedule, messages)
 
 
 def odometry_stream(
@@ -105,7 +106,7 @@ def odometry_stream(
             (TF_TOPIC, TransformsMessage(tuple(moving), static=False)),
         ]
 
-    return Stream(schedule, messages)
+    return Stream((ODOMETRY_TOPIC, TF_TOPIC), schedule, messages)
 
 
 def imu_stream(drive: Drive, schedule: Schedule, settings: SimulationSettings, seed: int) -> Stream:
@@ -128,7 +129,7 @@ def imu_stream(drive: Drive, schedule: Schedule, settings: SimulationSettings, s
         )
         return [(IMU_TOPIC, message)]
 
-    return Stream(schedule, messages)
+    return Stream((IMU_TOPIC,), schedule, messages)
 
 
 def _inertial(

@@ -36,10 +36,16 @@ def _output(metavar: str, text: str) -> Callable[[F], F]:
     )
 
 
-def _open(map_path: Path) -> Any:
+def _open(map_path: Path, *, read_only: bool = True) -> Any:
     from formats.database import open_store
 
-    return open_store(map_path, read_only=True)
+    return open_store(map_path, read_only=read_only)
+
+
+def _save_option(command: F) -> F:
+    return click.option(
+        "--save-in-map", is_flag=True, help="Also into MAP, for RTAB-Map's viewer to show."
+    )(command)
 
 
 def _tell(paths: Sequence[Path], store: Any) -> None:
@@ -111,12 +117,14 @@ def _verify(path: Path, made: Any, mode: Any) -> None:
 @_output("FILE", "A .ply or .pcd file.  [default: the map's name with .ply]")
 @click.option("--voxel", type=click.FloatRange(min=0.001), metavar="M", help="Metres a voxel.")
 @click.option("--max-range", type=click.FloatRange(min=0.1), metavar="M", help="Depth used up to.")
+@_save_option
 @config_options
 def cloud(
     map_path: Path,
     output: Path | None,
     voxel: float | None,
     max_range: float | None,
+    save_in_map: bool,
     config_path: Path | None,
     changes: tuple[str, ...],
 ) -> None:
@@ -127,11 +135,14 @@ def cloud(
     mapmyworld export cloud office.db -o office.pcd --voxel 0.05
     """
     from cli.exporting import export_cloud, export_scan_cloud
+    from formats.cloud import read_cloud
 
     config = _for_cloud(load_config(config_path, changes), voxel, max_range)
     path = output or map_path.with_suffix(".ply")
-    with _open(map_path) as store:
+    with _open(map_path, read_only=not save_in_map) as store:
         written = export_cloud(store, path, config) or export_scan_cloud(store, path, config)
+        if save_in_map:
+            store.set_cloud(read_cloud(path))
         _tell(written, store)
 
 
@@ -147,9 +158,14 @@ def _for_cloud(config: Config, voxel: float | None, max_range: float | None) -> 
 @export.command()
 @map_argument
 @_output("FILE", "A .ply file.  [default: the map's name with _mesh.ply]")
+@_save_option
 @config_options
 def mesh(
-    map_path: Path, output: Path | None, config_path: Path | None, changes: tuple[str, ...]
+    map_path: Path,
+    output: Path | None,
+    save_in_map: bool,
+    config_path: Path | None,
+    changes: tuple[str, ...],
 ) -> None:
     """A coloured triangle mesh of all depth images. Needs open3d and the libraries it needs.
 
@@ -163,8 +179,11 @@ def mesh(
 
     config = load_config(config_path, changes)
     path = output or map_path.with_name(map_path.stem + "_mesh.ply")
-    with _open(map_path) as store:
-        write_mesh(path, build_mesh(nodes_with_poses(store), config))
+    with _open(map_path, read_only=not save_in_map) as store:
+        made = build_mesh(nodes_with_poses(store), config)
+        write_mesh(path, made)
+        if save_in_map:
+            store.set_mesh(made)
         _tell([path], store)
 
 

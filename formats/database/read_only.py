@@ -14,9 +14,11 @@ from mapmyworld.errors import MapError
 from mapmyworld.types import (
     Constraint,
     Features,
+    Mesh,
     Node,
     NodeData,
     OccupancyGrid,
+    PointCloud,
     Poses,
     Scan,
     TrackedFrames,
@@ -71,4 +73,10 @@ class ReadOnly:
         self._refuse()
 
     def set_parameters(self, parameters: Mapping[str, str]) -> None:
+        self._refuse()
+
+    def set_cloud(self, cloud: PointCloud) -> None:
+        self._refuse()
+
+    def set_mesh(self, mesh: Mesh) -> None:
         self._refuse()

@@ -26,9 +26,11 @@ from mapmyworld.errors import MapError
 from mapmyworld.types import (
     Constraint,
     Features,
+    Mesh,
     Node,
     NodeData,
     OccupancyGrid,
+    PointCloud,
     Poses,
     Scan,
     TrackedFrames,
@@ -330,6 +332,18 @@ class DatabaseStore:
         """Adds to how the map was made, in RTAB-Map's parameter names."""
         self._begin()
         results.write_parameters(self._db, parameters)
+        self._settle()
+
+    def set_cloud(self, cloud: PointCloud) -> None:
+        """The cloud that RTAB-Map's viewer shows of the map as a whole."""
+        self._begin()
+        results.write_cloud(self._db, cloud)
+        self._settle()
+
+    def set_mesh(self, mesh: Mesh) -> None:
+        """The mesh that RTAB-Map's viewer shows of the map as a whole."""
+        self._begin()
+        results.write_mesh(self._db, mesh)
         self._settle()
 
     def parameters(self) -> dict[str, str]:

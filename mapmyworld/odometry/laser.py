@@ -107,6 +107,8 @@ class LaserTracker:
         doubtful = match.overlap < self._odometry.least_overlap
         if surprise > self._odometry.contradiction**2 or doubtful:
             match, verdict = self._look_again(scan, predicted, match)
+            if verdict == "odometry ignored" and recorded is None:
+                verdict = "matched"
             surprise = self._trust.surprise(predicted, match, covariance)
         if verdict == "lost" and recorded is not None:
             return Tracked(predicted, information, "odometry only", match.overlap, 10.0)

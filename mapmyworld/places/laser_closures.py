@@ -40,6 +40,7 @@ Index = NDArray[np.int64]
 _LEAST_PATH = 8.0  # m of path between two visits, below which they are one
 _SETTLED_WINDOW = 1.0  # m to each side that is searched once the graph is optimised
 _SETTLED_ANGLE = 0.2  # rad, the same
+_GRIDS = 12  # likelihood grids held at a time
 _NO_PRIOR = np.diag([1e-3, 1e-3, 1e-3])
 
 
@@ -137,17 +138,22 @@ def compare_places(
     nodes: LaserNodes, pairs: list[tuple[int, int]], config: Config, *, settled: bool
 ) -> list[Constraint]:
     """Each pair's constraint, accepted or not, in the order of the pairs."""
-    for a, _ in pairs:
-        if a not in nodes.grids:
-            nodes.grids[a] = likelihood_grid(_surroundings(nodes, a, config))
     results: list[Constraint | None] = [None] * len(pairs)
+    by_target = sorted(range(len(pairs)), key=lambda k: pairs[k])
+    targets = sorted({a for a, _ in pairs})
+    for first in range(0, len(targets), _GRIDS):
+        # Grids are large: only a few are held at a time.
+        some = targets[first : first + _GRIDS]
+        for a in some:
+            nodes.grids[a] = likelihood_grid(_surroundings(nodes, a, config))
+        batch = [k for k in by_target if some[0] <= pairs[k][0] <= some[-1]]
 
-    def work(first: int, last: int) -> None:
-        for k in range(first, last):
-            results[k] = _compare(nodes, *pairs[k], config, settled)
+        def work(start: int, end: int, batch: list[int] = batch) -> None:
+            for k in batch[start:end]:
+                results[k] = _compare(nodes, *pairs[k], config, settled)
 
-    run_in_chunks(work, len(pairs), config.threads)
-    nodes.grids.clear()
+        run_in_chunks(work, len(batch), config.threads)
+        nodes.grids.clear()
     return [constraint for constraint in results if constraint is not None]
 
 

@@ -3,7 +3,8 @@
     python benchmarks/reading.py [LOG...]
 
 Without arguments, logs are made in a temporary folder from the recorded data (../shared/data or
-$MAPMYWORLD_DATA): a laser log, a robot's bag, colour and depth, colour alone; as MCAP and as ROS 1 bags.
+$MAPMYWORLD_DATA): a laser log, a robot's bag, colour and depth, colour alone; as MCAP and
+as ROS 1 bags.
 Reading means: every message handed out, and every one that mapping uses decoded, but no pixels.
 Times are CPU seconds, the best of five runs on one thread. Peak memory is that of a process that
 reads a log of a camera and a laser once, 30 s long and four times as long.

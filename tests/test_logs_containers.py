@@ -143,6 +143,11 @@ def test_several_paths_are_one_log_in_time_order(tmp_path: Path) -> None:
     assert {t.topic: t.count for t in log.info().topics}["/scan"] == 40
 
 
+def test_the_metadata_file_stands_for_its_folder(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / "a", ROS2)
+    assert open_log([folder / "metadata.yaml"]).info().message_count == len(ROS2)
+
+
 def test_a_listed_part_that_is_missing_is_reported(tmp_path: Path) -> None:
     folder = write_rosbag2(tmp_path / "a", ROS2)
     text = (folder / "metadata.yaml").read_text()

@@ -47,6 +47,8 @@ def _open_one(path: Path) -> LogSource:
         raise LogError(f"{path}: no such file or folder: check the path")
     if path.is_dir():
         return _open_folder(path)
+    if path.name == "metadata.yaml":
+        return _open_folder(path.parent)
     if path.stat().st_size == 0:
         raise LogError(f"{path}: the file is empty: was the recording or the copy interrupted?")
     return _open_file(path)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import between_planar, compose_planar, matrix_to_planar
-from mapmyworld.odometry.laser_stretches import WeakStretches
+from mapmyworld.odometry.laser_stretches import WeakStretches, is_weak
 from mapmyworld.odometry.laser_trust import OdometryTrust
 from mapmyworld.registration.scan_matching import (
     COARSE,
@@ -28,6 +28,7 @@ from mapmyworld.types import Frame
 _BACK = (1, 3, 8)  # how many keyscans back the targets of a match lie
 _CLEARLY = 0.05  # by which one match must be better to be preferred over a nearer one
 _DOUBT_FROM = 6.0  # squared sigmas between odometry and match from which neither is sure
+_STILL = 0.03  # of a keyscan's distance: less is no motion
 _FEWEST = 12  # points of a scan below which it is not matched
 _WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
 
@@ -184,6 +185,8 @@ class LaserTracker:
             abs(step[2]) / self._odometry.keyscan_angle,
         )
         share = min(max(moved, 0.01), 1.0)
+        if moved > _STILL and is_weak(match.information):
+            share = 1.0  # the open direction rests on odometry, whose errors add up step by step
         total = match.information + np.linalg.inv(covariance)
         motion = share * np.linalg.inv(total) + np.diag([1e-8, 1e-8, 1e-8]) + doubt
         weakest = float(np.sqrt(np.linalg.eigvalsh(np.linalg.inv(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bz2
 import json
 from pathlib import Path
 
@@ -20,6 +21,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.real_log]
 
 
 def build(log: Path, folder: Path) -> dict[str, object]:
+    folder.mkdir(exist_ok=True)
     arguments = ["build", str(log), "-o", str(folder / "map.db"), "-q", "--format", "json"]
     found = CliRunner().invoke(group, arguments)
     assert found.exit_code == 0, found.output + repr(found.exception)
@@ -49,6 +51,23 @@ def test_csail_closes_its_loops_though_its_odometry_stalls_and_jumps(
     cells = read_grid(tmp_path / "map.yaml").trinary()
     free = (cells == 0).sum() * 0.05**2
     assert 800 < free < 1300
+
+
+def test_a_carmen_log_and_its_conversions_give_the_same_map_byte_for_byte(
+    data: Path, tmp_path: Path
+) -> None:
+    """The first minute of CSAIL, whose stamps and floats must survive three other formats."""
+    with bz2.open(data / "laser" / "mit-csail.clf.bz2") as whole:
+        lines = [line for _, line in zip(range(400), whole, strict=False)]
+    (tmp_path / "csail.clf").write_bytes(b"".join(lines))
+    build(tmp_path / "csail.clf", tmp_path / "carmen")
+    for name in ("csail.bag", "csail.mcap", "csail_db3"):
+        convert = ["convert", str(tmp_path / "csail.clf"), "-o", str(tmp_path / name)]
+        assert CliRunner().invoke(group, convert).exit_code == 0
+        build(tmp_path / name, tmp_path / f"of_{name}")
+        for product in ("map.pgm", "map.yaml", "map.tum"):
+            found = (tmp_path / f"of_{name}" / product).read_bytes()
+            assert found == (tmp_path / "carmen" / product).read_bytes(), (name, product)
 
 
 @pytest.mark.parametrize("name", ["neato_middle", "neato_with_particle_filter"])

@@ -53,15 +53,13 @@ def grid_score(grid: OccupancyGrid, reference: OccupancyGrid) -> GridScore:
     for points, name in ((occupied, "the grid"), (true, "the reference")):
         if len(points) == 0:
             raise MapError(f"{name} has no occupied cell: there is nothing to compare")
-    motion = align_cells(occupied, true)
-    still = np.zeros(3)
+    still, motion = np.zeros(3), align_cells(occupied, true)
+    unaligned = _agreement(grid, reference, occupied, true, still)
+    aligned = _agreement(grid, reference, occupied, true, motion)
+    if unaligned.f1 >= aligned.f1:
+        motion, aligned = still, unaligned
     unknown = float((_values_at(grid, reference, motion) < 0).mean())
-    return GridScore(
-        _agreement(grid, reference, occupied, true, still),
-        _agreement(grid, reference, occupied, true, motion),
-        motion,
-        unknown,
-    )
+    return GridScore(unaligned, aligned, motion, unknown)
 
 
 def cell_centres(grid: OccupancyGrid, value: int) -> Points:

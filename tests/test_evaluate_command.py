@@ -1,0 +1,127 @@
+"""`evaluate` and `check` from the command line, on files and on a small map."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from cli.main import group
+from formats.database import open_store
+from formats.grid import write_grid
+from formats.trajectory import write_trajectory
+from mapmyworld.errors import ConfigError
+from mapmyworld.geometry import planar_to_matrix
+from mapmyworld.types import (
+    Constraint,
+    ConstraintKind,
+    Node,
+    NodeData,
+    OccupancyGrid,
+    Poses,
+    TrackedFrames,
+    Trajectory,
+)
+
+COUNT = 12
+STAMPS = np.arange(1, COUNT + 1, dtype=np.int64) * 10**9
+
+
+def circle(noise: float = 0.0) -> np.ndarray:
+    angle = np.arange(COUNT) * 0.5
+    poses = np.stack([2 * np.sin(angle), 2 - 2 * np.cos(angle), angle], axis=1)
+    poses[:, 0] += noise * np.random.default_rng(0).normal(size=COUNT)
+    return planar_to_matrix(poses)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A true trajectory, an estimate, a grid and a map with two closures, one rejected."""
+    write_trajectory(tmp_path / "truth.tum", Trajectory(STAMPS, circle()))
+    write_trajectory(tmp_path / "estimate.tum", Trajectory(STAMPS, circle(0.02)))
+    cells = np.full((30, 40), -4.0, np.float32)
+    cells[:, 20] = cells[5, 10:] = 4.0
+    cells[:, :4] = np.nan
+    grid = OccupancyGrid(cells, 0.05, np.zeros(2))
+    write_grid(tmp_path / "grid", grid)
+    with open_store(tmp_path / "map.db", create=True) as store:
+        frames = TrackedFrames(
+            STAMPS, np.arange(1, COUNT + 1), np.tile(np.eye(4), (COUNT, 1, 1)), np.ones(COUNT, bool)
+        )
+        with store.write_stage("track", "x"):
+            for k in range(COUNT):
+                pose = circle()[k]
+                store.add_node(Node(k + 1, 0, int(STAMPS[k]), pose, pose), NodeData())
+            store.set_tracked_frames(frames)
+        with store.write_stage("judge", "x"):
+            store.replace_constraints(
+                [
+                    Constraint(1, 12, ConstraintKind.LOOP_CLOSURE, np.eye(4), np.eye(6), ok)
+                    for ok in (True, False)
+                ]
+            )
+            store.set_poses(Poses(np.arange(1, COUNT + 1), circle(0.02)))
+            store.set_frame_poses(circle(0.02))
+        with store.write_stage("map", "x"):
+            store.set_grid(grid)
+    return tmp_path
+
+
+def run(*arguments: str | Path):
+    return CliRunner().invoke(group, [str(a) for a in arguments], catch_exceptions=False)
+
+
+def test_a_trajectory_is_scored_from_a_file_and_from_a_map_alike(folder: Path) -> None:
+    results = [
+        json.loads(
+            run(
+                "evaluate", "trajectory", folder / name, folder / "truth.tum", "--format", "json"
+            ).stdout
+        )
+        for name in ("estimate.tum", "map.db")
+    ]
+    assert results[0]["ate"]["rmse"] == pytest.approx(results[1]["ate"]["rmse"], abs=1e-6)
+    assert 0.005 < results[0]["ate"]["rmse"] < 0.03
+    assert results[0]["covered"] == 1.0
+
+
+def test_relations_and_grids_are_scored(folder: Path) -> None:
+    (folder / "a.relations").write_text("1 2 0 0 0 0 0 0.5\n3.5 7 0 0 0 0 0 0\n")
+    shown = run("evaluate", "relations", folder / "map.db", folder / "a.relations").stdout
+    assert "2 relations" in shown
+    grid = folder / "grid.yaml"
+    score = json.loads(run("evaluate", "grid", grid, grid, "--format", "json").stdout)
+    assert score["aligned"]["precision_1"] == score["unaligned"]["free"] == 1.0
+
+
+def test_a_check_passes_or_fails_with_its_own_exit_code(folder: Path) -> None:
+    files = ("--reference", folder / "truth.tum", "--grid", folder / "grid.yaml")
+    good = [f"nodes == {COUNT}", "loop_closures>=1", "rejected <= 1", "ate_rmse < 0.05"]
+    good += ["unknown_share < 0.2", "grid_precision >= 1", "covered == 1", "loop_precision == 0"]
+    wanted = [word for text in good for word in ("--require", text)]
+    passed = run("check", folder / "map.db", *files, *wanted)
+    assert passed.exit_code == 0, passed.stdout
+    failed = run("check", folder / "map.db", "--require", "nodes > 100", "--format", "json")
+    assert failed.exit_code == 4
+    assert json.loads(failed.stdout)["requirements"][0]["value"] == COUNT
+
+
+@pytest.mark.parametrize(
+    ("requirement", "said"),
+    [("lops > 1", "loop_closures"), ("nodes", "KEY OP VALUE"), ("nodes > nan", "KEY OP VALUE")],
+)
+def test_a_requirement_that_is_not_understood_is_refused(
+    folder: Path, requirement: str, said: str
+) -> None:
+    with pytest.raises(ConfigError, match=said):
+        run("check", folder / "map.db", "--require", requirement)
+
+
+def test_what_a_requirement_needs_is_asked_for(folder: Path) -> None:
+    with pytest.raises(ConfigError, match="--reference"):
+        run("check", folder / "map.db", "--require", "ate_rmse < 1")
+    with pytest.raises(ConfigError, match="nothing is required"):
+        run("check", folder / "map.db")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from mapmyworld.config import Config
@@ -9,18 +11,22 @@ from mapmyworld.graph.edits import apply_edits, edits_from_json
 from mapmyworld.graph.solve import SolvedGraph, solve
 from mapmyworld.mapping.trajectory import pose_every_frame
 from mapmyworld.stages.recognise import add_closures, has_scans
-from mapmyworld.types import MapStore, Poses, Progress
+from mapmyworld.types import ConstraintKind, MapStore, Poses, Progress
 
 _ROUNDS = 4  # looks from better poses, at most; each finds less than the one before
+_FEW = 0.05  # share of new closures among all from which another look is not worth its time
+_CLOSURES = {ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY}
 
 
 def solve_and_judge(store: MapStore, config: Config, progress: Progress) -> None:
     """Optimises, tries proximity constraints from the optimised poses, until none is new."""
-    solved = _solve(store, config, progress)
+    draft = replace(config, graph=replace(config.graph, covariances=False))
     for _ in range(_ROUNDS):
-        if not add_closures(store, solved.poses, config, progress):
+        poses = _solve(store, draft, progress).poses
+        new = add_closures(store, poses, config, progress)
+        if new <= _FEW * sum(c.accepted for c in store.constraints() if c.kind in _CLOSURES):
             break
-        solved = _solve(store, config, progress)
+    solved = _solve(store, config, progress)
     store.replace_constraints(solved.constraints)
     poses = _refined(store, solved.poses, config, progress)
     store.set_poses(poses)

@@ -87,7 +87,7 @@ def share(log: Path) -> None:
         size = path.stat().st_size / 1e6
     total, stored = time.process_time() - started, sum(spent.values())
     print(
-        f"{log.name}: {total:.1f} CPU s, of which the database {stored:.2f} s ({stored / total:.1%});"
+        f"{log.name}: {total:.1f} CPU s, the database {stored:.2f} of them ({stored / total:.1%});"
         f" {size:.1f} MB"
     )
     for name, seconds in sorted(spent.items(), key=lambda item: -item[1])[:5]:

@@ -12,6 +12,7 @@ import click
 
 from cli.common import EXIT_CHECK_FAILED, EXIT_PARTIAL, map_argument
 from cli.settings import config_options, load_config
+from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
     from mapmyworld.config import Config
@@ -19,7 +20,20 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-@click.group()
+class _Exports(click.Group):
+    """Says in one line where a file cannot be written."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except OSError as error:
+            place = error.filename or "the file"
+            raise MapError(
+                f"{place}: cannot be written ({error.strerror}): give another -o"
+            ) from None
+
+
+@click.group(cls=_Exports)
 def export() -> None:
     """Write what a map holds as files that other programs read.
 

@@ -123,6 +123,13 @@ def test_what_a_map_lacks_is_said(ours: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "bare_images").exists()
 
 
+def test_places_that_cannot_be_written_are_named(ours: Path, tmp_path: Path) -> None:
+    for command in ("grid", "trajectory", "graph", "cloud", "report"):
+        with pytest.raises(MapError, match="cannot be written") as caught:
+            run(command, ours, "-o", tmp_path / "absent" / "file.ply")
+        assert "absent" in str(caught.value)
+
+
 @pytest.mark.slow
 @pytest.mark.real_log
 def test_databases_of_rtabmap(data: Path, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from formats.database import features as feature_rows
 from formats.database import foreign_graph as graph
 from formats.database.blobs import blob_to_matrix, blob_to_pose, blobs_to_poses
 from formats.database.connection import Connection
+from formats.database.frame_rows import nodes_as_frames
 from formats.database.read_only import ReadOnly
 from formats.database.results import text_to_parameters
 from mapmyworld.errors import MapError
@@ -178,13 +179,7 @@ class RtabmapStore(ReadOnly):
 
     def tracked_frames(self) -> TrackedFrames:
         """One frame a node, numbered from 0 in their order."""
-        nodes = self.nodes()
-        return TrackedFrames(
-            np.array([node.stamp_ns for node in nodes], np.int64),
-            np.array([node.id for node in nodes], np.int64),
-            np.broadcast_to(np.eye(4), (len(nodes), 4, 4)).copy(),
-            np.ones(len(nodes), np.bool_),
-        )
+        return nodes_as_frames(self.nodes())
 
     def scans(self, frames: Sequence[int] | NDArray[np.int64]) -> Iterator[tuple[int, Scan]]:
         """Scans of the nodes with these indices in `nodes()`."""

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.database import features as feature_rows
-from formats.database import links, results
+from formats.database import frame_rows, links, results
 from formats.database import node_rows as rows
 from formats.database.arrays import read_array, write_array
 from formats.database.connection import Connection
 from formats.database.node_rows import StorageOptions
-from formats.database.scans import blob_to_scan, scan_to_blob
+from formats.database.scans import scan_to_blob
 from formats.database.schema import STAGE_RANKS
 from formats.database.stages import REPLACED, clear_from, rank_of
 from formats.database.statistics import INSERT_STATISTICS, statistics_rows
@@ -39,7 +39,6 @@ from mapmyworld.types import (
 # Rows written between two commits: what a killed build loses at most.
 _BATCH_NODES = 200
 _BATCH_SCANS = 2000
-_SCANS_AT_ONCE = 256
 _OUTSIDE = -1  # rank of keys put outside any stage; no stage clears them
 
 
@@ -181,49 +180,26 @@ class DatabaseStore:
     def add_scan(self, frame: int, scan: Scan) -> None:
         self._scans.append((frame, scan_to_blob(scan)))
         self._uncommitted_scans += 1
-        if len(self._scans) >= _SCANS_AT_ONCE:
+        if len(self._scans) >= frame_rows.SCANS_AT_ONCE:
             self._flush()
         self._settle()
 
     def scans(self, frames: Sequence[int] | NDArray[np.int64]) -> Iterator[tuple[int, Scan]]:
         self._flush()
-        wanted = np.unique(np.asarray(frames, np.int64))
-        for start in range(0, len(wanted), _SCANS_AT_ONCE):
-            chunk = wanted[start : start + _SCANS_AT_ONCE].tolist()
-            for frame, blob in self._scan_blobs(chunk):
-                yield frame, blob_to_scan(blob, f"{self.path}: scan {frame}")
+        yield from frame_rows.read_scans(self._db, frames)
 
     def scan_count(self) -> int:
         """How many frames have a scan."""
         self._flush()
         return int(self._db.row("SELECT COUNT(*) FROM mapmyworld_scans")[0])
 
-    def _scan_blobs(self, frames: list[int]) -> list[tuple[int, bytes]]:
-        """Rows of these frames, ascending; a gapless run is read as a range."""
-        if frames[-1] - frames[0] == len(frames) - 1:
-            where, values = "BETWEEN ? AND ?", [frames[0], frames[-1]]
-        else:
-            where, values = f"IN ({','.join('?' * len(frames))})", frames
-        query = f"SELECT frame, scan FROM mapmyworld_scans WHERE frame {where} ORDER BY frame"
-        return self._db.rows(query, values)
-
     def set_tracked_frames(self, frames: TrackedFrames) -> None:
         self._begin()
-        self._write("tracked stamps_ns", frames.stamps_ns)
-        self._write("tracked node_ids", frames.node_ids)
-        self._write("tracked node_from_frame", frames.node_from_frame)
-        self._write("tracked is_node", np.asarray(frames.is_node, np.uint8))
-        self._write("tracked odom_from_base", frames.odom_from_base)
+        frame_rows.write_frames(self._db, self._current_rank(), frames)
         self._settle()
 
     def tracked_frames(self) -> TrackedFrames:
-        stamps = self._read("tracked stamps_ns")
-        node_ids, motions = self._read("tracked node_ids"), self._read("tracked node_from_frame")
-        is_node = self._read("tracked is_node")
-        if stamps is None or node_ids is None or motions is None or is_node is None:
-            return _nodes_as_frames(self.nodes())
-        odometry = self._read("tracked odom_from_base")
-        return TrackedFrames(stamps, node_ids, motions, is_node.astype(np.bool_), odometry)
+        return frame_rows.read_frames(self._db) or frame_rows.nodes_as_frames(self.nodes())
 
     # The graph
 
@@ -392,7 +368,7 @@ class DatabaseStore:
         if self._scans:
             self._begin()
             pending, self._scans = self._scans, []
-            self._db.run_many("INSERT OR REPLACE INTO mapmyworld_scans VALUES (?,?)", pending)
+            self._db.run_many(frame_rows.INSERT_SCAN, pending)
 
     def _settle(self) -> None:
         """Commits: outside a stage at once, inside one a batch of nodes at a time."""
@@ -413,16 +389,6 @@ class DatabaseStore:
         first = self._db.row("SELECT stamp_ns FROM mapmyworld_nodes ORDER BY id LIMIT 1")
         if first is not None:
             self._db.set_clock(first[0])
-
-
-def _nodes_as_frames(nodes: tuple[Node, ...]) -> TrackedFrames:
-    """Tracked frames where only nodes were kept."""
-    return TrackedFrames(
-        np.array([node.stamp_ns for node in nodes], np.int64),
-        np.array([node.id for node in nodes], np.int64),
-        np.broadcast_to(np.eye(4), (len(nodes), 4, 4)).copy(),
-        np.ones(len(nodes), np.bool_),
-    )
 
 
 def _plain(value: Any) -> Any:

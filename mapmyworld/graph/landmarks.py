@@ -80,6 +80,9 @@ def _polar_change(points: Array) -> Array:
 def as_edges(planar: bool, sightings: Sightings) -> tuple[Array, Array, Index]:
     """Measurements, information (K, d, d) and kinds of sightings, shaped like pose edges."""
     count, size = len(sightings), 2 if planar else 3
+    if count == 0:  # whatever shape an empty one has
+        empty = np.zeros((0, 3) if planar else (0, 4, 4))
+        return empty, np.zeros((0, 3, 3) if planar else (0, 6, 6)), np.zeros(0, np.int64)
     information = np.tile(np.eye(3 if planar else 6), (count, 1, 1))
     kinds = np.where(sightings.polar, POLAR, POINT).astype(np.int64)
     if planar:

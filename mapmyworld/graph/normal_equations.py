@@ -1,56 +1,66 @@
-"""Sparse symmetric systems whose blocks are nodes: assembling and factorising."""
+"""Sparse symmetric systems whose blocks are nodes: assembled, factorised and solved."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from scipy.sparse import coo_array, csc_array
+from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
 from mapmyworld.geometry import Array
+from mapmyworld.graph.cholesky import analyse, factorise
 from mapmyworld.graph.pose_graph import Index
 
+# Unknowns from which a factorisation clique by clique is the faster one.
+_LARGE = 9000
 
-def assemble(
+
+def solve_blocks(
     count: int,
     tails: Index,
     heads: Index,
-    tail_blocks: Array,
-    head_blocks: Array,
+    diagonal_blocks: Array,
     cross_blocks: Array,
     anchors: Index,
     anchor_block: Array,
-) -> csc_array:
-    """The symmetric matrix (count * d, count * d) of edges' blocks (E, d, d).
+    right: Array,
+) -> Array:
+    """The solution (count * d, K) of a symmetric system made of edges' blocks (E, d, d).
 
-    `cross_blocks` stand at (tail, head), their transposes at (head, tail); `anchor_block` is
-    added on the diagonal of every anchor.
+    An edge adds `diagonal_blocks` at its tail and at its head, and `cross_blocks` at (tail, head),
+    transposed at (head, tail); `anchor_block` is added at every anchor.
     """
     size = anchor_block.shape[0]
-    rows = np.concatenate([tails, heads, tails, heads, anchors])
-    columns = np.concatenate([tails, heads, heads, tails, anchors])
-    blocks = np.concatenate(
-        [
-            tail_blocks,
-            head_blocks,
-            cross_blocks,
-            np.swapaxes(cross_blocks, 1, 2),
-            np.broadcast_to(anchor_block, (len(anchors), size, size)),
-        ]
-    )
+    nodes = np.arange(count)
+    low, high = np.minimum(tails, heads), np.maximum(tails, heads)
+    turned = np.where((tails > heads)[:, None, None], np.swapaxes(cross_blocks, 1, 2), cross_blocks)
+    keys = np.concatenate([nodes * (count + 1), low * count + high])
+    unique, slot = np.unique(keys, return_inverse=True)
+    blocks = np.zeros((len(unique), size, size))
+    np.add.at(blocks, slot[count:], turned)
+    for ends in (tails, heads):
+        np.add.at(blocks, slot[ends], diagonal_blocks)
+    np.add.at(blocks, slot[anchors], anchor_block)
+    rows, columns = unique // count, unique % count
+    if count * size >= _LARGE:
+        return factorise(analyse(count, rows, columns, size), blocks).solve(right)
+    return _by_superlu(count, size, rows, columns, blocks, right)
+
+
+def _by_superlu(
+    count: int, size: int, rows: Index, columns: Index, blocks: Array, right: Array
+) -> Array:
+    off = rows != columns
+    every = np.concatenate([blocks, np.swapaxes(blocks[off], 1, 2)])
+    row, column = np.concatenate([rows, columns[off]]), np.concatenate([columns, rows[off]])
     inner = np.arange(size)
-    row = (rows[:, None, None] * size + inner[:, None]) + np.zeros(size, np.int64)
-    column = (columns[:, None, None] * size + inner) + np.zeros((size, 1), np.int64)
+    at_row = np.broadcast_to((row * size)[:, None, None] + inner[:, None], every.shape)
+    at_column = np.broadcast_to((column * size)[:, None, None] + inner, every.shape)
     shape = (count * size, count * size)
-    return coo_array((blocks.ravel(), (row.ravel(), column.ravel())), shape=shape).tocsc()
-
-
-def factorise(matrix: csc_array) -> Any:
-    """The factors of a symmetric matrix, without pivoting, so that its signs show in U."""
-    return splu(
-        matrix,
+    matrix = coo_array((every.ravel(), (at_row.ravel(), at_column.ravel())), shape=shape)
+    factors = splu(
+        matrix.tocsc(),
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
+    return np.asarray(factors.solve(right))

@@ -109,6 +109,8 @@ def problem_of(graph: PoseGraph) -> Problem:
     landmarks = positions(graph.landmark_ids, seen.landmark_ids)
     at = [positions(graph.ids, ids) for ids in (edges.from_ids, edges.to_ids, seen.node_ids)]
     priors = positions(graph.ids, graph.priors.ids)
+    prior_poses = graph.priors.map_from_node.reshape(-1, *graph.map_from_node.shape[1:])
+    prior_information = graph.priors.information.reshape(-1, *edges.information.shape[1:])
     if any((k < 0).any() for k in (*at, landmarks, priors)):
         raise GraphError("the graph has edges, sightings or priors of nodes that it does not have")
     tails = np.concatenate([at[0], np.full(len(priors), count), at[2]])
@@ -123,8 +125,8 @@ def problem_of(graph: PoseGraph) -> Problem:
         graph.planar,
         tails,
         heads,
-        np.concatenate([edges.from_from_to, graph.priors.map_from_node, measured]),
-        np.concatenate([edges.information, graph.priors.information, information]),
+        np.concatenate([edges.from_from_to, prior_poses, measured]),
+        np.concatenate([edges.information, prior_information, information]),
         number_free(total, np.concatenate([anchors, unseen])) if len(unseen) else free,
         np.concatenate([np.zeros(len(edges) + len(priors), np.int64), kinds])
         if len(kinds)

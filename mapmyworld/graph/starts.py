@@ -14,11 +14,10 @@ from mapmyworld.geometry import (
     compose_planar,
     invert,
     invert_planar,
-    make_transform,
     matrix_to_planar,
     planar_to_matrix,
 )
-from mapmyworld.graph.normal_equations import assemble, factorise
+from mapmyworld.graph.normal_equations import solve_blocks
 from mapmyworld.graph.pose_graph import Index
 
 # Weight of the anchors against the largest weight of an edge: they stay where they are.
@@ -131,7 +130,9 @@ def chordal_start(
     places = _positions(full[:, :size, 3], anchors, tails, heads, step, tau)
     poses = np.tile(np.eye(4), (len(guess), 1, 1))
     poses[:, :size, :size], poses[:, :size, 3] = rotations, places
-    return matrix_to_planar(poses) if planar else make_transform(poses[:, :3, :3], poses[:, :3, 3])
+    found = matrix_to_planar(poses) if planar else poses
+    found[anchors] = guess[anchors]
+    return found
 
 
 def _relaxed_rotations(
@@ -141,19 +142,19 @@ def _relaxed_rotations(
     count, size = len(guess), guess.shape[1]
     eye = np.broadcast_to(np.eye(size), measured.shape)
     weight = kappa[:, None, None]
-    matrix = assemble(
+    anchor = _ANCHOR * kappa.max(initial=1.0)
+    right = np.zeros((count, size, size))
+    right[anchors] = anchor * np.swapaxes(guess[anchors], 1, 2)
+    solution = solve_blocks(
         count,
         tails,
         heads,
         weight * eye,
-        weight * eye,
         -weight * measured,
         anchors,
-        _ANCHOR * kappa.max(initial=1.0) * np.eye(size),
+        anchor * np.eye(size),
+        right.reshape(count * size, size),
     )
-    right = np.zeros((count, size, size))
-    right[anchors] = _ANCHOR * kappa.max(initial=1.0) * np.swapaxes(guess[anchors], 1, 2)
-    solution = factorise(matrix).solve(right.reshape(count * size, size))
     return nearest_rotations(np.swapaxes(solution.reshape(count, size, size), 1, 2))
 
 
@@ -172,9 +173,8 @@ def _positions(
     count = len(guess)
     weight = tau[:, None, None]
     anchor = _ANCHOR * tau.max(initial=1.0)
-    matrix = assemble(count, tails, heads, weight, weight, -weight, anchors, anchor * np.eye(1))
     right = np.zeros_like(guess)
     np.add.at(right, heads, tau[:, None] * step)
     np.add.at(right, tails, -tau[:, None] * step)
     right[anchors] += anchor * guess[anchors]
-    return np.asarray(factorise(matrix).solve(right))
+    return solve_blocks(count, tails, heads, weight, -weight, anchors, anchor * np.eye(1), right)

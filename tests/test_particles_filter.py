@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from formats.logs import open_log
 from formats.relations import read_relations
 from mapmyworld.config import Config, MappingConfig, ParticlesConfig
-from mapmyworld.errors import LogError
+from mapmyworld.errors import ConfigError, LogError
 from mapmyworld.evaluation import ate, relations_score
 from mapmyworld.geometry import between_planar, compose_planar, planar_to_matrix
 from mapmyworld.mapping.occupancy import build_grid
@@ -123,7 +123,7 @@ def error(path: Array, truth: Array) -> float:
 
 
 def test_known_poses_give_the_graph_pipelines_grid() -> None:
-    poses = drive_round(1.0)[::12] + np.array([0.0137, 0.0071, 0.0031])
+    poses = drive_round(1.0)[::24] + np.array([0.0137, 0.0071, 0.0031])
     scans = [cast(RING, pose) for pose in poses]
     sure = MappingConfig(clamp_probability=1.0 - 1e-12)
     expected = build_grid(zip(poses, scans, strict=True), Config(mapping=sure))
@@ -285,6 +285,22 @@ def test_loops_are_counted_once_each() -> None:
 def test_a_log_without_scans_is_refused() -> None:
     with pytest.raises(LogError, match="laser"):
         run_fastslam([Moment(0, np.eye(4), None)], Config(), Silence())
+
+
+def test_settings_without_sense_are_all_told_at_once() -> None:
+    wrong = ParticlesConfig(count=0, resolution=-1.0, measurement="magic")
+    with pytest.raises(ConfigError, match="magic") as found:
+        run_fastslam([], Config(particles=wrong), Silence())
+    assert len(found.value.problems) == 3
+
+
+def test_scans_without_a_return_between_others_do_no_harm() -> None:
+    truth = drive_round(0.25, step=0.2)[:12]
+    moments = recorded(truth, np.zeros(3))
+    blind = replace(moments[2].scan, points=np.zeros((0, 2), np.float32))
+    moments[2] = replace(moments[2], scan=blind)
+    result = run_fastslam(moments, Config(particles=SETTINGS), Silence())
+    assert error(result.path, truth) < 0.03
 
 
 def test_one_scan_makes_a_map() -> None:

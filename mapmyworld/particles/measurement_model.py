@@ -40,7 +40,7 @@ def measurement_model_map(
 
 
 def _distances(points: NDArray[np.float64], m: OccupancyGrid) -> NDArray[np.float64]:
-    """Distance (N,) in metres between the middles of a point's cell and the nearest occupied one."""
+    """Metres (N,) between the middles of a point's cell and the nearest occupied one."""
     occupied = np.nan_to_num(m.probabilities(), nan=0.5) >= m.occupied_threshold
     if not np.any(occupied):
         return np.full(len(points), np.inf)

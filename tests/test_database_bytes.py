@@ -75,6 +75,18 @@ def test_a_stage_done_again_gives_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "a.db").read_bytes() == (tmp_path / "b.db").read_bytes()
 
 
+def test_a_build_with_nothing_to_do_changes_no_byte(tmp_path: Path) -> None:
+    path, told = tmp_path / "map.db", {"Kp/MaxFeatures": "600"}
+    with open_store(path, create=True, parameters=told) as store:
+        fill(store)
+        store.put("versions", {"numpy": "2"})
+    before = path.read_bytes()
+    with open_store(path, create=True, parameters=told) as store:
+        assert store.stage_done("map", "m")
+        store.put("versions", {"numpy": "2"})
+    assert path.read_bytes() == before
+
+
 def test_a_killed_build_leaves_its_nodes(tmp_path: Path) -> None:
     """SIGKILL in the middle of a batch: the batches before it are there and whole."""
     path = tmp_path / "map.db"

@@ -115,8 +115,12 @@ def read_parameters(db: Connection) -> dict[str, str]:
 def write_parameters(db: Connection, parameters: Mapping[str, str]) -> None:
     """Adds to those of the one Info row; keeps its count of nodes true as well."""
     text = parameters_to_text(read_parameters(db) | dict(parameters))
-    last = "(SELECT COALESCE(MAX(id), 0) FROM Node)"
-    db.run(f"UPDATE Info SET parameters = ?, last_sign_added = {last}", (text,))
+    (last,) = db.row("SELECT COALESCE(MAX(id), 0) FROM Node")
+    db.run(
+        "UPDATE Info SET parameters = ?1, last_sign_added = ?2"
+        " WHERE parameters IS NOT ?1 OR last_sign_added IS NOT ?2",
+        (text, last),
+    )
 
 
 def sensor_parameters(db: Connection) -> dict[str, str]:

@@ -120,11 +120,14 @@ class DatabaseStore:
         return None if found is None else json.loads(found[0])
 
     def put(self, key: str, value: Any) -> None:
+        rank = _OUTSIDE if self._rank is None else self._rank
+        text = json.dumps(value, default=_plain)
+        found = self._db.rows("SELECT rank, value FROM mapmyworld_keys WHERE key = ?", (key,))
+        if found == [(rank, text)]:
+            return  # a file in which nothing is new keeps its bytes
         self._begin()
         if self._rank is None:
             self._db.run("DELETE FROM mapmyworld_keys WHERE key = ?", (key,))
-        rank = _OUTSIDE if self._rank is None else self._rank
-        text = json.dumps(value, default=_plain)
         self._db.run("INSERT OR REPLACE INTO mapmyworld_keys VALUES (?,?,?)", (key, rank, text))
         self._settle()
 

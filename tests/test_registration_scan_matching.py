@@ -16,7 +16,7 @@ from mapmyworld.geometry import (
     transform_points_planar,
 )
 from mapmyworld.kernels.branch_and_bound import best_shift
-from mapmyworld.kernels.scan_alignment import nearest, pair_systems
+from mapmyworld.kernels.scan_alignment import invert3, nearest, pair_systems, solve3
 from mapmyworld.registration.joint_alignment import Motions, adjoint_planar, align_jointly
 from mapmyworld.registration.scan_matching import (
     COARSE,
@@ -233,3 +233,12 @@ def test_joint_alignment_brings_scattered_scans_home(threads: int) -> None:
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.005
     assert np.abs(error[:, 2]).max() < 0.002
     assert solved.moved[-1] < solved.moved[0] / 10
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10_000))
+def test_small_systems_are_solved_as_numpy_does(seed: int) -> None:
+    factor = np.random.default_rng(seed).normal(size=(3, 3))
+    matrix, right = factor @ factor.T + 0.1 * np.eye(3), factor[:, 0].copy()
+    np.testing.assert_allclose(invert3(matrix), np.linalg.inv(matrix), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(solve3(matrix, right), np.linalg.solve(matrix, right), atol=1e-6)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import between_planar, compose_planar, matrix_to_planar
-from mapmyworld.odometry.laser_stretches import WeakStretches, is_weak
+from mapmyworld.kernels.scan_alignment import invert3
+from mapmyworld.odometry.laser_stretches import WeakStretches, is_weak, plane_variances
 from mapmyworld.odometry.laser_trust import OdometryTrust
 from mapmyworld.registration.scan_matching import (
     COARSE,
@@ -100,8 +101,8 @@ class LaserTracker:
         covariance = self._trust.covariance(step, recorded is not None)
         if scan is None or len(scan.rows) < _FEWEST or self._targets is None:
             verdict = "lost" if recorded is None else "odometry only"
-            return Tracked(predicted, _inverse(covariance), verdict, 0.0, 10.0)
-        information = _inverse(covariance)
+            return Tracked(predicted, invert3(covariance), verdict, 0.0, 10.0)
+        information = invert3(covariance)
         match = self._match(scan, predicted, predicted, information, FINE)
         surprise = self._trust.surprise(predicted, match, covariance)
         verdict = "matched"
@@ -187,11 +188,10 @@ class LaserTracker:
         share = min(max(moved, 0.01), 1.0)
         if moved > _STILL and is_weak(match.information):
             share = 1.0  # the open direction rests on odometry, whose errors add up step by step
-        total = match.information + np.linalg.inv(covariance)
-        motion = share * np.linalg.inv(total) + np.diag([1e-8, 1e-8, 1e-8]) + doubt
-        weakest = float(np.sqrt(np.linalg.eigvalsh(np.linalg.inv(
-            match.information + 1e-6 * np.eye(3))[:2, :2])[-1]))  # fmt: skip
-        return Tracked(match.pose, _inverse(motion), verdict, match.overlap, weakest)
+        total = match.information + invert3(covariance)
+        motion = share * invert3(total) + np.diag([1e-8, 1e-8, 1e-8]) + doubt
+        weakest = float(np.sqrt(plane_variances(match.information)[1]))
+        return Tracked(match.pose, invert3(motion), verdict, match.overlap, weakest)
 
     def _remember(self, scan: PreparedScan, tracked: Tracked) -> None:
         if tracked.verdict in ("lost", "odometry only"):
@@ -205,10 +205,6 @@ class LaserTracker:
         chosen = [self._keyscans[-back] for back in _BACK if back <= len(self._keyscans)]
         self._targets = scan_set([keyscan.scan for keyscan in chosen])
         self._target_poses = np.array([keyscan.pose for keyscan in chosen])
-
-
-def _inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(np.linalg.inv(matrix), np.float64)
 
 
 def _quality(match: Match) -> float:

@@ -7,8 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.kernels.scan_alignment import invert3
+
 _RATIO = 12.0  # sigma along the weakest direction over sigma along the strongest
 _LEAST = 1.0  # m of path from which a weak stretch is worth a word
+_FAINT = 1e-3 * np.eye(3)  # information that keeps an open direction finite
 _BRIDGED = 0.5  # m of well constrained path that do not end a stretch
 
 
@@ -61,6 +64,13 @@ class WeakStretches:
 
 def is_weak(information: NDArray[np.float64]) -> bool:
     """Whether a match (3, 3) knows one direction of the plane far worse than the other."""
-    covariance = np.linalg.inv(information + 1e-6 * np.eye(3))[:2, :2]
-    smallest, largest = np.linalg.eigvalsh(covariance)
-    return bool(largest > _RATIO**2 * max(smallest, 1e-12))
+    smallest, largest = plane_variances(information)
+    return largest > _RATIO**2 * max(smallest, 1e-12)
+
+
+def plane_variances(information: NDArray[np.float64]) -> tuple[float, float]:
+    """The smallest and the largest variance of the position, m^2, over all directions."""
+    covariance = invert3(information + _FAINT)
+    xx, xy, yy = covariance[0, 0], covariance[0, 1], covariance[1, 1]
+    half, root = 0.5 * (xx + yy), float(np.hypot(0.5 * (xx - yy), xy))
+    return float(half - root), float(half + root)

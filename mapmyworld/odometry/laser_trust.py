@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import OdometryConfig
 from mapmyworld.geometry import between_planar
+from mapmyworld.kernels.scan_alignment import invert3
 from mapmyworld.registration.scan_matching import Match
 
+_FAINT = 1e-3 * np.eye(3)  # information that keeps an open direction finite
 _MEMORY = 0.95  # weight of the past in the running mean of squared surprises
 _STILL = 0.01  # m and rad within which a frame's motion counts as none
 _JUMP = 0.3  # rad or m by which odometry exceeds the match in a catch-up step
@@ -41,10 +43,9 @@ class OdometryTrust:
     ) -> float:
         """Squared sigmas between prediction and match, the prior's pull on the match undone."""
         error = between_planar(predicted, match.pose)
-        own = match.information + 1e-3 * np.eye(3)
-        pulled = np.linalg.solve(own, np.linalg.solve(covariance, error))
-        error = error + pulled
-        return float(error @ np.linalg.solve(covariance + np.linalg.inv(own), error))
+        own = invert3(match.information + _FAINT)
+        error = error + own @ (invert3(covariance) @ error)
+        return float(error @ invert3(covariance + own) @ error)
 
     def learn(
         self, recorded: NDArray[np.float64], moved: NDArray[np.float64], surprise: float

@@ -39,7 +39,7 @@ class VisualConfig:
     vocabulary_branches: int = 10  # children of a word in the vocabulary's tree
     vocabulary_depth: int = 4  # levels of the tree: at most branches^depth words
     place_gap: float = 5.0  # s that two nodes must lie apart to be the same place again
-    place_candidates: int = 4  # places verified for each node, at most
+    place_candidates: int = 3  # places verified for each node, at most
     place_similarity: float = 0.02  # cosine of two images' words, at least, for a candidate
     place_posterior: float = 0.2  # probability of a candidate after smoothing, at least
     closure_inliers: int = 25  # matches that agree on a closure, at least
@@ -56,7 +56,7 @@ class VisualConfig:
     place_nodes: int = 3000  # nodes compared with each other, evenly chosen from longer logs
     proximity_distance: float = 1.5  # m between nodes whose images are compared for being near
     proximity_angle: float = 45.0  # deg between their headings, at most
-    proximity_candidates: int = 3  # near nodes verified for each node, at most
+    proximity_candidates: int = 2  # near nodes verified for each node, at most
     floor_tolerance: float = 0.05  # m above or below the floor that still counts as floor
     floor_tilt: float = 15.0  # deg between the floor's normal and the base's z axis, at most
     floor_prior: float = 0.15  # m that the floor may differ from the base's z = 0

@@ -18,6 +18,9 @@ from mapmyworld.graph.starts import chain_start, chordal_start
 from mapmyworld.graph.system import System, chosen_edges, edge_chi2, number_free
 from mapmyworld.types.pose_graph import PoseGraph
 
+# Planar nodes from which gtsam's default ordering fills in more than minimum degree does.
+_OURS = 12_000
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OptimisedGraph:
@@ -185,12 +188,12 @@ def _cost(system: System, poses: Array) -> float:
 
 
 def _minimise(problem: Problem, start: Array, config: GraphConfig) -> tuple[Array, int, bool]:
-    """By gtsam, but for graphs with priors, fixed nodes or landmarks."""
+    """By gtsam; by our own descent where it cannot (landmarks, priors) or is the slower one."""
     graph, system = problem.graph, problem.system
     plain = not (len(graph.priors) or len(graph.sightings) or len(graph.fixed_ids))
     if system.size == 0:
         return start, 0, True
-    if not plain:
+    if not plain or (graph.planar and len(graph) > _OURS):
         return descend(system, start, config.tolerance, config.iterations)
     from mapmyworld.graph.levenberg import minimise
 

@@ -1,0 +1,88 @@
+"""The commands of the back end, as a user runs them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from cli.inspect_graph import graph_facts
+from cli.optimise import optimise
+from formats.pose_graph import read_graph
+from formats.report.graph_picture import draw_graph
+from mapmyworld.errors import MapError
+from mapmyworld.graph import solve
+from mapmyworld.types import Poses
+from tests.test_graph_solve import false_closures, noisy_constraints, square_walk
+
+SQUARE = """\
+EDGE_SE2 0 1 1 0 1.5707963 100 0 0 100 0 100
+EDGE_SE2 1 2 1 0 1.5707963 100 0 0 100 0 100
+EDGE_SE2 2 3 1 0 1.5707963 100 0 0 100 0 100
+EDGE_SE2 3 0 1.1 0 1.5707963 100 0 0 100 0 100
+"""
+
+
+def run(path: Path, *options: str):
+    return CliRunner().invoke(optimise, [str(path), *options], catch_exceptions=False)
+
+
+def test_a_sound_graph_is_solved_written_and_drawn(tmp_path):
+    path, picture = tmp_path / "square.g2o", tmp_path / "square.png"
+    path.write_text(SQUARE)
+    result = run(path, "--format", "json", "--image", str(picture))
+    assert result.exit_code == 0
+    facts = json.loads(result.stdout)
+    assert (facts["nodes"], facts["edges"], facts["parts"]) == (4, 4, 1)
+    assert 0 < facts["cost"] < 0.5
+    solved = read_graph(tmp_path / "square_optimised.g2o").graph
+    assert np.allclose(solved.map_from_node[2, :2], [1, 1], atol=0.1)
+    assert cv2.imread(str(picture)) is not None
+
+
+def test_what_is_sound_of_a_broken_graph_is_solved_with_exit_code_3(tmp_path):
+    path = tmp_path / "broken.g2o"
+    path.write_text(SQUARE + "EDGE_SE2 0 2 nan 0 0 1 0 0 1 0 1\nEDGE_SE2 8 9 1 0 0 1 0 0 1 0 1\n")
+    result = run(path, "--format", "json")
+    assert result.exit_code == 3
+    assert json.loads(result.stdout)["parts"] == 2
+    assert "line 5" in result.stderr
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(MapError, match=r"nothing\.g2o"):
+        run(tmp_path / "nothing.g2o")
+
+
+def test_the_audit_counts_and_explains():
+    rng = np.random.default_rng(1)
+    truth = square_walk()
+    constraints = noisy_constraints(truth, rng) + false_closures(len(truth), 10, rng)
+    ids = np.arange(1, len(truth) + 1)
+    drifted = truth.copy()
+    drifted[:, 0, 3] += np.linspace(0, 2, len(truth))
+    solved = solve(ids, drifted, constraints, planar=True)
+    facts = graph_facts(solved.poses, solved.constraints, Poses(ids, drifted), True, None, 5)
+    assert facts["constraints"]["loop_closure"]["rejected"] == 10
+    assert len(facts["rejected"]) == 10
+    assert facts["parts"] == [{"first": 1, "last": 120, "nodes": 120}]
+    assert facts["overconfident"] == []
+    # The solution absorbs most of what neighbours miss: the share of redundancy, about a half.
+    assert 0.3 < facts["overconfidence"]["neighbour"] < 1.0
+    # Nodes a round of 40 steps apart had drifted by 2 m / 3.
+    assert facts["corrections"][0]["start_metres"] == pytest.approx(2 * 40 / 119, abs=0.1)
+    assert facts["uncertainty"]["largest_metres"] > facts["uncertainty"]["median_metres"]
+
+
+def test_the_picture_shows_the_path_in_blue_and_closures_in_red():
+    rng = np.random.default_rng(1)
+    truth = square_walk(rounds=2)
+    solved = solve(np.arange(1, 81), truth, noisy_constraints(truth, rng), planar=True)
+    picture = draw_graph(solved.poses, solved.constraints).astype(int)
+    blue, green, red = np.moveaxis(picture, -1, 0)
+    assert ((blue > red + 100) & (blue > green + 50)).sum() > 2000
+    assert picture.shape[0] == pytest.approx(picture.shape[1], rel=0.05)

@@ -16,7 +16,6 @@ from mapmyworld.errors import MapError
 
 # What RTAB-Map's tools need to know of any map of ours.
 _PARAMETERS = {
-    "Db/TargetVersion": schema.RTABMAP_VERSION,
     "Mem/IncrementalMemory": "true",
     "RGBD/CreateOccupancyGrid": "true",
     "RGBD/Enabled": "true",

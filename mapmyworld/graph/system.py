@@ -79,13 +79,23 @@ def pattern_of(system: System) -> Pattern:
     rows = np.concatenate([a[sources[0]], b[sources[1]], a[both], b[both]])
     columns = np.concatenate([a[sources[0]], b[sources[1]], b[both], a[both]])
     size, inner = system.dimension, np.arange(system.dimension)
-    row = (rows * size)[:, None, None] + inner[:, None]
-    column = (columns * size)[:, None, None] + inner
-    keys, slots = np.unique((column * system.size + row).ravel(), return_inverse=True)
-    indptr = np.searchsorted(keys, np.arange(system.size + 1) * system.size)
+    count = system.size // size
+    keys, block = np.unique(columns * count + rows, return_inverse=True)
+    block_columns, first = keys // count, np.searchsorted(keys, np.arange(count + 1) * count)
+    height = np.diff(first)[block_columns]
+    rank = np.arange(len(keys)) - first[block_columns]
+    # Scalars stand column by column: all blocks of a block column, one scalar column at a time.
+    corner = first[block_columns] * size * size + rank * size
+    places = corner[:, None, None] + inner[:, None] + (height * size)[:, None, None] * inner
+    indices = np.empty(places.size, np.int32)
+    indices[places.ravel()] = np.broadcast_to(
+        ((keys % count) * size)[:, None, None] + inner[:, None], places.shape
+    ).ravel()
+    tall = np.diff(first) * size
+    indptr = np.concatenate([[0], np.cumsum(np.repeat(tall, size))])
+    slots = places[block].ravel()
     symbolic = None
     if system.size >= _LARGE:
-        count = system.size // size
         low, high = np.minimum(a, b)[both], np.maximum(a, b)[both]
         linked = np.unique(low * count + high)
         nodes = np.arange(count)
@@ -98,7 +108,7 @@ def pattern_of(system: System) -> Pattern:
     return Pattern(
         sources,
         slots.astype(np.int64),
-        (keys % system.size).astype(np.int32),
+        indices,
         indptr.astype(np.int32),
         system.size,
         symbolic,

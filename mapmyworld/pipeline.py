@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import functools
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from mapmyworld.config import Config
+from mapmyworld.config import Config, VisualConfig
 from mapmyworld.errors import MapError
 from mapmyworld.sensing import Plan, make_plan, survey_log
 from mapmyworld.stages.maps import draw_maps
@@ -54,7 +54,7 @@ def build_map(
     cfg, seed = config, config.seed
 
     record.run("plan", (cfg.sensing,), lambda: _note_plan(store, plan()))
-    motion = (cfg.odometry, cfg.registration, cfg.visual, cfg.storage, seed)
+    motion = (cfg.odometry, cfg.registration, _seeing(cfg.visual), cfg.storage, seed)
     if method == "fastslam":
         from mapmyworld.stages.particles import settle_particles, track_particles
 
@@ -66,8 +66,14 @@ def build_map(
         record.run("recognise", (cfg.places, seed), lambda: recognise(store, cfg, progress))
         edits = store.get("edits")
         record.run("optimise", (cfg.graph, edits), lambda: solve_and_judge(store, cfg, progress))
-    record.run("map", (cfg.mapping,), lambda: draw_maps(store, cfg, progress))
+    record.run("map", (cfg.mapping, cfg.visual), lambda: draw_maps(store, cfg, progress))
     return _result(store, log, record)
+
+
+def _seeing(visual: VisualConfig) -> dict[str, Any]:
+    """The settings of vision that concern motion and places, not the products."""
+    products = ("cloud_", "mesh_", "obstacle_", "floor_", "grid_")
+    return {k: v for k, v in asdict(visual).items() if not k.startswith(products)}
 
 
 def _same_log(store: MapStore, log: LogSource) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.errors import LogError
@@ -50,14 +51,11 @@ class _PathFollower:
 
     def __init__(self, result: FastSlamResult) -> None:
         self._path = planar_to_matrix(result.path)
-        self._next = 0
 
-    def follow(self, frame: Frame) -> Motion | None:
-        if frame.scan is None:
-            return None
-        pose: NDArray[np.float64] = self._path[self._next]
-        self._next += 1
-        return Motion(pose, _STEP_COVARIANCE, "path of the best particle")
+    def follow(self, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Motion]]:
+        with_scan = (frame for frame in frames if frame.scan is not None)
+        for frame, pose in zip(with_scan, self._path, strict=True):
+            yield frame, Motion(pose, _STEP_COVARIANCE, "path of the best particle")
 
     def notes(self) -> tuple[str, ...]:
         return ()

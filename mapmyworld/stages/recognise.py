@@ -8,6 +8,10 @@ from mapmyworld.types import MapStore, Poses, Progress
 
 def recognise(store: MapStore, config: Config, progress: Progress) -> None:
     """Loop closures by images and by scans over the whole log, each with verdict and reason."""
+    if config.visual.markers and has_images(store):
+        from mapmyworld.places.markers import find_markers
+
+        store.add_constraints(find_markers(store, config, progress))
     add_closures(store, None, config, progress)
 
 

@@ -49,8 +49,11 @@ def _refined(store: MapStore, poses: Poses, config: Config, progress: Progress) 
 def _solve(store: MapStore, config: Config, progress: Progress) -> SolvedGraph:
     nodes = store.nodes()
     progress.stage("optimise", len(nodes), "nodes")
-    ids = np.array([node.id for node in nodes], np.int64)
-    start = np.stack([node.tracked_from_base for node in nodes])
+    starts = {node.id: node.tracked_from_base for node in nodes}
+    for constraint in store.constraints():
+        if constraint.to_id < 0 and constraint.to_id not in starts:
+            starts[constraint.to_id] = starts[constraint.from_id] @ constraint.from_from_to
+    ids, start = np.array(list(starts), np.int64), np.stack(list(starts.values()))
     planar = bool((store.get("plan") or {}).get("planar", False))
     edits = edits_from_json(store.get("edits"))
     constraints = apply_edits(store.constraints(), edits)

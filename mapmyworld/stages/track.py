@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Protocol
 
 import numpy as np
@@ -18,8 +18,8 @@ from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, Tra
 class Tracker(Protocol):
     """Follows the robot frame by frame."""
 
-    def follow(self, frame: Frame) -> Motion | None:
-        """Where the robot is; None where that cannot be said, and the frame is left out."""
+    def follow(self, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Motion]]:
+        """Each frame with where the robot was; frames of which that cannot be said are left out."""
 
     def notes(self) -> tuple[str, ...]:
         """What the user should know, once all frames have been followed."""
@@ -45,10 +45,8 @@ def track(
     )
     tracker = tracker or make_tracker(plan, config)
     writer = _Writer(store, config, wants_images=plan.camera is not None)
-    for frame in frames:
-        motion = tracker.follow(frame)
-        if motion is not None:
-            writer.add(frame, motion)
+    for frame, motion in tracker.follow(frames):
+        writer.add(frame, motion)
     writer.finish()
     for note in tracker.notes():
         progress.note(note)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +16,11 @@ from mapmyworld.stages.nodes import Motion
 from mapmyworld.types import Frame
 
 if TYPE_CHECKING:
+    from mapmyworld.odometry.laser import Tracked
+    from mapmyworld.odometry.visual import VisualMotion
     from mapmyworld.stages.track import Tracker
+
+Followed = Iterator[tuple[Frame, Motion]]
 
 
 def make_tracker(plan: Plan, config: Config) -> Tracker:
@@ -33,11 +38,11 @@ class WheelFollower:
     def __init__(self, plan: Plan) -> None:
         self._model = RecordedMotionModel(planar=plan.planar)
 
-    def follow(self, frame: Frame) -> Motion | None:
-        if frame.odom_from_base is None:
-            return None
-        covariance = self._model.follow(frame.odom_from_base)
-        return Motion(frame.odom_from_base, covariance, "recorded odometry")
+    def follow(self, frames: Iterable[Frame]) -> Followed:
+        for frame in frames:
+            if frame.odom_from_base is not None:
+                covariance = self._model.follow(frame.odom_from_base)
+                yield frame, Motion(frame.odom_from_base, covariance, "recorded odometry")
 
     def notes(self) -> tuple[str, ...]:
         return ()
@@ -57,8 +62,11 @@ class CameraFollower:
         self._frames = self._blind = 0
         self._notes: list[str] = []
 
-    def follow(self, frame: Frame) -> Motion | None:
-        motion = self._tracker.track(frame)
+    def follow(self, frames: Iterable[Frame]) -> Followed:
+        for frame, motion in self._tracker.track_all(frames):
+            yield frame, self._motion(frame, motion)
+
+    def _motion(self, frame: Frame, motion: VisualMotion) -> Motion:
         self._frames += 1
         if motion.verdict in {"dead reckoning", "restarted"}:
             self._blind += 1
@@ -89,8 +97,11 @@ class LaserFollower:
 
         self._tracker = LaserTracker(config)
 
-    def follow(self, frame: Frame) -> Motion | None:
-        moved = self._tracker.track(frame)
+    def follow(self, frames: Iterable[Frame]) -> Followed:
+        for frame in frames:
+            yield frame, self._motion(self._tracker.track(frame))
+
+    def _motion(self, moved: Tracked) -> Motion:
         covariance = _planar_covariance(np.asarray(np.linalg.inv(moved.information)))
         reason = f"scan matching: {moved.verdict}, overlap {moved.overlap:.0%}"
         return Motion(planar_to_matrix(moved.pose), covariance, reason)

@@ -16,6 +16,7 @@ from mapmyworld.geometry import (
     planar_to_matrix,
     transform_points_planar,
 )
+from mapmyworld.odometry.laser_stretches import is_weak
 from mapmyworld.registration.scan_matching import (
     FINE,
     Match,
@@ -243,14 +244,13 @@ def _verdict(
         "residual": match.residual,
         "moved": float(np.hypot(*moved[:2])),
     }
-    weakest = float(np.linalg.eigvalsh(match.information)[0])
     if match.overlap < places.laser_overlap:
         reason = f"overlap {match.overlap:.0%} below {places.laser_overlap:.0%}"
     elif found.rival > places.laser_rival * found.score:
         reason = f"ambiguous: another pose scores {found.rival:.2f} against {found.score:.2f}"
     elif np.hypot(*slipped[:2]) > 0.5 or abs(slipped[2]) > 0.15:
         reason = "not converged: the refined pose left the best one of the search"
-    elif weakest < 100.0:
+    elif is_weak(match.information):
         reason = "poorly constrained: the surfaces leave a direction open"
     else:
         return _constraint(nodes, a, b, settled, match, evidence)

@@ -1,0 +1,72 @@
+"""Loop closures by scans: true ones found from poor guesses, look-alikes refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from laser_rooms import WALLS, cast
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import between_planar, compose_planar, matrix_to_planar
+from mapmyworld.places.laser_closures import candidate_pairs, compare_places, laser_nodes
+from mapmyworld.places.laser_pairs import neighbour_pairs
+from mapmyworld.registration.scan_matching import prepare_scan, scan_set
+from mapmyworld.types import Constraint
+
+CONFIG = Config()
+
+
+def two_visits() -> NDArray[np.float64]:
+    """(N, 3) true poses: through both rooms, back, and through them again."""
+    there = np.stack([np.linspace(-2.5, 2.3, 49), np.full(49, 0.5), np.zeros(49)], axis=-1)
+    back = there[::-1] + np.array([0.0, 0.0, np.pi])
+    return np.concatenate([there, back, there])
+
+
+def closures(
+    walls: NDArray[np.float64], believed: NDArray[np.float64], *, settled: bool = False
+) -> list[Constraint]:
+    scans = scan_set(
+        [prepare_scan(cast(p, walls, k), CONFIG.registration) for k, p in enumerate(two_visits())]
+    )
+    nodes = laser_nodes(np.arange(len(believed), dtype=np.int64), scans, believed)
+    pairs = candidate_pairs(nodes, CONFIG, settled=settled)
+    return compare_places(nodes, pairs, CONFIG, settled=settled)
+
+
+def test_drift_is_found_and_measured() -> None:
+    """The second visit is believed 0.4 m and 2 degrees off: the constraints know better."""
+    truth = two_visits()
+    believed = truth.copy()
+    believed[98:] = compose_planar([0.4, -0.2, np.radians(2.0)], truth[98:])
+    tried = closures(WALLS, believed)
+    accepted = [c for c in tried if c.accepted and c.to_id >= 98]
+    assert len(accepted) >= 2
+    for c in accepted:
+        error = between_planar(
+            between_planar(truth[c.from_id], truth[c.to_id]), matrix_to_planar(c.from_from_to)
+        )
+        assert np.hypot(*error[:2]) < 0.03
+        assert abs(error[2]) < 0.01
+    assert all(c.reason for c in tried)
+
+
+def test_a_corridor_closes_nothing() -> None:
+    """Two parallel walls fit at any place along them."""
+    walls = np.array([[-99.0, -1.0, 99.0, -1.0], [-99.0, 2.0, 99.0, 2.0]])
+    assert not [c for c in closures(walls, two_visits()) if c.accepted]
+
+
+@pytest.mark.parametrize("settled", [False, True])
+def test_the_result_does_not_depend_on_threads(settled: bool) -> None:
+    first = closures(WALLS, two_visits(), settled=settled)
+    again = closures(WALLS, two_visits(), settled=settled)
+    assert [c.from_from_to.tobytes() for c in first] == [c.from_from_to.tobytes() for c in again]
+
+
+def test_neighbours_grow_with_the_drive_not_with_its_square() -> None:
+    lap = np.stack([np.linspace(0, 30, 100), np.zeros(100), np.zeros(100)], axis=-1)
+    one = len(neighbour_pairs(np.tile(lap, (4, 1)), 4.0, 4))
+    two = len(neighbour_pairs(np.tile(lap, (16, 1)), 4.0, 4))
+    assert two < 5 * one

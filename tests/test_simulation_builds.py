@@ -1,0 +1,66 @@
+"""Maps built from simulated drives, judged by the truth: metres, degrees, cells."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from cli.main import group
+
+SAMPLES = Path(__file__).resolve().parent.parent / "sample_logs"
+
+
+def run(*arguments: str | Path):
+    result = CliRunner().invoke(group, [str(a) for a in arguments], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result
+
+
+def require(found: Path, truth: Path, *wanted: str) -> None:
+    """Every requirement holds; the message of a failure lists the figures."""
+    words = [word for text in wanted for word in ("--require", text)]
+    files = ["--reference", truth / "trajectory.tum", "--grid", truth / "grid.yaml"]
+    result = CliRunner().invoke(group, [str(a) for a in ("check", found, *files, *words)])
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["apartment.mcap", "hall.bag"])
+def test_the_sample_logs_become_good_maps(tmp_path: Path, name: str) -> None:
+    run("build", SAMPLES / name, "-o", tmp_path / "map.db", "-q")
+    require(
+        tmp_path / "map.db",
+        SAMPLES / f"{name}.truth",
+        "covered > 0.97",
+        "ate_rmse < 0.012",
+        "ate_rotation < 0.5",
+        "loop_closures >= 1",
+        "grid_precision > 0.95",
+        "grid_recall > 0.9",
+        "grid_free > 0.97",
+    )
+
+
+@pytest.mark.slow
+def test_a_lap_of_the_office_closes_by_laser_alone(tmp_path: Path) -> None:
+    """125 m between equal rooms: odometry is metres off at the end, the map is not."""
+    log = tmp_path / "office.mcap"
+    run("simulate", "office", "-o", log, "--laps", "1", "--no-camera", "-q",
+        "--set", "laser.rate=4", "--set", "imu.enabled=false")  # fmt: skip
+    run("build", log, "-o", tmp_path / "map.db", "-q")
+    truth = tmp_path / "office.mcap.truth"
+    require(
+        tmp_path / "map.db",
+        truth,
+        "covered > 0.97",
+        "ate_rmse < 0.05",
+        "ate_rotation < 0.5",
+        "loop_precision >= 0.99",
+        "grid_recall > 0.8",
+    )
+    arguments = ["evaluate", "trajectory", tmp_path / "map.db", truth / "trajectory.tum"]
+    score = json.loads(run(*arguments, "--no-align", "--format", "json").stdout)
+    assert score["ate"]["max"] < 0.2

@@ -63,4 +63,4 @@ def test_a_lap_of_the_office_closes_by_laser_alone(tmp_path: Path) -> None:
     )
     arguments = ["evaluate", "trajectory", tmp_path / "map.db", truth / "trajectory.tum"]
     score = json.loads(run(*arguments, "--no-align", "--format", "json").stdout)
-    assert score["ate"]["max"] < 0.2
+    assert score["ate"]["maximum"] < 0.2

@@ -17,9 +17,22 @@ from mapmyworld.types import Constraint, ConstraintKind, Poses
 @map_argument
 @format_option
 @click.option("--image", type=click.Path(path_type=Path), help="Draw the graph into this PNG.")
+@click.option(
+    "--pair",
+    type=(int, int),
+    metavar="A B",
+    help="With --image: the images of nodes A and B with what matches between them.",
+)
 @click.option("--worst", default=10, show_default=True, help="Constraints listed of each sort.")
 @click.option("--all", "everything", is_flag=True, help="List every rejected constraint.")
-def graph(map_path: Path, style: str, image: Path | None, worst: int, everything: bool) -> None:
+def graph(
+    map_path: Path,
+    style: str,
+    image: Path | None,
+    pair: tuple[int, int] | None,
+    worst: int,
+    everything: bool,
+) -> None:
     """Nodes and constraints of MAP: tried, accepted, rejected and why; residuals; connectivity.
 
     Lines that begin with [[ can be pasted into a file for `mapmyworld edit`.
@@ -27,8 +40,15 @@ def graph(map_path: Path, style: str, image: Path | None, worst: int, everything
     \b
     mapmyworld inspect graph
     mapmyworld inspect graph office.db --image graph.png
+    mapmyworld inspect graph office.db --pair 12 340 --image pair.png
     """
     from formats.database import open_store
+
+    if pair is not None:
+        if image is None:
+            raise click.UsageError("--pair draws a picture: say where with --image FILE")
+        _draw_pair(map_path, pair, image)
+        return
 
     with open_store(map_path, read_only=True) as store:
         poses, constraints, grid = store.poses(), store.constraints(), store.grid()
@@ -49,6 +69,36 @@ def graph(map_path: Path, style: str, image: Path | None, worst: int, everything
         show_json(facts)
     else:
         click.echo("\n".join(_lines(facts)))
+
+
+def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:
+    """Both images with their matches, and below them the words that they have in common."""
+    import numpy as np
+
+    from formats.database import open_store
+    from formats.report.match_picture import match_picture, words_picture
+    from formats.report.picture_file import write_picture
+    from mapmyworld.config import Config
+    from mapmyworld.places.node_pairs import compare_nodes
+
+    with open_store(map_path, read_only=True) as store:
+        found = compare_nodes(store, *pair, Config())
+    matches, registration = found.pair, found.pair.registration
+    picture = match_picture(
+        found.picture_a,
+        found.picture_b,
+        found.features_a.pixels[matches.features_a],
+        found.features_b.pixels[matches.features_b],
+        matches.agreed,
+        registration.reason,
+    )
+    words, count = words_picture(
+        found.picture_a, found.features_a, found.picture_b, found.features_b
+    )
+    write_picture(path, np.vstack([picture, words]) if count else picture)
+    verdict = "fits" if registration.converged else "does not fit"
+    click.echo(f"{pair[0]} and {pair[1]}: {verdict}: {registration.reason}")
+    click.echo(f"drew {path}", err=True)
 
 
 def _start(nodes: Any) -> Poses:

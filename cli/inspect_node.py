@@ -104,11 +104,16 @@ def _constraint(constraint: Constraint, node_id: int) -> dict[str, Any]:
 
 
 def _draw(data: NodeData, path: Path) -> None:
-    if not data.images:
+    colour = data.images[0].colour if data.images else None
+    if colour is None:
         raise MapError(f"{path}: this node has no image to draw")
-    from formats.report.match_picture import draw_features
+    from formats.report.match_picture import as_rgb, features_picture
+    from formats.report.picture_file import write_picture
 
-    draw_features(path, data.images[0], data.features)
+    picture = np.asarray(colour.pixels(), np.uint8)
+    seen = data.features
+    write_picture(path, as_rgb(picture) if seen is None else features_picture(picture, seen))
+    click.echo(f"drew {path}", err=True)
 
 
 def _lines(facts: dict[str, Any]) -> list[str]:

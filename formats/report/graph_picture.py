@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.errors import MapError
+from formats.report.picture_file import write_picture
 from mapmyworld.geometry import Array
 from mapmyworld.types import Constraint, ConstraintKind, OccupancyGrid, Poses
 
@@ -74,12 +74,7 @@ def write_graph_picture(
 ) -> None:
     """The picture as PNG (or what else the name's ending says)."""
     picture = draw_graph(poses, constraints, grid, landmarks)
-    try:
-        written = cv2.imwrite(str(path), picture)
-    except cv2.error:
-        raise MapError(f"{path}: give the picture a name that ends in .png or .jpg") from None
-    if not written:
-        raise MapError(f"{path}: the picture cannot be written")
+    write_picture(path, picture[:, :, ::-1])
 
 
 class _View:

@@ -17,7 +17,12 @@ def commands_page() -> str:
     """Every command with its help text."""
     parts = ["# Commands", "", "Written by `python docs/generate.py`; do not edit."]
     for names, command in _commands(group, ("mapmyworld",)):
-        context = click.Context(command, info_name=" ".join(names), terminal_width=96)
+        context = click.Context(
+            command,
+            info_name=" ".join(names),
+            terminal_width=96,
+            help_option_names=group.context_settings["help_option_names"],
+        )
         parts += ["", f"## {' '.join(names)}", "", "```", command.get_help(context), "```"]
     return "\n".join(parts) + "\n"
 

@@ -115,7 +115,8 @@ def test_particle_paths_are_drawn_over_the_grid() -> None:
     best = np.array([[0.0, -1.0], [3.0, -1.0]], np.float32)
     picture = particle_picture(walled(1), branches, best, np.array([[2.0, -1.0]]), side=300)
     for colour in ((240, 150, 60), (30, 90, 200), (0, 150, 70)):
-        assert np.any(np.all(picture == colour, axis=-1)), colour
+        misses = np.abs(picture.astype(int) - colour).max(axis=-1)  # lines are smoothed
+        assert misses.min() < 40, colour
 
 
 def stored(folder: Path, name: str, bend: float) -> Path:

@@ -42,6 +42,7 @@ def edit(
     from formats.edits import read_edits
     from mapmyworld.graph.edits import apply_edits, edits_to_json, resolve_pins
     from mapmyworld.stages.maps import draw_maps
+    from mapmyworld.stages.recognise import scan_loader
     from mapmyworld.stages.solve import solve_and_judge
 
     edits = read_edits(edits_path)
@@ -54,7 +55,7 @@ def edit(
         resolved = resolve_pins(edits, poses)
         apply_edits(store.constraints(), resolved)  # refuses what does not fit before writing
         store.put("edits", edits_to_json(resolved))
-        solve_and_judge(store, config, progress)
+        solve_and_judge(store, config, progress, scan_loader(store, config))
         draw_maps(store, config, progress)
         progress.finish()
         constraints, solved = store.constraints(), store.get("solve") or {}

@@ -58,11 +58,11 @@ def _table(tag: str, rows: list[str], lines: list[int], width: int, problems: li
             if np.isfinite(values).all():
                 return Table(values, np.array(lines, np.int64))
     good = [
-        (line, values)
+        (line, read)
         for line, row in zip(lines, rows, strict=True)
-        if (values := _row(tag, line, row, width, problems)) is not None
+        if (read := _row(tag, line, row, width, problems)) is not None
     ]
-    numbers = np.array([values for _, values in good], np.float64).reshape(-1, width)
+    numbers = np.array([read for _, read in good], np.float64).reshape(-1, width)
     return Table(numbers, np.array([line for line, _ in good], np.int64))
 
 

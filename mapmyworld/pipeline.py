@@ -13,7 +13,7 @@ from mapmyworld.config import Config, VisualConfig
 from mapmyworld.errors import MapError
 from mapmyworld.sensing import Plan, make_plan, survey_log
 from mapmyworld.stages.maps import draw_maps
-from mapmyworld.stages.recognise import recognise
+from mapmyworld.stages.recognise import recognise, scan_loader
 from mapmyworld.stages.record import StageRecord
 from mapmyworld.stages.solve import solve_and_judge
 from mapmyworld.stages.track import track
@@ -63,9 +63,10 @@ def build_map(
         record.run("fastslam", (), lambda: settle_particles(store))
     else:
         record.run("track", motion, lambda: track(log, plan(), store, cfg, progress))
-        record.run("recognise", (cfg.places, seed), lambda: recognise(store, cfg, progress))
-        edits = store.get("edits")
-        record.run("optimise", (cfg.graph, edits), lambda: solve_and_judge(store, cfg, progress))
+        scans, edits = scan_loader(store, cfg), store.get("edits")
+        record.run("recognise", (cfg.places, seed), lambda: recognise(store, cfg, progress, scans))
+        solving = (cfg.graph, edits)
+        record.run("optimise", solving, lambda: solve_and_judge(store, cfg, progress, scans))
     record.run("map", (cfg.mapping, cfg.visual), lambda: draw_maps(store, cfg, progress))
     return _result(store, log, record)
 

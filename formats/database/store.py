@@ -57,6 +57,7 @@ class DatabaseStore:
         self._compact = False
         self._solved_anew = False
         self._restore_session()
+        self._constraints: tuple[Constraint, ...] | None = None
 
     @property
     def path(self) -> Path:
@@ -97,6 +98,7 @@ class DatabaseStore:
     def write_stage(self, stage: str, inputs: str) -> Iterator[None]:
         rank = rank_of(stage)
         self._begin()
+        self._constraints = None
         if clear_from(self._db, rank):
             self._rewrite_links()
         self._restore_session()
@@ -208,6 +210,7 @@ class DatabaseStore:
 
     def add_constraints(self, constraints: Sequence[Constraint]) -> None:
         self._begin()
+        self._constraints = None
         written = links.constraint_rows(constraints, self._current_rank())
         self._db.run_many(links.INSERT_CONSTRAINT, written)
         self._db.run_many(links.INSERT_LINK, links.link_rows(constraints))
@@ -215,6 +218,7 @@ class DatabaseStore:
 
     def replace_constraints(self, constraints: Sequence[Constraint]) -> None:
         self._begin()
+        self._constraints = None
         rank = self._current_rank()
         # Those of earlier stages stay, out of sight, for when this stage is done again.
         self._db.run("DELETE FROM mapmyworld_constraints WHERE rank >= ?", (rank,))
@@ -226,6 +230,11 @@ class DatabaseStore:
         self._settle()
 
     def constraints(self) -> tuple[Constraint, ...]:
+        if self._constraints is None:
+            self._constraints = self._read_constraints()
+        return self._constraints
+
+    def _read_constraints(self) -> tuple[Constraint, ...]:
         newest = "SELECT MAX(rank) FROM mapmyworld_keys WHERE key = ?"
         (rank,) = self._db.row(newest, (REPLACED,))
         found = self._db.rows(links.SELECT_CONSTRAINTS, (_OUTSIDE if rank is None else rank,))

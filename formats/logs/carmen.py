@@ -21,7 +21,7 @@ from formats.logs.carmen_records import (
     stamp_from_text,
 )
 from formats.logs.carmen_survey import Survey, survey_lines
-from formats.logs.files import DECOMPRESSION_ERRORS, hash_files, open_binary
+from formats.logs.files import UnpackedFile, hash_files
 from mapmyworld.errors import LogError
 from mapmyworld.types import (
     LogInfo,
@@ -56,6 +56,7 @@ class CarmenLog:
         self._survey: Survey | None = None
         self._hash: str | None = None
         self._losses: tuple[str, ...] = ()
+        self._unpacked = UnpackedFile(path)
 
     def info(self) -> LogInfo:
         survey = self._surveyed()
@@ -126,17 +127,8 @@ class CarmenLog:
         """Lines that matter, with exact stamps and non-decreasing log times; counts bad ones."""
         bad, first_bad, latest_ns, number = 0, 0, 0, 0
         cut: list[str] = []
-        with open_binary(self.path) as stream:
-            while True:
-                try:
-                    line = stream.readline(_LINE_BYTES)
-                except DECOMPRESSION_ERRORS as error:
-                    cut = [
-                        f"{self.path}: unreadable after line {number} ({error}): the rest is lost"
-                    ]
-                    break
-                if not line:
-                    break
+        with self._unpacked.open() as stream:
+            while line := stream.readline(_LINE_BYTES):
                 number += 1
                 kind = line[: line.find(b" ")]
                 if kind == b"PARAM":
@@ -150,6 +142,9 @@ class CarmenLog:
                     continue
                 latest_ns = max(latest_ns, stamp_ns)
                 yield kind, line, stamp_ns, latest_ns
+        if self._unpacked.damage:
+            damage = self._unpacked.damage
+            cut.append(f"{self.path}: unreadable after line {number} ({damage}): the rest is lost")
         if bad:
             cut.append(f"{self.path}: {bad} damaged line(s) skipped, the first is line {first_bad}")
         self._losses = tuple(cut)

@@ -5,6 +5,10 @@ from __future__ import annotations
 import bz2
 import gzip
 import hashlib
+import io
+import os
+import tempfile
+import weakref
 from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO, cast
@@ -26,6 +30,38 @@ def open_binary(path: Path) -> BinaryIO:
         return path.open("rb")
     except OSError as error:
         raise LogError(f"{path}: cannot be opened: {error.strerror or error}") from error
+
+
+class UnpackedFile:
+    """A file that is read several times: a compressed one is unpacked once, beside the others.
+
+    The copy lies in the system's folder for temporary files and goes with this object.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.damage = ""
+        """What was wrong with the rest of a compressed file, once it was unpacked."""
+        self._copy: Path | None = None
+
+    def open(self) -> BinaryIO:
+        """The plain bytes from the beginning, as far as they can be unpacked."""
+        if self.path.suffix not in {".bz2", ".gz"}:
+            return open_binary(self.path)
+        if self._copy is None:
+            self._copy = self._unpack()
+        return self._copy.open("rb")
+
+    def _unpack(self) -> Path:
+        handle, name = tempfile.mkstemp(prefix="mapmyworld-")
+        weakref.finalize(self, Path.unlink, Path(name), missing_ok=True)
+        with os.fdopen(handle, "wb") as copy, open_binary(self.path) as packed:
+            try:
+                while block := cast(io.BufferedReader, packed).read1(_READ_BYTES):
+                    copy.write(block)
+            except DECOMPRESSION_ERRORS as error:
+                self.damage = str(error)
+        return Path(name)
 
 
 def hash_files(paths: Iterable[Path]) -> str:

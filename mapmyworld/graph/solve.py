@@ -58,7 +58,8 @@ def solve(
     order = _nodes_first(np.asarray(ids, np.int64))
     known = np.asarray(ids, np.int64)[order]
     guess = np.asarray(initial, np.float64).reshape(-1, 4, 4)[order]
-    faults = [fault_of(c, set(known.tolist())) for c in constraints]
+    nodes = set(known.tolist())
+    faults = [fault_of(c, nodes) for c in constraints]
     used = np.flatnonzero([c.accepted and not f for c, f in zip(constraints, faults, strict=True)])
     system, start, trusted = _system(known, guess, [constraints[k] for k in used.tolist()], planar)
     anchors = _anchors(system, len(known))

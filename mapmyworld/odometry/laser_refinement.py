@@ -19,7 +19,7 @@ from mapmyworld.geometry import (
     matrix_to_planar,
     planar_to_matrix,
 )
-from mapmyworld.places.laser_closures import load_node_scans
+from mapmyworld.places.laser_closures import NodeScans, load_node_scans
 from mapmyworld.places.laser_pairs import neighbour_pairs
 from mapmyworld.registration.joint_alignment import Motions, align_jointly
 from mapmyworld.registration.scan_matching import ScanSet, scan_set
@@ -44,13 +44,17 @@ class Refinement:
 
 
 def refine_poses(
-    store: MapStore, poses: Poses, config: Config, progress: Progress
+    store: MapStore,
+    poses: Poses,
+    config: Config,
+    progress: Progress,
+    loaded: NodeScans | None = None,
 ) -> Refinement | None:
     """Solved poses, refined by all scans; None where there are too few scans.
 
     Nodes that are not aligned themselves keep their place between those that are.
     """
-    nodes, scans = load_node_scans(store, config)
+    nodes, scans = loaded or load_node_scans(store, config)
     if len(nodes) < 3 or any(node.session != nodes[0].session for node in nodes):
         return None
     progress.stage("refine", len(_REACHES), "rounds")

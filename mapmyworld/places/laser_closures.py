@@ -59,7 +59,11 @@ class LaserNodes:
     """Likelihood grids by their middle node, filled when needed."""
 
 
-def load_node_scans(store: MapStore, config: Config) -> tuple[list[Node], ScanSet]:
+NodeScans = tuple[list[Node], ScanSet]
+"""Nodes that have a scan, and their scans made ready."""
+
+
+def load_node_scans(store: MapStore, config: Config) -> NodeScans:
     """The nodes that have a scan, with their scans made ready."""
     frames = store.tracked_frames()
     at_nodes = np.flatnonzero(frames.is_node)
@@ -74,14 +78,19 @@ def load_node_scans(store: MapStore, config: Config) -> tuple[list[Node], ScanSe
 
 
 def find_laser_closures(
-    store: MapStore, poses: Poses | None, config: Config, progress: Progress
+    store: MapStore,
+    poses: Poses | None,
+    config: Config,
+    progress: Progress,
+    loaded: NodeScans | None = None,
 ) -> list[Constraint]:
     """Every pair of places that was compared, with its verdict.
 
     From tracked poses the search reaches as far as the drift may have gone; from optimised ones
-    only a little, and the constraints are of the kind `proximity`.
+    only a little, and the constraints are of the kind `proximity`. `loaded` are the nodes' scans
+    where they were made ready before.
     """
-    listed, scans = load_node_scans(store, config)
+    listed, scans = loaded or load_node_scans(store, config)
     if len(listed) < 2:
         return []
     if poses is None:

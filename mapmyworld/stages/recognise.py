@@ -2,26 +2,53 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 from mapmyworld.config import Config
 from mapmyworld.types import MapStore, Poses, Progress
 
+if TYPE_CHECKING:
+    from mapmyworld.places.laser_closures import NodeScans
 
-def recognise(store: MapStore, config: Config, progress: Progress) -> None:
+
+LoadScans = Callable[[], "NodeScans | None"]
+"""Gives the nodes' laser scans, made ready once; None for a log without a laser."""
+
+
+def scan_loader(store: MapStore, config: Config) -> LoadScans:
+    """A loader that makes the scans ready when first asked."""
+
+    def load() -> NodeScans | None:
+        if not has_scans(store):
+            return None
+        from mapmyworld.places.laser_closures import load_node_scans
+
+        return load_node_scans(store, config)
+
+    return functools.cache(load)
+
+
+def recognise(store: MapStore, config: Config, progress: Progress, scans: LoadScans) -> None:
     """Loop closures by images and by scans over the whole log, each with verdict and reason."""
     if config.visual.markers and has_images(store):
         from mapmyworld.places.markers import find_markers
 
         store.add_constraints(find_markers(store, config, progress))
-    add_closures(store, None, config, progress)
+    add_closures(store, None, config, progress, scans)
 
 
-def add_closures(store: MapStore, poses: Poses | None, config: Config, progress: Progress) -> int:
+def add_closures(
+    store: MapStore, poses: Poses | None, config: Config, progress: Progress, scans: LoadScans
+) -> int:
     """Tries what has not been tried, from solved poses where there are some; how many were new."""
     found = []
-    if has_scans(store):
+    loaded = scans()
+    if loaded is not None:
         from mapmyworld.places.laser_closures import find_laser_closures
 
-        found += find_laser_closures(store, poses, config, progress)
+        found += find_laser_closures(store, poses, config, progress, loaded)
     if has_images(store):
         from mapmyworld.places.visual_closures import find_visual_closures
 

@@ -10,7 +10,7 @@ from mapmyworld.config import Config
 from mapmyworld.graph.edits import apply_edits, edits_from_json
 from mapmyworld.graph.solve import SolvedGraph, solve
 from mapmyworld.mapping.trajectory import pose_every_frame
-from mapmyworld.stages.recognise import add_closures, has_scans
+from mapmyworld.stages.recognise import LoadScans, add_closures
 from mapmyworld.types import ConstraintKind, MapStore, Poses, Progress
 
 _ROUNDS = 4  # looks from better poses, at most; each finds less than the one before
@@ -18,31 +18,34 @@ _FEW = 0.05  # share of new closures among all from which another look is not wo
 _CLOSURES = {ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY}
 
 
-def solve_and_judge(store: MapStore, config: Config, progress: Progress) -> None:
+def solve_and_judge(store: MapStore, config: Config, progress: Progress, scans: LoadScans) -> None:
     """Optimises, tries proximity constraints from the optimised poses, until none is new."""
     draft = replace(config, graph=replace(config.graph, covariances=False))
     for _ in range(_ROUNDS):
         poses = _solve(store, draft, progress).poses
-        new = add_closures(store, poses, config, progress)
+        new = add_closures(store, poses, config, progress, scans)
         if new <= _FEW * sum(c.accepted for c in store.constraints() if c.kind in _CLOSURES):
             break
     solved = _solve(store, config, progress)
     store.replace_constraints(solved.constraints)
-    poses = _refined(store, solved.poses, config, progress)
+    poses = _refined(store, solved.poses, config, progress, scans)
     store.set_poses(poses)
     frames = store.tracked_frames()
     store.set_frame_poses(pose_every_frame(store.nodes(), poses, frames))
     store.put("solve", {"certainty": solved.certainty, "losses": _losses(solved)})
 
 
-def _refined(store: MapStore, poses: Poses, config: Config, progress: Progress) -> Poses:
+def _refined(
+    store: MapStore, poses: Poses, config: Config, progress: Progress, scans: LoadScans
+) -> Poses:
     """The poses after all laser scans have been aligned with each other, where there are any."""
     planar = bool((store.get("plan") or {}).get("planar", False))
-    if not planar or not config.odometry.refine or not has_scans(store):
+    loaded = scans()
+    if not planar or not config.odometry.refine or loaded is None:
         return poses
     from mapmyworld.odometry.laser_refinement import refine_poses
 
-    refined = refine_poses(store, poses, config, progress)
+    refined = refine_poses(store, poses, config, progress, loaded)
     return poses if refined is None else refined.poses
 
 

@@ -20,6 +20,8 @@ from mapmyworld.graph.residuals import edge_jacobians, edge_residuals, squared_s
 
 # Unknowns from which a factorisation clique by clique is the faster one.
 _LARGE = 9000
+# Links between nodes, per node, from which it is: chains with few loops fill in hardly at all.
+_DENSE = 1.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,9 +97,9 @@ def pattern_of(system: System) -> Pattern:
     indptr = np.concatenate([[0], np.cumsum(np.repeat(tall, size))])
     slots = places[block].ravel()
     symbolic = None
-    if system.size >= _LARGE:
-        low, high = np.minimum(a, b)[both], np.maximum(a, b)[both]
-        linked = np.unique(low * count + high)
+    low, high = np.minimum(a, b)[both], np.maximum(a, b)[both]
+    linked = np.unique(low * count + high)
+    if system.size >= _LARGE and len(linked) > _DENSE * count:
         nodes = np.arange(count)
         symbolic = analyse(
             count,

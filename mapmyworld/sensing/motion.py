@@ -60,7 +60,8 @@ class RecordedMotion:
         None where the nearest sample is further than `tolerance_ns` away.
         """
         found = self.at_many(np.array([stamp_ns], np.int64), tolerance_ns)
-        return None if found is None else np.asarray(found[0])
+        # A copy: a view would keep the whole window of samples alive with every frame.
+        return None if found is None else np.array(found[0])
 
     def at_many(
         self, stamps_ns: NDArray[np.int64], tolerance_ns: int = 500_000_000

@@ -85,28 +85,48 @@ def analyse(count: int, rows: Index, columns: Index, size: int) -> Symbolic:
     place = np.asarray(factors.perm_c, np.int64)
     lower = csc_array(factors.L)
     lower.sort_indices()
-    groups = _groups(lower.indptr.astype(np.int64), lower.indices.astype(np.int64), count)
-    return _with_blocks(groups, place, rows, columns, size)
+    groups, renumbered = _groups(
+        lower.indptr.astype(np.int64), lower.indices.astype(np.int64), count
+    )
+    return _with_blocks(groups, renumbered[place], rows, columns, size)
 
 
-def _groups(indptr: Index, indices: Index, count: int) -> list[tuple[int, int, Index]]:
-    """Runs of columns eliminated together, as first, last and later rows."""
-    groups: list[tuple[int, int, Index]] = []
+def _groups(
+    indptr: Index, indices: Index, count: int
+) -> tuple[list[tuple[int, int, Index]], Index]:
+    """Columns eliminated together, as first, last and later rows, and their new numbers.
+
+    A column takes up those of its children in the elimination tree that cost few zeros; the
+    columns of a group then get consecutive numbers, children before parents.
+    """
+    members: list[list[int]] = []
     entries: list[int] = []
+    children: list[list[int]] = [[] for _ in range(count)]
+    taken = np.zeros(count, np.bool_)
+    starts, ends = (indptr[:-1] + 1).tolist(), indptr[1:].tolist()
     for j in range(count):
-        first, rows = j, indices[indptr[j] + 1 : indptr[j + 1]]
-        stored = len(rows) + 1
-        while groups and len(groups[-1][2]) and groups[-1][2][0] <= j:
-            width = j + 1 - groups[-1][0]
-            both = stored + entries[-1]
-            dense = width * (width + 1) // 2 + width * len(rows)
-            if 1.0 - both / dense > _zeros_allowed(width):
-                break
-            first, stored = groups.pop()[0], both
-            entries.pop()
-        groups.append((first, j + 1, rows))
+        height = ends[j] - starts[j]
+        mine, stored = [j], height + 1
+        for child in children[j]:
+            width, both = len(mine) + len(members[child]), stored + entries[child]
+            dense = width * (width + 1) // 2 + width * height
+            if 1.0 - both / dense <= _zeros_allowed(width):
+                mine, stored = members[child] + mine, both
+                taken[child] = True
+        members.append(mine)
         entries.append(stored)
-    return groups
+        if height:
+            children[int(indices[starts[j]])].append(j)
+    tops = np.flatnonzero(~taken).tolist()
+    order = np.array([column for top in tops for column in members[top]], np.int64)
+    renumbered = np.empty(count, np.int64)
+    renumbered[order] = np.arange(count)
+    last = np.cumsum([len(members[top]) for top in tops]).tolist()
+    groups = [
+        (end - len(members[top]), end, np.sort(renumbered[indices[starts[top] : ends[top]]]))
+        for top, end in zip(tops, last, strict=True)
+    ]
+    return groups, renumbered
 
 
 def _zeros_allowed(width: int) -> float:

@@ -72,10 +72,11 @@ def test_a_carmen_log_and_its_conversions_give_the_same_map_byte_for_byte(
 
 @pytest.mark.parametrize("name", ["neato_middle", "neato_with_particle_filter"])
 def test_bags_of_a_vacuum_cleaner(data: Path, tmp_path: Path, name: str) -> None:
+    """Small furnished rooms: a doubled wall would add half as many occupied cells again."""
     summary = build(data / "bags" / f"{name}.bag", tmp_path)
     assert summary["losses"] == []
     cells = read_grid(tmp_path / "map.yaml").trinary()
-    assert (cells == 0).sum() > 10 * (cells == 100).sum() > 0
+    assert (cells == 0).sum() > 4 * (cells == 100).sum() > 0
 
 
 def test_a_depth_camera_alone(data: Path, tmp_path: Path) -> None:

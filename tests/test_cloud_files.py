@@ -37,7 +37,7 @@ def test_clouds_read_back(
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".ply", ".pcd"])
 def test_open3d_reads_the_same(tmp_path: Path, suffix: str) -> None:
-    open3d = pytest.importorskip("open3d")
+    open3d = pytest.importorskip("open3d", exc_type=ImportError)
     path = tmp_path / f"cloud{suffix}"
     write_cloud(path, PointCloud(POINTS, COLOURS, NORMALS))
     read = open3d.io.read_point_cloud(str(path))
@@ -48,7 +48,7 @@ def test_open3d_reads_the_same(tmp_path: Path, suffix: str) -> None:
 
 @pytest.mark.slow
 def test_open3d_reads_the_same_mesh(tmp_path: Path) -> None:
-    open3d = pytest.importorskip("open3d")
+    open3d = pytest.importorskip("open3d", exc_type=ImportError)
     write_mesh(tmp_path / "mesh.ply", tetrahedron())
     read = open3d.io.read_triangle_mesh(str(tmp_path / "mesh.ply"))
     np.testing.assert_array_equal(np.asarray(read.triangles), tetrahedron().triangles)

@@ -3,15 +3,61 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from queue import Full, Queue
 from typing import TypeVar
 
 _AHEAD = 3  # items per thread that are prepared before they are asked for
 
 In = TypeVar("In")
 Out = TypeVar("Out")
+
+
+def made_ahead(items: Iterable[In], count: int = 32) -> Iterator[In]:
+    """The items in order, made by another thread up to `count` ahead of their use.
+
+    An error that making them raises comes where its item would have come.
+    """
+    ready: Queue[tuple[In, None] | tuple[None, BaseException | None]] = Queue(count)
+    stop = threading.Event()
+
+    def make() -> None:
+        error: BaseException | None = None
+        try:
+            for item in items:
+                _put(ready, (item, None), stop)
+                if stop.is_set():
+                    return
+        except BaseException as raised:  # handed over to the thread that waits
+            error = raised
+        _put(ready, (None, error), stop)
+
+    maker = threading.Thread(target=make, daemon=True)
+    maker.start()
+    try:
+        while True:
+            item, error = ready.get()
+            if error is not None:
+                raise error
+            if item is None:
+                return
+            yield item
+    finally:
+        stop.set()
+        maker.join()
+
+
+def _put(queue: Queue[In], item: In, stop: threading.Event) -> None:
+    """Waits for room in the queue, but not for ever where nobody listens any more."""
+    while not stop.is_set():
+        try:
+            queue.put(item, timeout=0.1)
+        except Full:
+            continue
+        return
 
 
 def in_threads(work: Callable[[In], Out], items: Iterable[In], threads: int) -> Iterator[Out]:

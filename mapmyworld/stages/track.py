@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from mapmyworld.config import Config
+from mapmyworld.parallel import made_ahead
 from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.sensing.synchronise import FrameCounts
 from mapmyworld.stages.nodes import Motion, NodeSelector
@@ -45,7 +46,7 @@ def track(
     )
     tracker = tracker or make_tracker(plan, config)
     writer = _Writer(store, config, wants_images=plan.camera is not None)
-    for frame, motion in tracker.follow(frames):
+    for frame, motion in tracker.follow(made_ahead(frames)):
         writer.add(frame, motion)
     writer.finish()
     for note in tracker.notes():

@@ -58,19 +58,25 @@ def group() -> None:
     """
 
 
+EXIT_USAGE, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
+
+
 def main() -> None:
     """Runs a command; every error of ours becomes one message on stderr and an exit code."""
     try:
-        group(prog_name="mapmyworld")
+        sys.exit(group.main(prog_name="mapmyworld", standalone_mode=False))
     except MapMyWorldError as error:
         click.echo(f"mapmyworld: {error}", err=True)
-        sys.exit(2)
+        sys.exit(EXIT_BAD_INPUT)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(EXIT_USAGE)
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(0)
-    except KeyboardInterrupt:
-        click.echo("mapmyworld: interrupted", err=True)
-        sys.exit(130)
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("mapmyworld: interrupted; the same command goes on where it stopped", err=True)
+        sys.exit(EXIT_INTERRUPTED)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Sparse Cholesky factors of matrices whose blocks are nodes, and what they are good for.
 
-Multifrontal: nodes are ordered by minimum degree and gathered into cliques (supernodes); each
+Multifrontal: nodes are ordered by nested dissection and gathered into cliques (supernodes); each
 clique is a dense matrix, eliminated with LAPACK, that hands its Schur complement to its parent.
 Davis, "Direct methods for sparse linear systems" (2006), chapters 4 to 7. Marginal covariances
 follow by going back down the tree (Golub and Plemmons 1980; Kaess and Dellaert 2009).
@@ -13,8 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.blas import dtrsm
 from scipy.linalg.lapack import dpotrf
-from scipy.sparse import csc_array
-from scipy.sparse.linalg import splu
 
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array
@@ -67,45 +65,64 @@ def analyse(count: int, rows: Index, columns: Index, size: int) -> Symbolic:
 
     Each unordered pair of nodes occurs at most once; every node has its diagonal block.
     """
-    ones = np.ones(len(rows))
-    upper = csc_array((ones, (rows, columns)), shape=(count, count))
-    pattern = csc_array(upper + upper.T)
-    # A Laplacian with a whisper on its diagonal: entries of its factor shrink with the length of a
-    # path only slowly. With a heavier diagonal those of long chains underflow and are lost.
-    degree = np.asarray(pattern.sum(axis=0)).ravel() - pattern.diagonal()
-    diagonal = degree + 1e-8
-    pattern = csc_array(-pattern)
-    pattern.setdiag(diagonal)
-    factors = splu(
-        csc_array(pattern),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-    place = np.asarray(factors.perm_c, np.int64)
-    lower = csc_array(factors.L)
-    lower.sort_indices()
-    groups, renumbered = _groups(
-        lower.indptr.astype(np.int64), lower.indices.astype(np.int64), count
-    )
+    place = np.empty(count, np.int64)
+    place[_dissected(count, rows, columns)] = np.arange(count)
+    below = _structures(count, place[rows], place[columns])
+    groups, renumbered = _groups(below)
     return _with_blocks(groups, renumbered[place], rows, columns, size)
 
 
-def _groups(
-    indptr: Index, indices: Index, count: int
-) -> tuple[list[tuple[int, int, Index]], Index]:
+def _dissected(count: int, rows: Index, columns: Index) -> Index:
+    """Nodes in an order of little fill: nested dissection, by METIS as gtsam holds it."""
+    import gtsam
+
+    links = gtsam.SymbolicFactorGraph()
+    off = rows != columns
+    for a, b in zip(rows[off].tolist(), columns[off].tolist(), strict=True):
+        links.push_factor(a, b)
+    linked = np.unique(np.concatenate([rows[off], columns[off]]))
+    alone = np.setdiff1d(np.arange(count), linked)
+    if len(linked) == 0:
+        return alone
+    found = gtsam.Ordering.MetisSymbolicFactorGraph(links)
+    order = [found.at(k) for k in range(found.size())]
+    return np.concatenate([alone, np.array(order, np.int64)])
+
+
+def _structures(count: int, rows: Index, columns: Index) -> list[Index]:
+    """Later nodes (ascending) that each node is linked to when its turn comes.
+
+    Its own and those that its children in the elimination tree hand on.
+    """
+    low, high = np.minimum(rows, columns), np.maximum(rows, columns)
+    order = np.lexsort((high, low))
+    order = order[low[order] < high[order]]
+    own = np.split(high[order], np.searchsorted(low[order], np.arange(1, count)))
+    children: list[list[int]] = [[] for _ in range(count)]
+    below: list[Index] = []
+    for j in range(count):
+        handed = own[j]
+        if children[j]:
+            handed = np.unique(np.concatenate([handed, *(below[c][1:] for c in children[j])]))
+        below.append(handed)
+        if len(handed):
+            children[int(handed[0])].append(j)
+    return below
+
+
+def _groups(below: list[Index]) -> tuple[list[tuple[int, int, Index]], Index]:
     """Columns eliminated together, as first, last and later rows, and their new numbers.
 
     A column takes up those of its children in the elimination tree that cost few zeros; the
     columns of a group then get consecutive numbers, children before parents.
     """
+    count = len(below)
     members: list[list[int]] = []
     entries: list[int] = []
     children: list[list[int]] = [[] for _ in range(count)]
     taken = np.zeros(count, np.bool_)
-    starts, ends = (indptr[:-1] + 1).tolist(), indptr[1:].tolist()
     for j in range(count):
-        height = ends[j] - starts[j]
+        height = len(below[j])
         mine, stored = [j], height + 1
         for child in children[j]:
             width, both = len(mine) + len(members[child]), stored + entries[child]
@@ -116,14 +133,14 @@ def _groups(
         members.append(mine)
         entries.append(stored)
         if height:
-            children[int(indices[starts[j]])].append(j)
+            children[int(below[j][0])].append(j)
     tops = np.flatnonzero(~taken).tolist()
     order = np.array([column for top in tops for column in members[top]], np.int64)
     renumbered = np.empty(count, np.int64)
     renumbered[order] = np.arange(count)
     last = np.cumsum([len(members[top]) for top in tops]).tolist()
     groups = [
-        (end - len(members[top]), end, np.sort(renumbered[indices[starts[top] : ends[top]]]))
+        (end - len(members[top]), end, np.sort(renumbered[below[top]]))
         for top, end in zip(tops, last, strict=True)
     ]
     return groups, renumbered

@@ -9,10 +9,7 @@ from dataclasses import dataclass
 class GraphConfig:
     iterations: int = 100  # steps of Levenberg-Marquardt at most, per start
     tolerance: float = 1e-7  # relative decrease of the cost below which a solution stands
-    starts: int = 2  # starts that are followed to the end when the first is not certified
     robust: bool = True  # whether closures that contradict odometry and each other are rejected
-    certify: bool = True  # whether the minimum is tested for being the global one
     inlier_probability: float = 0.9999  # of a true constraint to pass a chi-square test
     consistency_probability: float = 0.999  # of two true closures to pass for consistent
     covariances: bool = True  # whether the uncertainty of every node is computed
-    audit_constraints: int = 10  # worst residuals, largest corrections shown by `inspect graph`

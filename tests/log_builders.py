@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
@@ -27,6 +28,23 @@ def allowed(read: Callable[[], T], *words: str) -> T | None:
         if not all(word in str(error) for word in words):
             raise AssertionError(f"{error} does not say {words}") from error
     return None
+
+
+PLACES = st.floats(0.0, 1.0, exclude_max=True)
+"""Where in a file, as a share of its length."""
+
+
+def changes(least: int = 0) -> st.SearchStrategy[list[tuple[float, int]]]:
+    """Up to four damaged bytes: places and what comes there."""
+    return st.lists(st.tuples(PLACES, st.integers(0, 255)), min_size=least, max_size=4)
+
+
+def damaged(data: bytes, wrong: Sequence[tuple[float, int]], kept: float) -> bytes:
+    """The first share of some bytes, with wrong ones among them."""
+    spoilt = bytearray(data)
+    for place, byte in wrong:
+        spoilt[int(place * len(spoilt))] = byte
+    return bytes(spoilt[: round(kept * len(spoilt))])
 
 
 def store(ros: int) -> Typestore:

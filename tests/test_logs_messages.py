@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from log_builders import STORES, Make, allowed, serialised
+from log_builders import STORES, Make, allowed, changes, damaged, serialised
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from formats.logs.channels import Channel
@@ -308,17 +308,14 @@ SAMPLES = [
 @pytest.mark.parametrize("ros", [1, 2])
 @pytest.mark.parametrize(("name", "build"), SAMPLES)
 @settings(max_examples=80, deadline=None)
-@given(draw=st.data())
+@given(wrong=changes(), kept=st.floats(0.0, 1.0))
 def test_damaged_messages_raise_log_errors_only(
-    ros: int, name: str, build: Any, draw: st.DataObject
+    ros: int, name: str, build: Any, wrong: list[tuple[float, int]], kept: float
 ) -> None:
     decoder = decoder_for(channel(ros, name, "/topic"))
-    data = bytearray(serialised(ros, ("", name, 0, build(Make(ros)))))
-    for _ in range(draw.draw(st.integers(0, 4))):
-        data[draw.draw(st.integers(0, len(data) - 1))] = draw.draw(st.integers(0, 255))
-    damaged = bytes(data[: draw.draw(st.integers(0, len(data)))])
-    decoder.stamp(damaged)
-    message = allowed(lambda: decoder.decode(damaged, 7), "/topic")
+    data = damaged(serialised(ros, ("", name, 0, build(Make(ros)))), wrong, kept)
+    decoder.stamp(data)
+    message = allowed(lambda: decoder.decode(data, 7), "/topic")
     assert message is None or isinstance(message.stamp_ns, int)
 
 

@@ -9,13 +9,19 @@ import click
 import numpy as np
 
 from cli.common import format_option, map_argument, show_json
+from mapmyworld.errors import MapError
 from mapmyworld.types import MapStore, OccupancyGrid
 
 
 @click.command("map")
 @map_argument
+@click.option(
+    "--image",
+    type=click.Path(path_type=Path),
+    help="Draw the particles' paths over the grid into this PNG (--method fastslam).",
+)
 @format_option
-def inspect_map(map_path: Path, style: str) -> None:
+def inspect_map(map_path: Path, image: Path | None, style: str) -> None:
     """What MAP covers: sessions, length, duration, area, quality, and how it was made.
 
     \b
@@ -26,10 +32,28 @@ def inspect_map(map_path: Path, style: str) -> None:
 
     with open_store(map_path, read_only=True) as store:
         facts = map_facts(store)
+        if image is not None:
+            _draw_particles(store, image)
     if style == "json":
         show_json(facts)
     else:
         click.echo("\n".join(_lines(facts)))
+
+
+def _draw_particles(store: MapStore, path: Path) -> None:
+    paths, grid = store.get("particle_paths"), store.grid()
+    if paths is None or grid is None:
+        raise MapError(
+            f"{path}: this map was not made by particles; `inspect graph --image` draws its graph"
+        )
+    from formats.report.particle_picture import particle_picture
+    from formats.report.picture_file import write_picture
+
+    branches = np.array(paths["branches"], np.float32).reshape(-1, 2, 2)
+    best = np.array(paths["path"], np.float32).reshape(-1, 2)
+    loops = np.array(paths["loops"], np.float32).reshape(-1, 2)
+    write_picture(path, particle_picture(grid, branches, best, loops))
+    click.echo(f"drew {path}", err=True)
 
 
 def map_facts(store: MapStore) -> dict[str, Any]:

@@ -55,7 +55,12 @@ class FastSlamHistory:
         return {
             "branches": np.round(thinned.astype(np.float64), 2).tolist(),
             "path": np.round(self.path.astype(np.float64), 2).tolist(),
+            "loops": np.round(self._loop_places().astype(np.float64), 2).tolist(),
         }
+
+    def _loop_places(self) -> NDArray[np.float32]:
+        """(L, 2) where the best particle came back."""
+        return self.path[np.isin(self.frames, np.array(self.loops, np.int64))]
 
 
 def history_from_filter(

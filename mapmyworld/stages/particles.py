@@ -32,6 +32,7 @@ def track_particles(
     spread = result.covariances[: len(frames.stamps_ns)][frames.is_node]
     store.put("particle_spread", spread.reshape(-1, 9).tolist())
     store.put("particles", result.history.summary())
+    store.put("particle_paths", result.history.paths())
 
 
 def settle_particles(store: MapStore) -> None:

@@ -10,9 +10,11 @@ from typing import Any, TypeVar
 
 import click
 
+EXIT_USAGE = 1
 EXIT_BAD_INPUT = 2
 EXIT_PARTIAL = 3
 EXIT_CHECK_FAILED = 4
+EXIT_INTERRUPTED = 130
 
 F = TypeVar("F", bound=Callable[..., Any])
 

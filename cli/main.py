@@ -8,6 +8,7 @@ import sys
 import click
 
 import mapmyworld
+from cli.common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_USAGE
 from mapmyworld.errors import MapMyWorldError
 
 # Command -> (module:attribute, one line for the list of commands).
@@ -56,9 +57,6 @@ def group() -> None:
     mapmyworld inspect graph        shows nodes and constraints, and why some were rejected
     mapmyworld export grid          writes the grid again, as Nav2 loads it
     """
-
-
-EXIT_USAGE, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
 
 def main() -> None:

@@ -1,1 +1,0 @@
-"""A pose in a finished map."""

@@ -145,9 +145,3 @@ def text_to_blob(text: str) -> bytes:
     blob = matrix_to_blob(characters[None])
     assert blob is not None  # the NUL is always there
     return blob
-
-
-def blob_to_text(blob: bytes | None, what: str) -> str:
-    """The text of a compressed row of characters; empty where there is none."""
-    matrix = blob_to_matrix(blob, what)
-    return "" if matrix is None else matrix.tobytes().split(b"\0")[0].decode(errors="replace")

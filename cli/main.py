@@ -73,7 +73,7 @@ def main() -> None:
         sys.stderr.close()
         sys.exit(0)
     except (click.Abort, KeyboardInterrupt):
-        click.echo("mapmyworld: interrupted; the same command goes on where it stopped", err=True)
+        click.echo("mapmyworld: interrupted; the same command goes on with this stage", err=True)
         sys.exit(EXIT_INTERRUPTED)
 
 

@@ -20,9 +20,9 @@ clean:
 demo: install
 	rm -rf demo && mkdir -p demo
 	$(BIN)/mapmyworld build sample_logs/apartment.mcap -o demo/map.db
-	$(BIN)/mapmyworld inspect graph demo/map.db --image demo/graph.png
+	$(BIN)/mapmyworld inspect graph demo/map.db --image demo/graph.png > demo/graph.txt
 	@echo "The map of sample_logs/apartment.mcap is in demo/: map.pgm + map.yaml (grid), map.ply"
-	@echo "(cloud), map.tum (trajectory), map.db (everything), graph.png (picture of the graph)."
+	@echo "(cloud), map.tum (trajectory), map.db (everything), graph.png + graph.txt (the graph)."
 
 test: install
 	$(BIN)/ruff format --check .

@@ -97,7 +97,7 @@ class _Canvas:
         ]
         log_odds = log_odds_of(self._hits[part], self._passes[part], settings)
         corner = self._corner + np.array([max(columns[0] - 1, 0), max(rows[0] - 1, 0)])
-        return OccupancyGrid(log_odds, self._resolution, corner * self._resolution)
+        return OccupancyGrid(log_odds, self._resolution, np.round(corner * self._resolution, 9))
 
 
 def log_odds_of(

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from formats.logs.channels import Channel, Record
+from formats.logs.channels import Channel, Payload, Record
 from formats.logs.decoding import decoder_for
 from formats.logs.merged import MergedLog
 from formats.logs.recorded import RecordedLog
@@ -143,13 +143,15 @@ class _Copier:
         transcoder = self._transcoders[channel]
         try:
             if transcoder is not None:
-                self.writer.sink.write(transcoder.handle, log_time_ns, transcoder.convert(data))
+                self.writer.sink.write(
+                    transcoder.handle, log_time_ns, transcoder.convert(bytes(data))
+                )
             else:
                 self._decoded(channel, log_time_ns, data)
         except LogError as error:
             self._lose(str(error))
 
-    def _decoded(self, channel: Channel, log_time_ns: int, data: bytes) -> None:
+    def _decoded(self, channel: Channel, log_time_ns: int, data: Payload) -> None:
         """A message whose encoding the output does not take, by way of our own types."""
         decoder = decoder_for(channel)
         if decoder.kind is MessageKind.OTHER:

@@ -27,8 +27,16 @@ class Channel:
     metadata: Mapping[str, str] = field(default_factory=dict)
 
 
-Record = tuple[int, Channel, bytes]
+Payload = bytes | memoryview
+Record = tuple[int, Channel, Payload]
 """Log time in nanoseconds, channel, payload."""
+
+_COPY_BYTES = 1 << 16
+
+
+def payload(chunk: bytes, start: int, end: int) -> Payload:
+    """Part of a chunk; a large one as a view, for copying pixels costs as much as unpacking."""
+    return chunk[start:end] if end - start < _COPY_BYTES else memoryview(chunk)[start:end]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from struct import Struct
 
-from formats.logs.channels import Channel
+from formats.logs.channels import Channel, Payload
 from formats.logs.ros_decoders import STAMPED, TEXT, TRANSFORMS, text, transforms
 from formats.logs.wire import ROS1, Wire, cdr_wire
 from mapmyworld.errors import LogError
@@ -32,8 +32,8 @@ _TF_COUNT_BYTES = 4
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelDecoder:
     kind: MessageKind
-    stamp: Callable[[bytes], int | None]
-    decode: Callable[[bytes, int], Message]
+    stamp: Callable[[Payload], int | None]
+    decode: Callable[[Payload, int], Message]
     """Of payload and log time."""
 
 
@@ -77,7 +77,7 @@ def ros_kind(type_name: str) -> MessageKind:
     return STAMPED[type_name][0] if type_name in STAMPED else MessageKind.OTHER
 
 
-Body = Callable[[Wire, bytes, int], Message]
+Body = Callable[[Wire, Payload, int], Message]
 
 
 def _body(channel: Channel) -> Body:
@@ -105,16 +105,16 @@ def _standardiser(channel: Channel) -> Callable[[bytes], bytes] | None:
 
 def _decode(
     channel: Channel, standardise: Callable[[bytes], bytes] | None
-) -> Callable[[bytes, int], Message]:
+) -> Callable[[Payload, int], Message]:
     body = _body(channel)
 
-    def decode_ros1(data: bytes, log_time_ns: int) -> Message:
+    def decode_ros1(data: Payload, log_time_ns: int) -> Message:
         try:
             return body(ROS1, data, log_time_ns)
         except DECODE_ERRORS as error:
             raise _damaged(channel, log_time_ns, error) from error
 
-    def decode_cdr(data: bytes, log_time_ns: int) -> Message:
+    def decode_cdr(data: Payload, log_time_ns: int) -> Message:
         try:
             if standardise is not None:
                 data = _standardised(standardise, data)
@@ -133,51 +133,51 @@ def _damaged(channel: Channel, log_time_ns: int, error: Exception) -> LogError:
     )
 
 
-def _standardised(standardise: Callable[[bytes], bytes], data: bytes) -> bytes:
+def _standardised(standardise: Callable[[bytes], bytes], data: Payload) -> bytes:
     try:
-        return standardise(data)
+        return standardise(bytes(data))
     except Exception as error:  # rosbags promises no family of errors here
         raise ValueError(str(error)) from error
 
 
-def _refuse(channel: Channel, _data: bytes, _log_time_ns: int) -> Message:
+def _refuse(channel: Channel, _data: Payload, _log_time_ns: int) -> Message:
     raise LogError(
         f"{channel.topic}: messages of type {channel.type_name or '(none)'} "
         f"({channel.encoding or 'no encoding'}) are not decoded"
     )
 
 
-def _no_stamp(_data: bytes) -> int | None:
+def _no_stamp(_data: Payload) -> int | None:
     return None
 
 
-def _ros1_stamp(data: bytes) -> int | None:
+def _ros1_stamp(data: Payload) -> int | None:
     if len(data) < 12:
         return None
     seconds, nanoseconds = _LITTLE(data, 4)
     return int(seconds) * 1_000_000_000 + int(nanoseconds)
 
 
-def _cdr_stamp(data: bytes) -> int | None:
+def _cdr_stamp(data: Payload) -> int | None:
     if len(data) < 12:
         return None
     seconds, nanoseconds = (_LITTLE if data[1] else _BIG)(data, 4)
     return int(seconds) * 1_000_000_000 + int(nanoseconds)
 
 
-def _ros1_tf_stamp(data: bytes) -> int | None:
+def _ros1_tf_stamp(data: Payload) -> int | None:
     """Of the first transform."""
     return _ros1_stamp(data[_TF_COUNT_BYTES:])
 
 
-def _cdr_tf_stamp(data: bytes) -> int | None:
+def _cdr_tf_stamp(data: Payload) -> int | None:
     if len(data) < 16:
         return None
     seconds, nanoseconds = (_LITTLE if data[1] else _BIG)(data, 8)
     return int(seconds) * 1_000_000_000 + int(nanoseconds)
 
 
-def _slow_stamp(decode: Callable[[bytes, int], Message], data: bytes) -> int | None:
+def _slow_stamp(decode: Callable[[Payload, int], Message], data: Payload) -> int | None:
     try:
         return decode(data, 0).stamp_ns
     except LogError:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
-from formats.logs.channels import Channel
+from formats.logs.channels import Channel, Payload
 from formats.logs.foxglove import CONVERTERS, foxglove_name, stamp_of
 from mapmyworld.errors import LogError
 from mapmyworld.types import Message, MessageKind, TransformsMessage
@@ -22,7 +22,7 @@ Parse = Callable[[bytes], Any]
 
 def foxglove_decoder(
     channel: Channel,
-) -> tuple[MessageKind, Callable[[bytes], int | None], Callable[[bytes, int], Message]] | None:
+) -> tuple[MessageKind, Callable[[Payload], int | None], Callable[[Payload, int], Message]] | None:
     """Kind, peek at the stamp, and decoder; None for what is no known Foxglove type."""
     name = foxglove_name(channel.type_name)
     parse = _parser(channel) if name else None
@@ -31,9 +31,9 @@ def foxglove_decoder(
     kind, convert = CONVERTERS[name]
     static = channel.topic.rstrip("/").endswith("tf_static")
 
-    def decode(data: bytes, log_time_ns: int) -> Message:
+    def decode(data: Payload, log_time_ns: int) -> Message:
         try:
-            message = convert(parse(data))
+            message = convert(parse(bytes(data)))
         except Exception as error:  # three foreign parsers, each with errors of its own
             raise LogError(
                 f"{channel.topic}: a damaged {channel.type_name} at log time "
@@ -43,7 +43,7 @@ def foxglove_decoder(
             return replace(message, static=True)
         return message
 
-    def slow_stamp(data: bytes) -> int | None:
+    def slow_stamp(data: Payload) -> int | None:
         try:
             return decode(data, 0).stamp_ns
         except LogError:
@@ -53,8 +53,8 @@ def foxglove_decoder(
         return kind, slow_stamp, decode
     quick = {"protobuf": _protobuf_stamp, "json": _json_stamp}.get(channel.encoding)
 
-    def stamp(data: bytes) -> int | None:
-        found = quick(data) if quick is not None else None
+    def stamp(data: Payload) -> int | None:
+        found = quick(bytes(data)) if quick is not None else None
         return slow_stamp(data) if found is None else found
 
     return kind, stamp, decode

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.logs.channels import Payload
 from formats.logs.compressed_depth import decode_compressed_depth
 from mapmyworld.errors import LogError
 from mapmyworld.types import ImageMessage
@@ -32,7 +33,7 @@ def raw_image(
     width: int,
     height: int,
     step: int,
-    data: bytes,
+    data: Payload,
     start: int = 0,
     big_endian: bool = False,
 ) -> ImageMessage:
@@ -42,7 +43,7 @@ def raw_image(
 
 
 def _raw_pixels(
-    encoding: str, width: int, height: int, step: int, data: bytes, start: int, big_endian: bool
+    encoding: str, width: int, height: int, step: int, data: Payload, start: int, big_endian: bool
 ) -> NDArray[np.generic]:
     layout = _LAYOUTS.get(encoding) or _LAYOUTS.get(encoding.lower())
     if layout is None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from struct import Struct
 
 from formats.logs.blocks import DamagedBlockError
-from formats.logs.channels import Channel, normalised_type
+from formats.logs.channels import Channel, Payload, normalised_type, payload
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
@@ -195,13 +195,13 @@ def chunk_messages(
     definitions: Definitions | None = None,
     *,
     to_the_end: bool = True,
-) -> list[tuple[int, int, bytes]]:
+) -> list[tuple[int, int, Payload]]:
     """Messages of decompressed records as (log time, channel id, payload), in file order.
 
     `wanted` None means all. Definitions met on the way go into `definitions`. Where `to_the_end`
     is False, damage ends the list instead of raising DamagedBlockError.
     """
-    messages: list[tuple[int, int, bytes]] = []
+    messages: list[tuple[int, int, Payload]] = []
     position, end = 0, len(data)
     try:
         while position < end:
@@ -218,7 +218,7 @@ def _next_record(
     end: int,
     wanted: Mapping[int, object] | None,
     definitions: Definitions | None,
-    messages: list[tuple[int, int, bytes]],
+    messages: list[tuple[int, int, Payload]],
 ) -> int:
     if data[position] == MESSAGE and position + _MESSAGE_BYTES <= end:
         _, length, key, _, time = _MESSAGE_HEAD(data, position)
@@ -226,7 +226,7 @@ def _next_record(
         if after > end or length < 22:
             raise DamagedBlockError("a message is cut")
         if wanted is None or key in wanted:
-            messages.append((time, key, data[position + _MESSAGE_BYTES : after]))
+            messages.append((time, key, payload(data, position + _MESSAGE_BYTES, after)))
         return after
     if position + HEAD_BYTES > end:
         raise DamagedBlockError("a record is cut")

@@ -8,7 +8,7 @@ from struct import Struct
 from typing import BinaryIO
 
 from formats.logs.blocks import DamagedBlockError
-from formats.logs.channels import Block, Index
+from formats.logs.channels import Block, Index, Payload
 from formats.logs.compression import MAX_CHUNK_BYTES, MAX_DEFINITION_BYTES
 from formats.logs.mcap_chunks import chunk_beginning, chunk_data
 from formats.logs.mcap_records import (
@@ -47,7 +47,7 @@ class _Scan:
         self.index = Index(details=[("index", "none, rebuilt")])
         self.definitions = Definitions()
         self.latest_ns = 0
-        self.bare: list[tuple[int, int, bytes]] = []
+        self.bare: list[tuple[int, int, Payload]] = []
         self.bare_start = self.bare_end = 0
 
     def run(self) -> Index:
@@ -149,7 +149,7 @@ class _Scan:
 
     def _add(
         self,
-        messages: list[tuple[int, int, bytes]],
+        messages: list[tuple[int, int, Payload]],
         offset: int,
         length: int,
         *,

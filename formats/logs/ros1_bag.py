@@ -7,7 +7,7 @@ from struct import Struct
 from typing import BinaryIO
 
 from formats.logs.blocks import BlockFile, DamagedBlockError
-from formats.logs.channels import Block, Channel, Index, Record
+from formats.logs.channels import Block, Channel, Index, Payload, Record
 from formats.logs.compression import (
     MAX_CHUNK_BYTES,
     MAX_DEFINITION_BYTES,
@@ -206,7 +206,7 @@ def _scan_record(stream: BinaryIO, position: int, size: int, index: Index) -> in
     return after
 
 
-def _add_block(index: Index, records: list[tuple[int, int, bytes]], block: Block) -> None:
+def _add_block(index: Index, records: list[tuple[int, int, Payload]], block: Block) -> None:
     if not records:
         return
     for _, key, _ in records:

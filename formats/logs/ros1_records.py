@@ -8,7 +8,7 @@ from __future__ import annotations
 from struct import Struct
 
 from formats.logs.blocks import DamagedBlockError
-from formats.logs.channels import Channel, Record, normalised_type
+from formats.logs.channels import Channel, Payload, Record, normalised_type, payload
 
 MAGIC = b"#ROSBAG V2.0\n"
 OP_MESSAGE, OP_BAG_HEADER, OP_INDEX, OP_CHUNK, OP_CHUNK_INFO, OP_CONNECTION = 2, 3, 4, 5, 6, 7
@@ -114,13 +114,13 @@ def chunk_records(
     connections: dict[int, Channel] | None = None,
     *,
     to_the_end: bool = True,
-) -> list[tuple[int, int, bytes]]:
+) -> list[tuple[int, int, Payload]]:
     """Messages of a decompressed chunk as (log time, connection, payload), in file order.
 
     Connections found on the way go into `connections`. Where `to_the_end` is False, damage ends
     the list instead of raising DamagedBlockError.
     """
-    records: list[tuple[int, int, bytes]] = []
+    records: list[tuple[int, int, Payload]] = []
     position, end = 0, len(data)
     try:
         while position < end:
@@ -137,7 +137,7 @@ def _next_record(
     end: int,
     wanted: dict[int, Channel],
     connections: dict[int, Channel] | None,
-    records: list[tuple[int, int, bytes]],
+    records: list[tuple[int, int, Payload]],
 ) -> int:
     if position + 8 > end:
         raise DamagedBlockError("a record is cut")
@@ -156,14 +156,14 @@ def _next_record(
         if connection in wanted or connections is not None:
             seconds, nanoseconds = _TIME(header, layout.time_at)
             time = seconds * 1_000_000_000 + nanoseconds
-            records.append((time, connection, data[body + 4 : after]))
+            records.append((time, connection, payload(data, body + 4, after)))
         return after
     fields = parse_fields(header)
     op = operation(fields)
     if op == OP_MESSAGE:
         connection, time = field_u32(fields, b"conn"), field_time(fields, b"time")
         if connection in wanted or connections is not None:
-            records.append((time, connection, data[body + 4 : after]))
+            records.append((time, connection, payload(data, body + 4, after)))
         if len(fields) == 3:
             _layouts[size] = _Layout(header)
     elif op == OP_CONNECTION and connections is not None:
@@ -173,7 +173,7 @@ def _next_record(
 
 
 def with_channels(
-    records: list[tuple[int, int, bytes]], channels: dict[int, Channel]
+    records: list[tuple[int, int, Payload]], channels: dict[int, Channel]
 ) -> list[Record]:
     """The records of known, wanted channels."""
     return [(time, channels[key], data) for time, key, data in records if key in channels]

@@ -13,6 +13,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.logs.channels import Payload
 from formats.logs.images import compressed_image, raw_image
 from formats.logs.point_clouds import PointField, cloud_points
 from formats.logs.poses import pose_matrix
@@ -36,17 +37,17 @@ Floats = NDArray[np.float64]
 _MAX_ITEMS = 1_000_000  # transforms or echoes in one message; more is damage
 
 
-def _doubles(wire: Wire, data: bytes, position: int, count: int) -> tuple[Floats, int]:
+def _doubles(wire: Wire, data: Payload, position: int, count: int) -> tuple[Floats, int]:
     found, end = wire.array(data, position, "f8", count)
     return cast(Floats, found), end
 
 
-def _singles(wire: Wire, data: bytes, position: int) -> tuple[NDArray[np.float32], int]:
+def _singles(wire: Wire, data: Payload, position: int) -> tuple[NDArray[np.float32], int]:
     found, end = wire.floats(data, position, "f4")
     return cast("NDArray[np.float32]", found), end
 
 
-def laser_scan(wire: Wire, data: bytes) -> LaserScanMessage:
+def laser_scan(wire: Wire, data: Payload) -> LaserScanMessage:
     stamp, frame, position = wire.header(data, wire.start)
     numbers, position = wire.array(data, wire.align(position, 4), "f4", 7)
     ranges, position = _singles(wire, data, position)
@@ -54,7 +55,7 @@ def laser_scan(wire: Wire, data: bytes) -> LaserScanMessage:
     return _scan(stamp, frame, numbers, ranges, intensities)
 
 
-def multi_echo_laser_scan(wire: Wire, data: bytes) -> LaserScanMessage:
+def multi_echo_laser_scan(wire: Wire, data: Payload) -> LaserScanMessage:
     """The first echo of each beam; infinite where there is none."""
     stamp, frame, position = wire.header(data, wire.start)
     numbers, position = wire.array(data, wire.align(position, 4), "f4", 7)
@@ -64,7 +65,7 @@ def multi_echo_laser_scan(wire: Wire, data: bytes) -> LaserScanMessage:
 
 
 def _first_echoes(
-    wire: Wire, data: bytes, position: int, missing: float
+    wire: Wire, data: Payload, position: int, missing: float
 ) -> tuple[NDArray[np.float32], int]:
     count, position = wire.u32(data, position)
     if count > _MAX_ITEMS:
@@ -90,7 +91,7 @@ def _scan(
     )
 
 
-def odometry(wire: Wire, data: bytes) -> OdometryMessage:
+def odometry(wire: Wire, data: Payload) -> OdometryMessage:
     stamp, frame, position = wire.header(data, wire.start)
     child, position = wire.string(data, position)
     position = wire.align(position, 8)
@@ -107,7 +108,7 @@ def odometry(wire: Wire, data: bytes) -> OdometryMessage:
     )
 
 
-def imu(wire: Wire, data: bytes) -> ImuMessage:
+def imu(wire: Wire, data: Payload) -> ImuMessage:
     stamp, frame, position = wire.header(data, wire.start)
     values, _ = _doubles(wire, data, position, 37)
     # A first covariance of -1 says "no orientation"; so does a quaternion that was never set.
@@ -115,7 +116,7 @@ def imu(wire: Wire, data: bytes) -> ImuMessage:
     return ImuMessage(stamp, frame, values[:4] if known else None, values[13:16], values[25:28])
 
 
-def transforms(wire: Wire, data: bytes, *, static: bool) -> TransformsMessage:
+def transforms(wire: Wire, data: Payload, *, static: bool) -> TransformsMessage:
     count, position = wire.u32(data, wire.start)
     if count > _MAX_ITEMS:
         raise ValueError(f"{count} transforms")
@@ -130,7 +131,7 @@ def transforms(wire: Wire, data: bytes, *, static: bool) -> TransformsMessage:
     return TransformsMessage(tuple(found), static)
 
 
-def camera_info(wire: Wire, data: bytes) -> CameraInfoMessage:
+def camera_info(wire: Wire, data: Payload) -> CameraInfoMessage:
     stamp, frame, position = wire.header(data, wire.start)
     height, position = wire.u32(data, position)
     width, position = wire.u32(data, position)
@@ -150,7 +151,7 @@ def camera_info(wire: Wire, data: bytes) -> CameraInfoMessage:
     )
 
 
-def image(wire: Wire, data: bytes) -> ImageMessage:
+def image(wire: Wire, data: Payload) -> ImageMessage:
     stamp, frame, position = wire.header(data, wire.start)
     height, position = wire.u32(data, position)
     width, position = wire.u32(data, position)
@@ -163,14 +164,14 @@ def image(wire: Wire, data: bytes) -> ImageMessage:
     return raw_image(stamp, frame, encoding, width, height, step, data, position, big_endian)
 
 
-def image_compressed(wire: Wire, data: bytes) -> ImageMessage:
+def image_compressed(wire: Wire, data: Payload) -> ImageMessage:
     stamp, frame, position = wire.header(data, wire.start)
     described, position = wire.string(data, position)
     payload, _ = wire.octets(data, position)
     return compressed_image(stamp, frame, described, payload)
 
 
-def point_cloud(wire: Wire, data: bytes) -> PointCloudMessage:
+def point_cloud(wire: Wire, data: Payload) -> PointCloudMessage:
     stamp, frame, position = wire.header(data, wire.start)
     height, position = wire.u32(data, position)
     width, position = wire.u32(data, position)
@@ -192,23 +193,23 @@ def point_cloud(wire: Wire, data: bytes) -> PointCloudMessage:
     return PointCloudMessage(stamp, frame, points, colours)
 
 
-def pose(wire: Wire, data: bytes) -> PoseMessage:
+def pose(wire: Wire, data: Payload) -> PoseMessage:
     stamp, frame, position = wire.header(data, wire.start)
     values, _ = _doubles(wire, data, position, 7)
     return PoseMessage(stamp, frame, pose_matrix(values.tolist()), np.zeros((6, 6)))
 
 
-def pose_with_covariance(wire: Wire, data: bytes) -> PoseMessage:
+def pose_with_covariance(wire: Wire, data: Payload) -> PoseMessage:
     stamp, frame, position = wire.header(data, wire.start)
     values, _ = _doubles(wire, data, position, 43)
     return PoseMessage(stamp, frame, pose_matrix(values[:7].tolist()), values[7:].reshape(6, 6))
 
 
-def text(wire: Wire, data: bytes, log_time_ns: int) -> TextMessage:
+def text(wire: Wire, data: Payload, log_time_ns: int) -> TextMessage:
     return TextMessage(log_time_ns, wire.string(data, wire.start)[0])
 
 
-Decoder = Callable[[Wire, bytes], Message]
+Decoder = Callable[[Wire, Payload], Message]
 
 # Types with a header, whose stamp can be read alone.
 STAMPED: dict[str, tuple[MessageKind, Decoder]] = {

@@ -11,6 +11,8 @@ from struct import Struct
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.logs.channels import Payload
+
 _ROS1_HEADER = Struct("<IIII").unpack_from
 
 
@@ -28,34 +30,34 @@ class Ros1Wire:
     def align(self, position: int, size: int) -> int:
         return position
 
-    def header(self, data: bytes, position: int) -> tuple[int, str, int]:
+    def header(self, data: Payload, position: int) -> tuple[int, str, int]:
         """Stamp, frame and the position after a std_msgs/Header."""
         _, seconds, nanoseconds, length = _ROS1_HEADER(data, position)
         end = position + 16 + length
-        frame = data[position + 16 : end].decode()
+        frame = str(data[position + 16 : end], "utf-8")
         return seconds * 1_000_000_000 + nanoseconds, frame, end
 
-    def string(self, data: bytes, position: int) -> tuple[str, int]:
+    def string(self, data: Payload, position: int) -> tuple[str, int]:
         length, position = self.u32(data, position)
         _check(data, position, length)
-        return data[position : position + length].decode(), position + length
+        return str(data[position : position + length], "utf-8"), position + length
 
-    def u32(self, data: bytes, position: int) -> tuple[int, int]:
+    def u32(self, data: Payload, position: int) -> tuple[int, int]:
         return self._u32(data, position)[0], position + 4
 
-    def octets(self, data: bytes, position: int) -> tuple[bytes, int]:
+    def octets(self, data: Payload, position: int) -> tuple[bytes, int]:
         """A sequence of bytes."""
         length, position = self.u32(data, position)
         _check(data, position, length)
-        return data[position : position + length], position + length
+        return bytes(data[position : position + length]), position + length
 
-    def floats(self, data: bytes, position: int, kind: str) -> tuple[NDArray[np.generic], int]:
+    def floats(self, data: Payload, position: int, kind: str) -> tuple[NDArray[np.generic], int]:
         """A sequence of numbers of numpy kind "f4" or "f8"."""
         length, position = self.u32(data, position)
         return self.array(data, position, kind, length)
 
     def array(
-        self, data: bytes, position: int, kind: str, length: int
+        self, data: Payload, position: int, kind: str, length: int
     ) -> tuple[NDArray[np.generic], int]:
         """`length` numbers, read-only, in the machine's byte order."""
         size = 4 if kind == "f4" else 8
@@ -73,24 +75,24 @@ class CdrWire(Ros1Wire):
     def align(self, position: int, size: int) -> int:
         return position + (4 - position) % size
 
-    def header(self, data: bytes, position: int) -> tuple[int, str, int]:
+    def header(self, data: Payload, position: int) -> tuple[int, str, int]:
         position += -position % 4
         seconds, nanoseconds, length = self._stamp(data, position)
         end = position + 12 + length
-        frame = data[position + 12 : end - 1].decode() if length else ""
+        frame = str(data[position + 12 : end - 1], "utf-8") if length else ""
         return seconds * 1_000_000_000 + nanoseconds, frame, end
 
-    def string(self, data: bytes, position: int) -> tuple[str, int]:
+    def string(self, data: Payload, position: int) -> tuple[str, int]:
         length, position = self.u32(data, position)
         _check(data, position, length)
-        return data[position : position + max(length - 1, 0)].decode(), position + length
+        return str(data[position : position + max(length - 1, 0)], "utf-8"), position + length
 
-    def u32(self, data: bytes, position: int) -> tuple[int, int]:
+    def u32(self, data: Payload, position: int) -> tuple[int, int]:
         position += -position % 4
         return self._u32(data, position)[0], position + 4
 
     def array(
-        self, data: bytes, position: int, kind: str, length: int
+        self, data: Payload, position: int, kind: str, length: int
     ) -> tuple[NDArray[np.generic], int]:
         found, end = super().array(data, position, kind, length)
         if self.order == ">" and length:
@@ -98,7 +100,7 @@ class CdrWire(Ros1Wire):
         return found, end
 
 
-def _check(data: bytes, position: int, length: int) -> None:
+def _check(data: Payload, position: int, length: int) -> None:
     if position + length > len(data):
         raise ValueError(f"{length} bytes are announced, {len(data) - position} are there")
 
@@ -108,7 +110,7 @@ ROS1 = Ros1Wire()
 CDR_LITTLE, CDR_BIG = CdrWire("<"), CdrWire(">")
 
 
-def cdr_wire(data: bytes) -> CdrWire:
+def cdr_wire(data: Payload) -> CdrWire:
     """The byte order that the message's encapsulation names; ValueError for another encoding."""
     if data[:2] == b"\x00\x01":
         return CDR_LITTLE

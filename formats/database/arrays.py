@@ -9,12 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.database.blobs import inflate
+from formats.database.blobs import FAST, inflate
 from formats.database.connection import Connection
 from mapmyworld.errors import MapError
-
-_FAST = 1
-
 
 _NONE = "none"
 
@@ -30,7 +27,7 @@ def write_array(db: Connection, name: str, rank: int, array: NDArray[Any] | None
         db.run(insert, (name, rank, _NONE, _NONE, b""))
         return
     little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
-    data = zlib.compress(little.tobytes(), _FAST)
+    data = zlib.compress(little.tobytes(), FAST)
     shape = json.dumps(list(array.shape))
     db.run(insert, (name, rank, little.dtype.str, shape, data))
 

@@ -42,6 +42,25 @@ _trace_beams = njit(
 )(_trace)
 
 
+def _list(grid, kind, x0, y0, cell, centres):  # type: ignore[no-untyped-def]
+    """Fills `centres` with those of the cells of a kind, row by row; returns how many."""
+    count = 0
+    for row in range(grid.shape[0]):
+        for col in range(grid.shape[1]):
+            if grid[row, col] == kind:
+                centres[count, 0] = (col + x0) * cell
+                centres[count, 1] = (row + y0) * cell
+                count += 1
+    return count
+
+
+_list_centres = njit(
+    "int64(uint8[:, ::1], int64, float64, float64, float64, float32[:, ::1])",
+    cache=True,
+    nogil=True,
+)(_list)
+
+
 def local_cells(
     scan: Scan, cell_size: float, reach: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -53,13 +72,9 @@ def local_cells(
     _trace_beams(points, x0, y0, cell_size, reach, grid)
     # Centres on multiples of the cell, so that grids of all nodes compress and align alike.
     corner = np.rint(np.array([x0, y0]) / cell_size) - half
-    empty, obstacle = (_centres(grid == kind, corner, cell_size) for kind in (_EMPTY, _OBSTACLE))
-    return empty, obstacle
-
-
-def _centres(
-    mask: NDArray[np.bool_], corner: NDArray[np.float64], cell_size: float
-) -> NDArray[np.float32]:
-    rows, cols = np.nonzero(mask)
-    centres = np.column_stack([cols + corner[0], rows + corner[1]]) * cell_size
-    return centres.astype(np.float32)[None]
+    found = np.empty((grid.size, 2), np.float32)
+    centres = []
+    for kind in (_EMPTY, _OBSTACLE):
+        count = _list_centres(grid, kind, corner[0], corner[1], cell_size, found)
+        centres.append(found[None, :count].copy())
+    return centres[0], centres[1]

@@ -16,6 +16,7 @@ SQLITE_MAGIC = b"SQLite format 3\0"
 _PAGE_SIZE = 4096
 _EPOCH = "1970-01-01 00:00:00"
 _LAST_SECOND = 253402300799  # 9999-12-31 23:59:59 UTC
+_QUEUE_BYTES = 4 << 20  # of rows that wait to be written together
 
 
 class Connection:
@@ -27,6 +28,8 @@ class Connection:
         self.writable = writable
         self.entered = _EPOCH
         """The text that `time_enter` gets, UTC."""
+        self._queue: dict[str, list[Sequence[Any]]] = {}
+        self._queued = 0
         mode = "rwc" if writable else "ro&immutable=1" if frozen else "ro"
         with self._explained():
             self._sqlite = self._connect(mode)
@@ -56,26 +59,42 @@ class Connection:
 
     def rows(self, sql: str, parameters: Sequence[Any] = ()) -> list[Any]:
         """All rows of a query."""
-        with self._explained():
+        with self._ready():
             return self._sqlite.execute(sql, parameters).fetchall()
 
     def row(self, sql: str, parameters: Sequence[Any] = ()) -> Any:
         """The first row of a query; None without one."""
-        with self._explained():
+        with self._ready():
             return self._sqlite.execute(sql, parameters).fetchone()
 
     def iterate(self, sql: str, parameters: Sequence[Any] = ()) -> Iterator[Any]:
         """Rows of a query, as they are asked for."""
-        with self._explained():
+        with self._ready():
             yield from self._sqlite.execute(sql, parameters)
 
     def run(self, sql: str, parameters: Sequence[Any] = ()) -> None:
-        with self._explained():
+        with self._ready():
             self._sqlite.execute(sql, parameters)
 
     def run_many(self, sql: str, rows: Iterable[Sequence[Any]]) -> None:
-        with self._explained():
+        with self._ready():
             self._sqlite.executemany(sql, rows)
+
+    def later(self, sql: str, rows: Sequence[Sequence[Any]]) -> None:
+        """Rows to be written with others of their kind; any other statement finds them there.
+
+        Statements run in the order in which their first row came.
+        """
+        self._queue.setdefault(sql, []).extend(rows)
+        self._queued += sum(_size(row) for row in rows)
+        if self._queued > _QUEUE_BYTES:
+            self._write_queue()
+
+    def _write_queue(self) -> None:
+        queue, self._queue, self._queued = self._queue, {}, 0
+        with self._explained():
+            for sql, rows in queue.items():
+                self._sqlite.executemany(sql, rows)
 
     def begin(self) -> None:
         """Opens a transaction unless one is open."""
@@ -95,11 +114,24 @@ class Connection:
         self._sqlite.close()
 
     @contextmanager
+    def _ready(self) -> Iterator[None]:
+        """What waited is written first."""
+        if self._queue:
+            self._write_queue()
+        with self._explained():
+            yield
+
+    @contextmanager
     def _explained(self) -> Iterator[None]:
         try:
             yield
         except sqlite3.Error as error:
             raise MapError(f"{self.path}: {_remedy(str(error))}") from error
+
+
+def _size(row: Sequence[Any]) -> int:
+    """Bytes that a row holds in memory, roughly."""
+    return 64 + sum(len(value) for value in row if isinstance(value, bytes))
 
 
 def _remedy(message: str) -> str:

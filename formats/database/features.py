@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.database.connection import Connection
 from mapmyworld.errors import MapError
 from mapmyworld.types import Features
 
@@ -95,3 +96,11 @@ def word_rows(words: Mapping[int, NDArray[Any]]) -> Iterator[Row]:
     for word_id in sorted(words):
         descriptor = np.ascontiguousarray(words[word_id])
         yield (word_id, descriptor.size, descriptor.tobytes())
+
+
+def read_words(db: Connection) -> dict[int, NDArray[Any]]:
+    """The vocabulary: word id -> descriptor."""
+    return {
+        word_id: descriptor_from_blob(size, blob, f"{db.path}: word {word_id}")
+        for word_id, size, blob in db.iterate(SELECT_WORDS)
+    }

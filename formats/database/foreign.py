@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
-from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -16,6 +14,7 @@ from formats.database import foreign_graph as graph
 from formats.database.blobs import blob_to_matrix, blob_to_pose, blobs_to_poses
 from formats.database.connection import Connection
 from formats.database.frame_rows import nodes_as_frames
+from formats.database.opened import Opened
 from formats.database.read_only import ReadOnly
 from formats.database.results import text_to_parameters
 from mapmyworld.errors import MapError
@@ -46,12 +45,11 @@ def nanoseconds(stamp: float | None) -> int:
     return int(Decimal(repr(seconds)) * 1_000_000_000)
 
 
-class RtabmapStore(ReadOnly):
+class RtabmapStore(ReadOnly, Opened):
     """The reading half of a MapStore, from RTAB-Map's own tables."""
 
     def __init__(self, connection: Connection) -> None:
-        self._db = connection
-        self.path: Path = connection.path
+        super().__init__(connection)
         self._problems: list[str] = []
         self._columns = {name: connection.columns(name) for name in ("Node", "Data", "Admin")}
         self.version = self._checked_version()
@@ -61,20 +59,6 @@ class RtabmapStore(ReadOnly):
     def problems(self) -> tuple[str, ...]:
         """What was left out so far, one line each."""
         return tuple(self._problems)
-
-    def __enter__(self) -> RtabmapStore:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        self._db.close()
 
     def _checked_version(self) -> str:
         if "id" not in self._columns["Node"] or "version" not in self._columns["Admin"]:
@@ -169,11 +153,7 @@ class RtabmapStore(ReadOnly):
         return {row[0]: dict(zip(names, row[1:], strict=True)) for row in found if row[0] in known}
 
     def words(self) -> dict[int, NDArray[Any]]:
-        words = {}
-        for word_id, size, blob in self._db.iterate(feature_rows.SELECT_WORDS):
-            what = f"{self.path}: word {word_id}"
-            words[word_id] = feature_rows.descriptor_from_blob(size, blob, what)
-        return words
+        return feature_rows.read_words(self._db)
 
     # Frames: only nodes were kept
 

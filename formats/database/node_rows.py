@@ -21,8 +21,8 @@ INSERT_NODE = (
 )
 INSERT_OWN = "INSERT INTO mapmyworld_nodes VALUES (?,?,?,?,?,?,?,?,?,?,?)"
 SELECT_OWN = (
-    "SELECT id, session, stamp_ns, odom_from_base, tracked_from_base, weight, ground_truth"
-    " FROM mapmyworld_nodes"
+    "SELECT own.id, own.session, own.stamp_ns, own.odom_from_base, own.tracked_from_base,"
+    " own.weight, own.ground_truth FROM mapmyworld_nodes AS own"
 )
 Row = tuple[Any, ...]
 _CELLS_TURN = 0.5  # rad of rotation after which a node has a local grid in any case

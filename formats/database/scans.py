@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.database.blobs import (
+    FAST,
     blob_to_matrix,
     blob_to_pose,
     matrix_to_blob,
@@ -65,7 +66,7 @@ def scan_without_points(scan: Scan) -> bytes:
 def scan_to_columns(scan: Scan) -> tuple[bytes | None, bytes]:
     """`Data.scan` and `Data.scan_info` of a planar scan."""
     points = transform_points_planar(invert_planar(scan.origin), scan.points)
-    blob = matrix_to_blob(points.astype(np.float32)[None])
+    blob = matrix_to_blob(points.astype(np.float32)[None], FAST)
     bearings = np.concatenate(
         [np.arctan2(points[:, 1], points[:, 0]), scan.missing - scan.origin[2]]
     )
@@ -93,7 +94,7 @@ def cloud_to_columns(cloud: NDArray[np.float32]) -> tuple[bytes | None, bytes]:
     reach = float(np.linalg.norm(points, axis=1).max()) if len(points) else 0.0
     head = (_XYZ, 0.0, reach, 0.0, 0.0, 0.0, len(points))
     info = np.frombuffer(pose_to_blob(np.eye(4)), "<f4")
-    return matrix_to_blob(points[None]), np.concatenate([head, info]).astype("<f4").tobytes()
+    return matrix_to_blob(points[None], FAST), np.concatenate([head, info]).astype("<f4").tobytes()
 
 
 def columns_to_observation(

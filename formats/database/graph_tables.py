@@ -1,0 +1,67 @@
+"""The constraints and the visual words of a map of ours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from numpy.typing import NDArray
+
+from formats.database import features as feature_rows
+from formats.database import links
+from formats.database.connection import Connection
+from formats.database.stages import REPLACED
+from formats.database.transactions import Transactions
+from mapmyworld.types import Constraint
+
+
+class GraphTables(Transactions):
+    """Every constraint with its verdict, and RTAB-Map's links of the accepted ones."""
+
+    def __init__(self, connection: Connection) -> None:
+        super().__init__(connection)
+        self._constraints: tuple[Constraint, ...] | None = None
+        self._solved_anew = False
+
+    def add_constraints(self, constraints: Sequence[Constraint]) -> None:
+        self._begin()
+        self._constraints = None
+        written = links.constraint_rows(constraints, self._current_rank())
+        self._db.later(links.INSERT_CONSTRAINT, list(written))
+        self._db.later(links.INSERT_LINK, list(links.link_rows(constraints)))
+        self._settle()
+
+    def replace_constraints(self, constraints: Sequence[Constraint]) -> None:
+        self._begin()
+        rank = self._current_rank()
+        # Those of earlier stages stay, out of sight, for when this stage is done again.
+        self._db.run("DELETE FROM mapmyworld_constraints WHERE rank >= ?", (rank,))
+        self._db.run_many(links.INSERT_CONSTRAINT, links.constraint_rows(constraints, rank))
+        mark = "INSERT OR REPLACE INTO mapmyworld_keys VALUES (?,?,'true')"
+        self._db.run(mark, (REPLACED, rank))
+        self._constraints = None
+        self._rewrite_links()
+        self._solved_anew = True
+        self._settle()
+
+    def constraints(self) -> tuple[Constraint, ...]:
+        if self._constraints is None:
+            newest = "SELECT MAX(rank) FROM mapmyworld_keys WHERE key = ?"
+            (rank,) = self._db.row(newest, (REPLACED,))
+            found = self._db.rows(links.SELECT_CONSTRAINTS, (-1 if rank is None else rank,))
+            self._constraints = tuple(links.constraint_from_row(row) for row in found)
+        return self._constraints
+
+    def _rewrite_links(self) -> None:
+        self._db.run("DELETE FROM Link")
+        self._db.run_many(links.INSERT_LINK, links.link_rows(self.constraints()))
+
+    def set_words(self, words: Mapping[int, NDArray[Any]]) -> None:
+        self._begin()
+        self._db.run("DELETE FROM Word")
+        self._db.run_many(feature_rows.INSERT_WORD, feature_rows.word_rows(words))
+        self._db.run("UPDATE Info SET dictionary_size = ?", (len(words),))
+        self._settle()
+
+    def words(self) -> dict[int, NDArray[Any]]:
+        return feature_rows.read_words(self._db)

@@ -1,0 +1,127 @@
+"""The nodes of a map of ours, their data, and the scans of all tracked frames."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.database import features as feature_rows
+from formats.database import frame_rows
+from formats.database import node_rows as rows
+from formats.database.connection import Connection
+from formats.database.node_rows import StorageOptions
+from formats.database.scans import scan_to_blob
+from formats.database.transactions import Transactions
+from mapmyworld.errors import MapError
+from mapmyworld.types import Features, Node, NodeData, Scan, TrackedFrames
+
+# The stage that first wrote features keeps them: a later one only adds words.
+_INSERT_COUNT = (
+    "INSERT INTO mapmyworld_features VALUES (?,?,?)"
+    " ON CONFLICT (node_id) DO UPDATE SET count = excluded.count"
+)
+
+
+class NodeTables(Transactions):
+    """Written while the log streams; a node's data are read without touching others'."""
+
+    def __init__(self, connection: Connection, options: StorageOptions) -> None:
+        super().__init__(connection)
+        self._options = options
+        self._previous: dict[int, Node] = {}
+        self._last_with_cells: Node | None = None
+        self._restore_session()
+
+    def add_node(self, node: Node, data: NodeData) -> None:
+        from formats.database import data_rows
+
+        self._begin()
+        if not self._previous:
+            self._db.set_clock(node.stamp_ns)
+        self._db.later(rows.INSERT_NODE, [rows.node_row(node, self._previous.get(node.session))])
+        self._db.later(rows.INSERT_OWN, [rows.own_row(node, data)])
+        with_cells = rows.wants_cells(node, self._last_with_cells, self._options)
+        self._last_with_cells = node if with_cells else self._last_with_cells
+        data_row = data_rows.data_row(node.id, data, self._options, with_cells=with_cells)
+        if data_row is not None:
+            self._db.later(data_rows.INSERT_DATA, [data_row])
+        if data.features is not None:
+            for statement, written in self._feature_statements(node.id, data.features):
+                self._db.later(statement, written)
+        self._previous[node.session] = node
+        self._settle("nodes")
+
+    def nodes(self) -> tuple[Node, ...]:
+        found = self._db.rows(f"{rows.SELECT_OWN} ORDER BY own.id")
+        return tuple(rows.node_from_own_row(row) for row in found)
+
+    def node_data(self, node_id: int) -> NodeData:
+        own = self._db.row(
+            "SELECT stamp_ns, scan_rest, image_stamps, cloud FROM mapmyworld_nodes WHERE id = ?",
+            (node_id,),
+        )
+        if own is None:
+            raise MapError(f"{self.path}: there is no node {node_id}")
+        from formats.database import data_rows
+
+        row = self._db.row(data_rows.SELECT_DATA, (node_id,)) or (None,) * 5
+        what = f"{self.path}: node {node_id}"
+        data = data_rows.node_data(row, own[1:], own[0], what)
+        found = self._db.rows(feature_rows.SELECT_FEATURES, (node_id,))
+        features = feature_rows.features_from_rows(found, what)
+        return NodeData(data.scan, data.images, data.cloud, features)
+
+    def contents(self) -> dict[int, dict[str, int]]:
+        """What each node keeps: counts of images, depth, scan, cloud; no blob is read."""
+        found = self._db.rows("SELECT id, contents FROM mapmyworld_nodes ORDER BY id")
+        return {node_id: json.loads(text) for node_id, text in found}
+
+    def set_features(self, node_id: int, features: Features) -> None:
+        self._begin()
+        self._db.run("DELETE FROM Feature WHERE node_id = ?", (node_id,))
+        for statement, written in self._feature_statements(node_id, features):
+            self._db.run_many(statement, written)
+        self._settle()
+
+    def _feature_statements(
+        self, node_id: int, features: Features
+    ) -> Iterator[tuple[str, list[rows.Row]]]:
+        count = (node_id, self._current_rank(), len(features.pixels))
+        yield _INSERT_COUNT, [count]
+        yield feature_rows.INSERT_FEATURE, list(feature_rows.feature_rows(node_id, features))
+
+    # Every tracked frame
+
+    def add_scan(self, frame: int, scan: Scan) -> None:
+        """The scan of the tracked frame with this index."""
+        self._begin()
+        self._db.later(frame_rows.INSERT_SCAN, [(frame, scan_to_blob(scan))])
+        self._settle("scans")
+
+    def scans(self, frames: Sequence[int] | NDArray[np.int64]) -> Iterator[tuple[int, Scan]]:
+        yield from frame_rows.read_scans(self._db, frames)
+
+    def scan_count(self) -> int:
+        """How many frames have a scan."""
+        return int(self._db.row("SELECT COUNT(*) FROM mapmyworld_scans")[0])
+
+    def set_tracked_frames(self, frames: TrackedFrames) -> None:
+        self._begin()
+        frame_rows.write_frames(self._db, self._current_rank(), frames)
+        self._settle()
+
+    def tracked_frames(self) -> TrackedFrames:
+        return frame_rows.read_frames(self._db) or frame_rows.nodes_as_frames(self.nodes())
+
+    def _restore_session(self) -> None:
+        """Takes up where the file stands: the last node of each session, the log's clock."""
+        last = "(SELECT MAX(id) FROM mapmyworld_nodes GROUP BY session)"
+        found = self._db.rows(f"{rows.SELECT_OWN} WHERE own.id IN {last}")
+        self._previous = {row[1]: rows.node_from_own_row(row) for row in found}
+        self._last_with_cells = None
+        first = self._db.row("SELECT stamp_ns FROM mapmyworld_nodes ORDER BY id LIMIT 1")
+        if first is not None:
+            self._db.set_clock(first[0])

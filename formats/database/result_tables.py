@@ -1,0 +1,78 @@
+"""What a build concludes: poses and grid of a map of ours, and what only RTAB-Map's tools read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.database import results
+from formats.database.transactions import Transactions
+from mapmyworld.types import Mesh, OccupancyGrid, PointCloud, Poses
+
+
+class ResultTables(Transactions):
+    """In double precision in our own tables, and in RTAB-Map's."""
+
+    _solved_anew: bool
+
+    def set_poses(self, poses: Poses) -> None:
+        self._begin()
+        self._write("poses ids", poses.ids)
+        self._write("poses map_from_node", poses.map_from_node)
+        self._write("poses covariances", poses.covariances)
+        results.write_poses(self._db, poses)
+        self._solved_anew = True
+        self._settle()
+
+    def poses(self) -> Poses | None:
+        ids, solved = self._read("poses ids"), self._read("poses map_from_node")
+        if ids is None or solved is None:
+            return None
+        return Poses(ids, solved, self._read("poses covariances"))
+
+    def set_frame_poses(self, map_from_frame: NDArray[np.float64]) -> None:
+        self._begin()
+        self._write("frame poses", map_from_frame)
+        self._settle()
+
+    def frame_poses(self) -> NDArray[np.float64] | None:
+        return self._read("frame poses")
+
+    def set_grid(self, grid: OccupancyGrid) -> None:
+        self._begin()
+        self._write("grid log_odds", grid.log_odds)
+        figures = [grid.resolution, *grid.origin, grid.occupied_threshold, grid.free_threshold]
+        self._write("grid figures", np.array(figures, np.float64))
+        results.write_grid(self._db, grid)
+        self._settle()
+
+    def grid(self) -> OccupancyGrid | None:
+        log_odds, figures = self._read("grid log_odds"), self._read("grid figures")
+        if log_odds is None or figures is None:
+            return None
+        resolution, x, y, occupied, free = (float(value) for value in figures)
+        return OccupancyGrid(log_odds, resolution, np.array([x, y]), occupied, free)
+
+    def set_parameters(self, parameters: Mapping[str, str]) -> None:
+        """Adds to how the map was made, in RTAB-Map's parameter names."""
+        self._begin()
+        results.write_parameters(self._db, parameters)
+        self._settle()
+
+    def parameters(self) -> dict[str, str]:
+        """How the map was made, in RTAB-Map's parameter names."""
+        return results.read_parameters(self._db)
+
+    def set_cloud(self, cloud: PointCloud) -> None:
+        """The cloud that RTAB-Map's viewer shows of the map as a whole."""
+        self._begin()
+        results.write_cloud(self._db, cloud)
+        self._settle()
+
+    def set_mesh(self, mesh: Mesh) -> None:
+        """The mesh that RTAB-Map's viewer shows of the map as a whole."""
+        self._begin()
+        results.write_mesh(self._db, mesh)
+        self._settle()

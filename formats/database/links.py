@@ -45,14 +45,14 @@ Row = tuple[Any, ...]
 
 def link_rows(constraints: Iterable[Constraint]) -> Iterator[Row]:
     """RTAB-Map's links of the accepted constraints, both directions where it keeps both."""
-    for c in constraints:
-        if not c.accepted:
-            continue
+    accepted = [c for c in constraints if c.accepted]
+    backwards = invert(np.array([c.from_from_to for c in accepted]).reshape(-1, 4, 4))
+    for c, to_from_from in zip(accepted, backwards, strict=True):
         kind, information = LINK_TYPES[c.kind], information_to_blob(c.information)
         yield (c.from_id, c.to_id, kind, information, pose_to_blob(c.from_from_to))
         if c.kind not in _ONE_WAY:
             # RTAB-Map keeps the information of the forward link for the backward one.
-            yield (c.to_id, c.from_id, kind, information, pose_to_blob(invert(c.from_from_to)))
+            yield (c.to_id, c.from_id, kind, information, pose_to_blob(to_from_from))
 
 
 def constraint_rows(constraints: Iterable[Constraint], rank: int) -> Iterator[Row]:

@@ -34,12 +34,8 @@ def statistics_rows(
     for constraint in constraints:
         if constraint.kind in _CLOSURES:
             closures[max(constraint.from_id, constraint.to_id)].append(constraint)
-    travelled, before = 0.0, None
-    for number, node in enumerate(nodes):
-        if before is not None and before.session == node.session:
-            step = between(before.tracked_from_base, node.tracked_from_base)
-            travelled += float(np.linalg.norm(step[:3, 3]))
-        before = node
+    map_from_odom = _corrections(nodes, place)
+    for number, (node, travelled) in enumerate(zip(nodes, _travelled(nodes), strict=True)):
         figures = {
             "Loop/Map_id/": node.session,
             "Memory/Distance_travelled/m": travelled,
@@ -50,8 +46,28 @@ def statistics_rows(
         }
         if node.id in place:
             figures |= _pose_figures("Loop/MapToBase", place[node.id])
-            figures |= _pose_figures("Loop/MapToOdom", place[node.id] @ invert(node.odom_from_base))
+            figures |= _pose_figures("Loop/MapToOdom", map_from_odom[node.id])
         yield node.id, node.stamp_ns * 1e-9, text_to_blob(_text(figures))
+
+
+def _travelled(nodes: Sequence[Node]) -> list[float]:
+    """Metres to each node, along the tracked path of all sessions."""
+    tracked = np.array([node.tracked_from_base[:3, 3] for node in nodes]).reshape(-1, 3)
+    sessions = np.array([node.session for node in nodes])
+    steps = np.linalg.norm(np.diff(tracked, axis=0), axis=1) * (np.diff(sessions) == 0)
+    return list(np.concatenate([np.zeros(min(len(nodes), 1)), np.cumsum(steps)]).tolist())
+
+
+def _corrections(
+    nodes: Sequence[Node], place: Mapping[int, NDArray[np.float64]]
+) -> dict[int, NDArray[np.float64]]:
+    """map_from_odom (4, 4) of every node that has a pose."""
+    solved = [node for node in nodes if node.id in place]
+    if not solved:
+        return {}
+    poses = np.array([place[node.id] for node in solved])
+    back = invert(np.array([node.odom_from_base for node in solved]))
+    return dict(zip([node.id for node in solved], poses @ back, strict=True))
 
 
 def _closure_figures(

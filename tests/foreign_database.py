@@ -77,15 +77,20 @@ def matrix(values: np.ndarray, **lies: int) -> bytes:
     return zlib.compress(values.tobytes()) + struct.pack("<3i", *said.values())
 
 
-def mono(width: int = 64, height: int = 48, fx: float = 60.0) -> bytes:
-    """A calibration record with K alone."""
-    head = struct.pack("<11i", 0, 21, 4, 0, width, height, 9, 0, 0, 0, 12)
+def mono(width: int = 64, height: int = 48, fx: float = 60.0, tx: float | None = None) -> bytes:
+    """A calibration record with K alone, or with a P whose P[0, 3] is `tx`."""
+    numbers = 0 if tx is None else 12
+    head = struct.pack("<11i", 0, 21, 4, 0, width, height, 9, 0, 0, numbers, 12)
     k = struct.pack("<9d", fx, 0, width / 2, 0, fx, height / 2, 0, 0, 1)
+    p = (fx, 0, width / 2, tx or 0.0, 0, fx, height / 2, 0, 0, 0, 1, 0)
+    k += struct.pack(f"<{numbers}d", *p[:numbers])
     return head + k + floats(0, 0, 1, 0, -1, 0, 0, 0, 0, -1, 0, 0)
 
 
-def stereo() -> bytes:
-    left, right = mono(), mono()
+def stereo(width: int = 64, height: int = 48, baseline: float | None = None) -> bytes:
+    """A pair; without a baseline neither camera has a projection matrix."""
+    left = mono(width, height, tx=None if baseline is None else 0.0)
+    right = mono(width, height, tx=None if baseline is None else -60.0 * baseline)
     head = struct.pack("<10i", 0, 21, 4, 1, 0, 0, 0, 0, len(left), len(right))
     return head + left + right
 

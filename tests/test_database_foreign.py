@@ -15,14 +15,11 @@ from foreign_database import (
     information,
     insert,
     matrix,
-    mono,
     rtabmap_file,
     scan_info,
-    stereo,
 )
 
 from formats.database import open_store
-from formats.database.pictures import encode_depth, encode_picture
 from formats.trajectory import read_trajectory
 from mapmyworld.errors import MapError
 from mapmyworld.types import ConstraintKind
@@ -203,49 +200,6 @@ def test_optimised_poses_of_some_nodes_and_landmarks(tmp_path: Path) -> None:
     assert solved is not None
     assert solved.ids.tolist() == [1, 3, -5]
     assert solved.map_from_node[:, 0, 3].tolist() == [1, 3, 5]
-
-
-def test_stereo_has_no_depth(tmp_path: Path) -> None:
-    """What stands in the depth column of a stereo node is the right image."""
-    grey = np.full((48, 64), 90, np.uint8)
-    with rtabmap_file(tmp_path / "r.db") as sqlite:
-        add_nodes(sqlite, 1)
-        jpeg = encode_picture(grey, "jpeg", 90)
-        insert(sqlite, "Data", id=1, image=jpeg, depth=jpeg, calibration=stereo())
-    with open_store(tmp_path / "r.db") as store:
-        (image,) = store.node_data(1).images
-    assert image.depth is None
-    assert image.colour is not None
-    assert image.colour.pixels().shape == (48, 64)
-    assert image.colour.encoding == "mono8"
-
-
-@pytest.mark.parametrize("codec", ["rvl", "png", "float"])
-def test_two_cameras_side_by_side_with_smaller_depth(tmp_path: Path, codec: str) -> None:
-    colour = np.zeros((48, 128, 3), np.uint8)
-    colour[:, 64:] = 200
-    depth = np.full((24, 64), 1.25, np.float32)
-    depth[:, 32:] = 2.5
-    with rtabmap_file(tmp_path / "r.db") as sqlite:
-        add_nodes(sqlite, 1)
-        insert(
-            sqlite,
-            "Data",
-            id=1,
-            image=encode_picture(colour, "png", 0),
-            depth=encode_depth(depth, codec),
-            calibration=mono() + mono(fx=70.0),
-        )
-    with open_store(tmp_path / "r.db") as store:
-        left, right = store.node_data(1).images
-    assert left.camera.intrinsics[0, 0] == 60
-    assert right.camera.intrinsics[0, 0] == 70
-    for image, brightness, metres in ((left, 0, 1.25), (right, 200, 2.5)):
-        assert image.colour is not None
-        assert image.depth is not None
-        assert (image.colour.pixels() == brightness).all()
-        assert image.colour.pixels().shape == (48, 64, 3)
-        np.testing.assert_allclose(image.depth.pixels(), np.full((24, 32), metres))
 
 
 @pytest.mark.parametrize(

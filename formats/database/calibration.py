@@ -21,17 +21,25 @@ MAX_IMAGE_SIDE = 1 << 15
 
 def cameras_to_blob(cameras: tuple[CameraModel, ...]) -> bytes | None:
     """The records of cameras whose images stand side by side; None for none."""
-    return b"".join(_record(camera) for camera in cameras) or None
+    return b"".join(camera_record(camera) for camera in cameras) or None
 
 
-def _record(camera: CameraModel) -> bytes:
+def camera_record(camera: CameraModel, shift: float = 0.0) -> bytes:
+    """The mono record of a camera; `shift` [pixel metres] is that of a right one, P[0, 3]."""
     distortion = _stored_distortion(camera)
-    projection = np.column_stack([camera.intrinsics, np.zeros(3)])
+    projection = np.column_stack([camera.intrinsics, [shift, 0.0, 0.0]])
     sizes = (9, len(distortion), 9, 12, 12)
     head = _MONO.pack(*_VERSION, 0, camera.width, camera.height, *sizes)
     doubles = [camera.intrinsics.ravel(), distortion, np.eye(3).ravel(), projection.ravel()]
     mount = pose_to_blob(camera.base_from_camera)
     return head + np.concatenate(doubles).astype("<f8").tobytes() + mount
+
+
+def stereo_record(left: CameraModel, baseline: float) -> bytes:
+    """The record of a rectified pair whose right camera stands `baseline` metres to the right."""
+    records = camera_record(left), camera_record(left, -float(left.intrinsics[0, 0]) * baseline)
+    head = _STEREO.pack(*_VERSION, 1, 0, 0, 0, 0, *(len(record) for record in records))
+    return head + b"".join(records)
 
 
 def _stored_distortion(camera: CameraModel) -> NDArray[np.float64]:
@@ -63,6 +71,36 @@ def blob_to_cameras(blob: bytes | None, what: str) -> tuple[CameraModel, ...]:
 def is_stereo(blob: bytes | None) -> bool:
     """Whether `Data.depth` holds the right image of a pair."""
     return blob is not None and len(blob) >= 16 and struct.unpack_from("<4i", blob)[3] == 1
+
+
+def stereo_scales(blob: bytes, what: str) -> tuple[float, ...]:
+    """Focal length times baseline [pixel metres] of each pair; 0 where the file does not say.
+
+    The blob is one of which `is_stereo` holds and that `blob_to_cameras` can read.
+    """
+    scales, at = [], 0
+    while at < len(blob):
+        *_, n_r, n_t, n_e, n_f, left, right = _STEREO.unpack_from(blob, at)
+        first = at + _STEREO.size + 8 * (n_r + n_t + n_e + n_f)
+        at = first + left + right
+        near, far = (_projection(blob, start, what) for start in (first, first + left))
+        # RTAB-Map's baseline: left Tx / left fx - right Tx / right fx, with Tx = P[0, 3].
+        if near[0, 0] > 0 and far[0, 0] > 0:
+            baseline = near[0, 3] / near[0, 0] - far[0, 3] / far[0, 0]
+            scales.append(max(0.0, float(near[0, 0] * baseline)))
+        else:
+            scales.append(0.0)
+    return tuple(scales)
+
+
+def _projection(blob: bytes, at: int, what: str) -> NDArray[np.float64]:
+    """P (3, 4) of the mono record at `at`; zeros where it has none."""
+    _read_mono(blob, at, what)  # judges its sizes
+    *_, n_k, n_d, n_r, n_p, _ = _MONO.unpack_from(blob, at)
+    start = at + _MONO.size + 8 * (n_k + n_d + n_r)
+    if not n_p:
+        return np.zeros((3, 4))
+    return np.frombuffer(blob, "<f8", n_p, start).reshape(3, 4)
 
 
 def _read_any(blob: bytes, at: int, what: str) -> tuple[CameraModel, int]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,12 @@ from numpy.typing import NDArray
 
 from formats.database import pictures
 from formats.database.blobs import FAST, blob_to_matrix, matrix_to_blob
-from formats.database.calibration import blob_to_cameras, cameras_to_blob, is_stereo
+from formats.database.calibration import (
+    blob_to_cameras,
+    cameras_to_blob,
+    is_stereo,
+    stereo_scales,
+)
 from formats.database.cells import local_cells
 from formats.database.node_rows import StorageOptions
 from formats.database.scans import cloud_to_columns, columns_to_observation, scan_to_columns
@@ -114,8 +120,11 @@ def node_data(row: Row, own: Row | None, stamp_ns: int, what: str) -> NodeData:
         matrix = blob_to_matrix(both, f"{what}'s cloud")
         cloud = None if matrix is None else np.asarray(matrix, np.float32).reshape(-1, 3)
     times = json.loads(stamps) if stamps else [stamp_ns] * max(len(cameras), 1)
-    depth_blob = None if is_stereo(calibration) else depth
-    return NodeData(planar, _images(image, depth_blob, cameras, times, what), cloud)
+    if calibration is not None and is_stereo(calibration):
+        images = _stereo_images(image, depth, calibration, cameras, times, what)
+    else:
+        images = _images(image, depth, cameras, times, what)
+    return NodeData(planar, images, cloud)
 
 
 def _images(
@@ -133,6 +142,41 @@ def _images(
         RgbdImage(camera, colour, deep)
         for camera, colour, deep in zip(cameras, colours, depths, strict=True)
     )
+
+
+def _stereo_images(
+    image: bytes | None,
+    right: bytes | None,
+    calibration: bytes,
+    cameras: tuple[CameraModel, ...],
+    stamps: list[int],
+    what: str,
+) -> tuple[RgbdImage, ...]:
+    """Left images; depth is worked out from both when it is asked for."""
+    found = _images(image, None, cameras, stamps, what)
+    scales = stereo_scales(calibration, f"{what}'s calibration")
+    rights = _strips(
+        right, len(cameras), stamps, f"{what}'s right image", pictures.decode_picture, "rgb8"
+    )
+    return tuple(
+        RgbdImage(left.camera, left.colour, _stereo_depth(left.colour, other, scale, what))
+        for left, other, scale in zip(found, rights, scales, strict=True)
+    )
+
+
+def _stereo_depth(
+    left: ImageMessage | None, right: ImageMessage | None, scale: float, what: str
+) -> ImageMessage | None:
+    if left is None or right is None or scale <= 0.0:
+        return None
+    from formats.database.stereo import depth_from_pair
+
+    def pixels() -> NDArray[np.float32]:
+        return depth_from_pair(
+            np.asarray(left.pixels(), np.uint8), np.asarray(right.pixels(), np.uint8), scale, what
+        )
+
+    return replace(left, encoding="32FC1", pixels=pixels, encoded=None)
 
 
 def _strips(

@@ -29,6 +29,7 @@ from mapmyworld.types import (
 )
 
 _OLDEST = (0, 13, 0)
+_NEW_CALIBRATION = (0, 18, 0)
 _INVALID_WEIGHT = -9  # merged into another node, or deleted
 # Log-odds that stand for the three values of a stored grid: beyond its thresholds.
 _LOG_ODDS = {100: 3.0, 0: -3.0}
@@ -52,7 +53,7 @@ class RtabmapStore(ReadOnly, Opened):
         super().__init__(connection)
         self._problems: list[str] = []
         self._columns = {name: connection.columns(name) for name in ("Node", "Data", "Admin")}
-        self.version = self._checked_version()
+        self._numbers = self._checked_version()
         self._nodes: tuple[Node, ...] | None = None
 
     @property
@@ -60,7 +61,7 @@ class RtabmapStore(ReadOnly, Opened):
         """What was left out so far, one line each."""
         return tuple(self._problems)
 
-    def _checked_version(self) -> str:
+    def _checked_version(self) -> tuple[int, ...]:
         if "id" not in self._columns["Node"] or "version" not in self._columns["Admin"]:
             raise MapError(f"{self.path}: is a database, but neither a map nor RTAB-Map's")
         found = self._db.rows("SELECT version FROM Admin")
@@ -76,7 +77,7 @@ class RtabmapStore(ReadOnly, Opened):
                 f"{self.path}: was written by RTAB-Map {version}, whose format is too old:"
                 ' convert it with `rtabmap-reprocess --Db/TargetVersion "" old.db new.db`'
             )
-        return version
+        return numbers
 
     # What only our own builds keep
 
@@ -131,14 +132,18 @@ class RtabmapStore(ReadOnly, Opened):
         if stamp is None:
             raise MapError(f"{self.path}: there is no node {node_id}")
         what = f"{self.path}: node {node_id}"
+        from formats.database.calibration_old import modernised
         from formats.database.data_rows import node_data
 
         wanted = ("image", "depth", "calibration", "scan", "scan_info")
-        columns = ", ".join(c if self._has("Data", c) else "NULL" for c in wanted)
-        row = self._db.row(f"SELECT {columns} FROM Data WHERE id = ?", (node_id,))
-        data = node_data(row or (None,) * 5, None, nanoseconds(stamp[0]), what)
-        found = self._db.rows(feature_rows.SELECT_FEATURES, (node_id,))
-        features = feature_rows.features_from_rows(found, what)
+        found = ", ".join(c if self._has("Data", c) else "NULL" for c in wanted)
+        row = self._db.row(f"SELECT {found} FROM Data WHERE id = ?", (node_id,))
+        columns = list(row or (None,) * 5)
+        if self._numbers < _NEW_CALIBRATION:
+            columns[2] = modernised(columns[2], f"{what}'s calibration")
+        data = node_data(tuple(columns), None, nanoseconds(stamp[0]), what)
+        rows = self._db.rows(feature_rows.SELECT_FEATURES, (node_id,))
+        features = feature_rows.features_from_rows(rows, what)
         return NodeData(data.scan, data.images, data.cloud, features)
 
     def contents(self) -> dict[int, dict[str, int]]:

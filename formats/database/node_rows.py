@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from formats.database.blobs import matrix_to_blob, pose_to_blob
 from formats.database.scans import scan_without_points
-from mapmyworld.geometry import between, rotation_angle
+from mapmyworld.geometry import between
 from mapmyworld.types import Node, NodeData, RgbdImage
 
 INSERT_NODE = (
@@ -39,7 +39,7 @@ class StorageOptions:
     local_cells: bool = True
     local_cell_size: float = 0.05
     local_cell_range: float = 5.0
-    local_cell_spacing: float = 0.5
+    local_cell_spacing: float = 1.0
 
 
 def node_row(node: Node, before: Node | None) -> Row:
@@ -72,15 +72,17 @@ def _roll_pitch_yaw(r: NDArray[np.float64]) -> tuple[float, float, float]:
 def wants_cells(node: Node, last: Node | None, options: StorageOptions) -> bool:
     """Whether a node gets a local grid; `last` had one. Nodes stand too close for each to.
 
-    RTAB-Map's own, at 1 Hz, are some 0.4 m apart.
+    A map of RTAB-Map's, at 1 Hz, has one every 0.4 m; with their reach of metres fewer do.
     """
     if not options.local_cells:
         return False
     if last is None or last.session != node.session:
         return True
-    motion = between(last.odom_from_base, node.odom_from_base)
-    moved = float(np.linalg.norm(motion[:3, 3])) >= options.local_cell_spacing
-    return moved or float(rotation_angle(motion)) >= _CELLS_TURN
+    a, b = last.odom_from_base, node.odom_from_base
+    if math.dist(a[:3, 3], b[:3, 3]) >= options.local_cell_spacing:
+        return True
+    # The trace of the rotation between them is 1 + 2 cos(angle).
+    return float(np.vdot(a[:3, :3], b[:3, :3])) <= 1.0 + 2.0 * math.cos(_CELLS_TURN)
 
 
 def own_row(node: Node, data: NodeData) -> Row:

@@ -66,7 +66,8 @@ def scan_without_points(scan: Scan) -> bytes:
 def scan_to_columns(scan: Scan) -> tuple[bytes | None, bytes]:
     """`Data.scan` and `Data.scan_info` of a planar scan."""
     points = transform_points_planar(invert_planar(scan.origin), scan.points)
-    blob = matrix_to_blob(points.astype(np.float32)[None], FAST)
+    # Measured points hardly shrink: packing saves a fifteenth and is a tenth of all writing.
+    blob = matrix_to_blob(points.astype(np.float32)[None], 0)
     bearings = np.concatenate(
         [np.arctan2(points[:, 1], points[:, 0]), scan.missing - scan.origin[2]]
     )

@@ -1,0 +1,125 @@
+"""Cameras of RTAB-Map's databases: stereo pairs, several side by side, calibrations of old files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foreign_database import add_nodes, floats, insert, mono, rtabmap_file, stereo
+
+from formats.database import open_store
+from formats.database.log_source import open_database_log
+from formats.database.pictures import encode_depth, encode_picture
+from mapmyworld.errors import MapError
+
+
+def test_a_pair_without_a_baseline_has_no_depth(tmp_path: Path) -> None:
+    """What stands in the depth column of a stereo node is the right image."""
+    grey = np.full((48, 64), 90, np.uint8)
+    with rtabmap_file(tmp_path / "r.db") as sqlite:
+        add_nodes(sqlite, 1)
+        jpeg = encode_picture(grey, "jpeg", 90)
+        insert(sqlite, "Data", id=1, image=jpeg, depth=jpeg, calibration=stereo())
+    with open_store(tmp_path / "r.db") as store:
+        (image,) = store.node_data(1).images
+    assert image.depth is None
+    assert image.colour is not None
+    assert image.colour.pixels().shape == (48, 64)
+    assert image.colour.encoding == "mono8"
+
+
+@pytest.mark.parametrize("colour", [False, True])
+def test_a_stereo_pair_gives_depth(tmp_path: Path, colour: bool) -> None:
+    """A wall of random texture, 12 pixels apart in both images: Z = f b / d = 60 * 0.2 / 12."""
+    shift, rng = 12, np.random.default_rng(5)
+    texture = rng.integers(0, 255, (96, 160 + shift, 3) if colour else (96, 160 + shift), np.uint8)
+    left, right = texture[:, :160], texture[:, shift:]
+    with rtabmap_file(tmp_path / "r.db") as sqlite:
+        add_nodes(sqlite, 1)
+        files = [encode_picture(np.ascontiguousarray(image), "png", 0) for image in (left, right)]
+        pair = stereo(160, 96, baseline=0.2)
+        insert(sqlite, "Data", id=1, image=files[0], depth=files[1], calibration=pair)
+    with open_store(tmp_path / "r.db") as store:
+        (image,) = store.node_data(1).images
+    assert image.depth is not None
+    depth = np.asarray(image.depth.pixels())
+    assert depth.shape == (96, 160)
+    # Left of the widest disparity searched there is nothing to compare with.
+    assert np.median(depth[:, 40:]) == pytest.approx(1.0, abs=0.01)
+    assert np.mean(depth[:, 40:] > 0) > 0.8
+    raw = {m.topic: m for m in open_database_log(tmp_path / "r.db").messages()}
+    assert "/camera/depth/image" in raw
+
+
+@pytest.mark.parametrize("cameras", [1, 2])
+def test_calibrations_from_before_0_18(tmp_path: Path, cameras: int) -> None:
+    """18 floats a camera: fx fy cx cy width height, then base_from_camera."""
+    mount = (0, 0, 1, 0.3, -1, 0, 0, 0, 0, -1, 0, 0.9)
+    record = floats(61, 62, 31, 23, 64, 48, *mount)
+    with rtabmap_file(tmp_path / "r.db", "0.17.6") as sqlite:
+        add_nodes(sqlite, 1)
+        picture = encode_picture(np.zeros((48, 64 * cameras, 3), np.uint8), "png", 0)
+        insert(sqlite, "Data", id=1, image=picture, calibration=record * cameras)
+    with open_store(tmp_path / "r.db") as store:
+        images = store.node_data(1).images
+    assert len(images) == cameras
+    for image in images:
+        assert np.diag(image.camera.intrinsics).tolist() == [61, 62, 1]
+        assert image.camera.intrinsics[:2, 2].tolist() == [31, 23]
+        assert (image.camera.width, image.camera.height) == (64, 48)
+        np.testing.assert_allclose(image.camera.base_from_camera[:3, 3], [0.3, 0, 0.9], atol=1e-7)
+
+
+def test_a_stereo_calibration_from_before_0_18(tmp_path: Path) -> None:
+    """19 floats, the baseline behind cy: wide enough for a disparity of 6 pixels at 2 m."""
+    record = floats(60, 60, 80, 48, 0.2, 160, 96, 0, 0, 1, 0, -1, 0, 0, 0, 0, -1, 0, 0)
+    texture = np.random.default_rng(6).integers(0, 255, (96, 166), np.uint8)
+    with rtabmap_file(tmp_path / "r.db", "0.16.0") as sqlite:
+        add_nodes(sqlite, 1)
+        files = [encode_picture(texture[:, at : at + 160], "png", 0) for at in (0, 6)]
+        insert(sqlite, "Data", id=1, image=files[0], depth=files[1], calibration=record)
+    with open_store(tmp_path / "r.db") as store:
+        (image,) = store.node_data(1).images
+    assert image.depth is not None
+    assert np.median(np.asarray(image.depth.pixels())[:, 40:]) == pytest.approx(2.0, abs=0.02)
+
+
+def test_an_old_calibration_of_the_wrong_length_is_refused(tmp_path: Path) -> None:
+    with rtabmap_file(tmp_path / "r.db", "0.17.0") as sqlite:
+        add_nodes(sqlite, 1)
+        insert(sqlite, "Data", id=1, calibration=floats(*range(17)))
+    with (
+        open_store(tmp_path / "r.db") as store,
+        pytest.raises(MapError, match=r"node 1.*rtabmap-reprocess") as caught,
+    ):
+        store.node_data(1)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("codec", ["rvl", "png", "float"])
+def test_two_cameras_side_by_side_with_smaller_depth(tmp_path: Path, codec: str) -> None:
+    colour = np.zeros((48, 128, 3), np.uint8)
+    colour[:, 64:] = 200
+    depth = np.full((24, 64), 1.25, np.float32)
+    depth[:, 32:] = 2.5
+    with rtabmap_file(tmp_path / "r.db") as sqlite:
+        add_nodes(sqlite, 1)
+        insert(
+            sqlite,
+            "Data",
+            id=1,
+            image=encode_picture(colour, "png", 0),
+            depth=encode_depth(depth, codec),
+            calibration=mono() + mono(fx=70.0),
+        )
+    with open_store(tmp_path / "r.db") as store:
+        left, right = store.node_data(1).images
+    assert left.camera.intrinsics[0, 0] == 60
+    assert right.camera.intrinsics[0, 0] == 70
+    for image, brightness, metres in ((left, 0, 1.25), (right, 200, 2.5)):
+        assert image.colour is not None
+        assert image.depth is not None
+        assert (image.colour.pixels() == brightness).all()
+        assert image.colour.pixels().shape == (48, 64, 3)
+        np.testing.assert_allclose(image.depth.pixels(), np.full((24, 32), metres))

@@ -1,4 +1,4 @@
-"""Cameras of RTAB-Map's databases: stereo pairs, several side by side, calibrations of old files."""
+"""Cameras of RTAB-Map's databases: stereo pairs, several side by side, old calibrations."""
 
 from __future__ import annotations
 

@@ -22,18 +22,20 @@ from formats.database.calibration import (
     stereo_scales,
 )
 from formats.database.cells import local_cells
+from formats.database.depth_cells import depth_cells
 from formats.database.node_rows import StorageOptions
 from formats.database.scans import cloud_to_columns, columns_to_observation, scan_to_columns
 from mapmyworld.errors import MapError
-from mapmyworld.types import CameraModel, ImageMessage, NodeData, RgbdImage, Scan
+from mapmyworld.types import CameraModel, ImageMessage, NodeData, RgbdImage
 
 INSERT_DATA = (
-    "INSERT INTO Data (id, image, depth, calibration, scan, scan_info, obstacle_cells,"
-    " empty_cells, cell_size, view_point_x, view_point_y, view_point_z)"
-    " VALUES (?,?,?,?,?,?,?,?,?,?,?,?)"
+    "INSERT INTO Data (id, image, depth, calibration, scan, scan_info, ground_cells,"
+    " obstacle_cells, empty_cells, cell_size, view_point_x, view_point_y, view_point_z)"
+    " VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?)"
 )
 SELECT_DATA = "SELECT image, depth, calibration, scan, scan_info FROM Data WHERE id = ?"
 Row = tuple[Any, ...]
+_NO_CELLS: Row = (None, None, None, 0.0, 0.0, 0.0, 0.0)
 
 
 def data_row(
@@ -45,7 +47,7 @@ def data_row(
         return None
     colour, depth, calibration = _image_columns(images, options)
     scan, scan_info = _scan_columns(data)
-    cells = _cell_columns(data.scan if with_cells else None, options)
+    cells = _cell_columns(data, options) if with_cells else _NO_CELLS
     return (node_id, colour, depth, calibration, scan, scan_info, *cells)
 
 
@@ -94,14 +96,19 @@ def _scan_columns(data: NodeData) -> tuple[bytes | None, bytes | None]:
     return (None, None) if data.cloud is None else cloud_to_columns(data.cloud)
 
 
-def _cell_columns(scan: Scan | None, options: StorageOptions) -> Row:
-    """Obstacle cells, empty cells, cell size and view point."""
-    if scan is None:
-        return (None, None, 0.0, 0.0, 0.0, 0.0)
-    empty, obstacle = local_cells(scan, options.local_cell_size, options.local_cell_range)
-    x, y = (float(value) for value in scan.origin[:2])
-    blobs = (matrix_to_blob(obstacle, FAST), matrix_to_blob(empty, FAST))
-    return (*blobs, options.local_cell_size, x, y, 0.0)
+def _cell_columns(data: NodeData, options: StorageOptions) -> Row:
+    """Ground, obstacle and empty cells, their size and the view point: by scan, else by depth."""
+    if data.scan is not None:
+        empty, obstacle = local_cells(data.scan, options.local_cell_size, options.local_cell_range)
+        ground, view = empty[:, :0], (*(float(value) for value in data.scan.origin[:2]), 0.0)
+    elif any(image.depth is not None for image in data.images):
+        ground, obstacle = depth_cells(data.images, options)
+        mount = data.images[0].camera.base_from_camera
+        empty, view = ground[:, :0], tuple(float(value) for value in mount[:3, 3])
+    else:
+        return _NO_CELLS
+    blobs = (matrix_to_blob(cells, FAST) for cells in (ground, obstacle, empty))
+    return (*blobs, options.local_cell_size, *view)
 
 
 def node_data(row: Row, own: Row | None, stamp_ns: int, what: str) -> NodeData:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from formats.database.blobs import matrix_to_blob, pose_to_blob
 from formats.database.scans import scan_without_points
+from mapmyworld.errors import MapError
 from mapmyworld.geometry import between
 from mapmyworld.types import Node, NodeData, RgbdImage
 
@@ -40,6 +41,8 @@ class StorageOptions:
     local_cell_size: float = 0.05
     local_cell_range: float = 5.0
     local_cell_spacing: float = 1.0
+    obstacle_lowest: float = 0.08
+    obstacle_highest: float = 1.5
 
 
 def node_row(node: Node, before: Node | None) -> Row:
@@ -120,13 +123,22 @@ def _doubles(pose: NDArray[np.float64]) -> bytes:
 def node_from_own_row(row: Row) -> Node:
     """The node of a row of `SELECT_OWN`."""
     node_id, session, stamp_ns, odom, tracked, weight, truth = row
-    true_pose = None if truth is None else np.frombuffer(truth, "<f8").reshape(4, 4)
-    return Node(
-        id=node_id,
-        session=session,
-        stamp_ns=stamp_ns,
-        odom_from_base=np.frombuffer(odom, "<f8").reshape(4, 4),
-        tracked_from_base=np.frombuffer(tracked, "<f8").reshape(4, 4),
-        weight=weight,
-        ground_truth=true_pose,
-    )
+    try:
+        return Node(
+            id=int(node_id),
+            session=int(session),
+            stamp_ns=int(stamp_ns),
+            odom_from_base=_pose(odom),
+            tracked_from_base=_pose(tracked),
+            weight=int(weight),
+            ground_truth=None if truth is None else _pose(truth),
+        )
+    except (ValueError, TypeError) as error:
+        raise MapError(f"node {node_id}: a damaged row ({error})") from None
+
+
+def _pose(blob: bytes) -> NDArray[np.float64]:
+    pose = np.frombuffer(blob, "<f8").reshape(4, 4)
+    if not np.isfinite(pose).all():
+        raise ValueError("a pose that is not finite")
+    return pose

@@ -5,6 +5,7 @@ from __future__ import annotations
 import resource
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -116,12 +117,14 @@ def _build(
     progress: StderrProgress,
 ) -> dict[str, Any]:
     from formats.database import open_store
+    from formats.database.lock import only_writer
     from mapmyworld.pipeline import build_map
 
     started = time.monotonic()
     cpu = time.process_time()
     stored = storage_arguments(config)
-    with open_store(map_path, create=True, overwrite=overwrite, **stored) as store:
+    opening = partial(open_store, map_path, create=True, overwrite=overwrite, **stored)
+    with only_writer(map_path), opening() as store:
         result = build_map(log, store, config, progress, method=method)
         written = [str(map_path)]
         if export:

@@ -156,10 +156,9 @@ def _build(logs: tuple[Path, ...], method: str, path: Path, options: list[str]) 
 def _write_png(path: Path, picture: Any) -> None:
     import cv2
 
+    from formats.whole_files import write_whole
+
     done, encoded = cv2.imencode(".png", picture[..., ::-1])
     if not done:
         raise MapError(f"{path}: the picture cannot be encoded as PNG")
-    try:
-        path.write_bytes(encoded.tobytes())
-    except OSError as error:
-        raise MapError(f"{path}: cannot be written: {error.strerror}") from None
+    write_whole(path, encoded.tobytes())

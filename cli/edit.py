@@ -39,6 +39,7 @@ def edit(
     """
     config = load_config(config_path, changes)
     from formats.database import open_store
+    from formats.database.lock import only_writer
     from formats.edits import read_edits
     from mapmyworld.graph.edits import apply_edits, edits_to_json, resolve_pins
     from mapmyworld.stages.maps import draw_maps
@@ -47,7 +48,7 @@ def edit(
 
     edits = read_edits(edits_path)
     progress = StderrProgress(quiet=quiet)
-    with open_store(map_path) as store:
+    with only_writer(map_path), open_store(map_path) as store:
         poses = store.poses()
         if poses is None:
             raise MapError(f"{map_path}: its graph is not solved yet: finish `build` first")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import sys
 
@@ -18,6 +19,7 @@ COMMANDS = {
     "export": ("cli.export:export", "Write grids, clouds, trajectories, graphs, images, reports."),
     "optimise": ("cli.optimise:optimise", "Optimise a pose graph: g2o, TORO or a map."),
     "edit": ("cli.edit:edit", "Accept, reject or add constraints from a text file."),
+    "localise": ("cli.localise:localise", "Find where a robot was in a finished map."),
     "evaluate": ("cli.evaluate:evaluate", "Score a trajectory, a grid or a map against the truth."),
     "check": ("cli.check:check", "Gates for scripts: exit code 4 when a requirement fails."),
     "compare": ("cli.compare:compare", "Several maps of one log side by side."),
@@ -72,9 +74,32 @@ def main() -> None:
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(0)
+    except OSError as error:
+        click.echo(f"mapmyworld: {_told(error)}", err=True)
+        sys.exit(EXIT_BAD_INPUT)
+    except MemoryError:
+        click.echo(
+            "mapmyworld: out of memory: close other programs, or use a larger machine", err=True
+        )
+        sys.exit(EXIT_BAD_INPUT)
     except (click.Abort, KeyboardInterrupt):
         click.echo("mapmyworld: interrupted; the same command goes on with this stage", err=True)
         sys.exit(EXIT_INTERRUPTED)
+
+
+def _told(error: OSError) -> str:
+    """What the system says of a file, and what to do."""
+    remedies = {
+        errno.ENOSPC: "free some space and give the same command again",
+        errno.EDQUOT: "free some space and give the same command again",
+        errno.EROFS: "give another place with -o",
+        errno.EACCES: "change its permissions or give another place",
+        errno.ENOENT: "check that it was not moved or removed",
+        errno.EIO: "check the disk or the network it is on",
+    }
+    remedy = remedies.get(error.errno or 0, "check the file and its disk")
+    place = f"{error.filename}: " if error.filename else ""
+    return f"{place}{error.strerror or error}: {remedy}"
 
 
 if __name__ == "__main__":

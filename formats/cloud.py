@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.ply import ply_header, read_vertices
+from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.types import PointCloud
 
@@ -19,9 +20,9 @@ def write_cloud(path: Path, cloud: PointCloud) -> None:
     """A .ply or .pcd file, by its name."""
     suffix = path.suffix.lower()
     if suffix == ".pcd":
-        path.write_bytes(_pcd(cloud))
+        write_whole(path, _pcd(cloud))
     elif suffix == ".ply":
-        path.write_bytes(_ply(cloud))
+        write_whole(path, _ply(cloud))
     else:
         raise MapError(f"{path}: a cloud is written as .ply or .pcd")
 

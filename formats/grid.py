@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.types import OccupancyGrid
 
@@ -30,7 +31,7 @@ def write_grid(stem: Path, grid: OccupancyGrid, mode: Mode = "trinary") -> tuple
         cells = grid.trinary() if mode == "trinary" else _raw(grid)
         grey = _grey(cells) if mode == "trinary" else cells.view(np.uint8)
         _write_pgm(image, grey[::-1], grid.resolution)
-    description.write_text(_yaml(image.name, grid, mode))
+    write_whole(description, _yaml(image.name, grid, mode))
     return image, description
 
 
@@ -62,7 +63,7 @@ def _scaled(grid: OccupancyGrid) -> NDArray[np.uint8]:
 def _write_pgm(path: Path, grey: NDArray[np.uint8], resolution: float) -> None:
     height, width = grey.shape
     head = f"P5\n# CREATOR: mapmyworld {resolution:.3f} m/pix\n{width} {height}\n255\n"
-    path.write_bytes(head.encode() + np.ascontiguousarray(grey).tobytes())
+    write_whole(path, head.encode() + np.ascontiguousarray(grey).tobytes())
 
 
 def _write_png(path: Path, picture: NDArray[np.uint8]) -> None:
@@ -72,7 +73,7 @@ def _write_png(path: Path, picture: NDArray[np.uint8]) -> None:
     done, data = cv2.imencode(".png", np.dstack([grey, grey, grey, alpha]))
     if not done:
         raise MapError(f"{path}: the grid cannot be written as PNG")
-    path.write_bytes(bytes(data))
+    write_whole(path, bytes(data))
 
 
 def _yaml(image: str, grid: OccupancyGrid, mode: Mode) -> str:
@@ -89,8 +90,11 @@ def _yaml(image: str, grid: OccupancyGrid, mode: Mode) -> str:
     )
 
 
-def read_grid(path: Path) -> OccupancyGrid:
+def read_grid(path: Path, *, anywhere: bool = False) -> OccupancyGrid:
     """The grid of a YAML file by map_server's rules.
+
+    Its picture must lie in the YAML's folder or below, unless it may lie `anywhere`: a YAML from
+    a stranger must not choose which files are opened.
 
     Trinary cells come back as the log-odds of 0.95, 0.05 and NaN, so that `trinary()` gives
     what a robot would load; scaled and raw ones as the log-odds of their probability.
@@ -99,7 +103,7 @@ def read_grid(path: Path) -> OccupancyGrid:
     mode = keys.get("mode", "trinary")
     if mode not in ("trinary", "scale", "raw"):
         raise MapError(f"{path}: mode {mode!r} is none of trinary, scale, raw")
-    picture = _read_picture(path.parent / keys["image"])
+    picture = _read_picture(_picture_path(path, keys["image"], anywhere=anywhere))
     occupied, free = _number(path, keys, "occupied_thresh"), _number(path, keys, "free_thresh")
     negate = keys["negate"].lower() in ("1", "true")
     probability = _probabilities(picture, mode, negate, occupied, free)
@@ -139,7 +143,7 @@ def _probabilities(
 
 def _read_keys(path: Path) -> dict[str, str]:
     try:
-        text = path.read_text()
+        text = path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise MapError(f"{path}: cannot be read as a map's YAML ({error})") from None
     keys = {}
@@ -172,6 +176,16 @@ def _origin(path: Path, text: str) -> NDArray[np.float64]:
     if yaw != 0.0:
         raise MapError(f"{path}: a grid turned by {yaw} rad cannot be read: turn it to yaw 0")
     return np.array([x, y])
+
+
+def _picture_path(path: Path, name: str, *, anywhere: bool) -> Path:
+    try:
+        folder, picture = path.parent.resolve(), (path.parent / name).resolve()
+    except (OSError, ValueError) as error:  # a loop of links, a zero byte
+        raise MapError(f"{path}: image: {name!r} is no name of a file ({error})") from None
+    if not anywhere and not picture.is_relative_to(folder):
+        raise MapError(f"{path}: image: {name!r} lies outside its folder: put it beside the YAML")
+    return picture
 
 
 def _read_picture(path: Path) -> NDArray[np.uint8]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.trajectory import seconds_text, write_trajectory
+from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.types import ImageMessage, Node, NodeData, RgbdImage, Trajectory
 
@@ -55,7 +56,7 @@ def write_images(
     if not stamps:
         raise MapError(f"{folder}: the map keeps no images, so none were written")
     for name, lines in lists.items():
-        (folder / f"{name}.txt").write_text("\n".join(["# timestamp filename", *lines, ""]))
+        write_whole(folder / f"{name}.txt", "\n".join(["# timestamp filename", *lines, ""]))
     _write_calibration(folder, cameras)
     _write_poses(folder / "camera_poses.tum", list(zip(stamps, poses, strict=True)))
     if truths:
@@ -70,11 +71,11 @@ def _write_poses(path: Path, poses: list[tuple[int, NDArray[np.float64]]]) -> No
 
 def _write_calibration(folder: Path, cameras: dict[str, dict[str, Any]]) -> None:
     """All cameras as JSON; the first one's numbers in one line, which readers of TUM's take."""
-    (folder / "calibration.json").write_text(json.dumps(cameras, indent=2) + "\n")
+    write_whole(folder / "calibration.json", json.dumps(cameras, indent=2) + "\n")
     first = next(iter(cameras.values()))
     numbers = [first[name] for name in ("fx", "fy", "cx", "cy")] + first["distortion"]
     line = " ".join(repr(number) for number in numbers)
-    (folder / "camera.txt").write_text(f"# fx fy cx cy, then distortion\n{line}\n")
+    write_whole(folder / "camera.txt", f"# fx fy cx cy, then distortion\n{line}\n")
 
 
 def _write_pair(
@@ -102,7 +103,7 @@ def _write_pair(
             line = f"{seconds_text(picture.stamp_ns)} {kind}/{name}{suffix}"
         file = f"{place}{kind}/{name}{suffix}"
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
-        (folder / file).write_bytes(data)
+        write_whole(folder / file, data)
         listed.append(line)
         written.colour += kind == "rgb"
         written.depth += kind == "depth"

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.ply import parse_header, ply_header, read_vertices
+from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.types import Mesh
 
@@ -22,7 +23,7 @@ def write_mesh(path: Path, mesh: Mesh) -> None:
     faces = np.empty(len(mesh.triangles), _FACE)
     faces["count"], faces["corners"] = 3, mesh.triangles
     head = ply_header([("vertex", vertices)], len(faces))
-    path.write_bytes(head + vertices.tobytes() + faces.tobytes())
+    write_whole(path, head + vertices.tobytes() + faces.tobytes())
 
 
 def _vertices(mesh: Mesh) -> NDArray[np.void]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.graph_reading import GraphFile, graph_from_text, read_graph
+from formats.whole_files import write_whole
 from mapmyworld.geometry import SWAP_ROTATION_TRANSLATION, Array, rotation_to_quaternion
 from mapmyworld.types.pose_graph import PoseGraph, Sightings
 
@@ -17,7 +18,7 @@ __all__ = ["GraphFile", "graph_from_text", "read_graph", "text_from_graph", "wri
 
 def write_graph(path: Path, graph: PoseGraph) -> None:
     """A g2o file; every number survives the round trip to the last bit but for quaternions."""
-    path.write_text(text_from_graph(graph), encoding="utf-8")
+    write_whole(path, text_from_graph(graph))
 
 
 def text_from_graph(graph: PoseGraph) -> str:

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.geometry import make_transform, quaternion_to_rotation, rotation_to_quaternion
 from mapmyworld.types import Trajectory
@@ -22,7 +23,7 @@ _SECOND = 1_000_000_000
 def write_trajectory(path: Path, trajectory: Trajectory, style: Style = "tum") -> None:
     """TUM: `t x y z qx qy qz qw`; KITTI: 3x4 row-major, no times; CSV: integer nanoseconds."""
     lines = _WRITERS[style](trajectory)
-    path.write_text("".join(f"{line}\n" for line in lines))
+    write_whole(path, "".join(f"{line}\n" for line in lines))
 
 
 def _tum_lines(trajectory: Trajectory) -> Iterator[str]:
@@ -69,7 +70,7 @@ _WRITERS: dict[str, Callable[[Trajectory], Iterator[str]]] = {
 def read_trajectory(path: Path) -> Trajectory:
     """A trajectory in any of the three styles, told by its lines; KITTI's stamps count from 0."""
     try:
-        text = path.read_text()
+        text = path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise MapError(f"{path}: cannot be read as a trajectory ({error})") from None
     numbered = [

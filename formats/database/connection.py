@@ -125,7 +125,7 @@ class Connection:
     def _explained(self) -> Iterator[None]:
         try:
             yield
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeDecodeError) as error:
             raise MapError(f"{self.path}: {_remedy(str(error))}") from error
 
 
@@ -138,6 +138,8 @@ def _remedy(message: str) -> str:
     """What SQLite says, and what to do about it."""
     if "locked" in message:
         return "is in use by another program: close it there and try again"
+    if "utf-8" in message.lower():  # quoted at length, with the damage in it
+        return "is damaged (text that is no UTF-8): build it anew, or try `sqlite3 FILE .recover`"
     if "malformed" in message or "not a database" in message:
         return f"is damaged ({message}): build it anew, or try `sqlite3 FILE .recover`"
     if "disk is full" in message or "disk I/O" in message:

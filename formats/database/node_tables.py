@@ -77,7 +77,10 @@ class NodeTables(Transactions):
     def contents(self) -> dict[int, dict[str, int]]:
         """What each node keeps: counts of images, depth, scan, cloud; no blob is read."""
         found = self._db.rows("SELECT id, contents FROM mapmyworld_nodes ORDER BY id")
-        return {node_id: json.loads(text) for node_id, text in found}
+        try:
+            return {int(node_id): dict(json.loads(text)) for node_id, text in found}
+        except (ValueError, TypeError) as error:
+            raise MapError(f"{self.path}: damaged contents of a node ({error})") from None
 
     def set_features(self, node_id: int, features: Features) -> None:
         self._begin()

@@ -144,6 +144,16 @@ def _flag(value: bool) -> str:
     return "true" if value else "false"
 
 
+def mark_unpacked(db: Connection) -> None:
+    """Notes in the file that it must be packed once it is complete, by whoever completes it."""
+    db.run("PRAGMA user_version = 1")
+
+
+def is_unpacked(db: Connection) -> bool:
+    """Whether a build wrote into the file and was stopped before it packed it."""
+    return bool(db.row("PRAGMA user_version")[0])
+
+
 def compact(path: Path) -> None:
     """Writes the file anew, pages in order, and puts it in place in one step.
 
@@ -156,6 +166,7 @@ def compact(path: Path) -> None:
             source.execute("VACUUM INTO ?", (str(fresh),))
         with closing(sqlite3.connect(fresh)) as packed:
             packed.execute("PRAGMA schema_version = 1")  # SQLite's count of earlier packings
+            packed.execute("PRAGMA user_version = 0")
         os.replace(fresh, path)
     except (sqlite3.Error, OSError) as error:
         fresh.unlink(missing_ok=True)

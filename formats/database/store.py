@@ -21,7 +21,7 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
 
     def __init__(self, connection: Connection, options: StorageOptions) -> None:
         super().__init__(connection, options)
-        self._compact = False
+        self._compact = connection.writable and results.is_unpacked(connection)
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -48,6 +48,7 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
         if clear_from(self._db, rank):
             self._rewrite_links()
         self._restore_session()
+        results.mark_unpacked(self._db)
         self._rank, self._compact = rank, False
         try:
             yield

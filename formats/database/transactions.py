@@ -30,7 +30,10 @@ class Transactions(Opened):
         found = self._db.row(
             "SELECT value FROM mapmyworld_keys WHERE key = ? ORDER BY rank DESC", (key,)
         )
-        return None if found is None else json.loads(found[0])
+        try:
+            return None if found is None else json.loads(found[0])
+        except (ValueError, TypeError) as error:
+            raise MapError(f"{self.path}: {key}: a damaged value ({error})") from None
 
     def put(self, key: str, value: Any) -> None:
         rank = _OUTSIDE if self._rank is None else self._rank

@@ -9,6 +9,7 @@ import io
 import os
 import tempfile
 import weakref
+import zlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO, cast
@@ -17,7 +18,7 @@ from mapmyworld.errors import LogError
 
 _READ_BYTES = 1 << 20
 # What a decompressor raises at damage: cut streams, bad checksums, bad blocks.
-DECOMPRESSION_ERRORS = (EOFError, OSError, ValueError)
+DECOMPRESSION_ERRORS = (EOFError, OSError, ValueError, zlib.error)
 
 
 def open_binary(path: Path) -> BinaryIO:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import importlib
+import io
 import re
 import sqlite3
 from collections.abc import Sequence
 from pathlib import Path
+from typing import cast
 
 from formats.logs.carmen import MARKS, CarmenLog
 from formats.logs.files import DECOMPRESSION_ERRORS, open_binary
@@ -15,7 +17,14 @@ from formats.logs.mcap_records import MAGIC as MCAP_MAGIC
 from formats.logs.merged import MergedLog
 from formats.logs.recorded import RecordedLog
 from formats.logs.ros1_bag import open_ros1_bag
-from formats.logs.rosbag2 import ZSTD_MAGIC, PackedBag, SqliteBag, connect_read_only, listed_files
+from formats.logs.rosbag2 import (
+    ZSTD_MAGIC,
+    PackedBag,
+    SqliteBag,
+    connect_read_only,
+    listed_files,
+    one_line,
+)
 from formats.logs.tum_rgbd import LISTS, TumRgbdLog
 from mapmyworld.errors import LogError
 from mapmyworld.types import LogSource
@@ -131,12 +140,17 @@ def _tables(path: Path) -> set[str]:
         finally:
             database.close()
     except sqlite3.Error as error:
-        raise LogError(f"{path}: damaged SQLite file ({error})") from error
+        raise LogError(f"{path}: damaged SQLite file ({one_line(error)})") from error
 
 
 def _first_bytes(path: Path, count: int = 65536) -> bytes:
+    """What can be had of them: a compressed file may be damaged soon after its start."""
+    found = b""
     try:
         with open_binary(path) as stream:
-            return stream.read(count)
+            while len(found) < count and (block := cast(io.BufferedReader, stream).read1(4096)):
+                found += block
     except DECOMPRESSION_ERRORS as error:
-        raise LogError(f"{path}: cannot be read from the start: {error}") from error
+        if not found:
+            raise LogError(f"{path}: cannot be read from the start: {error}") from error
+    return found

@@ -39,7 +39,19 @@ def connect_read_only(path: Path) -> sqlite3.Connection:
     wal = path.with_name(path.name + "-wal")
     options = "mode=ro" if wal.is_file() and wal.stat().st_size else "mode=ro&immutable=1"
     uri = f"{path.resolve().as_uri()}?{options}"
-    return sqlite3.connect(uri, uri=True, check_same_thread=False)
+    database = sqlite3.connect(uri, uri=True, check_same_thread=False)
+    database.text_factory = lossy_text
+    return database
+
+
+def lossy_text(data: bytes) -> str:
+    """Text of a damaged database: what is no UTF-8 must not end the reading."""
+    return data.decode("utf-8", "replace")
+
+
+def one_line(error: Exception) -> str:
+    """SQLite's words on an error may quote the damaged bytes, and at length."""
+    return " ".join(str(error).split())[:120]
 
 
 class SqliteBag:
@@ -65,7 +77,7 @@ class SqliteBag:
                     self._index = _read_index(database)
             except sqlite3.Error as error:
                 raise LogError(
-                    f"{self.path}: damaged or no rosbag2 database ({error}): "
+                    f"{self.path}: damaged or no rosbag2 database ({one_line(error)}): "
                     "try `sqlite3 FILE .recover`"
                 ) from error
         return self._index

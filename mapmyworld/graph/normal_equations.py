@@ -7,7 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
 from mapmyworld.geometry import Array
-from mapmyworld.graph.cholesky import analyse, factorise
+from mapmyworld.graph.cholesky import NotPositiveDefiniteError, analyse, factorise
 from mapmyworld.graph.pose_graph import Index
 
 # Unknowns from which a factorisation clique by clique is the faster one.
@@ -57,10 +57,13 @@ def _by_superlu(
     at_column = np.broadcast_to((column * size)[:, None, None] + inner, every.shape)
     shape = (count * size, count * size)
     matrix = coo_array((every.ravel(), (at_row.ravel(), at_column.ravel())), shape=shape)
-    factors = splu(
-        matrix.tocsc(),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
+    try:
+        factors = splu(
+            matrix.tocsc(),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError:  # "Factor is exactly singular"
+        raise NotPositiveDefiniteError("the edges leave a node undetermined") from None
     return np.asarray(factors.solve(right))

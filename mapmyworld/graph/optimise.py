@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from mapmyworld.config.graph import GraphConfig
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array
+from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.growth import grown_start
 from mapmyworld.graph.landmarks import as_edges, first_places
 from mapmyworld.graph.pose_graph import Index, canonical_order, components, positions
@@ -161,8 +163,13 @@ def _starts(problem: Problem) -> dict[str, Array]:
     chain[anchors] = guess[anchors]
     if len(graph.landmark_ids):
         return _starts_with_landmarks(problem, chain)
-    chordal = chordal_start(graph.planar, guess, anchors, tails, heads, measured, information)
-    return {"odometry": chain, "chordal": chordal, "guess": guess}
+    found = {"odometry": chain}
+    with suppress(NotPositiveDefiniteError):  # an edge that weighs nothing holds no node
+        found["chordal"] = chordal_start(
+            graph.planar, guess, anchors, tails, heads, measured, information
+        )
+    found["guess"] = guess
+    return found
 
 
 def _starts_with_landmarks(problem: Problem, chain: Array) -> dict[str, Array]:

@@ -62,7 +62,8 @@ def canonical_order(edges: Edges) -> Index:
 
     Sums over sorted edges do not depend on the order in which a file or a matcher gave them.
     """
-    flat = edges.from_from_to.reshape(len(edges), -1).T
+    numbers = int(np.prod(edges.from_from_to.shape[1:]))
+    flat = edges.from_from_to.reshape(len(edges), numbers).T
     return np.lexsort((*flat, edges.to_ids, edges.from_ids)).astype(np.int64)
 
 

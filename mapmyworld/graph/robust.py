@@ -16,6 +16,7 @@ from scipy.special import gammaincinv
 
 from mapmyworld.config.graph import GraphConfig
 from mapmyworld.geometry import Array
+from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.consistency import Consistency, alternatives, compare_closures
 from mapmyworld.graph.dead_reckoning import reckon
 from mapmyworld.graph.pose_graph import Index
@@ -181,9 +182,12 @@ def _fresh_start(
     system: System, guess: Array, anchors: Index, believed: NDArray[np.bool_]
 ) -> Array:
     part = chosen_edges(system, believed)
-    return chordal_start(
-        system.planar, guess, anchors, part.tails, part.heads, part.measured, part.information
-    )
+    try:
+        return chordal_start(
+            system.planar, guess, anchors, part.tails, part.heads, part.measured, part.information
+        )
+    except NotPositiveDefiniteError:  # nodes that no believed edge holds stay where they are
+        return guess
 
 
 def graduate(

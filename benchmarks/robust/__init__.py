@@ -1,0 +1,1 @@
+"""Parts of benchmarks/robustness.py, shared with its short versions among the tests."""

@@ -1,0 +1,144 @@
+"""Many hostile files from a few sound ones: which of them bring a command down?"""
+
+from __future__ import annotations
+
+import multiprocessing
+import shutil
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from robust.mutations import mutated
+from robust.trials import MEMORY_MB, peak_memory_mb, try_command
+
+_WAIT_S = 180.0  # wall time without a word from a worker: it hangs where no signal reaches
+_PER_WORKER = 500  # cases, then a fresh process
+_TEXT = {".log", ".txt", ".yaml", ".g2o", ".graph", ".toml", ".tum"}
+
+
+class Case(NamedTuple):
+    """A sound file or folder, the command tried on its damaged copy, and the seed."""
+
+    source: Path
+    command: tuple[str, ...]
+    """With FILE for the damaged copy and OUT for a place to write to."""
+    seed: tuple[int, ...]
+
+
+@dataclass
+class Tally:
+    cases: int = 0
+    exits: Counter[str] = field(default_factory=Counter)
+    faults: list[tuple[Case, str]] = field(default_factory=list)
+    peak_mb: float = 0.0
+    cpu_s: float = 0.0
+    slowest_s: float = 0.0
+
+    def add(self, case: Case, exit_code: int | None, fault: str, mb: float, cpu: float) -> None:
+        self.cases += 1
+        self.exits["fault" if fault else str(exit_code)] += 1
+        if fault:
+            self.faults.append((case, fault))
+        self.peak_mb, self.cpu_s = max(self.peak_mb, mb), self.cpu_s + cpu
+        self.slowest_s = max(self.slowest_s, cpu)
+
+
+def damage(case: Case, folder: Path) -> Path:
+    """A copy of the case's source with damage; of a folder, one or all of its files are hit."""
+    target = folder / case.source.name
+    if case.source.is_file():
+        text = case.source.suffix in _TEXT
+        target.write_bytes(mutated(case.source.read_bytes(), case.seed, text=text))
+        return target
+    shutil.copytree(case.source, target)
+    files = sorted(path for path in target.rglob("*") if path.is_file())
+    rng = np.random.default_rng((*case.seed, 1))
+    for path in [files[int(i)] for i in rng.integers(len(files), size=int(rng.integers(1, 4)))]:
+        if not path.exists():
+            continue
+        if rng.random() < 0.15:
+            path.unlink()
+        else:
+            path.write_bytes(mutated(path.read_bytes(), case.seed, text=path.suffix in _TEXT))
+    return target
+
+
+def run_case(case: Case) -> tuple[int | None, str, float, float]:
+    """Exit code, fault, peak memory of the process in MB, CPU seconds."""
+    with tempfile.TemporaryDirectory(prefix="robust-") as name:
+        file = damage(case, Path(name))
+        file = next(file.glob("*.yaml"), file) if "grid" in case.command else file
+        out = str(Path(name) / "out")
+        words = [word.replace("FILE", str(file)).replace("OUT", out) for word in case.command]
+        started = time.process_time()
+        outcome = try_command(words)
+        cpu = time.process_time() - started
+        left = {path.name for path in Path(name).iterdir()} - {case.source.name}
+        stray = {n for n in left if not n.startswith(("out", case.source.name))}
+        fault = outcome.fault or (f"left behind {sorted(stray)}" if stray else "")
+        if outcome.exit_code == 2 and "\n" in outcome.stderr.strip().split("\n  - ")[0]:
+            fault = fault or f"more than one line: {outcome.stderr[-400:]}"
+        mb = peak_memory_mb()
+        return outcome.exit_code, fault, mb, cpu
+
+
+def fuzz(cases: Iterable[Case], watch: Callable[[Tally], None] | None = None) -> Tally:
+    """Runs the cases in worker processes, one at a time, so that even a crash is only a fault."""
+    tally = Tally()
+    waiting = list(cases)
+    while waiting:
+        batch, waiting = waiting[:_PER_WORKER], waiting[_PER_WORKER:]
+        done = _in_worker(batch, tally)
+        waiting = batch[done:] + waiting
+        if watch is not None:
+            watch(tally)
+    return tally
+
+
+def _in_worker(batch: list[Case], tally: Tally) -> int:
+    ours, theirs = multiprocessing.Pipe()
+    context = multiprocessing.get_context("fork")
+    worker = context.Process(target=_work, args=(batch, theirs), daemon=True)
+    worker.start()
+    theirs.close()
+    for i, case in enumerate(batch):
+        try:
+            answer = ours.recv() if ours.poll(_WAIT_S) else None
+        except EOFError:
+            answer = None
+        if answer is None:
+            alive = worker.is_alive()
+            worker.kill()
+            worker.join()
+            why = "hangs" if alive else f"the process died (exit {worker.exitcode})"
+            tally.add(case, None, why, 0.0, 0.0)
+            return i + 1
+        tally.add(case, *answer)
+    worker.join()
+    return len(batch)
+
+
+def _work(batch: list[Case], answers: Connection) -> None:
+    heavy = False
+    for case in batch:
+        exit_code, fault, mb, cpu = run_case(case)
+        if mb > MEMORY_MB and not heavy:  # the peak of a process never falls again
+            heavy, fault = True, fault or f"{mb:.0f} MB"
+        answers.send((exit_code, fault, mb, cpu))
+    answers.close()
+
+
+def cases(
+    sources: list[Path], commands: list[tuple[str, ...]], count: int, seed: int
+) -> Iterator[Case]:
+    """`count` cases, all sources and commands in turn."""
+    for i in range(count):
+        source = sources[i % len(sources)]
+        yield Case(source, commands[(i // len(sources)) % len(commands)], (seed, i))

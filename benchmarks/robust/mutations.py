@@ -1,0 +1,130 @@
+"""Seeded damage to bytes: what broken disks, cut cables and ill will do to files."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable
+
+import numpy as np
+
+Rng = np.random.Generator
+Damage = Callable[[bytearray, Rng], bytearray]
+
+_INTEGERS = (0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 1 << 40,
+             (1 << 63) - 1, 1 << 63, (1 << 64) - 1)  # fmt: skip
+_FLOATS = (float("nan"), float("inf"), -float("inf"), 0.0, -1.0, 1e300, 1e-300, 1e38)
+_WORDS = (b"nan", b"inf", b"-1", b"0", b"1e400", b"", b"99999999999999999999", b"-0.0", b"x",
+          b"2147483648", b"../../etc/passwd", b"\xff\xfe", b"1 2", b"[1, 2", b"{}", b"~")  # fmt: skip
+
+
+def mutated(data: bytes, seed: tuple[int, ...], *, text: bool = False) -> bytes:
+    """The bytes with one to three kinds of damage; the same for the same seed."""
+    rng = np.random.default_rng(seed)
+    spoilt = bytearray(data)
+    kinds = _IN_TEXT if text else _IN_BYTES
+    for _ in range(int(rng.integers(1, 4))):
+        spoilt = kinds[int(rng.integers(len(kinds)))](spoilt, rng)
+    return bytes(spoilt)
+
+
+def _flip(data: bytearray, rng: Rng) -> bytearray:
+    for _ in range(int(rng.integers(1, 5)) if data else 0):
+        data[int(rng.integers(len(data)))] = int(rng.integers(256))
+    return data
+
+
+def _bit(data: bytearray, rng: Rng) -> bytearray:
+    if data:
+        data[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))
+    return data
+
+
+def _number(data: bytearray, rng: Rng) -> bytearray:
+    """An extreme number over whatever stands there."""
+    if rng.random() < 0.5:
+        width = int(rng.choice([1, 2, 4, 8]))
+        value = _INTEGERS[int(rng.integers(len(_INTEGERS)))]
+        told = (value & ((1 << 8 * width) - 1)).to_bytes(width, "little")
+    else:
+        kind = "<f" if rng.random() < 0.5 else "<d"
+        with np.errstate(over="ignore"):
+            value = float(np.float32(_FLOATS[int(rng.integers(len(_FLOATS)))]))
+        told = struct.pack(kind, value)
+    place = int(rng.integers(max(len(data) - len(told), 1)))
+    data[place : place + len(told)] = told
+    return data
+
+
+def _cut(data: bytearray, rng: Rng) -> bytearray:
+    return data[: int(rng.integers(len(data) + 1))]
+
+
+def _gone(data: bytearray, rng: Rng) -> bytearray:
+    start, end = _span(data, rng)
+    del data[start:end]
+    return data
+
+
+def _twice(data: bytearray, rng: Rng) -> bytearray:
+    start, end = _span(data, rng)
+    return data[:end] + data[start:end] + data[end:]
+
+
+def _zeroed(data: bytearray, rng: Rng) -> bytearray:
+    start, end = _span(data, rng)
+    data[start:end] = bytes(end - start)
+    return data
+
+
+def _noise(data: bytearray, rng: Rng) -> bytearray:
+    place = int(rng.integers(len(data) + 1))
+    return data[:place] + rng.bytes(int(rng.integers(1, 64))) + data[place:]
+
+
+def _swapped(data: bytearray, rng: Rng) -> bytearray:
+    start, end = _span(data, rng)
+    middle = (start + end) // 2
+    return data[:start] + data[middle:end] + data[start:middle] + data[end:]
+
+
+def _span(data: bytearray, rng: Rng) -> tuple[int, int]:
+    """A stretch, short as often as long."""
+    start = int(rng.integers(len(data) + 1))
+    length = int(2 ** rng.uniform(0, np.log2(len(data) + 2)))
+    return start, min(start + length, len(data))
+
+
+def _word(data: bytearray, rng: Rng) -> bytearray:
+    """Another word where one stood."""
+    words = list(re.finditer(rb"[^\s,\[\]]+", data))
+    if words:
+        found = words[int(rng.integers(len(words)))]
+        data[found.start() : found.end()] = _WORDS[int(rng.integers(len(_WORDS)))]
+    return data
+
+
+def _line(data: bytearray, rng: Rng) -> bytearray:
+    """A line removed, repeated or moved."""
+    lines = data.split(b"\n")
+    taken = lines.pop(int(rng.integers(len(lines))))
+    for _ in range(int(rng.integers(3))):
+        lines.insert(int(rng.integers(len(lines) + 1)), taken)
+    return bytearray(b"\n").join(lines)
+
+
+_IN_BYTES: tuple[Damage, ...] = (
+    _flip, _flip, _bit, _number, _number, _number, _cut, _gone, _twice, _zeroed, _noise, _swapped,
+)  # fmt: skip
+_IN_TEXT: tuple[Damage, ...] = (
+    _word,
+    _word,
+    _word,
+    _word,
+    _line,
+    _line,
+    _flip,
+    _cut,
+    _gone,
+    _twice,
+)

@@ -1,0 +1,85 @@
+"""One command on one hostile file, in this process, by the way a user starts it."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import resource
+import signal
+import sys
+import traceback
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import FrameType
+
+from cli.main import main
+
+MEMORY_MB = 1024.0
+SECONDS = 10.0
+GOOD_EXITS = {0, 2, 3}
+
+
+class HangError(BaseException):
+    """A trial used up its time; no `except Exception` may swallow it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    exit_code: int | None
+    """None where an exception got out."""
+    fault: str
+    """Empty when all is well; else what went wrong, with the traceback."""
+    stdout: str
+    stderr: str
+
+
+def try_command(arguments: list[str]) -> Outcome:
+    """Runs a command; a traceback, a hang, a wrong exit code or a wordy refusal is a fault."""
+    out, err = io.StringIO(), io.StringIO()
+    code, fault = None, ""
+    try:
+        with _limited(), _arguments(arguments), contextlib.redirect_stdout(out):
+            with contextlib.redirect_stderr(err):
+                main()
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else 0
+    except HangError:
+        fault = f"more than {SECONDS:.0f} s:\n{traceback.format_exc()}"
+    except BaseException:
+        fault = traceback.format_exc()
+    if not fault and code not in GOOD_EXITS:
+        fault = f"exit code {code}: {err.getvalue()[-500:]}"
+    if not fault and code == 2 and not err.getvalue().startswith("mapmyworld: "):
+        fault = f"refused without a message: {err.getvalue()[-500:]}"
+    if not fault and "Traceback" in err.getvalue():
+        fault = err.getvalue()
+    return Outcome(code, fault, out.getvalue(), err.getvalue())
+
+
+def peak_memory_mb() -> float:
+    """The most that this process has held."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+@contextlib.contextmanager
+def _limited() -> Iterator[None]:
+    """CPU time, so that a busy machine makes no hang; a wait that never ends is seen outside."""
+
+    def stop(_signal: int, _frame: FrameType | None) -> None:
+        raise HangError
+
+    signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+
+
+@contextlib.contextmanager
+def _arguments(arguments: list[str]) -> Iterator[None]:
+    before, sys.argv = sys.argv, ["mapmyworld", *arguments]
+    try:
+        yield
+    finally:
+        sys.argv = before

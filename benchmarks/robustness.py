@@ -1,0 +1,89 @@
+"""What broken files, killed builds, full disks and long drives do to mapmyworld.
+
+python benchmarks/robustness.py fuzz-logs --count 20000
+python benchmarks/robustness.py fuzz-maps --count 5000
+python benchmarks/robustness.py fuzz-graphs --count 2000
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+from pathlib import Path
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")  # before numpy is there
+
+from robust import corpus, fuzzing  # noqa: E402
+
+INSPECT = ("inspect", "log", "FILE")
+LOG_COMMANDS = [
+    INSPECT, INSPECT, ("convert", "FILE", "-o", "OUT.mcap"), INSPECT,
+    ("build", "FILE", "-o", "OUT.db", "-q"), ("inspect", "log", "FILE", "--format", "json"),
+]  # fmt: skip
+MAP_COMMANDS = [
+    ("inspect", "map", "FILE"), ("inspect", "graph", "FILE", "--all"),
+    ("export", "trajectory", "FILE", "-o", "OUT.tum"), ("export", "grid", "FILE", "-o", "OUT"),
+    ("export", "graph", "FILE", "-o", "OUT.g2o"), ("inspect", "node", "FILE", "2"),
+    ("export", "cloud", "FILE", "-o", "OUT.ply"), ("export", "images", "FILE", "-o", "OUT"),
+    ("inspect", "log", "FILE"), ("optimise", "FILE", "-o", "OUT.g2o"),
+    ("check", "FILE", "--require", "nodes >= 0"), ("export", "report", "FILE", "-o", "OUT.html"),
+]  # fmt: skip
+GRAPH_COMMANDS = [
+    ("optimise", "FILE", "-o", "OUT.g2o"),
+    ("optimise", "FILE", "--robust", "-o", "OUT.g2o"),
+]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("part", choices=sorted(PARTS))
+    parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", default="", help="sources whose name contains this")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="robustness-") as folder:
+        PARTS[options.part](options, Path(folder))
+
+
+def _fuzz_logs(options: argparse.Namespace, folder: Path) -> None:
+    _fuzz(corpus.make_logs(folder / "logs"), LOG_COMMANDS, options)
+
+
+def _fuzz_maps(options: argparse.Namespace, folder: Path) -> None:
+    log = next(path for path in corpus.make_logs(folder / "logs") if path.name == "whole.mcap")
+    _fuzz(corpus.make_maps(folder / "maps", log), MAP_COMMANDS, options)
+
+
+def _fuzz_graphs(options: argparse.Namespace, folder: Path) -> None:
+    graphs, grids = corpus.make_graphs(folder / "graphs"), corpus.make_grids(folder / "grids")
+    half = argparse.Namespace(**{**vars(options), "count": options.count // 2})
+    _fuzz(graphs, GRAPH_COMMANDS, half)
+    truth = str(grids[0] / "map.yaml")
+    _fuzz(grids, [("evaluate", "grid", "FILE", truth)], half)
+
+
+def _fuzz(
+    sources: list[Path], commands: list[tuple[str, ...]], options: argparse.Namespace
+) -> None:
+    sources = [source for source in sources if options.only in source.name]
+    for source in sources:  # whatever compiles or loads late does so before workers are forked
+        fuzzing.run_case(fuzzing.Case(source, commands[0], (options.seed, 1 << 40)))
+    done = fuzzing.fuzz(
+        fuzzing.cases(sources, commands, options.count, options.seed),
+        lambda tally: print(f"  {tally.cases} done, {len(tally.faults)} faults", flush=True),
+    )
+    told = ", ".join(f"{count} x {code}" for code, count in sorted(done.exits.items()))
+    print(f"{done.cases} files: exit codes {told}")
+    print(
+        f"peak {done.peak_mb:.0f} MB, slowest {done.slowest_s:.1f} CPU s, all {done.cpu_s:.0f} CPU s"
+    )
+    for (source, command, seed), fault in done.faults:
+        print(f"\n{source.name} seed {seed}: {' '.join(command)}\n{fault}")
+
+
+PARTS = {"fuzz-logs": _fuzz_logs, "fuzz-maps": _fuzz_maps, "fuzz-graphs": _fuzz_graphs}
+
+if __name__ == "__main__":
+    main()

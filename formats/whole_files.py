@@ -1,0 +1,39 @@
+"""Files that are either written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from mapmyworld.errors import MapError
+
+
+def write_whole(path: Path, data: bytes | str) -> None:
+    """Puts data (text as UTF-8) in place of the file in one step.
+
+    Killed at any moment, or with the disk full, it leaves what was there before. Raises MapError.
+    """
+    with whole_file(path) as stream:
+        stream.write(data.encode() if isinstance(data, str) else data)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """A stream whose bytes take the file's place once all are written, and not before."""
+    if not path.parent.is_dir():
+        raise MapError(f"{path}: cannot be written: its folder does not exist")
+    if path.is_dir():
+        raise MapError(f"{path}: cannot be written: it is a folder")
+    part = path.with_name(f"{path.name}.part")
+    try:
+        with part.open("wb") as stream:
+            yield stream
+        os.replace(part, path)
+    except OSError as error:
+        raise MapError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)

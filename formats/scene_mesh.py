@@ -48,12 +48,19 @@ def _colours(mesh: Any, count: int, triangles: NDArray[np.int32]) -> NDArray[np.
     if mesh.has_vertex_colors():
         return np.round(np.asarray(mesh.vertex_colors) * 255.0).astype(np.uint8)
     colours = np.full((count, 3), _GREY, np.uint8)
-    pictures = [np.asarray(texture) for texture in mesh.textures]
-    if not mesh.has_triangle_uvs() or not pictures or pictures[0].ndim != 3:
+    if not mesh.has_triangle_uvs():
         return colours
-    picture = pictures[0]
-    uv = np.asarray(mesh.triangle_uvs)
-    column = ((uv[:, 0] % 1.0) * (picture.shape[1] - 1)).astype(int)
-    row = ((1.0 - uv[:, 1] % 1.0) * (picture.shape[0] - 1)).astype(int)
-    colours[triangles.reshape(-1)] = picture[row, column, :3]
+    material = np.asarray(mesh.triangle_material_ids)
+    uv = np.asarray(mesh.triangle_uvs).reshape(-1, 3, 2)
+    for number, texture in enumerate(mesh.textures):
+        picture, painted = np.asarray(texture), np.flatnonzero(material == number)
+        if picture.ndim == 3 and len(painted):
+            colours[triangles[painted]] = _sampled(picture, uv[painted])
     return colours
+
+
+def _sampled(picture: NDArray[np.uint8], uv: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Colours (..., 3) of a texture (H, W, C) at `uv` (..., 2), which repeats; v points up."""
+    column = ((uv[..., 0] % 1.0) * (picture.shape[1] - 1)).astype(int)
+    row = ((1.0 - uv[..., 1] % 1.0) * (picture.shape[0] - 1)).astype(int)
+    return picture[row, column, :3]

@@ -1,0 +1,100 @@
+"""A user's own world as a mesh: every format the same room, in its own colours."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from formats.scene_mesh import read_scene_mesh
+from mapmyworld.errors import MapError
+
+pytest.importorskip("open3d", exc_type=ImportError, reason="Open3D cannot be loaded here")
+
+# A floor of two triangles and a wall of one, in metres, z up.
+VERTICES = np.array([[0, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0], [0, 0, 2]], np.float32)
+TRIANGLES = np.array([[0, 1, 2], [0, 2, 3], [0, 1, 4]], np.uint16)
+RED = (255, 0, 0)
+
+
+def as_obj(path: Path) -> None:
+    """Wavefront, with a texture that is red wherever it is looked at."""
+    cv2.imwrite(str(path.with_name("red.png")), np.full((4, 4, 3), RED[::-1], np.uint8))
+    path.with_name("red.mtl").write_text("newmtl red\nmap_Kd red.png\n")
+    lines = ["mtllib red.mtl", "usemtl red", "vt 0.5 0.5"]
+    lines += ["v {} {} {}".format(*vertex) for vertex in VERTICES]
+    lines += ["f {}/1 {}/1 {}/1".format(*(triangle + 1)) for triangle in TRIANGLES]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def as_ply(path: Path) -> None:
+    head = (
+        "ply\nformat ascii 1.0\nelement vertex 5\n"
+        + "".join(f"property float {axis}\n" for axis in "xyz")
+        + "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+        + "element face 3\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    body = [" ".join(map(str, (*vertex, *RED))) for vertex in VERTICES]
+    body += [" ".join(map(str, (3, *triangle))) for triangle in TRIANGLES]
+    path.write_text(head + "\n".join(body) + "\n")
+
+
+def as_glb(path: Path) -> None:
+    """Binary glTF 2.0, y up as its standard says, with colours at the vertices."""
+    y_up = np.stack([VERTICES[:, 0], VERTICES[:, 2], -VERTICES[:, 1]], axis=1)
+    colours = np.tile(np.array([*RED, 255], np.uint8), (5, 1))
+    parts = [y_up.tobytes(), colours.tobytes(), TRIANGLES.tobytes() + b"\0\0"]
+    starts = np.cumsum([0, *map(len, parts)]).tolist()
+    document = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [
+            {"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2}]}
+        ],
+        "buffers": [{"byteLength": starts[3]}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": start, "byteLength": len(part)}
+            for start, part in zip(starts, parts, strict=False)
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 5, "type": "VEC3",
+             "min": y_up.min(axis=0).tolist(), "max": y_up.max(axis=0).tolist()},
+            {"bufferView": 1, "componentType": 5121, "count": 5, "type": "VEC4",
+             "normalized": True},
+            {"bufferView": 2, "componentType": 5123, "count": 9, "type": "SCALAR"},
+        ],
+    }  # fmt: skip
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    binary = b"".join(parts)
+    whole = struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(binary))
+    whole += struct.pack("<I4s", len(text), b"JSON") + text
+    path.write_bytes(whole + struct.pack("<I4s", len(binary), b"BIN\0") + binary)
+
+
+@pytest.mark.parametrize(("suffix", "write"), [("ply", as_ply), ("obj", as_obj), ("glb", as_glb)])
+def test_every_format_gives_the_same_room_in_its_colours(
+    tmp_path: Path, suffix: str, write
+) -> None:
+    path = tmp_path / f"room.{suffix}"
+    write(path)
+    mesh = read_scene_mesh(path)
+    corners = mesh.vertices[mesh.triangles]
+    assert np.allclose(corners, VERTICES[TRIANGLES], atol=1e-6)
+    assert mesh.colours is not None
+    assert (mesh.colours == RED).all()
+
+
+def test_what_holds_no_triangles_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "room.glb"
+    path.write_bytes(b"glTF" + bytes(40))
+    with pytest.raises(MapError, match="no triangles"):
+        read_scene_mesh(path)
+    with pytest.raises(MapError, match="no such file"):
+        read_scene_mesh(tmp_path / "absent.ply")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from queue import Full, Queue
 from typing import TypeVar
 
@@ -14,6 +16,13 @@ _AHEAD = 3  # items per thread that are prepared before they are asked for
 
 In = TypeVar("In")
 Out = TypeVar("Out")
+
+
+def batches(items: Iterable[In], size: int) -> Iterator[list[In]]:
+    """The items in lists of `size`; the last may be shorter."""
+    left = iter(items)
+    while some := list(itertools.islice(left, size)):
+        yield some
 
 
 def made_ahead(items: Iterable[In], count: int = 32) -> Iterator[In]:
@@ -48,6 +57,40 @@ def made_ahead(items: Iterable[In], count: int = 32) -> Iterator[In]:
     finally:
         stop.set()
         maker.join()
+
+
+@contextmanager
+def done_behind(work: Callable[[In], None], count: int = 4) -> Iterator[Callable[[In], None]]:
+    """Gives a function that has `work` done on another thread, item by item in order.
+
+    Up to `count` items wait. An error of `work` is raised at the next item, or at the end.
+    """
+    waiting: Queue[In | None] = Queue(count)
+    failed: list[BaseException] = []
+    stop = threading.Event()
+
+    def do() -> None:
+        try:
+            while (item := waiting.get()) is not None:
+                work(item)
+        except BaseException as raised:  # handed over to the thread that waits
+            failed.append(raised)
+            stop.set()
+
+    def hand_over(item: In) -> None:
+        _put(waiting, item, stop)
+        if failed:
+            raise failed[0]
+
+    worker = threading.Thread(target=do, daemon=True)
+    worker.start()
+    try:
+        yield hand_over
+    finally:
+        _put(waiting, None, stop)
+        worker.join()
+    if failed:
+        raise failed[0]
 
 
 def _put(queue: Queue[In], item: In, stop: threading.Event) -> None:

@@ -114,6 +114,6 @@ def test_weak_stretches_are_bridged_and_measured() -> None:
     stretches = WeakStretches()
     for k in range(60):
         open_now = 10 <= k < 40 and k != 20
-        stretches.add(k * 10**9, 0.1, weak if open_now else good)
+        stretches.add(k * 10**9, 0.1, weak=is_weak(weak if open_now else good))
     (note,) = stretches.notes()
     assert note.startswith("from 10 s to 39 s (2.9 m)")

@@ -153,7 +153,8 @@ def align(
     s_first: int,
     s_last: int,
     targets: Rows,
-    bounds: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    ends: NDArray[np.int64],
     which: NDArray[np.int64],
     poses: NDArray[np.float64],
     origins: NDArray[np.float64],
@@ -165,7 +166,7 @@ def align(
     sigma: float,
     out: NDArray[np.float64],
 ) -> None:
-    """Aligns source rows with targets `which` (rows `bounds[w]` to `bounds[w + 1]`) at `poses`.
+    """Aligns source rows with targets `which` (rows `starts[w]` to `ends[w]`) at `poses`.
 
     Gauss-Newton, one step a reach. `out` (16,): pose (3), match Hessian (6, upper triangle, in
     units of residuals), share explained of source points with normals, mean squared residual,
@@ -183,7 +184,7 @@ def align(
         reach = reaches[min(turn, rounds - 1)]
         wide = max(scale, 0.25 * reach)
         for w in which:
-            add_target(source, s_first, s_last, targets, bounds[w], bounds[w + 1], origins[w],
+            add_target(source, s_first, s_last, targets, starts[w], ends[w], origins[w],
                        relative(poses[w], pose), reach, wide, system, hit)  # fmt: skip
         if turn == rounds:
             break

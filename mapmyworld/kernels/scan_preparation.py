@@ -65,23 +65,27 @@ def prepare_points(
     xs, ys = np.empty(count), np.empty(count)
     for i in range(count):
         xs[i], ys[i] = points[order[i], 0], points[order[i], 1]
+    steps = np.zeros(count)  # from the point before
+    for i in range(1, count):
+        dx, dy = xs[i] - xs[i - 1], ys[i] - ys[i - 1]
+        steps[i] = np.sqrt(dx * dx + dy * dy)
     kept, travelled = 0, np.inf
     for i in range(count):
-        if i > 0:
-            travelled += np.hypot(xs[i] - xs[i - 1], ys[i] - ys[i - 1])
+        travelled += steps[i]
         if travelled < spacing:
             continue
         travelled = 0.0
-        distance = np.hypot(xs[i] - origin[0], ys[i] - origin[1])
+        dx, dy = xs[i] - origin[0], ys[i] - origin[1]
+        distance = np.sqrt(dx * dx + dy * dy)
         gap = max(_LEAST_GAP, _GAP * distance * increment)
         reach = max(radius, _SPAN * distance * increment)
         n, sx, sy, sxx, sxy, syy = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for side in (-1, 1):
             k = i + side
             while 0 <= k < count:
-                step = np.hypot(xs[k] - xs[k - side], ys[k] - ys[k - side])
                 dx, dy = xs[k] - xs[i], ys[k] - ys[i]
-                if step > gap or (np.hypot(dx, dy) > reach and abs(k - i) > 1):
+                far = dx * dx + dy * dy > reach * reach and abs(k - i) > 1
+                if far or steps[max(k, k - side)] > gap:
                     break
                 n += 1.0
                 sx, sy = sx + dx, sy + dy
@@ -104,3 +108,38 @@ def prepare_points(
                 out[kept, 2], out[kept, 3] = nx, ny
         kept += 1
     return kept
+
+
+@njit(cache=True, nogil=True)
+def prepare_many(
+    points: NDArray[np.float32],
+    bounds: NDArray[np.int64],
+    origins: NDArray[np.float64],
+    increments: NDArray[np.float64],
+    settings: NDArray[np.float64],
+    out: NDArray[np.float32],
+    out_bounds: NDArray[np.int64],
+) -> None:
+    """Prepares scans, `points[bounds[k]:bounds[k + 1]]` each, behind each other into `out` (T, 5).
+
+    `settings`: metres beyond which returns are dropped, least spacing, points of a scan to aim
+    at, radius of a line's fit. Fills `out_bounds` (S + 1,).
+    """
+    out_bounds[0] = 0
+    for s in range(len(bounds) - 1):
+        near = np.empty((bounds[s + 1] - bounds[s], 2), np.float32)
+        count, length = 0, 0.0
+        for i in range(bounds[s], bounds[s + 1]):
+            dx, dy = points[i, 0] - origins[s, 0], points[i, 1] - origins[s, 1]
+            if dx * dx + dy * dy < settings[0] * settings[0]:  # also drops NaN
+                near[count] = points[i]
+                if count > 0:
+                    dx = near[count, 0] - near[count - 1, 0]
+                    dy = near[count, 1] - near[count - 1, 1]
+                    length += min(np.sqrt(dx * dx + dy * dy), 0.5)
+                count += 1
+        spacing = max(settings[1], length / settings[2])
+        kept = prepare_points(
+            near[:count], origins[s], increments[s], spacing, settings[3], out[out_bounds[s] :]
+        )
+        out_bounds[s + 1] = out_bounds[s] + kept

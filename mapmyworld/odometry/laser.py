@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,50 +11,41 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import between_planar, compose_planar, matrix_to_planar
-from mapmyworld.kernels.scan_alignment import invert3
-from mapmyworld.odometry.laser_stretches import WeakStretches, is_weak, plane_variances
-from mapmyworld.odometry.laser_trust import OdometryTrust
-from mapmyworld.registration.scan_matching import (
-    COARSE,
-    FINE,
-    Match,
-    PreparedScan,
-    ScanSet,
-    match_scan,
-    prepare_scan,
-    scan_set,
-)
+from mapmyworld.kernels.laser_motion import motion_variances, step_covariance, surprise_of
+from mapmyworld.kernels.scan_tracking import learnt_scale, track_scans
+from mapmyworld.odometry.keyscans import Keyscans
+from mapmyworld.odometry.laser_stretches import WeakStretches, is_weak
+from mapmyworld.odometry.laser_trust import OdometryFaults
+from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
 from mapmyworld.registration.scan_search import search_pose
-from mapmyworld.types import Frame
+from mapmyworld.types import Frame, Scan
 
-_BACK = (1, 3, 8)  # how many keyscans back the targets of a match lie
+Array = NDArray[np.float64]
 _CLEARLY = 0.05  # by which one match must be better to be preferred over a nearer one
 _DOUBT_FROM = 6.0  # squared sigmas between odometry and match from which neither is sure
-_STILL = 0.03  # of a keyscan's distance: less is no motion
 _FEWEST = 12  # points of a scan below which it is not matched
 _WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
+_FIRST = np.full(3, 1e-6)  # variances of the first pose, which is the origin
+_EMPTY = Scan(np.zeros((0, 2), np.float32), np.zeros(3), np.zeros(0, np.float32), 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracked:
     """What the tracker says of one frame."""
 
-    pose: NDArray[np.float64]
+    pose: Array
     """(3,) tracked_from_base."""
-    information: NDArray[np.float64]
+    covariance: Array
     """(3, 3) of the motion since the previous frame, in this frame's base."""
     verdict: str
     """"first", "matched", "odometry ignored", "searched", "odometry only" or "lost"."""
     overlap: float
     """Share of the scan that the local submap explains."""
-    weakness: float
-    """Standard deviation, metres, of the match in its weakest direction."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Keyscan:
-    scan: PreparedScan
-    pose: NDArray[np.float64]
+    @property
+    def information(self) -> Array:
+        """(3, 3), the covariance's inverse."""
+        return np.asarray(np.linalg.inv(self.covariance))
 
 
 class LaserTracker:
@@ -61,99 +53,137 @@ class LaserTracker:
 
     def __init__(self, config: Config) -> None:
         self._odometry, self._matching = config.odometry, config.registration
-        self._trust = OdometryTrust(config.odometry)
+        self._faults = OdometryFaults()
         self._stretches = WeakStretches()
-        self._keyscans: deque[_Keyscan] = deque(maxlen=config.odometry.keyscans)
-        self._targets: ScanSet | None = None
-        self._target_poses = np.zeros((0, 3))
-        self._pose = np.zeros(3)
-        self._step = np.zeros(3)
-        self._last: Frame | None = None
+        self._keyscans = Keyscans(config)
+        self._state = np.zeros(7)  # pose, last step, scale of the odometry's variances
+        self._state[6] = 1.0
+        self._last_odometry: Array | None = None
+        self._begun = False
         self.verdicts: Counter[str] = Counter()
+        odometry, matching = config.odometry, config.registration
+        self._settings = np.array([
+            matching.residual_scale, matching.range_sigma, matching.correlation,
+            odometry.share_sigma, odometry.floor_sigma, odometry.contradiction**2,
+            odometry.least_overlap, odometry.keyscan_distance, odometry.keyscan_angle, _DOUBT_FROM,
+        ])  # fmt: skip
 
     def track(self, frame: Frame) -> Tracked:
         """The robot's pose at a frame, from its scan, its odometry and the scans before."""
-        scan = None if frame.scan is None else prepare_scan(frame.scan, self._matching)
-        if self._last is None:
-            tracked = Tracked(self._pose, np.diag([1e6, 1e6, 1e6]), "first", 1.0, 0.0)
-        else:
-            tracked = self._follow(frame, scan)
-        self._step = between_planar(self._pose, tracked.pose)
-        self._pose, self._last = tracked.pose, frame
-        if scan is not None and len(scan.rows) >= _FEWEST:
-            self._remember(scan, tracked)
-        self.verdicts[tracked.verdict] += 1
+        return self.track_all([frame])[0]
+
+    def track_all(self, frames: Sequence[Frame]) -> list[Tracked]:
+        """The same of some frames in a row, with the same result and faster."""
+        scans = prepare_scans([frame.scan or _EMPTY for frame in frames], self._matching)
+        recorded = self._recorded_steps(frames)
+        self._keyscans.make_room(int(np.diff(scans.bounds).max(initial=0)))
+        out, covariances = np.zeros((len(frames), 8)), np.zeros((len(frames), 3, 3))
+        tracked: list[Tracked] = []
+        while len(tracked) < len(frames):
+            first = len(tracked)
+            # Most scans need no second look: a kernel follows them, up to one that does.
+            last = track_scans(
+                first, scans.rows, scans.bounds, scans.origins, recorded, *self._keyscans.ring,
+                self._state, FINE, self._settings, _FEWEST, out, covariances,
+            )  # fmt: skip
+            for k in range(first, last):
+                tracked.append(Tracked(out[k, :3], covariances[k], "matched", float(out[k, 3])))
+                self._stretches.add(frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0)
+            self._faults.steps += int(np.isfinite(recorded[first:last, 0]).sum())
+            if last < len(frames):
+                step = None if np.isnan(recorded[last, 0]) else recorded[last]
+                tracked.append(self._look_closely(frames[last], scans.one(last), step))
+        self.verdicts.update(moment.verdict for moment in tracked)
         return tracked
 
     def notes(self) -> tuple[str, ...]:
         """What was noticed on the way: how far odometry can be trusted, where tracking failed."""
-        found = [*self._trust.notes(), *self._stretches.notes()]
+        found = [*self._faults.notes(), *self._stretches.notes()]
         for verdict, text in _NOTES.items():
             if self.verdicts[verdict]:
                 found.append(f"{self.verdicts[verdict]} scans {text}")
         return tuple(found)
 
-    def _follow(self, frame: Frame, scan: PreparedScan | None) -> Tracked:
-        recorded = self._recorded_step(frame)
+    def _recorded_steps(self, frames: Sequence[Frame]) -> Array:
+        """Odometry's motion (B, 3) from frame to frame, NaN where it is not known."""
+        poses = [self._last_odometry, *(frame.odom_from_base for frame in frames)]
+        self._last_odometry = poses[-1]
+        unknown = np.full((4, 4), np.nan)
+        planar = matrix_to_planar(np.stack([unknown if p is None else p for p in poses]))
+        return np.ascontiguousarray(between_planar(planar[:-1], planar[1:]))
+
+    def _look_closely(self, frame: Frame, scan: PreparedScan, recorded: Array | None) -> Tracked:
+        """One frame that needs more than a match: the first, an empty or a contradicting one."""
+        if not self._begun:
+            self._begun = True
+            tracked = Tracked(np.zeros(3), np.diag(_FIRST), "first", 1.0)
+        else:
+            tracked = self._follow(frame, scan, recorded)
+        self._state[3:6] = between_planar(self._state[:3], tracked.pose)
+        self._state[:3] = tracked.pose
+        if len(scan.rows) >= _FEWEST:
+            if tracked.verdict in ("lost", "odometry only"):
+                self._keyscans.forget()  # the old submap no longer says where the robot is
+            self._keyscans.remember(scan, tracked.pose, tracked.overlap)
+        return tracked
+
+    def _follow(self, frame: Frame, scan: PreparedScan, recorded: Array | None) -> Tracked:
         # Without odometry the robot is expected to go on as it did.
-        step = self._step if recorded is None else recorded
-        predicted = compose_planar(self._pose, step)
-        covariance = self._trust.covariance(step, recorded is not None)
-        if scan is None or len(scan.rows) < _FEWEST or self._targets is None:
+        step = self._state[3:6] if recorded is None else recorded
+        predicted = compose_planar(self._state[:3], step)
+        variances = self._variances(recorded)
+        if len(scan.rows) < _FEWEST or not self._keyscans.count:
             verdict = "lost" if recorded is None else "odometry only"
-            return Tracked(predicted, invert3(covariance), verdict, 0.0, 10.0)
-        information = invert3(covariance)
-        match = self._match(scan, predicted, predicted, information, FINE)
-        surprise = self._trust.surprise(predicted, match, covariance)
-        verdict = "matched"
-        doubtful = match.overlap < self._odometry.least_overlap
-        if surprise > self._odometry.contradiction**2 or doubtful:
-            match, verdict = self._look_again(scan, predicted, match)
-            if verdict == "odometry ignored" and recorded is None:
-                verdict = "matched"
-            surprise = self._trust.surprise(predicted, match, covariance)
+            return Tracked(predicted, np.diag(variances), verdict, 0.0)
+        match, verdict = self._matched(scan, predicted, variances)
+        if verdict == "odometry ignored" and recorded is None:
+            verdict = "matched"
         if verdict == "lost" and recorded is not None:
-            return Tracked(predicted, information, "odometry only", match.overlap, 10.0)
+            return Tracked(predicted, np.diag(variances), "odometry only", match.overlap)
+        moved = between_planar(self._state[:3], match.pose)
+        doubt = np.zeros(3)
         if recorded is not None:
-            moved = between_planar(self._pose, match.pose)
-            self._trust.learn(recorded, moved, surprise)
-        moved = between_planar(self._pose, match.pose)
-        self._stretches.add(frame.stamp_ns, float(np.hypot(*moved[:2])), match.information)
-        doubt = np.zeros((3, 3))
-        if surprise > _DOUBT_FROM and recorded is not None:
-            # A door that swings past looks like a turn: either may be right.
-            doubt = np.diag(between_planar(predicted, match.pose) ** 2)
-        return self._tracked(match, covariance, verdict, doubt)
-
-    def _recorded_step(self, frame: Frame) -> NDArray[np.float64] | None:
-        assert self._last is not None
-        before, now = self._last.odom_from_base, frame.odom_from_base
-        if before is None or now is None:
-            return None
-        return between_planar(matrix_to_planar(before), matrix_to_planar(now))
-
-    def _match(
-        self,
-        scan: PreparedScan,
-        guess: NDArray[np.float64],
-        prior: NDArray[np.float64],
-        information: NDArray[np.float64],
-        reaches: NDArray[np.float64],
-    ) -> Match:
-        assert self._targets is not None
-        which = np.arange(len(self._targets), dtype=np.int64)
-        return match_scan(
-            scan, self._targets, which, self._target_poses, guess, self._matching,
-            prior=prior, prior_information=information, reaches=reaches,
+            surprise = surprise_of(predicted, match.pose, match.information, variances)
+            self._learn(recorded, moved, surprise)
+            if surprise > _DOUBT_FROM:
+                # A door that swings past looks like a turn: either may be right.
+                doubt = between_planar(predicted, match.pose) ** 2
+        weak = is_weak(match.information)
+        self._stretches.add(frame.stamp_ns, float(np.hypot(*moved[:2])), weak=weak)
+        covariance = step_covariance(
+            moved, match.information, variances, doubt,
+            self._odometry.keyscan_distance, self._odometry.keyscan_angle,
         )  # fmt: skip
+        return Tracked(match.pose, covariance, verdict, match.overlap)
 
-    def _look_again(
-        self, scan: PreparedScan, predicted: NDArray[np.float64], first: Match
-    ) -> tuple[Match, str]:
+    def _variances(self, recorded: Array | None) -> Array:
+        """(3,) of a motion; wide where nothing was recorded and inertia is all there is."""
+        if recorded is None:
+            return np.asarray(motion_variances(self._state[3:6], 1.0, 0.1, 1.0))
+        share, floor = self._odometry.share_sigma, self._odometry.floor_sigma
+        return np.asarray(motion_variances(recorded, share, floor, self._state[6]))
+
+    def _learn(self, recorded: Array, moved: Array, surprise: float) -> None:
+        self._faults.steps += 1
+        self._state[6] = learnt_scale(self._state[6], recorded, moved, surprise)
+        if surprise > self._odometry.contradiction**2:
+            self._faults.add(recorded, moved)
+
+    def _matched(self, scan: PreparedScan, predicted: Array, variances: Array) -> tuple[Match, str]:
+        """The match near the prediction, or where that contradicts it, the best of several."""
+        information = np.diag(1.0 / variances)
+        first = self._keyscans.match(scan, predicted, information, FINE)
+        surprise = surprise_of(predicted, first.pose, first.information, variances)
+        good = first.overlap >= self._odometry.least_overlap
+        if good and surprise <= self._odometry.contradiction**2:
+            return first, "matched"
+        return self._look_again(scan, predicted, first)
+
+    def _look_again(self, scan: PreparedScan, predicted: Array, first: Match) -> tuple[Match, str]:
         """The best of several starts that owe nothing to the odometry; at last a wide search."""
-        assert self._targets is not None
-        starts = [first.pose, compose_planar(self._pose, self._step), self._pose, predicted]
-        tried = [self._match(scan, s, s, _WEAK_PRIOR, COARSE) for s in starts]
+        pose = self._state[:3].copy()
+        starts = [first.pose, compose_planar(pose, self._state[3:6]), pose, predicted]
+        tried = [self._keyscans.match(scan, s, _WEAK_PRIOR, COARSE) for s in starts]
         best = max(tried, key=_quality)
         if best.overlap >= self._odometry.least_overlap:
             if first.overlap >= self._odometry.least_overlap and (
@@ -162,49 +192,15 @@ class LaserTracker:
                 return tried[0], "matched"
             return best, "odometry ignored"
         found = search_pose(
-            scan, self._targets, self._target_poses, self._pose,
+            scan, *self._keyscans.targets(), pose,
             self._odometry.search_distance, self._odometry.search_angle,
         )  # fmt: skip
         if found is not None:
-            again = self._match(scan, found.pose, found.pose, _WEAK_PRIOR, COARSE)
+            again = self._keyscans.match(scan, found.pose, _WEAK_PRIOR, COARSE)
             if _quality(again) > _quality(best) + 0.02:
                 best = again
         good = best.overlap >= 0.6 * self._odometry.least_overlap
         return best, "searched" if good else "lost"
-
-    def _tracked(
-        self,
-        match: Match,
-        covariance: NDArray[np.float64],
-        verdict: str,
-        doubt: NDArray[np.float64],
-    ) -> Tracked:
-        """The match as motion: errors add up from keyscan to keyscan, not from scan to scan."""
-        step = between_planar(self._pose, match.pose)
-        moved = max(
-            np.hypot(step[0], step[1]) / self._odometry.keyscan_distance,
-            abs(step[2]) / self._odometry.keyscan_angle,
-        )
-        share = min(max(moved, 0.01), 1.0)
-        if moved > _STILL and is_weak(match.information):
-            share = 1.0  # the open direction rests on odometry, whose errors add up step by step
-        total = match.information + invert3(covariance)
-        motion = share * invert3(total) + np.diag([1e-8, 1e-8, 1e-8]) + doubt
-        weakest = float(np.sqrt(plane_variances(match.information)[1]))
-        return Tracked(match.pose, invert3(motion), verdict, match.overlap, weakest)
-
-    def _remember(self, scan: PreparedScan, tracked: Tracked) -> None:
-        if tracked.verdict in ("lost", "odometry only"):
-            self._keyscans.clear()  # the old submap no longer says where the robot is
-        elif self._keyscans:
-            step = between_planar(self._keyscans[-1].pose, tracked.pose)
-            near = np.hypot(step[0], step[1]) < self._odometry.keyscan_distance
-            if near and abs(step[2]) < self._odometry.keyscan_angle and tracked.overlap > 0.75:
-                return
-        self._keyscans.append(_Keyscan(scan, tracked.pose))
-        chosen = [self._keyscans[-back] for back in _BACK if back <= len(self._keyscans)]
-        self._targets = scan_set([keyscan.scan for keyscan in chosen])
-        self._target_poses = np.array([keyscan.pose for keyscan in chosen])
 
 
 def _quality(match: Match) -> float:

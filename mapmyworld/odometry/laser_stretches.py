@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.kernels.scan_alignment import invert3
+from mapmyworld.kernels.laser_motion import leaves_open
 
-_RATIO = 12.0  # sigma along the weakest direction over sigma along the strongest
 _LEAST = 1.0  # m of path from which a weak stretch is worth a word
-_FAINT = 1e-3 * np.eye(3)  # information that keeps an open direction finite
 _BRIDGED = 0.5  # m of well constrained path that do not end a stretch
 
 
@@ -31,10 +29,10 @@ class WeakStretches:
         self._done: list[_Stretch] = []
         self._first_ns: int | None = None
 
-    def add(self, stamp_ns: int, moved: float, information: NDArray[np.float64]) -> None:
-        """One frame: how far the robot moved, what the match alone knows (3, 3)."""
+    def add(self, stamp_ns: int, moved: float, *, weak: bool) -> None:
+        """One frame: how far the robot moved, and whether the match left a direction open."""
         self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
-        if is_weak(information):
+        if weak:
             if self._open is None:
                 self._open = _Stretch(stamp_ns, stamp_ns, 0.0)
             self._open.end_ns, self._open.good = stamp_ns, 0.0
@@ -64,13 +62,4 @@ class WeakStretches:
 
 def is_weak(information: NDArray[np.float64]) -> bool:
     """Whether a match (3, 3) knows one direction of the plane far worse than the other."""
-    smallest, largest = plane_variances(information)
-    return largest > _RATIO**2 * max(smallest, 1e-12)
-
-
-def plane_variances(information: NDArray[np.float64]) -> tuple[float, float]:
-    """The smallest and the largest variance of the position, m^2, over all directions."""
-    covariance = invert3(information + _FAINT)
-    xx, xy, yy = covariance[0, 0], covariance[0, 1], covariance[1, 1]
-    half, root = 0.5 * (xx + yy), float(np.hypot(0.5 * (xx - yy), xy))
-    return float(half - root), float(half + root)
+    return bool(leaves_open(information))

@@ -17,13 +17,14 @@ from mapmyworld.geometry import (
     transform_points_planar,
 )
 from mapmyworld.odometry.laser_stretches import is_weak
+from mapmyworld.parallel import batches
 from mapmyworld.registration.scan_matching import (
     FINE,
     Match,
     PreparedScan,
     ScanSet,
     match_scan,
-    prepare_scan,
+    prepare_scans,
     scan_set,
 )
 from mapmyworld.registration.scan_search import (
@@ -42,6 +43,7 @@ _LEAST_PATH = 8.0  # m of path between two visits, below which they are one
 _SETTLED_WINDOW = 1.0  # m to each side that is searched once the graph is optimised
 _SETTLED_ANGLE = 0.2  # rad, the same
 _GRIDS = 12  # likelihood grids held at a time
+_SCANS = 256  # made ready at a time
 _NO_PRIOR = np.diag([1e-3, 1e-3, 1e-3])
 
 
@@ -71,9 +73,10 @@ def load_node_scans(store: MapStore, config: Config) -> NodeScans:
     known = {node.id: node for node in store.nodes()}
     nodes: list[Node] = []
     scans: list[PreparedScan] = []
-    for frame, scan in store.scans(at_nodes):
-        nodes.append(known[node_of[frame]])
-        scans.append(prepare_scan(scan, config.registration))
+    for some in batches(store.scans(at_nodes), _SCANS):
+        nodes += [known[node_of[frame]] for frame, _ in some]
+        made = prepare_scans([scan for _, scan in some], config.registration)
+        scans += [made.one(k) for k in range(len(made))]
     return nodes, scan_set(scans)
 
 

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import RegistrationConfig
 from mapmyworld.kernels.scan_alignment import align
-from mapmyworld.kernels.scan_preparation import prepare_points
+from mapmyworld.kernels.scan_preparation import prepare_many
 from mapmyworld.types import Scan
 
 _NO_PRIOR = np.zeros((3, 3))
+_UNKNOWN_INCREMENT = 0.01  # rad between beams where the log does not say
 FINE = np.array([0.3, 0.2, 0.15, 0.12, 0.12, 0.12])  # m, reaches from a good guess
 COARSE = np.array([0.8, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.15, 0.12, 0.12])  # m, from a poor guess
 
@@ -66,22 +67,24 @@ class Match:
 
 def prepare_scan(scan: Scan, config: RegistrationConfig) -> PreparedScan:
     """The scan's points for matching; empty where it has no returns in range."""
-    origin = np.ascontiguousarray(scan.origin[:2], np.float64)
-    points = np.asarray(scan.points, np.float32)
-    if len(points) == 0:
-        return PreparedScan(np.zeros((0, 5), np.float32), origin)
-    offsets = points - origin.astype(np.float32)
-    squared = np.einsum("ij,ij->i", offsets, offsets)
-    near = squared < config.range_max**2  # also drops NaN
-    if not near.all():
-        points = points[near]
-    points = np.ascontiguousarray(points)
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    spacing = max(config.point_spacing, float(np.minimum(steps, 0.5).sum()) / config.point_count)
-    out = np.empty((len(points), 5), np.float32)
-    increment = scan.angle_increment if np.isfinite(scan.angle_increment) else 0.01
-    kept = prepare_points(points, origin, increment, spacing, config.line_radius, out)
-    return PreparedScan(out[:kept].copy(), origin)
+    return prepare_scans([scan], config).one(0)
+
+
+def prepare_scans(scans: Sequence[Scan], config: RegistrationConfig) -> ScanSet:
+    """Many scans for matching, behind each other."""
+    origins = np.array([scan.origin[:2] for scan in scans], np.float64).reshape(-1, 2)
+    if not scans:
+        return ScanSet(np.zeros((0, 5), np.float32), np.zeros(1, np.int64), origins)
+    points = np.ascontiguousarray(np.concatenate([scan.points for scan in scans]), np.float32)
+    bounds = np.concatenate([[0], np.cumsum([len(scan.points) for scan in scans])])
+    increments = np.array([scan.angle_increment for scan in scans], np.float64)
+    increments[~np.isfinite(increments)] = _UNKNOWN_INCREMENT
+    settings = np.array(
+        [config.range_max, config.point_spacing, config.point_count, config.line_radius]
+    )
+    rows, ends = np.empty((len(points), 5), np.float32), np.empty(len(bounds), np.int64)
+    prepare_many(points, bounds.astype(np.int64), origins, increments, settings, rows, ends)
+    return ScanSet(rows[: ends[-1]].copy(), ends, origins)
 
 
 def scan_set(scans: Sequence[PreparedScan]) -> ScanSet:
@@ -117,8 +120,8 @@ def match_scan(
     out = np.zeros(16)
     sigma = config.range_sigma * np.sqrt(config.correlation)
     align(
-        scan.rows, 0, len(scan.rows), targets.rows, targets.bounds, which, poses, targets.origins,
-        guess, guess if prior is None else prior,
+        scan.rows, 0, len(scan.rows), targets.rows, targets.bounds[:-1], targets.bounds[1:], which,
+        poses, targets.origins, guess, guess if prior is None else prior,
         _NO_PRIOR if prior_information is None else prior_information,
         reaches, config.residual_scale, sigma, out,
     )  # fmt: skip

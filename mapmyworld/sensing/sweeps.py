@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,31 +25,52 @@ def scan_from_message(
 
     Beams with NaN, or closer than `range_min`, count neither as returns nor as missing.
     """
-    count = len(message.ranges)
-    bearings = message.angle_min + message.angle_increment * np.arange(count)
+    mount = base_from_lidar.tobytes()
+    beams = _beams(message.angle_min, message.angle_increment, len(message.ranges), mount)
     valid = valid_ranges(message)
-    ranges = message.ranges[valid].astype(np.float64)
-    flat = np.stack(
-        [ranges * np.cos(bearings[valid]), ranges * np.sin(bearings[valid]), np.zeros(len(ranges))],
-        axis=-1,
-    )
-    points = flat @ base_from_lidar[:3, :3].T + base_from_lidar[:3, 3]
+    ranges, directions = message.ranges, beams.directions
+    if not valid.all():
+        ranges, directions = ranges[valid], directions[valid]
+    points = ranges[:, None] * directions
+    points += base_from_lidar[:3, 3]
     if motion is not None and message.time_increment > 0 and len(points) > 1:
         points = _without_motion(message, np.flatnonzero(valid), points, motion)
-    origin = matrix_to_planar(base_from_lidar)
-    upside_down = base_from_lidar[2, 2] < 0
-    missing = bearings[_missing(message)] * (-1.0 if upside_down else 1.0) + origin[2]
     return Scan(
         points=np.ascontiguousarray(points[:, :2], np.float32),
-        origin=origin,
-        missing=missing.astype(np.float32),
+        origin=beams.origin,
+        missing=beams.bearings[_missing(message, valid)],
         range_max=float(message.range_max) if message.range_max > 0 else np.inf,
         angle_increment=abs(float(message.angle_increment)),
     )
 
 
-def _missing(message: LaserScanMessage) -> NDArray[np.bool_]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Beams:
+    """Where the beams of a laser point, sweep after sweep."""
+
+    directions: Array
+    """(N, 3) in the base frame."""
+    bearings: NDArray[np.float32]
+    """(N,) relative to the base's x axis."""
+    origin: Array
+    """(3,) base_from_lidar as x, y, yaw."""
+
+
+@functools.lru_cache(maxsize=16)
+def _beams(angle_min: float, increment: float, count: int, mount: bytes) -> _Beams:
+    base_from_lidar = np.frombuffer(mount).reshape(4, 4)
+    angles = angle_min + increment * np.arange(count)
+    flat = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=-1)
+    origin = matrix_to_planar(base_from_lidar)
+    upside_down = base_from_lidar[2, 2] < 0
+    bearings = angles * (-1.0 if upside_down else 1.0) + origin[2]
+    return _Beams(flat @ base_from_lidar[:3, :3].T, bearings.astype(np.float32), origin)
+
+
+def _missing(message: LaserScanMessage, valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(N,) beams that came back with nothing: infinite, beyond the maximum, or zero."""
+    if valid.all():
+        return ~valid
     ranges = message.ranges
     limit = message.range_max if message.range_max > 0 else np.inf
     with np.errstate(invalid="ignore"):

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Protocol
 
 import numpy as np
 
 from mapmyworld.config import Config
-from mapmyworld.parallel import made_ahead
+from mapmyworld.parallel import batches, done_behind, made_ahead
 from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.sensing.synchronise import FrameCounts
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.trackers import make_tracker
 from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
+
+_TOGETHER = 8  # frames that pass from thread to thread at once
+_AHEAD = 4  # such groups that wait for the next thread, at most
 
 
 class Tracker(Protocol):
@@ -46,8 +50,10 @@ def track(
     )
     tracker = tracker or make_tracker(plan, config)
     writer = _Writer(store, config, wants_images=plan.camera is not None)
-    for frame, motion in tracker.follow(made_ahead(frames)):
-        writer.add(frame, motion)
+    ahead = itertools.chain.from_iterable(made_ahead(batches(frames, _TOGETHER), _AHEAD))
+    with done_behind(writer.add_all, _AHEAD) as write:
+        for some in batches(tracker.follow(ahead), _TOGETHER):
+            write(some)
     writer.finish()
     for note in tracker.notes():
         progress.note(note)
@@ -66,6 +72,10 @@ class _Writer:
         self._moved: list[np.ndarray] = []
         self._is_node: list[bool] = []
         self._odometry: list[np.ndarray | None] = []
+
+    def add_all(self, followed: Sequence[tuple[Frame, Motion]]) -> None:
+        for frame, motion in followed:
+            self.add(frame, motion)
 
     def add(self, frame: Frame, motion: Motion) -> None:
         node, constraint, node_from_frame = self._selector.consider(frame, motion)

@@ -9,17 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import planar_to_matrix
+from mapmyworld.geometry import PLANAR_IN_TANGENT, planar_to_matrix
 from mapmyworld.odometry.recorded import RecordedMotionModel
+from mapmyworld.parallel import batches
 from mapmyworld.sensing import Plan
 from mapmyworld.stages.nodes import Motion
 from mapmyworld.types import Frame
 
 if TYPE_CHECKING:
-    from mapmyworld.odometry.laser import Tracked
     from mapmyworld.odometry.visual import VisualMotion
     from mapmyworld.stages.track import Tracker
 
+_AT_ONCE = 64  # scans that are followed in one go
 Followed = Iterator[tuple[Frame, Motion]]
 
 
@@ -98,13 +99,12 @@ class LaserFollower:
         self._tracker = LaserTracker(config)
 
     def follow(self, frames: Iterable[Frame]) -> Followed:
-        for frame in frames:
-            yield frame, self._motion(self._tracker.track(frame))
-
-    def _motion(self, moved: Tracked) -> Motion:
-        covariance = _planar_covariance(np.asarray(np.linalg.inv(moved.information)))
-        reason = f"scan matching: {moved.verdict}, overlap {moved.overlap:.0%}"
-        return Motion(planar_to_matrix(moved.pose), covariance, reason)
+        for some in batches(frames, _AT_ONCE):
+            tracked = self._tracker.track_all(some)
+            poses = planar_to_matrix(np.stack([moment.pose for moment in tracked]))
+            for frame, moment, pose in zip(some, tracked, poses, strict=True):
+                reason = f"scan matching: {moment.verdict}, overlap {moment.overlap:.0%}"
+                yield frame, Motion(pose, _planar_covariance(moment.covariance), reason)
 
     def notes(self) -> tuple[str, ...]:
         return self._tracker.notes()
@@ -113,12 +113,12 @@ class LaserFollower:
         return ()
 
 
+_PLANE = np.ix_(PLANAR_IN_TANGENT, PLANAR_IN_TANGENT)
 _OUT_OF_PLANE = 1e-8  # rad^2 and m^2 by which a planar robot leaves its plane, a step
 
 
 def _planar_covariance(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Covariance (6, 6), rotation first, of one over x, y, yaw (3, 3)."""
     full = np.diag(np.full(6, _OUT_OF_PLANE))
-    rows = np.array([3, 4, 2])
-    full[np.ix_(rows, rows)] = covariance
+    full[_PLANE] = covariance
     return full

@@ -1,0 +1,109 @@
+"""Small formulas of laser odometry, on plain arrays, for the tracker and its kernel alike."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mapmyworld.kernels.scan_alignment import invert3, relative
+
+Array = NDArray[np.float64]
+_FAINT = 1e-3  # information that keeps an open direction finite
+_RATIO = 12.0  # sigma along the weakest direction over sigma along the strongest
+_STILL = 0.03  # of a keyscan's distance: less is no motion
+_LEAST_SHARE = 0.01  # of a match's covariance that every step adds
+_STEP_VARIANCE = 1e-8  # m^2 and rad^2, at least, of any step
+
+
+@njit(cache=True, nogil=True)
+def wrapped(angle: float) -> float:
+    """The same angle in (-pi, pi]."""
+    return float(np.pi - (np.pi - angle) % (2.0 * np.pi))
+
+
+@njit(cache=True, nogil=True)
+def between_poses(a: Array, b: Array) -> Array:
+    """`a_from_b` (3,) of two planar poses, its yaw wrapped."""
+    result = relative(a, b)
+    result[2] = wrapped(result[2])
+    return result
+
+
+@njit(cache=True, nogil=True)
+def motion_variances(step: Array, share: float, floor: float, scale: float) -> Array:
+    """Variances (3,) of a recorded motion (x, y, yaw): a share of it, and a floor."""
+    distance, angle = np.hypot(step[0], step[1]), abs(step[2])
+    along = floor + share * distance + 0.2 * share * angle
+    turn = 0.5 * floor + share * angle + 0.3 * share * distance
+    return np.array([along * along * scale, along * along * scale, turn * turn * scale])
+
+
+@njit(cache=True, nogil=True)
+def surprise_of(predicted: Array, pose: Array, information: Array, variances: Array) -> float:
+    """Squared sigmas between prediction and match, the prior's pull on the match undone.
+
+    `information` (3, 3) is the match's own, `variances` (3,) are the prediction's.
+    """
+    error = between_poses(predicted, pose)
+    known = information.copy()
+    for i in range(3):
+        known[i, i] += _FAINT
+    own = invert3(known)
+    pulled = error / variances
+    total = own.copy()
+    for i in range(3):
+        for j in range(3):
+            error[i] += own[i, j] * pulled[j]
+        total[i, i] += variances[i]
+    weights = invert3(total)
+    result = 0.0
+    for i in range(3):
+        for j in range(3):
+            result += error[i] * weights[i, j] * error[j]
+    return result
+
+
+@njit(cache=True, nogil=True)
+def position_variances(information: Array) -> Array:
+    """The smallest and the largest variance of the position, m^2, over all directions."""
+    known = information.copy()
+    for i in range(3):
+        known[i, i] += _FAINT
+    covariance = invert3(known)
+    xx, xy, yy = covariance[0, 0], covariance[0, 1], covariance[1, 1]
+    half, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    return np.array([half - root, half + root])
+
+
+@njit(cache=True, nogil=True)
+def leaves_open(information: Array) -> bool:
+    """Whether a match (3, 3) knows one direction of the plane far worse than the other."""
+    variances = position_variances(information)
+    return bool(variances[1] > _RATIO * _RATIO * max(variances[0], 1e-12))
+
+
+@njit(cache=True, nogil=True)
+def step_covariance(
+    step: Array,
+    information: Array,
+    variances: Array,
+    doubt: Array,
+    keyscan_distance: float,
+    keyscan_angle: float,
+) -> Array:
+    """Covariance (3, 3) of a matched step: errors add up from keyscan to keyscan only.
+
+    `doubt` (3,) are variances on top, where odometry and match disagree.
+    """
+    moved = max(np.hypot(step[0], step[1]) / keyscan_distance, abs(step[2]) / keyscan_angle)
+    share = min(max(moved, _LEAST_SHARE), 1.0)
+    if moved > _STILL and leaves_open(information):
+        share = 1.0  # the open direction rests on odometry, whose errors add up step by step
+    total = information.copy()
+    for i in range(3):
+        total[i, i] += 1.0 / variances[i]
+    covariance: Array = share * invert3(total)
+    for i in range(3):
+        covariance[i, i] += _STEP_VARIANCE + doubt[i]
+    return covariance

@@ -1,0 +1,77 @@
+"""The local submap: some scans of the last few metres, against which the next one is matched."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.kernels.scan_tracking import chosen_keyscans, match_keyscans, remember_scan
+from mapmyworld.registration.scan_matching import (
+    Match,
+    PreparedScan,
+    ScanSet,
+    match_from_row,
+    scan_set,
+)
+
+Array = NDArray[np.float64]
+_BACK = np.array([1, 3, 8])  # how many keyscans back the targets of a match lie
+
+
+class Keyscans:
+    """A ring of scans at their poses, in arrays that a kernel reads and writes."""
+
+    def __init__(self, config: Config) -> None:
+        self._odometry, self._matching = config.odometry, config.registration
+        slots = max(config.odometry.keyscans, 1)
+        self._rows = np.zeros((slots, 0, 5), np.float32)
+        self._counts = np.zeros(slots, np.int64)
+        self._origins, self._poses = np.zeros((slots, 2)), np.zeros((slots, 3))
+        self._newest = np.zeros(2, np.int64)  # its slot, and how many scans there are
+
+    @property
+    def count(self) -> int:
+        """How many scans there are."""
+        return int(self._newest[1])
+
+    @property
+    def ring(self) -> tuple[NDArray[np.generic], ...]:
+        """Rows, counts, origins, poses, newest and places: arguments of `track_scans`."""
+        return self._rows, self._counts, self._origins, self._poses, self._newest, _BACK
+
+    def make_room(self, points: int) -> None:
+        """Lets every slot hold a scan of so many points."""
+        missing = points - self._rows.shape[1]
+        if missing > 0:
+            self._rows = np.pad(self._rows, ((0, 0), (0, missing), (0, 0)))
+
+    def forget(self) -> None:
+        """Begins a new submap."""
+        self._newest[1] = 0
+
+    def remember(self, scan: PreparedScan, pose: Array, overlap: float) -> None:
+        """Lets a scan join, where it says something new."""
+        remember_scan(
+            scan.rows, scan.origin, pose, overlap,
+            self._odometry.keyscan_distance, self._odometry.keyscan_angle, *self.ring[:-1],
+        )  # fmt: skip
+
+    def match(self, scan: PreparedScan, guess: Array, information: Array, reaches: Array) -> Match:
+        """Aligns a scan with the submap; `information` (3, 3) is how well the guess is known."""
+        which, out = self._chosen(), np.zeros(16)
+        match_keyscans(
+            scan.rows, 0, len(scan.rows), *self.ring[:4], which, guess, guess, information, reaches,
+            self._matching.residual_scale, self._matching.range_sigma, self._matching.correlation,
+            out, np.zeros((3, 3)),
+        )  # fmt: skip
+        return match_from_row(out, len(which), self._matching)
+
+    def targets(self) -> tuple[ScanSet, Array]:
+        """The scans that are matched against, and their poses (S, 3)."""
+        which = self._chosen()
+        scans = [PreparedScan(self._rows[k, : self._counts[k]], self._origins[k]) for k in which]
+        return scan_set(scans), self._poses[which]
+
+    def _chosen(self) -> NDArray[np.int64]:
+        return np.asarray(chosen_keyscans(_BACK, self._newest, len(self._counts)))

@@ -2,190 +2,219 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import mapmyworld
-from cli.exporting import frame_poses, grid_at
-from formats.report.map_picture import Lines, curve, map_picture
-from formats.report.page import (
-    Page,
-    figures,
-    folded,
-    image,
-    notes,
-    picture,
-    side_by_side,
-    table,
-)
+from cli.exporting import frame_poses, grid_at, is_planar
+from cli.report_evidence import fetch_evidence
+from formats.report.contents import ReportContents, ShownConstraint, ShownNodes
+from formats.report.report import ellipses_of, report_html
 from mapmyworld.config import Config
-from mapmyworld.errors import MapError
-from mapmyworld.geometry import between
-from mapmyworld.types import Constraint, MapStore, Node, OccupancyGrid, Poses
+from mapmyworld.errors import MapError, MapMyWorldError
+from mapmyworld.geometry import between, invert, matrix_to_planar, rotation_angle
+from mapmyworld.graph import audit
+from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, OccupancyGrid, Poses
 
-# Colours that are told apart by those who do not see red and green.
-_COLOURS = {
-    "loop_closure": "#d55e00",
-    "proximity": "#009e73",
-    "user": "#cc79a7",
-    "landmark": "#e69f00",
-}
-_LISTED = 200  # rejected constraints shown one by one
-_SHOWN_IMAGES = 4
+Floats = NDArray[np.float64]
 _LOOKED_AT = 20  # frames that show whether there are scans
-_THUMBNAIL = 320  # pixels across
 
 
-def report_page(store: MapStore) -> str:
-    """One HTML page on a finished map."""
+def write_report(store: MapStore, path: Path, timing: Mapping[str, Any] | None = None) -> None:
+    """The page as a file; with what the build took, where a file beside the map tells."""
+    path.write_text(report_page(store, timing or timing_beside(store)), encoding="utf-8")
+
+
+def timing_file(map_path: Path) -> Path:
+    """Where `build` notes what its stages took."""
+    return map_path.with_suffix(".timing.json")
+
+
+def timing_beside(store: MapStore) -> Mapping[str, Any] | None:
+    """What `build` left beside the map; None where nothing, or nothing that can be read."""
+    try:
+        found = json.loads(timing_file(Path(str(store.path))).read_text("utf-8"))  # type: ignore[attr-defined]
+    except (OSError, ValueError, AttributeError):
+        return None
+    return found if isinstance(found, dict) and "stages" in found else None
+
+
+def report_page(store: MapStore, timing: Mapping[str, Any] | None = None) -> str:
+    """One HTML page on a map, finished or not."""
+    return report_html(report_contents(store, timing))
+
+
+def report_contents(store: MapStore, timing: Mapping[str, Any] | None = None) -> ReportContents:
+    """Everything that the page shows; raises `MapError` where the map holds no nodes."""
     nodes, constraints = store.nodes(), store.constraints()
     if not nodes:
-        raise MapError(f"{getattr(store, 'path', 'the map')}: holds no nodes to report on")
-    frames, poses = frame_poses(store)
-    stamps = store.tracked_frames().stamps_ns[frames]
-    grid = _grid(store)
-    name = str(getattr(store, "path", "map"))
-    page = Page(f"Map {name.rsplit('/', 1)[-1]}", f"mapmyworld {mapmyworld.__version__}")
-    page.add(figures(_headline(nodes, constraints, stamps, poses)))
-    solved = store.poses()
-    page.section("From above", *_from_above(poses, solved, grid, constraints))
-    page.section("Constraints", _kinds(constraints), *_rejected(constraints))
-    if solved is not None:
-        page.section("How well it fits", _misfits(constraints, solved), _sigmas(nodes, solved))
-    page.section("What the cameras saw", _thumbnails(store, nodes))
-    page.section("How it was made", *_origin(store))
-    return page.html()
+        raise MapError(f"{_name(store)}: holds no nodes to report on")
+    solved = store.poses() or Poses(
+        np.array([n.id for n in nodes]), np.stack([n.tracked_from_base for n in nodes])
+    )
+    misfits = audit.misfits_of(constraints, solved, is_planar(solved.map_from_node))
+    shown = _shown_constraints(constraints, misfits, nodes)
+    path, fetched = _path(store, nodes), fetch_evidence(store, constraints)
+    problems = _problems(store)
+    return ReportContents(
+        name=Path(_name(store)).name,
+        version=mapmyworld.__version__,
+        headline=_headline(nodes, constraints, path),
+        verdict=_verdict(store, problems),
+        problems=problems,
+        grid=_grid(store),
+        path=path,
+        odometry=_odometry(nodes, solved),
+        nodes=_shown_nodes(nodes, solved),
+        constraints=shown,
+        evidence=fetched.evidence,
+        evidence_left_out=fetched.left_out,
+        pictures=fetched.pictures,
+        scans=fetched.scans,
+        cloud=_cloud(store),
+        decisions=_decisions(store),
+        notes=_notes(store, problems),
+        settings=[tuple(row) for row in store.get("settings") or ()],
+        reproduce=_reproduce(store),
+        overconfidence=audit.overconfidence_of(misfits, is_planar(solved.map_from_node)),
+        timing=timing,
+    )
+
+
+def _name(store: MapStore) -> str:
+    return str(getattr(store, "path", "map"))
 
 
 def _grid(store: MapStore) -> OccupancyGrid | None:
     """The stored grid; drawn from the scans where there is none, as in RTAB-Map's files."""
     grid = store.grid()
     if grid is None and next(iter(store.scans(range(_LOOKED_AT))), None) is not None:
-        grid = grid_at(store, Config(), None)
+        try:
+            grid = grid_at(store, Config(), None)
+        except MapMyWorldError:
+            return None
     return grid
 
 
+def _path(store: MapStore, nodes: Sequence[Node]) -> Floats:
+    """Time since the first node, x and y (F, 3) of every tracked frame."""
+    frames, poses = frame_poses(store)
+    stamps = store.tracked_frames().stamps_ns[frames]
+    return np.column_stack([(stamps - nodes[0].stamp_ns) * 1e-9, poses[:, :2, 3]])
+
+
+def _odometry(nodes: Sequence[Node], solved: Poses) -> Floats:
+    """Recorded odometry (N, 2) of the first session's nodes, moved onto the first pose."""
+    first = [node for node in nodes if node.session == nodes[0].session]
+    start = solved.map_from_node[0] @ invert(first[0].odom_from_base)
+    return np.asarray((start @ np.stack([n.odom_from_base for n in first]))[:, :2, 3])
+
+
+def _shown_nodes(nodes: Sequence[Node], solved: Poses) -> ShownNodes:
+    known = {int(i): k for k, i in enumerate(solved.ids)}
+    kept = [node for node in nodes if node.id in known]
+    rows = np.array([known[node.id] for node in kept], np.int64)
+    places = matrix_to_planar(solved.map_from_node[rows])
+    sigmas = ellipses = None
+    if solved.covariances is not None and len(solved.covariances) >= len(rows):
+        covariances = solved.covariances[rows]
+        sigmas = audit.sigmas_of(covariances)[0]
+        ellipses = ellipses_of(covariances[:, 3:5, 3:5], places[:, 2])
+    return ShownNodes(
+        np.array([node.id for node in kept], np.int64),
+        np.array([node.session for node in kept], np.int64),
+        np.array([(node.stamp_ns - nodes[0].stamp_ns) * 1e-9 for node in kept]),
+        places,
+        sigmas,
+        ellipses,
+    )
+
+
+def _shown_constraints(
+    constraints: Sequence[Constraint], misfits: Sequence[Any], nodes: Sequence[Node]
+) -> list[ShownConstraint]:
+    tracked = {node.id: node.tracked_from_base for node in nodes}
+    found = []
+    for c, misfit in zip(constraints, misfits, strict=True):
+        off = None if misfit is None else (misfit.metres, misfit.degrees, misfit.sigmas)
+        start = None
+        if c.kind != ConstraintKind.NEIGHBOUR and {c.from_id, c.to_id} <= tracked.keys():
+            error = between(c.from_from_to, between(tracked[c.from_id], tracked[c.to_id]))
+            degrees = float(np.degrees(rotation_angle(error)))
+            start = (float(np.linalg.norm(error[:3, 3])), degrees)
+        found.append(ShownConstraint(c.from_id, c.to_id, c.kind, c.accepted, c.reason, off, start))
+    return found
+
+
 def _headline(
-    nodes: Sequence[Node],
-    constraints: Sequence[Constraint],
-    stamps: NDArray[np.int64],
-    poses: NDArray[np.float64],
+    nodes: Sequence[Node], constraints: Sequence[Constraint], path: Floats
 ) -> list[tuple[str, str]]:
-    length = float(np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum())
-    closures = [c for c in constraints if str(c.kind) in _COLOURS]
+    length = float(np.linalg.norm(np.diff(path[:, 1:], axis=0), axis=1).sum())
+    closures = [c for c in constraints if c.kind != ConstraintKind.NEIGHBOUR]
     accepted = sum(c.accepted for c in closures)
+    duration = path[-1, 0] - path[0, 0] if len(path) else 0.0
     return [
         ("path", f"{length:.1f} m"),
-        ("time", f"{(stamps[-1] - stamps[0]) * 1e-9:.0f} s" if len(stamps) else "-"),
+        ("time", f"{duration:.0f} s"),
         ("nodes", f"{len(nodes):,}"),
-        ("tracked frames", f"{len(stamps):,}"),
+        ("tracked frames", f"{len(path):,}"),
         ("sessions", f"{len({node.session for node in nodes})}"),
         ("closures", f"{accepted:,} accepted of {len(closures):,} tried"),
     ]
 
 
-def _from_above(
-    poses: NDArray[np.float64],
-    solved: Poses | None,
-    grid: OccupancyGrid | None,
-    constraints: Sequence[Constraint],
-) -> tuple[str, ...]:
-    kinds: list[Lines] = []
-    if solved is not None:
-        place = dict(zip(solved.ids.tolist(), solved.map_from_node[:, :2, 3], strict=True))
-        for kind, colour in _COLOURS.items():
-            ends = [
-                (place[c.from_id], place[c.to_id])
-                for c in constraints
-                if str(c.kind) == kind and c.accepted and {c.from_id, c.to_id} <= place.keys()
-            ]
-            kinds.append(Lines(kind, colour, np.array(ends).reshape(-1, 2, 2)))
-    key = [("path", "#1666b0")] + [
-        (k.name.replace("_", " "), k.colour) for k in kinds if len(k.ends)
-    ]
-    caption = " &nbsp; ".join(
-        f'<span class="key" style="background:{colour}"></span> {name}' for name, colour in key
-    )
-    return (
-        picture(
-            map_picture(poses[:, :2, 3], grid, kinds), f"{caption} &nbsp; green start, red end"
-        ),
-    )
-
-
-def _kinds(constraints: Sequence[Constraint]) -> str:
-    tried = Counter(str(c.kind) for c in constraints)
-    accepted = Counter(str(c.kind) for c in constraints if c.accepted)
-    rows = [
-        (kind.replace("_", " "), tried[kind], accepted[kind], tried[kind] - accepted[kind])
-        for kind in tried
-    ]
-    return table(("kind", "tried", "accepted", "rejected"), rows)
-
-
-def _rejected(constraints: Sequence[Constraint]) -> tuple[str, ...]:
-    rejected = [c for c in constraints if not c.accepted]
-    rows = [(f"{c.from_id} to {c.to_id}", str(c.kind), c.reason) for c in rejected[:_LISTED]]
-    more = len(rejected) - len(rows)
-    listed = table(("nodes", "kind", "why"), rows) + (f"<p>and {more:,} more</p>" if more else "")
-    return (folded(f"{len(rejected):,} rejected, with reasons", listed if rows else ""),)
-
-
-def _misfits(constraints: Sequence[Constraint], solved: Poses) -> str:
-    """The accepted closures that the solved poses meet least."""
-    place = dict(zip(solved.ids.tolist(), solved.map_from_node, strict=True))
-    rows = []
-    for c in constraints:
-        if c.accepted and c.from_id != c.to_id and {c.from_id, c.to_id} <= place.keys():
-            step = between(place[c.from_id], place[c.to_id])
-            off = float(np.linalg.norm(step[:3, 3] - c.from_from_to[:3, 3]))
-            rows.append((f"{c.from_id} to {c.to_id}", str(c.kind), round(off, 4), c.reason))
-    rows.sort(key=lambda row: -float(row[2]))
-    return table(("nodes", "kind", "misfit, m", "accepted because"), rows[:10])
-
-
-def _sigmas(nodes: Sequence[Node], solved: Poses) -> str:
-    if solved.covariances is None:
-        return ""
-    stamps = {node.id: node.stamp_ns * 1e-9 for node in nodes}
-    known = [i for i, node_id in enumerate(solved.ids.tolist()) if node_id in stamps]
-    times = np.array([stamps[int(solved.ids[i])] for i in known])
-    spread = np.trace(solved.covariances[known, 3:, 3:], axis1=1, axis2=2)
-    sigma = np.sqrt(np.maximum(spread, 0.0))
-    if len(times) < 2:
-        return ""
-    return picture(
-        curve(times, sigma, "#1666b0", "m"),
-        "standard deviation of the nodes' positions relative to the first node, over time",
-    )
-
-
-def _thumbnails(store: MapStore, nodes: Sequence[Node]) -> str:
-    import cv2
-
-    from formats.database.pictures import encode_picture
-
-    chosen = [nodes[i] for i in np.linspace(0, len(nodes) - 1, _SHOWN_IMAGES).astype(int)]
-    parts = []
-    for node in dict.fromkeys(chosen):
-        images = store.node_data(node.id).images
-        if images and images[0].colour is not None:
-            pixels = np.asarray(images[0].colour.pixels(), np.uint8)
-            height = max(1, round(pixels.shape[0] * _THUMBNAIL / pixels.shape[1]))
-            small = cv2.resize(pixels, (_THUMBNAIL, height), interpolation=cv2.INTER_AREA)
-            data = encode_picture(np.asarray(small, np.uint8), "jpeg", 80)
-            parts.append(picture(image(data, f"node {node.id}"), f"node {node.id}"))
-    return side_by_side(parts)
-
-
-def _origin(store: MapStore) -> tuple[str, ...]:
-    plan = store.get("plan") or {}
-    rows = [(d["role"], d["choice"], d["reason"]) for d in plan.get("decisions", ())]
-    told = [*plan.get("warnings", ()), *plan.get("losses", ())]
-    for key in ("track", "solve"):
+def _problems(store: MapStore) -> list[str]:
+    """What the map lacks, one line each."""
+    told: list[str] = [] if store.poses() is not None else ["the graph was not solved"]
+    for key in ("plan", "track", "solve"):
         told += (store.get(key) or {}).get("losses", ())
     told += getattr(store, "problems", ())
-    return table(("what", "choice", "why"), rows), notes(list(dict.fromkeys(told)))
+    return list(dict.fromkeys(told))
+
+
+def _verdict(store: MapStore, problems: Sequence[str]) -> str:
+    certainty = str((store.get("solve") or {}).get("certainty", ""))
+    state = "Nothing was lost"
+    if problems:
+        state = f"A partial map: {len(problems)} thing{'s' * (len(problems) > 1)} to know"
+    return f"{state}. {certainty[:1].upper()}{certainty[1:]}" if certainty else f"{state}."
+
+
+def _decisions(store: MapStore) -> list[tuple[str, str, str]]:
+    plan = store.get("plan") or {}
+    return [(d["role"], d["choice"] or "none", d["reason"]) for d in plan.get("decisions", ())]
+
+
+def _notes(store: MapStore, problems: Sequence[str]) -> list[str]:
+    told = list((store.get("plan") or {}).get("warnings", ()))
+    told += (store.get("track") or {}).get("notes", ())
+    return [line for line in dict.fromkeys(told) if line not in problems]
+
+
+def _reproduce(store: MapStore) -> str:
+    """The command that makes these bytes again."""
+    log = store.get("log")
+    if log is None:
+        return ""
+    changed = " ".join(f"--set {name}={value}" for name, value, _ in store.get("settings") or ())
+    words = ["mapmyworld build", " ".join(log["paths"]), "-o", Path(_name(store)).name, changed]
+    return (
+        f"pip install mapmyworld=={mapmyworld.__version__}\n{' '.join(w for w in words if w)}\n"
+        f"# the log's content hash: {log['hash']}"
+    )
+
+
+def _cloud(store: MapStore) -> Any:
+    """The cloud that was written beside the map, if it is there."""
+    from formats.cloud import read_cloud
+
+    path = Path(_name(store)).with_suffix(".ply")
+    try:
+        return read_cloud(path) if path.is_file() else None
+    except MapMyWorldError:
+        return None

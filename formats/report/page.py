@@ -3,29 +3,12 @@
 from __future__ import annotations
 
 import base64
+import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from html import escape
-
-_STYLE = """
-:root { color-scheme: light dark; --line: #8884; --soft: #8881; --accent: #1666b0; }
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 68rem; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.6rem; margin-bottom: .2rem; } h2 { font-size: 1.15rem; margin-top: 2.2rem; }
-p.sub { margin-top: 0; opacity: .7; }
-dl.figures { display: flex; flex-wrap: wrap; gap: .6rem; }
-dl.figures div { border: 1px solid var(--line); border-radius: .4rem; padding: .4rem .9rem; }
-dl.figures dt { font-size: .8rem; opacity: .7; } dl.figures dd { margin: 0; font-size: 1.2rem; }
-table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
-th, td { text-align: left; padding: .25rem .7rem .25rem 0; border-bottom: 1px solid var(--line);
-  vertical-align: top; }
-td.number, th.number { text-align: right; }
-figure { margin: 1rem 0; } figcaption { font-size: .9rem; opacity: .8; }
-svg, img { max-width: 100%; height: auto; } figure svg { background: #fff; border-radius: .4rem; }
-.row { display: flex; flex-wrap: wrap; gap: .6rem; } .row figure { flex: 1 1 14rem; margin: 0; }
-.key { display: inline-block; width: .9rem; height: .25rem; vertical-align: middle; }
-details summary { cursor: pointer; color: var(--accent); margin: .5rem 0; }
-ul.notes li { margin: .2rem 0; }
-""".strip()
+from importlib import resources
+from typing import Any
 
 
 @dataclass(slots=True)
@@ -35,28 +18,55 @@ class Page:
     title: str
     subtitle: str = ""
     _parts: list[str] = field(default_factory=list)
+    _contents: list[tuple[str, str]] = field(default_factory=list)
+    _data: list[tuple[str, str]] = field(default_factory=list)
 
     def section(self, heading: str, *html: str) -> None:
         """A heading and ready-made HTML under it; left out when there is nothing under it."""
         body = "\n".join(part for part in html if part)
         if body:
-            self._parts.append(f"<h2>{escape(heading)}</h2>\n{body}")
+            key = "".join(c if c.isalnum() else "-" for c in heading.lower())
+            self._contents.append((key, heading))
+            title = f"<h2>{escape(heading)}</h2>"
+            self._parts.append(f'<section id="{key}">{title}\n{body}</section>')
 
     def add(self, html: str) -> None:
         """Ready-made HTML without a heading."""
         self._parts.append(html)
 
+    def data(self, name: str, value: Any) -> None:
+        """Values that the page's script reads."""
+        self._data.append((name, embedded_json(value)))
+
     def html(self) -> str:
-        """The page."""
+        """The page; its data stand last, one block a line."""
+        links = "".join(f'<a href="#{key}">{escape(name)}</a>' for key, name in self._contents)
+        blocks = "\n".join(
+            f'<script type="application/json" id="{name}">{text}</script>'
+            for name, text in self._data
+        )
         return (
             '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f"<title>{escape(self.title)}</title>\n<style>\n{_STYLE}\n</style>\n</head>\n<body>\n"
-            f"<h1>{escape(self.title)}</h1>\n"
-            f'<p class="sub">{escape(self.subtitle)}</p>\n'
+            f"<title>{escape(self.title)}</title>\n"
+            f"<style>\n{_asset('uPlot.min.css')}\n{_asset('report.css')}</style>\n"
+            f"</head>\n<body>\n<header><h1>{escape(self.title)}</h1>\n"
+            f'<p class="sub">{escape(self.subtitle)}</p>\n<nav>{links}'
+            '<button id="theme" type="button" hidden>dark</button></nav></header>\n<main>\n'
             + "\n".join(self._parts)
-            + "\n</body>\n</html>\n"
+            + f"\n</main>\n<script>{_asset('libraries.min.js')}</script>\n{blocks}\n"
+            + f"<script>\n{_asset('report.js')}</script>\n</body>\n</html>\n"
         )
+
+
+def _asset(name: str) -> str:
+    return resources.files("formats.report").joinpath("assets", name).read_text("utf-8")
+
+
+def embedded_json(value: Any) -> str:
+    """JSON that no text in it can end the element in which it stands."""
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def figures(pairs: Iterable[tuple[str, str]]) -> str:
@@ -76,7 +86,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str | int | float]]) -> s
         f"<th{' class=number' if right else ''}>{escape(name)}</th>"
         for name, right in zip(head, numeric, strict=True)
     )
-    return f"<table>\n<tr>{titles}</tr>\n" + "\n".join(lines) + "\n</table>"
+    body_html = "\n".join(lines)
+    return f'<div class="table"><table>\n<tr>{titles}</tr>\n{body_html}\n</table></div>'
 
 
 def _cell(value: str | int | float) -> str:
@@ -92,13 +103,8 @@ def notes(lines: Sequence[str]) -> str:
     return f'<ul class="notes">{items}</ul>' if items else ""
 
 
-def picture(content: str, caption: str) -> str:
-    """A figure of ready-made SVG or an <img>."""
-    return f"<figure>{content}<figcaption>{caption}</figcaption></figure>"
-
-
-def side_by_side(parts: Sequence[str]) -> str:
-    return f'<div class="row">{"".join(parts)}</div>' if parts else ""
+def paragraph(text: str) -> str:
+    return f"<p>{escape(text)}</p>" if text else ""
 
 
 def folded(summary: str, html: str) -> str:
@@ -110,7 +116,3 @@ def data_uri(data: bytes) -> str:
     """A PNG or JPEG as part of the page."""
     kind = "png" if data.startswith(b"\x89PNG") else "jpeg"
     return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
-
-
-def image(data: bytes, alt: str) -> str:
-    return f'<img alt="{escape(alt)}" src="{data_uri(data)}">'

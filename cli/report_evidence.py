@@ -1,0 +1,131 @@
+"""Which closures a report shows closely, and what is fetched for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.report.contents import Evidence, ImageMatches, NodePicture, ScanOverlay
+from mapmyworld.errors import MapMyWorldError
+from mapmyworld.geometry import between, matrix_to_planar
+from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, NodeData
+
+_LOOPS = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.USER, ConstraintKind.PROXIMITY)
+_ACCEPTED = 160  # shown closely; the rest of a large map stand on the map only
+_REJECTED = 24
+_COMPARED = 48  # pairs of images that are matched again for their picture
+_ALONG = 40  # images along the path, for the slider
+_WIDTHS = ((120, 320), (300, 240), (10**9, 160))  # pictures at most -> pixels across
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fetched:
+    """Evidence and the material it refers to."""
+
+    evidence: tuple[Evidence, ...]
+    left_out: int
+    pictures: Mapping[int, NodePicture]
+    scans: Mapping[int, NDArray[np.float32]]
+
+
+def fetch_evidence(store: MapStore, constraints: Sequence[Constraint]) -> Fetched:
+    """The closures that moved the map most, and the rejected ones that came closest."""
+    nodes = {node.id: node for node in store.nodes()}
+    chosen, left_out = _chosen(constraints, nodes)
+    wanted = {i for k in chosen for i in (constraints[k].from_id, constraints[k].to_id)}
+    along = np.linspace(0, len(nodes) - 1, min(_ALONG, len(nodes))).astype(int)
+    ids = list(nodes)
+    data = {i: store.node_data(i) for i in sorted(wanted | {ids[k] for k in along.tolist()})}
+    scans = {
+        i: d.scan.points for i, d in data.items() if i in wanted and d.scan and len(d.scan.points)
+    }
+    compared = 0
+    evidence = []
+    for k in chosen:
+        c, matches = constraints[k], None
+        by_images = c.from_id not in scans or c.to_id not in scans
+        if by_images and compared < _COMPARED and {c.from_id, c.to_id} <= nodes.keys():
+            matches = _matches(store, c)
+            compared += matches is not None
+        overlay = None if by_images else _overlay(c, nodes)
+        evidence.append(Evidence(k, overlay, matches))
+    return Fetched(tuple(evidence), left_out, _pictures(data), scans)
+
+
+def _chosen(constraints: Sequence[Constraint], nodes: Mapping[int, Node]) -> tuple[list[int], int]:
+    """Places of the constraints that are shown, accepted first; how many accepted are not."""
+    loops = [
+        k
+        for k, c in enumerate(constraints)
+        if c.kind in _LOOPS and {c.from_id, c.to_id} <= nodes.keys()
+    ]
+    accepted = [k for k in loops if constraints[k].accepted]
+    # Recognised places before those that the path's own estimate proposed.
+    accepted.sort(
+        key=lambda k: (
+            constraints[k].kind == ConstraintKind.PROXIMITY,
+            -_moved(constraints[k], nodes),
+        )
+    )
+    rejected = [k for k in loops if not constraints[k].accepted]
+    rejected.sort(key=lambda k: _nearly(constraints[k]), reverse=True)
+    shown = accepted[:_ACCEPTED]
+    shown.sort(key=lambda k: -_moved(constraints[k], nodes))
+    return shown + rejected[:_REJECTED], len(accepted) - len(shown)
+
+
+def _moved(c: Constraint, nodes: Mapping[int, Node]) -> float:
+    """Metres by which tracking alone had missed what the constraint measures."""
+    start = between(nodes[c.from_id].tracked_from_base, nodes[c.to_id].tracked_from_base)
+    return float(np.linalg.norm(start[:3, 3] - c.from_from_to[:3, 3]))
+
+
+def _nearly(c: Constraint) -> tuple[float, float]:
+    """How far a rejected constraint got: matches or overlap, then its score."""
+    found = c.evidence
+    return (
+        max(float(found.get("overlap", 0.0)), float(found.get("inliers", 0.0)) / 100.0),
+        float(found.get("score", 0.0)),
+    )
+
+
+def _overlay(c: Constraint, nodes: Mapping[int, Node]) -> ScanOverlay:
+    start = between(nodes[c.from_id].tracked_from_base, nodes[c.to_id].tracked_from_base)
+    return ScanOverlay(matrix_to_planar(start), matrix_to_planar(c.from_from_to))
+
+
+def _matches(store: MapStore, c: Constraint) -> ImageMatches | None:
+    """What the two images share, looked at once more; None where a node has no image."""
+    from mapmyworld.config import Config
+    from mapmyworld.places.node_pairs import compare_nodes
+
+    try:
+        found = compare_nodes(store, c.from_id, c.to_id, Config())
+    except MapMyWorldError:
+        return None
+    a, b, pair = found.features_a, found.features_b, found.pair
+    common = 0
+    if a.words is not None and b.words is not None:
+        common = len(np.intersect1d(a.words[a.words > 0], b.words[b.words > 0]))
+    return ImageMatches(a.pixels[pair.features_a], b.pixels[pair.features_b], pair.agreed, common)
+
+
+def _pictures(data: Mapping[int, NodeData]) -> dict[int, NodePicture]:
+    from formats.report.node_picture import node_picture
+
+    seen = {
+        i: d.images[0].colour
+        for i, d in data.items()
+        if d.images and d.images[0].colour is not None
+    }
+    width = next(width for count, width in _WIDTHS if len(seen) <= count)
+    pictures = {}
+    for i, image in seen.items():
+        try:
+            pictures[i] = node_picture(image, width)
+        except (MapMyWorldError, ValueError):
+            continue  # a damaged image: the page says so by leaving it out
+    return pictures

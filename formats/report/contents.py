@@ -1,0 +1,123 @@
+"""What a report shows, as values: gathered by the command line, drawn by this room."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.types import ConstraintKind, OccupancyGrid, PointCloud
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownNodes:
+    """The nodes that have a place in the map, as parallel arrays in time order."""
+
+    ids: NDArray[np.int64]
+    sessions: NDArray[np.int64]
+    times_s: Floats
+    """(N,) since the first node."""
+    places: Floats
+    """(N, 3) x, y, yaw in the map."""
+    sigmas_m: Floats | None
+    """(N,) one sigma of position relative to the first node."""
+    ellipses: Floats | None
+    """(N, 3) half axes (m, one sigma) and the angle (rad) of the first one in the map."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownConstraint:
+    """A constraint against the solution."""
+
+    from_id: int
+    to_id: int
+    kind: ConstraintKind
+    accepted: bool
+    reason: str
+    misfit: tuple[float, float, float] | None
+    """Metres, degrees and sigmas by which the solved poses miss it."""
+    start: tuple[float, float] | None
+    """Metres and degrees by which the path before any closure missed it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanOverlay:
+    """Two scans, and how the second lies upon the first, before and after."""
+
+    start: Floats
+    """(3,) a_from_b as x, y, yaw by tracking alone."""
+    measured: Floats
+    """(3,) by the constraint."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageMatches:
+    """What two images have in common; pixels of the full-size images."""
+
+    pixels_a: NDArray[np.float32]
+    pixels_b: NDArray[np.float32]
+    """(M, 2)."""
+    agreed: NDArray[np.bool_]
+    """(M,) whether a match agrees with the motion."""
+    common_words: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """Why one closure was accepted or rejected, to look at."""
+
+    index: int
+    """Of its constraint among those shown."""
+    scans: ScanOverlay | None
+    matches: ImageMatches | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NodePicture:
+    """A node's image, small."""
+
+    jpeg: bytes
+    width: int
+    height: int
+    scale: float
+    """Pixels of this picture for one of the image it was made of."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReportContents:
+    """Everything on the page."""
+
+    name: str
+    version: str
+    headline: Sequence[tuple[str, str]]
+    verdict: str
+    """One sentence: is this map whole, and how sure is it."""
+    problems: Sequence[str]
+    grid: OccupancyGrid | None
+    path: Floats
+    """(F, 3) time since the first node, x, y of all tracked frames."""
+    odometry: Floats
+    """(N, 2) the recorded odometry of the nodes, laid upon the map at the first one."""
+    nodes: ShownNodes
+    constraints: Sequence[ShownConstraint]
+    evidence: Sequence[Evidence]
+    evidence_left_out: int
+    pictures: Mapping[int, NodePicture]
+    scans: Mapping[int, NDArray[np.float32]]
+    """Node -> points (P, 2) in its base frame, of those in `evidence`."""
+    cloud: PointCloud | None
+    decisions: Sequence[tuple[str, str, str]]
+    """What was chosen in the log, and why."""
+    notes: Sequence[str]
+    settings: Sequence[tuple[str, str, str]]
+    """Changed settings: name, value, default."""
+    reproduce: str
+    """The command line that makes this map again."""
+    overconfidence: Mapping[str, float] = field(default_factory=dict)
+    timing: Mapping[str, Any] | None = None
+    """What `MAP.timing.json` holds: not part of the map, and different at every build."""

@@ -1,0 +1,131 @@
+"""The evidence for each closure: scans laid upon each other, images with what they share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.report.contents import (
+    Evidence,
+    ImageMatches,
+    NodePicture,
+    ReportContents,
+    ScanOverlay,
+    ShownConstraint,
+)
+from formats.report.page import data_uri
+
+Floats = NDArray[np.float64]
+_POINTS = 240  # of a scan that are drawn
+_SPREAD = 95.0  # percentile of a scan's ranges that its picture holds
+_GAP = 6  # pixels between two images
+
+
+def definitions(contents: ReportContents) -> str:
+    """Every scan and image once, for the cards to refer to."""
+    parts = [
+        f'<path id="scan{node}" d="{_scan_path(points)}"/>'
+        for node, points in contents.scans.items()
+    ]
+    parts += [
+        f'<image id="image{node}" width="{p.width}" height="{p.height}" href="{data_uri(p.jpeg)}"/>'
+        for node, p in contents.pictures.items()
+    ]
+    return f'<svg class="store" aria-hidden="true"><defs>{"".join(parts)}</defs></svg>'
+
+
+def _scan_path(points: NDArray[np.float32]) -> str:
+    """Centimetres, y upwards."""
+    kept = np.round(100.0 * points[:: max(1, -(-len(points) // _POINTS))]).astype(int)
+    return "".join(f"M{x} {y}h0" for x, y in kept.tolist())
+
+
+def card(item: Evidence, contents: ReportContents) -> str:
+    """One closure: its facts, and pictures of what it rests on."""
+    constraint = contents.constraints[item.index]
+    pictures = []
+    if item.scans is not None:
+        pictures += _scans(constraint, item.scans, contents)
+    pictures += _images(constraint, item.matches, contents)
+    verdict = "accepted" if constraint.accepted else "rejected"
+    kind = str(constraint.kind).replace("_", " ")
+    return (
+        f'<article class="card {verdict}" id="c{item.index}">'
+        f"<h3>{constraint.from_id} and {constraint.to_id}"
+        f' <span class="kind">{escape(kind)}</span> <span class="verdict">{verdict}</span></h3>'
+        f'<div class="pictures">{"".join(pictures)}</div>'
+        f"<p>{'; '.join(_facts(constraint, item.matches))}</p>"
+        f'<p class="why">{escape(constraint.reason)}</p></article>'
+    )
+
+
+def _facts(constraint: ShownConstraint, matches: ImageMatches | None) -> Iterable[str]:
+    if constraint.start is not None and constraint.misfit is not None and constraint.accepted:
+        before, after = constraint.start, constraint.misfit
+        yield f"moved: {before[0]:.2f} m, {before[1]:.1f}° off before, {after[0]:.3f} m after"
+    if constraint.misfit is not None:
+        metres, degrees, sigmas = constraint.misfit
+        yield f"now {metres:.3f} m, {degrees:.2f}° off = {sigmas:.1f} sigma"
+    if matches is not None:
+        agreed = int(np.count_nonzero(matches.agreed))
+        yield f"{agreed} of {len(matches.agreed)} matches agree"
+        if matches.common_words:
+            yield f"{matches.common_words} words in common"
+
+
+def _scans(
+    constraint: ShownConstraint, overlay: ScanOverlay, contents: ReportContents
+) -> list[str]:
+    a, b = constraint.from_id, constraint.to_id
+    if a not in contents.scans or b not in contents.scans:
+        return []
+    points = contents.scans[a]
+    reach = float(np.percentile(np.abs(points), _SPREAD)) if len(points) else 1.0
+    reach = 100.0 * max(reach, 0.5) * 1.15
+    views = (("before, by tracking alone", overlay.start), ("as measured", overlay.measured))
+    return [_overlay(a, b, moved, reach, caption) for caption, moved in views]
+
+
+def _overlay(a: int, b: int, moved: Floats, reach: float, caption: str) -> str:
+    turn = f"translate({100 * moved[0]:.1f} {100 * moved[1]:.1f})"
+    turn += f" rotate({np.degrees(moved[2]):.3f})"
+    box = f"{-reach:.0f} {-reach:.0f} {2 * reach:.0f} {2 * reach:.0f}"
+    return (
+        f'<figure><svg class="scans" viewBox="{box}"><g transform="scale(1 -1)">'
+        f'<use class="a" href="#scan{a}"/><use class="b" href="#scan{b}" transform="{turn}"/>'
+        f"</g></svg><figcaption>{caption}</figcaption></figure>"
+    )
+
+
+def _images(
+    constraint: ShownConstraint, matches: ImageMatches | None, contents: ReportContents
+) -> list[str]:
+    a, b = constraint.from_id, constraint.to_id
+    if a not in contents.pictures or b not in contents.pictures:
+        return []
+    first, second = contents.pictures[a], contents.pictures[b]
+    width = first.width + _GAP + second.width
+    height = max(first.height, second.height)
+    lines = "" if matches is None else _match_lines(matches, first, second)
+    caption = f"images of {a} and {b}"
+    if matches is not None:
+        caption += ": green matches agree with the motion, red ones do not"
+    return [
+        f'<figure class="wide"><svg class="pair" viewBox="0 0 {width} {height}">'
+        f'<use href="#image{a}"/><use href="#image{b}" x="{first.width + _GAP}"/>{lines}</svg>'
+        f"<figcaption>{caption}</figcaption></figure>"
+    ]
+
+
+def _match_lines(matches: ImageMatches, a: NodePicture, b: NodePicture) -> str:
+    starts = matches.pixels_a * a.scale
+    ends = matches.pixels_b * b.scale + np.array([a.width + _GAP, 0.0])
+    groups = []
+    for name, chosen in (("outlier", ~matches.agreed), ("inlier", matches.agreed)):
+        rows = np.column_stack([starts[chosen], ends[chosen]]).tolist()
+        text = "".join(f"M{x:.0f} {y:.0f}L{u:.0f} {v:.0f}" for x, y, u, v in rows)
+        groups.append(f'<path class="{name}" d="{text}"/>' if text else "")
+    return "".join(groups)

@@ -1,0 +1,186 @@
+"""The map from above as SVG in layers: grid, paths, constraints by verdict, nodes, the start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.report.contents import ReportContents, ShownConstraint
+from formats.report.page import data_uri
+from mapmyworld.errors import MapError
+from mapmyworld.types import ConstraintKind, OccupancyGrid
+
+Floats = NDArray[np.float64]
+_WIDTH, _HEIGHT = 1000.0, 760.0  # pixels that the map fills at most
+_PATH_POINTS = 6000  # of a path that are drawn
+_ELLIPSES = 60  # along the path
+_SIGMAS = 3.0  # of the ellipses
+_BARS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)  # m
+_CLOSURES = {
+    ConstraintKind.LOOP_CLOSURE: "loop",
+    ConstraintKind.PROXIMITY: "proximity",
+    ConstraintKind.USER: "user",
+    ConstraintKind.LANDMARK: "landmark",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layer:
+    """Something on the map that can be taken away."""
+
+    key: str
+    title: str
+    svg: str
+    shown: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """From metres to the picture's pixels, y upwards."""
+
+    low: Floats
+    high: Floats
+    scale: float
+
+    @property
+    def size(self) -> Floats:
+        return (self.high - self.low) * self.scale
+
+    def pixels(self, points: Floats) -> Floats:
+        moved = (points - self.low) * self.scale
+        return np.stack([moved[..., 0], self.size[1] - moved[..., 1]], axis=-1)
+
+
+def view_of(contents: ReportContents) -> View:
+    """What is shown: the path, and the cells that were seen."""
+    corners = [contents.path[:, 1:], contents.nodes.places[:, :2]]
+    if contents.grid is not None:
+        rows, cols = np.nonzero(np.isfinite(contents.grid.log_odds))
+        if len(rows):
+            seen = np.array([[cols.min(), rows.min()], [cols.max() + 1, rows.max() + 1]])
+            corners.append(contents.grid.origin + seen * contents.grid.resolution)
+    points = np.concatenate(corners)
+    points = points if len(points) else np.zeros((1, 2))
+    margin = 0.03 * float(np.ptp(points, axis=0).max()) + 0.1
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+    return View(low, high, float(min(_WIDTH / (high[0] - low[0]), _HEIGHT / (high[1] - low[1]))))
+
+
+def layers_of(contents: ReportContents, view: View) -> list[Layer]:
+    """Bottom to top; layers with nothing in them are left out."""
+    nodes = contents.nodes
+    place = dict(zip(nodes.ids.tolist(), view.pixels(nodes.places[:, :2]), strict=True))
+    found = [Layer("grid", "grid", _grid_image(contents.grid, view))]
+    found.append(
+        Layer("odometry", "odometry alone", _line(view.pixels(contents.odometry)), shown=False)
+    )
+    rejected = [c for c in contents.constraints if not c.accepted]
+    found.append(Layer("rejected", "rejected", _segments(rejected, place), shown=False))
+    found.append(Layer("sigma", "3 sigma", _ellipses(contents, view), shown=False))
+    found.append(Layer("path", "path", _line(view.pixels(contents.path[:, 1:]))))
+    for kind, key in _CLOSURES.items():
+        mine = [c for c in contents.constraints if c.accepted and c.kind == kind]
+        found.append(Layer(key, str(kind).replace("_", " "), _segments(mine, place)))
+    found.append(Layer("nodes", "nodes", _dots(view.pixels(nodes.places[:, :2])), shown=False))
+    found.append(Layer("start", "start axes", _axes(nodes.places, view)))
+    return [layer for layer in found if layer.svg]
+
+
+def map_svg(layers: Sequence[Layer], view: View) -> str:
+    """The picture; its transform stands in data attributes, for the page's script."""
+    width, height = view.size
+    groups = "".join(
+        f'<g class="layer layer-{layer.key}" data-layer="{layer.key}"'
+        f"{'' if layer.shown else ' hidden'}>{layer.svg}</g>"
+        for layer in layers
+    )
+    return (
+        f'<svg id="map" xmlns="http://www.w3.org/2000/svg" role="img" tabindex="0"'
+        f' aria-label="The map from above" viewBox="0 0 {width:.1f} {height:.1f}"'
+        f' data-scale="{view.scale:.9g}" data-left="{view.low[0]:.9g}"'
+        f' data-top="{view.high[1]:.9g}"><g id="view">{groups}<g id="marks"></g></g>'
+        f"{_scale_bar(view)}</svg>"
+    )
+
+
+def _grid_image(grid: OccupancyGrid | None, view: View) -> str:
+    if grid is None:
+        return ""
+    cells = grid.trinary()
+    grey = np.full(cells.shape, 232, np.uint8)
+    grey[cells == 0], grey[cells == 100] = 255, 30
+    done, data = cv2.imencode(".png", np.ascontiguousarray(grey[::-1]))
+    if not done:
+        raise MapError("the grid cannot be drawn")
+    left, top = view.pixels(grid.origin + np.array([0.0, cells.shape[0] * grid.resolution]))
+    width, height = (side * grid.resolution * view.scale for side in cells.shape[::-1])
+    return (
+        f'<image class="cells" x="{left:.2f}" y="{top:.2f}" width="{width:.2f}"'
+        f' height="{height:.2f}" preserveAspectRatio="none" href="{data_uri(bytes(data))}"/>'
+    )
+
+
+def _line(points: Floats) -> str:
+    if len(points) < 2:
+        return ""
+    kept = np.round(points[:: max(1, len(points) // _PATH_POINTS)], 1)
+    text = " ".join(f"{x:g},{y:g}" for x, y in kept.tolist())
+    return f'<polyline points="{text}"/>'
+
+
+def _segments(constraints: Sequence[ShownConstraint], place: dict[int, Floats]) -> str:
+    ends = [
+        (*place[c.from_id], *place[c.to_id])
+        for c in constraints
+        if c.from_id in place and c.to_id in place and c.from_id != c.to_id
+    ]
+    text = "".join(f"M{a:.1f} {b:.1f}L{c:.1f} {d:.1f}" for a, b, c, d in ends)
+    return f'<path d="{text}"/>' if text else ""
+
+
+def _dots(points: Floats) -> str:
+    """Points of a size that zooming does not change: strokes of no length with round ends."""
+    text = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in points.tolist())
+    return f'<path d="{text}"/>' if text else ""
+
+
+def _ellipses(contents: ReportContents, view: View) -> str:
+    nodes = contents.nodes
+    if nodes.ellipses is None or len(nodes.ids) == 0:
+        return ""
+    chosen = np.unique(np.linspace(0, len(nodes.ids) - 1, _ELLIPSES).astype(int))
+    centres = view.pixels(nodes.places[chosen, :2])
+    parts = []
+    for (x, y), (a, b, angle) in zip(centres, nodes.ellipses[chosen], strict=True):
+        rx, ry = (_SIGMAS * view.scale * half for half in (a, b))
+        turn = f"rotate({-np.degrees(angle):.1f} {x:.1f} {y:.1f})"
+        parts.append(
+            f'<ellipse cx="{x:.1f}" cy="{y:.1f}" rx="{rx:.2f}" ry="{ry:.2f}" transform="{turn}"/>'
+        )
+    return "".join(parts)
+
+
+def _axes(places: Floats, view: View) -> str:
+    """The frame of the first node: x red, y green."""
+    if len(places) == 0:
+        return ""
+    (x, y), yaw = view.pixels(places[:1, :2])[0], places[0, 2]
+    length, parts = 30.0, []
+    for key, angle in (("x", yaw), ("y", yaw + np.pi / 2)):
+        dx, dy = length * np.cos(angle), -length * np.sin(angle)
+        parts.append(f'<path class="axis-{key}" d="M{x:.1f} {y:.1f}l{dx:.1f} {dy:.1f}"/>')
+    return "".join(parts)
+
+
+def _scale_bar(view: View) -> str:
+    width, height = view.size
+    metres = max([m for m in _BARS if m * view.scale <= 0.25 * width], default=0.1)
+    return (
+        f'<g id="scale-bar" data-pixels="{metres * view.scale:.2f}" data-metres="{metres}">'
+        f'<path d="M14 {height - 14:.1f}h{metres * view.scale:.1f}"/>'
+        f'<text x="14" y="{height - 20:.1f}">{metres:g} m</text></g>'
+    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from decimal import Decimal
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from formats.database.frame_rows import nodes_as_frames
 from formats.database.opened import Opened
 from formats.database.read_only import ReadOnly
 from formats.database.results import text_to_parameters
+from formats.database.surroundings import blob_to_gps, blob_to_readings, nanoseconds
 from mapmyworld.errors import MapError
 from mapmyworld.types import (
     Constraint,
@@ -33,17 +33,6 @@ _NEW_CALIBRATION = (0, 18, 0)
 _INVALID_WEIGHT = -9  # merged into another node, or deleted
 # Log-odds that stand for the three values of a stored grid: beyond its thresholds.
 _LOG_ODDS = {100: 3.0, 0: -3.0}
-
-
-_LATEST_S = 9e9  # a stamp's seconds beyond which nanoseconds leave 64 bits
-
-
-def nanoseconds(stamp: float | None) -> int:
-    """A stamp in float seconds as the decimal number that was meant: microseconds survive."""
-    seconds = float(stamp or 0.0)
-    if not abs(seconds) < _LATEST_S:
-        raise MapError(f"a stamp of {seconds} s")
-    return int(Decimal(repr(seconds)) * 1_000_000_000)
 
 
 class RtabmapStore(ReadOnly, Opened):
@@ -95,8 +84,9 @@ class RtabmapStore(ReadOnly, Opened):
     def nodes(self) -> tuple[Node, ...]:
         """Nodes by id; those that RTAB-Map merged away are left out."""
         if self._nodes is None:
-            truth = "ground_truth_pose" if self._has("Node", "ground_truth_pose") else "NULL"
-            query = f"SELECT id, map_id, weight, stamp, pose, {truth} FROM Node ORDER BY id"
+            late = ("ground_truth_pose", "gps", "env_sensors")
+            others = ", ".join(c if self._has("Node", c) else "NULL" for c in late)
+            query = f"SELECT id, map_id, weight, stamp, pose, {others} FROM Node ORDER BY id"
             rows = self._db.rows(query)
             poses = blobs_to_poses([row[4] for row in rows])
             found = (self._node(row, pose) for row, pose in zip(rows, poses, strict=True))
@@ -104,7 +94,7 @@ class RtabmapStore(ReadOnly, Opened):
         return self._nodes
 
     def _node(self, row: tuple[Any, ...], pose: NDArray[np.float64] | None) -> Node | None:
-        node_id, session, weight, stamp, pose_blob, truth_blob = row
+        node_id, session, weight, stamp, pose_blob, truth_blob, gps_blob, readings_blob = row
         if weight == _INVALID_WEIGHT or node_id <= 0:
             return None
         try:
@@ -112,13 +102,15 @@ class RtabmapStore(ReadOnly, Opened):
                 pose = blob_to_pose(pose_blob, f"node {node_id}'s pose")
             truth = blob_to_pose(truth_blob, f"node {node_id}'s ground truth")
             moment = nanoseconds(stamp)
+            gps = blob_to_gps(gps_blob, f"node {node_id}'s gps")
+            readings = blob_to_readings(readings_blob, f"node {node_id}'s env_sensors")
         except (MapError, ArithmeticError, TypeError, ValueError) as error:
             self._leave_out(f"{error}: the node is left out")
             return None
         if pose is None:
             self._leave_out(f"node {node_id} has no odometry pose: it is left out")
             return None
-        return Node(node_id, session or 0, moment, pose, pose, weight or 0, truth)
+        return Node(node_id, session or 0, moment, pose, pose, weight or 0, truth, gps, readings)
 
     def _leave_out(self, problem: str) -> None:
         if problem not in self._problems:

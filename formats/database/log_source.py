@@ -3,48 +3,25 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from formats.database.foreign import RtabmapStore
+from formats.database.log_messages import TYPES, Moment, messages_at
 from formats.database.opening import open_store
 from formats.database.store import DatabaseStore
-from formats.database.sweeps import message_from_scan
 from mapmyworld.errors import LogError, MapError
-from mapmyworld.geometry import planar_to_matrix
 from mapmyworld.types import (
-    CameraInfoMessage,
-    CameraModel,
-    ImageMessage,
     LogInfo,
-    Message,
     MessageKind,
-    Node,
     NodeData,
-    OdometryMessage,
-    PointCloudMessage,
-    PoseMessage,
     RawMessage,
-    RgbdImage,
     TopicInfo,
-    TransformsMessage,
-    TransformStamped,
 )
 
-_BASE, _ODOM, _LASER = "base_link", "odom", "laser"
-_TYPES = {
-    MessageKind.TRANSFORMS: "tf2_msgs/msg/TFMessage",
-    MessageKind.ODOMETRY: "nav_msgs/msg/Odometry",
-    MessageKind.POSE: "geometry_msgs/msg/PoseWithCovarianceStamped",
-    MessageKind.CAMERA_INFO: "sensor_msgs/msg/CameraInfo",
-    MessageKind.IMAGE: "sensor_msgs/msg/Image",
-    MessageKind.LASER_SCAN: "sensor_msgs/msg/LaserScan",
-    MessageKind.POINT_CLOUD: "sensor_msgs/msg/PointCloud2",
-}
 _ENCODING = "rtabmap"
 _HASHED_AT_ONCE = 1 << 20
 
@@ -55,17 +32,6 @@ def open_database_log(path: Path) -> DatabaseLog:
         return DatabaseLog(open_store(path, read_only=True))
     except MapError as error:
         raise LogError(str(error)) from None
-
-
-@dataclass(frozen=True, slots=True)
-class _Moment:
-    """A tracked frame: its node, where it was, and whether it is that node itself."""
-
-    index: int
-    stamp_ns: int
-    node: Node
-    odom_from_base: NDArray[np.float64]
-    is_node: bool
 
 
 class DatabaseLog:
@@ -83,7 +49,7 @@ class DatabaseLog:
         for raw in self._first_messages():
             counts[raw.topic] = (raw.kind, self._count(raw))
         topics = tuple(
-            TopicInfo(topic, _TYPES[kind], kind, _ENCODING, count)
+            TopicInfo(topic, TYPES[kind], kind, _ENCODING, count)
             for topic, (kind, count) in counts.items()
         )
         path = self._store.path
@@ -120,6 +86,11 @@ class DatabaseLog:
         key = {MessageKind.LASER_SCAN: "scan", MessageKind.POINT_CLOUD: "cloud"}.get(raw.kind)
         if raw.kind is MessageKind.POSE:
             return sum(m.is_node and m.node.ground_truth is not None for m in self._moments)
+        nodes = [moment.node for moment in self._moments if moment.is_node]
+        if raw.kind is MessageKind.GPS:
+            return sum(node.gps is not None for node in nodes)
+        if raw.kind is MessageKind.READING:
+            return sum(raw.topic.endswith(f"/{r.quantity}") for n in nodes for r in n.readings)
         contents = self._store.contents().values()
         return sum(int(bool(kept.get(key or "images", 0))) for kept in contents)
 
@@ -137,40 +108,11 @@ class DatabaseLog:
         self._losses = list(self._store.problems)
         mounts: dict[str, NDArray[np.float64]] = {}
         for moment in self._moments:
-            for raw in self._messages_at(moment, mounts):
+            for raw in messages_at(moment, self._data(moment), mounts):
                 if topics is None or raw.topic in topics:
                     yield raw
 
-    def _messages_at(
-        self, moment: _Moment, mounts: dict[str, NDArray[np.float64]]
-    ) -> Iterator[RawMessage]:
-        data = self._data(moment)
-        fresh = {name: at for name, at in _mounts(data).items() if name not in mounts}
-        if fresh:
-            mounts |= fresh
-            yield _raw("/tf_static", MessageKind.TRANSFORMS, moment, lambda: _static(moment, fresh))
-        yield _raw("/odom", MessageKind.ODOMETRY, moment, lambda: _odometry(moment))
-        if moment.is_node and moment.node.ground_truth is not None:
-            yield _raw("/ground_truth", MessageKind.POSE, moment, lambda: _truth(moment))
-        for number, image in enumerate(data.images):
-            yield from _camera_messages(moment, number, image)
-        scan, cloud = data.scan, data.cloud
-        if scan is not None:
-            yield _raw(
-                "/scan",
-                MessageKind.LASER_SCAN,
-                moment,
-                lambda: message_from_scan(scan, moment.stamp_ns, _LASER),
-            )
-        if cloud is not None:
-            yield _raw(
-                "/points",
-                MessageKind.POINT_CLOUD,
-                moment,
-                lambda: PointCloudMessage(moment.stamp_ns, _BASE, cloud, None),
-            )
-
-    def _data(self, moment: _Moment) -> NodeData:
+    def _data(self, moment: Moment) -> NodeData:
         """What was sensed at a moment; a damaged part is a loss, not an end."""
         try:
             data = self._store.node_data(moment.node.id) if moment.is_node else NodeData()
@@ -181,7 +123,7 @@ class DatabaseLog:
         return NodeData(kept.get(moment.index, data.scan), data.images, data.cloud)
 
 
-def _moments(store: DatabaseStore | RtabmapStore) -> list[_Moment]:
+def _moments(store: DatabaseStore | RtabmapStore) -> list[Moment]:
     """Every tracked frame in time; its odometry as recorded, else continued from its node's."""
     nodes = {node.id: node for node in store.nodes()}
     frames = store.tracked_frames()
@@ -193,87 +135,5 @@ def _moments(store: DatabaseStore | RtabmapStore) -> list[_Moment]:
             else:
                 odom = nodes[node_id].odom_from_base @ frames.node_from_frame[i]
             stamp_ns, is_node = int(frames.stamps_ns[i]), bool(frames.is_node[i])
-            moments.append(_Moment(i, stamp_ns, nodes[node_id], odom, is_node))
+            moments.append(Moment(i, stamp_ns, nodes[node_id], odom, is_node))
     return moments
-
-
-def _raw(
-    topic: str, kind: MessageKind, moment: _Moment, decode: Callable[[], Message]
-) -> RawMessage:
-    return RawMessage(topic, kind, moment.stamp_ns, moment.stamp_ns, decode)
-
-
-def _mounts(data: NodeData) -> dict[str, NDArray[np.float64]]:
-    """Sensor frame -> base_from_sensor."""
-    mounts = {
-        _camera_frame(i): image.camera.base_from_camera for i, image in enumerate(data.images)
-    }
-    if data.scan is not None:
-        mounts[_LASER] = planar_to_matrix(data.scan.origin)
-    return mounts
-
-
-def _static(moment: _Moment, mounts: dict[str, NDArray[np.float64]]) -> TransformsMessage:
-    return TransformsMessage(
-        tuple(TransformStamped(moment.stamp_ns, _BASE, name, at) for name, at in mounts.items()),
-        static=True,
-    )
-
-
-def _odometry(moment: _Moment) -> OdometryMessage:
-    unknown = np.zeros((6, 6))
-    pose, twist = moment.odom_from_base, np.zeros(6)
-    return OdometryMessage(moment.stamp_ns, _ODOM, _BASE, pose, unknown, twist, unknown)
-
-
-def _truth(moment: _Moment) -> PoseMessage:
-    truth = moment.node.ground_truth
-    assert truth is not None
-    return PoseMessage(moment.stamp_ns, "world", truth, np.zeros((6, 6)))
-
-
-def _camera_frame(number: int) -> str:
-    return "camera_optical" if number == 0 else f"camera_{number}_optical"
-
-
-def _camera_messages(moment: _Moment, number: int, image: RgbdImage) -> Iterator[RawMessage]:
-    """Info, colour and depth of one camera; the second and later have topics of their own."""
-    space = "/camera" if number == 0 else f"/camera_{number}"
-    frame, model = _camera_frame(number), image.camera
-    stamp = image.colour or image.depth
-    at = moment.stamp_ns if stamp is None else stamp.stamp_ns
-    yield _raw(
-        f"{space}/rgb/camera_info", MessageKind.CAMERA_INFO, moment, lambda: _info(model, at, frame)
-    )
-    for kind, picture in (("rgb", image.colour), ("depth", image.depth)):
-        if picture is not None:
-            yield _picture(f"{space}/{kind}/image", moment, picture, frame)
-
-
-def _picture(topic: str, moment: _Moment, picture: ImageMessage, frame: str) -> RawMessage:
-    message = ImageMessage(
-        picture.stamp_ns,
-        frame,
-        picture.encoding,
-        picture.width,
-        picture.height,
-        picture.pixels,
-        picture.encoded,
-    )
-    kind = MessageKind.IMAGE
-    return RawMessage(topic, kind, moment.stamp_ns, picture.stamp_ns, lambda: message)
-
-
-def _info(model: CameraModel, stamp_ns: int, frame: str) -> CameraInfoMessage:
-    projection = np.column_stack([model.intrinsics, np.zeros(3)])
-    return CameraInfoMessage(
-        stamp_ns,
-        frame,
-        model.width,
-        model.height,
-        model.distortion_model,
-        model.distortion,
-        model.intrinsics,
-        np.eye(3),
-        projection,
-    )

@@ -12,18 +12,25 @@ from numpy.typing import NDArray
 
 from formats.database.blobs import matrix_to_blob, pose_to_blob
 from formats.database.scans import scan_without_points
+from formats.database.surroundings import (
+    blob_to_gps,
+    blob_to_readings,
+    gps_to_blob,
+    readings_to_blob,
+)
 from mapmyworld.errors import MapError
 from mapmyworld.geometry import between
 from mapmyworld.types import Node, NodeData, RgbdImage
 
 INSERT_NODE = (
-    "INSERT INTO Node (id, map_id, weight, stamp, pose, ground_truth_pose, velocity, label)"
-    " VALUES (?,?,?,?,?,?,?,?)"
+    "INSERT INTO Node (id, map_id, weight, stamp, pose, ground_truth_pose, velocity, label,"
+    " gps, env_sensors) VALUES (?,?,?,?,?,?,?,?,?,?)"
 )
 INSERT_OWN = "INSERT INTO mapmyworld_nodes VALUES (?,?,?,?,?,?,?,?,?,?,?)"
 SELECT_OWN = (
     "SELECT own.id, own.session, own.stamp_ns, own.odom_from_base, own.tracked_from_base,"
-    " own.weight, own.ground_truth FROM mapmyworld_nodes AS own"
+    " own.weight, own.ground_truth, theirs.gps, theirs.env_sensors"
+    " FROM mapmyworld_nodes AS own JOIN Node AS theirs ON theirs.id = own.id"
 )
 Row = tuple[Any, ...]
 _CELLS_TURN = 0.5  # rad of rotation after which a node has a local grid in any case
@@ -52,7 +59,8 @@ def node_row(node: Node, before: Node | None) -> Row:
     stamp = node.stamp_ns * 1e-9
     pose = pose_to_blob(node.odom_from_base)
     velocity = None if before is None else _velocity(before, node)
-    return (node.id, node.session, node.weight, stamp, pose, truth, velocity, label)
+    around = (gps_to_blob(node.gps), readings_to_blob(node.readings))
+    return (node.id, node.session, node.weight, stamp, pose, truth, velocity, label, *around)
 
 
 def _velocity(before: Node, node: Node) -> bytes | None:
@@ -122,7 +130,7 @@ def _doubles(pose: NDArray[np.float64]) -> bytes:
 
 def node_from_own_row(row: Row) -> Node:
     """The node of a row of `SELECT_OWN`."""
-    node_id, session, stamp_ns, odom, tracked, weight, truth = row
+    node_id, session, stamp_ns, odom, tracked, weight, truth, gps, readings = row
     try:
         return Node(
             id=int(node_id),
@@ -132,6 +140,8 @@ def node_from_own_row(row: Row) -> Node:
             tracked_from_base=_pose(tracked),
             weight=int(weight),
             ground_truth=None if truth is None else _pose(truth),
+            gps=blob_to_gps(gps, f"node {node_id}'s gps"),
+            readings=blob_to_readings(readings, f"node {node_id}'s env_sensors"),
         )
     except (ValueError, TypeError) as error:
         raise MapError(f"node {node_id}: a damaged row ({error})") from None

@@ -17,6 +17,7 @@ from formats.logs.channels import Payload
 from formats.logs.images import compressed_image, raw_image
 from formats.logs.point_clouds import PointField, cloud_points
 from formats.logs.poses import pose_matrix
+from formats.logs.surroundings import nav_sat_fix, reading_decoder
 from formats.logs.wire import Wire
 from mapmyworld.types import (
     CameraInfoMessage,
@@ -28,6 +29,7 @@ from mapmyworld.types import (
     OdometryMessage,
     PointCloudMessage,
     PoseMessage,
+    Quantity,
     TextMessage,
     TransformsMessage,
     TransformStamped,
@@ -223,6 +225,16 @@ STAMPED: dict[str, tuple[MessageKind, Decoder]] = {
     "sensor_msgs/msg/PointCloud2": (MessageKind.POINT_CLOUD, point_cloud),
     "geometry_msgs/msg/PoseStamped": (MessageKind.POSE, pose),
     "geometry_msgs/msg/PoseWithCovarianceStamped": (MessageKind.POSE, pose_with_covariance),
+    "sensor_msgs/msg/NavSatFix": (MessageKind.GPS, nav_sat_fix),
+    **{
+        f"sensor_msgs/msg/{name}": (MessageKind.READING, reading_decoder(quantity, scale))
+        for name, quantity, scale in (
+            ("Temperature", Quantity.TEMPERATURE, 1.0),
+            ("FluidPressure", Quantity.PRESSURE, 0.01),  # Pa to hPa
+            ("Illuminance", Quantity.LIGHT, 1.0),
+            ("RelativeHumidity", Quantity.HUMIDITY, 100.0),  # share to percent
+        )
+    },
 }
 TRANSFORMS = frozenset({"tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"})
 TEXT = "std_msgs/msg/String"

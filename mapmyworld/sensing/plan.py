@@ -69,6 +69,8 @@ class Plan:
     odometry: OdometrySource | None
     imu: ImuSource | None
     ground_truth_topic: str
+    surroundings: tuple[str, ...]
+    """Topics of GPS fixes and readings, kept with the nodes and not used for the map."""
     base_frame: str
     map_from_first: NDArray[np.float64]
     """(4, 4) where the map puts the first pose of a log without odometry: level, z up."""
@@ -89,7 +91,7 @@ class Plan:
         if self.camera:
             found += [self.camera.colour_topic, self.camera.depth_topic]
         found += [self.imu.topic] if self.imu else []
-        return tuple(t for t in [*found, self.ground_truth_topic] if t)
+        return tuple(t for t in [*found, self.ground_truth_topic, *self.surroundings] if t)
 
 
 @dataclass(slots=True)

@@ -6,6 +6,7 @@ from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
 from mapmyworld.sensing import plan_cameras, plan_checks, plan_lasers, plan_motion
 from mapmyworld.sensing.plan import Draft, Plan
+from mapmyworld.sensing.surroundings import choose_surroundings
 from mapmyworld.sensing.survey import Survey
 
 
@@ -32,6 +33,7 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
         odometry=odometry,
         imu=plan_motion.choose_imu(draft, base),
         ground_truth_topic=plan_motion.choose_ground_truth(draft),
+        surroundings=choose_surroundings(draft),
         base_frame=base,
         map_from_first=plan_cameras.first_pose(camera, scan),
         planar=plan_motion.is_planar(draft, odometry, scan),

@@ -13,6 +13,7 @@ from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
 from mapmyworld.geometry import between, quaternion_to_rotation, rotation_to_quaternion
 from mapmyworld.sensing.plan import Plan
+from mapmyworld.sensing.surroundings import Surroundings
 from mapmyworld.sensing.sweeps import scan_from_message
 from mapmyworld.types import (
     Frame,
@@ -80,6 +81,7 @@ class _Synchroniser:
     def __init__(self, plan: Plan, config: SensingConfig, counts: FrameCounts) -> None:
         self.plan, self.config, self.counts = plan, config, counts
         self.buffers = _Buffers()
+        self.surroundings = Surroundings()
         self.main_topic = plan.scan.topic if plan.scan else ""
         if plan.scan is None and plan.camera is not None:
             self.main_topic = plan.camera.colour_topic
@@ -98,6 +100,8 @@ class _Synchroniser:
             self._add_imu(pending)
         elif raw.topic == self.plan.ground_truth_topic:
             self._add_truth(raw)
+        elif raw.topic in self.plan.surroundings:
+            self.surroundings.add(raw)
 
     def ready(self, before_log_ns: int | None) -> Iterator[Frame]:
         """Frames whose other messages must have come by now; all when the log has ended."""
@@ -129,6 +133,8 @@ class _Synchroniser:
             images=() if image is None else (image,),
             imu=self._imu_until(main.stamp_ns),
             ground_truth=self._truth_at(main.stamp_ns),
+            gps=self.surroundings.fix_at(main.stamp_ns),
+            readings=self.surroundings.readings_at(main.stamp_ns),
         )
 
     def _observations(self, main: _Pending) -> tuple[Scan | None, RgbdImage | None]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.types.messages import ImageMessage
+from mapmyworld.types.messages import GpsMessage, ImageMessage, ReadingMessage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,6 +81,10 @@ class Frame:
     """Samples since the last frame."""
     ground_truth: NDArray[np.float64] | None = None
     """(4, 4) recorded true pose of the base, where the log has one."""
+    gps: GpsMessage | None = None
+    """The newest fix, not older than a second."""
+    readings: tuple[ReadingMessage, ...] = ()
+    """The newest of each quantity, not older than ten seconds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,6 +102,8 @@ class Node:
     """(4, 4): pose after laser or visual tracking, before loop closures; the graph's start."""
     weight: int = 0
     ground_truth: NDArray[np.float64] | None = None
+    gps: GpsMessage | None = None
+    readings: tuple[ReadingMessage, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

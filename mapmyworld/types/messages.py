@@ -21,6 +21,8 @@ class MessageKind(StrEnum):
     IMU = "imu"
     TRANSFORMS = "transforms"
     POSE = "pose"
+    GPS = "gps"
+    READING = "reading"
     TEXT = "text"
     OTHER = "other"
 
@@ -156,6 +158,36 @@ class PoseMessage:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class GpsMessage:
+    """A position on earth; latitude and longitude are NaN where the receiver had no fix."""
+
+    stamp_ns: int
+    frame_id: str
+    latitude: float  # deg
+    longitude: float  # deg
+    altitude: float  # m above the ellipsoid
+    error: float  # m, standard deviation
+
+
+class Quantity(StrEnum):
+    """What a sensor of the surroundings measures, in the unit of `Reading.value`."""
+
+    WIFI = "wifi"  # dBm
+    TEMPERATURE = "temperature"  # degrees Celsius
+    PRESSURE = "pressure"  # hPa
+    LIGHT = "light"  # lx
+    HUMIDITY = "humidity"  # percent
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReadingMessage:
+    stamp_ns: int
+    frame_id: str
+    quantity: Quantity
+    value: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class TextMessage:
     stamp_ns: int
     text: str
@@ -170,6 +202,8 @@ Message = (
     | ImuMessage
     | TransformsMessage
     | PoseMessage
+    | GpsMessage
+    | ReadingMessage
     | TextMessage
 )
 

@@ -145,7 +145,7 @@ def loops(map_path: Path, reference: Path, style: str) -> None:
     pairs = truth_beside(reference)
     with open_store(map_path, read_only=True) as store:
         score = score_loops(store, read_any_trajectory(reference), pairs)
-    recall = score.recall if pairs is not None else None
+    recall = score.recall if pairs is not None and len(pairs) else None
     if style == "json":
         show_json({"count": score.count, "precision": score.precision, "recall": recall})
         return
@@ -153,6 +153,8 @@ def loops(map_path: Path, reference: Path, style: str) -> None:
     click.echo(f"precision: {score.precision:.3f}")
     if recall is not None:
         click.echo(f"recall:    {recall:.3f}")
+    elif pairs is not None:
+        click.echo("recall:    there is no true loop to find")
 
 
 @evaluate.command()

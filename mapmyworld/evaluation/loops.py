@@ -22,7 +22,8 @@ class LoopScore:
     precision: float
     """Share of the closures that are right; 1 without any closure."""
     recall: float
-    """Share of the moments at which the robot was back somewhere, that have a right closure."""
+    """Share of the moments at which the robot was back somewhere, that have a right closure;
+    1 where there is none."""
     translation_errors: NDArray[np.float64]
     """(K,) metres."""
     rotation_errors_deg: NDArray[np.float64]

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from mapmyworld.geometry import between, invert, se3_exp, se3_log, transform_points
 from mapmyworld.graph.bundle import Bundle, RelativePoses, adjust_bundle
+from mapmyworld.kernels.pose_refinement import move_by_tangent, solve_damped
 from mapmyworld.registration.camera import pixels_of_points, rays_of_pixels
 from mapmyworld.registration.visual import Sightings, errors, inliers, ransac_pose, refine_pose
 from mapmyworld.types import CameraModel
@@ -173,3 +175,27 @@ def test_measured_motions_hold_a_camera_that_sees_nothing() -> None:
     )
     error = se3_log(between(step[0], between(adjusted.cameras[3], adjusted.cameras[4])))
     assert np.abs(error).max() < 1e-3
+
+
+@given(arrays(np.float64, 6, elements=st.floats(-2.0, 2.0)))
+def test_a_pose_moves_by_a_tangent_as_geometry_says(tangent: np.ndarray) -> None:
+    pose = se3_exp([0.3, -0.2, 1.1, 2.0, -1.0, 0.5])
+    moved = pose.copy()
+    move_by_tangent(moved, tangent)
+    assert np.allclose(moved, pose @ se3_exp(tangent), atol=1e-7)
+
+
+@given(st.integers(0, 1000))
+def test_damped_equations_are_solved(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    root = random.standard_normal((6, 8))
+    matrix, right, found = root @ root.T + np.eye(6), random.standard_normal(6), np.zeros(6)
+    solve_damped(matrix, right, found)
+    damped = matrix + np.diag(1e-6 * np.diag(matrix) + 1e-9)
+    assert np.allclose(damped @ found, -right, atol=1e-9)
+
+
+def test_what_is_too_few_for_use_is_not_searched_for() -> None:
+    _, sightings = scene(4, 40, 1.0)
+    assert ransac_pose(sightings, 3.0, 512, 0, least=41)[1] == 0
+    assert ransac_pose(sightings, 3.0, 512, 0, least=10)[1] >= 10

@@ -46,8 +46,8 @@ class VisualConfig:
     closure_share: float = 0.25  # of the matches that must agree
     closure_cells: int = 5  # of an 8 x 6 lattice over the image that agreeing matches must reach
     closure_radius: float = 8.0  # pixels around a found motion's projections for more matches
-    closure_translation_sigma: float = 0.1  # m, no closure is less certain
-    closure_rotation_sigma: float = 0.05  # rad, no closure is less certain
+    closure_translation_sigma: float = 0.065  # m, no closure is less certain
+    closure_rotation_sigma: float = 0.006  # rad, no closure is less certain
     succession: int = 2  # nodes before each that its image is compared with, without a laser
     closure_gate: float = 3.5  # sigmas of drift by which a closure may contradict the tracked poses
     drift_translation: float = 0.05  # share of the path that tracked poses may be off by

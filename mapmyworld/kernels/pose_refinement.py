@@ -121,3 +121,94 @@ def pose_normal_equations(
         for n in range(m):
             information[m, n] = information[n, m]
     return cost
+
+
+@njit(cache=True, nogil=True)
+def refine(
+    pose: Array,
+    points: Array,
+    seen: Array,
+    sigmas: Array,
+    width: float,
+    rounds: int,
+    information: Array,
+) -> None:
+    """Gauss-Newton on a pose (4, 4) in place, and its information (6, 6) there.
+
+    A step that does not lower the robust cost is taken back and ends it, as does one that lowers
+    it by less than a ten-thousandth.
+    """
+    trial, equations, gradient, tangent = pose.copy(), np.zeros((6, 6)), np.zeros(6), np.zeros(6)
+    best = np.inf
+    for _ in range(rounds):
+        cost = pose_normal_equations(trial, points, seen, sigmas, width, equations, gradient)
+        if not cost < best:
+            return
+        pose[:], information[:] = trial, equations
+        if best - cost < 1e-4 * cost:
+            return
+        best = cost
+        solve_damped(equations, gradient, tangent)
+        move_by_tangent(trial, tangent)
+
+
+@njit(cache=True, nogil=True)
+def solve_damped(matrix: Array, right: Array, found: Array) -> None:
+    """The (6,) that the symmetric matrix (6, 6), a little damped, takes to -right (Cholesky)."""
+    n = len(right)
+    lower = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= lower[i, k] * lower[j, k]
+            if i == j:
+                lower[i, i] = np.sqrt(max(total + 1e-6 * matrix[i, i] + 1e-9, 1e-12))
+            else:
+                lower[i, j] = total / lower[j, j]
+    for i in range(n):
+        total = -right[i]
+        for k in range(i):
+            total -= lower[i, k] * found[k]
+        found[i] = total / lower[i, i]
+    for i in range(n - 1, -1, -1):
+        total = found[i]
+        for k in range(i + 1, n):
+            total -= lower[k, i] * found[k]
+        found[i] = total / lower[i, i]
+
+
+@njit(cache=True, nogil=True)
+def move_by_tangent(pose: Array, tangent: Array) -> None:
+    """`pose @ se3_exp(tangent)` (4, 4) in place; the tangent (6,) has its rotation first."""
+    x, y, z = tangent[0], tangent[1], tangent[2]
+    squared = x * x + y * y + z * z
+    if squared < 1e-16:
+        first, second, third = 1.0, 0.5, 1.0 / 6.0
+    else:
+        angle = np.sqrt(squared)
+        first, second = np.sin(angle) / angle, (1.0 - np.cos(angle)) / squared
+        third = (1.0 - first) / squared
+        if angle < 1e-4:
+            second, third = 0.5, 1.0 / 6.0
+    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    square = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            square[i, j] = tangent[i] * tangent[j] - (squared if i == j else 0.0)
+    turn = first * k + second * square
+    shift = second * k + third * square
+    for i in range(3):
+        turn[i, i] += 1.0
+        shift[i, i] += 1.0
+    moved = np.empty((3, 4))
+    for i in range(3):
+        for j in range(3):
+            moved[i, j] = (
+                pose[i, 0] * turn[0, j] + pose[i, 1] * turn[1, j] + pose[i, 2] * turn[2, j]
+            )
+        moved[i, 3] = pose[i, 3]
+        for j in range(3):
+            step = shift[j, 0] * tangent[3] + shift[j, 1] * tangent[4] + shift[j, 2] * tangent[5]
+            moved[i, 3] += pose[i, j] * step
+    pose[:3] = moved

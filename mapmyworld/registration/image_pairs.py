@@ -56,10 +56,11 @@ def register_images(a: View, b: View, config: Config, *, guess: Array | None = N
     deep = np.isfinite(points[mine, 2])
     mine, theirs = mine[deep], theirs[deep]
     sightings = Sightings(points[mine], b.seen[theirs], b.sigmas[theirs])
+    enough = settings.closure_inliers // 2
     pose, found = ransac_pose(
-        sightings, settings.inlier_sigmas, settings.ransac_rounds, config.seed
+        sightings, settings.inlier_sigmas, settings.ransac_rounds, config.seed, enough
     )
-    if found < settings.closure_inliers // 2:
+    if found < enough:
         reason = f"{found} of {len(mine)} matches agree, {settings.closure_inliers} needed"
         return _failed(mine, theirs, reason)
     first = found / len(mine)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import make_transform, se3_exp
-from mapmyworld.kernels.pose_refinement import pose_normal_equations, score_poses, squared_errors
+from mapmyworld.geometry import make_transform
+from mapmyworld.kernels.pose_refinement import refine, score_poses, squared_errors
 
 Array = NDArray[np.float64]
 _BATCH = 64  # hypotheses scored between two looks at whether more are needed
@@ -49,15 +49,19 @@ def inliers(pose: Array, sightings: Sightings, limit: float) -> NDArray[np.bool_
     return np.asarray((squared[:, 0] < limit * limit) & (deviation < sightings.sigmas[:, 2]))
 
 
-def ransac_pose(sightings: Sightings, limit: float, rounds: int, seed: int) -> tuple[Array, int]:
+def ransac_pose(
+    sightings: Sightings, limit: float, rounds: int, seed: int, least: int = 1
+) -> tuple[Array, int]:
     """The map_from_camera (4, 4) on which most sightings agree within `limit` sigmas; how many.
 
     Each hypothesis aligns three points with their own back-projections, so three sightings with
-    depth are needed; without them the identity and 0 are returned. Draws follow from `seed`.
+    depth are needed; without them the identity and 0 are returned. Fewer than `least` agreeing
+    sightings are of no use: the search ends once more would hardly have been overlooked. Draws
+    follow from `seed`.
     """
     best_pose, best = np.eye(4), 0
     deep = np.flatnonzero(np.isfinite(sightings.seen[:, 2]))
-    if len(deep) < 3:
+    if len(deep) < 3 or len(sightings) < least:
         return best_pose, best
     random = np.random.default_rng(seed)
     local = _back_projected(sightings.seen)
@@ -71,7 +75,7 @@ def ransac_pose(sightings: Sightings, limit: float, rounds: int, seed: int) -> t
         if len(poses) and counts.max() > best:
             best = int(counts.max())
             best_pose = poses[int(counts.argmax())]
-        if tried >= _rounds_needed(best / len(sightings)):
+        if tried >= _rounds_needed(max(best, least) / len(sightings)):
             break
     return best_pose, best
 
@@ -84,22 +88,9 @@ def refine_pose(
     Gauss-Newton on reprojection and inverse depth with Huber's weights from `width` sigmas on;
     a step that makes things worse is taken back and ends it.
     """
-    pose, kept = _dense(start), _dense(start)
-    information, best = np.eye(6), np.inf
-    for _ in range(rounds):
-        trial, gradient = np.zeros((6, 6)), np.zeros(6)
-        cost = pose_normal_equations(
-            pose, sightings.points, sightings.seen, sightings.sigmas, width, trial, gradient
-        )
-        if not cost < best:
-            break
-        kept, information, converged = pose, trial, best - cost < 1e-4 * cost
-        if converged:
-            break
-        best = cost
-        damped = trial + np.diag(1e-6 * np.diag(trial) + 1e-9)
-        pose = pose @ se3_exp(-np.linalg.solve(damped, gradient))
-    return kept, information
+    pose, information = _dense(start).copy(), np.eye(6)
+    refine(pose, sightings.points, sightings.seen, sightings.sigmas, width, rounds, information)
+    return pose, information
 
 
 def _dense(pose: Array) -> Array:

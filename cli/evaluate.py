@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -145,7 +146,7 @@ def loops(map_path: Path, reference: Path, style: str) -> None:
     pairs = truth_beside(reference)
     with open_store(map_path, read_only=True) as store:
         score = score_loops(store, read_any_trajectory(reference), pairs)
-    recall = score.recall if pairs is not None and len(pairs) else None
+    recall = None if isnan(score.recall) else score.recall
     if style == "json":
         show_json({"count": score.count, "precision": score.precision, "recall": recall})
         return

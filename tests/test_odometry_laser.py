@@ -31,7 +31,7 @@ def follow(
     tracked = []
     for k, scan in enumerate(scans):
         odom = None if odometry is None else planar_to_matrix(odometry[k])
-        tracked.append(tracker.track(Frame(k * 100_000_000, odom, None, scan)))
+        tracked.append(tracker.track(Frame(k * 100_000_000, odom, scan)))
     return tracked, tracker
 
 

@@ -15,7 +15,7 @@ from mapmyworld.types import Constraint, Frame, Node, Poses, TrackedFrames
 
 
 def frame_at(stamp_ns: int, pose: np.ndarray) -> Frame:
-    return Frame(stamp_ns, pose, None)
+    return Frame(stamp_ns, pose)
 
 
 def select(path: list[list[float]]) -> tuple[list[Node], list[Constraint]]:

@@ -24,7 +24,7 @@ def frames_of(
     for i, pose in enumerate(truth):
         stamp = i * STEP_NS
         odom = None if odometry is None else odometry[i]
-        frames.append(Frame(stamp, odom, None, images=(room.image(pose, stamp),)))
+        frames.append(Frame(stamp, odom, images=(room.image(pose, stamp),)))
     return frames
 
 
@@ -106,6 +106,6 @@ def test_a_gyroscope_carries_a_turn_through_the_dark() -> None:
 
 def test_a_frame_without_images_is_no_disaster() -> None:
     tracker = VisualTracker(Config())
-    motion = tracker.track(Frame(0, None, None))
+    motion = tracker.track(Frame(0, None))
     assert motion.verdict == "dead reckoning"
     assert np.array_equal(motion.tracker_from_base, np.eye(4))

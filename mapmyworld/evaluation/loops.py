@@ -23,7 +23,7 @@ class LoopScore:
     """Share of the closures that are right; 1 without any closure."""
     recall: float
     """Share of the moments at which the robot was back somewhere, that have a right closure;
-    1 where there is none."""
+    NaN where there is none."""
     translation_errors: NDArray[np.float64]
     """(K,) metres."""
     rotation_errors_deg: NDArray[np.float64]
@@ -62,7 +62,7 @@ def loop_closure_score(
 
 def _recall(found_ns: NDArray[np.int64], true_ns: NDArray[np.int64]) -> float:
     if len(true_ns) == 0:
-        return 1.0
+        return float("nan")
     near_ns = round(_NEAR_S * 1e9)
     recalled: dict[int, bool] = {}
     for earlier, later in np.sort(true_ns, axis=1).tolist():

@@ -51,8 +51,6 @@ class OdometrySource:
     """The topic, or "tf odom -> base"."""
     motion: RecordedMotion
     """odom_from_base."""
-    covariance: NDArray[np.float64] | None
-    """(6, 6) translation first, as the first message states it; None where meaningless."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.geometry import between
 from mapmyworld.sensing.motion import RecordedMotion
@@ -100,8 +99,7 @@ def _candidates(draft: Draft, base: str) -> list[tuple[float, OdometrySource, st
         together = _share_with_scans(draft, motion)
         if together > 0:
             score, why = score + together, f"{why}, {together:.0%} of the scans share its stamps"
-        covariance = draft.survey.odometry_first[topic].pose_covariance
-        source = OdometrySource(topic, motion_of_base, _meaningful(covariance))
+        source = OdometrySource(topic, motion_of_base)
         found.append((score, source, why))
     for parent in draft.tree.ancestors(base)[1:]:
         edge = draft.tree.edge_to(
@@ -111,7 +109,7 @@ def _candidates(draft: Draft, base: str) -> list[tuple[float, OdometrySource, st
             continue
         chain = draft.tree.chain(parent, base)
         if chain is not None and len(chain[0]) == 1:
-            source = OdometrySource(f"tf {parent} -> {base}", edge.motion, None)
+            source = OdometrySource(f"tf {parent} -> {base}", edge.motion)
             found.append(
                 (3.0 if parent in _ODOMS else 1.5, source, f"{len(edge.motion)} transforms")
             )
@@ -143,15 +141,6 @@ def _judge_topic(
     if offset is None or not draft.tree.is_fixed(child, base):
         return 1.0, f"{why}, which moves against {base}", motion
     return 3.5 + preference, f"{why}, carried over to {base} by tf", motion.followed_by(offset)
-
-
-def _meaningful(covariance: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """The covariance, unless it is zero, identity, negative or absurd: defaults say nothing."""
-    diagonal = np.diag(covariance)[[0, 1, 5]]
-    usable = np.all(np.isfinite(covariance)) and np.all(diagonal > 0) and np.all(diagonal < 1e3)
-    if not usable or np.allclose(covariance, np.eye(6)):
-        return None
-    return covariance
 
 
 def choose_ground_truth(draft: Draft) -> str:

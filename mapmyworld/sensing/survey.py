@@ -95,7 +95,6 @@ class Survey:
     """Topic -> its poses, in the order of the log."""
     odometry_frames: dict[str, tuple[str, str]]
     """Topic -> its frame and child frame, as recorded."""
-    odometry_first: dict[str, OdometryMessage]
     end_ns: int
     losses: tuple[str, ...]
 
@@ -111,7 +110,6 @@ class _Surveyor:
         self.tree = TransformTree()
         self.recorders: dict[str, MotionRecorder] = {}
         self.frames: dict[str, tuple[str, str]] = {}
-        self.first: dict[str, OdometryMessage] = {}
         self.end_ns = 0
 
     def add(self, raw: RawMessage) -> None:
@@ -135,7 +133,6 @@ class _Surveyor:
         if isinstance(message, TransformsMessage):
             self.tree.add(message)
         elif isinstance(message, OdometryMessage) and np.all(np.isfinite(message.pose)):
-            self.first.setdefault(raw.topic, message)
             self.frames[raw.topic] = (message.frame_id, message.child_frame_id)
             recorder = self.recorders.setdefault(raw.topic, MotionRecorder())
             recorder.add(message.stamp_ns, message.pose)
@@ -157,7 +154,6 @@ def survey_log(log: LogSource, watch: Callable[[int], None] | None = None) -> Su
         tree=surveyor.tree,
         odometry={topic: recorder.finish() for topic, recorder in surveyor.recorders.items()},
         odometry_frames=surveyor.frames,
-        odometry_first=surveyor.first,
         end_ns=surveyor.end_ns,
         losses=log.losses(),
     )

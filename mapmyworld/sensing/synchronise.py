@@ -128,7 +128,6 @@ class _Synchroniser:
         return Frame(
             stamp_ns=main.stamp_ns,
             odom_from_base=pose,
-            odometry_covariance=None,
             scan=scan,
             images=() if image is None else (image,),
             imu=self._imu_until(main.stamp_ns),

@@ -71,8 +71,6 @@ class Frame:
     stamp_ns: int
     odom_from_base: NDArray[np.float64] | None
     """(4, 4) recorded odometry at `stamp_ns`; None where the log has none."""
-    odometry_covariance: NDArray[np.float64] | None
-    """(6, 6) rotation first, of the motion since the last frame, where the log tells."""
     scan: Scan | None = None
     images: tuple[RgbdImage, ...] = ()
     cloud: NDArray[np.float32] | None = None

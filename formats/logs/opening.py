@@ -6,7 +6,7 @@ import importlib
 import io
 import re
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import cast
 
@@ -102,16 +102,9 @@ def _numbered(path: Path) -> tuple[list[str | int], str]:
 
 def _open_file(path: Path) -> LogSource:
     start = _first_bytes(path)
-    if start.startswith(b"SQLite format 3\0"):
-        return _open_sqlite(path)
-    if start.startswith(b"#ROSBAG V"):
-        return RecordedLog(open_ros1_bag(path))
-    if start.startswith(MCAP_MAGIC):
-        return RecordedLog(open_mcap(path))
-    if start.startswith(ZSTD_MAGIC) and path.suffix == ".zstd":
-        return _open_packed(path)
-    if any(mark in start for mark in MARKS):
-        return CarmenLog(path)
+    for fits, open_it in _READERS:
+        if fits(start, path):
+            return open_it(path)
     raise LogError(f"{path}: not a log this program knows: give {_KINDS}")
 
 
@@ -124,11 +117,6 @@ def _open_sqlite(path: Path) -> LogSource:
         source: LogSource = module.open_database_log(path)
         return source
     raise LogError(f"{path}: an SQLite file that is neither a rosbag2 nor an RTAB-Map database")
-
-
-def _open_packed(path: Path) -> LogSource:
-    """A file that rosbag2 compressed as a whole."""
-    return RecordedLog(PackedBag(path))
 
 
 def _tables(path: Path) -> set[str]:
@@ -154,3 +142,16 @@ def _first_bytes(path: Path, count: int = 65536) -> bytes:
         if not found:
             raise LogError(f"{path}: cannot be read from the start: {error}") from error
     return found
+
+
+# What a file's first bytes and its path must be for a reader; the first that fits takes it.
+_READERS: tuple[tuple[Callable[[bytes, Path], bool], Callable[[Path], LogSource]], ...] = (
+    (lambda start, _: start.startswith(b"SQLite format 3\0"), _open_sqlite),
+    (lambda start, _: start.startswith(b"#ROSBAG V"), lambda p: RecordedLog(open_ros1_bag(p))),
+    (lambda start, _: start.startswith(MCAP_MAGIC), lambda p: RecordedLog(open_mcap(p))),
+    (
+        lambda start, path: start.startswith(ZSTD_MAGIC) and path.suffix == ".zstd",
+        lambda path: RecordedLog(PackedBag(path)),  # rosbag2 compressed the file as a whole
+    ),
+    (lambda start, _: any(mark in start for mark in MARKS), CarmenLog),
+)

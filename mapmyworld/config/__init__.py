@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from mapmyworld.config.graph import GraphConfig
+from mapmyworld.config.localisation import LocalisationConfig
 from mapmyworld.config.mapping import MappingConfig
 from mapmyworld.config.odometry import OdometryConfig
 from mapmyworld.config.particles import ParticlesConfig
@@ -28,11 +29,13 @@ class Config:
     particles: ParticlesConfig = field(default_factory=ParticlesConfig)
     storage: StorageConfig = field(default_factory=StorageConfig)
     visual: VisualConfig = field(default_factory=VisualConfig)
+    localisation: LocalisationConfig = field(default_factory=LocalisationConfig)
 
 
 __all__ = [
     "Config",
     "GraphConfig",
+    "LocalisationConfig",
     "MappingConfig",
     "OdometryConfig",
     "ParticlesConfig",

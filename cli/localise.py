@@ -1,0 +1,160 @@
+"""`mapmyworld localise`: where was the robot in this finished map?"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from cli.common import EXIT_PARTIAL, format_option, show_json
+from cli.progress import StderrProgress
+from cli.settings import config_options, load_config
+from mapmyworld.errors import MapError
+
+if TYPE_CHECKING:
+    from mapmyworld.types import OccupancyGrid
+    from mapmyworld.types.localisation import Localisation
+
+_PATH = click.Path(path_type=Path)
+_KINDS = (".tum", ".csv", ".mcap", ".png")
+
+
+@click.command()
+@click.argument("map_path", metavar="MAP", type=_PATH)
+@click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=_PATH)
+@click.option(
+    "-o", "--output", "outputs", multiple=True, type=_PATH,
+    help="FILE.tum, .csv, .mcap or .png; may be repeated.  [default: LOG.localised.tum and .csv]",
+)  # fmt: skip
+@config_options
+@click.option("-q", "--quiet", is_flag=True, help="No progress and no notes.")
+@format_option
+def localise(
+    map_path: Path,
+    logs: tuple[Path, ...],
+    outputs: tuple[Path, ...],
+    config_path: Path | None,
+    changes: tuple[str, ...],
+    quiet: bool,
+    style: str,
+) -> None:
+    """Find where the robot of LOG was in MAP, a map.db or any grid's YAML file.
+
+    The start is unknown: the place is searched in the whole map, then tracked, and searched again
+    when the robot was carried away. MAP is never changed. The .tum file holds the poses that are
+    known; .csv all moments with their state (lost, tracking, recognised), standard deviations and
+    the correction map -> odom; .mcap the same as tf and poses for viewers; .png the path.
+
+    \b
+    mapmyworld localise map.db drive.mcap
+    mapmyworld localise building.yaml drive.bag -o path.tum -o path.mcap -o path.png
+    """
+    outputs = outputs or _beside(logs[0])
+    for path in outputs:
+        if path.suffix not in _KINDS:
+            raise click.UsageError(f"{path}: give a name that ends in {', '.join(_KINDS)}")
+    config = load_config(config_path, changes)
+    started, cpu = time.monotonic(), time.process_time()
+    progress = StderrProgress(quiet=quiet)
+    from formats.logs import open_log
+
+    grid, base_frame, found = _localise(map_path, open_log(logs), config, progress)
+    for path in outputs:
+        _write(path, found, grid, base_frame)
+    progress.finish()
+    summary = {
+        **_facts(found),
+        "wall_s": time.monotonic() - started,
+        "cpu_s": time.process_time() - cpu,
+        "files": [str(path) for path in outputs],
+    }
+    if style == "json":
+        show_json(summary)
+    else:
+        click.echo("\n".join(_lines(summary)))
+    if found.known_share < 1.0 or found.losses:
+        _complain(found)
+        sys.exit(EXIT_PARTIAL)
+
+
+def _beside(log: Path) -> tuple[Path, ...]:
+    return tuple(Path(f"{log.name}.localised{ending}") for ending in (".tum", ".csv"))
+
+
+def _localise(
+    map_path: Path, log: Any, config: Any, progress: StderrProgress
+) -> tuple[OccupancyGrid, str, Localisation]:
+    from mapmyworld.localisation import localise_log, plan_log
+
+    plan = plan_log(log, config, progress)
+    if map_path.suffix in (".yaml", ".yml"):
+        from formats.grid import read_grid
+
+        grid = read_grid(map_path)
+        return grid, plan.base_frame, localise_log(grid, log, plan, config, progress)
+    from formats.database import open_store
+
+    with open_store(map_path, read_only=True) as store:
+        stored = store.grid()
+        if stored is None:
+            raise MapError(f"{map_path}: has no grid: build it to its end first")
+        return stored, plan.base_frame, localise_log(store, log, plan, config, progress)
+
+
+def _write(path: Path, found: Localisation, grid: OccupancyGrid, base_frame: str) -> None:
+    if path.suffix == ".csv":
+        from formats.localisation import write_localisation_csv
+
+        write_localisation_csv(path, found)
+    elif path.suffix == ".mcap":
+        from formats.localisation import write_localisation_mcap
+
+        write_localisation_mcap(path, found, base_frame=base_frame, overwrite=True)
+    elif path.suffix == ".png":
+        from formats.report.localisation_picture import localisation_picture
+        from formats.report.picture_file import write_picture
+
+        write_picture(path, localisation_picture(grid, found))
+    else:
+        from formats.trajectory import write_trajectory
+
+        write_trajectory(path, found.trajectory)
+
+
+def _facts(found: Localisation) -> dict[str, Any]:
+    from mapmyworld.types.localisation import State
+
+    stamps = [estimate.stamp_ns for estimate in found.estimates]
+    return {
+        "moments": len(stamps),
+        "duration_s": (max(stamps) - min(stamps)) * 1e-9 if stamps else 0.0,
+        "recognised_after_s": found.recognised_after_s,
+        "times_lost": found.times_lost,
+        "share": {str(state): found.share(state) for state in State},
+        "known_share": found.known_share,
+    }
+
+
+def _lines(summary: dict[str, Any]) -> list[str]:
+    after, share = summary["recognised_after_s"], summary["share"]
+    speed = summary["duration_s"] / max(summary["wall_s"], 1e-9)
+    recognised = "never" if after is None else f"after {after:.1f} s"
+    return [
+        f"recognised:    {recognised}; lost {summary['times_lost']} times afterwards",
+        "states:        " + ", ".join(f"{name} {part:.1%}" for name, part in share.items()),
+        f"known:         {summary['known_share']:.1%} of {summary['moments']} moments",
+        f"time:          {summary['wall_s']:.1f} s ({speed:.0f}x real time), "
+        f"{summary['cpu_s']:.1f} CPU s",
+        *(f"written:       {path}" for path in summary["files"]),
+    ]
+
+
+def _complain(found: Localisation) -> None:
+    if found.known_share < 1.0:
+        unknown = f"{1.0 - found.known_share:.1%} of the moments"
+        click.echo(f"the place was not found for {unknown}: see the states", err=True)
+    for loss in found.losses:
+        click.echo(f"  - {loss}", err=True)

@@ -1,0 +1,210 @@
+"""A laser in a known map: lost, found by search over the whole map, tracked, and lost again."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import (
+    PLANAR_IN_TANGENT,
+    between_planar,
+    compose_planar,
+    planar_to_matrix,
+)
+from mapmyworld.kernels.scan_alignment import invert3
+from mapmyworld.localisation.known_place import Fit, KnownPlace
+from mapmyworld.localisation.observation import (
+    Moment,
+    fit_at,
+    is_convincing,
+    match_at,
+    scan_of,
+    thinned_points,
+)
+from mapmyworld.localisation.search import elsewhere, search_map
+from mapmyworld.localisation.seeking import Discovery, Seeker
+from mapmyworld.odometry.laser import LaserTracker, Tracked
+from mapmyworld.registration.joint_alignment import adjoint_planar
+from mapmyworld.registration.scan_matching import COARSE, FINE, Match
+from mapmyworld.types import Frame
+from mapmyworld.types.localisation import Estimate, State
+
+Array = NDArray[np.float64]
+_REMEMBERED = 3000  # moments while lost that a recognition explains afterwards
+_RIVAL_AWAY = 1.0  # m from the tracked pose at which a rival counts
+_BLIND = 0.3  # m of uncertainty from which dead reckoning is no tracking
+_PROBATION = 2.0  # m of motion after a recognition during which no doubt is allowed
+_OFF_PLANE = 1e-6  # rad^2 and m^2
+_BROKEN = {"lost", "searched", "odometry only", "odometry ignored"}
+_BACKWARDS = np.diag([0.05, 0.05, 0.03]) ** 2  # m^2, m^2, rad^2 of one step back
+
+
+class LaserLocaliser:
+    """Follows a robot through a known place; holds little but the place itself."""
+
+    def __init__(self, place: KnownPlace, config: Config) -> None:
+        self._place, self._config = place, config
+        self._settings = config.localisation
+        self._tracker = LaserTracker(config)
+        self._seeker = Seeker(place, config)
+        self._pose, self._covariance = np.zeros(3), np.diag([1e6, 1e6, 10.0])
+        self._tracked: Array | None = None
+        self._state = State.LOST
+        self._waiting: deque[Moment] = deque(maxlen=_REMEMBERED)
+        self._since_found = self._since_confirmed = self._since_agreed = 0.0
+        self._doubts = 0
+        self.estimates: list[Estimate] = []
+        self.notes: list[str] = []
+
+    def follow(self, frames: Iterable[Frame]) -> list[Estimate]:
+        """An estimate for every frame."""
+        for frame in frames:
+            moved = self._tracker.track(frame)
+            moment = self._moment(frame, moved)
+            self._predict(moment.step, invert3(moved.information))
+            if self._state == State.LOST:
+                self._state, fit = self._seek(moment)
+            else:
+                self._state, fit = self._keep(moment)
+            self._report(frame, fit)
+            if self._state != State.LOST:
+                self._explain_past(moment)
+        self.notes += self._tracker.notes()
+        return self.estimates
+
+    def _moment(self, frame: Frame, moved: Tracked) -> Moment:
+        step = np.zeros(3) if self._tracked is None else between_planar(self._tracked, moved.pose)
+        self._tracked = moved.pose
+        scan = scan_of(frame, self._config)
+        points = thinned_points(scan, self._settings.field_points)
+        broken = moved.verdict in _BROKEN
+        return Moment(len(self.estimates), scan, points, moved.pose, step, broken)
+
+    def _predict(self, step: Array, covariance: Array) -> None:
+        """The pose after a motion; its uncertainty is carried into the new frame and grows."""
+        self._pose = compose_planar(self._pose, step)
+        adjoint = adjoint_planar(between_planar(step, np.zeros(3)))
+        self._covariance = adjoint @ self._covariance @ adjoint.T + covariance
+
+    # While the place is known
+
+    def _keep(self, moment: Moment) -> tuple[State, float]:
+        way = float(np.hypot(*moment.step[:2])) + 0.2 * abs(float(moment.step[2]))
+        self._since_found += way
+        self._since_confirmed += way
+        self._since_agreed += way
+        if self._since_found < _PROBATION:
+            self._seeker.reckon(moment)
+        if moment.is_blind:
+            return self._reckon(moment), 0.0
+        match = match_at(
+            self._place, moment, self._pose, FINE, self._config, invert3(self._covariance)
+        )
+        fit = fit_at(self._place, moment, match.pose, self._config)
+        if fit.agreement < self._settings.agreement:
+            new = self._since_found < _PROBATION
+            return (self._lose(moment) if new else self._reckon(moment)), fit.agreement
+        if fit.coverage < self._settings.coverage:
+            return self._reckon(moment), fit.agreement
+        self._since_agreed = 0.0
+        self._correct(match)
+        due = self._settings.step_distance if self._doubts else self._settings.confirm_distance
+        if not moment.broken and self._since_confirmed < due:
+            return State.TRACKING, fit.agreement
+        self._since_confirmed = 0.0
+        return self._confirm(moment, fit), fit.agreement
+
+    def _reckon(self, moment: Moment) -> State:
+        """Goes on by odometry where the map does not help, if that is certain enough."""
+        sigma = np.sqrt(np.linalg.eigvalsh(self._covariance[:2, :2])[-1])
+        far = self._since_agreed > self._settings.reckon_distance
+        if moment.broken or far or sigma > _BLIND:
+            return self._lose(moment)
+        return State.TRACKING
+
+    def _correct(self, match: Match) -> None:
+        """Takes over a match whose prior was the prediction."""
+        settings = self._settings
+        information = match.information + invert3(self._covariance)
+        floor = np.array([settings.position_floor, settings.position_floor, settings.heading_floor])
+        self._pose = match.pose
+        self._covariance = invert3(information) + np.diag(floor**2)
+
+    def _confirm(self, moment: Moment, fit: Fit) -> State:
+        """Whether the scan could have been taken elsewhere, and better so."""
+        found = search_map(self._place, moment.points, self._config)
+        _, pose = elsewhere(found, self._pose, _RIVAL_AWAY)
+        rival = Fit(0.0, 0.0)
+        if pose is not None:
+            match = match_at(self._place, moment, pose, COARSE, self._config)
+            rival = fit_at(self._place, moment, match.pose, self._config)
+        better = rival.agreement > self._settings.rival * fit.agreement
+        if not better or not is_convincing(rival, self._config):
+            self._doubts = 0
+            alone = rival.coverage < fit.coverage and is_convincing(fit, self._config)
+            return State.RECOGNISED if alone else State.TRACKING
+        self._doubts += 1
+        return State.TRACKING if self._doubts < 2 else self._lose(moment)
+
+    def _lose(self, moment: Moment) -> State:
+        if self._since_found < _PROBATION:
+            self._seeker.resume(moment)
+        else:
+            self._seeker.begin(moment, self._pose)
+        self._doubts = 0
+        self._waiting.clear()
+        self._waiting.append(moment)
+        return State.LOST
+
+    # While it is not
+
+    def _seek(self, moment: Moment) -> tuple[State, float]:
+        self._waiting.append(moment)
+        found = self._seeker.look(moment)
+        if found is None:
+            return State.LOST, 0.0
+        self._take(found)
+        return State.RECOGNISED, found.fit.agreement
+
+    def _take(self, found: Discovery) -> None:
+        self._covariance = found.covariance
+        self._correct(found.match)
+        self._since_found = _PROBATION if found.supported else 0.0
+        self._since_confirmed = self._since_agreed = 0.0
+
+    # What is said of it
+
+    def _report(self, frame: Frame, fit: float) -> None:
+        covariance = np.diag(np.full(6, _OFF_PLANE))
+        covariance[PLANAR_IN_TANGENT[:, None], PLANAR_IN_TANGENT] = self._covariance
+        pose, known = planar_to_matrix(self._pose), self._state != State.LOST
+        stamp, odometry = frame.stamp_ns, frame.odom_from_base
+        self.estimates.append(Estimate(stamp, pose, covariance, self._state, fit, known, odometry))
+
+    def _explain_past(self, now: Moment) -> None:
+        """Backwards from a recognition, as long as the scans fit: where the robot had been."""
+        pose, after = self._pose, now
+        prior = invert3(_BACKWARDS)
+        while self._waiting:
+            moment = self._waiting.pop()
+            if moment.index == now.index:
+                continue
+            guess = compose_planar(pose, between_planar(after.tracked, moment.tracked))
+            match = match_at(self._place, moment, guess, FINE, self._config, prior)
+            fit = fit_at(self._place, moment, match.pose, self._config)
+            if after.broken or fit.agreement < self._settings.agreement_found:
+                break
+            pose, after = match.pose, moment
+            self.estimates[moment.index] = replace(
+                self.estimates[moment.index],
+                map_from_base=planar_to_matrix(pose),
+                covariance=self.estimates[now.index].covariance,
+                fit=fit.agreement,
+                known=True,
+            )
+        self._waiting.clear()

@@ -1,0 +1,78 @@
+"""One moment of a laser, and what a known place says of it at a pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.localisation.known_place import Fit, KnownPlace
+from mapmyworld.registration.scan_matching import Match, PreparedScan, match_scan, prepare_scan
+from mapmyworld.types import Frame
+
+Array = NDArray[np.float64]
+_FEWEST = 12  # points of a scan below which it says nothing
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    index: int
+    """Of the frame in the log."""
+    scan: PreparedScan
+    points: Array
+    """(N, 2) a few points of the scan, base frame."""
+    tracked: Array
+    """(3,) the tracker's pose."""
+    step: Array
+    """(3,) motion since the moment before."""
+    broken: bool
+    """Whether that motion is doubtful: the scan did not go with the ones before."""
+
+    @property
+    def is_blind(self) -> bool:
+        return len(self.scan.rows) < _FEWEST
+
+
+def scan_of(frame: Frame, config: Config) -> PreparedScan:
+    """The frame's scan made ready; empty where it has none."""
+    if frame.scan is None:
+        return PreparedScan(np.zeros((0, 5), np.float32), np.zeros(2))
+    return prepare_scan(frame.scan, config.registration)
+
+
+def thinned_points(scan: PreparedScan, count: int) -> Array:
+    """At most `count` points (N, 2) of a scan, evenly chosen."""
+    rows = scan.rows
+    if len(rows) > count:
+        rows = rows[np.linspace(0, len(rows) - 1, count).astype(np.int64)]
+    return np.ascontiguousarray(rows[:, :2], np.float64)
+
+
+def match_at(
+    place: KnownPlace,
+    moment: Moment,
+    guess: Array,
+    reaches: Array,
+    config: Config,
+    prior_information: Array | None = None,
+) -> Match:
+    """The scan aligned with the place's scans around a guess, which may pull as a prior."""
+    which = place.targets(guess, config.localisation.targets)
+    return match_scan(
+        moment.scan, place.scans, which, place.poses, guess, config.registration,
+        prior=guess, prior_information=prior_information, reaches=reaches,
+    )  # fmt: skip
+
+
+def fit_at(place: KnownPlace, moment: Moment, pose: Array, config: Config) -> Fit:
+    """How the scan goes with the place if it was taken at a pose."""
+    limit = config.localisation.fit_distance
+    return place.fit(moment.points, moment.scan.origin, pose, limit)
+
+
+def is_convincing(fit: Fit, config: Config) -> bool:
+    """Whether a place may be called recognised."""
+    settings = config.localisation
+    return fit.agreement >= settings.agreement_found and fit.coverage >= settings.coverage_found

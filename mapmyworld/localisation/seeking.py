@@ -1,0 +1,129 @@
+"""The search for a place that is not known: from nothing, or from where tracking was given up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import between_planar, compose_planar
+from mapmyworld.kernels.scan_alignment import invert3
+from mapmyworld.localisation.known_place import Fit, KnownPlace
+from mapmyworld.localisation.monte_carlo import MonteCarlo
+from mapmyworld.localisation.observation import Moment, fit_at, is_convincing, match_at
+from mapmyworld.registration.scan_matching import COARSE, Match
+
+Array = NDArray[np.float64]
+_WEIGHINGS = 8  # of the particles, at least, before a place is believed
+_PATIENCE = 3.0  # m of motion after which a search that led nowhere begins anew
+_NO_LEAP = np.array([0.5, 0.35])  # m and rad from a belief within which a match must end
+_ASTRAY = 0.05  # m per m of unbroken motion by which dead reckoning may be off
+_SLACK = 1.0  # m by which it may be off anyway
+_STREAK = 4  # weighings in a row that must find the same convincing place
+_STREAK_AGAINST = 25  # the same, for a place where unbroken motion cannot have led
+_LOOSE = np.diag([0.1, 0.1, 0.05]) ** 2  # m^2, m^2, rad^2 of dead reckoning that fits again
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Discovery:
+    """A place that was recognised."""
+
+    match: Match
+    covariance: Array
+    """(3, 3) of the guess that the match began with."""
+    fit: Fit
+    supported: bool
+    """Whether unbroken motion from where the robot was known to be leads there as well."""
+
+
+class Seeker:
+    """Weighs all places of the map while the robot moves, until one is left."""
+
+    def __init__(self, place: KnownPlace, config: Config) -> None:
+        self._place, self._config = place, config
+        self._particles = MonteCarlo(place, config)
+        self._pending = np.zeros(3)
+        self._weighings, self._streak, self._searched = 0, 0, 0.0
+        self._reckoned: Array | None = None
+        self._way = 0.0
+
+    def begin(self, moment: Moment, reckoned: Array) -> None:
+        """Starts at a moment; `reckoned` (3,) is where the robot was thought to be."""
+        self._reckoned, self._way = None if moment.broken else reckoned, 0.0
+        self._restart(moment)
+
+    def resume(self, moment: Moment) -> None:
+        """Goes on: what had been found was wrong."""
+        self._restart(moment)
+
+    def _restart(self, moment: Moment) -> None:
+        self._particles.begin(moment.points)
+        self._weighings, self._streak, self._searched = 0, 0, 0.0
+        self._pending = np.zeros(3)
+
+    def look(self, moment: Moment) -> Discovery | None:
+        """What one more moment tells."""
+        self.reckon(moment)
+        self._pending = compose_planar(self._pending, moment.step)
+        if moment.is_blind:
+            return None
+        if self._particles.is_empty:
+            self._restart(moment)
+        settings = self._config.localisation
+        way = float(np.hypot(*self._pending[:2]))
+        if way < settings.step_distance and abs(self._pending[2]) < settings.step_angle:
+            return None
+        self._particles.step(self._pending, moment.points)
+        self._pending = np.zeros(3)
+        self._weighings += 1
+        self._searched += way
+        return self._picked_up(moment) or self._decided(moment)
+
+    def reckon(self, moment: Moment) -> None:
+        """Where unbroken motion leads from where the robot was known to be."""
+        if self._reckoned is None:
+            return
+        self._reckoned = compose_planar(self._reckoned, moment.step)
+        self._way += float(np.hypot(*moment.step[:2]))
+        if moment.broken:
+            self._reckoned = None
+
+    def _picked_up(self, moment: Moment) -> Discovery | None:
+        """Dead reckoning that goes with the map again."""
+        if self._reckoned is None:
+            return None
+        return self._discovery(moment, self._reckoned, _LOOSE)
+
+    def _decided(self, moment: Moment) -> Discovery | None:
+        belief = self._particles.belief()
+        found = None
+        if belief.share >= self._config.localisation.certainty:
+            found = self._discovery(moment, belief.pose, belief.covariance)
+        self._streak = 0 if found is None else self._streak + 1
+        if found is None:
+            if self._searched > _PATIENCE:
+                self._restart(moment)
+            return None
+        against = self._contradicts_motion(found.match.pose)
+        needed = _STREAK_AGAINST if against else _STREAK
+        return found if self._streak >= needed and self._weighings >= _WEIGHINGS else None
+
+    def _discovery(self, moment: Moment, guess: Array, covariance: Array) -> Discovery | None:
+        """The match from a guess, where it stays near and convinces."""
+        match = match_at(self._place, moment, guess, COARSE, self._config, invert3(covariance))
+        off = np.abs(between_planar(guess, match.pose))
+        fit = fit_at(self._place, moment, match.pose, self._config)
+        stays = np.hypot(off[0], off[1]) < _NO_LEAP[0] and off[2] < _NO_LEAP[1]
+        if not stays or not is_convincing(fit, self._config):
+            return None
+        supported = self._reckoned is not None and not self._contradicts_motion(match.pose)
+        return Discovery(match, covariance, fit, supported)
+
+    def _contradicts_motion(self, pose: Array) -> bool:
+        """Whether the robot cannot have come here from where it was known to be."""
+        if self._reckoned is None:
+            return False
+        apart = float(np.hypot(*(pose - self._reckoned)[:2]))
+        return apart > _SLACK + _ASTRAY * self._way

@@ -13,6 +13,8 @@ from urllib.parse import quote
 from mapmyworld.errors import MapError
 
 SQLITE_MAGIC = b"SQLite format 3\0"
+# In the header of maps of ours, which says whose they are even where other pages are torn.
+APPLICATION_ID = 0x4D4D5731  # "MMW1"
 _PAGE_SIZE = 4096
 _EPOCH = "1970-01-01 00:00:00"
 _LAST_SECOND = 253402300799  # 9999-12-31 23:59:59 UTC
@@ -153,6 +155,15 @@ def keeps_write_ahead_log(path: Path) -> bool:
     """Whether the file's header asks for a -wal file, which merely reading it would create."""
     with path.open("rb") as file:
         return file.read(20)[18:20] == b"\2\2"
+
+
+def says_ours(path: Path) -> bool:
+    """Whether the file's header bears our mark."""
+    try:
+        with path.open("rb") as file:
+            return int.from_bytes(file.read(72)[68:], "big") == APPLICATION_ID
+    except OSError as error:
+        raise MapError(f"{path}: {error.strerror}") from None
 
 
 def is_sqlite(path: Path) -> bool:

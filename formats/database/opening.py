@@ -7,7 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from formats.database import schema
-from formats.database.connection import Connection, is_sqlite, keeps_write_ahead_log
+from formats.database.connection import (
+    APPLICATION_ID,
+    Connection,
+    is_sqlite,
+    keeps_write_ahead_log,
+    says_ours,
+)
 from formats.database.foreign import RtabmapStore
 from formats.database.node_rows import StorageOptions
 from formats.database.results import parameters_to_text
@@ -41,6 +47,8 @@ def open_store(
     settings = StorageOptions(**options)
     if path.is_dir():
         raise MapError(f"{path}: is a folder, not a map")
+    if path.is_file() and says_ours(path):
+        _recover(path)  # before anything is read: a killed build leaves torn pages and a journal
     exists = path.exists() and path.stat().st_size > 0
     if not exists:
         if not create:
@@ -54,7 +62,6 @@ def open_store(
         path.unlink()
         _beside(path, "journal").unlink(missing_ok=True)
         return DatabaseStore(_created(path, settings, parameters or {}), settings)
-    _recover(path)
     store = DatabaseStore(Connection(path, writable=not read_only), settings)
     if parameters and not read_only:
         store.set_parameters(parameters)
@@ -112,6 +119,7 @@ def _created(path: Path, options: StorageOptions, parameters: Mapping[str, str])
         raise MapError(f"{path}: its folder does not exist")
     connection = Connection(path, writable=True)
     connection.begin()
+    connection.run(f"PRAGMA application_id = {APPLICATION_ID}")
     for statement in schema.statements():
         connection.run(statement)
     connection.run("INSERT INTO mapmyworld_format VALUES (?)", (schema.FORMAT,))

@@ -8,6 +8,7 @@ python benchmarks/robustness.py fuzz-graphs --count 2000
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import tempfile
 from pathlib import Path
@@ -15,7 +16,7 @@ from pathlib import Path
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy is there
 
-from robust import corpus, fuzzing  # noqa: E402
+from robust import corpus, full_disk, fuzzing, kills, trials  # noqa: E402
 
 INSPECT = ("inspect", "log", "FILE")
 LOG_COMMANDS = [
@@ -68,8 +69,10 @@ def _fuzz(
     sources: list[Path], commands: list[tuple[str, ...]], options: argparse.Namespace
 ) -> None:
     sources = [source for source in sources if options.only in source.name]
-    for source in sources:  # whatever compiles or loads late does so before workers are forked
-        fuzzing.run_case(fuzzing.Case(source, commands[0], (options.seed, 1 << 40)))
+    with tempfile.TemporaryDirectory(prefix="robustness-") as name:  # compile before the workers
+        for source, command in itertools.product(sources[:1], dict.fromkeys(commands)):
+            places = {"FILE": str(source), "OUT": f"{name}/out"}
+            trials.try_command([fuzzing.replaced(word, places) for word in command], seconds=600.0)
     done = fuzzing.fuzz(
         fuzzing.cases(sources, commands, options.count, options.seed),
         lambda tally: print(f"  {tally.cases} done, {len(tally.faults)} faults", flush=True),
@@ -83,7 +86,42 @@ def _fuzz(
         print(f"\n{source.name} seed {seed}: {' '.join(command)}\n{fault}")
 
 
-PARTS = {"fuzz-logs": _fuzz_logs, "fuzz-maps": _fuzz_maps, "fuzz-graphs": _fuzz_graphs}
+def _kill_builds(options: argparse.Namespace, folder: Path) -> None:
+    logs = {path.name: path for path in corpus.make_logs(folder / "logs")}
+    builds = {
+        "laser": (logs["a.log"], ()),
+        "RGB-D": (logs["whole.mcap"], ("--set", "sensing.use_scans=false")),
+        "FastSLAM": (logs["a.log"], ("--method", "fastslam")),
+        "all sensors": (logs["whole.mcap"], ()),
+    }
+    for name, (log, settings) in builds.items():
+        if options.only not in name:
+            continue
+        count = -(-options.count // len(builds))
+        found = kills.kill_builds(log, settings, count, options.seed, lambda _: None)
+        told = ", ".join(f"{n} x {stage}" for stage, n in sorted(found.after.items()))
+        print(f"{name}: {found.kills} killed ({found.late} of them too late), after: {told}")
+        print(
+            f"  {found.stages_kept} finished stages kept, {len(found.repeated)} done again; "
+            f"{len(found.different)} files differ; {len(found.unusable)} maps unusable",
+            flush=True,
+        )
+        for fault in found.faults:
+            print(f"  {fault}")
+
+
+def _fill_disks(options: argparse.Namespace, folder: Path) -> None:
+    log = next(path for path in corpus.make_logs(folder / "logs") if path.name == "lz4.mcap")
+    print("\n".join(full_disk.summary_lines(full_disk.fill_disks(log, (), options.count))))
+
+
+PARTS = {
+    "full-disk": _fill_disks,
+    "fuzz-logs": _fuzz_logs,
+    "fuzz-maps": _fuzz_maps,
+    "fuzz-graphs": _fuzz_graphs,
+    "kills": _kill_builds,
+}
 
 if __name__ == "__main__":
     main()

@@ -22,6 +22,7 @@ COMMANDS = {
     "localise": ("cli.localise:localise", "Find where a robot was in a finished map."),
     "evaluate": ("cli.evaluate:evaluate", "Score a trajectory, a grid or a map against the truth."),
     "check": ("cli.check:check", "Gates for scripts: exit code 4 when a requirement fails."),
+    "batch": ("cli.batch:batch", "Many logs: build, check and sum up; goes on where it stopped."),
     "compare": ("cli.compare:compare", "Several maps of one log side by side."),
     "simulate": ("cli.simulate:simulate", "Record a log, with its truth, in a simulated world."),
     "convert": ("cli.convert:convert", "Write any readable log as MCAP or ROS bag."),

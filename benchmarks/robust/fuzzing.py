@@ -70,13 +70,20 @@ def damage(case: Case, folder: Path) -> Path:
     return target
 
 
+def replaced(word: str, places: dict[str, str]) -> str:
+    """A word of a command with the places it stands for."""
+    for name, place in places.items():
+        word = word.replace(name, place)
+    return word
+
+
 def run_case(case: Case) -> tuple[int | None, str, float, float]:
     """Exit code, fault, peak memory of the process in MB, CPU seconds."""
     with tempfile.TemporaryDirectory(prefix="robust-") as name:
         file = damage(case, Path(name))
         file = next(file.glob("*.yaml"), file) if "grid" in case.command else file
-        out = str(Path(name) / "out")
-        words = [word.replace("FILE", str(file)).replace("OUT", out) for word in case.command]
+        places = {"FILE": str(file), "OUT": str(Path(name) / "out")}
+        words = [replaced(word, places) for word in case.command]
         started = time.process_time()
         outcome = try_command(words)
         cpu = time.process_time() - started

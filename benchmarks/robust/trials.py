@@ -33,18 +33,18 @@ class Outcome:
     stderr: str
 
 
-def try_command(arguments: list[str]) -> Outcome:
+def try_command(arguments: list[str], seconds: float = SECONDS) -> Outcome:
     """Runs a command; a traceback, a hang, a wrong exit code or a wordy refusal is a fault."""
     out, err = io.StringIO(), io.StringIO()
     code, fault = None, ""
     try:
-        with _limited(), _arguments(arguments), contextlib.redirect_stdout(out):
+        with _limited(seconds), _arguments(arguments), contextlib.redirect_stdout(out):
             with contextlib.redirect_stderr(err):
                 main()
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 0
     except HangError:
-        fault = f"more than {SECONDS:.0f} s:\n{traceback.format_exc()}"
+        fault = f"more than {seconds:.0f} s:\n{traceback.format_exc()}"
     except BaseException:
         fault = traceback.format_exc()
     if not fault and code not in GOOD_EXITS:
@@ -62,14 +62,14 @@ def peak_memory_mb() -> float:
 
 
 @contextlib.contextmanager
-def _limited() -> Iterator[None]:
+def _limited(seconds: float) -> Iterator[None]:
     """CPU time, so that a busy machine makes no hang; a wait that never ends is seen outside."""
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
         raise HangError
 
     signal.signal(signal.SIGPROF, stop)
-    signal.setitimer(signal.ITIMER_PROF, SECONDS)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:

@@ -1,0 +1,135 @@
+"""Builds killed at random moments, and taken up again: the same bytes, no finished work again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import signal
+import sqlite3
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from robust.trials import try_command
+
+PRODUCTS = (".db", ".pgm", ".yaml", ".tum", ".ply")
+
+
+@dataclass
+class Kills:
+    """What came of killing one kind of build many times."""
+
+    kills: int = 0
+    late: int = 0
+    """Kills that came after the build had ended."""
+    stages_kept: int = 0
+    """Stages found finished after kills; none of them may be done again."""
+    repeated: list[str] = field(default_factory=list)
+    different: list[str] = field(default_factory=list)
+    unusable: list[str] = field(default_factory=list)
+    after: dict[str, int] = field(default_factory=dict)
+    """Last stage finished when the kill came -> how often."""
+
+    @property
+    def faults(self) -> list[str]:
+        return [*self.repeated, *self.different, *self.unusable]
+
+
+def kill_builds(
+    log: Path, options: Sequence[str], count: int, seed: int, watch: Callable[[Kills], None] = print
+) -> Kills:
+    """Kills `count` builds of a log with -9, takes each up again, and compares."""
+    found = Kills()
+    rng = np.random.default_rng(seed)
+    with tempfile.TemporaryDirectory(prefix="kills-") as name:
+        folder = Path(name)
+        build = ["build", str(log), "-q", "--format", "json", *options, "-o"]
+        for place in ("warm", "whole"):  # the first one loads and compiles what is loaded late
+            (folder / place).mkdir()
+            started = time.monotonic()
+            map_path = folder / place / "map.db"
+            _wait(_forked([*build, str(map_path)], map_path.with_suffix(".json")))
+        lasts = time.monotonic() - started
+        wanted = digests(map_path)
+        for i in range(count):
+            (folder / str(i)).mkdir()
+            map_path = folder / str(i) / "map.db"
+            _kill_one(found, map_path, build, wanted, rng.uniform(0.0, 1.1 * lasts))
+            shutil.rmtree(folder / str(i))
+            if i % 10 == 9:
+                watch(found)
+    return found
+
+
+def _kill_one(
+    found: Kills, path: Path, build: list[str], wanted: dict[str, str], after_s: float
+) -> None:
+    child = _forked([*build, str(path)], path.with_suffix(".json"))
+    time.sleep(after_s)
+    os.kill(child, signal.SIGKILL)
+    _wait(child)
+    found.kills += 1
+    found.late += path.with_suffix(".json").exists()
+    if path.exists() and path.stat().st_size:
+        looked = try_command(["inspect", "map", str(path)])
+        if looked.exit_code not in (0, 2) or looked.fault:
+            found.unusable.append(f"killed after {after_s:.2f} s: {looked.fault or looked.stderr}")
+    done = finished_stages(path)
+    found.stages_kept += len(done)
+    last = done[-1] if done else "nothing"
+    found.after[last] = found.after.get(last, 0) + 1
+    resume = ["--resume"] if path.exists() else []
+    outcome = try_command([*build, str(path), *resume])
+    if outcome.exit_code not in (0, 3):
+        found.unusable.append(f"not resumed after {last}: {outcome.fault or outcome.stderr}")
+        return
+    again = set(done) - set(json.loads(outcome.stdout)["reused_stages"])
+    if again:
+        found.repeated.append(f"killed after {last}: {', '.join(sorted(again))} done again")
+    for ending, digest in digests(path).items():
+        if digest != wanted[ending]:
+            found.different.append(f"killed after {last} ({after_s:.2f} s): {ending} differs")
+
+
+def finished_stages(path: Path) -> list[str]:
+    """Stages that a map records as done, in their order."""
+    if not path.exists():
+        return []
+    with closing(sqlite3.connect(path)) as database:  # takes back what was half written
+        try:
+            rows = database.execute("SELECT stage FROM mapmyworld_stages ORDER BY rank")
+            return [stage for (stage,) in rows]
+        except sqlite3.OperationalError:  # killed before the tables were there
+            return []
+
+
+def digests(path: Path) -> dict[str, str]:
+    """Ending -> SHA-256 of a build's files."""
+    files = {ending: path.with_suffix(ending) for ending in PRODUCTS}
+    return {
+        ending: hashlib.sha256(file.read_bytes()).hexdigest() if file.exists() else "absent"
+        for ending, file in files.items()
+    }
+
+
+def _forked(arguments: list[str], result: Path) -> int:
+    """A build in a child process; `result` is written when it has ended."""
+    child = os.fork()
+    if child:
+        return child
+    try:
+        outcome = try_command(arguments, seconds=600.0)
+        result.write_text(outcome.stdout)
+    finally:
+        os._exit(0)
+
+
+def _wait(child: int) -> None:
+    os.waitpid(child, 0)

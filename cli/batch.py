@@ -1,0 +1,121 @@
+"""`mapmyworld batch`: many logs, each built and checked, and one summary."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from cli.common import format_option, show_json
+from mapmyworld.errors import MapError
+
+if TYPE_CHECKING:
+    from cli.batching.job import Result
+    from cli.batching.manifest import Job
+
+
+@click.command()
+@click.argument("manifest", metavar="MANIFEST.toml", type=click.Path(path_type=Path))
+@click.option("-o", "--output", default="batch", show_default=True, help="Folder or URL of folder.")
+@click.option(
+    "-j",
+    "--jobs",
+    "at_once",
+    type=click.IntRange(0),
+    default=0,
+    help="Builds at a time.  [default: as many as cores]",
+)
+@click.option("--scheduler", metavar="tcp://HOST:PORT", help="Run on a Dask cluster's workers.")
+@click.option("--again", is_flag=True, help="Do finished logs again.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress.")
+@format_option
+def batch(
+    manifest: Path,
+    output: str,
+    at_once: int,
+    scheduler: str | None,
+    again: bool,
+    quiet: bool,
+    style: str,
+) -> None:
+    """Build the map of every log in MANIFEST, check it, and sum up: text, JSON, JUnit and HTML.
+
+    Each log has a folder of its own under the output. Logs that are finished are not done again, a
+    build that was killed goes on where it stopped, and a broken log does not stop the others.
+    Exit code 2 where a log gave no map, 4 where a requirement is not met, 3 for partial maps.
+
+    \b
+    [defaults]                          # for all logs; every line may be left out
+    require = ["nodes >= 10"]           # what `mapmyworld check --keys` lists
+    set = { "mapping.resolution" = 0.05 }
+    \b
+    [[log]]
+    log = "monday.bag"                  # or a list of parts, or a URL such as s3://...
+    \b
+    [[log]]
+    name = "tuesday-again"
+    log = "s3://robots/tuesday.mcap"
+    method = "fastslam"
+    reference = "tuesday.tum"
+    require = ["ate_rmse <= 0.1"]
+    """
+    from cli.batching.job import finished
+    from cli.batching.manifest import read_manifest
+    from cli.batching.summary import as_json, as_text, exit_code
+
+    jobs = read_manifest(manifest)
+    place = _place(output)
+    known = {} if again else {j.name: r for j in jobs if (r := finished(j, place)) is not None}
+    waiting = [job for job in jobs if job.name not in known]
+    if known and not quiet:
+        click.echo(f"{len(known)} of {len(jobs)} logs are finished already", err=True)
+    for result in _run(waiting, place, at_once, scheduler):
+        known[result.name] = result
+        if not quiet:
+            told = result.message.splitlines()[0] if result.message else result.status
+            click.echo(f"[{len(known)}/{len(jobs)}] {result.name}: {told}", err=True)
+    results = [known[job.name] for job in jobs]
+    _write_summaries(results, place)
+    if style == "json":
+        show_json(as_json(results))
+    else:
+        click.echo(as_text(results), nl=False)
+    sys.exit(exit_code(results))
+
+
+def _place(output: str) -> str:
+    from cli.batching.places import is_url
+
+    if is_url(output):
+        return output.rstrip("/")
+    folder = Path(output).absolute()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise MapError(f"{output}: cannot be written: {error.strerror}") from None
+    return str(folder)
+
+
+def _run(jobs: Sequence[Job], place: str, at_once: int, scheduler: str | None) -> Iterator[Result]:
+    from cli.batching.runners import run_here, run_on_cluster
+
+    if scheduler is not None:
+        return run_on_cluster(jobs, place, scheduler)
+    return run_here(jobs, place, at_once)
+
+
+def _write_summaries(results: Sequence[Result], place: str) -> None:
+    from cli.batching.places import delivered, is_url
+    from cli.batching.summary import FORMS
+    from formats.whole_files import write_whole
+
+    with tempfile.TemporaryDirectory(prefix="mapmyworld-batch-") as scratch:
+        folder = Path(scratch if is_url(place) else place)
+        for name, form in FORMS.items():
+            write_whole(folder / name, form(results))
+        if is_url(place):
+            delivered([folder / name for name in FORMS], place)

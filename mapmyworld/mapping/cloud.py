@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import invert, transform_points
+from mapmyworld.kernels.surfaces import compare_with_depth, surface_normals
 from mapmyworld.mapping.voxels import VoxelMap
-from mapmyworld.registration.camera import depth_at, depth_grid_points, grid_rays, pixels_of_points
+from mapmyworld.parallel import in_threads
+from mapmyworld.registration.camera import bending, depth_grid_points, grid_rays
+from mapmyworld.registration.pictures import colours_at
 from mapmyworld.types import NodeData, PointCloud, RgbdImage
 
 Array = NDArray[np.float64]
@@ -27,7 +31,8 @@ def build_cloud(items: Iterable[Posed], config: Config) -> PointCloud:
     """
     settings = config.visual
     voxels = VoxelMap(settings.cloud_voxel)
-    for before, view, after in _with_neighbours(_views(items, config)):
+    views = in_threads(lambda make: make(), _views(items, config), config.threads)
+    for before, view, after in _with_neighbours(views):
         others = [other for other in (before, after) if other is not None]
         kept = _agreeing(view, others, settings.cloud_agreement)
         voxels.add(view.points[kept], view.colours[kept], view.normals[kept])
@@ -46,13 +51,15 @@ class _View:
     normals: NDArray[np.float32]
 
 
-def _views(items: Iterable[Posed], config: Config) -> Iterator[_View]:
+def _views(items: Iterable[Posed], config: Config) -> Iterator[Callable[[], _View]]:
+    """What makes each view: decoding is left to other threads."""
     for map_from_base, data in items:
         images = [image for image in data.images if image.depth is not None]
         for image in images:
-            yield _view_of_image(map_from_base @ image.camera.base_from_camera, image, config)
+            map_from_camera = map_from_base @ image.camera.base_from_camera
+            yield partial(_view_of_image, map_from_camera, image, config)
         if not images and data.cloud is not None and len(data.cloud):
-            yield _view_of_scan(map_from_base, data.cloud)
+            yield partial(_view_of_scan, map_from_base, data.cloud)
 
 
 def _view_of_scan(map_from_base: Array, cloud: NDArray[np.float32]) -> _View:
@@ -71,7 +78,7 @@ def _view_of_image(map_from_camera: Array, image: RgbdImage, config: Config) -> 
     good &= slant > np.cos(np.radians(settings.cloud_view_angle))
     points = transform_points(map_from_camera, camera_points[good])
     turned = normals[good] @ map_from_camera[:3, :3].T
-    colours = colours_at(image, pixels[good])
+    colours = colours_at(image, pixels[good], settings.cloud_stride)
     return _View(image, depth, map_from_camera, points, colours, turned.astype(np.float32))
 
 
@@ -93,36 +100,8 @@ def organised_normals(
     """
     normals = np.zeros_like(points)
     cosines = np.zeros(points.shape[:2], np.float32)
-    if min(points.shape[:2]) < 3:
-        return normals, cosines
-    right = points[1:-1, 2:] - points[1:-1, :-2]
-    down = points[2:, 1:-1] - points[:-2, 1:-1]
-    known = points[..., 2] > 0
-    whole = (
-        known[1:-1, 2:] & known[1:-1, :-2] & known[2:, 1:-1] & known[:-2, 1:-1] & known[1:-1, 1:-1]
-    )
-    cross = np.cross(down, right)
-    length = np.linalg.norm(cross, axis=-1)
-    whole &= length > 1e-12
-    unit = cross / np.where(whole, length, 1.0)[..., None]
-    centre = points[1:-1, 1:-1]
-    distance = np.maximum(np.linalg.norm(centre, axis=-1), 1e-6)
-    cosine = -np.sum(unit * centre, axis=-1) / distance
-    unit = np.where(cosine[..., None] < 0, -unit, unit)
-    normals[1:-1, 1:-1] = np.where(whole[..., None], unit, 0.0)
-    cosines[1:-1, 1:-1] = np.where(whole, np.abs(cosine), 0.0)
+    surface_normals(np.ascontiguousarray(points, np.float32), normals, cosines)
     return normals, cosines
-
-
-def colours_at(image: RgbdImage, pixels: Array) -> NDArray[np.uint8]:
-    """RGB (N, 3) of pixels (N, 2); grey 128 where there is no colour image."""
-    if image.colour is None:
-        return np.full((len(pixels), 3), 128, np.uint8)
-    picture = np.asarray(image.colour.pixels(), np.uint8)
-    u = np.clip(np.round(pixels[:, 0]).astype(int), 0, picture.shape[1] - 1)
-    v = np.clip(np.round(pixels[:, 1]).astype(int), 0, picture.shape[0] - 1)
-    found = picture[v, u]
-    return found if found.ndim == 2 else np.repeat(found[:, None], 3, axis=1)
 
 
 def _with_neighbours(
@@ -146,9 +125,18 @@ def _agreeing(view: _View, others: list[_View], share: float) -> NDArray[np.bool
     for other in others:
         if other.image is None:
             continue
-        local = transform_points(invert(other.map_from_camera), view.points)
-        there = depth_at(other.image, other.depth, pixels_of_points(other.image.camera, local))
-        excess = (there - local[:, 2]) / np.maximum(local[:, 2], 1e-6)
-        seen += np.abs(excess) < share
-        pierced += excess > share
+        camera = other.image.camera
+        bent, distortion = bending(camera)
+        compare_with_depth(
+            view.points,
+            np.ascontiguousarray(invert(other.map_from_camera)),
+            np.ascontiguousarray(camera.intrinsics),
+            bent,
+            distortion,
+            other.depth,
+            camera.width / other.depth.shape[1],
+            share,
+            seen,
+            pierced,
+        )
     return np.asarray((pierced == 0) | (seen > pierced))

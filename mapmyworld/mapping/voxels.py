@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.kernels.voxels import BITS, OFFSET, add_points, fill_table
 from mapmyworld.types import PointCloud
 
-_PENDING = 400_000  # points collected before they are merged; merging costs as much as the map
-_BITS = 21  # of a voxel index along each axis: a million voxels either way
-_OFFSET = 1 << (_BITS - 1)
+Kind = TypeVar("Kind", bound=np.generic)
+
+_ROOM = 1 << 16  # voxels that there is room for at first
+_AT_ONCE = 1 << 16  # voxels whose means are taken together
 
 
 class VoxelMap:
@@ -18,11 +22,11 @@ class VoxelMap:
     def __init__(self, size: float) -> None:
         """`size` is the edge of a voxel in metres."""
         self._size = size
-        self._keys = np.zeros(0, np.int64)
+        self._count = 0
+        self._keys = np.zeros(_ROOM, np.int64)
         # Sums over a voxel's points: count, offset from the voxel's corner, RGB, normal.
-        self._sums = np.zeros((0, 10), np.float32)
-        self._pending: list[tuple[NDArray[np.int64], NDArray[np.float32]]] = []
-        self._pending_size = 0
+        self._sums = np.zeros((_ROOM, 10), np.float32)
+        self._table = np.zeros(2 * _ROOM, np.int32)
 
     def add(
         self,
@@ -31,52 +35,60 @@ class VoxelMap:
         normals: NDArray[np.float32],
     ) -> None:
         """Adds points (N, 3) in metres with RGB (N, 3) and unit normals (N, 3), zero = unknown."""
-        cells = np.floor(points / self._size)
-        inside = (np.abs(cells) < _OFFSET).all(axis=1)
-        cells, points = cells[inside].astype(np.int64), points[inside]
-        shifted = cells + _OFFSET
-        keys = (shifted[:, 0] << 2 * _BITS) | (shifted[:, 1] << _BITS) | shifted[:, 2]
-        values = np.empty((len(keys), 10), np.float32)
-        values[:, 0] = 1.0
-        values[:, 1:4] = points - cells * self._size
-        values[:, 4:7] = colours[inside]
-        values[:, 7:] = normals[inside]
-        keys, values = _sum_by_key(keys, values)
-        self._pending.append((keys, values))
-        self._pending_size += len(keys)
-        if self._pending_size > max(_PENDING, len(self._keys) // 2):
-            self._merge()
+        self._make_room(len(points))
+        self._count = add_points(
+            np.ascontiguousarray(points, np.float64),
+            np.ascontiguousarray(colours),
+            np.ascontiguousarray(normals),
+            self._size,
+            self._table,
+            self._keys,
+            self._sums,
+            self._count,
+        )
 
     def to_cloud(self, least_count: int = 1) -> PointCloud:
         """The means of the voxels that hold at least `least_count` points, in the order of keys."""
-        self._merge()
-        kept = self._sums[:, 0] >= least_count
-        keys, sums = self._keys[kept], self._sums[kept]
-        mask = (1 << _BITS) - 1
-        cells = np.stack([keys >> 2 * _BITS, (keys >> _BITS) & mask, keys & mask], axis=1) - _OFFSET
+        kept = np.flatnonzero(self._sums[: self._count, 0] >= least_count)
+        kept = kept[np.argsort(self._keys[kept], kind="stable")]
+        count = len(kept)
+        cloud = PointCloud(
+            np.empty((count, 3), np.float32),
+            np.empty((count, 3), np.uint8),
+            np.empty((count, 3), np.float32),
+        )
+        for start in range(0, count, _AT_ONCE):
+            self._write_means(kept[start : start + _AT_ONCE], cloud, start)
+        return cloud
+
+    def _write_means(self, rows: NDArray[np.int64], cloud: PointCloud, start: int) -> None:
+        """The means of these voxels, into the cloud from `start` on."""
+        assert cloud.colours is not None
+        assert cloud.normals is not None
+        chosen = slice(start, start + len(rows))
+        keys, sums = self._keys[rows], self._sums[rows]
+        mask = (1 << BITS) - 1
+        cells = np.stack([keys >> 2 * BITS, (keys >> BITS) & mask, keys & mask], axis=1) - OFFSET
         means = sums[:, 1:] / np.maximum(sums[:, :1], 1.0)
         length = np.linalg.norm(means[:, 6:], axis=1, keepdims=True)
-        return PointCloud(
-            (cells * self._size + means[:, :3]).astype(np.float32),
-            np.clip(np.round(means[:, 3:6]), 0, 255).astype(np.uint8),
-            (means[:, 6:] / np.where(length > 1e-6, length, np.inf)).astype(np.float32),
-        )
+        cloud.points[chosen] = cells * self._size + means[:, :3]
+        cloud.colours[chosen] = np.clip(np.round(means[:, 3:6]), 0, 255)
+        cloud.normals[chosen] = means[:, 6:] / np.where(length > 1e-6, length, np.inf)
 
-    def _merge(self) -> None:
-        keys = np.concatenate([self._keys, *(keys for keys, _ in self._pending)])
-        sums = np.concatenate([self._sums, *(sums for _, sums in self._pending)])
-        self._pending.clear()
-        self._pending_size = 0
-        self._keys, self._sums = _sum_by_key(keys, sums)
+    def _make_room(self, more: int) -> None:
+        """Doubles what holds the voxels until `more` fit, and spreads them over a new table."""
+        room = len(self._keys)
+        while room < self._count + more:
+            room *= 2
+        if room == len(self._keys):
+            return
+        self._keys = _grown(self._keys, room)
+        self._sums = _grown(self._sums, room)
+        self._table = np.zeros(2 * room, np.int32)
+        fill_table(self._table, self._keys, self._count)
 
 
-def _sum_by_key(
-    keys: NDArray[np.int64], values: NDArray[np.float32]
-) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Ascending distinct keys and the sums of their rows."""
-    if len(keys) == 0:
-        return keys, values
-    order = np.argsort(keys, kind="stable")
-    keys = keys[order]
-    starts = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
-    return keys[starts], np.add.reduceat(values[order], starts, axis=0, dtype=np.float32)
+def _grown(rows: NDArray[Kind], room: int) -> NDArray[Kind]:
+    grown = np.zeros((room, *rows.shape[1:]), rows.dtype)
+    grown[: len(rows)] = rows
+    return grown

@@ -12,6 +12,7 @@ from mapmyworld.config import Config
 from mapmyworld.errors import ConfigError
 from mapmyworld.geometry import transform_points
 from mapmyworld.registration.camera import depth_at, rays_of_pixels
+from mapmyworld.registration.pictures import grey_picture
 from mapmyworld.types import Features, RgbdImage
 
 _SURPLUS = 3  # times the wanted number is detected, so that there is something to choose from
@@ -43,13 +44,6 @@ def extract_features(image: RgbdImage, config: Config) -> Features:
         keypoints.responses,
         keypoints.octaves,
     )
-
-
-def grey_picture(image: RgbdImage) -> NDArray[np.uint8]:
-    """The colour image as (H, W) grey levels."""
-    assert image.colour is not None
-    picture = np.asarray(image.colour.pixels(), np.uint8)
-    return picture if picture.ndim == 2 else np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
 
 
 def _points_from_depth(

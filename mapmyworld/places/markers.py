@@ -10,8 +10,8 @@ from mapmyworld.config import Config
 from mapmyworld.errors import ConfigError
 from mapmyworld.geometry import invert, make_transform, se3_adjoint
 from mapmyworld.parallel import in_threads
-from mapmyworld.places.features import grey_picture
 from mapmyworld.registration.camera import depth_at, rays_of_pixels
+from mapmyworld.registration.pictures import grey_picture
 from mapmyworld.registration.visual import Sightings, errors, refine_pose
 from mapmyworld.types import Constraint, ConstraintKind, MapStore, NodeData, Progress, RgbdImage
 

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.kernels.projection import EQUIDISTANT, PLUMB_BOB, STRAIGHT, project_points
 from mapmyworld.types import CameraModel, RgbdImage
 
 Array = NDArray[np.float64]
@@ -31,10 +32,20 @@ def pixels_of_points(camera: CameraModel, points: NDArray[np.floating]) -> Array
 
     Points at or behind the camera's plane give NaN.
     """
-    points = np.asarray(points, np.float64)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rays = np.where(points[:, 2:] > 1e-6, points[:, :2] / points[:, 2:], np.nan)
-    return _distort(camera, rays) * np.diag(camera.intrinsics)[:2] + camera.intrinsics[:2, 2]
+    points = np.ascontiguousarray(points, np.float64)
+    pixels = np.empty((len(points), 2))
+    bent, distortion = bending(camera)
+    project_points(points, np.ascontiguousarray(camera.intrinsics), bent, distortion, pixels)
+    return pixels
+
+
+def bending(camera: CameraModel) -> tuple[int, Array]:
+    """Which formulas of `kernels.projection` bend the rays, and their coefficients (12,)."""
+    coefficients = np.zeros(12)
+    if not _is_distorted(camera):
+        return STRAIGHT, coefficients
+    coefficients[: min(len(camera.distortion), 12)] = camera.distortion[:12]
+    return EQUIDISTANT if camera.distortion_model == "equidistant" else PLUMB_BOB, coefficients
 
 
 def depth_grid_points(image: RgbdImage, stride: int) -> tuple[Array, NDArray[np.float32]]:
@@ -83,24 +94,3 @@ def depth_at(image: RgbdImage, depth: NDArray[np.float32], pixels: NDArray[np.fl
 
 def _is_distorted(camera: CameraModel) -> bool:
     return camera.distortion_model != "" and bool(np.any(camera.distortion))
-
-
-def _distort(camera: CameraModel, rays: Array) -> Array:
-    """Distorted normalised coordinates of ideal ones, by the formulas of OpenCV's camera models."""
-    if not _is_distorted(camera):
-        return rays
-    d = np.zeros(14)
-    d[: min(len(camera.distortion), 12)] = camera.distortion[:12]
-    x, y = rays[:, 0], rays[:, 1]
-    r2 = x * x + y * y
-    if camera.distortion_model == "equidistant":
-        r = np.sqrt(r2)
-        angle = np.arctan(r)
-        squared = angle * angle
-        bent = angle * (1 + squared * (d[0] + squared * (d[1] + squared * (d[2] + squared * d[3]))))
-        return rays * np.where(r > 1e-9, bent / np.maximum(r, 1e-9), 1.0)[:, None]
-    radial = 1 + r2 * (d[0] + r2 * (d[1] + r2 * d[4]))
-    radial = radial / (1 + r2 * (d[5] + r2 * (d[6] + r2 * d[7])))
-    u = x * radial + 2 * d[2] * x * y + d[3] * (r2 + 2 * x * x) + r2 * (d[8] + r2 * d[9])
-    v = y * radial + d[2] * (r2 + 2 * y * y) + 2 * d[3] * x * y + r2 * (d[10] + r2 * d[11])
-    return np.stack([u, v], axis=-1)

@@ -1,0 +1,76 @@
+"""Points summed by voxel in a hash table of plain arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+BITS = 21  # of a voxel index along each axis: a million voxels either way
+OFFSET = 1 << (BITS - 1)
+_MIX = np.uint64(0x9E3779B97F4A7C15)  # Fibonacci hashing: the golden ratio of 64 bits
+
+
+@njit(cache=True, nogil=True)
+def row_of_key(
+    key: int, table: NDArray[np.int32], keys: NDArray[np.int64], count: int
+) -> tuple[int, int]:
+    """The row of a key among `keys`, appended where it is new; how many there are then.
+
+    `table` holds rows + 1, 0 = free, its length a power of two above the number of keys.
+    """
+    mask = np.uint64(len(table) - 1)
+    mixed = np.uint64(key) * _MIX
+    slot = (mixed ^ (mixed >> np.uint64(32))) & mask
+    while True:
+        row = table[slot] - 1
+        if row < 0:
+            keys[count] = key
+            table[slot] = count + 1
+            return count, count + 1
+        if keys[row] == key:
+            return row, count
+        slot = (slot + np.uint64(1)) & mask
+
+
+@njit(cache=True, nogil=True)
+def fill_table(table: NDArray[np.int32], keys: NDArray[np.int64], count: int) -> None:
+    """Spreads the first `count` keys, all different, over an empty table."""
+    for row in range(count):
+        row_of_key(keys[row], table, keys, row)
+
+
+@njit(cache=True, nogil=True)
+def add_points(
+    points: NDArray[np.float64],
+    colours: NDArray[np.uint8],
+    normals: NDArray[np.float32],
+    size: float,
+    table: NDArray[np.int32],
+    keys: NDArray[np.int64],
+    sums: NDArray[np.float32],
+    count: int,
+) -> int:
+    """Adds points (N, 3) to their voxels' sums (K, 10); how many voxels there are then.
+
+    A sum holds the points' number, offsets from the voxel's corner, colours and normals.
+    """
+    cell = np.zeros(3, np.int64)
+    for i in range(len(points)):
+        inside = True
+        for c in range(3):
+            index = np.floor(points[i, c] / size)
+            if not abs(index) < OFFSET:
+                inside = False
+                break
+            cell[c] = int(index)
+        if not inside:
+            continue
+        key = (cell[0] + OFFSET) << (2 * BITS) | (cell[1] + OFFSET) << BITS | (cell[2] + OFFSET)
+        row, count = row_of_key(key, table, keys, count)
+        sums[row, 0] += np.float32(1.0)
+        for c in range(3):
+            sums[row, 1 + c] += np.float32(points[i, c] - cell[c] * size)
+            sums[row, 4 + c] += np.float32(colours[i, c])
+            sums[row, 7 + c] += normals[i, c]
+    return count

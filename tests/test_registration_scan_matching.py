@@ -95,10 +95,14 @@ def test_a_scan_without_returns_is_empty() -> None:
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.floats(-6, 6), st.floats(-6, 6), st.floats(0.05, 1.0))
-def test_nearest_agrees_with_trying_every_point(x: float, y: float, reach: float) -> None:
+@given(st.floats(-6, 6), st.floats(-6, 6), st.floats(0.05, 1.0), st.floats(-0.01, 0.99))
+def test_nearest_agrees_with_trying_every_point(
+    x: float, y: float, reach: float, start: float
+) -> None:
+    """From wherever the search begins."""
     rows = prepared([0.5, -0.4, 0.7]).rows
-    found = nearest(rows, 0, len(rows), x, y, 0.0, 0.0, reach)
+    first = int(np.floor(start * len(rows)))
+    found, _ = nearest(rows, 0, len(rows), x, y, 0.0, 0.0, reach, max(first, -1))
     distances = np.hypot(rows[:, 0] - x, rows[:, 1] - y)
     if distances.min() >= reach:
         assert found == -1
@@ -163,7 +167,7 @@ def test_branch_and_bound_finds_what_trying_every_pose_finds() -> None:
 
 
 def _best_by_trying(grid, points, guess, angles, reach) -> float:  # type: ignore[no-untyped-def]
-    field, best = grid.pyramid[0], 0.0
+    field, best = grid.likelihoods(0), 0.0
     for angle in angles:
         at = transform_points_planar(guess + np.array([0.0, 0.0, angle]), points)
         cells = np.floor((at - grid.corner) / grid.resolution).astype(int) + grid.margin

@@ -2,7 +2,8 @@
 
 Hess, Kohler, Rapp, Andor, "Real-time loop closure in 2D LIDAR SLAM", ICRA 2016: level k of the
 pyramid holds, at each cell, the maximum over the 2^k x 2^k cells to the right and above, so a
-lookup there bounds the score of all those shifts at once.
+lookup there bounds the score of all those shifts at once. A sum
+is given up as soon as the points to come cannot save it.
 """
 
 from __future__ import annotations
@@ -11,28 +12,61 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+FULL = 255  # likelihood of a cell that holds a surface
+
 
 @njit(cache=True, nogil=True)
-def _score(
-    pyramid: NDArray[np.float32],
-    level: int,
-    cells: NDArray[np.int64],
+def fill_pyramid(pyramid: NDArray[np.uint8], near: int) -> None:
+    """From the surfaces in level 0, a ring of `near` around them, and all higher levels."""
+    levels, height, width = pyramid.shape
+    for row in range(1, height - 1):
+        for column in range(1, width - 1):
+            if pyramid[0, row, column] == FULL:
+                for r, c in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+                    if pyramid[0, row + r, column + c] < near:
+                        pyramid[0, row + r, column + c] = near
+    for level in range(1, levels):
+        reach = 1 << (level - 1)
+        below, above = pyramid[level - 1], pyramid[level]
+        for row in range(height):
+            up = min(row + reach, height - 1)
+            for column in range(width):
+                right = min(column + reach, width - 1)
+                above[row, column] = max(
+                    max(below[row, column], below[row, right]),
+                    max(below[up, column], below[up, right]),
+                )
+
+
+@njit(cache=True, nogil=True)
+def _exceeds(
+    level: NDArray[np.uint8],
+    cells: NDArray[np.int32],
     column: int,
     row: int,
-    margin: int,
-) -> float:
-    height, width = pyramid.shape[1], pyramid.shape[2]
-    total = 0.0
-    for i in range(len(cells)):
-        x, y = cells[i, 0] + column + margin, cells[i, 1] + row + margin
+    least: int,
+) -> int:
+    """The sum over all points, or -1 as soon as it cannot exceed `least`."""
+    height, width = level.shape
+    count = len(cells)
+    # What is still missing when every point to come scores in full.
+    slack = FULL * count - least
+    total = 0
+    for i in range(count):
+        x, y = cells[i, 0] + column, cells[i, 1] + row
+        value = 0
         if 0 <= x < width and 0 <= y < height:
-            total += pyramid[level, y, x]
-    return total / max(len(cells), 1)
+            value = np.int64(level[y, x])
+        total += value
+        slack -= FULL - value
+        if slack <= 0:
+            return -1
+    return total
 
 
 @njit(cache=True, nogil=True)
 def best_shift(
-    pyramid: NDArray[np.float32],
+    pyramid: NDArray[np.uint8],
     margin: int,
     points: NDArray[np.float64],
     corner: NDArray[np.float64],
@@ -50,54 +84,61 @@ def best_shift(
     `avoid` = (x, y, yaw, metres, radians) are left out. `margin` cells pad the grid on all sides.
     """
     top = pyramid.shape[0] - 1
-    side = 1 << top
-    count = len(points)
-    cells = np.empty((count, 2), np.int64)
-    stack = np.empty((4096, 3), np.int64)
+    side, turns, count = 1 << top, len(angles), len(points)
+    cells = np.empty((turns, count, 2), np.int32)
+    best = int(least * FULL * count)
     result[0] = least
-    # Every rotation's bound at the top, so that the most promising is searched first.
     starts = (2 * reach + side) // side
-    bounds = np.empty(len(angles))
-    for turn in range(len(angles)):
-        _place(points, guess, angles[turn], corner, resolution, cells)
-        bound = 0.0
+    roots = np.empty((turns * starts * starts, 3), np.int64)
+    bounds = np.empty(len(roots), np.int64)
+    found = 0
+    for turn in range(turns):
+        _place(points, guess, angles[turn], corner, resolution, margin, cells[turn])
         for a in range(starts):
             for b in range(starts):
-                bound = max(bound, _score(pyramid, top, cells, a * side - reach,
-                                          b * side - reach, margin))  # fmt: skip
-        bounds[turn] = bound
-    for turn in np.argsort(-bounds):
-        if bounds[turn] <= result[0]:
+                column, row = a * side - reach, b * side - reach
+                bound = _exceeds(pyramid[top], cells[turn], column, row, best)
+                if bound > best:
+                    roots[found, 0], roots[found, 1], roots[found, 2] = turn, column, row
+                    bounds[found] = bound
+                    found += 1
+    stack, upper = np.empty((256, 3), np.int64), np.empty(256, np.int64)
+    for root in np.argsort(-bounds[:found], kind="mergesort"):
+        if bounds[root] <= best:
             break
-        _place(points, guess, angles[turn], corner, resolution, cells)
-        depth = 0
-        for a in range(starts):
-            for b in range(starts):
-                stack[depth, 0] = top
-                stack[depth, 1], stack[depth, 2] = a * side - reach, b * side - reach
-                depth += 1
+        turn = roots[root, 0]
+        stack[0, 0], stack[0, 1], stack[0, 2] = top, roots[root, 1], roots[root, 2]
+        upper[0], depth = bounds[root], 1
         while depth > 0:
             depth -= 1
+            if upper[depth] <= best:
+                continue
             level, column, row = stack[depth, 0], stack[depth, 1], stack[depth, 2]
-            if column > reach or row > reach:
+            if level == 0:
+                x, y = guess[0] + column * resolution, guess[1] + row * resolution
+                yaw = guess[2] + angles[turn]
+                apart = abs((yaw - avoid[2] + np.pi) % (2.0 * np.pi) - np.pi)
+                if np.hypot(x - avoid[0], y - avoid[1]) >= avoid[3] or apart >= avoid[4]:
+                    best = upper[depth]
+                    result[0], result[1] = best / (FULL * count), x
+                    result[2], result[3] = y, yaw
                 continue
-            score = _score(pyramid, level, cells, column, row, margin)
-            if score <= result[0]:
-                continue
-            if level > 0:
-                half = 1 << (level - 1)
-                for a in range(2):
-                    for b in range(2):
-                        stack[depth, 0] = level - 1
-                        stack[depth, 1], stack[depth, 2] = column + a * half, row + b * half
-                        depth += 1
-                continue
-            x, y = guess[0] + column * resolution, guess[1] + row * resolution
-            yaw = guess[2] + angles[turn]
-            apart = abs((yaw - avoid[2] + np.pi) % (2.0 * np.pi) - np.pi)
-            if np.hypot(x - avoid[0], y - avoid[1]) < avoid[3] and apart < avoid[4]:
-                continue
-            result[0], result[1], result[2], result[3] = score, x, y, yaw
+            half, bottom = 1 << (level - 1), depth
+            for a in range(2):
+                for b in range(2):
+                    c, r = column + a * half, row + b * half
+                    if c > reach or r > reach:
+                        continue
+                    bound = _exceeds(pyramid[level - 1], cells[turn], c, r, best)
+                    if bound <= best:
+                        continue
+                    k = depth  # the most promising comes to the top of the stack
+                    while k > bottom and upper[k - 1] > bound:
+                        upper[k], stack[k] = upper[k - 1], stack[k - 1]
+                        k -= 1
+                    upper[k] = bound
+                    stack[k, 0], stack[k, 1], stack[k, 2] = level - 1, c, r
+                    depth += 1
 
 
 @njit(cache=True, nogil=True)
@@ -107,10 +148,12 @@ def _place(
     angle: float,
     corner: NDArray[np.float64],
     resolution: float,
-    cells: NDArray[np.int64],
+    margin: int,
+    cells: NDArray[np.int32],
 ) -> None:
     c, s = np.cos(guess[2] + angle), np.sin(guess[2] + angle)
     for i in range(len(points)):
         x = c * points[i, 0] - s * points[i, 1] + guess[0] - corner[0]
         y = s * points[i, 0] + c * points[i, 1] + guess[1] - corner[1]
-        cells[i, 0], cells[i, 1] = np.floor(x / resolution), np.floor(y / resolution)
+        cells[i, 0] = np.int32(np.floor(x / resolution)) + margin
+        cells[i, 1] = np.int32(np.floor(y / resolution)) + margin

@@ -11,17 +11,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+_PATIENCE = 12  # rows walked from the last point's place before the bearing is looked up
+
 Rows = NDArray[np.float32]
 """(N, 5): x, y, normal x, normal y, bearing about the lidar, sorted by bearing."""
 
 
 @njit(cache=True, nogil=True)
-def nearest(rows: Rows, first: int, last: int, x: float, y: float, ox: float, oy: float,
-            reach: float) -> int:  # fmt: skip
-    """Row of `rows[first:last]` nearest to (x, y) within `reach` metres; -1 if there is none."""
-    if last <= first:
-        return -1
-    distance, bearing = np.hypot(x - ox, y - oy), np.arctan2(y - oy, x - ox)
+def first_beyond(rows: Rows, first: int, last: int, bearing: float) -> int:
+    """The first of `rows[first:last]` whose bearing is not below the given one; `last` if none."""
     low, high = first, last
     while low < high:
         middle = (low + high) >> 1
@@ -29,27 +27,54 @@ def nearest(rows: Rows, first: int, last: int, x: float, y: float, ox: float, oy
             low = middle + 1
         else:
             high = middle
-    best, found, count = reach * reach, -1, last - first
+    return low
+
+
+@njit(cache=True, nogil=True)
+def nearest(rows: Rows, first: int, last: int, x: float, y: float, ox: float, oy: float,
+            reach: float, start: int) -> tuple[int, int]:  # fmt: skip
+    """Row of `rows[first:last]` nearest to (x, y) within `reach` metres; -1 if there is none.
+
+    `start` is a row at about the point's bearing, where the search begins: -1 if none is known.
+    The second result is that row for a next point nearby.
+    """
+    count = last - first
+    if count <= 0:
+        return -1, -1
+    x, y = x - ox, y - oy
+    walked = _PATIENCE if start < 0 else 0
+    while walked < _PATIENCE:
+        rx, ry = rows[start, 0] - ox, rows[start, 1] - oy
+        before = start - 1 if start > first else last - 1
+        bx, by = rows[before, 0] - ox, rows[before, 1] - oy
+        if x * ry - y * rx < 0.0:
+            start = start + 1 if start + 1 < last else first
+        elif x * by - y * bx >= 0.0:
+            start = before
+        else:
+            break
+        walked += 1
+    if walked >= _PATIENCE:
+        start = first_beyond(rows, first, last, np.arctan2(y, x))
+        start = first if start == last else start
+    best, found = reach * reach, -1
     for side in range(2):
-        for step in range(count):
-            k = low + step if side == 0 else low - 1 - step
+        k = start if side == 0 else start - 1
+        for _ in range(count):
             if k >= last:
-                k -= count
+                k = first
             elif k < first:
-                k += count
-            turn = abs(rows[k, 4] - bearing)
-            turn = min(turn, 2.0 * np.pi - turn)
-            if turn > 1.5:
+                k = last - 1
+            rx, ry = rows[k, 0] - ox, rows[k, 1] - oy
+            ahead, aside = x * rx + y * ry, x * ry - y * rx
+            # All rows further on lie beyond this ray, and so at least its distance away.
+            if ahead <= 0.0 or aside * aside > best * (rx * rx + ry * ry):
                 break
-            # sin(a) >= a * 0.66 up to 1.5 rad: a bound that is cheap and never too large.
-            clearance = distance * turn * 0.66
-            if clearance * clearance > best:
-                break
-            dx, dy = rows[k, 0] - x, rows[k, 1] - y
-            squared = dx * dx + dy * dy
+            squared = (rx - x) * (rx - x) + (ry - y) * (ry - y)
             if squared < best:
                 best, found = squared, k
-    return found
+            k = k + 1 if side == 0 else k - 1
+    return found, start
 
 
 @njit(cache=True, nogil=True)
@@ -74,10 +99,11 @@ def add_target(
     """
     c, s = np.cos(target_from_source[2]), np.sin(target_from_source[2])
     tx, ty = target_from_source[0], target_from_source[1]
+    start = -1
     for i in range(s_first, s_last):
         px, py = np.float64(source[i, 0]), np.float64(source[i, 1])
         x, y = c * px - s * py + tx, s * px + c * py + ty
-        k = nearest(target, t_first, t_last, x, y, origin[0], origin[1], reach)
+        k, start = nearest(target, t_first, t_last, x, y, origin[0], origin[1], reach, start)
         if k < 0:
             continue
         nx, ny = np.float64(target[k, 2]), np.float64(target[k, 3])

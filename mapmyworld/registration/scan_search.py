@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry import transform_points_planar
-from mapmyworld.kernels.branch_and_bound import best_shift
+from mapmyworld.kernels.branch_and_bound import FULL, best_shift, fill_pyramid
 from mapmyworld.registration.scan_matching import PreparedScan, ScanSet
 
 Array = NDArray[np.float64]
@@ -24,12 +24,16 @@ _NOWHERE = np.array([0.0, 0.0, 0.0, -1.0, -1.0])
 class LikelihoodGrid:
     """How likely a surface is, cell by cell, and its maxima over ever larger squares."""
 
-    pyramid: NDArray[np.float32]
-    """(levels, H, W)."""
+    pyramid: NDArray[np.uint8]
+    """(levels, H, W), 255 where there is one."""
     corner: Array
     """(2,) of the first unpadded cell, in the frame of the points."""
     margin: int
     resolution: float
+
+    def likelihoods(self, level: int) -> NDArray[np.float32]:
+        """(H, W) of a level, 0 to 1."""
+        return np.asarray(self.pyramid[level] * np.float32(1.0 / FULL), np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,25 +52,12 @@ def likelihood_grid(points: Array, resolution: float = _RESOLUTION) -> Likelihoo
     """The grid of surface points (N, 2)."""
     margin = 1 << (_LEVELS - 1)
     corner = points.min(axis=0) - 2.0 * resolution
-    cells = np.floor((points - corner) / resolution).astype(np.int64)
-    width, height = cells.max(axis=0) + 3
-    grid = np.zeros((height, width), np.float32)
-    grid[cells[:, 1], cells[:, 0]] = 1.0
-    field = np.pad(grid, margin)
-    beside = field.copy()
-    for axis in (0, 1):
-        for step in (-1, 1):
-            beside = np.maximum(beside, _NEAR * np.roll(field, step, axis))
-    levels = [beside]
-    for level in range(_LEVELS - 1):
-        reach = 1 << level
-        last = levels[-1]
-        wide = last.copy()
-        wide[:, :-reach] = np.maximum(wide[:, :-reach], last[:, reach:])
-        tall = wide.copy()
-        tall[:-reach] = np.maximum(tall[:-reach], wide[reach:])
-        levels.append(tall)
-    return LikelihoodGrid(np.stack(levels), corner, margin, resolution)
+    cells = np.floor((points - corner) / resolution).astype(np.int64) + margin
+    width, height = cells.max(axis=0) + 3 + margin
+    pyramid = np.zeros((_LEVELS, height, width), np.uint8)
+    pyramid[0, cells[:, 1], cells[:, 0]] = FULL
+    fill_pyramid(pyramid, round(_NEAR * FULL))
+    return LikelihoodGrid(pyramid, corner, margin, resolution)
 
 
 def search_grid(
@@ -94,8 +85,8 @@ def search_grid(
 
 def _spread(points: Array, spacing: float) -> Array:
     """Points one to a cell, so that what was seen twice does not count twice; not too many."""
-    cells = np.floor(points / spacing).astype(np.int64)
-    first = np.sort(np.unique(cells, axis=0, return_index=True)[1])
+    x, y = np.floor(points / spacing).astype(np.int64).T
+    first = np.sort(np.unique((x << 32) + y, return_index=True)[1])
     few = first[np.linspace(0, len(first) - 1, min(_POINTS, len(first))).astype(np.int64)]
     return np.ascontiguousarray(points[few], np.float64)
 

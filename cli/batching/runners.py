@@ -43,5 +43,5 @@ def run_on_cluster(jobs: Sequence[Job], output: str, scheduler: str) -> Iterator
     with client:
         # A build that fails is a result; an exception is a worker that went, and is tried again.
         waiting = [client.submit(run_job, job, output, 1, pure=False, retries=2) for job in jobs]
-        for done in as_they_come(waiting):  # type: ignore[no-untyped-call]
+        for done in as_they_come(waiting, loop=client.loop):  # type: ignore[no-untyped-call]
             yield done.result()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import sys
 import time
 from functools import partial
@@ -13,8 +12,8 @@ import click
 
 from cli.common import EXIT_PARTIAL, default_map, format_option, show_json
 from cli.plan_text import plan_json, plan_lines
-from cli.progress import StderrProgress
-from cli.settings import config_options, load_config
+from cli.progress import StderrProgress, peak_memory_mb
+from cli.settings import config_options, load_config, settings_that_differ
 from cli.storing import storage_arguments
 from mapmyworld.errors import MapError
 
@@ -62,7 +61,7 @@ def build(
     verbose: bool,
     style: str,
 ) -> None:
-    """Turn LOG into a map: map.db, and beside it map.pgm + map.yaml, map.ply and map.tum.
+    """Turn LOG into a map: map.db, beside it map.pgm + map.yaml, map.ply, map.tum and map.html.
 
     Several LOGs that belong to one drive (split bags) are one log. A map that exists already is
     continued: stages that are done with the same inputs are not done again.
@@ -125,19 +124,23 @@ def _build(
     stored = storage_arguments(config)
     opening = partial(open_store, map_path, create=True, overwrite=overwrite, **stored)
     with only_writer(map_path), opening() as store:
+        store.put("settings", settings_that_differ(config))
         result = build_map(log, store, config, progress, method=method)
         written = [str(map_path)]
         if export:
             written += _export_all(store, map_path, config, progress)
-    wall = time.monotonic() - started
-    return {
-        **result.as_dict(),
-        "files": written,
-        "wall_s": wall,
-        "cpu_s": time.process_time() - cpu,
-        "real_time_factor": result.duration_s / max(wall, 1e-9),
-        "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-    }
+        progress.finish()
+        wall = time.monotonic() - started
+        cost = {
+            "duration_s": result.duration_s,
+            "wall_s": wall,
+            "cpu_s": time.process_time() - cpu,
+            "real_time_factor": result.duration_s / max(wall, 1e-9),
+            "peak_memory_mb": peak_memory_mb(),
+        }
+        if export:
+            written += _report(store, map_path, cost, progress, bool(result.reused_stages))
+    return {**result.as_dict(), "files": written, **cost}
 
 
 def _export_all(store: Any, map_path: Path, config: Config, progress: StderrProgress) -> list[str]:
@@ -150,6 +153,20 @@ def _export_all(store: Any, map_path: Path, config: Config, progress: StderrProg
     written += export_trajectory(store, stem.with_suffix(".tum"))
     written += export_cloud(store, stem.with_suffix(".ply"), config)
     return [str(path) for path in written]
+
+
+def _report(
+    store: Any, map_path: Path, cost: dict[str, Any], progress: StderrProgress, continued: bool
+) -> list[str]:
+    """The page about the map, and what its stages took, which the page shows apart."""
+    from cli.report import note_timing, write_report
+
+    progress.stage("report")
+    page = map_path.with_suffix(".html")
+    timing = note_timing(map_path, cost, progress.costs, continued=continued)
+    write_report(store, page, timing)
+    progress.finish()
+    return [str(page)]
 
 
 def _summary_lines(summary: dict[str, Any]) -> list[str]:

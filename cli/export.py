@@ -284,9 +284,35 @@ def report(map_path: Path, output: Path | None) -> None:
     mapmyworld export report
     mapmyworld export report office.db -o office.html
     """
-    from cli.report import report_page
+    from cli.report import write_report
 
     path = output or map_path.with_suffix(".html")
     with _open(map_path) as store:
-        path.write_text(report_page(store), encoding="utf-8")
+        write_report(store, path)
+        _tell([path], store)
+
+
+@export.command()
+@map_argument
+@click.option(
+    "--what",
+    type=click.Choice(["map", "graph", "loops", "uncertainty", "timing"]),
+    default="map",
+    show_default=True,
+    help="Grid and path; all constraints; scans of closures; sigma over time; cost of the build.",
+)
+@_output("FILE", "A .png, .svg or .pdf file.  [default: the map's name with _WHAT.png]")
+def figure(map_path: Path, what: str, output: Path | None) -> None:
+    """One picture for a paper or a pull request, without the page around it.
+
+    \b
+    mapmyworld export figure --what graph -o graph.svg
+    mapmyworld export figure office.db --what loops -o loops.pdf
+    """
+    from cli.report import report_contents, timing_beside
+    from formats.report.figures import write_figure
+
+    path = output or map_path.with_name(f"{map_path.stem}_{what}.png")
+    with _open(map_path) as store:
+        write_figure(path, what, report_contents(store, timing_beside(store)))
         _tell([path], store)

@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import resource
 import sys
 import time
+from dataclasses import dataclass
 from typing import Any
 
 import click
 
 _LINE_EVERY_S = 15.0  # between lines of progress where there is no terminal
+
+
+@dataclass(frozen=True, slots=True)
+class StageCost:
+    """What one stage took."""
+
+    name: str
+    wall_s: float
+    cpu_s: float
+    peak_memory_mb: float
+    """Of the whole process up to the stage's end."""
 
 
 class StderrProgress:
@@ -17,17 +30,19 @@ class StderrProgress:
     def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
         self.quiet, self.verbose = quiet, verbose
         self.notes: list[str] = []
-        self.timings: dict[str, float] = {}
+        self.costs: list[StageCost] = []
         self._bar: Any = None
         self._name, self._unit = "", ""
         self._total: float | None = None
         self._started = self._last_line = time.monotonic()
+        self._cpu = time.process_time()
         self._done = 0.0
 
     def stage(self, name: str, total: float | None = None, unit: str = "") -> None:
         self.finish()
         self._name, self._total, self._unit = name, total, unit
         self._started = self._last_line = time.monotonic()
+        self._cpu = time.process_time()
         self._done = 0.0
         if not self.quiet and sys.stderr.isatty():
             self._open_bar()
@@ -39,7 +54,7 @@ class StderrProgress:
         elif not self.quiet and time.monotonic() - self._last_line > _LINE_EVERY_S:
             self._last_line = time.monotonic()
             share = f" {100 * done / self._total:.0f}%" if self._total else ""
-            click.echo(f"{self._name}:{share} {self._speed()}", err=True)
+            click.echo(f"{self._name}:{share} {self._speed()}{self._left()}", err=True)
 
     def note(self, message: str) -> None:
         if message in self.notes:
@@ -60,7 +75,8 @@ class StderrProgress:
             self._bar.stop()
             self._bar = None
         elapsed = time.monotonic() - self._started
-        self.timings[self._name] = self.timings.get(self._name, 0.0) + elapsed
+        cpu = time.process_time() - self._cpu
+        self.costs.append(StageCost(self._name, elapsed, cpu, peak_memory_mb()))
         if not self.quiet:
             click.echo(f"{self._name}: {elapsed:.1f} s {self._speed()}".rstrip(), err=True)
         self._name = ""
@@ -71,6 +87,13 @@ class StderrProgress:
             return ""
         rate = self._done / elapsed
         return f"({rate:.0f}x real time)" if self._unit == "s" else f"({rate:.0f} {self._unit}/s)"
+
+    def _left(self) -> str:
+        """How long the stage will still take at this rate."""
+        if not self._total or not self._done:
+            return ""
+        elapsed = time.monotonic() - self._started
+        return f", {elapsed * max(self._total / self._done - 1.0, 0.0):.0f} s left"
 
     def _open_bar(self) -> None:
         from rich.console import Console
@@ -86,3 +109,8 @@ class StderrProgress:
         )
         self._bar.start()
         self._bar.add_task(self._name, total=self._total, speed="")
+
+
+def peak_memory_mb() -> float:
+    """The most memory that this process has held."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

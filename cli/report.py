@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -35,13 +36,33 @@ def timing_file(map_path: Path) -> Path:
     return map_path.with_suffix(".timing.json")
 
 
+def note_timing(
+    map_path: Path, cost: Mapping[str, Any], stages: Sequence[Any], *, continued: bool
+) -> dict[str, Any]:
+    """Keeps what a build took beside its map; stages that were reused keep their old figures."""
+    path = timing_file(map_path)
+    fresh = {stage.name: asdict(stage) for stage in stages}
+    old = (_read_timing(path) if continued else None) or {"stages": []}
+    kept = [stage for stage in old["stages"] if stage["name"] not in fresh]
+    timing = {**cost, "stages": [*kept, *fresh.values()]}
+    path.write_text(json.dumps(timing, indent=1) + "\n", encoding="utf-8")
+    return timing
+
+
 def timing_beside(store: MapStore) -> Mapping[str, Any] | None:
     """What `build` left beside the map; None where nothing, or nothing that can be read."""
+    return _read_timing(timing_file(Path(_name(store))))
+
+
+def _read_timing(path: Path) -> dict[str, Any] | None:
     try:
-        found = json.loads(timing_file(Path(str(store.path))).read_text("utf-8"))  # type: ignore[attr-defined]
-    except (OSError, ValueError, AttributeError):
+        found = json.loads(path.read_text("utf-8"))
+        stages = {
+            (s["name"], s["wall_s"], s["cpu_s"], s["peak_memory_mb"]) for s in found["stages"]
+        }
+    except (OSError, ValueError, KeyError, TypeError):
         return None
-    return found if isinstance(found, dict) and "stages" in found else None
+    return found if stages else None
 
 
 def report_page(store: MapStore, timing: Mapping[str, Any] | None = None) -> str:
@@ -138,17 +159,34 @@ def _shown_nodes(nodes: Sequence[Node], solved: Poses) -> ShownNodes:
 def _shown_constraints(
     constraints: Sequence[Constraint], misfits: Sequence[Any], nodes: Sequence[Node]
 ) -> list[ShownConstraint]:
-    tracked = {node.id: node.tracked_from_base for node in nodes}
-    found = []
-    for c, misfit in zip(constraints, misfits, strict=True):
-        off = None if misfit is None else (misfit.metres, misfit.degrees, misfit.sigmas)
-        start = None
-        if c.kind != ConstraintKind.NEIGHBOUR and {c.from_id, c.to_id} <= tracked.keys():
-            error = between(c.from_from_to, between(tracked[c.from_id], tracked[c.to_id]))
-            degrees = float(np.degrees(rotation_angle(error)))
-            start = (float(np.linalg.norm(error[:3, 3])), degrees)
-        found.append(ShownConstraint(c.from_id, c.to_id, c.kind, c.accepted, c.reason, off, start))
-    return found
+    place = {node.id: k for k, node in enumerate(nodes)}
+    tracked = np.stack([node.tracked_from_base for node in nodes])
+    closures = [
+        k
+        for k, c in enumerate(constraints)
+        if c.kind != ConstraintKind.NEIGHBOUR and {c.from_id, c.to_id} <= place.keys()
+    ]
+    ends = np.array(
+        [(place[constraints[k].from_id], place[constraints[k].to_id]) for k in closures]
+    )
+    ends = ends.reshape(-1, 2).astype(np.int64)
+    measured = np.array([constraints[k].from_from_to for k in closures]).reshape(-1, 4, 4)
+    error = between(measured, between(tracked[ends[:, 0]], tracked[ends[:, 1]]))
+    metres = np.linalg.norm(error[:, :3, 3], axis=1).tolist()
+    degrees = np.degrees(rotation_angle(error)).tolist()
+    start = dict(zip(closures, zip(metres, degrees, strict=True), strict=True))
+    return [
+        ShownConstraint(
+            c.from_id,
+            c.to_id,
+            c.kind,
+            c.accepted,
+            c.reason,
+            None if m is None else (m.metres, m.degrees, m.sigmas),
+            start.get(k),
+        )
+        for k, (c, m) in enumerate(zip(constraints, misfits, strict=True))
+    ]
 
 
 def _headline(

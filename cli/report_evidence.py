@@ -39,18 +39,17 @@ def fetch_evidence(store: MapStore, constraints: Sequence[Constraint]) -> Fetche
     along = np.linspace(0, len(nodes) - 1, min(_ALONG, len(nodes))).astype(int)
     ids = list(nodes)
     data = {i: store.node_data(i) for i in sorted(wanted | {ids[k] for k in along.tolist()})}
-    scans = {
-        i: d.scan.points for i, d in data.items() if i in wanted and d.scan and len(d.scan.points)
-    }
+    seen = ((i, d.scan) for i, d in data.items() if i in wanted)
+    scans = {i: scan.points for i, scan in seen if scan is not None and len(scan.points)}
     compared = 0
     evidence = []
     for k in chosen:
         c, matches = constraints[k], None
-        by_images = c.from_id not in scans or c.to_id not in scans
+        by_images = "matches" in c.evidence or not {c.from_id, c.to_id} <= scans.keys()
         if by_images and compared < _COMPARED and {c.from_id, c.to_id} <= nodes.keys():
             matches = _matches(store, c)
             compared += matches is not None
-        overlay = None if by_images else _overlay(c, nodes)
+        overlay = _overlay(c, nodes) if {c.from_id, c.to_id} <= scans.keys() else None
         evidence.append(Evidence(k, overlay, matches))
     return Fetched(tuple(evidence), left_out, _pictures(data), scans)
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import click
 
 from mapmyworld.config import Config
-from mapmyworld.config.settings import apply_settings, flatten
+from mapmyworld.config.settings import apply_settings, flatten, list_settings
 from mapmyworld.errors import ConfigError
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -44,6 +44,19 @@ def load_config(config_path: Path | None, changes: Sequence[str]) -> Config:
             raise ConfigError(f"--set {change}: write it as KEY=VALUE")
         values[name.strip()] = value.strip()
     return apply_settings(Config(), values)
+
+
+_IDLE = ("threads",)  # settings that change no result
+
+
+def settings_that_differ(config: Config) -> list[list[str]]:
+    """Name, value and default of every setting that was changed, as text."""
+    standard = {setting.name: setting.value for setting in list_settings()}
+    return [
+        [setting.name, str(setting.value), str(standard[setting.name])]
+        for setting in list_settings(config)
+        if setting.value != standard[setting.name] and setting.name not in _IDLE
+    ]
 
 
 def _read_toml(path: Path) -> dict[str, Any]:

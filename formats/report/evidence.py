@@ -94,7 +94,8 @@ def _overlay(a: int, b: int, moved: Floats, reach: float, caption: str) -> str:
     turn += f" rotate({np.degrees(moved[2]):.3f})"
     box = f"{-reach:.0f} {-reach:.0f} {2 * reach:.0f} {2 * reach:.0f}"
     return (
-        f'<figure><svg class="scans" viewBox="{box}"><g transform="scale(1 -1)">'
+        f'<figure><svg class="scans" viewBox="{box}">'
+        f'<g transform="scale(1 -1)" stroke-width="{reach / 45:.1f}">'
         f'<use class="a" href="#scan{a}"/><use class="b" href="#scan{b}" transform="{turn}"/>'
         f"</g></svg><figcaption>{caption}</figcaption></figure>"
     )

@@ -26,7 +26,8 @@ from mapmyworld.geometry import (
     quaternion_to_rotation,
 )
 from mapmyworld.graph.covariance import marginal_covariances
-from mapmyworld.graph.optimise import optimise, optimise_robustly, problem_of
+from mapmyworld.graph.optimise import optimise, optimise_robustly
+from mapmyworld.graph.problem import problem_of
 from mapmyworld.types.pose_graph import Edges, PoseGraph, no_priors, no_sightings
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -13,3 +13,4 @@ class GraphConfig:
     inlier_probability: float = 0.9999  # of a true constraint to pass a chi-square test
     consistency_probability: float = 0.999  # of two true closures to pass for consistent
     covariances: bool = True  # whether the uncertainty of every node is computed
+    certify: bool = True  # whether it is proven, where possible, that the minimum is global

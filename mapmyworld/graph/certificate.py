@@ -1,25 +1,181 @@
-"""How sure we are that a minimum is the global one."""
+"""How sure we are that a minimum is the global one: a bound below every possible solution.
+
+For symmetric multipliers L of the rotations' orthogonality, twice the twin's cost is
+`trace(X (M - L) X') + trace(L)`; when `M - L + eta` is positive semi-definite, which a Cholesky
+factorisation shows, no arrangement of the nodes costs less than half of `trace(L) - eta n d`.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
+
 from mapmyworld.geometry import Array
+from mapmyworld.graph.cholesky import (
+    NotPositiveDefiniteError,
+    Symbolic,
+    analyse,
+    factorise,
+    resized,
+)
 from mapmyworld.graph.system import System, edge_chi2
+from mapmyworld.graph.twin import (
+    Twin,
+    certificate_blocks,
+    moved,
+    multipliers,
+    product,
+    tangent_bases,
+    twin_of,
+    twin_poses,
+)
+
+_STEPS = 15  # of Newton's method at most, from the solution to the twin's minimum
+_SETTLED = 1e-7  # share of the cost that a step gains, from which on the twin counts as settled
+_DAMPED_OUT = 1e3  # share of the diagonal at which no step helps any more
+_SLACK = (1e-6, 1e-4, 1e-2, 0.1)  # shares of the cost that eta may take off the bound
+_EXACT = 1e-4  # of these, up to which the twin's minimum counts as its global one
+_PROVEN = 0.02  # gap up to which the bound alone is called a proof
 
 
-def certainty_of(system: System, poses: Array, converged: bool) -> str:
-    """An honest sentence about the minimum: what the residuals say, which is no proof.
+@dataclass(frozen=True, slots=True, eq=False)
+class Certificate:
+    """What is proven about a solution."""
 
-    At the true solution half of twice the cost is expected to be the number of degrees of
-    freedom, if the covariances are right; a wrong minimum costs much more.
-    """
+    lower_bound: float
+    """No arrangement of the nodes costs less; zero where nothing is known."""
+    gap: float
+    """By what share of its cost the solution could still be improved, at most."""
+    twin_is_global: bool
+    """Whether the twin's minimum beside this solution is proven to be the twin's global one."""
+
+    @property
+    def trusted(self) -> bool:
+        """Whether there is no reason to look for a better minimum."""
+        return self.twin_is_global or self.gap <= _PROVEN
+
+
+def certify(system: System, poses: Array) -> Certificate:
+    """The certificate of a solution; linear algebra of a few steps of the optimiser."""
+    cost = 0.5 * float(edge_chi2(system, poses).sum())
+    if len(system.tails) == 0 or cost < 1e-12:
+        return Certificate(0.0, 0.0, True)
+    twin = twin_of(system, poses)
+    nodes, size = len(poses), twin.dimension
+    tangents = size * (size + 1) // 2
+    symbolic = analyse(nodes, twin.rows, twin.columns, tangents)
+    x = _settled(twin, symbolic, twin_poses(system.planar, poses))
+    if x is None:
+        return Certificate(0.0, 1.0, False)
+    multiplied = multipliers(twin, x)
+    dual, twin_cost = float(np.trace(multiplied, axis1=1, axis2=2).sum()), _cost(twin, x)
+    blocks = certificate_blocks(twin, multiplied)
+    blocks[twin.anchors, 0, 0] += np.abs(blocks[:nodes]).max()
+    smaller = (
+        symbolic if tangents == size + 1 else resized(symbolic, twin.rows, twin.columns, size + 1)
+    )
+    for slack in _SLACK:
+        eta = slack * twin_cost / (nodes * size)
+        if _is_positive(smaller, blocks, nodes, eta):
+            lower = max(0.0, 0.5 * (dual - eta * nodes * size))
+            return Certificate(lower, max(0.0, 1.0 - lower / cost), slack <= _EXACT)
+    return Certificate(0.0, 1.0, False)
+
+
+def _cost(twin: Twin, x: Array) -> float:
+    return float(np.einsum("nij,nij->", product(twin, twin.blocks, x), x))
+
+
+def _is_positive(symbolic: Symbolic, blocks: Array, nodes: int, eta: float) -> bool:
+    """Whether the matrix with `eta` more on the diagonal of rotations is positive definite."""
+    inner = np.arange(1, blocks.shape[1])
+    raised = blocks.copy()
+    raised[np.arange(nodes)[:, None], inner, inner] += eta
+    try:
+        factorise(symbolic, raised)
+    except NotPositiveDefiniteError:
+        return False
+    return True
+
+
+def _settled(twin: Twin, symbolic: Symbolic, x: Array) -> Array | None:
+    """X at the twin's minimum near X, by damped Newton steps; None where it is not found."""
+    cost, damping = _cost(twin, x), 0.0
+    for _ in range(_STEPS):
+        gradient, hessian = _derivatives(twin, x)
+        while True:
+            step = _step(twin, symbolic, gradient, hessian, damping)
+            trial = None if step is None else moved(x, step)
+            found = np.inf if trial is None else _cost(twin, trial)
+            if trial is not None and found <= cost * (1.0 + 1e-12):
+                break
+            damping = max(1e-4, 10.0 * damping)
+            if damping > _DAMPED_OUT:
+                return None
+        undamped, gain = damping == 0.0, cost - found
+        x, cost, damping = trial, found, damping / 10.0 if damping > 1e-4 else 0.0
+        if undamped and gain <= _SETTLED * cost:
+            return x
+    return None
+
+
+def _derivatives(twin: Twin, x: Array) -> tuple[Array, Array]:
+    """Half the gradient (N, m) and half the Hessian's blocks (B, m, m) along the tangents."""
+    blocks = certificate_blocks(twin, multipliers(twin, x))
+    bases = tangent_bases(x)
+    gradient = np.einsum("nkxp,nxp->nk", bases, product(twin, blocks, x))
+    flat = bases.reshape(*bases.shape[:2], -1)
+    turned = bases[twin.rows] @ blocks[:, None]
+    left = turned.reshape(len(blocks), *flat.shape[1:])
+    hessian = left @ np.swapaxes(flat[twin.columns], 1, 2)
+    return gradient, hessian
+
+
+def _step(
+    twin: Twin, symbolic: Symbolic, gradient: Array, hessian: Array, damping: float
+) -> Array | None:
+    """Newton's step (N, m), damped by a share of the diagonal; None where it has no minimum."""
+    nodes, inner = len(gradient), np.arange(gradient.shape[1])
+    diagonal = np.abs(hessian[:nodes, inner, inner])
+    blocks = hessian.copy()
+    blocks[:nodes, inner, inner] += damping * diagonal + 1e-12 * diagonal.max()
+    # Landmarks have no rotation; the first node of every part does not move.
+    points = twin.points[:, None], inner[: len(inner) - twin.dimension]
+    blocks[(*points, points[1])] = diagonal.max()
+    blocks[twin.anchors] += diagonal.max() * np.eye(len(inner))
+    right = -gradient
+    right[twin.anchors] = 0.0
+    try:
+        return np.asarray(factorise(symbolic, blocks).solve(right.ravel()).reshape(nodes, -1))
+    except NotPositiveDefiniteError:
+        return None
+
+
+def certainty_of(
+    system: System, poses: Array, converged: bool, certificate: Certificate | None
+) -> str:
+    """A sentence about the minimum: what is proven, else what the residuals say."""
     if not converged:
         return "not converged: raise graph.iterations"
+    parts = ["converged", _proof(certificate)]
     freedom = system.dimension * len(system.tails) - system.size
-    if freedom <= 0:
-        return "as many unknowns as measurements: nothing to check against"
-    ratio = float(edge_chi2(system, poses).sum()) / freedom
-    return (
-        f"converged; squared sigmas are {ratio:.3g} times what the covariances predict "
-        f"({'no sign of a wrong minimum' if ratio < 2.0 else 'wrong minimum or wrong covariances'})"
-        "; not proven to be the global minimum"
-    )
+    if freedom > 0:
+        ratio = float(edge_chi2(system, poses).sum()) / freedom
+        parts.append(f"squared sigmas are {ratio:.3g} times what the covariances predict")
+    return "; ".join(parts)
+
+
+def _proof(certificate: Certificate | None) -> str:
+    if certificate is None:
+        return "whether the minimum is global was not examined"
+    bound = f"no solution costs less than {certificate.lower_bound:.6g}"
+    if certificate.gap <= _PROVEN:
+        return f"the global minimum, proven to within {100 * certificate.gap:.2g} % ({bound})"
+    if certificate.twin_is_global:
+        return (
+            f"very likely the global minimum: that of its isotropic twin is proven and lies beside "
+            f"it ({bound}, {100 * certificate.gap:.2g} % below; the covariances are too "
+            "directional for a tighter bound)"
+        )
+    return "not proven to be the global minimum: take it with care"

@@ -72,6 +72,12 @@ def analyse(count: int, rows: Index, columns: Index, size: int) -> Symbolic:
     return _with_blocks(groups, renumbered[place], rows, columns, size)
 
 
+def resized(symbolic: Symbolic, rows: Index, columns: Index, size: int) -> Symbolic:
+    """The same elimination of the same pattern, for blocks of another size."""
+    groups = [(c.first, c.last, c.rows) for c in symbolic.cliques]
+    return _with_blocks(groups, np.argsort(symbolic.order), rows, columns, size)
+
+
 def _dissected(count: int, rows: Index, columns: Index) -> Index:
     """Nodes in an order of little fill: nested dissection, by METIS as gtsam holds it."""
     import gtsam

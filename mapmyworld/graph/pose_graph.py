@@ -6,8 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from mapmyworld.geometry import Array, information_to_planar, matrix_to_planar
 from mapmyworld.types import Constraint, ConstraintKind
@@ -77,8 +75,15 @@ def positions(known: Index, wanted: Index) -> Index:
 
 def components(node_count: int, tails: Index, heads: Index) -> Index:
     """(N,) number of the connected part of every node; parts are numbered by their first node."""
-    ones = np.ones(len(tails), np.int8)
-    links = coo_array((ones, (tails, heads)), shape=(node_count, node_count))
-    labels = connected_components(links, directed=False)[1]
-    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
-    return np.argsort(np.argsort(first))[inverse].astype(np.int64)
+    label = np.arange(node_count)
+    while True:
+        # Both ends of a link take the smaller label, then every node its label's own label.
+        a, b = label[tails], label[heads]
+        if np.array_equal(a, b):
+            break
+        low = np.minimum(a, b)
+        np.minimum.at(label, a, low)
+        np.minimum.at(label, b, low)
+        while not np.array_equal(label, jumped := label[label]):
+            label = jumped
+    return np.unique(label, return_inverse=True)[1].astype(np.int64)

@@ -1,0 +1,54 @@
+"""Every start that a graph offers, before one of them is chosen."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+
+from mapmyworld.geometry import Array
+from mapmyworld.graph.cholesky import NotPositiveDefiniteError
+from mapmyworld.graph.growth import grown_start
+from mapmyworld.graph.landmarks import first_places
+from mapmyworld.graph.problem import Problem
+from mapmyworld.graph.starts import chain_start, chordal_start
+
+
+def starts_of(problem: Problem) -> dict[str, Array]:
+    """Name -> poses of nodes, the map's frame and landmarks."""
+    graph, system, count = problem.graph, problem.system, problem.nodes
+    poses = len(graph.edges) + len(graph.priors)
+    tails, heads = system.tails[:poses], system.heads[:poses]
+    measured, information = system.measured[:poses], system.information[:poses]
+    trusted = np.zeros(poses, np.bool_)
+    trusted[: len(graph.edges)] = graph.edges.odometry[problem.order]
+    guess, anchors = problem.guess[:count], problem.anchors
+    chain = chain_start(graph.planar, guess, tails, heads, measured, trusted)
+    chain[anchors] = guess[anchors]
+    if len(graph.landmark_ids):
+        return _starts_with_landmarks(problem, chain)
+    found = {"odometry": chain}
+    with suppress(NotPositiveDefiniteError):  # an edge that weighs nothing holds no node
+        found["chordal"] = chordal_start(
+            graph.planar, guess, anchors, tails, heads, measured, information
+        )
+    found["guess"] = guess
+    return found
+
+
+def _starts_with_landmarks(problem: Problem, chain: Array) -> dict[str, Array]:
+    """Dead reckoning, the path grown from its beginning, and the guess where there is one."""
+    graph, count = problem.graph, problem.nodes
+    places = first_places(graph.planar, chain, graph.ids, graph.landmark_ids, graph.sightings)
+    found = {
+        "odometry": np.concatenate([chain, places]),
+        "growing": grown_start(graph, problem.system, chain),
+    }
+    if np.ptp(graph.landmarks, axis=0).any():
+        guess = problem.guess.copy()
+        if graph.planar:
+            guess[count:, :2] = graph.landmarks
+        else:
+            guess[count:, :3, 3] = graph.landmarks
+        found["guess"] = guess
+    return found

@@ -1,0 +1,181 @@
+"""A graph's twin whose global minimum can be proven: rotations as matrices, quadratic errors.
+
+With poses as X = [t1 R1 t2 R2 ...] the twin's cost is `trace(X M X')`, where an edge adds
+`|(Rj - Ri R) W^(1/2)|^2 + tau |tj - ti - Ri t|^2`. Weights are chosen so that half of it never
+exceeds the graph's own cost: an angle's square is at least `2 (1 - cos)`, the logarithm of a motion
+no shorter than its translation, and the information at least what W and tau make of it.
+M, S and the bound are those of Rosen, Carlone, Bandeira, Leonard, "SE-Sync" (2019).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mapmyworld.geometry import Array, planar_to_matrix, se3_exp, skew
+from mapmyworld.graph.landmarks import POINT, POLAR
+from mapmyworld.graph.pose_graph import Index, components
+from mapmyworld.graph.residuals import planar_exp
+from mapmyworld.graph.system import System, residuals_of
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Twin:
+    """The matrix M of a twin, block by block; a block is one node's translation and rotation."""
+
+    dimension: int
+    """2 or 3."""
+    rows: Index
+    columns: Index
+    """(B,) nodes of each block; every node's diagonal block comes first, in order."""
+    blocks: Array
+    """(B, d + 1, d + 1)."""
+    anchors: Index
+    """One node of every connected part, where the map's frame is held."""
+    points: Index
+    """Nodes without a rotation: landmarks."""
+
+    @property
+    def nodes(self) -> int:
+        """How many."""
+        return int(self.rows.max(initial=-1)) + 1
+
+
+def twin_of(system: System, poses: Array) -> Twin:
+    """The twin of a system, closest at `poses`; bearings and ranges play no part in it."""
+    count = len(poses)
+    kinds = np.zeros(len(system.tails), np.int64) if system.kinds is None else system.kinds
+    used = kinds != POLAR
+    tails, heads, kinds = system.tails[used], system.heads[used], kinds[used]
+    residuals = residuals_of(system, poses)[used]
+    weights, tau = lower_weights(system.planar, system.information[used], residuals)
+    weights[kinds == POINT] = 0.0
+    motion = planar_to_matrix(system.measured[used]) if system.planar else system.measured[used]
+    size = 2 if system.planar else 3
+    at_tail, at_head, cross = _edge_blocks(
+        motion[:, :size, :size], motion[:, :size, 3], _for_matrices(system.planar, weights), tau
+    )
+    turned = tails > heads
+    cross[turned] = np.swapaxes(cross[turned], 1, 2)
+    keys = np.minimum(tails, heads) * count + np.maximum(tails, heads)
+    diagonal = np.arange(count) * (count + 1)
+    linked, slot = np.unique(keys, return_inverse=True)
+    blocks = np.zeros((count + len(linked), size + 1, size + 1))
+    np.add.at(blocks, tails, at_tail)
+    np.add.at(blocks, heads, at_head)
+    np.add.at(blocks, count + slot, cross)
+    every = np.concatenate([diagonal, linked])
+    part = components(count, tails, heads)
+    anchors = np.unique(part, return_index=True)[1].astype(np.int64)
+    points = np.unique(system.heads[(system.kinds if system.kinds is not None else kinds) > 0])
+    return Twin(size, every // count, every % count, blocks, anchors, points)
+
+
+# Weights of rotation against translation that are tried: where the information couples them, what
+# the one gains the other loses.
+_RATIOS = (1.0, 0.5, 2.0, 0.25, 4.0)
+
+
+def lower_weights(planar: bool, information: Array, residuals: Array) -> tuple[Array, Array]:
+    """K (E, r, r) and tau (E,) with `v' I v >= w' K w + tau |u|^2` for every v of w and u.
+
+    K is a share of the rotation's information and tau of the translation's smallest; of the pairs
+    that are tried, the one that is worth most at these residuals.
+    """
+    turn, shift = (slice(2, 3), slice(0, 2)) if planar else (slice(0, 3), slice(3, 6))
+    rotation, slight = information[:, turn, turn], np.zeros_like(information)
+    tau = np.linalg.eigvalsh(information[:, shift, shift])[:, 0]
+    spin, length = residuals[:, turn], np.sum(residuals[:, shift] ** 2, axis=1)
+    by_turn = np.einsum("ei,eij,ej->e", spin, rotation, spin)
+    slight[:, shift, shift] = tau[:, None, None] * np.eye(slight[0, shift, shift].shape[0])
+    worth, kept = np.full(len(tau), -1.0), np.zeros((2, len(tau)))
+    for ratio in _RATIOS:
+        slight[:, turn, turn] = ratio * rotation
+        root = np.linalg.inv(np.linalg.cholesky(slight))
+        share = np.linalg.eigvalsh(root @ information @ np.swapaxes(root, 1, 2))[:, 0]
+        found = share * (ratio * by_turn + tau * length)
+        kept = np.where(found > worth, np.stack([share * ratio, share]), kept)
+        worth = np.maximum(found, worth)
+    return kept[0][:, None, None] * rotation, kept[1] * tau
+
+
+def _for_matrices(planar: bool, weights: Array) -> Array:
+    """W (E, d, d) so that a rotation error by vector w costs at most `w' K w`.
+
+    An angle a about the axis n costs `2 (1 - cos a) (trace W - n' W n)`.
+    """
+    size = 2 if planar else 3
+    half = 0.5 * np.trace(weights, axis1=1, axis2=2)[:, None, None] * np.eye(size)
+    return np.asarray(half if planar else half - weights)
+
+
+def _edge_blocks(turn: Array, shift: Array, weights: Array, tau: Array) -> tuple[Array, ...]:
+    """Blocks (E, d + 1, d + 1) at the tail, at the head, and between them."""
+    count, size = shift.shape
+    at_tail, at_head, cross = np.zeros((3, count, size + 1, size + 1))
+    pull, turned = tau[:, None] * shift, turn @ weights
+    at_tail[:, 0, 0] = at_head[:, 0, 0] = tau
+    at_tail[:, 0, 1:] = at_tail[:, 1:, 0] = pull
+    at_tail[:, 1:, 1:] = pull[:, :, None] * shift[:, None, :] + turned @ np.swapaxes(turn, 1, 2)
+    at_head[:, 1:, 1:] = weights
+    cross[:, 0, 0], cross[:, 1:, 0], cross[:, 1:, 1:] = -tau, -pull, -turned
+    return at_tail, at_head, cross
+
+
+def product(twin: Twin, blocks: Array, x: Array) -> Array:
+    """(N, d, d + 1): X times a matrix with the twin's pattern, of poses X (N, d, d + 1)."""
+    count = len(x)
+    found = x @ blocks[:count]
+    rows, columns, off = twin.rows[count:], twin.columns[count:], blocks[count:]
+    np.add.at(found, columns, x[rows] @ off)
+    np.add.at(found, rows, x[columns] @ np.swapaxes(off, 1, 2))
+    return found
+
+
+def multipliers(twin: Twin, x: Array) -> Array:
+    """(N, d, d) symmetric Lagrange multipliers of the rotations' orthogonality at poses X."""
+    there = np.swapaxes(x[:, :, 1:], 1, 2) @ product(twin, twin.blocks, x)[:, :, 1:]
+    there = 0.5 * (there + np.swapaxes(there, 1, 2))
+    there[twin.points] = 0.0
+    return there
+
+
+def certificate_blocks(twin: Twin, multiplied: Array) -> Array:
+    """Blocks of `S = M - Lambda`; positive semi-definite at a global minimum."""
+    blocks = twin.blocks.copy()
+    blocks[: len(multiplied), 1:, 1:] -= multiplied
+    return blocks
+
+
+def twin_poses(planar: bool, poses: Array) -> Array:
+    """X (N, d, d + 1) of poses: translation, then rotation."""
+    matrices, size = (planar_to_matrix(poses), 2) if planar else (poses, 3)
+    return np.concatenate([matrices[:, :size, 3:4], matrices[:, :size, :size]], axis=2)
+
+
+def tangent_bases(x: Array) -> Array:
+    """(N, m, d, d + 1): how X changes with rotations of a node, then with its translations."""
+    count, size = x.shape[:2]
+    spins = np.array([[[0.0, -1.0], [1.0, 0.0]]]) if size == 2 else skew(np.eye(3))
+    bases = np.zeros((count, len(spins) + size, size, size + 1))
+    bases[:, : len(spins), :, 1:] = x[:, None, :, 1:] @ spins
+    bases[:, len(spins) :, :, 0] = np.eye(size)
+    return bases
+
+
+def moved(x: Array, step: Array) -> Array:
+    """X after steps (N, m) along the tangents."""
+    size = x.shape[1]
+    spin = step.shape[1] - size
+    found = x.copy()
+    found[:, :, 0] += step[:, spin:]
+    tangent = np.zeros((len(x), 3 if size == 2 else 6))
+    if size == 2:
+        tangent[:, 2] = step[:, 0]
+        turn = planar_to_matrix(planar_exp(tangent))[:, :2, :2]
+    else:
+        tangent[:, :3] = step[:, :3]
+        turn = se3_exp(tangent)[:, :3, :3]
+    found[:, :, 1:] = x[:, :, 1:] @ turn
+    return found

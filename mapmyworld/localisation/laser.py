@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry import (
     PLANAR_IN_TANGENT,
+    between,
     between_planar,
     compose_planar,
+    matrix_to_planar,
     planar_to_matrix,
 )
 from mapmyworld.kernels.scan_alignment import invert3
@@ -21,7 +23,9 @@ from mapmyworld.localisation.known_place import Fit, KnownPlace
 from mapmyworld.localisation.observation import (
     Moment,
     fit_at,
+    is_broken,
     is_convincing,
+    is_shaken,
     match_at,
     scan_of,
     thinned_points,
@@ -40,7 +44,6 @@ _RIVAL_AWAY = 1.0  # m from the tracked pose at which a rival counts
 _BLIND = 0.3  # m of uncertainty from which dead reckoning is no tracking
 _PROBATION = 2.0  # m of motion after a recognition during which no doubt is allowed
 _OFF_PLANE = 1e-6  # rad^2 and m^2
-_BROKEN = {"lost", "searched", "odometry only", "odometry ignored"}
 _BACKWARDS = np.diag([0.05, 0.05, 0.03]) ** 2  # m^2, m^2, rad^2 of one step back
 
 
@@ -82,8 +85,16 @@ class LaserLocaliser:
         self._tracked = moved.pose
         scan = scan_of(frame, self._config)
         points = thinned_points(scan, self._settings.field_points)
-        broken = moved.verdict in _BROKEN
-        return Moment(len(self.estimates), scan, points, moved.pose, step, broken)
+        broken = is_broken(moved, step, self._recorded_step(frame))
+        shaken = is_shaken(moved)
+        return Moment(len(self.estimates), scan, points, moved.pose, step, shaken, broken)
+
+    def _recorded_step(self, frame: Frame) -> Array | None:
+        """Motion (3,) since the frame before, as recorded."""
+        before = self.estimates[-1].odom_from_base if self.estimates else None
+        if before is None or frame.odom_from_base is None:
+            return None
+        return matrix_to_planar(between(before, frame.odom_from_base))
 
     def _predict(self, step: Array, covariance: Array) -> None:
         """The pose after a motion; its uncertainty is carried into the new frame and grows."""
@@ -114,7 +125,7 @@ class LaserLocaliser:
         self._since_agreed = 0.0
         self._correct(match)
         due = self._settings.step_distance if self._doubts else self._settings.confirm_distance
-        if not moment.broken and self._since_confirmed < due:
+        if not moment.shaken and self._since_confirmed < due:
             return State.TRACKING, fit.agreement
         self._since_confirmed = 0.0
         return self._confirm(moment, fit), fit.agreement
@@ -123,7 +134,7 @@ class LaserLocaliser:
         """Goes on by odometry where the map does not help, if that is certain enough."""
         sigma = np.sqrt(np.linalg.eigvalsh(self._covariance[:2, :2])[-1])
         far = self._since_agreed > self._settings.reckon_distance
-        if moment.broken or far or sigma > _BLIND:
+        if moment.shaken or far or sigma > _BLIND:
             return self._lose(moment)
         return State.TRACKING
 
@@ -197,7 +208,7 @@ class LaserLocaliser:
             guess = compose_planar(pose, between_planar(after.tracked, moment.tracked))
             match = match_at(self._place, moment, guess, FINE, self._config, prior)
             fit = fit_at(self._place, moment, match.pose, self._config)
-            if after.broken or fit.agreement < self._settings.agreement_found:
+            if after.shaken or fit.agreement < self._settings.agreement_found:
                 break
             pose, after = match.pose, moment
             self.estimates[moment.index] = replace(

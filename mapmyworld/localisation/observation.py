@@ -8,11 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import between_planar
 from mapmyworld.localisation.known_place import Fit, KnownPlace
+from mapmyworld.odometry.laser import Tracked
 from mapmyworld.registration.scan_matching import Match, PreparedScan, match_scan, prepare_scan
 from mapmyworld.types import Frame
 
 Array = NDArray[np.float64]
+_AGREEING = np.array([0.15, 0.15])  # m and rad between two accounts of one motion
 _FEWEST = 12  # points of a scan below which it says nothing
 
 
@@ -27,12 +30,32 @@ class Moment:
     """(3,) the tracker's pose."""
     step: Array
     """(3,) motion since the moment before."""
-    broken: bool
+    shaken: bool
     """Whether that motion is doubtful: the scan did not go with the ones before."""
+    broken: bool
+    """Whether it says nothing: odometry, if there is any, does not bear it out."""
 
     @property
     def is_blind(self) -> bool:
         return len(self.scan.rows) < _FEWEST
+
+
+def is_shaken(moved: Tracked) -> bool:
+    """Whether a scan was not simply matched with the ones before."""
+    return moved.verdict in ("lost", "odometry only", "searched")
+
+
+def is_broken(moved: Tracked, step: Array, recorded: Array | None) -> bool:
+    """Whether a motion `step` (3,) of the tracker says nothing of how the robot moved.
+
+    A scan that was found again by a wide search counts where the `recorded` motion (3,) agrees.
+    """
+    if moved.verdict != "searched":
+        return is_shaken(moved)
+    if recorded is None:
+        return True
+    off = np.abs(between_planar(recorded, step))
+    return bool(np.hypot(off[0], off[1]) > _AGREEING[0] or off[2] > _AGREEING[1])
 
 
 def scan_of(frame: Frame, config: Config) -> PreparedScan:

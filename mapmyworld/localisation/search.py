@@ -60,8 +60,8 @@ def search_map(place: KnownPlace, points: Array, config: Config) -> Hypotheses:
 
     def look(first: int, last: int) -> None:
         best_in_blocks(
-            first, last, grid.likelihoods(0), grid.margin, 1 << _LEVEL, blocks[which], turns, points,
-            angles, grid.resolution, best,
+            first, last, grid.likelihoods(0), grid.margin, 1 << _LEVEL, blocks[which], turns,
+            points, angles, grid.resolution, best,
         )  # fmt: skip
 
     run_in_chunks(look, len(chosen), config.threads)

@@ -16,12 +16,11 @@ from mapmyworld.localisation.observation import Moment, fit_at, is_convincing, m
 from mapmyworld.registration.scan_matching import COARSE, Match
 
 Array = NDArray[np.float64]
-_WEIGHINGS = 8  # of the particles, at least, before a place is believed
 _PATIENCE = 3.0  # m of motion after which a search that led nowhere begins anew
 _NO_LEAP = np.array([0.5, 0.35])  # m and rad from a belief within which a match must end
 _ASTRAY = 0.05  # m per m of unbroken motion by which dead reckoning may be off
 _SLACK = 1.0  # m by which it may be off anyway
-_STREAK = 4  # weighings in a row that must find the same convincing place
+_STREAK = 10  # weighings in a row that must find the same convincing place
 _STREAK_AGAINST = 25  # the same, for a place where unbroken motion cannot have led
 _LOOSE = np.diag([0.1, 0.1, 0.05]) ** 2  # m^2, m^2, rad^2 of dead reckoning that fits again
 
@@ -45,7 +44,7 @@ class Seeker:
         self._place, self._config = place, config
         self._particles = MonteCarlo(place, config)
         self._pending = np.zeros(3)
-        self._weighings, self._streak, self._searched = 0, 0, 0.0
+        self._streak, self._searched = 0, 0.0
         self._reckoned: Array | None = None
         self._way = 0.0
 
@@ -60,7 +59,7 @@ class Seeker:
 
     def _restart(self, moment: Moment) -> None:
         self._particles.begin(moment.points)
-        self._weighings, self._streak, self._searched = 0, 0, 0.0
+        self._streak, self._searched = 0, 0.0
         self._pending = np.zeros(3)
 
     def look(self, moment: Moment) -> Discovery | None:
@@ -77,7 +76,6 @@ class Seeker:
             return None
         self._particles.step(self._pending, moment.points)
         self._pending = np.zeros(3)
-        self._weighings += 1
         self._searched += way
         return self._picked_up(moment) or self._decided(moment)
 
@@ -108,7 +106,7 @@ class Seeker:
             return None
         against = self._contradicts_motion(found.match.pose)
         needed = _STREAK_AGAINST if against else _STREAK
-        return found if self._streak >= needed and self._weighings >= _WEIGHINGS else None
+        return found if self._streak >= needed else None
 
     def _discovery(self, moment: Moment, guess: Array, covariance: Array) -> Discovery | None:
         """The match from a guess, where it stays near and convinces."""

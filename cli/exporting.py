@@ -112,7 +112,8 @@ def solved_poses(store: MapStore) -> Poses:
         return poses
     from mapmyworld.config import GraphConfig
     from mapmyworld.geometry import planar_to_matrix
-    from mapmyworld.graph import graph_from_constraints, optimise
+    from mapmyworld.graph.optimise import optimise
+    from mapmyworld.graph.pose_graph import graph_from_constraints
 
     nodes, constraints = store.nodes(), store.constraints()
     _require(bool(nodes), store, "holds no nodes")
@@ -147,7 +148,7 @@ def node_items(store: MapStore) -> Iterator[tuple[Node, NodeData, Array]]:
 
 def graph_of(store: MapStore) -> PoseGraph:
     """The solved graph with its accepted constraints."""
-    from mapmyworld.graph import graph_from_constraints
+    from mapmyworld.graph.pose_graph import graph_from_constraints
 
     poses = solved_poses(store)
     return graph_from_constraints(

@@ -51,7 +51,8 @@ def graph(
         return
 
     with open_store(map_path, read_only=True) as store:
-        poses, constraints, grid = store.poses(), store.constraints(), store.grid()
+        poses, constraints = store.poses(), store.constraints()
+        grid = store.grid() if image is not None else None
         nodes = store.nodes()
         planar = bool((store.get("plan") or {}).get("planar", False))
         solved = store.get("solve") or {}

@@ -15,7 +15,7 @@ from cli.optimise import optimise
 from formats.pose_graph import read_graph
 from formats.report.graph_picture import draw_graph
 from mapmyworld.errors import MapError
-from mapmyworld.graph import solve
+from mapmyworld.graph.solve import solve
 from mapmyworld.types import Poses
 from tests.test_graph_solve import false_closures, noisy_constraints, square_walk
 

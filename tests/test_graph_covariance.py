@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapmyworld.geometry import information_from_planar, planar_to_matrix, se3_exp
-from mapmyworld.graph import solve
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError, analyse, factorise
 from mapmyworld.graph.covariance import marginal_covariances, relative_covariances
 from mapmyworld.graph.residuals import edge_jacobians, edge_residuals, retract
+from mapmyworld.graph.solve import solve
 from mapmyworld.graph.system import System, linearise, number_free, pattern_of
 from mapmyworld.types import Constraint, ConstraintKind
 

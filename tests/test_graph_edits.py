@@ -9,8 +9,8 @@ import pytest
 
 from formats.edits import read_edits
 from mapmyworld.errors import GraphError, MapError
-from mapmyworld.graph import solve
 from mapmyworld.graph.edits import apply_edits, edits_from_json, edits_to_json, resolve_pins
+from mapmyworld.graph.solve import solve
 from mapmyworld.types import Constraint, ConstraintKind, Poses
 from tests.test_graph_solve import noisy_constraints, square_walk
 

@@ -15,8 +15,7 @@ from mapmyworld.geometry import (
     compose_planar,
     se3_exp,
 )
-from mapmyworld.graph import optimise
-from mapmyworld.graph.optimise import optimise_robustly
+from mapmyworld.graph.optimise import optimise, optimise_robustly
 from mapmyworld.graph.residuals import planar_exp, planar_log, retract
 from mapmyworld.types.pose_graph import Edges, PoseGraph, Sightings, no_priors, no_sightings
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mapmyworld.geometry import between, information_from_planar, planar_to_matrix, se3_exp
-from mapmyworld.graph import solve
+from mapmyworld.graph.solve import solve
 from mapmyworld.types import Constraint, ConstraintKind
 
 

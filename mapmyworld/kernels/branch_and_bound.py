@@ -56,7 +56,7 @@ def _exceeds(
         x, y = cells[i, 0] + column, cells[i, 1] + row
         value = 0
         if 0 <= x < width and 0 <= y < height:
-            value = np.int64(level[y, x])
+            value = int(level[y, x])
         total += value
         slack -= FULL - value
         if slack <= 0:

@@ -38,6 +38,29 @@ def count_rays(
 
 
 @njit(cache=True, nogil=True)
+def count_scans(
+    hits: NDArray[np.uint16],
+    passes: NDArray[np.uint16],
+    marks: NDArray[np.int32],
+    mark: int,
+    starts: NDArray[np.float64],
+    ends: NDArray[np.float64],
+    is_hit: NDArray[np.bool_],
+    bounds: NDArray[np.int64],
+) -> None:
+    """Scans from `starts` (S, 2) to their `ends[bounds[k]:bounds[k + 1]]`, as `count_rays`.
+
+    `mark` is the last scan that was counted before.
+    """
+    for k in range(len(starts)):
+        first, last = bounds[k], bounds[k + 1]
+        count_rays(
+            hits, passes, marks, mark + 1 + k, starts[k, 0], starts[k, 1],
+            ends[first:last], is_hit[first:last],
+        )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
 def _pass_through(
     passes: NDArray[np.uint16],
     marks: NDArray[np.int32],

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config, MappingConfig
 from mapmyworld.errors import MapError
-from mapmyworld.geometry import transform_points_planar
-from mapmyworld.kernels.rays import count_rays
+from mapmyworld.kernels.rays import count_scans
+from mapmyworld.parallel import batches
 from mapmyworld.types import OccupancyGrid, Scan
 
 Array = NDArray[np.float64]
 _MARGIN = 64  # cells by which the canvas outgrows what is needed, so that it seldom grows
+_TOGETHER = 128  # scans that are drawn in one go
 _MOST_CELLS = 400_000_000  # of the canvas; beyond, some range or pose is nonsense
 
 
@@ -27,8 +29,8 @@ def build_grid(scans: Iterable[tuple[Array, Scan]], config: Config) -> Occupancy
     """
     settings = config.mapping
     canvas = _Canvas(settings.resolution)
-    for map_from_base, scan in scans:
-        canvas.add(map_from_base, scan, settings)
+    for some in batches(scans, _TOGETHER):
+        canvas.add(_rays(some, settings))
     return canvas.finish(settings)
 
 
@@ -43,20 +45,19 @@ class _Canvas:
         self._marks = np.zeros((0, 0), np.int32)
         self._mark = 0
 
-    def add(self, map_from_base: Array, scan: Scan, settings: MappingConfig) -> None:
-        lidar = transform_points_planar(map_from_base, scan.origin[None, :2])[0]
-        ends, is_hit = _rays(map_from_base, lidar, scan, settings)
-        if not len(ends) or not np.isfinite(lidar).all():
+    def add(self, rays: _Rays) -> None:
+        if not len(rays.ends):
             return
-        cells = ends / self._resolution
-        start = lidar / self._resolution
-        low = np.floor(np.minimum(cells.min(axis=0), start)).astype(np.int64)
-        high = np.floor(np.maximum(cells.max(axis=0), start)).astype(np.int64)
+        ends, starts = rays.ends / self._resolution, rays.starts / self._resolution
+        used = starts[np.diff(rays.bounds) > 0]
+        low = np.floor(np.minimum(ends.min(axis=0), used.min(axis=0))).astype(np.int64)
+        high = np.floor(np.maximum(ends.max(axis=0), used.max(axis=0))).astype(np.int64)
         self._cover(low, high)
-        self._mark += 1
-        inside = np.ascontiguousarray(cells - self._corner)
-        x0, y0 = (start - self._corner).tolist()
-        count_rays(self._hits, self._passes, self._marks, self._mark, x0, y0, inside, is_hit)
+        count_scans(
+            self._hits, self._passes, self._marks, self._mark,
+            starts - self._corner, ends - self._corner, rays.is_hit, rays.bounds,
+        )  # fmt: skip
+        self._mark += len(starts)
 
     def _cover(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> None:
         """Grows the canvas until it holds the lattice cells `low` to `high`."""
@@ -120,20 +121,55 @@ def _log_odds(probability: float) -> float:
     return float(np.log(probability / (1.0 - probability)))
 
 
-def _rays(
-    map_from_base: Array, lidar: Array, scan: Scan, settings: MappingConfig
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Ends (N, 2) of the beams in the map, and whether something stopped them there."""
-    points = transform_points_planar(map_from_base, scan.points)
-    beams = points - lidar
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rays:
+    """The beams of some scans in the map."""
+
+    starts: Array
+    """(S, 2) the lidars."""
+    ends: Array
+    """(R, 2) where the beams end."""
+    is_hit: NDArray[np.bool_]
+    """(R,) whether something stopped them there."""
+    bounds: NDArray[np.int64]
+    """(S + 1,) where each scan's beams begin."""
+
+
+def _rays(scans: Sequence[tuple[Array, Scan]], settings: MappingConfig) -> _Rays:
+    """Beams up to the range of the map; a scan whose pose is not finite has none."""
+    poses = np.array([pose for pose, _ in scans], np.float64)
+    origins = np.array([scan.origin[:2] for _, scan in scans], np.float64)
+    starts = _placed(poses, origins)
+    points = np.concatenate([scan.points for _, scan in scans]).astype(np.float64)
+    scan_of = np.repeat(np.arange(len(scans)), [len(scan.points) for _, scan in scans])
+    beams = _placed(poses[scan_of], points) - starts[scan_of]
     lengths = np.maximum(np.hypot(beams[:, 0], beams[:, 1]), 1e-9)
     is_hit = lengths <= settings.range_max
-    ends = lidar + beams * np.minimum(1.0, settings.range_max / lengths)[:, None]
-    if settings.missing_range > 0 and len(scan.missing):
-        bearings = scan.missing.astype(np.float64) + map_from_base[2]
-        reach = min(settings.missing_range, scan.range_max)
-        away = lidar + reach * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
-        ends = np.concatenate([ends, away])
+    ends = starts[scan_of] + beams * np.minimum(1.0, settings.range_max / lengths)[:, None]
+    if settings.missing_range > 0:
+        away, of = _missing_ends(scans, poses, starts, settings)
+        ends, scan_of = np.concatenate([ends, away]), np.concatenate([scan_of, of])
         is_hit = np.concatenate([is_hit, np.zeros(len(away), np.bool_)])
-    finite = np.isfinite(ends).all(axis=1)
-    return ends[finite], is_hit[finite]
+        order = np.argsort(scan_of, kind="stable")
+        ends, is_hit, scan_of = ends[order], is_hit[order], scan_of[order]
+    finite = np.isfinite(ends).all(axis=1) & np.isfinite(starts[scan_of]).all(axis=1)
+    bounds = np.searchsorted(scan_of[finite], np.arange(len(scans) + 1))
+    return _Rays(starts, ends[finite], is_hit[finite], bounds)
+
+
+def _missing_ends(
+    scans: Sequence[tuple[Array, Scan]], poses: Array, starts: Array, settings: MappingConfig
+) -> tuple[Array, NDArray[np.int64]]:
+    """How far beams without a return are taken to have gone (R, 2), and of which scan they are."""
+    scan_of = np.repeat(np.arange(len(scans)), [len(scan.missing) for _, scan in scans])
+    bearings = np.concatenate([scan.missing for _, scan in scans]) + poses[scan_of, 2]
+    reach = np.array([min(settings.missing_range, scan.range_max) for _, scan in scans])[scan_of]
+    away = reach[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
+    return starts[scan_of] + away, scan_of
+
+
+def _placed(poses: Array, points: Array) -> Array:
+    """Points (N, 2), each in a base at its own pose (N, 3), in the map."""
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    x = c * points[:, 0] - s * points[:, 1] + poses[:, 0]
+    return np.stack([x, s * points[:, 0] + c * points[:, 1] + poses[:, 1]], axis=-1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -29,6 +28,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _REACHES = (0.3, 0.2, 0.15, 0.12, 0.12, 0.12, 0.12, 0.12)  # m within which points are associated
 _ANEW = 2  # rounds after which neighbours are chosen anew
+_UNKNOWN = 0.05  # m and rad by which a step without a constraint may be off
 _NOTHING = 4e-4  # m of movement, root mean square, at which refinement has ended
 
 
@@ -75,22 +75,18 @@ def refine_poses(
 def _rounds(
     scans: ScanSet, poses: Array, motions: Motions, config: Config, progress: Progress
 ) -> tuple[Array, tuple[float, ...], float]:
-    moved: list[float] = []
+    moved: tuple[float, ...] = ()
     residual = 0.0
-    pairs = np.zeros((0, 2), np.int64)
-    for turn, reach in enumerate(_REACHES):
-        if turn in (0, _ANEW):
-            settings = config.odometry
-            pairs = neighbour_pairs(poses, settings.refine_radius, settings.refine_passes)
-        step = align_jointly(
-            scans, poses, pairs, motions, [reach], config.registration, config.threads
+    for reaches in (_REACHES[:_ANEW], _REACHES[_ANEW:]):
+        settings = config.odometry
+        pairs = neighbour_pairs(poses, settings.refine_radius, settings.refine_passes)
+        found = align_jointly(
+            scans, poses, pairs, motions, reaches, config.registration, config.threads, _NOTHING
         )
-        poses, residual = step.poses, step.residual
-        moved.append(step.moved[0])
-        progress.update(turn + 1)
-        if turn > _ANEW and moved[-1] < _NOTHING:
-            break
-    return poses, tuple(moved), residual
+        poses, residual = found.poses, found.residual
+        moved += found.moved
+        progress.update(len(moved))
+    return poses, moved, residual
 
 
 def spaced_nodes(poses: Array, config: Config) -> Index:
@@ -109,23 +105,24 @@ def node_motions(
     nodes: Sequence[Node], chosen: Index, constraints: Sequence[Constraint]
 ) -> Motions:
     """Tracked motions between chosen nodes; their covariances are the neighbours', added up."""
-    steps = {
-        c.from_id: np.linalg.inv(information_to_planar(c.information))
-        for c in constraints
-        if c.kind == ConstraintKind.NEIGHBOUR and c.accepted
-    }
-    unknown = np.diag([0.05**2, 0.05**2, 0.05**2])
+    row_of = {node.id: row for row, node in enumerate(nodes)}
+    steps = [
+        c for c in constraints
+        if c.kind == ConstraintKind.NEIGHBOUR and c.accepted and c.from_id in row_of
+    ]  # fmt: skip
+    covariances = np.broadcast_to(np.diag(np.full(3, _UNKNOWN**2)), (len(nodes), 3, 3)).copy()
+    if steps:
+        known = information_to_planar(np.stack([c.information for c in steps]))
+        covariances[[row_of[c.from_id] for c in steps]] = np.linalg.inv(known)
     tracked = np.stack([nodes[k].tracked_from_base for k in chosen])
-    information = []
-    for a, b in itertools.pairwise(chosen):
-        covariance = sum(steps.get(nodes[k].id, unknown) for k in range(a, b))
-        information.append(np.linalg.inv(covariance + 1e-9 * np.eye(3)))
+    summed = np.add.reduceat(covariances[: chosen[-1]], chosen[:-1], axis=0)
+    information = np.asarray(np.linalg.inv(summed + 1e-9 * np.eye(3)), np.float64)
     count = len(chosen)
     return Motions(
         np.arange(count - 1),
         np.arange(1, count),
         matrix_to_planar(between(tracked[:-1], tracked[1:])),
-        np.array(information).reshape(-1, 3, 3),
+        information,
     )
 
 

@@ -8,8 +8,10 @@ from scipy.spatial import cKDTree
 
 from mapmyworld.geometry import wrap_angle
 
+Index = NDArray[np.int64]
 _IN_TIME = (1, 2, 4, 8)  # scans ahead that each scan is compared with
 _METRES_PER_RADIAN = 1.5  # how much farther a scan counts for looking elsewhere
+_BLOCK = 512  # scans whose surroundings are held in memory together
 
 
 def neighbour_pairs(
@@ -21,21 +23,36 @@ def neighbour_pairs(
     passes at most, so that the cost grows with the drive and not with its square.
     """
     count = len(poses)
-    found: set[tuple[int, int]] = set()
-    for ahead in _IN_TIME:
-        found.update((i, i + ahead) for i in range(count - ahead))
+    every = np.arange(count)
+    found = [np.stack([every[:-ahead], every[ahead:]], axis=1) for ahead in _IN_TIME]
     tree = cKDTree(poses[:, :2])
-    for i, near in enumerate(tree.query_ball_point(poses[:, :2], radius, return_sorted=True)):
-        others = np.asarray(near)
-        others = others[np.abs(others - i) >= gap]
-        if len(others) == 0:
-            continue
-        turn = np.abs(wrap_angle(poses[others, 2] - poses[i, 2]))
-        cost = np.hypot(*(poses[others, :2] - poses[i, :2]).T) + _METRES_PER_RADIAN * turn
-        runs = np.cumsum(np.diff(others, prepend=others[0]) > gap)
-        best = [others[runs == r][np.argmin(cost[runs == r])] for r in range(runs[-1] + 1)]
-        costs = [cost[runs == r].min() for r in range(runs[-1] + 1)]
-        for k in np.argsort(costs, kind="stable")[:passes]:
-            j = int(best[k])
-            found.add((min(i, j), max(i, j)))
-    return np.array(sorted(found), np.int64).reshape(-1, 2)
+    for start in range(0, count, _BLOCK):
+        block = cKDTree(poses[start : start + _BLOCK, :2])
+        near = block.sparse_distance_matrix(tree, radius, output_type="ndarray")
+        scans, others = near["i"] + start, near["j"]
+        apart = np.abs(others - scans) >= gap
+        keys = np.sort(scans[apart] * count + others[apart])
+        found.append(_nearest_of_passes(poses, keys // count, keys % count, passes, gap))
+    low, high = np.sort(np.concatenate(found), axis=1).T
+    keys = np.unique(low * count + high)
+    return np.stack([keys // count, keys % count], axis=1).astype(np.int64)
+
+
+def _nearest_of_passes(
+    poses: NDArray[np.float64], scans: Index, others: Index, passes: int, gap: int
+) -> Index:
+    """The pairs (K, 2) kept of `scans` and `others`, which ascend scan by scan."""
+    turn = np.abs(wrap_angle(poses[others, 2] - poses[scans, 2]))
+    cost = np.hypot(*(poses[others, :2] - poses[scans, :2]).T) + _METRES_PER_RADIAN * turn
+    anew = np.diff(scans, prepend=-1) != 0
+    run = np.cumsum(anew | (np.diff(others, prepend=0) > gap))
+    best = _firsts(np.lexsort((cost, run)), run)
+    best = best[np.lexsort((cost[best], scans[best]))]
+    first = np.searchsorted(scans[best], scans[best], side="left")
+    best = best[np.arange(len(best)) - first < passes]
+    return np.stack([scans[best], others[best]], axis=1)
+
+
+def _firsts(order: Index, groups: Index) -> Index:
+    """Of an order by groups, the first of every group."""
+    return np.asarray(order[np.diff(groups[order], prepend=-1) != 0])

@@ -17,7 +17,8 @@ def pose_every_frame(
     """`map_from_frame` (F, 4, 4): frames between two nodes share out what solving moved them.
 
     A frame follows its node at first and the next node at last, in proportion to its place among
-    the frames between them, so that the path has no steps. Frames after the last node follow it.
+    the frames between them, so that the path has no steps. Frames after the last node of a session
+    follow it.
     """
     row_of_id = {int(i): row for row, i in enumerate(poses.ids)}
     solved = np.stack([poses.map_from_node[row_of_id[node.id]] for node in nodes])
@@ -31,7 +32,9 @@ def pose_every_frame(
         return np.asarray(by_here)
     step = next_from_here[np.minimum(here, len(nodes) - 2)]
     by_next = solved[after] @ step @ frames.node_from_frame
-    share = np.where(after > here, _share_of_way(here, len(nodes)), 0.0)
+    sessions = np.array([node.session for node in nodes])
+    goes_on = (after > here) & (sessions[after] == sessions[here])
+    share = np.where(goes_on, _share_of_way(here, len(nodes)), 0.0)
     return interpolate(by_here, by_next, share)
 
 

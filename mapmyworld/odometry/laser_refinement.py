@@ -55,17 +55,23 @@ def refine_poses(
     Nodes that are not aligned themselves keep their place between those that are.
     """
     nodes, scans = loaded or load_node_scans(store, config)
-    if len(nodes) < 3 or any(node.session != nodes[0].session for node in nodes):
+    if len(nodes) < 3:
         return None
     progress.stage("refine", len(_REACHES), "rounds")
     rows = {int(i): row for row, i in enumerate(poses.ids)}
     solved = matrix_to_planar(np.stack([poses.map_from_node[rows[n.id]] for n in nodes]))
-    chosen = spaced_nodes(solved, config)
+    drives = _drives(nodes)
+    chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in drives])
     motions = node_motions(nodes, chosen, store.constraints())
     refined, moved, residual = _rounds(
         _subset(scans, chosen), solved[chosen], motions, config, progress
     )
-    every = carry_along(solved, chosen, refined)
+    every = np.concatenate(
+        [
+            _carried(solved[a:b], chosen - a, refined, (chosen >= a) & (chosen < b))
+            for a, b in drives
+        ]
+    )
     matrices = np.array(poses.map_from_node)
     where = np.array([rows[n.id] for n in nodes])
     matrices[where] = _replace_planar(matrices[where], every)
@@ -87,6 +93,17 @@ def _rounds(
         moved += found.moved
         progress.update(len(moved))
     return poses, moved, residual
+
+
+def _drives(nodes: Sequence[Node]) -> list[tuple[int, int]]:
+    """First node and one past the last of every session; motions and carrying stay within."""
+    sessions = np.array([node.session for node in nodes])
+    edges = [0, *(np.flatnonzero(np.diff(sessions)) + 1).tolist(), len(nodes)]
+    return list(itertools.pairwise(edges))
+
+
+def _carried(solved: Array, chosen: Index, refined: Array, mine: NDArray[np.bool_]) -> Array:
+    return carry_along(solved, chosen[mine], refined[mine])
 
 
 def spaced_nodes(poses: Array, config: Config) -> Index:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -134,12 +135,13 @@ def node_motions(
     tracked = np.stack([nodes[k].tracked_from_base for k in chosen])
     summed = np.add.reduceat(covariances[: chosen[-1]], chosen[:-1], axis=0)
     information = np.asarray(np.linalg.inv(summed + 1e-9 * np.eye(3)), np.float64)
-    count = len(chosen)
+    sessions = np.array([nodes[k].session for k in chosen])
+    within = np.flatnonzero(sessions[:-1] == sessions[1:])
     return Motions(
-        np.arange(count - 1),
-        np.arange(1, count),
-        matrix_to_planar(between(tracked[:-1], tracked[1:])),
-        information,
+        within,
+        within + 1,
+        matrix_to_planar(between(tracked[within], tracked[within + 1])),
+        information[within],
     )
 
 

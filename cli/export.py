@@ -316,3 +316,33 @@ def figure(map_path: Path, what: str, output: Path | None) -> None:
     with _open(map_path) as store:
         write_figure(path, what, report_contents(store, timing_beside(store)))
         _tell([path], store)
+
+
+@export.command()
+@map_argument
+@_output("FILE.mcap", "[default: the map's name with .foxglove.mcap]")
+@click.option(
+    "--with-log",
+    "logs",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="LOG",
+    help="Copy this log too, with `map -> odom` added: it replays in the corrected frame.",
+)
+def mcap(map_path: Path, output: Path | None, logs: tuple[Path, ...]) -> None:
+    """The map for Foxglove: grid, cloud, path, poses, graph, images, tf; and a layout beside it.
+
+    \b
+    mapmyworld export mcap
+    mapmyworld export mcap office.db -o office.mcap --with-log drive.bag
+    """
+    from cli.foxglove import export_mcap
+
+    path = output or map_path.with_suffix(".foxglove.mcap")
+    with _open(map_path) as store:
+        written, losses = export_mcap(store, path, logs)
+        for loss in losses:
+            click.echo(f"mapmyworld: {loss}", err=True)
+        _tell(written, store)
+    if losses:
+        sys.exit(EXIT_PARTIAL)

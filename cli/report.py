@@ -97,7 +97,7 @@ def report_contents(store: MapStore, timing: Mapping[str, Any] | None = None) ->
         evidence_left_out=fetched.left_out,
         pictures=fetched.pictures,
         scans=fetched.scans,
-        cloud=_cloud(store),
+        cloud=cloud_beside(store),
         decisions=_decisions(store),
         notes=_notes(store, problems),
         settings=[tuple(row) for row in store.get("settings") or ()],
@@ -247,7 +247,7 @@ def _reproduce(store: MapStore) -> str:
     )
 
 
-def _cloud(store: MapStore) -> Any:
+def cloud_beside(store: MapStore) -> Any:
     """The cloud that was written beside the map, if it is there."""
     from formats.cloud import read_cloud
 

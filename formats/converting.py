@@ -63,7 +63,7 @@ def convert_log(
     end_ns = None if selection.duration_s is None else first_ns + round(selection.duration_s * 1e9)
     clock = _Clock(report)
     with LogWriter(output, compression=compression, overwrite=overwrite) as writer:
-        copier = _Copier(writer)
+        copier = Copier(writer)
         for time_ns, write in copier.writes(log, selection.topics):
             if end_ns is not None and time_ns >= end_ns:
                 break
@@ -107,7 +107,7 @@ class _Clock:
             self._report(self.messages, self.span_s, self.span_s / (now - self._began))
 
 
-class _Copier:
+class Copier:
     """Takes messages of any log to one writer."""
 
     def __init__(self, writer: LogWriter) -> None:

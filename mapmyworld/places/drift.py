@@ -40,11 +40,17 @@ class Drift:
     def comparable(self, i: int, j: int) -> bool:
         return bool(self._sessions[i] == self._sessions[j])
 
-    def excess(self, i: int, j: int, i_from_j: Array) -> tuple[float, float, float]:
-        """How a measured motion contradicts the tracked one: largest sigma, metres, radians."""
+    def excess(
+        self, i: int, j: int, i_from_j: Array, own: tuple[float, float] = (0.0, 0.0)
+    ) -> tuple[float, float, float]:
+        """How a measured motion contradicts the tracked one: largest sigma, metres, radians.
+
+        `own`: standard deviations (m, rad) of the measured motion itself.
+        """
         error = between(between(self._poses[i], self._poses[j]), i_from_j)
         metres, radians = float(np.linalg.norm(error[:3, 3])), float(rotation_angle(error))
         translation, rotation = self.sigmas(i, j)
+        translation, rotation = np.hypot([translation, rotation], own).tolist()
         return max(metres / translation, radians / rotation), metres, radians
 
     def tracked(self, i: int, j: int) -> Array:

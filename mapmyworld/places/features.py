@@ -100,32 +100,32 @@ def _describe(
 ) -> tuple[_Keypoints, NDArray[np.uint8] | NDArray[np.float32]]:
     """The best-spread `wanted` of the found keypoints, with descriptors (N, D)."""
     width = 32 if kind is np.uint8 else 128
-    pixels = np.array([k.pt for k in found], np.float32).reshape(-1, 2)
-    responses = np.array([k.response for k in found], np.float32)
+    pixels = np.asarray(cv2.KeyPoint_convert(found), np.float32).reshape(-1, 2)
+    responses = np.fromiter((k.response for k in found), np.float32, len(found))
     chosen = spread(pixels, responses, grey.shape[1], grey.shape[0], wanted)
     kept, descriptors = detector.compute(grey, [found[i] for i in chosen])
     if descriptors is None or len(kept) == 0:
         kept, descriptors = [], np.zeros((0, width), kind)
+    rows = np.array([(k.size, k.angle, k.response, k.octave & 0xFF) for k in kept], np.float32)
+    sizes, angles, strengths, octaves = np.ascontiguousarray(rows.reshape(-1, 4).T)
     keypoints = _Keypoints(
-        _centred(kept, kind),
-        np.array([k.size for k in kept], np.float32),
-        np.array([k.angle for k in kept], np.float32),
-        np.array([k.response for k in kept], np.float32),
-        np.array([k.octave & 0xFF for k in kept], np.int32),
+        _centred(kept, sizes, kind), sizes, angles, strengths, octaves.astype(np.int32)
     )
     return keypoints, np.ascontiguousarray(descriptors, kind)
 
 
-def _centred(kept: list[cv2.KeyPoint], kind: type[np.generic]) -> NDArray[np.float32]:
+def _centred(
+    kept: list[cv2.KeyPoint], sizes: NDArray[np.float32], kind: type[np.generic]
+) -> NDArray[np.float32]:
     """Positions (N, 2) with pixel centres at whole numbers.
 
     OpenCV's ORB scales the position found in a smaller image without regard to where that image's
     first pixel has its centre, which shifts coarse features up and to the left.
     """
-    pixels = np.array([k.pt for k in kept], np.float32).reshape(-1, 2)
+    pixels = np.asarray(cv2.KeyPoint_convert(kept), np.float32).reshape(-1, 2)
     if kind is not np.uint8:
         return pixels
-    scale = np.array([k.size for k in kept], np.float32) / np.float32(_ORB_PATCH)
+    scale = sizes / np.float32(_ORB_PATCH)
     return np.asarray(pixels + 0.5 * (np.maximum(scale, 1.0) - 1.0)[:, None], np.float32)
 
 

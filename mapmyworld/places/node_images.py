@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import between, rotation_angle
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.features import extract_features, spread
 from mapmyworld.places.vocabulary import Vocabulary, train_vocabulary
@@ -27,7 +28,7 @@ class NodeImages:
         self._store, self._config = store, config
         self._views: dict[int, View | None] = {}
         self._features: list[Features] = []
-        nodes = store.nodes()
+        nodes = _compared(store, config)
         every = max(1, -(-len(nodes) // config.visual.place_nodes))
         self.nodes: list[Node] = list(nodes[::every])
         self.have_words = bool(store.words())
@@ -98,6 +99,21 @@ class NodeImages:
                 features = data.features or extract_features(image, self._config)
                 return _best(features, image.camera, self._config), image.camera
         return None
+
+
+def _compared(store: MapStore, config: Config) -> list[Node]:
+    """The nodes whose images are compared: where a laser tracks, some, since it drifts little."""
+    nodes = list(store.nodes())
+    spacing = config.visual.place_spacing
+    if not nodes or spacing <= 0.0 or store.node_data(nodes[0].id).scan is None:
+        return nodes
+    poses = np.stack([node.tracked_from_base for node in nodes])
+    steps = between(poses[:-1], poses[1:])
+    moved = np.maximum(np.linalg.norm(steps[:, :3, 3], axis=1), rotation_angle(steps))
+    sessions = np.array([node.session for node in nodes])
+    moved[np.diff(sessions) != 0] = spacing
+    lengths = np.concatenate([[0.0], np.cumsum(moved)]) / spacing + 1e-9
+    return [nodes[k] for k in np.flatnonzero(np.diff(np.floor(lengths), prepend=-1.0))]
 
 
 def select_features(features: Features, chosen: NDArray[np.int64]) -> Features:

@@ -187,10 +187,12 @@ def _judge(
     for item in verified:
         reason = "" if item.pair.registration.converged else item.pair.registration.reason
         i, j = item.proposal.index, item.proposal.other
-        if not reason and drift.comparable(i, j):
-            sigma, metres, radians = drift.excess(j, i, item.pair.registration.a_from_b)
+        if item.pair.fits and drift.comparable(i, j):
+            own = item.pair.sigma_translation, item.pair.sigma_rotation
+            motion = item.pair.registration.a_from_b
+            sigma, metres, radians = drift.excess(j, i, motion, own)
             if sigma > gate:
-                reason = (
+                reason = reason or (
                     f"looks alike, but contradicts the tracked motion by {metres:.2f} m and "
                     f"{np.degrees(radians):.0f} deg, {sigma:.1f} sigma"
                 )

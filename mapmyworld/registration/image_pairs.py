@@ -33,6 +33,8 @@ class ImagePair:
     """(M,) their partners in b."""
     agreed: NDArray[np.bool_]
     """(M,) whether a match agrees with the motion."""
+    fits: bool
+    """Whether enough matches agree, however uncertain the motion that they agree on."""
     cells: int
     """Cells of an 8 x 6 lattice over b's image that agreeing matches reach."""
     sigma_rotation: float
@@ -121,7 +123,8 @@ def _judged(
     sigmas = [
         float(np.sqrt(np.linalg.eigvalsh(covariance[k : k + 3, k : k + 3])[-1])) for k in (0, 3)
     ]
-    reason = _verdict(count, share, cells, sigmas, config)
+    misfit = _misfit(count, share, cells, config)
+    reason = misfit or _uncertainty(sigmas, config)
     focal = float(b.camera.intrinsics[0, 0])
     residual = (
         float(np.sqrt(np.mean(squared * (sightings.sigmas[agreed, 0] * focal) ** 2)))
@@ -137,11 +140,11 @@ def _judged(
         share,
         residual,
     )
-    return ImagePair(registration, mine, theirs, agreed, cells, sigmas[0], sigmas[1])
+    return ImagePair(registration, mine, theirs, agreed, misfit == "", cells, sigmas[0], sigmas[1])
 
 
-def _verdict(count: int, share: float, cells: int, sigmas: list[float], config: Config) -> str:
-    """Empty when all limits are met, else the first that is missed, with its value."""
+def _misfit(count: int, share: float, cells: int, config: Config) -> str:
+    """Empty when enough matches agree, else the first limit that is missed, with its value."""
     settings = config.visual
     if count < settings.closure_inliers:
         return f"{count} matches agree, {settings.closure_inliers} needed"
@@ -149,6 +152,12 @@ def _verdict(count: int, share: float, cells: int, sigmas: list[float], config: 
         return f"{share:.0%} of the matches agree, {settings.closure_share:.0%} needed"
     if cells < settings.closure_cells:
         return f"agreeing matches reach {cells} cells of the image, {settings.closure_cells} needed"
+    return ""
+
+
+def _uncertainty(sigmas: list[float], config: Config) -> str:
+    """Empty when the motion is certain enough, else the limit that is missed, with its value."""
+    settings = config.visual
     if sigmas[1] > settings.closure_translation_sigma:
         limit = settings.closure_translation_sigma
         return f"translation certain to {sigmas[1]:.3f} m only, {limit:g} m needed"
@@ -167,4 +176,4 @@ def occupied_cells(view: View, chosen: Indices) -> int:
 
 def _failed(mine: Indices, theirs: Indices, reason: str) -> ImagePair:
     nothing = Registration(np.eye(4), 1e-6 * np.eye(6), False, reason)  # says nothing
-    return ImagePair(nothing, mine, theirs, np.zeros(len(mine), np.bool_), 0, np.inf, np.inf)
+    return ImagePair(nothing, mine, theirs, np.zeros(len(mine), np.bool_), False, 0, np.inf, np.inf)

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import matrix_to_planar
+from mapmyworld.parallel import in_threads
 from mapmyworld.stages.recognise import has_images, has_scans
-from mapmyworld.types import MapStore, Progress, Scan
+from mapmyworld.types import MapStore, Progress, RgbdImage, Scan
 
 
 def draw_maps(store: MapStore, config: Config, progress: Progress) -> None:
@@ -43,8 +44,16 @@ def _depth_scans(
 
     poses = store.poses()
     assert poses is not None
-    for done, (node_id, pose) in enumerate(zip(poses.ids, poses.map_from_node, strict=True)):
-        if node_id > 0:
-            for image in store.node_data(int(node_id)).images:
-                yield matrix_to_planar(pose), scan_from_depth(image, config)
+    items = (
+        (matrix_to_planar(pose), image)
+        for node_id, pose in zip(poses.ids, poses.map_from_node, strict=True)
+        if node_id > 0
+        for image in store.node_data(int(node_id)).images
+    )
+
+    def look(item: tuple[NDArray[np.float64], RgbdImage]) -> tuple[NDArray[np.float64], Scan]:
+        return item[0], scan_from_depth(item[1], config)
+
+    for done, found in enumerate(in_threads(look, items, config.threads)):
+        yield found
         progress.update(done)

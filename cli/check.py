@@ -2,124 +2,176 @@
 
 from __future__ import annotations
 
-import operator
-import re
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
 from cli.checking import KEYS, Sources, measure
 from cli.common import EXIT_CHECK_FAILED, format_option, map_argument, show_json
-from mapmyworld.errors import ConfigError
+from cli.gates import BETTER, WHOLE, judged, no_worse, read_requirements, require_known, wholeness
+from formats.verdicts import Verdict, junit_xml, markdown
+from mapmyworld.errors import ConfigError, MapError
 
-_OPERATORS: dict[str, Callable[[float, float], bool]] = {
-    ">=": operator.ge,
-    "<=": operator.le,
-    "==": operator.eq,
-    "!=": operator.ne,
-    ">": operator.gt,
-    "<": operator.lt,
-}
-_REQUIREMENT = re.compile(r"\s*(\w+)\s*(>=|<=|==|!=|>|<)\s*(\S+)\s*")
-
-
-@dataclass(frozen=True, slots=True)
-class Requirement:
-    key: str
-    symbol: str
-    limit: float
-
-    def holds(self, value: float) -> bool:
-        return _OPERATORS[self.symbol](value, self.limit)
-
-    def __str__(self) -> str:
-        return f"{self.key} {self.symbol} {self.limit:g}"
+_PATH = click.Path(path_type=Path)
 
 
 @click.command()
 @map_argument
 @click.option("--require", "texts", multiple=True, metavar="'KEY OP VALUE'", help="A gate.")
-@click.option("--reference", type=click.Path(path_type=Path), help="True trajectory: MAP or TUM.")
-@click.option("--relations", type=click.Path(path_type=Path), help="A relations file.")
-@click.option("--grid", type=click.Path(path_type=Path), help="YAML of the true grid.")
+@click.option("--baseline", type=_PATH, metavar="OLD", help="No figure may be worse than OLD's.")
+@click.option(
+    "--tolerance",
+    type=click.FloatRange(min=0.0),
+    default=0.05,
+    show_default=True,
+    help="Share of OLD's figures by which MAP's may be worse.",
+)
+@click.option("--allow-partial", is_flag=True, help="Let a map pass that lost something.")
+@click.option("--reference", type=_PATH, help="True trajectory: MAP or TUM.")
+@click.option("--relations", type=_PATH, help="A relations file.")
+@click.option("--grid", type=_PATH, help="YAML of the true grid.")
+@click.option("--junit", type=_PATH, metavar="FILE", help="Write the verdicts as JUnit XML.")
+@click.option("--markdown", "comment", type=_PATH, metavar="FILE", help="... as Markdown.")
 @click.option("--keys", "listing", is_flag=True, help="Print what can be required.")
 @format_option
 def check(
     map_path: Path,
     texts: tuple[str, ...],
+    baseline: Path | None,
+    tolerance: float,
+    allow_partial: bool,
     reference: Path | None,
     relations: Path | None,
     grid: Path | None,
+    junit: Path | None,
+    comment: Path | None,
     listing: bool,
     style: str,
 ) -> None:
     """Say whether MAP meets every requirement; exit code 4 when one fails.
 
+    A KEY is one that --keys lists, or the dotted name of a figure that `inspect map` or
+    `inspect graph` prints as JSON. A map that lost something fails, unless --allow-partial.
+
     \b
     mapmyworld check map.db --require 'loop_closures >= 5' --require 'unknown_share < 0.6'
+    mapmyworld check map.db --require 'graph.constraints.proximity.accepted >= 3'
     mapmyworld check map.db --reference truth.tum --require 'ate_rmse <= 0.1'
+    mapmyworld check map.db --baseline last_week.db --junit check.xml
     """
+    sources = Sources(map_path, reference, relations, grid)
     if listing:
-        _list_keys(style)
+        _list_keys(sources, style)
         return
-    requirements = read_requirements(texts)
-    wanted = {r.key for r in requirements}
-    values = measure(wanted, Sources(map_path, reference, relations, grid))
-    results = [(r, values[r.key], r.holds(values[r.key])) for r in requirements]
-    if style == "json":
-        show_json(
-            {
-                "passed": all(ok for _, _, ok in results),
-                "requirements": [
-                    {"require": str(r), "value": _finite(value), "passed": ok}
-                    for r, value, ok in results
-                ],
-            }
-        )
-    else:
-        for requirement, value, ok in results:
-            click.echo(f"{'ok' if ok else 'FAILED':8}{requirement}  (is {value:g})")
-    if not all(ok for _, _, ok in results):
+    if not texts and baseline is None:
+        raise ConfigError("nothing is required: give --require 'KEY OP VALUE' or --baseline OLD")
+    verdicts = _verdicts(sources, texts, baseline, tolerance, allow_partial)
+    _write(junit, junit_xml(map_path.name, verdicts))
+    _write(comment, markdown(map_path.name, verdicts))
+    _show(verdicts, style)
+    if not all(verdict.passed for verdict in verdicts):
         sys.exit(EXIT_CHECK_FAILED)
 
 
-def read_requirements(texts: tuple[str, ...]) -> list[Requirement]:
-    """All requirements; raises `ConfigError` with everything that is not understood."""
-    found, problems = [], []
-    for text in texts:
-        match = _REQUIREMENT.fullmatch(text)
-        limit = _number(match[3]) if match else None
-        if match is None or limit is None:
-            problems.append(f"{text!r}: write KEY OP VALUE, e.g. 'loop_closures >= 5'")
-        elif match[1] not in KEYS:
-            problems.append(f"there is no key {match[1]!r}: choose one of {', '.join(KEYS)}")
-        else:
-            found.append(Requirement(match[1], match[2], limit))
-    if not texts:
-        problems.append("nothing is required: give --require 'KEY OP VALUE'")
-    if problems:
-        raise ConfigError("the check cannot be made:", problems=problems)
+def _verdicts(
+    sources: Sources,
+    texts: Sequence[str],
+    baseline: Path | None,
+    tolerance: float,
+    allow_partial: bool,
+) -> list[Verdict]:
+    from cli.figures import problems_of
+    from formats.database import open_store
+
+    requirements = read_requirements(texts)
+    with open_store(sources.map_path, read_only=True) as store:
+        whole = wholeness(problems_of(store))
+    verdicts = [] if allow_partial else [whole]
+    wanted = {r.key for r in requirements}
+    values = measure(wanted & KEYS.keys(), sources) | _figures(wanted - KEYS.keys(), sources)
+    verdicts += [judged(r, values[r.key]) for r in requirements]
+    if baseline is not None:
+        old = Sources(baseline, sources.reference, sources.relations, sources.grid)
+        verdicts += no_worse(_comparable(sources), _comparable(old), tolerance)
+    return verdicts
+
+
+def _figures(wanted: set[str], sources: Sources) -> dict[str, float]:
+    if not wanted:
+        return {}
+    from cli.figures import figures_of
+    from formats.database import open_store
+
+    with open_store(sources.map_path, read_only=True) as store:
+        found = figures_of(store)
+    require_known(sorted(wanted), found)
     return found
 
 
-def _number(text: str) -> float | None:
+def _comparable(sources: Sources) -> dict[str, float]:
+    """The figures that have a better and a worse, as far as this map has them."""
+    found: dict[str, float] = {}
+    for key in BETTER:
+        needs = KEYS[key].needs
+        if needs and getattr(sources, needs) is None:
+            continue
+        try:
+            found |= measure({key}, sources)
+        except ConfigError:
+            continue  # a map without a grid has no unknown cells to compare
+    return found
+
+
+def _write(path: Path | None, text: str) -> None:
+    if path is None:
+        return
     try:
-        number = float(text)
-    except ValueError:
-        return None
-    return None if number != number else number
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise MapError(f"{path}: cannot be written ({error.strerror})") from None
 
 
-def _finite(value: float) -> float | None:
-    return value if abs(value) != float("inf") and value == value else None
-
-
-def _list_keys(style: str) -> None:
+def _show(verdicts: Sequence[Verdict], style: str) -> None:
     if style == "json":
-        show_json({name: key.about for name, key in KEYS.items()})
+        rows = [
+            {
+                "require": v.requirement,
+                "value": _finite(v.value),
+                "passed": v.passed,
+                "message": v.message,
+            }
+            for v in verdicts
+            if v.name != WHOLE
+        ]
+        passed = all(v.passed for v in verdicts)
+        whole = [v.message for v in verdicts if v.name == WHOLE and not v.passed]
+        show_json({"passed": passed, "partial": whole, "requirements": rows})
+        return
+    for v in verdicts:
+        word = click.style("ok", fg="green") if v.passed else click.style("FAILED", fg="red")
+        pad = " " * (8 - len("ok" if v.passed else "FAILED"))
+        click.echo(f"{word}{pad}{v.requirement}  ({v.message})")
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or value != value or abs(value) == float("inf") else value
+
+
+def _list_keys(sources: Sources, style: str) -> None:
+    """The short names with what they mean; then every figure of MAP, where there is one."""
+    figures: dict[str, float] = {}
+    if sources.map_path.exists():
+        from cli.figures import figures_of
+        from formats.database import open_store
+
+        with open_store(sources.map_path, read_only=True) as store:
+            figures = figures_of(store)
+    if style == "json":
+        show_json({name: key.about for name, key in KEYS.items()} | figures)
         return
     for name, key in KEYS.items():
         click.echo(f"{name:22}{key.about}")
+    for name, value in figures.items():
+        click.echo(f"{name:48}{value:g}")

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 import mapmyworld
 from cli.exporting import frame_poses, grid_at, is_planar
+from cli.figures import problems_of
 from cli.report_evidence import fetch_evidence
 from formats.report.contents import ReportContents, ShownConstraint, ShownNodes
 from formats.report.report import ellipses_of, report_html
@@ -81,7 +82,7 @@ def report_contents(store: MapStore, timing: Mapping[str, Any] | None = None) ->
     misfits = audit.misfits_of(constraints, solved, is_planar(solved.map_from_node))
     shown = _shown_constraints(constraints, misfits, nodes)
     path, fetched = _path(store, nodes), fetch_evidence(store, constraints)
-    problems = _problems(store)
+    problems = problems_of(store)
     return ReportContents(
         name=Path(_name(store)).name,
         version=mapmyworld.__version__,
@@ -204,15 +205,6 @@ def _headline(
         ("sessions", f"{len({node.session for node in nodes})}"),
         ("closures", f"{accepted:,} accepted of {len(closures):,} tried"),
     ]
-
-
-def _problems(store: MapStore) -> list[str]:
-    """What the map lacks, one line each."""
-    told: list[str] = [] if store.poses() is not None else ["the graph was not solved"]
-    for key in ("plan", "track", "solve"):
-        told += (store.get(key) or {}).get("losses", ())
-    told += getattr(store, "problems", ())
-    return list(dict.fromkeys(told))
 
 
 def _verdict(store: MapStore, problems: Sequence[str]) -> str:

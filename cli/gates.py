@@ -1,0 +1,126 @@
+"""Requirements on figures: read, judged, and compared with an older map."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import operator
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from cli.checking import KEYS
+from formats.verdicts import Verdict
+from mapmyworld.errors import ConfigError
+
+_OPERATORS: dict[str, Callable[[float, float], bool]] = {
+    ">=": operator.ge,
+    "<=": operator.le,
+    "==": operator.eq,
+    "!=": operator.ne,
+    ">": operator.gt,
+    "<": operator.lt,
+}
+_REQUIREMENT = re.compile(r"\s*([\w.]+)\s*(>=|<=|==|!=|>|<)\s*(\S+)\s*")
+WHOLE = "whole"  # the requirement that every map must meet
+_MORE, _LESS = "more", "less"
+# What is better, for `--baseline`; where a reference is needed, only when it is given.
+BETTER = {
+    "loop_closures": _MORE,
+    "free_area": _MORE,
+    "covered": _MORE,
+    "loop_precision": _MORE,
+    "loop_recall": _MORE,
+    "grid_precision": _MORE,
+    "grid_recall": _MORE,
+    "grid_free": _MORE,
+    "unknown_share": _LESS,
+    "largest_sigma": _LESS,
+    "ate_rmse": _LESS,
+    "ate_max": _LESS,
+    "ate_rotation": _LESS,
+    "rpe_rmse": _LESS,
+    "rpe_rotation": _LESS,
+    "relations_translation": _LESS,
+    "relations_rotation": _LESS,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    key: str
+    symbol: str
+    limit: float
+
+    def holds(self, value: float) -> bool:
+        return _OPERATORS[self.symbol](value, self.limit)
+
+    def __str__(self) -> str:
+        return f"{self.key} {self.symbol} {self.limit:g}"
+
+
+def read_requirements(texts: Sequence[str]) -> list[Requirement]:
+    """All requirements; raises `ConfigError` with everything that is not understood."""
+    found, problems = [], []
+    for text in texts:
+        match = _REQUIREMENT.fullmatch(text)
+        limit = _number(match[3]) if match else None
+        if match is None or limit is None:
+            problems.append(f"{text!r}: write KEY OP VALUE, e.g. 'loop_closures >= 5'")
+        elif match[1] not in KEYS and "." not in match[1]:
+            problems.append(f"there is no key {match[1]!r}: choose one of {', '.join(KEYS)}")
+        else:
+            found.append(Requirement(match[1], match[2], limit))
+    if problems:
+        raise ConfigError("the check cannot be made:", problems=problems)
+    return found
+
+
+def _number(text: str) -> float | None:
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return None if math.isnan(number) else number
+
+
+def judged(requirement: Requirement, value: float) -> Verdict:
+    """The verdict, and by how much a figure misses its limit."""
+    passed = requirement.holds(value)
+    message = f"is {value:g}"
+    if not passed:
+        message += f", misses {requirement.limit:g} by {abs(value - requirement.limit):.4g}"
+    return Verdict(requirement.key, str(requirement), value, passed, message)
+
+
+def wholeness(problems: Sequence[str]) -> Verdict:
+    """A map that lost something does not pass as a whole one."""
+    message = "nothing was lost" if not problems else "partial: " + "; ".join(problems)
+    return Verdict(WHOLE, WHOLE, float(not problems), not problems, message)
+
+
+def no_worse(new: Mapping[str, float], old: Mapping[str, float], tolerance: float) -> list[Verdict]:
+    """Every figure that has a better and a worse, against an older map's, within a share."""
+    verdicts = []
+    for key, better in BETTER.items():
+        if key not in new or key not in old:
+            continue
+        slack = tolerance * abs(old[key])
+        limit = old[key] - slack if better == _MORE else old[key] + slack
+        requirement = Requirement(key, ">=" if better == _MORE else "<=", limit)
+        verdict = judged(requirement, new[key])
+        message = f"{verdict.message} (baseline {old[key]:g})"
+        verdicts.append(Verdict(key, str(requirement), new[key], verdict.passed, message))
+    return verdicts
+
+
+def require_known(wanted: Iterable[str], known: Mapping[str, float]) -> None:
+    """Raises `ConfigError` with every name that no figure has, and the nearest that one has."""
+    problems = []
+    for name in wanted:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            hint = f"did you mean {near[0]}?" if near else "`--keys` lists them"
+            problems.append(f"this map has no figure {name}: {hint}")
+    if problems:
+        raise ConfigError("the check cannot be made:", problems=problems)

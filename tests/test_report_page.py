@@ -1,0 +1,206 @@
+"""The report in a real browser: it opens without a word, its layers toggle, its facts show."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import browser  # noqa: F401
+from database_samples import fill
+from sample_maps import apartment  # noqa: F401
+
+from cli.report import report_contents, report_page
+from formats.database import open_store
+from formats.report.page import embedded_json
+from mapmyworld.types import Constraint, ConstraintKind
+
+NASTY = '</script><script>document.title="broken"</script><img src=x onerror=alert(1)>&"'
+PHONE = {"width": 390, "height": 844}
+DESKTOP = {"width": 1280, "height": 900}
+
+
+class Opened:
+    """A page, and everything that it complained about."""
+
+    def __init__(self, browser: Any, path: Path, **options: Any) -> None:  # noqa: F811
+        self.page = browser.new_page(**{"viewport": DESKTOP} | options)
+        self.page.set_default_timeout(10_000)
+        self.complaints: list[str] = []
+        self.requests: list[str] = []
+        self.page.on("console", lambda m: self.complaints.append(m.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda r: self.requests.append(r.url))
+        self.page.goto(path.as_uri())
+        self.page.wait_for_selector("html[data-ready]", state="attached")
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    """The report of three nodes, with text that would break a careless page."""
+    with open_store(tmp_path / "map.db", create=True) as store:
+        fill(store)
+        bad = Constraint(
+            1, 3, ConstraintKind.LOOP_CLOSURE, np.eye(4), np.eye(6), accepted=False, reason=NASTY
+        )
+        store.add_constraints([bad])
+        plan = {"decisions": [{"role": NASTY, "choice": NASTY, "reason": NASTY}]}
+        store.put("plan", plan | {"warnings": [NASTY], "losses": [NASTY]})
+        page = report_page(store)
+    (tmp_path / "map.html").write_text(page)
+    return tmp_path / "map.html"
+
+
+@pytest.fixture
+def opened(browser: Any, small: Path) -> Iterator[Opened]:  # noqa: F811
+    found = Opened(browser, small)
+    yield found
+    found.page.close()
+
+
+def test_no_complaint_and_nothing_from_elsewhere(opened: Opened) -> None:
+    assert opened.complaints == []
+    assert [url for url in opened.requests if not url.startswith(("file:", "data:"))] == []
+
+
+def test_text_from_a_log_stays_text(opened: Opened) -> None:
+    assert opened.page.title() == "Map map.db"
+    assert opened.page.locator("img").count() == 0
+    assert opened.page.evaluate("document.body.innerText").count("onerror=alert") >= 4
+
+
+def test_layers_go_and_come(opened: Opened) -> None:
+    page = opened.page
+    path = page.locator('g[data-layer="path"]')
+    assert path.is_visible()
+    page.locator('#layers input[data-layer="path"]').uncheck()
+    assert path.get_attribute("hidden") is not None
+    page.locator('#layers input[data-layer="path"]').check()
+    assert path.get_attribute("hidden") is None
+    assert page.locator('g[data-layer="rejected"]').get_attribute("hidden") is not None
+
+
+def test_hovering_over_a_node_shows_its_facts(opened: Opened) -> None:
+    page = opened.page
+    spot = page.evaluate(
+        """() => {
+          const map = document.getElementById("map");
+          map.scrollIntoView({ block: "center" });
+          const box = map.getBoundingClientRect();
+          const nodes = JSON.parse(document.getElementById("data").textContent).nodes;
+          const view = map.viewBox.baseVal;
+          const fit = Math.min(box.width / view.width, box.height / view.height);
+          const dx = (box.width - view.width * fit) / 2, dy = (box.height - view.height * fit) / 2;
+          const u = (nodes.x[1] - map.dataset.left) * map.dataset.scale * fit;
+          const v = (map.dataset.top - nodes.y[1]) * map.dataset.scale * fit;
+          return [box.left + dx + u, box.top + dy + v, nodes.id[1]];
+        }"""
+    )
+    page.mouse.move(spot[0], spot[1])
+    tip = page.locator("#tip")
+    tip.wait_for(state="visible")
+    assert f"node {spot[2]}" in tip.inner_text()
+
+
+def test_buttons_zoom_and_the_slider_moves_the_robot(opened: Opened) -> None:
+    page = opened.page
+    page.locator('#zoom button[data-by="1.6"]').click()
+    page.wait_for_function(
+        "document.getElementById('view').getAttribute('transform').includes('scale(1.6)')"
+    )
+    page.locator("#clock").fill("500")
+    assert page.locator("#marks .robot").count() == 1
+    assert "node" in page.locator("#moment").inner_text()
+
+
+def test_dark_and_light_differ(browser: Any, small: Path) -> None:  # noqa: F811
+    shades = []
+    for scheme in ("light", "dark"):
+        found = Opened(browser, small, color_scheme=scheme)
+        ask = "getComputedStyle(document.body).backgroundColor"
+        shades.append(found.page.evaluate(ask))
+        found.page.locator("#theme").click()
+        shades.append(found.page.evaluate(ask))
+        found.page.close()
+    assert shades[0] == shades[3]
+    assert shades[1] == shades[2]
+    assert shades[0] != shades[1]
+
+
+def test_a_phone_needs_no_scrolling_sideways(browser: Any, small: Path) -> None:  # noqa: F811
+    found = Opened(browser, small, viewport=PHONE, is_mobile=True, has_touch=True)
+    wide = found.page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
+    found.page.close()
+    assert wide <= 0
+    assert found.complaints == []
+
+
+def test_the_page_stands_without_its_script(browser: Any, small: Path) -> None:  # noqa: F811
+    page = browser.new_page(java_script_enabled=False)
+    page.goto(small.as_uri())
+    assert page.locator("#map polyline").count() >= 1
+    assert page.locator("article.card").count() >= 1
+    page.close()
+
+
+def test_it_prints(browser: Any, small: Path) -> None:  # noqa: F811
+    found = Opened(browser, small, color_scheme="dark")
+    pdf = found.page.pdf(format="A4")
+    found.page.close()
+    assert pdf.startswith(b"%PDF")
+    assert len(re.findall(rb"/Type\s*/Page\b", pdf)) >= 1
+
+
+def test_data_cannot_end_their_element() -> None:
+    text = embedded_json({"reason": NASTY})
+    assert "<" not in text
+    assert json.loads(text) == {"reason": NASTY}
+
+
+@pytest.mark.slow
+def test_the_report_of_a_real_build(
+    browser: Any,  # noqa: F811
+    apartment: Path,  # noqa: F811
+) -> None:
+    path = apartment.with_suffix(".html")
+    found = Opened(browser, path)
+    page = found.page
+    page.locator("#cloud").scroll_into_view_if_needed()
+    page.wait_for_selector("#cloud[data-ready]")
+    page.locator("#timing table").wait_for()
+    assert page.locator(".chart canvas").count() == 2
+    assert page.locator("article.card.accepted").count() >= 3
+    assert page.locator("article.card.rejected").count() >= 3
+    assert page.locator("svg.pair .inlier").count() >= 1
+    assert page.locator("svg.scans").count() >= 4
+    assert found.complaints == []
+    page.close()
+
+
+@pytest.mark.slow
+def test_a_build_tells_its_time_apart_from_the_map(
+    apartment: Path,  # noqa: F811
+    tmp_path: Path,
+) -> None:
+    """All but the last block is the same for every build of the same map."""
+    with open_store(apartment, read_only=True) as store:
+        started = time.process_time()
+        contents = report_contents(store)
+        again = report_page(store, {"stages": [], "wall_s": 1.0})
+        assert time.process_time() - started < 10.0
+    assert len(contents.evidence) > 5
+
+    def without_timing(page: str) -> str:
+        return re.sub(r'<script type="application/json" id="timing-data">.*', "", page)
+
+    written = apartment.with_suffix(".html").read_text()
+    assert without_timing(written) == without_timing(again)
+    assert len(written) < 8e6
+    stages = json.loads(apartment.with_suffix(".timing.json").read_text())["stages"]
+    assert {"track", "optimise"} <= {stage["name"].split()[0] for stage in stages} | {"optimise"}
+    assert all(stage["wall_s"] >= 0 for stage in stages)

@@ -80,7 +80,8 @@ def _fuzz(
     told = ", ".join(f"{count} x {code}" for code, count in sorted(done.exits.items()))
     print(f"{done.cases} files: exit codes {told}")
     print(
-        f"peak {done.peak_mb:.0f} MB, slowest {done.slowest_s:.1f} CPU s, all {done.cpu_s:.0f} CPU s"
+        f"peak {done.peak_mb:.0f} MB, slowest {done.slowest_s:.1f} CPU s, "
+        f"all {done.cpu_s:.0f} CPU s"
     )
     for (source, command, seed), fault in done.faults:
         print(f"\n{source.name} seed {seed}: {' '.join(command)}\n{fault}")

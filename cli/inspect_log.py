@@ -54,7 +54,7 @@ def log(
         click.echo("\n".join(lines + (plan_lines(plan) if plan else [])))
     if failure is not None:
         raise failure
-    if survey.losses or info.problems:
+    if survey.losses or info.problems or (plan is not None and plan.losses):
         sys.exit(EXIT_PARTIAL)
 
 

@@ -31,7 +31,7 @@ _CHUNK_BYTES = 8192
 def make_logs(folder: Path) -> list[Path]:
     """One log of each kind in a folder: files, and folders of files."""
     folder.mkdir(parents=True, exist_ok=True)
-    entries = list(_drive())
+    entries = list(drive_entries())
     laser = [entry for entry in entries if "camera" not in entry[0] and "imu" not in entry[0]]
     found = [_written(folder / "whole.mcap", entries, "zstd")]
     for name, compression in (("lz4.mcap", "lz4"), ("plain.mcap", "none"), ("plain.db3", "none")):
@@ -60,8 +60,10 @@ def make_maps(folder: Path, log: Path) -> list[Path]:
     """Maps of a log by both methods, and by the laser and the camera alone."""
     folder.mkdir(parents=True, exist_ok=True)
     ways = {
-        "whole": (), "particles": ("--method", "fastslam"),
-        "laser": ("--set", "sensing.use_images=false"), "camera": ("--set", "sensing.use_scans=false"),
+        "whole": (),
+        "particles": ("--method", "fastslam"),
+        "laser": ("--set", "sensing.use_images=false"),
+        "camera": ("--set", "sensing.use_scans=false"),
     }  # fmt: skip
     for name, options in ways.items():
         arguments = ["build", str(log), "-o", str(folder / f"{name}.db"), "-q", *options]
@@ -78,9 +80,8 @@ def make_graphs(folder: Path) -> list[Path]:
     for i in range(12):
         x, y, turn = np.cos(i / 2), np.sin(i / 2), i / 2
         planar.append(f"VERTEX_SE2 {i} {x:.6f} {y:.6f} {turn:.6f}")
-        spatial.append(
-            f"VERTEX_SE3:QUAT {i} {x:.6f} {y:.6f} 0 0 0 {np.sin(turn / 2):.6f} {np.cos(turn / 2):.6f}"
-        )
+        sine, cosine = np.sin(turn / 2), np.cos(turn / 2)
+        spatial.append(f"VERTEX_SE3:QUAT {i} {x:.6f} {y:.6f} 0 0 0 {sine:.6f} {cosine:.6f}")
         toro.append(f"VERTEX2 {i} {x:.6f} {y:.6f} {turn:.6f}")
     for i in range(16):
         a, b = (i, i + 1) if i < 11 else sorted(rng.choice(12, 2, replace=False))
@@ -115,7 +116,8 @@ def make_grids(folder: Path) -> list[Path]:
     return found
 
 
-def _drive() -> Iterator[Entry]:
+def drive_entries() -> Iterator[Entry]:
+    """A short drive with laser, camera, odometry and inertial unit, all of low resolution."""
     settings = SimulationSettings()
     settings = replace(
         settings,
@@ -186,7 +188,10 @@ def _as_json(message: Message, time: int) -> tuple[str, dict[str, object]] | Non
         return "LaserScan", {
             "timestamp": stamp, "frame_id": "laser", "start_angle": message.angle_min,
             "end_angle": end, "ranges": ranges, "intensities": [],
-            "pose": {"position": dict.fromkeys("xyz", 0.0), "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}},
+            "pose": {
+                "position": dict.fromkeys("xyz", 0.0),
+                "orientation": {"x": 0, "y": 0, "z": 0, "w": 1},
+            },
         }  # fmt: skip
     if isinstance(message, OdometryMessage):
         x, y, turn = matrix_to_planar(message.pose)

@@ -40,7 +40,9 @@ def fill_disks(log: Path, options: Sequence[str], most: int) -> FullDisks:
     assert found is not None
     with tempfile.TemporaryDirectory(prefix="faulty-") as name:
         library = Path(name) / "faulty_disk.so"
-        subprocess.run([found, "-shared", "-fPIC", "-O1", "-o", library, _SOURCE, "-ldl"], check=True)
+        subprocess.run(
+            [found, "-shared", "-fPIC", "-O1", "-o", library, _SOURCE, "-ldl"], check=True
+        )
         code = "import sys, robust.full_disk as f; f.inside(sys.argv[1:])"
         path = os.pathsep.join([str(_SOURCE.parent.parent), *sys.path])
         environment = {**os.environ, "LD_PRELOAD": str(library), "PYTHONPATH": path}
@@ -68,9 +70,7 @@ def inside(arguments: list[str]) -> None:
     Path(result).write_bytes(pickle.dumps(found))
 
 
-def _one(
-    found: FullDisks, folder: Path, build: list[str], wanted: dict[str, str], k: int
-) -> None:
+def _one(found: FullDisks, folder: Path, build: list[str], wanted: dict[str, str], k: int) -> None:
     path = folder / "map.db"
     outcome, _ = _in_child([*build, str(path)], folder, k)
     found.tried += 1

@@ -38,9 +38,9 @@ def try_command(arguments: list[str], seconds: float = SECONDS) -> Outcome:
     out, err = io.StringIO(), io.StringIO()
     code, fault = None, ""
     try:
-        with _limited(seconds), _arguments(arguments), contextlib.redirect_stdout(out):
-            with contextlib.redirect_stderr(err):
-                main()
+        quiet = contextlib.redirect_stdout(out), contextlib.redirect_stderr(err)
+        with _limited(seconds), _arguments(arguments), quiet[0], quiet[1]:
+            main()
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 0
     except HangError:
@@ -51,7 +51,7 @@ def try_command(arguments: list[str], seconds: float = SECONDS) -> Outcome:
         fault = f"exit code {code}: {err.getvalue()[-500:]}"
     if not fault and code == 2 and not err.getvalue().startswith("mapmyworld: "):
         fault = f"refused without a message: {err.getvalue()[-500:]}"
-    if not fault and "Traceback" in err.getvalue():
+    if not fault and ("Traceback" in err.getvalue() or "Warning: " in err.getvalue()):
         fault = err.getvalue()
     return Outcome(code, fault, out.getvalue(), err.getvalue())
 

@@ -8,6 +8,7 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.errors import LogError
 from mapmyworld.sensing.plan import CameraSource, Draft, ScanSource
 from mapmyworld.sensing.plan_lasers import mount_of
 from mapmyworld.sensing.survey import Stream
@@ -37,7 +38,11 @@ def choose_camera(draft: Draft, base: str) -> CameraSource | None:
     images = [found for s in draft.survey.of_kind(MessageKind.IMAGE) if (found := _look(s))]
     depths = _wanted(draft.config.depth_topic, [i for i in images if i.sample.is_depth])
     colours = _wanted(draft.config.colour_topic, [i for i in images if not i.sample.is_depth])
-    infos = draft.survey.of_kind(MessageKind.CAMERA_INFO)
+    infos = [
+        stream
+        for stream in draft.survey.of_kind(MessageKind.CAMERA_INFO)
+        if any(isinstance(message, CameraInfoMessage) for message in stream.samples)
+    ]
     missing = [
         name
         for name, found in (("colour", colours), ("depth", depths), ("camera info", infos))
@@ -55,7 +60,10 @@ def _look(stream: Stream) -> _Images | None:
         return None
     width, height = sample.width, sample.height
     if not width or not height:
-        height, width = sample.pixels().shape[:2]
+        try:
+            height, width = sample.pixels().shape[:2]
+        except LogError:
+            return None
     return _Images(stream, sample, width, height)
 
 
@@ -154,7 +162,7 @@ def _source(
     info_stream: Stream,
     info: CameraInfoMessage,
 ) -> CameraSource | None:
-    if info.intrinsics[0, 0] <= 0 or not np.all(np.isfinite(info.intrinsics)):
+    if not _is_calibrated(info):
         draft.losses.append(
             f"the camera is not used: {info_stream.topic} holds no intrinsics (uncalibrated)"
         )
@@ -178,6 +186,12 @@ def _source(
         base_from_camera=mount,
     )
     return CameraSource(colour.topic, depth.topic, info_stream.topic, model, assumed)
+
+
+def _is_calibrated(info: CameraInfoMessage) -> bool:
+    k = info.intrinsics
+    finite = np.isfinite(k).all() and np.isfinite(info.distortion).all()
+    return bool(finite and k[0, 0] > 0 and k[1, 1] > 0)
 
 
 def first_pose(camera: CameraSource | None, scan: ScanSource | None) -> NDArray[np.float64]:

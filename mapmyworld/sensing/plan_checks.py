@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mapmyworld.sensing.plan import CameraSource, Draft, OdometrySource, ScanSource
-from mapmyworld.sensing.plan_lasers import valid_ranges
+from mapmyworld.sensing.plan_lasers import share_of, valid_ranges
 from mapmyworld.sensing.survey import Stream
 from mapmyworld.types import LaserScanMessage, MessageKind
 
@@ -94,18 +94,30 @@ def _check_stream(draft: Draft, stream: Stream) -> None:
             f"{stream.topic}: silent for {stream.largest_gap_ns * 1e-9:.1f} s at one place"
         )
     if stream.undecodable:
-        draft.losses.append(f"{stream.topic}: messages that cannot be decoded are left out")
-    if stream.kind is not MessageKind.ODOMETRY and stream.count:
-        silent_s = (draft.survey.end_ns - stream.last_log_ns) * 1e-9
-        if silent_s > 5.0 + 10.0 / max(stream.frequency, 1e-3):
-            draft.warnings.append(
-                f"{stream.topic}: falls silent {silent_s:.1f} s before the log ends"
-            )
+        draft.losses.append(
+            f"{stream.topic}: {stream.undecodable} of the messages looked at cannot be decoded, or "
+            "hold numbers that are not finite: left out"
+        )
+    _check_ends(draft, stream)
+
+
+def _check_ends(draft: Draft, stream: Stream) -> None:
+    """Words about a sensor that starts late or stops early."""
+    longest_s = max(_GAP, 10.0 / max(stream.frequency, 1e-3))
+    late_s = (stream.first_log_ns - draft.survey.info.start_ns) * 1e-9
+    early_s = (draft.survey.end_ns - stream.last_log_ns) * 1e-9
+    if late_s > longest_s:
+        draft.warnings.append(f"{stream.topic}: begins {late_s:.1f} s after the log does")
+    if early_s > longest_s:
+        draft.warnings.append(
+            f"{stream.topic}: falls silent {early_s:.1f} s before the log ends: was its driver "
+            "stopped, or its cable loose?"
+        )
 
 
 def _check_ranges(draft: Draft, stream: Stream) -> None:
     scans = [m for m in stream.samples if isinstance(m, LaserScanMessage)]
-    nan = float(np.mean([np.mean(np.isnan(s.ranges)) for s in scans])) if scans else 0.0
+    nan = float(np.mean([share_of(np.isnan(s.ranges)) for s in scans])) if scans else 0.0
     if nan:
         draft.warnings.append(f"{stream.topic}: {nan:.0%} of the sampled ranges are NaN: left out")
     if scans and not np.any([np.any(valid_ranges(s)) for s in scans]):

@@ -51,7 +51,7 @@ def _judge(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
         return 0.0, "none of its messages can be decoded"
     scan = scans[0]
     field = abs(scan.angle_increment) * len(scan.ranges)
-    returns = float(np.mean([np.mean(valid_ranges(s)) for s in scans]))
+    returns = float(np.mean([share_of(valid_ranges(s)) for s in scans]))
     mount, assumed = mount_of(draft, base, scan.frame_id, "scan")
     tilt = float(np.arccos(np.clip(abs(mount[2, 2]), -1.0, 1.0)))
     why = (
@@ -71,9 +71,14 @@ def valid_ranges(scan: LaserScanMessage) -> NDArray[np.bool_]:
     with np.errstate(invalid="ignore"):
         return np.asarray(
             np.isfinite(ranges)
-            & (ranges > max(scan.range_min, 0.0))
+            & (ranges > max(0.0, scan.range_min))  # 0 where the limit is NaN
             & (ranges < (scan.range_max if scan.range_max > 0 else np.inf))
         )
+
+
+def share_of(mask: NDArray[np.bool_]) -> float:
+    """Share of what is true; 0 of nothing."""
+    return float(mask.mean()) if len(mask) else 0.0
 
 
 def mount_of(draft: Draft, base: str, frame_id: str, role: str) -> tuple[NDArray[np.float64], bool]:

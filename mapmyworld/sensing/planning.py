@@ -16,7 +16,7 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
     if not any(stream.count for stream in survey.streams.values()):
         raise LogError(
             f"{survey.info.paths[0]}: the log holds no message that mapping can use",
-            problems=[*survey.info.problems, *survey.losses],
+            problems=list(dict.fromkeys([*survey.info.problems, *survey.losses])),
         )
     base = plan_motion.choose_base(draft)
     odometry = plan_motion.choose_odometry(draft, base)
@@ -49,5 +49,5 @@ def _refuse(draft: Draft) -> None:
     raise LogError(
         f"{paths}: no map can be made: the log has neither a laser scan nor colour with depth "
         "that can be used",
-        problems=[*draft.problems, *draft.losses, *draft.survey.losses],
+        problems=list(dict.fromkeys([*draft.problems, *draft.losses, *draft.survey.losses])),
     )

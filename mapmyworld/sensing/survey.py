@@ -22,6 +22,7 @@ from mapmyworld.types import (
 )
 
 _SAMPLES = 5  # messages of a stream that are decoded to see what it carries
+_FARTHEST = 1e9  # m from the origin beyond which a pose is no place on earth
 _OFFSETS = 256  # messages whose clocks are compared, spread by doubling the stride
 
 
@@ -132,7 +133,10 @@ class _Surveyor:
             stream.samples.append(message)
         if isinstance(message, TransformsMessage):
             self.tree.add(message)
-        elif isinstance(message, OdometryMessage) and np.all(np.isfinite(message.pose)):
+        elif isinstance(message, OdometryMessage):
+            if not np.all(np.abs(message.pose) < _FARTHEST):  # NaN is not
+                stream.undecodable += 1
+                return
             self.frames[raw.topic] = (message.frame_id, message.child_frame_id)
             recorder = self.recorders.setdefault(raw.topic, MotionRecorder())
             recorder.add(message.stamp_ns, message.pose)

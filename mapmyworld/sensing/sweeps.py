@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.errors import LogError
 from mapmyworld.geometry import Array, between, matrix_to_planar
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.sensing.plan_lasers import valid_ranges
@@ -23,8 +24,11 @@ def scan_from_message(
 ) -> Scan:
     """The sweep in the base frame at the stamp of its first beam.
 
-    Beams with NaN, or closer than `range_min`, count neither as returns nor as missing.
+    Beams with NaN, or closer than `range_min`, count neither as returns nor as missing. Raises
+    `LogError` where the sweep does not say where its beams went.
     """
+    if not np.isfinite([message.angle_min, message.angle_increment]).all():
+        raise LogError("a scan whose angles are not finite")
     mount = base_from_lidar.tobytes()
     beams = _beams(message.angle_min, message.angle_increment, len(message.ranges), mount)
     valid = valid_ranges(message)

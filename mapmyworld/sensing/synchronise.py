@@ -29,6 +29,8 @@ from mapmyworld.types import (
 )
 
 _WAIT_NS = 500_000_000  # log time by which a late sensor's message must have come
+_KEPT_NS = 4 * _WAIT_NS  # log time for which messages wait for the frame they belong to
+_MOST_SAMPLES = 1 << 14  # inertial samples and true poses that wait where no frame comes
 
 
 @dataclass(slots=True)
@@ -40,6 +42,8 @@ class FrameCounts:
     without_odometry: int = 0
     unpaired_images: int = 0
     repeated: int = 0
+    unusable: int = 0
+    """Inertial samples, true poses and images beside a scan that cannot be decoded."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,8 +57,8 @@ class _Buffers:
     main: deque[_Pending] = field(default_factory=deque)
     colour: deque[_Pending] = field(default_factory=deque)
     depth: deque[_Pending] = field(default_factory=deque)
-    imu: deque[ImuSample] = field(default_factory=deque)
-    truth: deque[PoseMessage] = field(default_factory=deque)
+    imu: deque[ImuSample] = field(default_factory=lambda: deque(maxlen=_MOST_SAMPLES))
+    truth: deque[PoseMessage] = field(default_factory=lambda: deque(maxlen=_MOST_SAMPLES))
 
 
 def read_frames(
@@ -102,6 +106,15 @@ class _Synchroniser:
             self._add_truth(raw)
         elif raw.topic in self.plan.surroundings:
             self.surroundings.add(raw)
+        self._forget_strays(raw.log_time_ns)
+
+    def _forget_strays(self, now_ns: int) -> None:
+        """Images that no frame has asked for in time: the scans may have stopped for good."""
+        main = self.buffers.main
+        before_ns = (main[0].raw.log_time_ns if main else now_ns) - _KEPT_NS
+        for buffer in (self.buffers.colour, self.buffers.depth):
+            while buffer and buffer[0].raw.log_time_ns < before_ns:
+                buffer.popleft()
 
     def ready(self, before_log_ns: int | None) -> Iterator[Frame]:
         """Frames whose other messages must have come by now; all when the log has ended."""
@@ -156,7 +169,11 @@ class _Synchroniser:
         nearest = min(colours, key=lambda c: abs(c.stamp_ns - stamp_ns), default=None)
         if nearest is None or abs(nearest.stamp_ns - stamp_ns) > tolerance_ns:
             return None
-        image = self._pair(nearest, stamp_ns)
+        try:
+            image = self._pair(nearest, stamp_ns)
+        except LogError:  # the scan is sound
+            self.counts.unusable += 1
+            image = None
         colours.remove(nearest)
         return image
 
@@ -187,9 +204,16 @@ class _Synchroniser:
         return None if before is None or after is None else between(before, after)
 
     def _add_imu(self, pending: _Pending) -> None:
-        message = pending.raw.decode()
-        assert isinstance(message, ImuMessage)
         assert self.plan.imu is not None
+        try:
+            message = pending.raw.decode()
+        except LogError:
+            self.counts.unusable += 1
+            return
+        assert isinstance(message, ImuMessage)
+        if not np.isfinite([*message.angular_velocity, *message.linear_acceleration]).all():
+            self.counts.unusable += 1
+            return
         rotation = self.plan.imu.base_from_imu[:3, :3]
         orientation = message.orientation
         if orientation is not None:
@@ -211,7 +235,11 @@ class _Synchroniser:
         return tuple(samples)
 
     def _add_truth(self, raw: RawMessage) -> None:
-        message = raw.decode()
+        try:
+            message = raw.decode()
+        except LogError:
+            self.counts.unusable += 1
+            return
         assert isinstance(message, PoseMessage)
         self.buffers.truth.append(message)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from mapmyworld.config import Config
 from mapmyworld.parallel import batches, done_behind, made_ahead
 from mapmyworld.sensing import Plan, read_frames
+from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.sensing.synchronise import FrameCounts
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.trackers import make_tracker
@@ -44,12 +46,13 @@ def track(
     """Follows the robot through the log; leaves nodes, scans and neighbour constraints."""
     info = log.info()
     progress.stage("track", max(info.duration_s, 1e-9), "s")
-    counts = FrameCounts()
+    counts, guard = FrameCounts(), ImageGuard()
     frames = read_frames(
         log, plan, config.sensing, counts, lambda t: progress.update((t - info.start_ns) * 1e-9)
     )
     tracker = tracker or make_tracker(plan, config)
-    writer = _Writer(store, config, wants_images=plan.camera is not None)
+    writer = _Writer(store, config, guard, wants_images=plan.camera is not None)
+    frames = (_guarded(frame, guard) for frame in frames)
     ahead = itertools.chain.from_iterable(made_ahead(batches(frames, _TOGETHER), _AHEAD))
     with done_behind(writer.add_all, _AHEAD) as write:
         for some in batches(tracker.follow(ahead), _TOGETHER):
@@ -57,15 +60,17 @@ def track(
     writer.finish()
     for note in tracker.notes():
         progress.note(note)
-    losses = [*log.losses(), *tracker.losses(), *_count_losses(counts)]
+    losses = [*log.losses(), *tracker.losses(), *_count_losses(counts, guard)]
     store.put("track", {"frames": counts.frames, "losses": losses, "notes": tracker.notes()})
 
 
 class _Writer:
     """Puts frames and nodes into the store as they come."""
 
-    def __init__(self, store: MapStore, config: Config, *, wants_images: bool) -> None:
-        self._store = store
+    def __init__(
+        self, store: MapStore, config: Config, guard: ImageGuard, *, wants_images: bool
+    ) -> None:
+        self._store, self._guard = store, guard
         self._selector = NodeSelector(config.sensing, wants_images=wants_images)
         self._stamps: list[int] = []
         self._node_ids: list[int] = []
@@ -80,7 +85,8 @@ class _Writer:
     def add(self, frame: Frame, motion: Motion) -> None:
         node, constraint, node_from_frame = self._selector.consider(frame, motion)
         if node is not None:
-            self._store.add_node(node, NodeData(frame.scan, frame.images, frame.cloud))
+            images = tuple(i for image in frame.images if (i := self._guard.sound(image)))
+            self._store.add_node(node, NodeData(frame.scan, images, frame.cloud))
         if constraint is not None:
             self._store.add_constraints([constraint])
         last = self._selector.last
@@ -116,9 +122,19 @@ class _Writer:
         return poses
 
 
-def _count_losses(counts: FrameCounts) -> Iterator[str]:
+def _guarded(frame: Frame, guard: ImageGuard) -> Frame:
+    if not frame.images:
+        return frame
+    return replace(frame, images=tuple(guard.guarded(image) for image in frame.images))
+
+
+def _count_losses(counts: FrameCounts, guard: ImageGuard) -> Iterator[str]:
     if counts.undecodable:
         yield f"{counts.undecodable} frames could not be decoded and are left out"
+    if counts.unusable:
+        yield f"{counts.unusable} messages beside them could not be decoded and are left out"
+    if guard.failures:
+        yield f"{guard.failures} images do not decode, or have another size, and are left out"
     if counts.without_odometry:
         yield f"{counts.without_odometry} frames have no odometry near their stamp"
     if counts.unpaired_images:

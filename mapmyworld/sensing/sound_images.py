@@ -1,0 +1,74 @@
+"""Images that do not decode, or not to what the plan was made for: replaced by nothing seen."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.errors import LogError
+from mapmyworld.types import ImageMessage, RgbdImage
+
+
+class ImageGuard:
+    """Lets images through that decode; others are blank, and counted once each."""
+
+    def __init__(self) -> None:
+        self._failed: set[tuple[bool, int]] = set()
+        self._lock = threading.Lock()
+
+    @property
+    def failures(self) -> int:
+        """Images that could not be used so far."""
+        return len(self._failed)
+
+    def guarded(self, image: RgbdImage) -> RgbdImage:
+        """The image, whose parts decode as late as before, and never raise."""
+        shape = image.camera.height, image.camera.width
+        return replace(
+            image,
+            colour=self._guarded(image.colour, shape),
+            depth=self._guarded(image.depth, shape),
+        )
+
+    def sound(self, image: RgbdImage) -> RgbdImage | None:
+        """The guarded image, decoded once for all who ask; None where a part cannot be had."""
+        colour, depth = _decoded(image.colour), _decoded(image.depth)
+        for part in (colour, depth):
+            if part is not None and (part.is_depth, part.stamp_ns) in self._failed:
+                return None
+        return replace(image, colour=colour, depth=depth)
+
+    def _guarded(self, message: ImageMessage | None, shape: tuple[int, int]) -> ImageMessage | None:
+        if message is None:
+            return None
+        return replace(message, pixels=partial(self._pixels, message, shape))
+
+    def _pixels(self, message: ImageMessage, shape: tuple[int, int]) -> NDArray[Any]:
+        try:
+            cells = message.pixels()
+            if _fits(cells.shape[:2], shape, depth=message.is_depth):
+                return cells
+        except LogError:
+            pass
+        with self._lock:
+            self._failed.add((message.is_depth, message.stamp_ns))
+        return np.zeros(shape, np.float32) if message.is_depth else np.zeros((*shape, 3), np.uint8)
+
+
+def _fits(found: tuple[int, ...], wanted: tuple[int, int], *, depth: bool) -> bool:
+    """Depth may be smaller than the colour image by a whole factor."""
+    if not depth or not min(found):
+        return found == wanted
+    return found[0] * wanted[1] == found[1] * wanted[0] and wanted[0] % found[0] == 0
+
+
+def _decoded(message: ImageMessage | None) -> ImageMessage | None:
+    if message is None:
+        return None
+    cells = message.pixels()
+    return replace(message, pixels=lambda: cells)

@@ -1,0 +1,46 @@
+"""Sound drives, spoiled as recordings are: what is sound is used, and the rest is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from robust.ailments import AILMENTS, Ailment, Entry
+from robust.corpus import drive_entries
+from robust.trials import try_command
+
+from formats.recording import LogWriter
+
+
+@pytest.fixture(scope="module")
+def entries() -> list[Entry]:
+    return list(drive_entries())
+
+
+def spoiled(ailment: Ailment, entries: list[Entry], folder: Path) -> str:
+    path = folder / "spoiled.mcap"
+    with LogWriter(path) as writer:
+        for topic, message, time in ailment.spoil(list(entries)):
+            writer.write(topic, message, time)
+    return str(path)
+
+
+@pytest.mark.parametrize("ailment", AILMENTS, ids=lambda ailment: ailment.name)
+def test_inspect_log_tells_what_is_wrong(
+    ailment: Ailment, entries: list[Entry], tmp_path: Path
+) -> None:
+    found = try_command(["inspect", "log", spoiled(ailment, entries, tmp_path)])
+    assert not found.fault
+    assert found.exit_code in ailment.exits
+    assert ailment.words in found.stdout + found.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ailment", AILMENTS, ids=lambda ailment: ailment.name)
+def test_build_uses_what_is_sound(ailment: Ailment, entries: list[Entry], tmp_path: Path) -> None:
+    command = ["build", spoiled(ailment, entries, tmp_path), "-o", str(tmp_path / "map.db"), "-q"]
+    found = try_command(command, seconds=120.0)
+    assert not found.fault
+    assert found.exit_code in ailment.exits
+    if found.exit_code != 2:
+        assert try_command(["inspect", "map", str(tmp_path / "map.db")]).exit_code == 0

@@ -125,7 +125,8 @@ def _build(
     opening = partial(open_store, map_path, create=True, overwrite=overwrite, **stored)
     with only_writer(map_path), opening() as store:
         store.put("settings", settings_that_differ(config))
-        result = build_map(log, store, config, progress, method=method)
+        words = _given_words(config.places.vocabulary)
+        result = build_map(log, store, config, progress, method=method, words=words)
         written = [str(map_path)]
         if export:
             written += _export_all(store, map_path, config, progress)
@@ -141,6 +142,15 @@ def _build(
         if export:
             written += _report(store, map_path, cost, progress, bool(result.reused_stages))
     return {**result.as_dict(), "files": written, **cost}
+
+
+def _given_words(path: str) -> dict[int, Any] | None:
+    """The visual words that the settings name; None where they are learned from the log."""
+    if not path:
+        return None
+    from formats.vocabulary import read_vocabulary
+
+    return read_vocabulary(Path(path))
 
 
 def _export_all(store: Any, map_path: Path, config: Config, progress: StderrProgress) -> list[str]:

@@ -276,6 +276,24 @@ def images(map_path: Path, output: Path | None, names: Any) -> None:
 
 @export.command()
 @map_argument
+@_output("FILE", "A text file.  [default: the map's name with .words.txt]")
+def vocabulary(map_path: Path, output: Path | None) -> None:
+    """The visual words, for other maps to use: --set places.vocabulary=FILE.
+
+    \b
+    mapmyworld export vocabulary office.db -o office.words.txt
+    mapmyworld build next.mcap --set places.vocabulary=office.words.txt
+    """
+    from formats.vocabulary import write_vocabulary
+
+    path = output or map_path.with_suffix(".words.txt")
+    with _open(map_path) as store:
+        write_vocabulary(path, store.words())
+        _tell([path], store)
+
+
+@export.command()
+@map_argument
 @_output("FILE.html", "[default: the map's name with .html]")
 def report(map_path: Path, output: Path | None) -> None:
     """One self-contained HTML page: the map, the graph, what was accepted, rejected, and why.

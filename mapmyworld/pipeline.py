@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapmyworld.config import Config, VisualConfig
-from mapmyworld.errors import MapError
+from mapmyworld.errors import ConfigError, MapError
 from mapmyworld.sensing import Plan, make_plan, survey_log
 from mapmyworld.stages.maps import draw_maps
 from mapmyworld.stages.recognise import recognise, scan_loader
@@ -47,8 +50,14 @@ def build_map(
     progress: Progress,
     *,
     method: str = "graph",
+    words: Mapping[int, NDArray[np.uint8]] | None = None,
 ) -> BuildResult:
-    """Builds the map of a log into the store; stages done with the same inputs are not redone."""
+    """Builds the map of a log into the store; stages done with the same inputs are not redone.
+
+    `words`: the vocabulary that `places.vocabulary` names, number -> descriptor.
+    """
+    if config.places.vocabulary and words is None:
+        raise ConfigError("places.vocabulary names a file, but its words were not given")
     record = StageRecord(store, _same_log(store, log))
     plan = functools.cache(lambda: _plan(log, config, progress))
     cfg, seed = config, config.seed
@@ -64,7 +73,8 @@ def build_map(
     else:
         record.run("track", motion, lambda: track(log, plan(), store, cfg, progress))
         scans, edits = scan_loader(store, cfg), store.get("edits")
-        record.run("recognise", (cfg.places, seed), lambda: recognise(store, cfg, progress, scans))
+        places = (cfg.places, seed, _digest(words))
+        record.run("recognise", places, lambda: recognise(store, cfg, progress, scans, words))
         solving = (cfg.graph, edits)
         record.run("optimise", solving, lambda: solve_and_judge(store, cfg, progress, scans))
     record.run("map", (cfg.mapping, cfg.visual), lambda: draw_maps(store, cfg, progress))
@@ -75,6 +85,15 @@ def _seeing(visual: VisualConfig) -> dict[str, Any]:
     """The settings of vision that concern motion and places, not the products."""
     products = ("cloud_", "mesh_", "obstacle_", "floor_", "grid_")
     return {k: v for k, v in asdict(visual).items() if not k.startswith(products)}
+
+
+def _digest(words: Mapping[int, NDArray[np.uint8]] | None) -> str:
+    """The content of a given vocabulary; empty without one."""
+    if words is None:
+        return ""
+    numbers = sorted(words)
+    content = np.stack([words[number] for number in numbers]).tobytes()
+    return hashlib.sha256(repr(numbers).encode() + content).hexdigest()
 
 
 def _same_log(store: MapStore, log: LogSource) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class PlacesConfig:
+    vocabulary: str = ""  # file of visual words, or a map that has some; empty = learned anew
     laser_spacing: float = 1.0  # m of path between two scans that look for known places nearby
     laser_far_spacing: float = 2.0  # m of path between two scans that look as far as drift goes
     laser_submap: float = 2.0  # m of path to each side that a submap covers

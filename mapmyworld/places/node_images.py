@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import cv2
@@ -12,7 +13,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry import between, rotation_angle
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.features import extract_features, spread
-from mapmyworld.places.vocabulary import Vocabulary, train_vocabulary
+from mapmyworld.places.vocabulary import Vocabulary, train_vocabulary, vocabulary_of_words
 from mapmyworld.registration.views import View, binary_words, make_view
 from mapmyworld.types import CameraModel, Features, MapStore, Node, NodeData, Progress
 
@@ -68,20 +69,24 @@ class NodeImages:
         item = self._prepare(self._store.node_data(self.nodes[index].id))
         return None if item is None else make_view(*item, self._config)
 
-    def learn_words(self) -> Vocabulary:
-        """A vocabulary of these images; their features then carry its words."""
+    def learn_words(self, given: Mapping[int, NDArray[np.uint8]] | None = None) -> Vocabulary:
+        """A vocabulary of these images, or the given one; their features then carry its words."""
+        seed = self._config.seed
+        vocabulary = vocabulary_of_words(given, seed=seed) if given else self._learned()
+        self._features = [
+            replace(f, words=vocabulary.words(binary_words(f))) for f in self._features
+        ]
+        return vocabulary
+
+    def _learned(self) -> Vocabulary:
         per_image = max(1, _TRAINING // max(len(self._features), 1))
         sample = [_sample(f, per_image) for f in self._features]
-        vocabulary = train_vocabulary(
+        return train_vocabulary(
             np.concatenate(sample),
             branches=self._config.visual.vocabulary_branches,
             depth=self._config.visual.vocabulary_depth,
             seed=self._config.seed,
         )
-        self._features = [
-            replace(f, words=vocabulary.words(binary_words(f))) for f in self._features
-        ]
-        return vocabulary
 
     def words(self) -> list[NDArray[np.int32]]:
         """The words (N,) of each image."""

@@ -24,20 +24,25 @@ _NEAR_NODES = 3  # nodes to either side that share the ambiguity of one
 
 
 def find_visual_closures(
-    store: MapStore, poses: Poses | None, config: Config, progress: Progress
+    store: MapStore,
+    poses: Poses | None,
+    config: Config,
+    progress: Progress,
+    given_words: Mapping[int, NDArray[np.uint8]] | None = None,
 ) -> list[Constraint]:
     """Every pair of nodes that was tried, as a constraint with verdict, reason and evidence.
 
     Loop closures are proposed by words; with solved `poses` also proximity constraints, between
     nodes that these bring together. Pairs that the store holds already are not tried again.
-    Features, words and the vocabulary are kept in the store, and words are asked once only.
+    Features, words and the vocabulary (learned, unless words are given: number -> descriptor) are
+    kept in the store, and words are asked once only.
     """
     images = NodeImages(store, config, progress)
     if len(images) < 3:
         return []
     proposals: list[_Proposal] = []
     if not images.have_words:
-        vocabulary = images.learn_words()
+        vocabulary = images.learn_words(given_words)
         images.keep(store, vocabulary)
         proposals += _by_words(images, vocabulary.size, config)
         if config.visual.succession and store.node_data(images.nodes[0].id).scan is None:

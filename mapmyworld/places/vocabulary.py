@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from mapmyworld.kernels.image_matching import nearest_and_votes, nearest_leaves
 
 Binary = NDArray[np.uint64]
 _ROUNDS = 8  # of k-medians at each branching; later rounds move little
+_DEPTH = 4  # levels above given words: ten thousand leaves
 _SAMPLE = 4000  # descriptors that decide on one branching, at most
 
 
@@ -75,6 +77,25 @@ def train_vocabulary(
         np.array(first_child, np.int32),
         np.array(children, np.int32),
         np.where(leaves, np.cumsum(leaves), 0).astype(np.int32),
+    )
+
+
+def vocabulary_of_words(words: Mapping[int, NDArray[np.uint8]], *, seed: int = 0) -> Vocabulary:
+    """A vocabulary of given words, number -> descriptor (32,): a tree to find them by."""
+    numbers = np.array(sorted(words), np.int32)
+    descriptors = np.stack([words[n] for n in numbers.tolist()]).view(np.uint64).reshape(-1, 4)
+    tree = train_vocabulary(descriptors, depth=_DEPTH, seed=seed)
+    leaves = nearest_leaves(descriptors, tree.centres, tree.first_child, tree.children)
+    order = np.argsort(leaves, kind="stable")
+    parents, starts, counts = np.unique(leaves[order], return_index=True, return_counts=True)
+    first_child, children = tree.first_child.copy(), tree.children.copy()
+    first_child[parents], children[parents] = len(tree.centres) + starts, counts
+    none = np.zeros(len(order), np.int32)
+    return Vocabulary(
+        np.concatenate([tree.centres, descriptors[order]]),
+        np.concatenate([first_child, none - 1]).astype(np.int32),
+        np.concatenate([children, none]).astype(np.int32),
+        np.concatenate([np.zeros(len(tree.centres), np.int32), numbers[order]]),
     )
 
 

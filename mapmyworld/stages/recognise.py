@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.types import MapStore, Poses, Progress
@@ -30,17 +33,31 @@ def scan_loader(store: MapStore, config: Config) -> LoadScans:
     return functools.cache(load)
 
 
-def recognise(store: MapStore, config: Config, progress: Progress, scans: LoadScans) -> None:
-    """Loop closures by images and by scans over the whole log, each with verdict and reason."""
+def recognise(
+    store: MapStore,
+    config: Config,
+    progress: Progress,
+    scans: LoadScans,
+    words: Mapping[int, NDArray[np.uint8]] | None = None,
+) -> None:
+    """Loop closures by images and by scans over the whole log, each with verdict and reason.
+
+    `words`: a vocabulary, number -> descriptor, to be used instead of one learned from the log.
+    """
     if config.visual.markers and has_images(store):
         from mapmyworld.places.markers import find_markers
 
         store.add_constraints(find_markers(store, config, progress))
-    add_closures(store, None, config, progress, scans)
+    add_closures(store, None, config, progress, scans, words)
 
 
 def add_closures(
-    store: MapStore, poses: Poses | None, config: Config, progress: Progress, scans: LoadScans
+    store: MapStore,
+    poses: Poses | None,
+    config: Config,
+    progress: Progress,
+    scans: LoadScans,
+    words: Mapping[int, NDArray[np.uint8]] | None = None,
 ) -> int:
     """Tries what has not been tried, from solved poses where there are some; how many were new."""
     found = []
@@ -52,7 +69,7 @@ def add_closures(
     if has_images(store):
         from mapmyworld.places.visual_closures import find_visual_closures
 
-        found += find_visual_closures(store, poses, config, progress)
+        found += find_visual_closures(store, poses, config, progress, words)
     store.add_constraints(found)
     return sum(constraint.accepted for constraint in found)
 

@@ -17,6 +17,7 @@ _REPEATED = 10  # times a value must occur before it can mean "no return"
 _GAP = 0.8  # a no-return value stands at least this far, as a share, above every real return
 _CONSTANT_M = 0.02  # a mounting whose middle half of samples spreads more is a corrected pose
 _MOUNTING_SAMPLES = 2000
+_TOGETHER = 64  # sweeps whose ranges are counted at once
 _RANGE_PARAMETERS = (b"robot_front_laser_max", b"robot_frontlaser_max")
 
 
@@ -46,15 +47,26 @@ class LaserSurvey:
         self.histogram = np.zeros(_BINS, np.int64)
         self.lowest, self.highest = np.full(_BINS, np.inf), np.zeros(_BINS)
         self.mountings: list[NDArray[np.float64]] = []
+        self._pending: list[NDArray[np.float64]] = []
 
     def add(self, record: LaserRecord) -> None:
-        ranges = record.ranges[np.isfinite(record.ranges)]
+        self._pending.append(record.ranges)
+        if len(self._pending) >= _TOGETHER:
+            self.count()
+        if len(self.mountings) < _MOUNTING_SAMPLES:
+            self.mountings.append(between_planar(record.odom_from_base, record.odom_from_laser))
+
+    def count(self) -> None:
+        """Counts the ranges that wait."""
+        if not self._pending:
+            return
+        ranges = np.concatenate(self._pending)
+        self._pending.clear()
+        ranges = ranges[np.isfinite(ranges)]
         bins = np.clip(ranges, 0, _BINS - 1).astype(np.int64)
         self.histogram += np.bincount(bins, minlength=_BINS)
         np.minimum.at(self.lowest, bins, ranges)
         np.maximum.at(self.highest, bins, ranges)
-        if len(self.mountings) < _MOUNTING_SAMPLES:
-            self.mountings.append(between_planar(record.odom_from_base, record.odom_from_laser))
 
 
 def longest_return(histogram: NDArray[np.int64], single: NDArray[np.bool_]) -> float:
@@ -140,6 +152,7 @@ def survey_lines(lines: Iterable[tuple[bytes, bytes, int, int]]) -> Survey:
         elif kind == b"TRUEPOS":
             survey.count("/ground_truth", log_time_ns)
     for kind, laser in sorted(lasers.items()):
+        laser.count()
         if laser.mountings:
             add_laser(survey, kind, laser)
     return survey

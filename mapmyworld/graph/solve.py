@@ -20,7 +20,7 @@ from mapmyworld.graph.edits import BY_HAND
 from mapmyworld.graph.pose_graph import TRUSTED, Index, components, positions
 from mapmyworld.graph.robust import RobustSolution, settle, solve_robustly
 from mapmyworld.graph.system import System, chosen_edges, edge_chi2, number_free
-from mapmyworld.graph.verdicts import fault_of, judged, unjudged
+from mapmyworld.graph.verdicts import faults_of, judged, unjudged
 from mapmyworld.types import Constraint, Poses
 
 
@@ -59,7 +59,7 @@ def solve(
     known = np.asarray(ids, np.int64)[order]
     guess = np.asarray(initial, np.float64).reshape(-1, 4, 4)[order]
     nodes = set(known.tolist())
-    faults = [fault_of(c, nodes) for c in constraints]
+    faults = faults_of(constraints, nodes)
     used = np.flatnonzero([c.accepted and not f for c, f in zip(constraints, faults, strict=True)])
     system, start, trusted = _system(known, guess, [constraints[k] for k in used.tolist()], planar)
     anchors = _anchors(system, len(known))

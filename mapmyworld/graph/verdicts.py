@@ -29,26 +29,40 @@ _JUDGED = (
 )
 
 
-def fault_of(constraint: Constraint, known: set[int]) -> str:
-    """Why a constraint cannot be used at all; empty when it can."""
+def faults_of(constraints: Sequence[Constraint], known: set[int]) -> list[str]:
+    """Why each constraint cannot be used at all; empty where it can."""
+    if not constraints:
+        return []
+    information = information_faults(np.stack([c.information for c in constraints]))
+    return [_fault_of(c, known) or fault for c, fault in zip(constraints, information, strict=True)]
+
+
+def _fault_of(constraint: Constraint, known: set[int]) -> str:
     missing = {constraint.from_id, constraint.to_id} - known
     if missing:
         return f"node {min(missing)} does not exist"
     if not np.isfinite(constraint.from_from_to).all():
         return "its measurement is not a number"
-    return information_fault(np.asarray(constraint.information))
-
-
-def information_fault(information: Array) -> str:
-    """Why a matrix is no information matrix; empty when it is one."""
-    if not np.isfinite(information).all():
-        return "its information is not a number"
-    scale = float(np.abs(information).max(initial=0.0))
-    if np.abs(information - information.T).max(initial=0.0) > 1e-6 * scale:
-        return "its information matrix is not symmetric"
-    if scale == 0.0 or np.linalg.eigvalsh(information)[0] <= 1e-15 * scale:
-        return "its information matrix is not positive definite"
     return ""
+
+
+def information_faults(information: Array) -> list[str]:
+    """Why matrices (K, d, d) are no information matrices; empty where they are."""
+    finite = np.asarray(np.isfinite(information).all(axis=(1, 2)))
+    sound = np.where(finite[:, None, None], information, 0.0)
+    scale = np.abs(sound).max(axis=(1, 2), initial=0.0)
+    lopsided = np.abs(sound - np.swapaxes(sound, 1, 2)).max(axis=(1, 2), initial=0.0)
+    smallest = np.linalg.eigvalsh(sound)[:, 0]
+    names = np.select(
+        [~finite, lopsided > 1e-6 * scale, (scale == 0.0) | (smallest <= 1e-15 * scale)],
+        [
+            "its information is not a number",
+            "its information matrix is not symmetric",
+            "its information matrix is not positive definite",
+        ],
+        "",
+    )
+    return [str(name) for name in names]
 
 
 def judged(

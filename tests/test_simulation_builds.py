@@ -45,6 +45,23 @@ def test_the_sample_logs_become_good_maps(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.slow
+def test_a_camera_log_gives_the_same_map_out_of_any_container(tmp_path: Path) -> None:
+    sample = SAMPLES / "apartment.mcap"
+    for log in ("log.bag", "log.db3"):
+        run("convert", sample, "-o", tmp_path / log)
+    made = {}
+    for log in (sample, tmp_path / "log.bag", tmp_path / "log.db3"):
+        folder = tmp_path / f"of_{log.suffix[1:]}"
+        folder.mkdir()
+        run("build", log, "-o", folder / "map.db", "-q")
+        made[log.suffix] = [
+            (folder / product).read_bytes() for product in ("map.pgm", "map.tum", "map.ply")
+        ]
+    assert made[".bag"] == made[".mcap"]
+    assert made[".db3"] == made[".mcap"]
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("world", "metres"), [("apartment", 0.012), ("hall", 0.010)])
 def test_three_laps_by_laser_alone(tmp_path: Path, world: str, metres: float) -> None:
     """Odometry drifts by metres; the bounds are the project's promise for a 30 m laser.

@@ -170,11 +170,13 @@ def grid_at(store: MapStore, config: Config, resolution: float | None) -> Occupa
 
     if resolution is not None:
         config = replace(config, mapping=replace(config.mapping, resolution=resolution))
-    return build_grid(_planar_scans(store), config)
+    return build_grid(_planar_scans(store, config), config)
 
 
-def _planar_scans(store: MapStore) -> Iterator[tuple[Array, Scan]]:
+def _planar_scans(store: MapStore, config: Config) -> Iterator[tuple[Array, Scan]]:
+    """All scans at their places; made from depth where there is no laser."""
     from mapmyworld.geometry import matrix_to_planar
+    from mapmyworld.mapping.depth_grid import scan_from_depth
 
     indices, poses = frame_poses(store)
     place = dict(zip(indices.tolist(), matrix_to_planar(poses), strict=True))
@@ -182,7 +184,14 @@ def _planar_scans(store: MapStore) -> Iterator[tuple[Array, Scan]]:
     for frame, scan in store.scans(indices):
         found = True
         yield place[frame], scan
-    _require(found, store, "keeps no scans, so there is nothing to make a grid of")
+    if found:
+        return
+    for pose, data in nodes_with_poses(store):
+        for image in data.images:
+            if image.depth is not None:
+                found = True
+                yield matrix_to_planar(pose), scan_from_depth(image, config)
+    _require(found, store, "keeps neither scans nor depth to make a grid of")
 
 
 def _require(there: bool, store: MapStore, otherwise: str) -> None:

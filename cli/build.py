@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.common import EXIT_PARTIAL, default_map, format_option, show_json
+from cli.memory import memory_limit
 from cli.plan_text import plan_json, plan_lines
 from cli.progress import StderrProgress, peak_memory_mb
+from cli.repeating import given_options, repeat_and_compare
 from cli.settings import config_options, load_config, settings_that_differ
 from cli.storing import storage_arguments
 from mapmyworld.errors import MapError
@@ -44,6 +46,8 @@ if TYPE_CHECKING:
 @click.option("--overwrite", is_flag=True, help="Start anew even if the map exists.")
 @click.option("--no-export", is_flag=True, help="Write map.db only.")
 @click.option("--dry-run", is_flag=True, help="Print the plan and stop.")
+@click.option("--verify-repeat", is_flag=True, help="Build twice; refuse if any byte differs.")
+@click.option("--max-memory", type=click.IntRange(1), metavar="MB", help="Stop in order beyond it.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no notes.")
 @click.option("-v", "--verbose", is_flag=True, help="Say more.")
 @format_option
@@ -57,6 +61,8 @@ def build(
     overwrite: bool,
     no_export: bool,
     dry_run: bool,
+    verify_repeat: bool,
+    max_memory: int | None,
     quiet: bool,
     verbose: bool,
     style: str,
@@ -82,8 +88,13 @@ def build(
     if resume and not map_path.exists():
         raise MapError(f"{map_path}: there is no map to resume; leave --resume away to begin one")
     progress = StderrProgress(quiet=quiet, verbose=verbose)
-    summary = _build(log, map_path, config, method, overwrite, not no_export, progress)
+    with memory_limit(max_memory):
+        summary = _build(log, map_path, config, method, overwrite, not no_export, progress)
     progress.finish()
+    if verify_repeat:
+        same_options = [*given_options(config_path, changes), "--method", method]
+        same_options += ["--no-export"] if no_export else []
+        repeat_and_compare(paths, map_path, summary["files"], same_options)
     if style == "json":
         show_json(summary)
     else:

@@ -17,6 +17,7 @@ from cli.figures import problems_of
 from cli.report_evidence import fetch_evidence
 from formats.report.contents import ReportContents, ShownConstraint, ShownNodes
 from formats.report.report import ellipses_of, report_html
+from formats.whole_files import write_whole
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError, MapMyWorldError
 from mapmyworld.geometry import between, invert, matrix_to_planar, rotation_angle
@@ -29,7 +30,7 @@ _LOOKED_AT = 20  # frames that show whether there are scans
 
 def write_report(store: MapStore, path: Path, timing: Mapping[str, Any] | None = None) -> None:
     """The page as a file; with what the build took, where a file beside the map tells."""
-    path.write_text(report_page(store, timing or timing_beside(store)), encoding="utf-8")
+    write_whole(path, report_page(store, timing or timing_beside(store)))
 
 
 def timing_file(map_path: Path) -> Path:
@@ -46,7 +47,7 @@ def note_timing(
     old = (_read_timing(path) if continued else None) or {"stages": []}
     kept = [stage for stage in old["stages"] if stage["name"] not in fresh]
     timing = {**cost, "stages": [*kept, *fresh.values()]}
-    path.write_text(json.dumps(timing, indent=1) + "\n", encoding="utf-8")
+    write_whole(path, json.dumps(timing, indent=1) + "\n")
     return timing
 
 

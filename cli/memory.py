@@ -1,0 +1,56 @@
+"""How much memory this process holds, and a limit that ends it in good order."""
+
+from __future__ import annotations
+
+import _thread
+import resource
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from mapmyworld.errors import MapMyWorldError
+
+_LOOK_EVERY_S = 0.1
+
+
+class MemoryLimitError(MapMyWorldError):
+    """More memory was needed than allowed."""
+
+
+def resident_mb() -> float:
+    """What the process holds now."""
+    pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
+    return pages * resource.getpagesize() / (1 << 20)
+
+
+@contextmanager
+def memory_limit(megabytes: int | None) -> Iterator[None]:
+    """Ends what is done under it once the process holds more; None = no limit.
+
+    It ends as by Ctrl-C, so that a map keeps what is finished; a kill by the system would not ask.
+    """
+    if megabytes is None:
+        yield
+        return
+    over, done = threading.Event(), threading.Event()
+
+    def watch() -> None:
+        while not done.wait(_LOOK_EVERY_S):
+            if resident_mb() > megabytes:
+                over.set()
+                _thread.interrupt_main()
+                return
+
+    threading.Thread(target=watch, daemon=True).start()
+    try:
+        yield
+    except KeyboardInterrupt:
+        if not over.is_set():
+            raise
+        raise MemoryLimitError(
+            f"more than the {megabytes} MB of --max-memory are needed: allow more, and the same "
+            "command goes on with this stage; or set sensing.node_distance higher"
+        ) from None
+    finally:
+        done.set()

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -15,24 +14,11 @@ from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.sensing.synchronise import FrameCounts
 from mapmyworld.stages.nodes import Motion, NodeSelector
-from mapmyworld.stages.trackers import make_tracker
+from mapmyworld.stages.trackers import Tracker, make_tracker
 from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
 
 _TOGETHER = 8  # frames that pass from thread to thread at once
 _AHEAD = 4  # such groups that wait for the next thread, at most
-
-
-class Tracker(Protocol):
-    """Follows the robot frame by frame."""
-
-    def follow(self, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Motion]]:
-        """Each frame with where the robot was; frames of which that cannot be said are left out."""
-
-    def notes(self) -> tuple[str, ...]:
-        """What the user should know, once all frames have been followed."""
-
-    def losses(self) -> tuple[str, ...]:
-        """What was lost on the way, one line each."""
 
 
 def track(

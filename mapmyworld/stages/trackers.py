@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,22 @@ from mapmyworld.types import Frame
 
 if TYPE_CHECKING:
     from mapmyworld.odometry.visual import VisualMotion
-    from mapmyworld.stages.track import Tracker
 
 _AT_ONCE = 64  # scans that are followed in one go
 Followed = Iterator[tuple[Frame, Motion]]
+
+
+class Tracker(Protocol):
+    """Follows the robot frame by frame."""
+
+    def follow(self, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Motion]]:
+        """Each frame with where the robot was; frames of which that cannot be said are left out."""
+
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know, once all frames have been followed."""
+
+    def losses(self) -> tuple[str, ...]:
+        """What was lost on the way, one line each."""
 
 
 def make_tracker(plan: Plan, config: Config) -> Tracker:

@@ -1,3 +1,39 @@
-"""Recorded robot logs become maps, offline."""
+"""Recorded robot logs become maps, offline.
+
+The names below are the library for notebooks and programs. They are imported when they are first
+used, so that `import mapmyworld` costs nothing.
+"""
+
+import importlib
 
 __version__ = "0.1.0"
+
+_PLACES = {
+    "Built": "mapmyworld.api",
+    "BuildResult": "mapmyworld.pipeline",
+    "Config": "mapmyworld.config",
+    "MapMyWorldError": "mapmyworld.errors",
+    "MemoryLog": "mapmyworld.memory_log",
+    "MemoryMap": "mapmyworld.memory_map",
+    "ate": "mapmyworld.evaluation",
+    "build": "mapmyworld.api",
+    "build_cloud": "mapmyworld.mapping.cloud",
+    "build_grid": "mapmyworld.mapping.occupancy",
+    "configured": "mapmyworld.api",
+    "grid_score": "mapmyworld.evaluation",
+    "make_plan": "mapmyworld.sensing",
+    "relations_score": "mapmyworld.evaluation",
+    "rpe": "mapmyworld.evaluation",
+    "survey_log": "mapmyworld.sensing",
+}
+__all__ = ["__version__", *sorted(_PLACES)]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _PLACES:
+        raise AttributeError(f"module 'mapmyworld' has no attribute {name!r}")
+    return getattr(importlib.import_module(_PLACES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,73 +1,21 @@
-"""A log in memory, for tests of everything above the readers."""
+"""Messages for logs in memory, for tests of everything above the readers."""
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from mapmyworld.geometry import planar_to_matrix
+from mapmyworld.memory_log import MemoryLog as MemoryLog
 from mapmyworld.types import (
     CameraInfoMessage,
     ImageMessage,
     LaserScanMessage,
-    LogInfo,
-    Message,
-    MessageKind,
     OdometryMessage,
-    RawMessage,
-    TopicInfo,
     TransformsMessage,
     TransformStamped,
 )
-
-KINDS = {
-    ImageMessage: MessageKind.IMAGE,
-    CameraInfoMessage: MessageKind.CAMERA_INFO,
-    LaserScanMessage: MessageKind.LASER_SCAN,
-    OdometryMessage: MessageKind.ODOMETRY,
-    TransformsMessage: MessageKind.TRANSFORMS,
-}
-
-
-class MemoryLog:
-    """Messages (topic, message, log time in ns) as a `LogSource`."""
-
-    def __init__(self, messages: Sequence[tuple[str, Message, int]]) -> None:
-        self._messages = sorted(messages, key=lambda item: item[2])
-
-    def info(self) -> LogInfo:
-        topics = sorted({topic for topic, _, _ in self._messages})
-        kinds = {topic: KINDS[type(message)] for topic, message, _ in self._messages}
-        times = [time for _, _, time in self._messages] or [0]
-        return LogInfo(
-            paths=("memory",),
-            container="memory",
-            size_bytes=0,
-            message_count=len(self._messages),
-            start_ns=times[0],
-            end_ns=times[-1],
-            topics=tuple(
-                TopicInfo(
-                    t, str(kinds[t]), kinds[t], "memory", sum(m[0] == t for m in self._messages)
-                )
-                for t in topics
-            ),
-        )
-
-    def content_hash(self) -> str:
-        text = repr([(topic, time) for topic, _, time in self._messages])
-        return hashlib.sha256(text.encode()).hexdigest()
-
-    def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
-        for topic, message, time in self._messages:
-            if topics is None or topic in topics:
-                kind, stamp = KINDS[type(message)], message.stamp_ns
-                yield RawMessage(topic, kind, time, stamp, lambda message=message: message)
-
-    def losses(self) -> tuple[str, ...]:
-        return ()
 
 
 def scan_at(

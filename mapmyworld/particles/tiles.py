@@ -53,7 +53,7 @@ class TileMaps:
         self._workers.run(
             kernels.touched_tiles,
             len(poses),
-            (beams, poses, self._base, self._resolution, touched),
+            (self._tables, beams, poses, self._base, self._resolution, touched),
         )
         self._make_own(touched)
         self._workers.run_maps(

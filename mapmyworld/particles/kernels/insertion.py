@@ -12,15 +12,17 @@ from mapmyworld.particles.kernels.surfaces import FULL, MASK, MEMORY, TILE, TILE
 
 
 @jit
-def _mark_line(out: NDArray[np.bool_], ox: float, oy: float, x: float, y: float) -> None:
-    """Marks every cell of `out` that the segment crosses (Amanatides and Woo 1987)."""
+def _mark_line(
+    tiles: NDArray[np.int32], ox: float, oy: float, x: float, y: float, out: NDArray[np.bool_]
+) -> None:
+    """Marks every tile there is that the segment crosses (Amanatides and Woo 1987)."""
     ix, iy = math.floor(ox), math.floor(oy)
     ex, ey = math.floor(x), math.floor(y)
     dx, dy = x - ox, y - oy
     sx, sy = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
     tx = ((ix + (sx > 0)) - ox) / dx if dx != 0.0 else 1e18
     ty = ((iy + (sy > 0)) - oy) / dy if dy != 0.0 else 1e18
-    out[iy, ix] = True
+    out[iy, ix] |= tiles[iy, ix] > 0
     for _ in range(abs(ex - ix) + abs(ey - iy)):
         if tx < ty:
             tx += sx / dx
@@ -30,20 +32,25 @@ def _mark_line(out: NDArray[np.bool_], ox: float, oy: float, x: float, y: float)
             iy += sy
         if ix < 0 or iy < 0 or iy >= out.shape[0] or ix >= out.shape[1]:
             return
-        out[iy, ix] = True
+        out[iy, ix] |= tiles[iy, ix] > 0
 
 
 @jit
 def touched_tiles(
     first: int,
     last: int,
+    tables: NDArray[np.int32],
     beams: Any,
     poses: NDArray[np.float64],
     base: NDArray[np.int64],
     resolution: float,
     out: NDArray[np.bool_],
 ) -> None:
-    """Marks in `out` (P, H, W) the tiles that the scan's rays will change."""
+    """Marks in `out` (P, H, W) the tiles that the scan will change.
+
+    Those in which beams end, and of those that are only crossed the ones that already hold
+    something: free space alone is nothing to match with.
+    """
     side = TILE * resolution
     for particle in range(first, last):
         pose = poses[particle]
@@ -53,8 +60,8 @@ def touched_tiles(
         for i in range(beams.points.shape[0]):
             x = (pose[0] + cos * beams.points[i, 0] - sin * beams.points[i, 1]) / side - base[1]
             y = (pose[1] + sin * beams.points[i, 0] + cos * beams.points[i, 1]) / side - base[0]
+            _mark_line(tables[particle], ox, oy, x, y, out[particle])
             out[particle, math.floor(y), math.floor(x)] = True
-            _mark_line(out[particle], ox, oy, x, y)
 
 
 @jit
@@ -84,9 +91,15 @@ def _cross(
     ty = ((iy + (sy > 0)) - oy) / dy if dy != 0.0 else 1e18
     stepx = sx / dx if dx != 0.0 else 1e18
     stepy = sy / dy if dy != 0.0 else 1e18
+    tile_x, tile_y = ix >> TILE_SHIFT, iy >> TILE_SHIFT
+    slot = slot_of(maps, particle, ix, iy)
+    mine = slot > 0 and own[slot] == 1
     for _ in range(abs(math.floor(x) - ix) + abs(math.floor(y) - iy) + 1):
-        slot = slot_of(maps, particle, ix, iy)
-        if slot > 0 and own[slot] == 1:
+        if ix >> TILE_SHIFT != tile_x or iy >> TILE_SHIFT != tile_y:
+            tile_x, tile_y = ix >> TILE_SHIFT, iy >> TILE_SHIFT
+            slot = slot_of(maps, particle, ix, iy)
+            mine = slot > 0 and own[slot] == 1
+        if mine:
             cell = ((iy & MASK) << TILE_SHIFT) | (ix & MASK)
             _visit(maps, slot, cell)
         if tx < ty:

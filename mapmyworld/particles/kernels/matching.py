@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mapmyworld.particles.kernels.likelihood import log_likelihood
 from mapmyworld.particles.kernels.surfaces import PLANAR, Beams, jit, nearest
 
+STEP, TURN = 1e-3, 2e-4  # m, rad: steps that change no cell and end the search
 POINT = 0.1  # weight of an end point at a cell that is no line: it may lie beside the true one
 
 
@@ -168,7 +169,7 @@ def match(
                 g += weight * (P[:, 0] * gap[0] + P[:, 1] * gap[1] + P[:, 2] * gap[2])
                 _solve(H, g, step)
                 pose += step
-                small = abs(step[0]) + abs(step[1]) < 2e-4 and abs(step[2]) < 2e-5
+                small = abs(step[0]) + abs(step[1]) < STEP and abs(step[2]) < TURN
                 if small and reaches[iteration] == reaches[-1]:
                     break
             fit = log_likelihood(maps, particle, beams, pose, reaches[-1], sigma)

@@ -7,6 +7,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -191,7 +192,7 @@ def test_files_that_are_no_maps_are_refused_in_one_line(tmp_path: Path) -> None:
     assert "folder" in problems_of_opening(tmp_path)
     (tmp_path / "cut.db").write_bytes(b"SQLite format 3\0" + b"\1" * 500)
     assert "damaged" in problems_of_opening(tmp_path / "cut.db")
-    with sqlite3.connect(tmp_path / "other.db") as sqlite:
+    with closing(sqlite3.connect(tmp_path / "other.db")) as sqlite, sqlite:
         sqlite.execute("CREATE TABLE songs (title TEXT)")
     assert "neither a map nor RTAB-Map's" in problems_of_opening(tmp_path / "other.db")
     with pytest.raises(MapError, match="folder does not exist"):
@@ -201,7 +202,7 @@ def test_files_that_are_no_maps_are_refused_in_one_line(tmp_path: Path) -> None:
 def test_a_map_of_a_later_version_is_refused(tmp_path: Path) -> None:
     with open_store(tmp_path / "map.db", create=True) as store:
         fill(store)
-    with sqlite3.connect(tmp_path / "map.db") as sqlite:
+    with closing(sqlite3.connect(tmp_path / "map.db")) as sqlite, sqlite:
         sqlite.execute("UPDATE mapmyworld_format SET version = 99")
     assert "newer mapmyworld" in problems_of_opening(tmp_path / "map.db")
 
@@ -211,7 +212,7 @@ def test_questions_about_the_graph_read_no_blob_of_a_node(tmp_path: Path) -> Non
     path = tmp_path / "map.db"
     with open_store(path, create=True) as store:
         fill(store)
-    with sqlite3.connect(path) as sqlite:
+    with closing(sqlite3.connect(path)) as sqlite, sqlite:
         sqlite.execute("DROP TABLE Data")
     with open_store(path, read_only=True) as store:
         assert len(store.nodes()) == 3

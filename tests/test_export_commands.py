@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -165,7 +166,7 @@ def test_an_unfinished_database_is_optimised_for_export(data: Path, tmp_path: Pa
 
     path = tmp_path / "laser.db"
     shutil.copy(data / "rtabmap/fr079_laser.db", path)
-    with sqlite3.connect(path) as sqlite:
+    with closing(sqlite3.connect(path)) as sqlite, sqlite:
         sqlite.execute("UPDATE Admin SET opt_ids = NULL, opt_poses = NULL")
     sqlite.close()
     run("trajectory", path)

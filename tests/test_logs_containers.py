@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -196,7 +197,7 @@ def test_other_databases_are_refused(tmp_path: Path) -> None:
     import sqlite3
 
     path = tmp_path / "a.db3"
-    with sqlite3.connect(path) as database:
+    with closing(sqlite3.connect(path)) as database, database:
         database.execute("CREATE TABLE things (id INTEGER)")
     database.close()
     with pytest.raises(LogError, match="neither a rosbag2"):

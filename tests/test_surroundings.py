@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 import struct
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -148,7 +149,7 @@ def test_those_of_a_foreign_file(tmp_path: Path) -> None:
 def test_a_map_whose_fix_is_damaged_is_refused_in_one_line(tmp_path: Path) -> None:
     with open_store(tmp_path / "m.db", create=True) as store:
         store.add_node(Node(1, 0, STAMP, np.eye(4), np.eye(4), gps=FIX), NodeData())
-    with sqlite3.connect(tmp_path / "m.db") as sqlite:
+    with closing(sqlite3.connect(tmp_path / "m.db")) as sqlite, sqlite:
         sqlite.execute("UPDATE Node SET gps = x'00'")
     sqlite.close()
     with (

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
+from weakref import finalize
 
 from mapmyworld.errors import MapError
 
@@ -35,13 +36,18 @@ class Connection:
         mode = "rwc" if writable else "ro&immutable=1" if frozen else "ro"
         with self._explained():
             self._sqlite = self._connect(mode)
+            finalize(self, self._sqlite.close)  # logs are not closed by those who read them
             if writable:
                 self._prepare_writing()
 
     def _connect(self, mode: str) -> sqlite3.Connection:
         uri = f"file:{quote(str(self.path.absolute()))}?mode={mode}"
         sqlite = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
-        sqlite.execute("PRAGMA trusted_schema = OFF")  # a file's own views call no function
+        try:
+            sqlite.execute("PRAGMA trusted_schema = OFF")  # a file's own views call no function
+        except sqlite3.Error:
+            sqlite.close()
+            raise
         return sqlite
 
     def _prepare_writing(self) -> None:

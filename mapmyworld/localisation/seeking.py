@@ -53,6 +53,11 @@ class Seeker:
         self._reckoned, self._way = None if moment.broken else reckoned, 0.0
         self._restart(moment)
 
+    def begin_anywhere(self, moment: Moment) -> None:
+        """Starts at a moment, with no idea of where that is."""
+        self._reckoned = None
+        self._restart(moment)
+
     def resume(self, moment: Moment) -> None:
         """Goes on: what had been found was wrong."""
         self._restart(moment)

@@ -1,0 +1,120 @@
+"""The sessions of several units written into one store, in a common frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.geometry import invert, planar_to_matrix
+from mapmyworld.sessions.units import Unit
+from mapmyworld.types import Constraint, MapStore, Node, TrackedFrames
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placed:
+    """A unit, and where its frame lies in the common one."""
+
+    unit: Unit
+    common_from_unit: Array
+    """(3,)."""
+    first_id: int
+    """What its node ids begin after."""
+    first_session: int
+
+    def new_id(self, node_id: int) -> int:
+        """The id in the merged map; landmarks (negative) keep theirs, for a marker is the same."""
+        return node_id + self.first_id if node_id > 0 else node_id
+
+
+def place_units(units: Sequence[Unit], common_from_unit: Sequence[Array]) -> list[Placed]:
+    """The units one after the other, with ids and sessions counted on."""
+    placed: list[Placed] = []
+    first_id = first_session = 0
+    for unit, pose in zip(units, common_from_unit, strict=True):
+        placed.append(Placed(unit, pose, first_id, first_session))
+        first_id += unit.nodes[-1].id
+        first_session += len(unit.sessions)
+    return placed
+
+
+def copy_plan(placed: Sequence[Placed], store: MapStore) -> None:
+    """What was decided for the first one, and what any of them lost."""
+    plans = [p.unit.store.get("plan") or {} for p in placed]
+    merged: dict[str, Any] = dict(plans[0])
+    for key in ("warnings", "losses"):
+        merged[key] = list(dict.fromkeys(line for plan in plans for line in plan.get(key, ())))
+    store.put("plan", merged)
+
+
+def copy_drives(placed: Sequence[Placed], store: MapStore) -> None:
+    """Nodes with their data, all frames with their scans, and the motion within each session."""
+    frames, first_frame = [], 0
+    for item in placed:
+        for node, constraint_free in _nodes(item):
+            data = item.unit.store.node_data(node.id)
+            features = None if data.features is None else replace(data.features, words=None)
+            store.add_node(constraint_free, replace(data, features=features))
+        own = item.unit.store.tracked_frames()
+        for frame, scan in item.unit.store.scans(np.arange(len(own.stamps_ns))):
+            store.add_scan(first_frame + frame, scan)
+        frames.append(replace(own, node_ids=own.node_ids + item.first_id))
+        first_frame += len(own.stamps_ns)
+    store.set_tracked_frames(_joined(frames))
+    notes = [item.unit.store.get("track") or {} for item in placed]
+    store.put(
+        "track",
+        {
+            "frames": sum(note.get("frames", 0) for note in notes),
+            "losses": [line for note in notes for line in note.get("losses", ())],
+            "notes": [line for note in notes for line in note.get("notes", ())],
+        },
+    )
+
+
+def _nodes(item: Placed) -> list[tuple[Node, Node]]:
+    """Each node with what becomes of it: new id and session, tracked in the common frame."""
+    sessions = {s: item.first_session + k for k, s in enumerate(item.unit.sessions)}
+    common = planar_to_matrix(item.common_from_unit)
+    moved: dict[int, Array] = {}
+    pairs = []
+    for row, node in enumerate(item.unit.nodes):
+        if node.session not in moved:
+            # The session's first node goes where the common frame has it; the others follow.
+            solved = common @ planar_to_matrix(item.unit.poses[row])
+            moved[node.session] = solved @ invert(node.tracked_from_base)
+        tracked = moved[node.session] @ node.tracked_from_base
+        fresh = replace(
+            node,
+            id=item.new_id(node.id),
+            session=sessions[node.session],
+            tracked_from_base=tracked,
+        )
+        pairs.append((node, fresh))
+    return pairs
+
+
+def copied_constraints(placed: Sequence[Placed]) -> list[Constraint]:
+    """All constraints of the units under the new ids, verdicts and all."""
+    return [
+        replace(c, from_id=item.new_id(c.from_id), to_id=item.new_id(c.to_id))
+        for item in placed
+        for c in item.unit.store.constraints()
+    ]
+
+
+def _joined(frames: Sequence[TrackedFrames]) -> TrackedFrames:
+    odometry = [f.odom_from_base for f in frames]
+    recorded = [o for o in odometry if o is not None]
+    return TrackedFrames(
+        np.concatenate([f.stamps_ns for f in frames]),
+        np.concatenate([f.node_ids for f in frames]),
+        np.concatenate([f.node_from_frame for f in frames]),
+        np.concatenate([f.is_node for f in frames]),
+        np.concatenate(recorded) if len(recorded) == len(frames) else None,
+    )

@@ -1,0 +1,137 @@
+"""Several finished maps as one, or as few as they connect to."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+import mapmyworld
+from mapmyworld.config import Config
+from mapmyworld.geometry import compose_planar, invert_planar
+from mapmyworld.sessions.copying import copied_constraints, copy_drives, copy_plan, place_units
+from mapmyworld.sessions.joining import Joint, find_joints
+from mapmyworld.sessions.units import Unit
+from mapmyworld.stages.maps import draw_maps
+from mapmyworld.stages.recognise import scan_loader
+from mapmyworld.stages.solve import solve_and_judge
+from mapmyworld.types import ConstraintKind, MapStore, Progress
+
+Array = NDArray[np.float64]
+OpenStore = Callable[[int], AbstractContextManager[MapStore]]
+"""Gives the empty store of the first, second, ... map that results."""
+
+
+@dataclass(frozen=True, slots=True)
+class MergedMap:
+    """One of the maps that resulted."""
+
+    names: tuple[str, ...]
+    """Of the maps that went into it, in its order."""
+    sessions: int
+    nodes: int
+    links: int
+    """Accepted constraints between different sessions."""
+
+
+def merge_maps(
+    units: Sequence[Unit], open_store: OpenStore, config: Config, progress: Progress
+) -> list[MergedMap]:
+    """One map of every group of units that connect, the one with the most nodes first.
+
+    The order in which the units are given does not matter.
+    """
+    ordered = sorted(units, key=lambda unit: unit.order)
+    joints = find_joints(ordered, config, progress)
+    groups = _groups(len(ordered), joints)
+    groups.sort(key=lambda g: (-sum(len(ordered[k].nodes) for k in g), g))
+    merged = []
+    for number, group in enumerate(groups):
+        with open_store(number) as store:
+            merged.append(_merge(ordered, group, joints, store, config, progress))
+    return merged
+
+
+def _groups(count: int, joints: Sequence[Joint]) -> list[list[int]]:
+    group = list(range(count))
+    for joint in joints:
+        old, new = group[joint.later], group[joint.earlier]
+        group = [new if g == old else g for g in group]
+    return [[k for k in range(count) if group[k] == g] for g in sorted(set(group))]
+
+
+def _merge(
+    units: Sequence[Unit],
+    group: Sequence[int],
+    joints: Sequence[Joint],
+    store: MapStore,
+    config: Config,
+    progress: Progress,
+) -> MergedMap:
+    placed = place_units([units[k] for k in group], _common_poses(group, joints))
+    inputs = _digest([units[k] for k in group], config)
+    _note_sessions(store, [units[k] for k in group], inputs)
+    progress.stage("copy", len(group), "sessions")
+    with store.write_stage("plan", inputs):
+        copy_plan(placed, store)
+    with store.write_stage("track", inputs):
+        copy_drives(placed, store)
+    with store.write_stage("recognise", inputs):
+        store.add_constraints(copied_constraints(placed))
+    scans = scan_loader(store, config)
+    with store.write_stage("optimise", inputs):
+        solve_and_judge(store, config, progress, scans)
+    with store.write_stage("map", inputs):
+        draw_maps(store, config, progress)
+    nodes = store.nodes()
+    session_of = {node.id: node.session for node in nodes}
+    links = sum(
+        c.accepted and session_of.get(c.from_id) != session_of.get(c.to_id)
+        for c in store.constraints()
+        if c.kind != ConstraintKind.PRIOR and c.to_id > 0
+    )
+    names = tuple(units[k].name for k in group)
+    return MergedMap(names, len({n.session for n in nodes}), len(nodes), links)
+
+
+def _common_poses(group: Sequence[int], joints: Sequence[Joint]) -> list[Array]:
+    """Where each unit's frame lies in that of the group's first, along the joints."""
+    known: dict[int, Array] = {group[0]: np.zeros(3)}
+    waiting = [joint for joint in joints if joint.later in group]
+    while waiting:
+        joint = next(j for j in waiting if j.earlier in known or j.later in known)
+        waiting.remove(joint)
+        if joint.earlier in known:
+            known[joint.later] = compose_planar(known[joint.earlier], joint.earlier_from_later)
+        else:
+            back = invert_planar(joint.earlier_from_later)
+            known[joint.earlier] = compose_planar(known[joint.later], back)
+    return [known[k] for k in group]
+
+
+def _digest(units: Sequence[Unit], config: Config) -> str:
+    """What went in: the logs and the settings; not the names of the files."""
+    logs = [(unit.store.get("log") or {}).get("hash") for unit in units]
+    text = json.dumps([mapmyworld.__version__, "merge", logs, asdict(config)], default=str)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _note_sessions(store: MapStore, units: Sequence[Unit], inputs: str) -> None:
+    logs = [unit.store.get("log") or {} for unit in units]
+    paths = [path for log in logs for path in log.get("paths", ())]
+    store.put("log", {"hash": inputs, "paths": paths})
+    listed = [entry for unit, log in zip(units, logs, strict=True) for entry in _entries(unit, log)]
+    store.put("sessions", listed)
+
+
+def _entries(unit: Unit, log: dict[str, object]) -> list[dict[str, object]]:
+    """What is known of a unit's sessions: a merged map lists its own."""
+    known = unit.store.get("sessions")
+    if known:
+        return list(known)
+    return [{"log": log.get("hash"), "paths": log.get("paths", []), "nodes": len(unit.nodes)}]

@@ -1,0 +1,48 @@
+"""What is merged: finished maps, each of one session or of several that belong together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.errors import MapError
+from mapmyworld.geometry import matrix_to_planar
+from mapmyworld.types import MapStore, Node
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unit:
+    """A finished map to be joined with others."""
+
+    name: str
+    store: MapStore
+    nodes: tuple[Node, ...]
+    poses: Array
+    """(N, 3) solved poses of the nodes, in the unit's own frame."""
+    planar: bool
+
+    @property
+    def sessions(self) -> tuple[int, ...]:
+        """Its sessions, in their order."""
+        return tuple(sorted({node.session for node in self.nodes}))
+
+    @property
+    def order(self) -> tuple[int, bytes]:
+        """Sorts units the same way however they were given: by time, then by content."""
+        first = self.nodes[0]
+        return first.stamp_ns, np.stack([n.tracked_from_base for n in self.nodes]).tobytes()
+
+
+def load_unit(name: str, store: MapStore) -> Unit:
+    """A map as a unit; raises `MapError` where it is not finished."""
+    nodes, poses = store.nodes(), store.poses()
+    if not nodes or poses is None or store.frame_poses() is None:
+        raise MapError(f"{name}: is not finished: build it to its end before it is merged")
+    at = {int(i): row for row, i in enumerate(poses.ids)}
+    solved = matrix_to_planar(np.stack([poses.map_from_node[at[node.id]] for node in nodes]))
+    planar = bool((store.get("plan") or {}).get("planar", False))
+    return Unit(name, store, nodes, solved, planar)

@@ -42,6 +42,10 @@ if TYPE_CHECKING:
     show_default=True,
     help="GraphSLAM, or grid-based FastSLAM (particles).",
 )
+@click.option(
+    "--append", "append_to", metavar="MAP", type=click.Path(path_type=Path),
+    help="Add each LOG to MAP as a session of its own, where it shows the same place.",
+)  # fmt: skip
 @click.option("--resume", is_flag=True, help="Go on with an unfinished map; it must exist.")
 @click.option("--overwrite", is_flag=True, help="Start anew even if the map exists.")
 @click.option("--no-export", is_flag=True, help="Write map.db only.")
@@ -57,6 +61,7 @@ def build(
     config_path: Path | None,
     changes: tuple[str, ...],
     method: str,
+    append_to: Path | None,
     resume: bool,
     overwrite: bool,
     no_export: bool,
@@ -75,10 +80,16 @@ def build(
     \b
     mapmyworld build drive.mcap
     mapmyworld build drive_0.bag drive_1.bag -o office.db --set mapping.resolution=0.025
+    mapmyworld build --append office.db tuesday.bag wednesday.bag
     """
     if resume and overwrite:
         raise click.UsageError("--resume and --overwrite exclude each other")
     config = load_config(config_path, changes)
+    if append_to is not None:
+        if resume or overwrite or dry_run or verify_repeat or method != "graph":
+            raise click.UsageError("--append goes with none of the other ways to build")
+        _append(paths, append_to, config, not no_export, quiet, style)
+        return
     from formats.logs import open_log
 
     log = open_log(paths)
@@ -105,6 +116,18 @@ def build(
             for loss in summary["losses"]:
                 click.echo(f"  - {loss}", err=True)
         sys.exit(EXIT_PARTIAL)
+
+
+def _append(
+    logs: tuple[Path, ...], map_path: Path, config: Config, export: bool, quiet: bool, style: str
+) -> None:
+    from cli.appending import append_logs
+    from cli.merging import show_merged
+
+    progress = StderrProgress(quiet=quiet)
+    summary = append_logs(logs, map_path, config, progress, export=export)
+    progress.finish()
+    show_merged(summary, style)
 
 
 def _show_plan(log: LogSource, config: Config, style: str) -> None:

@@ -20,6 +20,7 @@ COMMANDS = {
     "optimise": ("cli.optimise:optimise", "Optimise a pose graph: g2o, TORO or a map."),
     "edit": ("cli.edit:edit", "Accept, reject or add constraints from a text file."),
     "localise": ("cli.localise:localise", "Find where a robot was in a finished map."),
+    "merge": ("cli.merge:merge", "Join the sessions of several maps in one."),
     "evaluate": ("cli.evaluate:evaluate", "Score a trajectory, a grid or a map against the truth."),
     "check": ("cli.check:check", "Gates for scripts: exit code 4 when a requirement fails."),
     "batch": ("cli.batch:batch", "Many logs: build, check and sum up; goes on where it stopped."),

@@ -40,16 +40,24 @@ class MergedMap:
 
 
 def merge_maps(
-    units: Sequence[Unit], open_store: OpenStore, config: Config, progress: Progress
+    units: Sequence[Unit],
+    open_store: OpenStore,
+    config: Config,
+    progress: Progress,
+    *,
+    first: str | None = None,
 ) -> list[MergedMap]:
     """One map of every group of units that connect, the one with the most nodes first.
 
-    The order in which the units are given does not matter.
+    Instead that of the unit named `first`, where there is one. The order in which the units are
+    given does not matter.
     """
     ordered = sorted(units, key=lambda unit: unit.order)
     joints = find_joints(ordered, config, progress)
     groups = _groups(len(ordered), joints)
-    groups.sort(key=lambda g: (-sum(len(ordered[k].nodes) for k in g), g))
+    wanted = {k for k, unit in enumerate(ordered) if unit.name == first}
+    sizes = [len(unit.nodes) for unit in ordered]
+    groups.sort(key=lambda g: (not wanted & set(g), -sum(sizes[k] for k in g), g))
     merged = []
     for number, group in enumerate(groups):
         with open_store(number) as store:

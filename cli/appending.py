@@ -1,0 +1,58 @@
+"""`build --append`: each log becomes a session of its own in a map that may exist already."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cli.merging import merge_files
+from cli.settings import settings_that_differ
+from cli.storing import storage_arguments
+from mapmyworld.errors import MapError
+
+if TYPE_CHECKING:
+    from cli.progress import StderrProgress
+    from mapmyworld.config import Config
+
+
+def append_logs(
+    logs: Sequence[Path],
+    map_path: Path,
+    config: Config,
+    progress: StderrProgress,
+    *,
+    export: bool,
+) -> dict[str, Any]:
+    """Builds a map of each log and merges all with MAP; MAP is replaced when all is done."""
+    if not map_path.absolute().parent.is_dir():
+        raise MapError(f"{map_path}: its folder does not exist")
+    with tempfile.TemporaryDirectory(dir=map_path.absolute().parent, prefix=".append-") as folder:
+        built = [
+            _build(log, Path(folder) / f"{number}" / f"{log.stem}.db", config, progress)
+            for number, log in enumerate(logs)
+        ]
+        known = [map_path] if map_path.exists() else []
+        first = map_path if known else None
+        summary = merge_files(
+            [*known, *built], map_path, config, progress, first=first, export=export
+        )
+        names = {str(path): str(log) for path, log in zip(built, logs, strict=True)}
+    for made in summary["maps"]:
+        made["of"] = [names.get(name, name) for name in made["of"]]
+    return summary
+
+
+def _build(log: Path, path: Path, config: Config, progress: StderrProgress) -> Path:
+    from formats.database import open_store
+    from formats.logs import open_log
+    from mapmyworld.pipeline import build_map
+
+    path.parent.mkdir()
+    opening = partial(open_store, path, create=True, **storage_arguments(config))
+    with opening() as store:
+        store.put("settings", settings_that_differ(config))
+        build_map(open_log([log]), store, config, progress)
+    return path

@@ -1,0 +1,50 @@
+"""`mapmyworld merge`: several maps become one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from cli.common import format_option
+from cli.progress import StderrProgress
+from cli.settings import config_options, load_config
+
+_PATH = click.Path(path_type=Path)
+
+
+@click.command()
+@click.argument("maps", metavar="MAP MAP...", nargs=-1, required=True, type=_PATH)
+@click.option("-o", "--output", required=True, type=_PATH, help="The map database to write.")
+@config_options
+@click.option("--no-export", is_flag=True, help="Write the database only.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress and no notes.")
+@format_option
+def merge(
+    maps: tuple[Path, ...],
+    output: Path,
+    config_path: Path | None,
+    changes: tuple[str, ...],
+    no_export: bool,
+    quiet: bool,
+    style: str,
+) -> None:
+    """Join finished MAPs whose sessions show the same place; their order does not matter.
+
+    A session is recognised in another map by its scans or its images, and joined when many of
+    them bear that out. Maps that do not connect are written as OUTPUT_2, ..., and the exit code
+    is 3. The MAPs themselves are not changed.
+
+    \b
+    mapmyworld merge monday.db tuesday.db -o week.db
+    """
+    from cli.merging import merge_files, require_maps, show_merged
+
+    if len(maps) < 2:
+        raise click.UsageError("give at least two maps")
+    require_maps(maps)
+    config = load_config(config_path, changes)
+    progress = StderrProgress(quiet=quiet)
+    summary = merge_files(maps, output, config, progress, export=not no_export)
+    progress.finish()
+    show_merged(summary, style)

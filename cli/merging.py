@@ -54,10 +54,11 @@ def merge_files(
     try:
         with only_writer(output):
             with ExitStack() as stack:
-                units = [
-                    load_unit(str(path), stack.enter_context(open_store(path, read_only=True)))
-                    for path in sources
-                ]
+                units = []
+                for path in sources:
+                    store = open_store(path, read_only=True)
+                    stack.callback(store.close)
+                    units.append(load_unit(str(path), store))
                 wanted = None if first is None else str(first)
                 maps = merge_maps(units, new_store, config, progress, first=wanted)
             for number, path in enumerate(written):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,9 @@ from mapmyworld.registration.scan_matching import COARSE, FINE, Match
 from mapmyworld.types import Frame
 from mapmyworld.types.localisation import Estimate, State
 
+if TYPE_CHECKING:
+    from mapmyworld.localisation.known_images import KnownImages
+
 Array = NDArray[np.float64]
 _REMEMBERED = 3000  # moments while lost that a recognition explains afterwards
 _RIVAL_AWAY = 1.0  # m from the tracked pose at which a rival counts
@@ -50,8 +54,11 @@ _BACKWARDS = np.diag([0.05, 0.05, 0.03]) ** 2  # m^2, m^2, rad^2 of one step bac
 class LaserLocaliser:
     """Follows a robot through a known place; holds little but the place itself."""
 
-    def __init__(self, place: KnownPlace, config: Config) -> None:
-        self._place, self._config = place, config
+    def __init__(
+        self, place: KnownPlace, config: Config, images: KnownImages | None = None
+    ) -> None:
+        """`images` of the same map help where scans alone are ambiguous."""
+        self._place, self._images, self._config = place, images, config
         self._settings = config.localisation
         self._tracker = LaserTracker(config)
         self._seeker = Seeker(place, config)
@@ -71,7 +78,7 @@ class LaserLocaliser:
             moment = self._moment(frame, moved)
             self._predict(moment.step, invert3(moved.information))
             if self._state == State.LOST:
-                self._state, fit = self._seek(moment)
+                self._state, fit = self._seek(moment, frame)
             else:
                 self._state, fit = self._keep(moment)
             self._report(frame, fit)
@@ -174,13 +181,22 @@ class LaserLocaliser:
 
     # While it is not
 
-    def _seek(self, moment: Moment) -> tuple[State, float]:
+    def _seek(self, moment: Moment, frame: Frame) -> tuple[State, float]:
         self._waiting.append(moment)
-        found = self._seeker.look(moment)
+        found = self._seeker.look(moment) or self._by_image(moment, frame)
         if found is None:
             return State.LOST, 0.0
         self._take(found)
         return State.RECOGNISED, found.fit.agreement
+
+    def _by_image(self, moment: Moment, frame: Frame) -> Discovery | None:
+        if self._images is None or not frame.images or moment.is_blind:
+            return None
+        view = self._images.view_of(frame.images[0])
+        told = None if view is None else self._images.most_alike(view)
+        if told is None:
+            return None
+        return self._seeker.hear(moment, matrix_to_planar(told.map_from_base))
 
     def _take(self, found: Discovery) -> None:
         self._covariance = found.covariance

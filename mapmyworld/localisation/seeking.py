@@ -47,6 +47,8 @@ class Seeker:
         self._streak, self._searched = 0, 0.0
         self._reckoned: Array | None = None
         self._way = 0.0
+        self._heard: Array | None = None
+        self._since_heard = np.zeros(3)
 
     def begin(self, moment: Moment, reckoned: Array) -> None:
         """Starts at a moment; `reckoned` (3,) is where the robot was thought to be."""
@@ -66,10 +68,22 @@ class Seeker:
         self._particles.begin(moment.points)
         self._streak, self._searched = 0, 0.0
         self._pending = np.zeros(3)
+        self._heard = None
+
+    def hear(self, moment: Moment, told: Array) -> Discovery | None:
+        """What an image tells, pose (3,), where the scan and another image bear it out."""
+        found = self._discovery(moment, told, _LOOSE)
+        before, self._heard = self._heard, None if found is None else found.match.pose
+        if found is None or before is None or self._contradicts_motion(found.match.pose):
+            return None
+        apart = between_planar(compose_planar(before, self._since_heard), found.match.pose)
+        self._since_heard = np.zeros(3)
+        return found if np.hypot(apart[0], apart[1]) < _NO_LEAP[0] else None
 
     def look(self, moment: Moment) -> Discovery | None:
         """What one more moment tells."""
         self.reckon(moment)
+        self._since_heard = compose_planar(self._since_heard, moment.step)
         self._pending = compose_planar(self._pending, moment.step)
         if moment.is_blind:
             return None

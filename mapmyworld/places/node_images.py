@@ -102,7 +102,7 @@ class NodeImages:
         for image in data.images:
             if image.colour is not None and image.depth is not None:
                 features = data.features or extract_features(image, self._config)
-                return _best(features, image.camera, self._config), image.camera
+                return best_features(features, image.camera, self._config), image.camera
         return None
 
 
@@ -135,7 +135,7 @@ def select_features(features: Features, chosen: NDArray[np.int64]) -> Features:
     )
 
 
-def _best(features: Features, camera: CameraModel, config: Config) -> Features:
+def best_features(features: Features, camera: CameraModel, config: Config) -> Features:
     """The features that closures use: at most `visual.place_features`, spread over the image."""
     wanted = config.visual.place_features
     if len(features.pixels) <= wanted:

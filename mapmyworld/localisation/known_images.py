@@ -1,0 +1,154 @@
+"""What a camera can be compared with: the images of a finished map's nodes, by their words."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import between, rotation_angle
+from mapmyworld.places.appearance import weigh_words
+from mapmyworld.places.features import extract_features
+from mapmyworld.places.node_images import best_features
+from mapmyworld.places.vocabulary import Vocabulary, vocabulary_of_words
+from mapmyworld.registration.image_pairs import register_images
+from mapmyworld.registration.views import View, binary_words, make_view
+from mapmyworld.types import MapStore, Registration, RgbdImage
+
+Array = NDArray[np.float64]
+_REMEMBERED = 300  # views of the map kept at hand
+_CANDIDATES = 5  # nodes that a view is compared with while the place is unknown
+_ONE_PLACE = 0.6  # m between two answers that tell of one place
+_WORTH = 0.5  # of the best similarity, from which another place is compared as well
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighting:
+    """A node of the map recognised in an image."""
+
+    node: int
+    """Index of the node."""
+    map_from_base: Array
+    """(4, 4)."""
+    registration: Registration
+
+
+class KnownImages:
+    """The nodes that keep features, where they are, and their words."""
+
+    def __init__(self, store: MapStore, config: Config) -> None:
+        """Reads the words of all nodes; images are not decoded."""
+        self._store, self._config = store, config
+        self._views: OrderedDict[int, View] = OrderedDict()
+        words = store.words()
+        self._vocabulary: Vocabulary | None = None
+        if words:
+            self._vocabulary = vocabulary_of_words(words, seed=config.seed)
+        poses, kept, ids, solved = store.poses(), [], [], []
+        if poses is not None and self._vocabulary is not None:
+            for node_id, pose in zip(poses.ids.tolist(), poses.map_from_node, strict=True):
+                features = store.node_data(node_id).features if node_id > 0 else None
+                if features is not None and features.words is not None:
+                    kept.append(self._vocabulary.words(binary_words(features)))
+                    ids.append(node_id)
+                    solved.append(pose)
+        self.ids = np.array(ids, np.int64)
+        self.map_from_node = np.array(solved).reshape(-1, 4, 4)
+        self._words = kept
+        size = self._vocabulary.size if self._vocabulary is not None else 0
+        self._idf = _inverse_frequencies(kept, size)
+        self._vectors = weigh_words(kept, size) if kept else scipy.sparse.csr_matrix((0, 1))
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def view_of(self, image: RgbdImage) -> View | None:
+        """An image's features with words; None where it lacks colour or depth."""
+        if image.colour is None or image.depth is None or self._vocabulary is None:
+            return None
+        features = best_features(extract_features(image, self._config), image.camera, self._config)
+        if len(features.pixels) == 0:
+            return None
+        words = self._vocabulary.words(binary_words(features))
+        return make_view(replace(features, words=words), image.camera, self._config)
+
+    def _similar(self, view: View) -> list[int]:
+        """Nodes whose words are most like the view's, best first."""
+        words = np.asarray(view.features.words, np.int64)
+        weights = np.bincount(words[words > 0], minlength=len(self._idf))[: len(self._idf)]
+        vector = weights * self._idf
+        length = float(np.linalg.norm(vector))
+        if length == 0.0 or len(self) == 0:
+            return []
+        likeness = np.asarray(self._vectors @ vector).ravel() / length
+        order = np.argsort(-likeness, kind="stable")
+        floor = max(self._config.visual.place_similarity, _WORTH * float(likeness[order[0]]))
+        chosen: list[int] = []
+        for k in order.tolist():
+            if likeness[k] < floor or len(chosen) == _CANDIDATES:
+                break
+            if all(abs(k - other) > 2 for other in chosen):
+                chosen.append(k)
+        return chosen
+
+    def most_alike(self, view: View) -> Sighting | None:
+        """The one place that the view fits; None where it fits several, or none."""
+        found = [self.sight(view, node) for node in self._similar(view)]
+        seen = [sighting for sighting in found if sighting is not None]
+        if not seen:
+            return None
+        best = max(seen, key=lambda sighting: sighting.registration.inliers)
+        for other in seen:
+            apart = best.map_from_base[:3, 3] - other.map_from_base[:3, 3]
+            if float(np.linalg.norm(apart)) > _ONE_PLACE:
+                return None
+        return best
+
+    def near(self, map_from_base: Array, most: int) -> list[int]:
+        """Nodes that look the same way from close by, nearest first."""
+        settings = self._config.visual
+        motion = between(map_from_base, self.map_from_node)
+        apart = np.linalg.norm(motion[:, :3, 3], axis=1)
+        turn = rotation_angle(motion)
+        close = np.flatnonzero(
+            (apart < settings.proximity_distance) & (turn < np.radians(settings.proximity_angle))
+        )
+        order = close[np.argsort(apart[close] + turn[close], kind="stable")]
+        return [int(k) for k in order[:most]]
+
+    def sight(self, view: View, node: int, guess: Array | None = None) -> Sighting | None:
+        """The pose that a node's image gives a view; `guess` is of map_from_base."""
+        known = self._view(node)
+        if known is None:
+            return None
+        node_guess = None if guess is None else between(self.map_from_node[node], guess)
+        found = register_images(known, view, self._config, guess=node_guess).registration
+        if not found.converged:
+            return None
+        return Sighting(node, self.map_from_node[node] @ found.a_from_b, found)
+
+    def _view(self, node: int) -> View | None:
+        if node in self._views:
+            self._views.move_to_end(node)
+            return self._views[node]
+        data = self._store.node_data(int(self.ids[node]))
+        image = next((i for i in data.images if i.colour and i.depth), None)
+        if image is None or data.features is None:
+            return None
+        features = best_features(data.features, image.camera, self._config)
+        self._views[node] = make_view(features, image.camera, self._config)
+        if len(self._views) > _REMEMBERED:
+            self._views.popitem(last=False)
+        return self._views[node]
+
+
+def _inverse_frequencies(words: list[NDArray[np.int32]], size: int) -> Array:
+    """Logarithm (size + 1,) of how many images there are for each that holds a word."""
+    holders = np.zeros(size + 1)
+    for one in words:
+        holders[np.unique(one[one > 0])] += 1
+    return np.asarray(np.log(max(len(words), 1) / np.maximum(holders, 1)), np.float64)

@@ -49,6 +49,9 @@ def batch(
     Exit code 2 where a log gave no map, 4 where a requirement is not met, 3 for partial maps.
 
     \b
+    mapmyworld batch logs.toml -o maps --jobs 4
+    mapmyworld batch logs.toml -o s3://robots/maps --scheduler tcp://cluster:8786
+    \b
     [defaults]                          # for all logs; every line may be left out
     require = ["nodes >= 10"]           # what `mapmyworld check --keys` lists
     set = { "mapping.resolution" = 0.05 }

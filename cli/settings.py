@@ -9,7 +9,8 @@ from typing import Any, TypeVar
 
 import click
 
-from mapmyworld.config import Config
+from formats.limits import Limits, set_limits
+from mapmyworld.config import Config, LimitsConfig
 from mapmyworld.config.settings import apply_settings, flatten, list_settings
 from mapmyworld.errors import ConfigError
 
@@ -43,7 +44,18 @@ def load_config(config_path: Path | None, changes: Sequence[str]) -> Config:
         if not equals:
             raise ConfigError(f"--set {change}: write it as KEY=VALUE")
         values[name.strip()] = value.strip()
-    return apply_settings(Config(), values)
+    config = apply_settings(Config(), values)
+    _use_limits(config.limits)
+    return config
+
+
+def _use_limits(config: LimitsConfig) -> None:
+    limits = Limits(
+        config.chunk_mb << 20, config.image_megapixels * 1_000_000, config.unpacked_gb << 30
+    )
+    if min(config.chunk_mb, config.image_megapixels, config.unpacked_gb) < 1:
+        raise ConfigError("limits must be 1 at least")
+    set_limits(limits)
 
 
 _IDLE = ("threads",)  # settings that change no result

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,6 +12,14 @@ from cli.main import group
 from mapmyworld.config.settings import list_settings
 
 HERE = Path(__file__).parent
+
+
+def messages_page() -> str:
+    """Every message about bad input, with its remedy."""
+    sys.path.insert(0, str(HERE))
+    from messages import page
+
+    return page()
 
 
 def commands_page() -> str:
@@ -49,7 +58,11 @@ def settings_page() -> str:
     return "\n".join(rows) + "\n"
 
 
-PAGES = {"commands.md": commands_page, "settings.md": settings_page}
+PAGES = {
+    "commands.md": commands_page,
+    "settings.md": settings_page,
+    "troubleshooting.md": messages_page,
+}
 
 if __name__ == "__main__":
     for name, page in PAGES.items():

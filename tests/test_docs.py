@@ -12,7 +12,7 @@ from conftest import ROOT
 from cli.main import COMMANDS
 
 
-@pytest.mark.parametrize("name", ["commands.md", "settings.md"])
+@pytest.mark.parametrize("name", ["commands.md", "settings.md", "troubleshooting.md"])
 def test_generated_pages_are_up_to_date(name: str) -> None:
     """When this fails: `python docs/generate.py`.
 
@@ -22,6 +22,18 @@ def test_generated_pages_are_up_to_date(name: str) -> None:
     command = [sys.executable, "-c", code]
     page = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout
     assert (ROOT / "docs" / name).read_text(encoding="utf-8") == page
+
+
+def test_every_message_has_a_remedy() -> None:
+    """The table is made of these rows; a message that the table lacks fails the test above."""
+    sys.path.insert(0, str(ROOT / "docs"))
+    from messages import REMEDIES, gathered
+
+    rows = gathered()
+    assert len(rows) > 300
+    assert {row.text for row in rows if len(row.remedy) < 10} == set()
+    used = {room for room in REMEDIES for row in rows if row.file.startswith(room)}
+    assert used == set(REMEDIES)  # none of a room that is gone
 
 
 def test_commands_named_in_the_readme_exist() -> None:

@@ -49,7 +49,7 @@ def open_store(
         raise MapError(f"{path}: is a folder, not a map")
     if path.is_file() and says_ours(path):
         _recover(path)  # before anything is read: a killed build leaves torn pages and a journal
-    exists = path.exists() and path.stat().st_size > 0
+    exists = path.exists() and path.stat().st_size > 0 and not _is_blank(path)
     if not exists:
         if not create:
             raise MapError(f"{path}: no such map (make one with `mapmyworld build LOG -o {path}`)")
@@ -70,6 +70,17 @@ def open_store(
 
 def _beside(path: Path, ending: str) -> Path:
     return path.with_name(f"{path.name}-{ending}")
+
+
+def _is_blank(path: Path) -> bool:
+    """Whether it is a database without a table: a build was stopped before it had begun."""
+    if not is_sqlite(path):
+        return False
+    connection = Connection(path, writable=False, frozen=True)
+    try:
+        return not connection.row("SELECT EXISTS (SELECT 1 FROM sqlite_master)")[0]
+    finally:
+        connection.close()
 
 
 def _is_ours(path: Path) -> bool:

@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.limits import limits
 from formats.rvl import rvl_decode, rvl_encode
 from mapmyworld.errors import MapError
 
 JPEG_MAGIC = b"\xff\xd8\xff"
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 _RVL_MAGIC = b"DEPTHRVL"
-MAX_PIXELS = 1 << 27  # a 134 megapixel image is no camera's of ours
 _MAX_MILLIMETRES = 65535
 # JPEG segments that hold the size: all start-of-frame markers but DHT, JPG and DAC.
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
@@ -31,7 +31,7 @@ def image_size(data: bytes, what: str) -> tuple[int, int]:
         width, height, _ = _jpeg_frame(data, what)
     else:
         raise MapError(f"{what}: neither a JPEG nor a PNG image (begins with {data[:8].hex()})")
-    if width == 0 or height == 0 or width * height > MAX_PIXELS:
+    if width == 0 or height == 0 or width * height > limits().image_pixels:
         raise MapError(f"{what}: an image of {width} x {height} pixels is refused")
     return width, height
 

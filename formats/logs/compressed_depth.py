@@ -12,11 +12,11 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.limits import limits
 from mapmyworld.errors import LogError
 
 _HEADER = struct.Struct("<iff")
 _RVL_SIZE = struct.Struct("<II")
-_MAX_PIXELS = 1 << 28
 
 
 def decode_compressed_depth(data: bytes, encoding: str, described: str) -> NDArray[np.generic]:
@@ -40,7 +40,7 @@ def _decode_png(data: bytes) -> NDArray[np.uint16]:
 
     if data[:4] == b"\x89PNG" and len(data) >= 24:
         width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
-        if width * height > _MAX_PIXELS:
+        if width * height > limits().image_pixels:
             raise LogError(f"a depth image claims {width} x {height} pixels")
     try:
         cells = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -58,7 +58,7 @@ def decode_rvl(data: bytes) -> NDArray[np.uint16]:
     width, height = _RVL_SIZE.unpack_from(data)
     pixels = width * height
     # Four bits a run at the very least, and a run is at most as long as the image.
-    if not 0 < pixels <= _MAX_PIXELS:
+    if not 0 < pixels <= limits().image_pixels:
         raise LogError(f"an RVL depth image claims {width} x {height} pixels")
     numbers = _numbers(data[_RVL_SIZE.size :])
     depth = np.zeros(pixels, np.uint16)

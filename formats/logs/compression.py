@@ -7,10 +7,10 @@ import bz2
 import lz4.frame
 import zstandard
 
+from formats.limits import limits
 from formats.logs.blocks import DamagedBlockError
 
 # What claims more is damaged, and must not exhaust memory.
-MAX_CHUNK_BYTES = 1 << 30
 MAX_DEFINITION_BYTES = 1 << 26
 Buffer = bytes | memoryview
 _ERRORS = (RuntimeError, OSError, EOFError, ValueError, MemoryError, zstandard.ZstdError)
@@ -18,8 +18,8 @@ _ERRORS = (RuntimeError, OSError, EOFError, ValueError, MemoryError, zstandard.Z
 
 def decompress(data: Buffer, compression: str, size: int) -> bytes:
     """The chunk's `size` bytes; DamagedBlockError where they cannot be had."""
-    if not 0 <= size <= MAX_CHUNK_BYTES:
-        raise DamagedBlockError(f"it claims {size} bytes")
+    if not 0 <= size <= limits().chunk_bytes:
+        raise DamagedBlockError(f"it claims {size} bytes, more than limits.chunk_mb allows")
     try:
         plain = _decompress(data, compression, size)
     except _ERRORS as error:
@@ -50,13 +50,24 @@ def _bounded(
 
 def decompress_beginning(data: bytes, compression: str, size: int) -> bytes:
     """As much of a cut chunk as can be had, at most `size` bytes; possibly nothing."""
-    size = min(size, MAX_CHUNK_BYTES)
+    size = min(size, limits().chunk_bytes)
     try:
         if compression == "zstd":
-            return bytes(zstandard.ZstdDecompressor().decompressobj().decompress(data))[:size]
+            with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+                return _as_far_as_it_goes(reader, size)
         return _decompress(data, compression, size)[:size]
     except (*_ERRORS, DamagedBlockError):
         return b""
+
+
+def _as_far_as_it_goes(reader: zstandard.ZstdDecompressionReader, size: int) -> bytes:
+    found = bytearray()
+    try:
+        while len(found) < size and (block := reader.read(min(size - len(found), 1 << 16))):
+            found += block
+    except zstandard.ZstdError:
+        pass
+    return bytes(found)
 
 
 def _unzstd(data: Buffer, size: int) -> bytes:

@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO, cast
 
+from formats.limits import check_unpacked
 from mapmyworld.errors import LogError
 
 _READ_BYTES = 1 << 20
@@ -59,6 +60,7 @@ class UnpackedFile:
         with os.fdopen(handle, "wb") as copy, open_binary(self.path) as packed:
             try:
                 while block := cast(io.BufferedReader, packed).read1(_READ_BYTES):
+                    check_unpacked(copy.tell() + len(block), self.path, LogError)
                     copy.write(block)
             except DECOMPRESSION_ERRORS as error:
                 self.damage = str(error)

@@ -7,11 +7,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.limits import limits
 from formats.logs.channels import Payload
 from formats.logs.compressed_depth import decode_compressed_depth
 from mapmyworld.errors import LogError
 from mapmyworld.types import ImageMessage
 
+_FILES = (b"\xff\xd8", b"\x89PNG", b"RIFF")  # JPEG, PNG, WebP; other decoders are not let near
 _MILLIMETRES = 1000.0  # units of 16-bit depth in a metre (REP-118)
 # Encoding -> bytes a channel, channels.
 _LAYOUTS = {
@@ -23,7 +25,6 @@ _LAYOUTS = {
     "bayer_rggb16": (2, 1), "bayer_bggr16": (2, 1), "bayer_gbrg16": (2, 1), "bayer_grbg16": (2, 1),
     "yuv422": (1, 2), "uyvy": (1, 2), "yuv422_yuy2": (1, 2), "yuyv": (1, 2),
 }  # fmt: skip
-_MAX_PIXELS = 1 << 28
 
 
 def raw_image(
@@ -51,7 +52,7 @@ def _raw_pixels(
     size, channels = layout
     row_bytes = width * size * channels
     step = step or row_bytes
-    if not (0 < width * height <= _MAX_PIXELS and row_bytes <= step) or (
+    if not (0 < width * height <= limits().image_pixels and row_bytes <= step) or (
         start + step * (height - 1) + row_bytes > len(data)
     ):
         raise LogError(f"an image of {width} x {height} {encoding} does not fit its data")
@@ -139,8 +140,10 @@ def encoded_pixels(data: bytes, encoding: str, units: float = _MILLIMETRES) -> N
     import cv2
 
     depth = encoding.upper() in {"16UC1", "32FC1", "MONO16", "Z16"}
+    if not data.startswith(_FILES):
+        raise LogError("a compressed image cannot be decoded: it is no JPEG, PNG or WebP file")
     width, height = picture_size(data)
-    if width * height > _MAX_PIXELS:
+    if width * height > limits().image_pixels:
         raise LogError(f"a compressed image claims {width} x {height} pixels")
     mode = cv2.IMREAD_UNCHANGED if depth else cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
     try:
@@ -156,6 +159,17 @@ def encoded_pixels(data: bytes, encoding: str, units: float = _MILLIMETRES) -> N
     return np.ascontiguousarray(cells if cells.ndim == 2 else cells[..., 2::-1])
 
 
+def _webp_size(data: bytes) -> tuple[int, int]:
+    """Of the first chunk: extended, lossless or lossy (RFC 9649, section 2)."""
+    if data[15:16] == b"X":
+        return int.from_bytes(data[24:27], "little") + 1, int.from_bytes(data[27:30], "little") + 1
+    if data[15:16] == b"L":
+        bits = int.from_bytes(data[21:25], "little")
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    width, height = (int.from_bytes(data[at : at + 2], "little") & 0x3FFF for at in (26, 28))
+    return width, height
+
+
 def is_16_bit_png(data: bytes) -> bool:
     """Grey of 16 bits: in the bags of robots, depth."""
     return data[:4] == b"\x89PNG" and len(data) > 25 and data[24] == 16 and data[25] == 0
@@ -165,6 +179,8 @@ def picture_size(data: bytes) -> tuple[int, int]:
     """Width and height of a PNG or JPEG file, from its head; 0, 0 where that does not tell."""
     if data[:4] == b"\x89PNG" and len(data) >= 24:
         return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+    if data[8:15] == b"WEBPVP8" and len(data) >= 30:
+        return _webp_size(data)
     position = 2
     while data[:2] == b"\xff\xd8" and position + 9 <= len(data) and data[position] == 0xFF:
         marker = data[position + 1]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import zlib
 from typing import BinaryIO
 
+from formats.limits import limits
 from formats.logs.blocks import DamagedBlockError
-from formats.logs.compression import MAX_CHUNK_BYTES, decompress, decompress_beginning
+from formats.logs.compression import decompress, decompress_beginning
 from formats.logs.mcap_records import CHUNK, HEAD_BYTES, parse_chunk_head, record_head
 
 
@@ -14,7 +15,7 @@ def chunk_data(stream: BinaryIO, check: bool = True) -> bytes:
     """Decompressed bytes, checked where `check`, of the chunk at the stream's position."""
     head = stream.read(HEAD_BYTES)
     opcode, length = record_head(head) if len(head) == HEAD_BYTES else (0, 0)
-    if opcode != CHUNK or length > MAX_CHUNK_BYTES:
+    if opcode != CHUNK or length > limits().chunk_bytes:
         raise DamagedBlockError("there is no chunk")
     content = stream.read(length)
     chunk = parse_chunk_head(content[:128])

@@ -7,9 +7,10 @@ from pathlib import Path
 from struct import Struct
 from typing import BinaryIO
 
+from formats.limits import limits
 from formats.logs.blocks import DamagedBlockError
 from formats.logs.channels import Block, Index, Payload
-from formats.logs.compression import MAX_CHUNK_BYTES, MAX_DEFINITION_BYTES
+from formats.logs.compression import MAX_DEFINITION_BYTES
 from formats.logs.mcap_chunks import chunk_beginning, chunk_data
 from formats.logs.mcap_records import (
     CHANNEL,
@@ -125,7 +126,7 @@ class _Scan:
 
     def _cut_chunk(self, position: int) -> None:
         """Keeps the messages of the last chunk that a cut file still has."""
-        content = self.stream.read(min(self.size - position, MAX_CHUNK_BYTES))[HEAD_BYTES:]
+        content = self.stream.read(min(self.size - position, limits().chunk_bytes))[HEAD_BYTES:]
         plain = chunk_beginning(content)
         messages = chunk_messages(plain, None, self.definitions, to_the_end=False)
         self._add(messages, position, len(content))

@@ -6,10 +6,10 @@ from pathlib import Path
 from struct import Struct
 from typing import BinaryIO
 
+from formats.limits import limits
 from formats.logs.blocks import BlockFile, DamagedBlockError
 from formats.logs.channels import Block, Channel, Index, Payload, Record
 from formats.logs.compression import (
-    MAX_CHUNK_BYTES,
     MAX_DEFINITION_BYTES,
     decompress,
     decompress_beginning,
@@ -139,7 +139,7 @@ def _chunk_data(stream: BinaryIO, size: int, *, cut: bool) -> tuple[bytes, bool]
         fields, _, length = _record(stream, size)
     except EOFError as error:
         raise DamagedBlockError("the file ends in it") from error
-    if operation(fields) != OP_CHUNK or length > MAX_CHUNK_BYTES:
+    if operation(fields) != OP_CHUNK or length > limits().chunk_bytes:
         raise DamagedBlockError("there is no chunk")
     data = stream.read(length)
     compression = fields.get(b"compression", b"").decode("ascii", "replace")
@@ -191,7 +191,7 @@ def _scan_record(stream: BinaryIO, position: int, size: int, index: Index) -> in
         return after
     if after > size:
         raise EOFError("the file ends in a record")
-    if length > (MAX_DEFINITION_BYTES if op == OP_CONNECTION else MAX_CHUNK_BYTES):
+    if length > (MAX_DEFINITION_BYTES if op == OP_CONNECTION else limits().chunk_bytes):
         raise DamagedBlockError(f"a record claims {length} bytes")
     if op == OP_CONNECTION:
         key, channel = parse_connection(fields, stream.read(length))

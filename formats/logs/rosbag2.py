@@ -13,9 +13,10 @@ from pathlib import Path
 
 import zstandard
 
+from formats.limits import check_unpacked, limits
 from formats.logs.blocks import BlockFile, DamagedBlockError
 from formats.logs.channels import Block, Channel, Index, Record, normalised_type
-from formats.logs.compression import MAX_CHUNK_BYTES, decompress
+from formats.logs.compression import decompress, decompress_beginning
 from formats.logs.mcap_file import open_mcap
 from formats.logs.mcap_records import MAGIC as MCAP_MAGIC
 from formats.logs.mcap_records import is_transient_local
@@ -179,7 +180,9 @@ def unpack_zstd(source: Path, target: Path) -> None:
     with source.open("rb") as packed, target.open("wb") as plain:
         reader = zstandard.ZstdDecompressor().stream_reader(packed)
         try:
-            shutil.copyfileobj(reader, plain, 1 << 20)
+            while block := reader.read(1 << 20):
+                check_unpacked(plain.tell() + len(block), source, LogError)
+                plain.write(block)
         except zstandard.ZstdError as error:
             if plain.tell() == 0:
                 raise LogError(f"{source}: damaged zstd file ({error})") from error
@@ -191,12 +194,9 @@ def _plain(data: object) -> bytes:
     if not data.startswith(ZSTD_MAGIC):
         return data
     size = zstandard.frame_content_size(data)
-    if 0 <= size <= MAX_CHUNK_BYTES:
+    if 0 <= size <= limits().chunk_bytes:
         return decompress(data, "zstd", size)
-    try:
-        return bytes(zstandard.ZstdDecompressor().decompressobj().decompress(data))
-    except zstandard.ZstdError as error:
-        raise DamagedBlockError(f"zstd data damaged ({error})") from error
+    return decompress_beginning(data, "zstd", limits().chunk_bytes)
 
 
 def _read_index(database: sqlite3.Connection) -> Index:

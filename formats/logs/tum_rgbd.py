@@ -143,7 +143,11 @@ class TumRgbdLog:
         return sorted(entries, key=lambda entry: entry.stamp_ns)
 
     def _file(self, entry: _Entry) -> Path:
-        return self.folder / entry.fields[0].decode("utf-8", "replace")
+        """Raises ValueError for a name that leads out of the folder."""
+        file = self.folder / entry.fields[0].decode("utf-8", "replace")
+        if not file.resolve().is_relative_to(self.folder.resolve()):
+            raise ValueError("a file outside the folder")
+        return file
 
     def _files(self) -> list[Path]:
         lists = [self.folder / name for name in (*LISTS, "groundtruth.txt")]

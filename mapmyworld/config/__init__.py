@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from mapmyworld.config.graph import GraphConfig
+from mapmyworld.config.limits import LimitsConfig
 from mapmyworld.config.localisation import LocalisationConfig
 from mapmyworld.config.mapping import MappingConfig
 from mapmyworld.config.odometry import OdometryConfig
@@ -28,6 +29,7 @@ class Config:
     mapping: MappingConfig = field(default_factory=MappingConfig)
     particles: ParticlesConfig = field(default_factory=ParticlesConfig)
     storage: StorageConfig = field(default_factory=StorageConfig)
+    limits: LimitsConfig = field(default_factory=LimitsConfig)
     visual: VisualConfig = field(default_factory=VisualConfig)
     localisation: LocalisationConfig = field(default_factory=LocalisationConfig)
 
@@ -35,6 +37,7 @@ class Config:
 __all__ = [
     "Config",
     "GraphConfig",
+    "LimitsConfig",
     "LocalisationConfig",
     "MappingConfig",
     "OdometryConfig",

@@ -1,0 +1,162 @@
+"""Every message about bad input, gathered from the code, each with what to do about it."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+_SHORTEST = 10  # letters of a remedy; less is a word and a value
+_ROOMS = ("cli", "formats", "mapmyworld")
+# Messages of these end in words that say what to do, more often than not.
+_VERBS = (
+    "add", "allow", "ask", "build", "check", "choose", "close", "expected", "finish", "free",
+    "give", "install", "is it running", "keep", "leave", "make", "map it", "merge", "name", "pip",
+    "please", "put", "record", "run", "set", "state", "turn", "try", "update", "use", "wait",
+    "write",
+)  # fmt: skip
+# What to do where the message does not say it itself: the longest prefix of the file's path counts.
+REMEDIES = {
+    "cli/": "correct the command; `--help` shows how it is written",
+    "formats/converting": "name the kind of log by the ending of the output",
+    "formats/database/": "the map is damaged: build it again from its log with `--overwrite`",
+    "formats/edits": "correct the line of the edits file that is named",
+    "formats/graph": "correct the line of the graph file that is named; the rest is used",
+    "formats/grid": "write the grid again (`mapmyworld export grid`), or correct its YAML",
+    "formats/images": "check the folder, its disk and its permissions",
+    "formats/logs/": "the rest of the log is used; copy it again, or repair it (see above)",
+    "formats/ply": "write the file again, as binary PLY",
+    "formats/cloud": "write the cloud again (`mapmyworld export cloud`)",
+    "formats/recording": "give another place or name, or `--overwrite`",
+    "formats/relations": "correct the line of the relations file that is named",
+    "formats/report/": "build the map to its end first",
+    "formats/ros": "the message is left out: record the topic with its standard type",
+    "formats/scene": "export the mesh again as PLY, OBJ or GLB, with faces",
+    "formats/trajectory": "correct the line of the trajectory file that is named",
+    "formats/truth": "record the simulated log again, with its truth",
+    "formats/vocabulary": "train the vocabulary again",
+    "formats/": "check that the file is whole and of the kind that its name says",
+    "mapmyworld/config/": "`mapmyworld config` lists every setting with its type and meaning",
+    "mapmyworld/evaluation/": "check that both files are of the same drive and clock",
+    "mapmyworld/graph/": "`mapmyworld inspect graph` shows nodes and constraints",
+    "mapmyworld/localisation/": "build the map to its end with the sensor that localises",
+    "mapmyworld/mapping/": "check ranges and mounts: `mapmyworld inspect log LOG`",
+    "mapmyworld/particles/": "FastSLAM needs laser scans and odometry: `mapmyworld inspect log`",
+    "mapmyworld/places/": "choose a node with an image: `mapmyworld inspect node MAP ID`",
+    "mapmyworld/sensing/": "`mapmyworld inspect log LOG` says what there is and what is missing",
+    "mapmyworld/simulation/": "`mapmyworld simulate --settings` and `--list` show what there is",
+    "mapmyworld/stages/": "record the sensors that the method needs",
+    "mapmyworld/": "check the inputs that are named",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Told:
+    """One message as its source has it, with ... for what varies."""
+
+    file: str
+    text: str
+    kind: str
+    """The error, or "loss" or "note" of a plan."""
+
+    @property
+    def remedy(self) -> str:
+        """What to do: the message's own last words, or what helps with all of its room."""
+        for part in (
+            self.text.rsplit(": ", 1),
+            self.text.rsplit("; ", 1),
+            self.text.rsplit("(", 1),
+        ):
+            own = part[1].rstrip(")") if len(part) == 2 else ""
+            if own.lower().startswith(_VERBS) and len(own) >= _SHORTEST:
+                return own
+        fitting = [prefix for prefix in REMEDIES if self.file.startswith(prefix)]
+        return REMEDIES[max(fitting, key=len)]
+
+
+def gathered() -> list[Told]:
+    """All messages, by file."""
+    found = set[Told]()
+    for room in _ROOMS:
+        for path in sorted((ROOT / room).rglob("*.py")):
+            name = path.relative_to(ROOT).as_posix()
+            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+                found |= {Told(name, text, kind) for kind, text in _told(node) if len(text) > 8}
+    return sorted(found)
+
+
+def _told(node: ast.AST) -> Iterator[tuple[str, str]]:
+    if not isinstance(node, ast.Call) or not node.args:
+        return
+    if isinstance(node.func, ast.Name | ast.Attribute):
+        name = node.func.id if isinstance(node.func, ast.Name) else node.func.attr
+        if name.endswith("Error") and name not in _NOT_OURS:
+            yield name, _template(node.args[0])
+    if isinstance(node.func, ast.Attribute) and node.func.attr == "append":
+        owner = node.func.value
+        if isinstance(owner, ast.Attribute) and owner.attr in {"losses", "warnings", "problems"}:
+            kind = {"losses": "loss", "warnings": "note"}.get(owner.attr, "problem")
+            yield kind, _template(node.args[0])
+
+
+_NOT_OURS = {"ValueError", "TypeError", "RuntimeError", "KeyError", "AssertionError"}
+
+
+def _template(node: ast.expr) -> str:
+    """The text of a string, with ... for every value; of anything else nothing."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return _one_line(node.value)
+    if isinstance(node, ast.JoinedStr):
+        parts = [v.value if isinstance(v, ast.Constant) else "..." for v in node.values]
+        return _one_line("".join(str(part) for part in parts))
+    if isinstance(node, ast.BinOp):
+        return _one_line(_template(node.left) + _template(node.right))
+    return ""
+
+
+def _one_line(text: str) -> str:
+    return re.sub(r"^(\.\.\.: )+", "", " ".join(text.split()))
+
+
+def page() -> str:
+    """The table, as Markdown."""
+    lines = [_HEAD]
+    for room, title in _TITLES.items():
+        rows = [told for told in gathered() if _room(told.file) == room]
+        lines += [f"## {title}", "", "| message | what to do | kind |", "| --- | --- | --- |"]
+        seen = dict.fromkeys((told.text, told.remedy, told.kind) for told in rows)
+        lines += [f"| {_cell(text)} | {_cell(do)} | {kind} |" for text, do, kind in seen]
+        lines.append("")
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _room(file: str) -> str:
+    return max((room for room in _TITLES if file.startswith(room)), key=len)
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*").replace("_", "\\_")
+
+
+_TITLES = {
+    "formats/logs/": "Logs",
+    "mapmyworld/sensing/": "The plan: topics, frames, clocks",
+    "formats/database/": "Maps",
+    "formats/": "Other files",
+    "mapmyworld/": "Building and scoring",
+    "cli/": "Commands",
+}
+_HEAD = """# Troubleshooting: every message, and what to do
+
+Written by `python docs/generate.py` from the code; do not edit. `...` stands for what varies. A
+message names the file or topic before it. Errors end a command with exit code 2; a loss makes a
+map partial (exit code 3); a note changes nothing. `mapmyworld inspect log LOG` shows losses and
+notes with the remedy of each before you build.
+
+Damaged logs can be repaired by the tools of their formats: `mcap recover broken.mcap -o
+whole.mcap`, `rosbag reindex broken.bag`, `sqlite3 broken.db3 .recover | sqlite3 whole.db3`. It is
+seldom worth it: what they recover is read here as it is.
+"""

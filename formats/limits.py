@@ -1,0 +1,39 @@
+"""How much a file may claim, whatever it says: what decompressors and readers stop at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mapmyworld.errors import MapMyWorldError
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    chunk_bytes: int = 256 << 20
+    """Of a chunk of a log, compressed or not."""
+    image_pixels: int = 64_000_000
+    unpacked_bytes: int = 64 << 30
+    """That a compressed log may unpack to."""
+
+
+class _InForce:
+    limits = Limits()
+
+
+def limits() -> Limits:
+    """Those in force."""
+    return _InForce.limits
+
+
+def set_limits(new: Limits) -> None:
+    """Sets them for the whole process, before files are opened: readers work on many threads."""
+    _InForce.limits = new
+
+
+def check_unpacked(size: int, path: object, error: type[MapMyWorldError]) -> None:
+    """Raises `error` where a compressed file unpacks to more than it may."""
+    if size > limits().unpacked_bytes:
+        raise error(
+            f"{path}: unpacks to more than {limits().unpacked_bytes >> 30} GB: if that is right, "
+            "set limits.unpacked_gb higher"
+        )

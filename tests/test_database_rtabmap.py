@@ -31,6 +31,7 @@ from database_samples import (
 )
 
 from formats.database import open_store
+from formats.database.connection import APPLICATION_ID
 from formats.database.pictures import encode_picture
 from mapmyworld.types import ConstraintKind, Mesh, NodeData, PointCloud, RgbdImage
 
@@ -56,7 +57,7 @@ def test_file_is_as_the_tools_demand(written: decode.Decoder) -> None:
     assert pragma == {
         "journal_mode": "delete",
         "user_version": 0,
-        "application_id": 0,
+        "application_id": APPLICATION_ID,  # RTAB-Map looks at none
         "integrity_check": "ok",
     }
     objects = written.sqlite.execute("SELECT type, name FROM sqlite_master")

@@ -1,0 +1,178 @@
+"""A laser in a known place: recognised, tracked, carried away, and lost where it must be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from known_rooms import SQUARE, frames_of, grid_of, tour
+from laser_rooms import WALLS, cast
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.errors import MapError
+from mapmyworld.geometry import matrix_to_planar, wrap_angle
+from mapmyworld.kernels.localisation import cast_rays, explain_points
+from mapmyworld.localisation.known_place import KnownPlace, known_place_from_grid
+from mapmyworld.localisation.laser import LaserLocaliser
+from mapmyworld.localisation.monte_carlo import MonteCarlo
+from mapmyworld.localisation.search import elsewhere, search_map
+from mapmyworld.types import OccupancyGrid
+from mapmyworld.types.localisation import Estimate, State
+
+MAPPED = tour([(-2, -1.5), (0, -1.5), (0, 0.6), (2, 0.6), (4.8, -1.5), (4.8, 3), (2, 3), (2, 0.6),
+               (-2, 0.6), (-2, 2), (-2, -1.5)])  # fmt: skip
+DRIVEN = tour([(2, 3), (4.6, 2.8), (4.6, -1.2), (2, 0.5), (-1, 0.6), (-1.5, -1.5)])
+
+
+@pytest.fixture(scope="module")
+def place() -> KnownPlace:
+    return known_place_from_grid(grid_of(MAPPED[::3]), Config())
+
+
+def errors(found: list[Estimate], truth: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Metres and radians (N, 2)."""
+    poses = matrix_to_planar(np.stack([e.map_from_base for e in found]))
+    off = poses - truth
+    return np.stack([np.hypot(off[:, 0], off[:, 1]), np.abs(wrap_angle(off[:, 2]))], axis=-1)
+
+
+def claims(found: list[Estimate]) -> NDArray[np.bool_]:
+    return np.array([e.state != State.LOST for e in found])
+
+
+def test_an_unknown_start_is_found_and_tracked(place: KnownPlace) -> None:
+    """To a cell of 5 cm of the grid at most; the moments before are worked out backwards."""
+    found = LaserLocaliser(place, Config()).follow(frames_of(DRIVEN))
+    error, claimed = errors(found, DRIVEN), claims(found)
+    assert len(found) == len(DRIVEN)
+    assert np.flatnonzero(claimed)[0] < 50  # 2.5 m at most
+    assert np.median(error[claimed, 0]) < 0.03
+    assert np.percentile(error[claimed, 0], 95) < 0.08
+    assert np.median(np.degrees(error[claimed, 1])) < 0.5
+    assert all(e.known for e in found)
+    assert error[:, 0].max() < 0.15
+
+
+def test_poses_lie_within_their_covariance(place: KnownPlace) -> None:
+    found = LaserLocaliser(place, Config()).follow(frames_of(DRIVEN))
+    error, claimed = errors(found, DRIVEN), claims(found)
+    sigma = np.sqrt([np.trace(e.covariance[3:5, 3:5]) for e in found])
+    assert np.mean(error[claimed, 0] < 4.0 * sigma[claimed]) > 0.9
+    assert np.all([np.all(np.linalg.eigvalsh(e.covariance) > 0) for e in found])
+
+
+def test_being_carried_away_is_noticed_and_the_place_found_again(place: KnownPlace) -> None:
+    """The wheels stand still while the robot is carried from one room to the other."""
+    first = tour([(2, 3), (4.6, 2.8), (4.6, 0)])
+    second = tour([(-2.5, 0.5), (0.2, 0.6), (0, -1.5), (-2, -1.5)])
+    truth = np.concatenate([first, second])
+    carried = len(first)
+    found = LaserLocaliser(place, Config()).follow(frames_of(truth, jumps=[carried]))
+    error, claimed = errors(found, truth), claims(found)
+    lost = np.flatnonzero(~claimed[carried:])
+    assert len(lost)
+    assert lost[0] < 5
+    assert claimed[-1]
+    assert error[claimed, 0].max() < 0.3
+    assert error[-1, 0] < 0.08
+
+
+def test_a_room_with_four_equal_corners_is_never_recognised() -> None:
+    """Every pose has three others that see the same: to claim one would be to guess."""
+    around = tour([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
+    square = known_place_from_grid(grid_of(around[::3], SQUARE), Config())
+    found = LaserLocaliser(square, Config()).follow(frames_of(around, SQUARE))
+    assert not claims(found).any()
+
+
+def test_another_building_is_not_believed_for_long(place: KnownPlace) -> None:
+    """Its walls may look like some of the map's for a metre; the next ones then contradict."""
+    walls = np.array([[0, 0, 9, 0], [9, 0, 9, 5], [9, 5, 4, 5], [4, 5, 4, 2], [4, 2, 0, 2],
+                      [0, 2, 0, 0]], np.float64)  # fmt: skip
+    path = tour([(1, 1), (7, 1), (7, 4), (5, 4), (5, 1), (1, 1)])
+    found = LaserLocaliser(place, Config()).follow(frames_of(path, walls))
+    assert np.mean(claims(found)) < 0.1
+    assert not claims(found)[-1]
+
+
+def test_blind_moments_are_followed_by_odometry_and_then_given_up(place: KnownPlace) -> None:
+    frames = list(frames_of(DRIVEN))
+    empty = np.zeros((0, 2), np.float32)
+    for k in range(120, len(frames)):
+        scan = frames[k].scan
+        assert scan is not None
+        frames[k] = replace(frames[k], scan=replace(scan, points=empty))
+    found = LaserLocaliser(place, Config()).follow(frames)
+    assert found[119].state != State.LOST
+    # A scan that fails while the wheels roll on says nothing; the pose is not claimed for long.
+    assert not claims(found)[-1]
+
+
+def test_threads_change_nothing(place: KnownPlace) -> None:
+    few = DRIVEN[:60]
+    one = LaserLocaliser(place, replace(Config(), threads=1)).follow(frames_of(few))
+    three = LaserLocaliser(place, replace(Config(), threads=3)).follow(frames_of(few))
+    assert [e.map_from_base.tobytes() for e in one] == [e.map_from_base.tobytes() for e in three]
+    assert [e.state for e in one] == [e.state for e in three]
+
+
+def test_the_search_holds_the_true_pose(place: KnownPlace) -> None:
+    """Among its hypotheses, for scans from everywhere: within a cell and a step of heading."""
+    for k in range(5, len(DRIVEN), 90):
+        points = np.asarray(cast(DRIVEN[k], WALLS, k).points, np.float64)[::4]
+        found = search_map(place, points, Config())
+        off = np.abs(found.poses - DRIVEN[k])
+        off[:, 2] = np.abs(wrap_angle(off[:, 2]))
+        assert np.any((off[:, 0] < 0.15) & (off[:, 1] < 0.15) & (off[:, 2] < 0.12))
+        assert np.all(np.diff(found.scores) <= 0.0)
+        rival, pose = elsewhere(found, DRIVEN[k], 1.0)
+        assert rival <= found.scores[0]
+        assert pose is None or np.hypot(*(pose - DRIVEN[k])[:2]) > 1.0
+
+
+def test_particles_gather_where_the_robot_is(place: KnownPlace) -> None:
+    particles = MonteCarlo(place, Config())
+    points = np.asarray(cast(DRIVEN[0], WALLS, 0).points, np.float64)[::5]
+    particles.begin(points)
+    for k in range(2, 60, 2):
+        step = np.array([0.1, 0.0, 0.0]) if DRIVEN[k][2] == DRIVEN[k - 2][2] else None
+        if step is None:
+            break
+        points = np.asarray(cast(DRIVEN[k], WALLS, k).points, np.float64)[::5]
+        particles.step(step, points)
+    belief = particles.belief()
+    assert belief.share > 0.99
+    assert np.hypot(*(belief.pose - DRIVEN[k - 2])[:2]) < 0.15
+
+
+def test_rays_end_at_the_first_occupied_cell() -> None:
+    occupied = np.zeros((9, 9), np.bool_)
+    occupied[4, 7] = occupied[4, 8] = True
+    known = np.ones((9, 9), np.bool_)
+    known[:3] = False
+    hits = np.zeros((3, 2))
+    bearings = np.array([0.0, np.pi / 2, -np.pi / 2])
+    assert cast_rays(occupied, known, 1.5, 4.5, bearings, 20.0, hits) == 1
+    assert hits[0].tolist() == [7.5, 4.5]
+    assert cast_rays(occupied, known, 1.5, 4.5, bearings, 3.0, hits) == 0
+
+
+def test_points_are_explained_contradicted_or_neither() -> None:
+    """A wall at x = 5 m, free space before it, nothing known behind."""
+    cells = np.full((20, 100), -1, np.int8)
+    cells[:, :50], cells[:, 50] = 0, 100
+    distance = np.abs(np.arange(100) - 50)[None, :].repeat(20, 0).astype(np.float32) * 0.1
+    points = np.array([[5.05, 1.0], [3.0, 1.0], [8.0, 1.0], [2.0, -3.0]])
+    counts = np.zeros(3, np.int64)
+    eye = np.array([1.0, 1.0])
+    explain_points(distance, cells, np.zeros(2), 0.1, points, eye, 0.15, counts)
+    # At the wall; in free space; behind the wall; where the map says nothing.
+    assert counts.tolist() == [1, 2, 1]
+
+
+def test_an_empty_grid_is_refused() -> None:
+    empty = OccupancyGrid(np.full((20, 20), -3.0, np.float32), 0.05, np.zeros(2))
+    with pytest.raises(MapError, match="no occupied cell"):
+        known_place_from_grid(empty, Config())

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import between_planar, compose_planar, matrix_to_planar
-from mapmyworld.places.laser_closures import candidate_pairs, compare_places, laser_nodes
+from mapmyworld.places.laser_closures import candidate_pairs, compare_places
+from mapmyworld.places.laser_nodes import laser_nodes
 from mapmyworld.places.laser_pairs import neighbour_pairs
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.types import Constraint

@@ -19,7 +19,7 @@ from mapmyworld.geometry import (
     matrix_to_planar,
     planar_to_matrix,
 )
-from mapmyworld.places.laser_closures import NodeScans, load_node_scans
+from mapmyworld.places.laser_nodes import NodeScans, load_node_scans
 from mapmyworld.places.laser_pairs import neighbour_pairs
 from mapmyworld.registration.joint_alignment import Motions, align_jointly
 from mapmyworld.registration.scan_matching import ScanSet, scan_set

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -17,25 +15,21 @@ from mapmyworld.geometry import (
     transform_points_planar,
 )
 from mapmyworld.odometry.laser_stretches import is_weak
-from mapmyworld.parallel import batches
+from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, laser_nodes, load_node_scans
 from mapmyworld.registration.scan_matching import (
     FINE,
     Match,
     PreparedScan,
-    ScanSet,
     match_scan,
-    prepare_scans,
-    scan_set,
 )
 from mapmyworld.registration.scan_search import (
     Found,
-    LikelihoodGrid,
     likelihood_grid,
     search_grid,
     submap_points,
 )
 from mapmyworld.registration.threads import run_in_chunks
-from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, Poses, Progress
+from mapmyworld.types import Constraint, ConstraintKind, MapStore, Poses, Progress
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -43,41 +37,8 @@ _LEAST_PATH = 8.0  # m of path between two visits, below which they are one
 _SETTLED_WINDOW = 1.0  # m to each side that is searched once the graph is optimised
 _SETTLED_ANGLE = 0.2  # rad, the same
 _GRIDS = 12  # likelihood grids held at a time
-_SCANS = 256  # made ready at a time
+_AGREEMENT = np.diag([0.02**2, 0.02**2, 0.005**2])  # m^2 and rad^2 that two maps may differ by
 _NO_PRIOR = np.diag([1e-3, 1e-3, 1e-3])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LaserNodes:
-    """The nodes that have scans, their scans, and where they are thought to be."""
-
-    ids: Index
-    scans: ScanSet
-    poses: Array
-    """(N, 3)."""
-    path: Array
-    """(N,) metres driven, rotation counted as well."""
-    grids: dict[int, LikelihoodGrid]
-    """Likelihood grids by their middle node, filled when needed."""
-
-
-NodeScans = tuple[list[Node], ScanSet]
-"""Nodes that have a scan, and their scans made ready."""
-
-
-def load_node_scans(store: MapStore, config: Config) -> NodeScans:
-    """The nodes that have a scan, with their scans made ready."""
-    frames = store.tracked_frames()
-    at_nodes = np.flatnonzero(frames.is_node)
-    node_of = dict(zip(at_nodes.tolist(), frames.node_ids[at_nodes].tolist(), strict=True))
-    known = {node.id: node for node in store.nodes()}
-    nodes: list[Node] = []
-    scans: list[PreparedScan] = []
-    for some in batches(store.scans(at_nodes), _SCANS):
-        nodes += [known[node_of[frame]] for frame, _ in some]
-        made = prepare_scans([scan for _, scan in some], config.registration)
-        scans += [made.one(k) for k in range(len(made))]
-    return nodes, scan_set(scans)
 
 
 def find_laser_closures(
@@ -110,13 +71,6 @@ def find_laser_closures(
     ]
     progress.stage("loop closures by laser", len(pairs), "pairs")
     return compare_places(nodes, pairs, config, settled=poses is not None)
-
-
-def laser_nodes(ids: Index, scans: ScanSet, poses: Array) -> LaserNodes:
-    """Nodes with the length of path up to each."""
-    steps = between_planar(poses[:-1], poses[1:])
-    lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.2 * np.abs(steps[:, 2])
-    return LaserNodes(ids, scans, poses, np.concatenate([[0.0], np.cumsum(lengths)]), {})
 
 
 def candidate_pairs(nodes: LaserNodes, config: Config, *, settled: bool) -> list[tuple[int, int]]:
@@ -206,11 +160,11 @@ def _compare(nodes: LaserNodes, a: int, b: int, config: Config, settled: bool) -
     found = search_grid(points, nodes.grids[a], guess, distance, angle, places.laser_score)
     if found is None:
         return _rejected(nodes, a, b, settled, guess, f"score below {places.laser_score}", {})
-    match = _match_submaps(nodes, a, b, found.pose, config)
+    match = match_submaps(nodes, a, b, found.pose, config)
     return _verdict(nodes, a, b, guess, found, match, config, settled)
 
 
-def _match_submaps(nodes: LaserNodes, a: int, b: int, guess: Array, config: Config) -> Match:
+def match_submaps(nodes: LaserNodes, a: int, b: int, guess: Array, config: Config) -> Match:
     """The scans around b, as one, aligned with those around a."""
     targets, members = _members(nodes, a, config), _members(nodes, b, config)
     source = _joined(nodes, b, members)
@@ -276,18 +230,20 @@ def _kind(settled: bool) -> ConstraintKind:
 def _constraint(
     nodes: LaserNodes, a: int, b: int, settled: bool, match: Match, evidence: dict[str, float]
 ) -> Constraint:
-    # Nothing is known better than the maps of the two places agree in themselves.
-    floor = np.diag([0.02**2, 0.02**2, 0.005**2])
-    information = np.linalg.inv(np.linalg.inv(match.information) + floor)
     return Constraint(
         from_id=int(nodes.ids[a]),
         to_id=int(nodes.ids[b]),
         kind=_kind(settled),
         from_from_to=planar_to_matrix(match.pose),
-        information=information_from_planar(information),
+        information=information_from_planar(closure_information(match)),
         reason=f"overlap {match.overlap:.0%}, residual {match.residual:.3f} m",
         evidence=evidence,
     )
+
+
+def closure_information(match: Match) -> Array:
+    """(3, 3): nothing is known better than the maps of the two places agree in themselves."""
+    return np.asarray(np.linalg.inv(np.linalg.inv(match.information) + _AGREEMENT))
 
 
 def _rejected(

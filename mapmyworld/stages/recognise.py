@@ -13,7 +13,7 @@ from mapmyworld.config import Config
 from mapmyworld.types import MapStore, Poses, Progress
 
 if TYPE_CHECKING:
-    from mapmyworld.places.laser_closures import NodeScans
+    from mapmyworld.places.laser_nodes import NodeScans
 
 
 LoadScans = Callable[[], "NodeScans | None"]
@@ -26,7 +26,7 @@ def scan_loader(store: MapStore, config: Config) -> LoadScans:
     def load() -> NodeScans | None:
         if not has_scans(store):
             return None
-        from mapmyworld.places.laser_closures import load_node_scans
+        from mapmyworld.places.laser_nodes import load_node_scans
 
         return load_node_scans(store, config)
 

@@ -1,0 +1,139 @@
+"""Is a drive recognised that comes back drifted? A built map's tracked poses are bent on purpose.
+
+python benchmarks/laser_drift.py MAP.db [--bend 0.0005] [--stretch 0.03] [--rounds 3]
+
+Every metre of path is stretched by a share and turned by so many radians. Closures are then
+sought as in a build, by rounds of search and optimisation, and judged by the map's own poses.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.database import open_store
+from mapmyworld.config import Config
+from mapmyworld.geometry import (
+    between,
+    between_planar,
+    compose_planar,
+    matrix_to_planar,
+    planar_to_matrix,
+    rotation_angle,
+)
+from mapmyworld.graph.solve import solve
+from mapmyworld.places.laser_closures import find_laser_closures
+from mapmyworld.places.laser_nodes import load_node_scans
+from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, Poses
+
+Array = NDArray[np.float64]
+
+
+class Silent:
+    """Progress that nobody watches."""
+
+    def stage(self, name: str, total: float | None = None, unit: str = "") -> None: ...
+
+    def update(self, done: float) -> None: ...
+
+    def note(self, message: str) -> None: ...
+
+
+class Known:
+    """As much of a store as looking for closures needs."""
+
+    def __init__(self, constraints: list[Constraint]) -> None:
+        self.found = constraints
+
+    def constraints(self) -> tuple[Constraint, ...]:
+        return tuple(self.found)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("map", type=Path)
+    parser.add_argument("--bend", type=float, default=0.0005, help="rad per metre")
+    parser.add_argument("--stretch", type=float, default=0.03, help="metres per metre")
+    parser.add_argument("--rounds", type=int, default=3)
+    arguments = parser.parse_args()
+    run(open_store(arguments.map), arguments.bend, arguments.stretch, arguments.rounds)
+
+
+def run(store: MapStore, bend: float, stretch: float, rounds: int) -> None:
+    """Prints what drift there is, and what is left of it after each round."""
+    config = Config()
+    nodes, scans = load_node_scans(store, config)
+    final = store.poses()
+    assert final is not None
+    truth = dict(zip(final.ids.tolist(), final.map_from_node, strict=True))
+    bent = drifted(matrix_to_planar(np.stack([n.tracked_from_base for n in nodes])), bend, stretch)
+    listed = [
+        replace(node, tracked_from_base=pose)
+        for node, pose in zip(nodes, planar_to_matrix(bent), strict=True)
+    ]
+    known = Known(neighbours(listed, store))
+    print(f"drift at the end: {apart(listed[-1].tracked_from_base, truth[listed[-1].id]):.1f} m")
+    ids = np.array([node.id for node in listed])
+    start = np.stack([node.tracked_from_base for node in listed])
+    poses: Poses | None = None
+    for turn in range(rounds):
+        new = find_laser_closures(known, poses, config, Silent(), (listed, scans))  # type: ignore[arg-type]
+        known.found += new
+        solved = solve(ids, start, known.found, True, replace(config.graph, covariances=False))
+        poses = solved.poses
+        report(turn, solved.constraints, poses, truth)
+
+
+def drifted(poses: Array, bend: float, stretch: float) -> Array:
+    """Poses (N, 3) whose every step is longer by a share and turned by `bend` a metre."""
+    steps = between_planar(poses[:-1], poses[1:])
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    steps[:, :2] *= 1.0 + stretch
+    steps[:, 2] += bend * lengths
+    bent = [poses[0]]
+    for step in steps:
+        bent.append(compose_planar(bent[-1], step))
+    return np.stack(bent)
+
+
+def neighbours(nodes: list[Node], store: MapStore) -> list[Constraint]:
+    """The map's neighbour constraints, measuring the bent motion, as wide as its errors."""
+    pose = {node.id: node.tracked_from_base for node in nodes}
+    result = []
+    for c in store.constraints():
+        if c.kind is ConstraintKind.NEIGHBOUR and c.from_id in pose and c.to_id in pose:
+            moved = between(pose[c.from_id], pose[c.to_id])
+            wide = np.asarray(np.linalg.inv(np.linalg.inv(c.information) + np.eye(6) * 1e-4))
+            result.append(replace(c, from_from_to=moved, information=wide))
+    return result
+
+
+def apart(a: Array, b: Array) -> float:
+    return float(np.hypot(*(a[:2, 3] - b[:2, 3])))
+
+
+def report(
+    turn: int, constraints: tuple[Constraint, ...], poses: Poses, truth: dict[int, Array]
+) -> None:
+    """One line a round: closures, how many of them are right, and what the poses are off by."""
+    closures = [c for c in constraints if c.kind is not ConstraintKind.NEIGHBOUR]
+    kept = [c for c in closures if c.accepted]
+    errors = [between(between(truth[c.from_id], truth[c.to_id]), c.from_from_to) for c in kept]
+    right = [np.hypot(*e[:2, 3]) <= 0.2 and rotation_angle(e) <= np.radians(1.0) for e in errors]
+    there = matrix_to_planar(np.stack([truth[int(i)] for i in poses.ids]))
+    error = between_planar(there, matrix_to_planar(poses.map_from_node))
+    print(
+        f"round {turn + 1}: {len(closures)} tried, {len(kept)} accepted, {sum(right)} right; "
+        f"poses off by {np.sqrt(np.mean(np.sum(error[:, :2] ** 2, axis=1))):.3f} m (rms), "
+        f"{np.abs(error[-1, :2]).max():.3f} m at the end"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""The nodes that a laser saw something from: their scans made ready, their place on the path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import between_planar
+from mapmyworld.parallel import batches
+from mapmyworld.registration.scan_matching import PreparedScan, ScanSet, prepare_scans, scan_set
+from mapmyworld.registration.scan_search import LikelihoodGrid
+from mapmyworld.types import MapStore, Node
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+_SCANS = 256  # made ready at a time
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaserNodes:
+    """The nodes that have scans, their scans, and where they are thought to be."""
+
+    ids: Index
+    scans: ScanSet
+    poses: Array
+    """(N, 3)."""
+    path: Array
+    """(N,) metres driven, rotation counted as well."""
+    grids: dict[int, LikelihoodGrid]
+    """Likelihood grids by their middle node, filled when needed."""
+
+
+NodeScans = tuple[list[Node], ScanSet]
+"""Nodes that have a scan, and their scans made ready."""
+
+
+def load_node_scans(store: MapStore, config: Config) -> NodeScans:
+    """The nodes that have a scan, with their scans made ready."""
+    frames = store.tracked_frames()
+    at_nodes = np.flatnonzero(frames.is_node)
+    node_of = dict(zip(at_nodes.tolist(), frames.node_ids[at_nodes].tolist(), strict=True))
+    known = {node.id: node for node in store.nodes()}
+    nodes: list[Node] = []
+    scans: list[PreparedScan] = []
+    for some in batches(store.scans(at_nodes), _SCANS):
+        nodes += [known[node_of[frame]] for frame, _ in some]
+        made = prepare_scans([scan for _, scan in some], config.registration)
+        scans += [made.one(k) for k in range(len(made))]
+    return nodes, scan_set(scans)
+
+
+def laser_nodes(ids: Index, scans: ScanSet, poses: Array) -> LaserNodes:
+    """Nodes with the length of path up to each."""
+    steps = between_planar(poses[:-1], poses[1:])
+    lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.2 * np.abs(steps[:, 2])
+    return LaserNodes(ids, scans, poses, np.concatenate([[0.0], np.cumsum(lengths)]), {})

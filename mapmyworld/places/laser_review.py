@@ -1,0 +1,79 @@
+"""Laser closures looked at once more, from the final poses.
+
+A closure is measured while the poses around its two nodes are still tracked ones. Where a turn
+began between two odometry samples, a node's sweep, and so the closure, may be turned by a degree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import (
+    between_planar,
+    information_from_planar,
+    matrix_to_planar,
+    planar_to_matrix,
+)
+from mapmyworld.odometry.laser_stretches import is_weak
+from mapmyworld.places.laser_closures import closure_information, match_submaps
+from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, laser_nodes
+from mapmyworld.types import Constraint, ConstraintKind, Poses
+
+_CLOSURES = {ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY}
+_METRES, _RADIANS = 0.2, np.radians(1.0)  # by which no true closure misses the final poses
+
+
+def review_closures(
+    constraints: Sequence[Constraint], poses: Poses, config: Config, loaded: NodeScans
+) -> tuple[Constraint, ...]:
+    """The constraints; accepted laser closures that miss the refined poses are measured anew.
+
+    One that misses them still is rejected. Half of what makes a closure false is a miss.
+    """
+    listed, scans = loaded
+    place = {int(i): pose for i, pose in zip(poses.ids, poses.map_from_node, strict=True)}
+    planar = matrix_to_planar(np.stack([place[node.id] for node in listed]))
+    nodes = laser_nodes(np.array([node.id for node in listed]), scans, planar)
+    row = {int(i): k for k, i in enumerate(nodes.ids)}
+    return tuple(
+        _reviewed(c, nodes, row, config) if _is_by_laser(c) and not _fits(c, nodes, row, 0.5) else c
+        for c in constraints
+    )
+
+
+def _is_by_laser(constraint: Constraint) -> bool:
+    """Whether an accepted closure comes from `laser_closures`."""
+    return constraint.accepted and constraint.kind in _CLOSURES and "rival" in constraint.evidence
+
+
+def _fits(c: Constraint, nodes: LaserNodes, row: dict[int, int], share: float) -> bool:
+    miss = _miss(matrix_to_planar(c.from_from_to), nodes, row[c.from_id], row[c.to_id])
+    return bool(np.hypot(*miss[:2]) <= share * _METRES and abs(miss[2]) <= share * _RADIANS)
+
+
+def _miss(measured: NDArray[np.float64], nodes: LaserNodes, a: int, b: int) -> NDArray[np.float64]:
+    return between_planar(between_planar(nodes.poses[a], nodes.poses[b]), measured)
+
+
+def _reviewed(c: Constraint, nodes: LaserNodes, row: dict[int, int], config: Config) -> Constraint:
+    a, b = row[c.from_id], row[c.to_id]
+    guess = between_planar(nodes.poses[a], nodes.poses[b])
+    match = match_submaps(nodes, a, b, guess, config)
+    anew = replace(
+        c,
+        from_from_to=planar_to_matrix(match.pose),
+        information=information_from_planar(closure_information(match)),
+        reason=f"{c.reason}; measured anew from the refined poses",
+    )
+    good = match.overlap >= config.places.laser_overlap and not is_weak(match.information)
+    if good and _fits(anew, nodes, row, 1.0):
+        return anew
+    miss = _miss(matrix_to_planar(c.from_from_to), nodes, a, b)
+    metres, degrees = np.hypot(*miss[:2]), np.degrees(abs(miss[2]))
+    reason = f"misses the refined poses by {metres:.2f} m, {degrees:.1f} deg"
+    return replace(c, accepted=False, reason=reason)

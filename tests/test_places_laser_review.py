@@ -1,0 +1,76 @@
+"""Closures judged by the final poses: a turned one is measured anew, an untrue one rejected."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from laser_rooms import WALLS, cast
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import (
+    between_planar,
+    compose_planar,
+    matrix_to_planar,
+    planar_to_matrix,
+)
+from mapmyworld.places.laser_nodes import NodeScans
+from mapmyworld.places.laser_review import review_closures
+from mapmyworld.registration.scan_matching import prepare_scans, scan_set
+from mapmyworld.types import Constraint, ConstraintKind, Node, Poses
+
+CONFIG = Config()
+THERE = np.stack([np.linspace(-2.5, 2.3, 49), np.full(49, 0.5), np.zeros(49)], axis=-1)
+TRUTH = np.concatenate([THERE, THERE[::-1] + np.array([0.0, 0.0, np.pi]), THERE])
+A, B = 10, 108  # one place on the way there and the second time
+
+
+def visits(moved: float) -> tuple[NodeScans, Poses]:
+    """Two visits; at the second the walls stand `moved` metres further along x."""
+    shifted = WALLS + np.array([moved, 0.0, moved, 0.0])
+    walls = [WALLS if k < 98 else shifted for k in range(len(TRUTH))]
+    scans = [cast(pose, walls[k], k) for k, pose in enumerate(TRUTH)]
+    poses = planar_to_matrix(TRUTH)
+    nodes = [Node(k + 1, 0, k * 10**8, pose, pose) for k, pose in enumerate(poses)]
+    made = prepare_scans(scans, CONFIG.registration)
+    ids = np.arange(1, len(TRUTH) + 1)
+    return (nodes, scan_set([made.one(k) for k in range(len(made))])), Poses(ids, poses, None)
+
+
+def closure(error: NDArray[np.float64], kind: ConstraintKind, by: str) -> Constraint:
+    measured = compose_planar(between_planar(TRUTH[A], TRUTH[B]), error)
+    return Constraint(
+        from_id=A + 1, to_id=B + 1, kind=kind, from_from_to=planar_to_matrix(measured),
+        information=np.eye(6), reason="", evidence={by: 0.0},
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def same() -> tuple[NodeScans, Poses]:
+    return visits(0.0)
+
+
+def test_a_turned_closure_is_measured_anew(same: tuple[NodeScans, Poses]) -> None:
+    turned = closure(np.array([0.01, 0.0, np.radians(2.0)]), ConstraintKind.LOOP_CLOSURE, "rival")
+    (anew,) = review_closures([turned], same[1], CONFIG, same[0])
+    error = between_planar(between_planar(TRUTH[A], TRUTH[B]), matrix_to_planar(anew.from_from_to))
+    assert anew.accepted
+    assert np.hypot(*error[:2]) < 0.02
+    assert abs(error[2]) < np.radians(0.3)
+    assert "anew" in anew.reason
+
+
+def test_closures_that_fit_or_come_from_elsewhere_stay(same: tuple[NodeScans, Poses]) -> None:
+    good = closure(np.array([0.02, 0.01, 0.002]), ConstraintKind.PROXIMITY, "rival")
+    by_images = closure(np.array([0.4, 0.0, 0.1]), ConstraintKind.LOOP_CLOSURE, "inliers")
+    kept = review_closures([good, by_images], same[1], CONFIG, same[0])
+    assert kept[0] is good
+    assert kept[1] is by_images
+
+
+def test_a_closure_that_the_final_poses_deny_is_rejected() -> None:
+    scans, poses = visits(0.6)
+    false = closure(np.array([0.6, 0.0, 0.0]), ConstraintKind.LOOP_CLOSURE, "rival")
+    (judged,) = review_closures([false], poses, CONFIG, scans)
+    assert not judged.accepted
+    assert "misses the refined poses by 0.60 m" in judged.reason

@@ -11,7 +11,7 @@ from mapmyworld.graph.edits import apply_edits, edits_from_json
 from mapmyworld.graph.solve import SolvedGraph, solve
 from mapmyworld.mapping.trajectory import pose_every_frame
 from mapmyworld.stages.recognise import LoadScans, add_closures
-from mapmyworld.types import ConstraintKind, MapStore, Poses, Progress
+from mapmyworld.types import Constraint, ConstraintKind, MapStore, Poses, Progress
 
 _ROUNDS = 4  # looks from better poses, at most; each finds less than the one before
 _FEW = 0.05  # share of new closures among all from which another look is not worth its time
@@ -27,8 +27,8 @@ def solve_and_judge(store: MapStore, config: Config, progress: Progress, scans: 
         if new <= _FEW * sum(c.accepted for c in store.constraints() if c.kind in _CLOSURES):
             break
     solved = _solve(store, config, progress)
-    store.replace_constraints(solved.constraints)
-    poses = _refined(store, solved.poses, config, progress, scans)
+    poses, constraints = _refined(store, solved, config, progress, scans)
+    store.replace_constraints(constraints)
     store.set_poses(poses)
     frames = store.tracked_frames()
     store.set_frame_poses(pose_every_frame(store.nodes(), poses, frames))
@@ -36,17 +36,23 @@ def solve_and_judge(store: MapStore, config: Config, progress: Progress, scans: 
 
 
 def _refined(
-    store: MapStore, poses: Poses, config: Config, progress: Progress, scans: LoadScans
-) -> Poses:
-    """The poses after all laser scans have been aligned with each other, where there are any."""
+    store: MapStore, solved: SolvedGraph, config: Config, progress: Progress, scans: LoadScans
+) -> tuple[Poses, tuple[Constraint, ...]]:
+    """Poses after all laser scans have been aligned with each other, and closures judged by them.
+
+    Without a laser they stay as they were solved.
+    """
     planar = bool((store.get("plan") or {}).get("planar", False))
     loaded = scans()
     if not planar or not config.odometry.refine or loaded is None:
-        return poses
+        return solved.poses, solved.constraints
     from mapmyworld.odometry.laser_refinement import refine_poses
+    from mapmyworld.places.laser_review import review_closures
 
-    refined = refine_poses(store, poses, config, progress, loaded)
-    return poses if refined is None else refined.poses
+    refined = refine_poses(store, solved.poses, config, progress, loaded)
+    if refined is None:
+        return solved.poses, solved.constraints
+    return refined.poses, review_closures(solved.constraints, refined.poses, config, loaded)
 
 
 def _solve(store: MapStore, config: Config, progress: Progress) -> SolvedGraph:

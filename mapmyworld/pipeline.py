@@ -75,7 +75,7 @@ def build_map(
         scans, edits = scan_loader(store, cfg), store.get("edits")
         places = (cfg.places, seed, _digest(words))
         record.run("recognise", places, lambda: recognise(store, cfg, progress, scans, words))
-        solving = (cfg.graph, edits)
+        solving = (cfg.graph, edits, cfg.visual.adjust_features)
         record.run("optimise", solving, lambda: solve_and_judge(store, cfg, progress, scans))
     record.run("map", (cfg.mapping, cfg.visual), lambda: draw_maps(store, cfg, progress))
     return _result(store, log, record)
@@ -83,7 +83,7 @@ def build_map(
 
 def _seeing(visual: VisualConfig) -> dict[str, Any]:
     """The settings of vision that concern motion and places, not the products."""
-    products = ("cloud_", "mesh_", "obstacle_", "floor_", "grid_")
+    products = ("cloud_", "mesh_", "obstacle_", "floor_", "grid_", "adjust_")
     return {k: v for k, v in asdict(visual).items() if not k.startswith(products)}
 
 

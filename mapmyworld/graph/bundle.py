@@ -61,12 +61,12 @@ def adjust_bundle(bundle: Bundle, *, rounds: int = 10, width: float = 2.0) -> tu
     tried shorter, so the cost never grows.
     """
     damping = 1e-4
-    blocks, cost = _linearise(bundle, width)
+    blocks, cost = linearise(bundle, width)
     for _ in range(rounds):
         trial = _step(bundle, blocks, damping)
         if trial is None:
             break
-        trial_blocks, trial_cost = _linearise(trial, width)
+        trial_blocks, trial_cost = linearise(trial, width)
         if trial_cost > cost:
             damping *= 10.0
             continue
@@ -78,7 +78,9 @@ def adjust_bundle(bundle: Bundle, *, rounds: int = 10, width: float = 2.0) -> tu
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Blocks:
+class Blocks:
+    """A bundle's normal equations, camera by camera, point by point, sighting by sighting."""
+
     cameras: Array
     camera_gradients: Array
     points: Array
@@ -87,7 +89,8 @@ class _Blocks:
     motions: tuple[Array, Array, Array, Array, Array] | None
 
 
-def _linearise(bundle: Bundle, width: float) -> tuple[_Blocks, float]:
+def linearise(bundle: Bundle, width: float) -> tuple[Blocks, float]:
+    """The normal equations at the bundle, and its robust cost with Huber's weights."""
     k, p, m = len(bundle.cameras), len(bundle.points), len(bundle.camera_of)
     cameras, camera_gradients = np.zeros((k, 6, 6)), np.zeros((k, 6))
     points, point_gradients = np.zeros((p, 3, 3)), np.zeros((p, 3))
@@ -110,7 +113,7 @@ def _linearise(bundle: Bundle, width: float) -> tuple[_Blocks, float]:
     if bundle.motions is not None and len(bundle.motions.first):
         motions, motion_cost = _linearise_motions(bundle.cameras, bundle.motions)
         cost += motion_cost
-    return _Blocks(cameras, camera_gradients, points, point_gradients, cross, motions), cost
+    return Blocks(cameras, camera_gradients, points, point_gradients, cross, motions), cost
 
 
 def _linearise_motions(
@@ -138,15 +141,11 @@ def _linearise_motions(
     return blocks, float(np.sum(residual * weighted))
 
 
-def _step(bundle: Bundle, blocks: _Blocks, damping: float) -> Bundle | None:
+def _step(bundle: Bundle, blocks: Blocks, damping: float) -> Bundle | None:
     """The bundle after one damped step; None where the equations have no solution."""
     slots = np.where(bundle.fixed, -1, np.cumsum(~bundle.fixed) - 1)
     free = np.flatnonzero(~bundle.fixed)
-    point_blocks = blocks.points + (damping * np.trace(blocks.points, axis1=1, axis2=2) / 3 + 1e-6)[
-        :, None, None
-    ] * np.eye(3)
-    inverse = np.linalg.inv(point_blocks)
-    scaled = blocks.cross @ inverse[bundle.point_of]
+    scaled, inverse = eliminated(bundle, blocks, damping)
     reduced, gradient = _camera_equations(bundle, blocks, slots, free, damping)
     starts = np.searchsorted(bundle.point_of, np.arange(len(bundle.points) + 1))
     slot_of = slots[bundle.camera_of]
@@ -160,15 +159,27 @@ def _step(bundle: Bundle, blocks: _Blocks, damping: float) -> Bundle | None:
         return None
     tangents = np.zeros((len(bundle.cameras), 6))
     tangents[free] = -scipy.linalg.cho_solve(factor, gradient, check_finite=False).reshape(-1, 6)
-    pull = np.einsum("mji,mj->mi", blocks.cross, tangents[bundle.camera_of])
-    right = blocks.point_gradients.copy()
-    np.add.at(right, bundle.point_of, pull)
-    points = bundle.points - np.einsum("pij,pj->pi", inverse, right)
+    points = moved_points(bundle, blocks, inverse, tangents)
     return replace(bundle, cameras=bundle.cameras @ se3_exp(tangents), points=points)
 
 
+def eliminated(bundle: Bundle, blocks: Blocks, damping: float) -> tuple[Array, Array]:
+    """Cross blocks (M, 6, 3) times their point's damped block's inverse, and these (P, 3, 3)."""
+    extra = damping * np.trace(blocks.points, axis1=1, axis2=2) / 3 + 1e-6
+    inverse = np.linalg.inv(blocks.points + extra[:, None, None] * np.eye(3))
+    return blocks.cross @ inverse[bundle.point_of], inverse
+
+
+def moved_points(bundle: Bundle, blocks: Blocks, inverse: Array, tangents: Array) -> Array:
+    """The points (P, 3) that fit best once the cameras have moved by tangents (K, 6)."""
+    pull = np.einsum("mji,mj->mi", blocks.cross, tangents[bundle.camera_of])
+    right = blocks.point_gradients.copy()
+    np.add.at(right, bundle.point_of, pull)
+    return np.asarray(bundle.points - np.einsum("pij,pj->pi", inverse, right))
+
+
 def _camera_equations(
-    bundle: Bundle, blocks: _Blocks, slots: Indices, free: Indices, damping: float
+    bundle: Bundle, blocks: Blocks, slots: Indices, free: Indices, damping: float
 ) -> tuple[Array, Array]:
     """Matrix (6F, 6F) and gradient (6F,) of the free cameras, before the points are eliminated."""
     count = len(free)

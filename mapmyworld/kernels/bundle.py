@@ -131,3 +131,38 @@ def subtract_points(
                             + scaled_blocks[a, m, 1] * cross_blocks[b, n, 1]
                             + scaled_blocks[a, m, 2] * cross_blocks[b, n, 2]
                         )
+
+
+@njit(cache=True, nogil=True)
+def link_cameras(starts: Indices, slot_of: Indices, linked: NDArray[np.bool_]) -> None:
+    """Marks, on and below the diagonal (F, F), cameras that saw a point together."""
+    for p in range(len(starts) - 1):
+        for a in range(starts[p], starts[p + 1]):
+            for b in range(starts[p], starts[p + 1]):
+                if 0 <= slot_of[b] <= slot_of[a]:
+                    linked[slot_of[a], slot_of[b]] = True
+
+
+@njit(cache=True, nogil=True)
+def subtract_points_sparsely(
+    starts: Indices,
+    slot_of: Indices,
+    cross_blocks: Array,
+    scaled_blocks: Array,
+    block_at: NDArray[np.int32],
+    reduced: Array,
+) -> None:
+    """As `subtract_points`, from blocks (B, 6, 6) whose numbers stand in `block_at` (F, F)."""
+    for p in range(len(starts) - 1):
+        for a in range(starts[p], starts[p + 1]):
+            for b in range(starts[p], starts[p + 1]):
+                if not 0 <= slot_of[b] <= slot_of[a]:
+                    continue
+                block = block_at[slot_of[a], slot_of[b]]
+                for m in range(6):
+                    for n in range(6):
+                        reduced[block, m, n] -= (
+                            scaled_blocks[a, m, 0] * cross_blocks[b, n, 0]
+                            + scaled_blocks[a, m, 1] * cross_blocks[b, n, 1]
+                            + scaled_blocks[a, m, 2] * cross_blocks[b, n, 2]
+                        )

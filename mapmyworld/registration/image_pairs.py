@@ -54,7 +54,7 @@ def register_images(a: View, b: View, config: Config, *, guess: Array | None = N
     if guess is None:
         mine, theirs = match_views(a, b, settings.match_bits, settings.match_ratio)
     else:
-        mine, theirs = _match_by_pose(a, b, points, guess, settings.search_radius, config)
+        mine, theirs = match_by_pose(a, b, points, guess, settings.search_radius, config)
     deep = np.isfinite(points[mine, 2])
     mine, theirs = mine[deep], theirs[deep]
     sightings = Sightings(points[mine], b.seen[theirs], b.sigmas[theirs])
@@ -70,7 +70,7 @@ def register_images(a: View, b: View, config: Config, *, guess: Array | None = N
         pose, sightings.select(inliers(pose, sightings, 2 * settings.inlier_sigmas))
     )
     base = pose @ invert(b.camera.base_from_camera)
-    more = _match_by_pose(a, b, points, base, settings.closure_radius, config)
+    more = match_by_pose(a, b, points, base, settings.closure_radius, config)
     if len(more[0]) >= found:
         mine, theirs = more
         sightings = Sightings(points[mine], b.seen[theirs], b.sigmas[theirs])
@@ -82,7 +82,7 @@ def register_images(a: View, b: View, config: Config, *, guess: Array | None = N
     return _judged(b, (mine, theirs, agreed), pose, information, sightings, first, config)
 
 
-def _match_by_pose(
+def match_by_pose(
     a: View, b: View, points: Array, a_from_b: Array, radius: float, config: Config
 ) -> tuple[Indices, Indices]:
     """Features of a with depth and their partners in b near where the motion expects them."""

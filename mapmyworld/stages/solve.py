@@ -29,6 +29,8 @@ def solve_and_judge(store: MapStore, config: Config, progress: Progress, scans: 
     solved = _solve(store, config, progress)
     poses, constraints = _refined(store, solved, config, progress, scans)
     store.replace_constraints(constraints)
+    if config.visual.adjust_features:
+        poses = _with_features(store, poses, config, progress)
     store.set_poses(poses)
     frames = store.tracked_frames()
     store.set_frame_poses(pose_every_frame(store.nodes(), poses, frames))
@@ -53,6 +55,15 @@ def _refined(
     if refined is None:
         return solved.poses, solved.constraints
     return refined.poses, review_closures(solved.constraints, refined.poses, config, loaded)
+
+
+def _with_features(store: MapStore, poses: Poses, config: Config, progress: Progress) -> Poses:
+    """The poses after an adjustment together with the features of all images, if there are any."""
+    from mapmyworld.places.feature_tracks import adjust_map
+
+    planar = bool((store.get("plan") or {}).get("planar", False))
+    adjusted = adjust_map(store, poses, config, progress, planar=planar)
+    return poses if adjusted is None else adjusted.poses
 
 
 def _solve(store: MapStore, config: Config, progress: Progress) -> SolvedGraph:

@@ -1,0 +1,141 @@
+"""Records a camera carried by hand through a simulated world, as a folder like the TUM benchmark's.
+
+    python benchmarks/handheld.py desk -o /tmp/hand_desk --seconds 15
+    python benchmarks/rgbd.py /tmp/hand_desk
+
+30 Hz, 640 x 480, motion blur, noise, and depth taken some milliseconds after the colour. "desk"
+sweeps over a few square metres, "room" turns once around, "spin" turns fast on the spot,
+"walk" goes once through the flat and comes back.
+"""
+
+from __future__ import annotations
+
+import argparse
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.geometry import make_transform, rotation_to_quaternion, so3_exp
+from mapmyworld.simulation import SimulationSettings
+from mapmyworld.simulation.camera import Renderer
+from mapmyworld.simulation.camera_noise import disturb_colour, disturb_depth, exposure_at
+from mapmyworld.simulation.robot import intrinsics
+from mapmyworld.simulation.world import build_scene
+from mapmyworld.simulation.worlds import WORLDS
+
+Array = NDArray[np.float64]
+_EXPOSURE = 0.012  # s during which a picture is taken
+_LAG = 0.009  # s from colour to depth, as between the Kinect's two cameras
+_LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # optical, looking along x
+_STEPS = 2  # views of which a blurred picture is the mean
+_UNITS = 5000.0  # of depth a metre
+
+
+@dataclass(frozen=True)
+class Hand:
+    """A smooth path with the tremble of a hand."""
+
+    centre: tuple[float, float, float]
+    reach: tuple[float, float, float]
+    """m by which the path leaves the centre, along x, y, z."""
+    period: float
+    """s of the slowest movement."""
+    heading: float
+    swing: float
+    """rad by which the heading swings to either side."""
+    turns: float = 0.0
+    """Full turns over the whole recording."""
+
+    def pose(self, t: float, length: float) -> Array:
+        """world_from_optical (4, 4) at t seconds of `length`."""
+        w = 2.0 * np.pi / self.period
+        way = np.array([np.sin(w * t), np.sin(2 * w * t + 0.6), np.sin(1.3 * w * t + 1.0)])
+        tremble = 0.004 * np.sin(2.0 * np.pi * np.array([1.9, 2.3, 2.9]) * t + [0.0, 1.0, 2.0])
+        yaw = self.heading + self.swing * np.sin(0.8 * w * t + 0.3)
+        yaw += 2.0 * np.pi * self.turns * t / length
+        pitch = 0.18 + 0.15 * np.sin(1.7 * w * t) + 0.012 * np.sin(12.0 * t)
+        roll = 0.12 * np.sin(1.1 * w * t + 0.5) + 0.01 * np.sin(14.0 * t)
+        turned = so3_exp([0.0, 0.0, yaw]) @ so3_exp([0.0, pitch, 0.0]) @ so3_exp([roll, 0.0, 0.0])
+        place = np.array(self.centre) + np.array(self.reach) * way + tremble
+        return make_transform(turned @ _LEVEL, place)
+
+
+HANDS = {
+    "desk": Hand((2.2, 0.4, 1.2), (0.6, 0.5, 0.2), 9.0, -0.6, 0.8),
+    "room": Hand((2.0, 1.0, 1.3), (0.5, 0.6, 0.15), 14.0, 0.0, 0.2, turns=1.25),
+    "spin": Hand((2.0, 1.0, 1.3), (0.08, 0.08, 0.05), 5.0, 0.4, 1.0),
+    "walk": Hand((3.4, 1.5, 1.3), (3.0, 1.6, 0.1), 44.0, 0.0, 0.4, turns=2.0),
+}
+
+
+def record(hand: Hand, folder: Path, seconds: float, rate: float, world: str, seed: int) -> None:
+    """Writes the folder: images, lists, truth and calibration."""
+    settings = SimulationSettings()
+    camera = Renderer(build_scene(WORLDS[world]), settings)
+    stamps = 1000.0 + np.arange(round(seconds * rate)) / rate
+    gains = exposure_at(stamps - 1000.0, settings.camera, np.random.default_rng(seed))
+    for name in ("rgb", "depth"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+
+    def shoot(k: int) -> None:
+        t, random = stamps[k] - 1000.0, np.random.default_rng((seed, k))
+        moments = t + np.linspace(-0.5, 0.5, _STEPS) * _EXPOSURE
+        views = [camera.render(hand.pose(float(m), seconds)) for m in moments]
+        mean = np.mean([view.colour for view in views], axis=0).astype(np.uint8)
+        colour = disturb_colour(mean, float(gains[k]), settings.camera, random)
+        deep = camera.render(hand.pose(float(t + _LAG), seconds))
+        depth = disturb_depth(deep.depth, deep.slant, settings.camera, random)
+        cv2.imwrite(str(folder / "rgb" / f"{stamps[k]:.6f}.jpg"), colour[..., ::-1])
+        units = np.clip(np.rint(depth * _UNITS), 0, 65535).astype(np.uint16)
+        cv2.imwrite(str(folder / "depth" / f"{stamps[k] + _LAG:.6f}.png"), units)
+
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(shoot, range(len(stamps))))
+    _write_lists(hand, folder, stamps, seconds, settings)
+
+
+def _write_lists(
+    hand: Hand, folder: Path, stamps: Array, seconds: float, settings: SimulationSettings
+) -> None:
+    for name, suffix, lag in (("rgb", "jpg", 0.0), ("depth", "png", _LAG)):
+        lines = [f"{s + lag:.6f} {name}/{s + lag:.6f}.{suffix}" for s in stamps]
+        (folder / f"{name}.txt").write_text("\n".join(["# timestamp filename", *lines, ""]))
+    truth = ["# timestamp tx ty tz qx qy qz qw"]
+    moments = np.arange(stamps[0], stamps[-1], 0.01).tolist()
+    truth += [_truth_line(t, hand.pose(t - 1000.0, seconds)) for t in moments]
+    (folder / "groundtruth.txt").write_text("\n".join([*truth, ""]))
+    k = intrinsics(settings)
+    numbers = [k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
+    (folder / "camera.txt").write_text(" ".join(f"{n:.6f}" for n in numbers) + "\n")
+
+
+def _truth_line(t: float, pose: Array) -> str:
+    numbers = [*pose[:3, 3], *rotation_to_quaternion(pose[:3, :3])]
+    return " ".join([f"{t:.6f}", *(f"{n:.6f}" for n in numbers)])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("motion", choices=list(HANDS))
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--rate", type=float, default=30.0)
+    parser.add_argument("--world", choices=list(WORLDS), default="apartment")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    record(
+        HANDS[options.motion],
+        options.output,
+        options.seconds,
+        options.rate,
+        options.world,
+        options.seed,
+    )
+
+
+if __name__ == "__main__":
+    main()

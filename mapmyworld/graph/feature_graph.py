@@ -1,0 +1,131 @@
+"""A whole log's features and poses as one graph: GraphSLAM's measurement constraints.
+
+Thrun and Montemerlo, "The GraphSLAM algorithm with applications to large-scale mapping of urban
+structures" (2006): features are nodes beside the poses, and are eliminated first. What remains
+links only poses that saw a feature together, so it is factorised sparsely.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.geometry import se3_exp
+from mapmyworld.graph.bundle import Blocks, Bundle, eliminated, linearise, moved_points
+from mapmyworld.graph.cholesky import NotPositiveDefiniteError, Symbolic, analyse, factorise
+from mapmyworld.kernels.bundle import link_cameras, subtract_points_sparsely
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Adjusted:
+    """What an adjustment of all features and poses came to."""
+
+    bundle: Bundle
+    cost_before: float
+    cost: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pattern:
+    """Which free cameras are linked; the same at every step."""
+
+    slots: Indices
+    """(K,) number among the free cameras, -1 for fixed ones."""
+    rows: Indices
+    columns: Indices
+    """(B,) blocks on and below the diagonal."""
+    block_at: NDArray[np.int32]
+    """(F, F) number of a block, -1 where there is none."""
+    symbolic: Symbolic
+
+
+def adjust_features(bundle: Bundle, *, rounds: int = 20, width: float = 2.0) -> Adjusted:
+    """Cameras and points of least robust cost, by Levenberg-Marquardt; the cost never grows."""
+    pattern = _pattern_of(bundle)
+    blocks, cost = linearise(bundle, width)
+    before, damping = cost, 1e-5
+    for _ in range(rounds):
+        trial = _step(bundle, blocks, pattern, damping)
+        if trial is None:
+            damping *= 10.0
+            continue
+        trial_blocks, trial_cost = linearise(trial, width)
+        if trial_cost > cost:
+            damping *= 10.0
+            continue
+        done = cost - trial_cost < 1e-5 * cost
+        bundle, blocks, cost, damping = trial, trial_blocks, trial_cost, damping * 0.2
+        if done:
+            break
+    return Adjusted(bundle, before, cost)
+
+
+def _pattern_of(bundle: Bundle) -> _Pattern:
+    slots = np.where(bundle.fixed, -1, np.cumsum(~bundle.fixed) - 1).astype(np.int64)
+    count = int(np.count_nonzero(~bundle.fixed))
+    linked = np.eye(count, dtype=np.bool_)
+    link_cameras(_starts(bundle), slots[bundle.camera_of], linked)
+    if bundle.motions is not None:
+        first, second = slots[bundle.motions.first], slots[bundle.motions.second]
+        both = (first >= 0) & (second >= 0)
+        linked[np.maximum(first, second)[both], np.minimum(first, second)[both]] = True
+    rows, columns = np.nonzero(np.tril(linked))
+    block_at = np.full((count, count), -1, np.int32)
+    block_at[rows, columns] = np.arange(len(rows))
+    return _Pattern(slots, rows, columns, block_at, analyse(count, rows, columns, 6))
+
+
+def _starts(bundle: Bundle) -> Indices:
+    found = np.searchsorted(bundle.point_of, np.arange(len(bundle.points) + 1))
+    return np.asarray(found, np.int64)
+
+
+def _step(bundle: Bundle, blocks: Blocks, pattern: _Pattern, damping: float) -> Bundle | None:
+    """The bundle after one damped step; None where the equations have no solution."""
+    scaled, inverse = eliminated(bundle, blocks, damping)
+    free = np.flatnonzero(~bundle.fixed)
+    own = blocks.cameras[free]
+    reduced = np.zeros((len(pattern.rows), 6, 6))
+    diagonal = pattern.block_at[np.arange(len(free)), np.arange(len(free))]
+    reduced[diagonal] = own + damping * own * np.eye(6) + 1e-6 * np.eye(6)
+    gradient = blocks.camera_gradients[free].copy()
+    _add_motions(bundle, blocks, pattern, reduced, gradient)
+    slot_of = pattern.slots[bundle.camera_of]
+    subtract_points_sparsely(
+        _starts(bundle), slot_of, blocks.cross, scaled, pattern.block_at, reduced
+    )
+    explained = np.einsum("mij,mj->mi", scaled, blocks.point_gradients[bundle.point_of])
+    np.subtract.at(gradient, slot_of[slot_of >= 0], explained[slot_of >= 0])
+    try:
+        factors = factorise(pattern.symbolic, reduced)
+    except NotPositiveDefiniteError:
+        return None
+    tangents = np.zeros((len(bundle.cameras), 6))
+    tangents[free] = -factors.solve(gradient.ravel()).reshape(-1, 6)
+    points = moved_points(bundle, blocks, inverse, tangents)
+    return replace(bundle, cameras=bundle.cameras @ se3_exp(tangents), points=points)
+
+
+def _add_motions(
+    bundle: Bundle, blocks: Blocks, pattern: _Pattern, reduced: Array, gradient: Array
+) -> None:
+    """Adds what measured motions between cameras say."""
+    if blocks.motions is None or bundle.motions is None:
+        return
+    first, second = pattern.slots[bundle.motions.first], pattern.slots[bundle.motions.second]
+    aa, bb, ba, ga, gb = blocks.motions
+    for ends, own, pull in ((first, aa, ga), (second, bb, gb)):
+        free = ends >= 0
+        np.add.at(reduced, pattern.block_at[ends[free], ends[free]], own[free])
+        np.add.at(gradient, ends[free], pull[free])
+    both = (first >= 0) & (second >= 0)
+    below = both & (second > first)
+    above = both & (second < first)
+    np.add.at(reduced, pattern.block_at[second[below], first[below]], ba[below])
+    turned = np.swapaxes(ba[above], 1, 2)
+    np.add.at(reduced, pattern.block_at[first[above], second[above]], turned)

@@ -11,6 +11,7 @@ from mapmyworld.config.graph import GraphConfig
 from mapmyworld.geometry import Array
 from mapmyworld.graph.candidates import starts_of
 from mapmyworld.graph.certificate import Certificate, certainty_of, certify
+from mapmyworld.graph.lifted import lifted_start
 from mapmyworld.graph.problem import Problem, problem_of
 from mapmyworld.graph.robust import descend, solve_robustly
 from mapmyworld.graph.system import System, chosen_edges, edge_chi2
@@ -18,6 +19,8 @@ from mapmyworld.types.pose_graph import PoseGraph
 
 # Planar nodes from which gtsam's default ordering fills in more than minimum degree does.
 _OURS = 12_000
+# Nodes up to which a start from more dimensions is worth its minutes.
+_LIFTED = 10_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +32,7 @@ class OptimisedGraph:
     cost: float
     """Half the sum of squared sigmas of what was accepted."""
     start: str
-    """The start that led there: "chordal", "odometry", "growing" or "guess"."""
+    """The start that led there: "chordal", "odometry", "growing", "guess" or "lifted"."""
     start_costs: dict[str, float]
     """The cost of every start before optimisation."""
     reached: dict[str, float]
@@ -68,17 +71,30 @@ def optimise(graph: PoseGraph, config: GraphConfig | None = None) -> OptimisedGr
     problem = problem_of(graph)
     starts = starts_of(problem)
     costs = {name: _cost(problem.system, poses) for name, poses in starts.items()}
-    followed: list[_Descent] = []
-    certificate = None
-    for name in sorted(costs, key=lambda name: costs[name]):
-        followed.append(_descent(problem, name, starts[name], config))
-        best = min(followed, key=lambda descent: descent.cost)
-        if best is followed[-1]:
-            certificate = certify(problem.system, best.poses) if config.certify else None
-        if certificate is None or certificate.trusted:
-            break
+    cheapest = min(costs, key=lambda name: costs[name])
+    best = _descent(problem, cheapest, starts.pop(cheapest), config)
+    followed, certificate = [best], None
+    if config.certify:
+        best, certificate, followed = _best_of_all(problem, best, starts, config)
     every = np.ones(len(problem.system.tails), np.bool_)
     return _result(problem, every, costs, best, certificate, followed)
+
+
+def _best_of_all(
+    problem: Problem, best: _Descent, others: dict[str, Array], config: GraphConfig
+) -> tuple[_Descent, Certificate, list[_Descent]]:
+    """The cheapest minimum of all starts, looked for until one is proven to be the global one."""
+    certificate, followed = certify(problem.system, best.poses), [best]
+    names = ["lifted"] if len(problem.graph) <= _LIFTED else []
+    for name in [*names, *others]:
+        if certificate.trusted:
+            break
+        start = lifted_start(problem.system, best.poses) if name == "lifted" else others[name]
+        followed.append(_descent(problem, name, start, config))
+        if followed[-1].cost < (1.0 - config.tolerance) * best.cost:
+            best = followed[-1]
+            certificate = certify(problem.system, best.poses)
+    return best, certificate, followed
 
 
 def optimise_robustly(graph: PoseGraph, config: GraphConfig | None = None) -> OptimisedGraph:

@@ -17,6 +17,7 @@ from scipy.special import gammaincinv
 from mapmyworld.config.graph import GraphConfig
 from mapmyworld.geometry import Array
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError
+from mapmyworld.graph.clusters import allowed, evidence_of, groups_of, judge_groups
 from mapmyworld.graph.consistency import Consistency, alternatives, compare_closures
 from mapmyworld.graph.dead_reckoning import reckon
 from mapmyworld.graph.pose_graph import Index
@@ -41,6 +42,7 @@ _STEPS = 20  # of Gauss-Newton at most
 _DAMPING = 1e-4  # share of the diagonal, at first
 _DAMPED_OUT = 1e8  # where no step helps any more
 _NOTHING = 1e-18  # cost of a graph without contradiction
+_GROUP_ROUNDS = 40  # at most, of leaving the worst groups out
 _RETRIES = 3  # times that left-out closures are tried again on a better solution
 
 
@@ -88,10 +90,12 @@ def solve_robustly(
     consistency = _compare(system, guess, trusted, closures, config)
     inliers = trusted.copy()
     inliers[closures[consistency.clique]] = True
+    groups = groups_of(system, closures, consistency, limit)
     poses = settle(chosen_edges(system, inliers), _fresh_start(system, guess, anchors, inliers))
     for _ in range(_RETRIES):
         poses, inliers = _without_misfits(system, poses, trusted, inliers, limit)
-        found = inliers | _admissible(system, poses, inliers, limit)
+        poses, inliers, scale = _without_strangers(system, poses, inliers, closures, groups, config)
+        found = inliers | _admissible(system, poses, inliers, limit, scale)
         if np.array_equal(found, inliers):
             break
         inliers = found
@@ -114,8 +118,31 @@ def _without_misfits(
     return poses, inliers
 
 
+def _without_strangers(
+    system: System,
+    poses: Array,
+    inliers: NDArray[np.bool_],
+    closures: Index,
+    groups: Index,
+    config: GraphConfig,
+) -> tuple[Array, NDArray[np.bool_], float]:
+    """The solution without groups of closures that all others contradict, the worst ones first."""
+    inliers, left_out = inliers.copy(), 0
+    for _ in range(_GROUP_ROUNDS):
+        found = judge_groups(system, poses, inliers, closures, groups, config.inlier_probability)
+        bad = (found.excess > 1.0) | (found.evidence < np.log(max(1.0, 10.0 * left_out)))
+        if not bad.any():
+            break
+        worst = bad & (found.excess >= 0.5 * found.excess[bad].max())
+        for k in np.flatnonzero(worst).tolist():
+            inliers[found.members[k]] = False
+        left_out += sum(len(found.members[k]) > 2 for k in np.flatnonzero(worst).tolist())
+        poses = settle(chosen_edges(system, inliers), poses)
+    return poses, inliers, found.scale
+
+
 def _admissible(
-    system: System, poses: Array, inliers: NDArray[np.bool_], limit: float
+    system: System, poses: Array, inliers: NDArray[np.bool_], limit: float, scale: float
 ) -> NDArray[np.bool_]:
     """(E,) edges left out that the solution predicts, and too well to be chance.
 
@@ -130,11 +157,11 @@ def _admissible(
     if len(candidates) == 0:
         return admitted
     fit, volume = innovations(system, poses, inliers, candidates)
-    likelihood = np.log(alternatives(system.planar, system.measured[~inliers])) - 0.5 * fit
-    evidence = likelihood - np.log(volume)
+    space = float(np.log(alternatives(system.planar, system.measured[~inliers])))
+    evidence = evidence_of(fit, volume, space, scale, system.dimension)
     false_ones = np.count_nonzero(~inliers) - np.count_nonzero(fit <= limit)
     needed = np.log(max(1.0, 10.0 * false_ones))
-    admitted[candidates] = (fit <= limit) & (evidence >= needed)
+    admitted[candidates] = (fit <= limit * allowed(scale)) & (evidence >= needed)
     return admitted
 
 

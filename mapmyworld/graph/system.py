@@ -242,4 +242,17 @@ def predicted_covariances(factors: Any, system: System, poses: Array) -> tuple[A
     return found, residuals
 
 
+def joint_covariance(factors: Any, system: System, poses: Array) -> Array:
+    """(E d, E d) covariance of the edges' residuals together, as the solution predicts them."""
+    residuals = residuals_of(system, poses)
+    size, count = system.dimension, len(system.tails)
+    right = np.zeros((system.size, size * count))
+    ends = (system.free[system.tails], system.free[system.heads])
+    for numbers, blocks in zip(ends, jacobians_of(system, poses, residuals), strict=True):
+        for k in np.flatnonzero(numbers >= 0).tolist():
+            place = slice(numbers[k] * size, (numbers[k] + 1) * size)
+            right[place, k * size : (k + 1) * size] += blocks[k].T
+    return np.asarray(right.T @ factors.solve(right))
+
+
 _BATCH = 50  # edges whose predictions are solved for at once

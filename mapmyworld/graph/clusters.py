@@ -1,0 +1,143 @@
+"""Groups of closures that agree with each other, each judged as one by all that is not in it.
+
+Agreement within a group proves little: identical corridors agree with each other too. So a group
+must fit what the rest of the graph predicts without it, and must fit too well for chance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaincinv
+
+from mapmyworld.geometry import Array
+from mapmyworld.graph.consistency import Consistency, alternatives
+from mapmyworld.graph.pose_graph import Index, components
+from mapmyworld.graph.system import (
+    System,
+    chosen_edges,
+    factorise,
+    joint_covariance,
+    linearise,
+    pattern_of,
+    residuals_of,
+)
+
+_NEAR = 30  # nodes of path between the ends of closures of one group, at most
+_LARGEST = 60  # closures of a group that are judged; more of them are taken as they are
+_TOLERANCE = 10.0  # times the typical squared sigmas that true closures may reach besides
+_STRICTEST = 0.01  # share of the stated limit that always passes
+_UNBIASED = 1e-6  # share of a group's information left by the rest, below which nothing predicts it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judgement:
+    """Groups against the rest of the graph."""
+
+    members: tuple[Index, ...]
+    """Positions of the edges of every group."""
+    excess: Array
+    """(G,) squared sigmas over what may be: above one is contradicted.
+
+    What may be follows the typical group where that misses by more, or by far less, than stated.
+    """
+    evidence: Array
+    """(G,) logarithm of how much likelier the group's best fit is than chance."""
+    scale: float
+    """Squared sigmas of the typical group over what its covariances say."""
+
+
+def groups_of(system: System, closures: Index, consistency: Consistency, limit: float) -> Index:
+    """(K,) number of the group of every closure: those that agree and lie near along the path."""
+    pairs = consistency.pairs
+    tails = np.minimum(system.tails, system.heads)[closures]
+    heads = np.maximum(system.tails, system.heads)[closures]
+    apart = np.abs(np.diff(tails[pairs], axis=1)) + np.abs(np.diff(heads[pairs], axis=1))
+    agree = (consistency.chi2 <= limit) & (apart[:, 0] <= _NEAR)
+    return components(len(closures), pairs[agree, 0], pairs[agree, 1])
+
+
+def allowed(scale: float) -> float:
+    """By what the limit of squared sigmas is multiplied where the typical group has `scale`.
+
+    Covariances that are stated too small must not condemn everything, those stated far too large
+    must not let everything pass.
+    """
+    return max(scale, min(1.0, _TOLERANCE * scale), _STRICTEST)
+
+
+def evidence_of(fit: Array, volume: Array, space: float, scale: float, freedom: int) -> Array:
+    """Logarithm of how much likelier squared sigmas `fit` are of a true closure than of chance.
+
+    `volume` is that of the prediction, `space` the logarithm of that of all alternatives. Where
+    covariances are stated too large, true ones show it by how well they fit: believed is what
+    scale, between the typical one and the stated one, suits each best.
+    """
+    sharp = np.clip(fit / freedom, min(max(scale, 1e-4), 1.0), 1.0)
+    misfit = fit / sharp + freedom * np.log(sharp)
+    return np.asarray(space - np.log(volume) - 0.5 * misfit)
+
+
+def judge_groups(
+    system: System,
+    poses: Array,
+    inliers: NDArray[np.bool_],
+    closures: Index,
+    groups: Index,
+    probability: float,
+) -> Judgement:
+    """Every group among the `inliers` against the solution that the others would give.
+
+    Leaving a group of information W out changes its residuals r to those that the rest predicts;
+    with P, their covariance by the whole solution, the squared sigmas become
+    `r' W (W - W P W)^-1 W r`, all at the price of one factorisation.
+    """
+    part = chosen_edges(system, inliers)
+    pattern = pattern_of(part)
+    factors = factorise(linearise(part, pattern, poses)[0], pattern)
+    believed = np.flatnonzero(inliers[closures])
+    order = believed[np.argsort(groups[believed], kind="stable")]
+    members = np.split(order, np.flatnonzero(np.diff(groups[order])) + 1)
+    kept = tuple(closures[m] for m in members if 0 < len(m) <= _LARGEST)
+    space = np.log(alternatives(system.planar, system.measured[closures]))
+    found = np.zeros((len(kept), 3))
+    for k, group in enumerate(kept):
+        asked = chosen_edges(system, group)
+        covariance = joint_covariance(factors, asked, poses)
+        found[k] = _left_out(residuals_of(asked, poses), asked.information, covariance)
+    chi2, freedom, volume = found.T
+    scale = float(np.median(chi2 / _quantile(0.5, freedom))) if len(kept) else 1.0
+    fit = chi2 * system.dimension / freedom
+    evidence = evidence_of(fit, volume, space, scale, system.dimension)
+    excess = chi2 / (allowed(scale) * _quantile(probability, freedom))
+    return Judgement(kept, excess, evidence, scale)
+
+
+def _quantile(probability: float, freedom: Array) -> Array:
+    """Values that chi-squared stays below; importing `scipy.stats` for them takes 0.8 s."""
+    return np.asarray(2.0 * gammaincinv(0.5 * freedom, probability))
+
+
+def _left_out(
+    residuals: Array, information: Array, covariance: Array
+) -> tuple[float, float, float]:
+    """Squared sigmas of a group of C edges, their degrees of freedom, and the prediction's volume.
+
+    The volume is that of the best predicted member; none where the group is all that holds a part.
+    """
+    count, size = residuals.shape
+    weights = np.zeros((count, size, count, size))
+    weights[np.arange(count), :, np.arange(count)] = information
+    root = np.linalg.cholesky(weights.reshape(count * size, count * size))
+    # In sigmas: what is left of the identity says how well the rest predicts each direction.
+    values, vectors = np.linalg.eigh(np.eye(len(root)) - root.T @ covariance @ root)
+    if values[0] < _UNBIASED:
+        return 0.0, 1.0, 1e-300
+    along = vectors.T @ (root.T @ residuals.ravel())
+    turned = np.linalg.inv(root.T) @ vectors
+    spread = ((turned / values) @ turned.T).reshape(count, size, count, size)
+    own = spread[np.arange(count), :, np.arange(count)]
+    volume = float(np.sqrt(np.linalg.det(2.0 * np.pi * own)).min())
+    return float(np.sum(along**2 / values)), float(len(root)), max(volume, 1e-300)

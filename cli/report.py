@@ -43,12 +43,23 @@ def note_timing(
 ) -> dict[str, Any]:
     """Keeps what a build took beside its map; stages that were reused keep their old figures."""
     path = timing_file(map_path)
-    fresh = {stage.name: asdict(stage) for stage in stages}
+    fresh = _summed(stages)
     old = (_read_timing(path) if continued else None) or {"stages": []}
     kept = [stage for stage in old["stages"] if stage["name"] not in fresh]
     timing = {**cost, "stages": [*kept, *fresh.values()]}
     write_whole(path, json.dumps(timing, indent=1) + "\n")
     return timing
+
+
+def _summed(stages: Sequence[Any]) -> dict[str, dict[str, Any]]:
+    """Name -> cost, in the order of first runs; the graph, say, is optimised more than once."""
+    found: dict[str, dict[str, Any]] = {}
+    for stage in map(asdict, stages):
+        kept = found.setdefault(stage["name"], stage | {"wall_s": 0.0, "cpu_s": 0.0})
+        for key in ("wall_s", "cpu_s"):
+            kept[key] += stage[key]
+        kept["peak_memory_mb"] = max(kept["peak_memory_mb"], stage["peak_memory_mb"])
+    return found
 
 
 def timing_beside(store: MapStore) -> Mapping[str, Any] | None:

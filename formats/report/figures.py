@@ -23,7 +23,7 @@ _COLOURS = {
 }
 _WIDTH = 6.3  # inches: a page's text
 _LOOPS = 6  # closures in one figure
-_DPI = 200
+_DPI = 160
 
 
 def write_figure(path: Path, what: str, contents: ReportContents) -> None:

@@ -49,6 +49,20 @@ def recognise(
 
         store.add_constraints(find_markers(store, config, progress))
     add_closures(store, None, config, progress, scans, words)
+    _check_wheels(store, progress)
+
+
+def _check_wheels(store: MapStore, progress: Progress) -> None:
+    """Says what images think of the recorded odometry, where both are there."""
+    if store.tracked_frames().odom_from_base is None:
+        return
+    from mapmyworld.places.wheel_check import check_wheels
+
+    check = check_wheels(store.nodes(), store.constraints())
+    lines = () if check is None else check.lines()
+    store.put("wheels", {"notes": lines})
+    for line in lines:
+        progress.note(line)
 
 
 def add_closures(

@@ -1,0 +1,106 @@
+"""Wheels checked by the camera: what images say of the motion between successive nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.geometry import between, so3_log
+from mapmyworld.types import Constraint, Node
+
+Array = NDArray[np.float64]
+_ENOUGH = 20  # motions from which a share can be told
+_SLIP_SIGMAS = 5.0  # robust sigmas beyond which wheels and images contradict each other
+_SLIP_FLOOR = (0.02, 0.02)  # m, rad: smaller contradictions are not worth a word
+
+
+@dataclass(frozen=True, slots=True)
+class Slip:
+    """A motion that wheels and images tell differently."""
+
+    stamp_ns: int
+    """Of the later node."""
+    metres: float
+    radians: float
+
+
+@dataclass(frozen=True, slots=True)
+class WheelCheck:
+    """How the recorded odometry compares with images."""
+
+    motions: int
+    """Between successive nodes, that images measured."""
+    distance_share: float
+    """By which images see more distance than the wheels; negative: less."""
+    turn_share: float
+    """By which images see more rotation; NaN where the robot hardly turned."""
+    scatter_m: float
+    scatter_rad: float
+    """Robust standard deviations of a motion's difference, the shares taken out."""
+    slips: tuple[Slip, ...]
+
+    def lines(self) -> tuple[str, ...]:
+        """What a user should know."""
+        turn = "" if np.isnan(self.turn_share) else f", turns {self.turn_share:+.1%}"
+        head = (
+            f"wheels against images over {self.motions} motions: distance "
+            f"{self.distance_share:+.1%}{turn}; scatter {1000 * self.scatter_m:.1f} mm, "
+            f"{np.degrees(self.scatter_rad):.2f} deg; {len(self.slips)} contradictions"
+        )
+        worst = sorted(self.slips, key=lambda s: -s.metres - s.radians)[:5]
+        return head, *(
+            f"at {s.stamp_ns * 1e-9:.2f} s wheels and images differ by {s.metres:.3f} m and "
+            f"{np.degrees(s.radians):.1f} deg"
+            for s in sorted(worst, key=lambda s: s.stamp_ns)
+        )
+
+
+def check_wheels(nodes: Sequence[Node], constraints: Sequence[Constraint]) -> WheelCheck | None:
+    """The recorded odometry of `nodes` against image pairs; None where too few were matched."""
+    place = {node.id: k for k, node in enumerate(nodes)}
+    seen = [
+        c
+        for c in constraints
+        if c.accepted and "steps" in c.evidence and c.from_id in place and c.to_id in place
+        if c.evidence["steps"] == 1.0
+    ]
+    if len(seen) < _ENOUGH:
+        return None
+    ends = np.array([(place[c.from_id], place[c.to_id]) for c in seen])
+    odometry = np.stack([node.odom_from_base for node in nodes])
+    wheels = between(odometry[ends[:, 0]], odometry[ends[:, 1]])
+    images = np.stack([c.from_from_to for c in seen])
+    way, seen_way = wheels[:, :3, 3], images[:, :3, 3]
+    turn, seen_turn = so3_log(wheels), so3_log(images)
+    distance, turned = _ratio(way, seen_way), _ratio(turn, seen_turn)
+    apart = np.linalg.norm(seen_way - distance * way, axis=1)
+    twisted = np.linalg.norm(seen_turn - (1.0 if np.isnan(turned) else turned) * turn, axis=1)
+    scatter = _spread(apart), _spread(twisted)
+    bad = apart > np.maximum(_SLIP_SIGMAS * scatter[0], _SLIP_FLOOR[0])
+    bad |= twisted > np.maximum(_SLIP_SIGMAS * scatter[1], _SLIP_FLOOR[1])
+    slips = tuple(
+        Slip(nodes[ends[k, 1]].stamp_ns, float(apart[k]), float(twisted[k]))
+        for k in np.flatnonzero(bad)
+    )
+    return WheelCheck(len(seen), distance - 1.0, turned - 1.0, *scatter, slips)
+
+
+def _ratio(told: Array, seen: Array) -> float:
+    """The factor that takes vectors (N, 3) told by wheels to those seen; NaN for hardly any."""
+    length = np.linalg.norm(told, axis=1)
+    if length.sum() < 0.5:  # m or rad
+        return float("nan")
+    factor = 1.0
+    for _ in range(5):
+        off = np.linalg.norm(seen - factor * told, axis=1)
+        weight = 1.0 / np.maximum(off, max(_spread(off), 1e-6))
+        factor = float(np.sum(weight[:, None] * told * seen) / np.sum(weight * length**2))
+    return factor
+
+
+def _spread(lengths: Array) -> float:
+    """Robust standard deviation along an axis, of vectors of these lengths (Rayleigh's median)."""
+    return float(np.median(lengths) / np.sqrt(2.0 * np.log(2.0)))

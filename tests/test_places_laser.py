@@ -10,12 +10,20 @@ from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between_planar, compose_planar, matrix_to_planar
+from mapmyworld.geometry import (
+    between_planar,
+    compose_planar,
+    information_from_planar,
+    matrix_to_planar,
+    planar_to_matrix,
+)
+from mapmyworld.graph.solve import solve
 from mapmyworld.places.laser_closures import candidate_pairs, compare_places
+from mapmyworld.places.laser_lost import loose_way, lost_pairs
 from mapmyworld.places.laser_nodes import laser_nodes
 from mapmyworld.places.laser_pairs import neighbour_pairs
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
-from mapmyworld.types import Constraint
+from mapmyworld.types import Constraint, ConstraintKind
 
 CONFIG = Config()
 
@@ -77,3 +85,62 @@ def test_neighbours_grow_with_the_drive_not_with_its_square() -> None:
     one = len(neighbour_pairs(np.tile(lap, (4, 1)), 4.0, 4))
     two = len(neighbour_pairs(np.tile(lap, (16, 1)), 4.0, 4))
     assert two < 5 * one
+
+
+def test_a_drive_that_comes_back_after_500_m_of_drift_is_closed() -> None:
+    """Believed 18 m and 60 degrees from where it is; only the widened search reaches that far.
+
+    The rooms look nearly the same turned by half a turn: the graph must refuse such closures.
+    """
+    truth = two_visits()
+    believed = truth.copy()
+    believed[98:] = compose_planar([14.0, -11.0, np.radians(60.0)], truth[98:])
+    scans = scan_set(
+        [prepare_scan(cast(p, WALLS, k), CONFIG.registration) for k, p in enumerate(truth)]
+    )
+    nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, believed)
+    nodes = replace(nodes, path=nodes.path + 500.0 * (np.arange(len(truth)) >= 98))
+    pairs = lost_pairs(nodes, [], CONFIG)
+    assert pairs
+    widest = CONFIG.places.laser_window
+    tried = compare_places(nodes, pairs, CONFIG, settled=False, widest=widest)
+    solved = solve(nodes.ids, planar_to_matrix(believed), [*drive(believed), *tried], True)
+    error = between_planar(truth, matrix_to_planar(solved.poses.map_from_node))[98:]
+    assert np.hypot(error[:, 0], error[:, 1]).max() < 0.05
+    assert np.abs(error[:, 2]).max() < 0.01
+
+
+def drive(believed: NDArray[np.float64]) -> list[Constraint]:
+    """Motions between the nodes; between the visits lie 500 m, of which little is known."""
+    steps = planar_to_matrix(between_planar(believed[:-1], believed[1:]))
+    sigmas = np.full((len(steps), 3), 0.01)
+    sigmas[97] = 10.0, 10.0, 1.0
+    return [
+        Constraint(
+            from_id=k, to_id=k + 1, kind=ConstraintKind.NEIGHBOUR, from_from_to=step,
+            information=information_from_planar(np.diag(sigmas[k] ** -2.0)), reason="",
+        )
+        for k, step in enumerate(steps)
+    ]  # fmt: skip
+
+
+def test_where_closures_hold_the_drive_nothing_is_lost() -> None:
+    truth = two_visits()
+    scans = scan_set(
+        [prepare_scan(cast(truth[0], WALLS, 0), CONFIG.registration) for _ in range(len(truth))]
+    )
+    nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, truth)
+    nodes = replace(nodes, path=np.linspace(0.0, 600.0, len(truth)))
+    closed = [
+        Constraint(
+            from_id=k, to_id=k + 98, kind=ConstraintKind.LOOP_CLOSURE,
+            from_from_to=np.eye(4), information=np.eye(6), reason="",
+        )
+        for k in range(0, 49, 4)
+    ]  # fmt: skip
+    assert loose_way(nodes, closed)[98:].max() < 20.0
+    assert loose_way(nodes, [])[0] == np.inf
+    assert lost_pairs(nodes, [], CONFIG)
+    between_laps = range(49, 98)
+    pairs = lost_pairs(nodes, closed, CONFIG)
+    assert all(a in between_laps or b in between_laps for a, b in pairs)

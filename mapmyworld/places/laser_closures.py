@@ -15,7 +15,14 @@ from mapmyworld.geometry import (
     transform_points_planar,
 )
 from mapmyworld.odometry.laser_stretches import is_weak
-from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, laser_nodes, load_node_scans
+from mapmyworld.places.laser_lost import lost_pairs
+from mapmyworld.places.laser_nodes import (
+    LaserNodes,
+    NodeScans,
+    laser_nodes,
+    load_node_scans,
+    spaced,
+)
 from mapmyworld.registration.scan_matching import (
     FINE,
     Match,
@@ -36,6 +43,7 @@ Index = NDArray[np.int64]
 _LEAST_PATH = 8.0  # m of path between two visits, below which they are one
 _SETTLED_WINDOW = 1.0  # m to each side that is searched once the graph is optimised
 _SETTLED_ANGLE = 0.2  # rad, the same
+_FIRST_WINDOW = 15.0  # m to each side, at most, of a search from tracked poses
 _GRIDS = 12  # likelihood grids held at a time
 _AGREEMENT = np.diag([0.02**2, 0.02**2, 0.005**2])  # m^2 and rad^2 that two maps may differ by
 _NO_PRIOR = np.diag([1e-3, 1e-3, 1e-3])
@@ -50,9 +58,10 @@ def find_laser_closures(
 ) -> list[Constraint]:
     """Every pair of places that was compared, with its verdict.
 
-    From tracked poses the search reaches as far as the drift may have gone; from optimised ones
-    only a little, and the constraints are of the kind `proximity`. `loaded` are the nodes' scans
-    where they were made ready before.
+    From tracked poses the search reaches as far as the drift may have gone, up to 15 m. From
+    optimised ones it reaches only a little, where the kind is `proximity`; and as far as the
+    settings let it where nothing was recognised for long. `loaded` are the nodes' scans where
+    they were made ready before.
     """
     listed, scans = loaded or load_node_scans(store, config)
     if len(listed) < 2:
@@ -64,30 +73,34 @@ def find_laser_closures(
         planar = matrix_to_planar(np.stack([solved[node.id] for node in listed]))
     nodes = laser_nodes(np.array([node.id for node in listed]), scans, planar)
     known = {(c.from_id, c.to_id) for c in store.constraints()}
-    pairs = [
-        (a, b)
-        for a, b in candidate_pairs(nodes, config, settled=poses is not None)
-        if (int(nodes.ids[a]), int(nodes.ids[b])) not in known
-    ]
-    progress.stage("loop closures by laser", len(pairs), "pairs")
-    return compare_places(nodes, pairs, config, settled=poses is not None)
+
+    def untried(pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+        return [(a, b) for a, b in pairs if (int(nodes.ids[a]), int(nodes.ids[b])) not in known]
+
+    pairs = untried(candidate_pairs(nodes, config, settled=poses is not None))
+    lost = [] if poses is None else untried(lost_pairs(nodes, store.constraints(), config))
+    lost = [pair for pair in lost if pair not in set(pairs)]
+    progress.stage("loop closures by laser", len(pairs) + len(lost), "pairs")
+    near = compare_places(nodes, pairs, config, settled=poses is not None)
+    widest = config.places.laser_window
+    return near + compare_places(nodes, lost, config, settled=False, widest=widest)
 
 
 def candidate_pairs(nodes: LaserNodes, config: Config, *, settled: bool) -> list[tuple[int, int]]:
     """(earlier, later) indices of visits that may be of the same place."""
     places = config.places
     spacing = places.laser_spacing if settled else places.laser_far_spacing
-    spots = _spaced(nodes.path, spacing)
+    spots = spaced(nodes.path, spacing)
     tree = cKDTree(nodes.poses[spots, :2])
     pairs: list[tuple[int, int]] = []
     for later in spots:
-        widest = 4.0 if settled else 3.0 + places.laser_window
+        widest = 4.0 if settled else 3.0 + _FIRST_WINDOW
         near = np.array(sorted(tree.query_ball_point(nodes.poses[later, :2], widest)), np.int64)
         driven = nodes.path[later] - nodes.path[spots[near]]
         near, driven = near[driven > _LEAST_PATH], driven[driven > _LEAST_PATH]
         apart = np.hypot(*(nodes.poses[spots[near], :2] - nodes.poses[later, :2]).T)
         reach = 3.0 + (0.0 if settled else 1.0) * np.minimum(
-            places.laser_drift * driven, places.laser_window
+            places.laser_drift * driven, _FIRST_WINDOW
         )
         near, apart = near[apart < reach], apart[apart < reach]
         if len(near) == 0:
@@ -102,9 +115,17 @@ def candidate_pairs(nodes: LaserNodes, config: Config, *, settled: bool) -> list
 
 
 def compare_places(
-    nodes: LaserNodes, pairs: list[tuple[int, int]], config: Config, *, settled: bool
+    nodes: LaserNodes,
+    pairs: list[tuple[int, int]],
+    config: Config,
+    *,
+    settled: bool,
+    widest: float = _FIRST_WINDOW,
 ) -> list[Constraint]:
-    """Each pair's constraint, accepted or not, in the order of the pairs."""
+    """Each pair's constraint, accepted or not, in the order of the pairs.
+
+    From settled poses the search is small, else as far as drift goes, `widest` metres at most.
+    """
     results: list[Constraint | None] = [None] * len(pairs)
     by_target = sorted(range(len(pairs)), key=lambda k: pairs[k])
     targets = sorted({a for a, _ in pairs})
@@ -117,16 +138,11 @@ def compare_places(
 
         def work(start: int, end: int, batch: list[int] = batch) -> None:
             for k in batch[start:end]:
-                results[k] = _compare(nodes, *pairs[k], config, settled)
+                results[k] = _compare(nodes, *pairs[k], config, settled, widest)
 
         run_in_chunks(work, len(batch), config.threads)
         nodes.grids.clear()
     return [constraint for constraint in results if constraint is not None]
-
-
-def _spaced(path: Array, spacing: float) -> Index:
-    return np.unique(np.searchsorted(path, np.arange(0.0, path[-1] + spacing, spacing)).clip(
-        0, len(path) - 1))  # fmt: skip
 
 
 def _members(nodes: LaserNodes, middle: int, config: Config) -> Index:
@@ -147,14 +163,16 @@ def _surroundings(nodes: LaserNodes, middle: int, config: Config) -> Array:
     )
 
 
-def _compare(nodes: LaserNodes, a: int, b: int, config: Config, settled: bool) -> Constraint:
+def _compare(
+    nodes: LaserNodes, a: int, b: int, config: Config, settled: bool, widest: float
+) -> Constraint:
     places = config.places
     guess = between_planar(nodes.poses[a], nodes.poses[b])
     driven = float(nodes.path[b] - nodes.path[a])
     if settled:
         distance, angle = _SETTLED_WINDOW, _SETTLED_ANGLE
     else:
-        distance = min(1.0 + places.laser_drift * driven, places.laser_window)
+        distance = min(1.0 + places.laser_drift * driven, widest)
         angle = min(0.2 + places.laser_drift_angle * driven, np.pi)
     points = _surroundings(nodes, b, config)
     found = search_grid(points, nodes.grids[a], guess, distance, angle, places.laser_score)

@@ -57,3 +57,9 @@ def laser_nodes(ids: Index, scans: ScanSet, poses: Array) -> LaserNodes:
     steps = between_planar(poses[:-1], poses[1:])
     lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.2 * np.abs(steps[:, 2])
     return LaserNodes(ids, scans, poses, np.concatenate([[0.0], np.cumsum(lengths)]), {})
+
+
+def spaced(path: Array, spacing: float) -> Index:
+    """Indices of nodes about every `spacing` metres of path."""
+    return np.unique(np.searchsorted(path, np.arange(0.0, path[-1] + spacing, spacing)).clip(
+        0, len(path) - 1))  # fmt: skip

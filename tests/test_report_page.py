@@ -176,7 +176,7 @@ def test_the_report_of_a_real_build(
     assert page.locator(".chart canvas").count() == 2
     assert page.locator("article.card.accepted").count() >= 3
     assert page.locator("article.card.rejected").count() >= 3
-    assert page.locator("svg.pair .inlier").count() >= 1
+    assert page.locator("svg.pair path").count() >= 1
     assert page.locator("svg.scans").count() >= 4
     assert found.complaints == []
     page.close()

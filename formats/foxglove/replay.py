@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -25,6 +25,7 @@ from mapmyworld.types import (
     OdometryMessage,
     RawMessage,
     TransformsMessage,
+    TransformStamped,
 )
 
 Floats = NDArray[np.float64]
@@ -43,6 +44,8 @@ class _Frames:
     """Whether the log's tf leads from odom to base."""
     behind_ns: int
     """Log time less header stamp, at least."""
+    first: Mapping[str, TransformStamped]
+    """Frame -> the first that the log's tf says of it; it is told from the log's start on."""
 
 
 def write_replay(
@@ -86,8 +89,14 @@ def _ours(
         for time_ns, stamp, parent, child, pose in rows
     ]
     start = found[0][0] if found else info.start_ns
+    at = start - frames.behind_ns
+    early_frames = [
+        (start, _TOPIC, fox.transform(at, t.parent, t.child, t.parent_from_child))
+        for t in frames.first.values()
+        if _is_kept(t, frames)
+    ]
     fixed = [(start, topic, message) for _, topic, message in map_events(shown) if topic != "/tf"]
-    return [*found[:per_frame], *fixed, *found[per_frame:]]
+    return [*found[:per_frame], *early_frames, *fixed, *found[per_frame:]]
 
 
 def _links(
@@ -105,6 +114,7 @@ def _frames_of(log: LogSource, base: str) -> _Frames:
     kinds = {MessageKind.ODOMETRY, MessageKind.TRANSFORMS}
     topics = {topic.topic for topic in log.info().topics if topic.kind in kinds}
     odom, parents, delays = "", dict[str, str](), list[int]()
+    first: dict[str, TransformStamped] = {}
     for count, raw in enumerate(log.messages(topics)):
         if count >= _SAMPLE:
             break
@@ -115,12 +125,14 @@ def _frames_of(log: LogSource, base: str) -> _Frames:
             odom = odom or message.frame_id.lstrip("/")
         elif isinstance(message, TransformsMessage):
             parents |= {t.child.lstrip("/"): t.parent.lstrip("/") for t in message.transforms}
+            if not message.static:
+                first = {t.child: t for t in message.transforms} | first
     frame = base
     chain = [frame]
     while (frame := parents.get(frame, "")) and frame not in chain and frame != MAP:
         chain.append(frame)
     odom = odom or (chain[-1] if len(chain) > 1 else _ODOM)
-    return _Frames(odom, base, odom in chain[1:], min(delays, default=0))
+    return _Frames(odom, base, odom in chain[1:], min(delays, default=0), first)
 
 
 def _decoded(raw: RawMessage) -> Any:
@@ -172,10 +184,11 @@ def _write_tf(raw: RawMessage, frames: _Frames, writer: LogWriter) -> None:
     message = _decoded(raw)
     if not isinstance(message, TransformsMessage):
         return
-    kept = tuple(
-        t
-        for t in message.transforms
-        if t.child.lstrip("/") != frames.odom and t.parent.lstrip("/") != MAP
-    )
+    kept = tuple(t for t in message.transforms if _is_kept(t, frames))
     if kept:
         writer.write(raw.topic, replace(message, transforms=kept), raw.log_time_ns)
+
+
+def _is_kept(transform: TransformStamped, frames: _Frames) -> bool:
+    """Not where it would contradict ours."""
+    return transform.child.lstrip("/") != frames.odom and transform.parent.lstrip("/") != MAP

@@ -13,9 +13,7 @@ class PlacesConfig:
     laser_submap: float = 2.0  # m of path to each side that a submap covers
     laser_drift: float = 0.04  # m per m of path by which the tracked pose may be off
     laser_drift_angle: float = 0.004  # rad per m of path by which the tracked pose may be off
-    laser_window: float = (
-        25.0  # m, widest search to each side, after long ways without a known place
-    )
+    laser_window: float = 25.0  # m to each side, widest search where long nothing was known
     laser_score: float = 0.5  # mean likelihood from which a place is looked at closely
     laser_overlap: float = 0.7  # share of points that the known place must explain
     laser_rival: float = 0.93  # score of another pose, as share of the best, that is ambiguous

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,7 @@ _TEXT_GRAPHS = {".g2o", ".graph", ".toro", ".txt"}
     "-o",
     "--output",
     type=click.Path(path_type=Path),
-    help="The optimised graph, as g2o.  [default: FILE with _optimised.g2o]",
+    help="The optimised graph, as g2o, or as a map (.db).  [default: FILE with _optimised.g2o]",
 )
 @click.option("--robust", is_flag=True, help="Reject closures that contradict the rest.")
 @click.option("--image", type=click.Path(path_type=Path), help="Draw the result into this PNG.")
@@ -49,6 +50,7 @@ def optimise(
     \b
     mapmyworld optimise manhattan.g2o -o solved.g2o
     mapmyworld optimise map.db --robust --format json
+    mapmyworld optimise sphere.g2o -o sphere.db
     """
     config = load_config(config_path, changes).graph
     import formats.pose_graph  # noqa: F401  so that its import does not count as reading
@@ -73,9 +75,11 @@ def optimise(
         "cost": solved.cost,
         "start": solved.start,
         "start_costs": solved.start_costs,
+        "reached": solved.reached,
         "iterations": solved.iterations,
         "converged": solved.converged,
         "certainty": solved.certainty,
+        "certificate": None if solved.certificate is None else asdict(solved.certificate),
         "parts": int(solved.component.max()) + 1,
         "rejected": [
             [int(a), int(b)]
@@ -93,9 +97,14 @@ def optimise(
         },
     }
     output = output or path.with_name(f"{path.stem}_optimised.g2o")
-    from formats.pose_graph import write_graph
+    if output.suffix == ".db":
+        from cli.optimise_map import write_map
 
-    write_graph(output, solved.graph)
+        write_map(output, path, graph, solved)
+    else:
+        from formats.pose_graph import write_graph
+
+        write_graph(output, solved.graph)
     facts["output"] = str(output)
     if image is not None:
         draw(image, solved.graph, solved.accepted)
@@ -163,13 +172,19 @@ def draw(image: Path, graph: PoseGraph, accepted: Any) -> None:
 
 
 def _lines(facts: dict[str, Any]) -> list[str]:
-    starts = ", ".join(f"{name} {cost:.6g}" for name, cost in facts["start_costs"].items())
+    reached = facts["reached"]
+    starts = ", ".join(
+        f"{name} {cost:.6g}" + (f" -> {reached[name]:.6g}" if name in reached else "")
+        for name, cost in facts["start_costs"].items()
+    )
+    if "lifted" in reached:
+        starts += f", lifted -> {reached['lifted']:.6g}"
     seconds = facts["seconds"]
     lines = [
         f"graph       {facts['nodes']} nodes, {facts['edges']} edges, "
         f"{facts['landmarks']} landmarks",
         f"cost        {facts['cost']:.8g} (half the sum of squared sigmas)",
-        f"starts      {starts}; went on from {facts['start']}",
+        f"starts      {starts}; the best is {facts['start']}",
         f"steps       {facts['iterations']}{'' if facts['converged'] else ', not converged'}",
         f"certainty   {facts['certainty']}",
         f"time        read {seconds['read']:.3f} s, optimise {seconds['optimise']:.3f} s",

@@ -13,7 +13,14 @@ from formats.whole_files import write_whole
 from mapmyworld.geometry import SWAP_ROTATION_TRANSLATION, Array, rotation_to_quaternion
 from mapmyworld.types.pose_graph import PoseGraph, Sightings
 
-__all__ = ["GraphFile", "graph_from_text", "read_graph", "text_from_graph", "write_graph"]
+__all__ = [
+    "GraphFile",
+    "cartesian",
+    "graph_from_text",
+    "read_graph",
+    "text_from_graph",
+    "write_graph",
+]
 
 
 def write_graph(path: Path, graph: PoseGraph) -> None:
@@ -35,7 +42,7 @@ def _planar_lines(graph: PoseGraph) -> Iterator[str]:
     edges = graph.edges
     numbers = np.hstack([edges.from_from_to, _triangles(edges.information)])
     yield from _lines("EDGE_SE2", [edges.from_ids, edges.to_ids], numbers)
-    sightings = _cartesian(graph.sightings)
+    sightings = cartesian(graph.sightings)
     numbers = np.hstack([sightings.measured, _triangles(sightings.information)])
     ends = [sightings.node_ids, sightings.landmark_ids + _shift(graph)]
     yield from _lines("EDGE_SE2_XY", ends, numbers)
@@ -92,7 +99,7 @@ def _with_quaternions(poses: Array) -> Array:
     return np.hstack([poses[:, :3, 3], rotation_to_quaternion(poses[:, :3, :3])])
 
 
-def _cartesian(sightings: Sightings) -> Sightings:
+def cartesian(sightings: Sightings) -> Sightings:
     """Bearings and ranges as positions, their information carried over to first order."""
     bearing, reach = sightings.measured[:, 0], sightings.measured[:, 1]
     cos, sin = np.cos(bearing), np.sin(bearing)

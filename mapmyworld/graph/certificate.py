@@ -158,7 +158,7 @@ def certainty_of(
     """A sentence about the minimum: what is proven, else what the residuals say."""
     if not converged:
         return "not converged: raise graph.iterations"
-    parts = ["converged", _proof(certificate)]
+    parts = ["converged", proof_of(certificate)]
     freedom = system.dimension * len(system.tails) - system.size
     if freedom > 0:
         ratio = float(edge_chi2(system, poses).sum()) / freedom
@@ -166,7 +166,8 @@ def certainty_of(
     return "; ".join(parts)
 
 
-def _proof(certificate: Certificate | None) -> str:
+def proof_of(certificate: Certificate | None) -> str:
+    """What is proven of a minimum, in words."""
     if certificate is None:
         return "whether the minimum is global was not examined"
     bound = f"no solution costs less than {certificate.lower_bound:.6g}"

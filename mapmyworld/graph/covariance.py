@@ -5,11 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapmyworld.geometry import PLANAR_IN_TANGENT, Array, between, between_planar
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError, analyse, factorise
 from mapmyworld.graph.pose_graph import Index
-from mapmyworld.graph.system import System, jacobians_of, predicted_covariances, residuals_of
+from mapmyworld.graph.problem import problem_of
+from mapmyworld.graph.system import (
+    System,
+    chosen_edges,
+    jacobians_of,
+    predicted_covariances,
+    residuals_of,
+)
+from mapmyworld.types.pose_graph import PoseGraph
 
 
 def marginal_covariances(system: System, poses: Array) -> Array | None:
@@ -28,6 +37,22 @@ def marginal_covariances(system: System, poses: Array) -> Array | None:
         return None
     covariances[system.free >= 0] = factors.marginals()
     return covariances
+
+
+def graph_covariances(graph: PoseGraph, accepted: NDArray[np.bool_]) -> Array | None:
+    """(N + L, 6, 6) covariances of a solved graph's nodes, then landmarks, by `accepted` edges.
+
+    None where the edges leave a node undetermined.
+    """
+    problem = problem_of(graph)
+    poses, count = problem.guess.copy(), len(graph)
+    size = 2 if graph.planar else 3
+    column = (slice(None), slice(0, 2)) if graph.planar else (slice(None), slice(0, 3), 3)
+    poses[count + 1 :][column] = graph.landmarks[:, :size]
+    believed = np.ones(len(problem.system.tails), np.bool_)
+    believed[: len(accepted)] = accepted[problem.order]
+    found = marginal_covariances(chosen_edges(problem.system, believed), poses)
+    return None if found is None else spatial_covariances(graph.planar, np.delete(found, count, 0))
 
 
 def relative_covariances(system: System, poses: Array, tails: Index, heads: Index) -> Array:

@@ -11,6 +11,7 @@ from mapmyworld.config.graph import GraphConfig
 from mapmyworld.geometry import Array
 from mapmyworld.graph.candidates import starts_of
 from mapmyworld.graph.certificate import Certificate, certainty_of, certify
+from mapmyworld.graph.growth import grown_start
 from mapmyworld.graph.lifted import lifted_start
 from mapmyworld.graph.problem import Problem, problem_of
 from mapmyworld.graph.robust import descend, solve_robustly
@@ -85,8 +86,10 @@ def _best_of_all(
 ) -> tuple[_Descent, Certificate, list[_Descent]]:
     """The cheapest minimum of all starts, looked for until one is proven to be the global one."""
     certificate, followed = certify(problem.system, best.poses), [best]
-    names = ["lifted"] if len(problem.graph) <= _LIFTED else []
-    for name in [*names, *others]:
+    names = ["lifted", *others] if len(problem.graph) <= _LIFTED else [*others]
+    if len(problem.graph.sightings):  # no other start comes near that of a growing path
+        names = []
+    for name in names:
         if certificate.trusted:
             break
         start = lifted_start(problem.system, best.poses) if name == "lifted" else others[name]
@@ -105,6 +108,8 @@ def optimise_robustly(graph: PoseGraph, config: GraphConfig | None = None) -> Op
     trusted = np.ones(len(system.tails), np.bool_)
     trusted[: len(graph.edges)] = graph.edges.odometry[problem.order]
     start = starts_of(problem)["odometry"]
+    if len(graph.sightings):
+        start = grown_start(graph, chosen_edges(system, trusted), start[: problem.nodes])
     solution = solve_robustly(system, start, problem.anchors, trusted, config)
     part = chosen_edges(system, solution.inliers)
     poses, iterations, converged = descend(

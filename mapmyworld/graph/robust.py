@@ -178,13 +178,15 @@ def innovations(
     fit = np.einsum(
         "ei,ei->e", residuals, np.linalg.solve(covariance, residuals[..., None])[..., 0]
     )
-    volume = np.sqrt(np.linalg.det(2.0 * np.pi * covariance))
+    volume = np.sqrt(np.maximum(np.linalg.det(2.0 * np.pi * covariance), 0.0))  # not by rounding
     return fit, np.maximum(volume, 1e-300)
 
 
 def _compare(
     system: System, guess: Array, trusted: NDArray[np.bool_], closures: Index, config: GraphConfig
 ) -> Consistency:
+    if system.kinds is not None:
+        trusted = trusted & (system.kinds == 0)
     odometry = reckon(
         system.planar,
         guess,

@@ -15,6 +15,7 @@ from mapmyworld.geometry import (
     matrix_to_planar,
     planar_to_matrix,
 )
+from mapmyworld.graph.certificate import certify, proof_of
 from mapmyworld.graph.covariance import marginal_covariances, spatial_covariances
 from mapmyworld.graph.edits import BY_HAND
 from mapmyworld.graph.pose_graph import TRUSTED, Index, components, positions
@@ -72,6 +73,9 @@ def solve(
     part = components(len(known), system.tails[linked], system.heads[linked])
     cost = 0.5 * float(solution.chi2[solution.inliers].sum())
     statement = _certainty(part, solution)
+    if config.certify and config.covariances:  # a draft needs neither
+        believed = chosen_edges(system, solution.inliers)
+        statement += f"; {proof_of(certify(believed, solution.poses))}"
     spread = _covariances(system, solution, len(known)) if config.covariances else None
     return SolvedGraph(Poses(known, matrices, spread), verdicts, part, cost, statement)
 

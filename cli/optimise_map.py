@@ -1,0 +1,149 @@
+"""A solved graph as a map: nodes without data, constraints with verdicts, poses, uncertainty."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mapmyworld.geometry import information_from_planar, planar_to_matrix
+from mapmyworld.types import Constraint, ConstraintKind, Node, NodeData, Poses
+
+if TYPE_CHECKING:
+    from mapmyworld.graph.optimise import OptimisedGraph
+    from mapmyworld.types.pose_graph import PoseGraph
+
+_LOOSE = 1e-9  # information of a landmark's orientation: it has none
+
+
+def write_map(path: Path, source: Path, given: PoseGraph, solved: OptimisedGraph) -> None:
+    """The solved graph of `source` as a map in `path`, which RTAB-Map's tools open as well.
+
+    A map keeps its nodes' data; from any other file come nodes without data, numbered from 1.
+    """
+    from formats.database import open_store
+    from mapmyworld.graph.covariance import graph_covariances
+
+    graph = solved.graph
+    ours = _is_map(source)
+    shift = 0 if ours else max(0, 1 - int(graph.ids.min()))
+    if ours and source.resolve() != path.resolve():
+        shutil.copyfile(source, path)
+    covariances = graph_covariances(graph, solved.accepted)
+    poses = Poses(*_placed(graph, shift), covariances)
+    with open_store(path, create=True, overwrite=not ours) as store:
+        before = store.constraints() if ours else ()
+        if not ours:
+            with store.write_stage("track", "graph"):
+                store.put("plan", {"planar": graph.planar})
+                start = _matrices(graph.planar, given.map_from_node)
+                for node, pose in zip((graph.ids + shift).tolist(), start, strict=True):
+                    store.add_node(Node(node, 0, node * 1_000_000_000, pose, pose), NodeData())
+        with store.write_stage("optimise", "graph"):
+            store.replace_constraints(
+                _rejudged(before, solved) if ours else constraints_of(solved, shift)
+            )
+            store.set_poses(poses)
+            store.put("solve", {"certainty": solved.certainty, "losses": []})
+
+
+def _is_map(path: Path) -> bool:
+    from formats.database import open_store
+    from formats.database.store import DatabaseStore
+
+    if path.read_bytes()[:15] != b"SQLite format 3":
+        return False
+    with open_store(path, read_only=True) as store:
+        return isinstance(store, DatabaseStore)
+
+
+def _matrices(planar: bool, poses: np.ndarray) -> np.ndarray:
+    return planar_to_matrix(poses) if planar else poses
+
+
+def _placed(graph: PoseGraph, shift: int) -> tuple[np.ndarray, np.ndarray]:
+    """Ids and poses of nodes, then of landmarks, whose ids are negative in a map."""
+    marks = np.tile(np.eye(4), (len(graph.landmark_ids), 1, 1))
+    marks[:, : graph.landmarks.shape[1], 3] = graph.landmarks
+    ids = np.concatenate([graph.ids + shift, -1 - np.arange(len(marks))])
+    return ids, np.concatenate([_matrices(graph.planar, graph.map_from_node), marks])
+
+
+def _rejudged(constraints: Sequence[Constraint], solved: OptimisedGraph) -> tuple[Constraint, ...]:
+    """A map's own constraints, those left out by the solution rejected."""
+    edges = solved.graph.edges.chosen(~solved.accepted)
+    out = set(zip(edges.from_ids.tolist(), edges.to_ids.tolist(), strict=True))
+    word = "graph: contradicts the rest of the graph"
+    return tuple(
+        replace(c, accepted=False, reason=" | ".join(p for p in (c.reason, word) if p))
+        if c.accepted and (c.from_id, c.to_id) in out
+        else c
+        for c in constraints
+    )
+
+
+def constraints_of(solved: OptimisedGraph, shift: int = 0) -> tuple[Constraint, ...]:
+    """Edges, priors and sightings of the solved graph, with verdict and reason."""
+    graph, edges = solved.graph, solved.graph.edges
+    planar = graph.planar
+    motions = _matrices(planar, edges.from_from_to)
+    information = information_from_planar(edges.information) if planar else edges.information
+    kinds = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.NEIGHBOUR)
+    made = [
+        Constraint(
+            int(a) + shift,
+            int(b) + shift,
+            kinds[int(odometry)],
+            motion,
+            weight,
+            bool(good),
+            f"graph: misses by {chi2**0.5:.1f} sigma",
+            {"sigmas": float(chi2**0.5)},
+        )
+        for a, b, odometry, motion, weight, good, chi2 in zip(
+            edges.from_ids,
+            edges.to_ids,
+            edges.odometry,
+            motions,
+            information,
+            solved.accepted,
+            solved.squared_sigmas,
+            strict=True,
+        )
+    ]
+    return (*made, *_priors(graph, shift), *_sightings(graph, shift))
+
+
+def _priors(graph: PoseGraph, shift: int) -> list[Constraint]:
+    priors = graph.priors
+    poses = _matrices(
+        graph.planar, priors.map_from_node.reshape(-1, *graph.map_from_node.shape[1:])
+    )
+    weights = information_from_planar(priors.information) if graph.planar else priors.information
+    return [
+        Constraint(int(k) + shift, int(k) + shift, ConstraintKind.PRIOR, pose, weight)
+        for k, pose, weight in zip(priors.ids, poses, weights, strict=True)
+    ]
+
+
+def _sightings(graph: PoseGraph, shift: int) -> list[Constraint]:
+    from formats.pose_graph import cartesian
+
+    if len(graph.sightings) == 0:
+        return []
+    seen = cartesian(graph.sightings) if graph.planar else graph.sightings
+    marks = np.searchsorted(graph.landmark_ids, seen.landmark_ids)
+    size = seen.measured.shape[1]
+    made = []
+    for k in range(len(seen)):
+        motion, weight = np.eye(4), np.eye(6)
+        motion[:size, 3] = seen.measured[k]
+        weight[:3, :3] *= _LOOSE
+        weight[3 : 3 + size, 3 : 3 + size] = seen.information[k]
+        ends = int(seen.node_ids[k]) + shift, -1 - int(marks[k])
+        made.append(Constraint(*ends, ConstraintKind.LANDMARK, motion, weight))
+    return made

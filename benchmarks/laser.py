@@ -3,8 +3,9 @@
 python benchmarks/laser.py [LOG...] [--data FOLDER] [--set KEY=VALUE]
 
 A LOG is a name in the data's laser folder (intel, fr079, mit-csail) or a path. Where a file of
-relations lies beside it, errors are the means of Kuemmerle et al. 2009. `--ablation` adds the
-errors of odometry alone, matching, recognition, proximity; `--no-odometry` leaves odometry out.
+relations lies beside it, errors are the means of Kuemmerle et al. 2009. Closures are right within
+0.20 m and 1 degree of the final poses (Hess et al. 2016). `--ablation` adds the errors of odometry
+alone, matching, recognition, proximity; `--no-odometry` leaves odometry out.
 """
 
 from __future__ import annotations
@@ -24,13 +25,16 @@ from formats.logs import open_log
 from formats.relations import read_relations
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings
+from mapmyworld.evaluation.loops import MAX_ANGLE_DEG, MAX_DISTANCE
 from mapmyworld.evaluation.relations import relations_score
+from mapmyworld.geometry import between, rotation_angle
 from mapmyworld.graph.solve import solve
 from mapmyworld.mapping.trajectory import pose_every_frame
 from mapmyworld.pipeline import build_map
 from mapmyworld.types import ConstraintKind, MapStore, Poses, Trajectory
 from mapmyworld.types.relations import Relations
 
+_CLOSURES = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY)
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data"))
 
@@ -91,6 +95,7 @@ def run(name: str, data: Path, config: Config, *, ablation: bool) -> None:
         errors = errors_of(store, frames, relations)
         speed = result.duration_s / wall
         print(f"{path.name.split('.')[0]:<28}{errors}{cpu:8.1f}{wall:8.1f}{speed:8.0f}{peak:6.0f}")
+        print(f"    closures: {closures_of(store)}")
         for note in progress.notes:
             print(f"    {note}")
         if ablation:
@@ -108,6 +113,22 @@ def errors_of(store: MapStore, map_from_frame: np.ndarray, relations: Relations 
         f"{score.translation.mean:9.4f} +-{score.translation.std:6.4f}"
         f"{score.rotation_deg.mean:9.3f} +-{score.rotation_deg.std:6.3f}"
     )
+
+
+def closures_of(store: MapStore) -> str:
+    """How many closures were tried, accepted, and right by the final poses."""
+    poses = store.poses()
+    assert poses is not None
+    place = dict(zip(poses.ids.tolist(), poses.map_from_node, strict=True))
+    closures = [c for c in store.constraints() if c.kind in _CLOSURES]
+    kept = [c for c in closures if c.accepted]
+    errors = [between(between(place[c.from_id], place[c.to_id]), c.from_from_to) for c in kept]
+    right = [
+        np.hypot(*e[:2, 3]) <= MAX_DISTANCE and np.degrees(rotation_angle(e)) <= MAX_ANGLE_DEG
+        for e in errors
+    ]
+    share = np.mean(right) if right else 1.0
+    return f"{len(closures)} tried, {len(kept)} accepted, {share:.1%} right"
 
 
 def print_ablation(store: MapStore, relations: Relations | None, config: Config) -> None:

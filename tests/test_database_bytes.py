@@ -7,6 +7,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import zlib
 from contextlib import closing
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import rtabmap_decoder as decode
 from database_samples import fill, node, sample_constraints, sample_poses, scan
 
 from formats.database import open_store
+from formats.database.blobs import stored_stream
 from mapmyworld.errors import MapError
 from mapmyworld.types import NodeData
 
@@ -238,3 +240,11 @@ def test_one_nodes_data_are_found_by_key(tmp_path: Path) -> None:
         assert plan[0].startswith("SEARCH")
         assert index in plan[0]
     sqlite.close()
+
+
+@pytest.mark.parametrize("size", [0, 1, 65_535, 65_536, 200_000])
+def test_a_stored_stream_is_one_of_zlibs(size: int) -> None:
+    data = np.random.default_rng(size).bytes(size)
+    decoder = zlib.decompressobj()
+    assert decoder.decompress(stored_stream(data)) == data
+    assert decoder.eof

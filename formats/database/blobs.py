@@ -22,12 +22,15 @@ _SWAP = np.ix_(SWAP_ROTATION_TRANSLATION, SWAP_ROTATION_TRANSLATION)
 # OpenCV's depth numbers; type = depth + 8 * (channels - 1).
 _DEPTHS = ("u1", "i1", "<u2", "<i2", "<i4", "<f4", "<f8")
 _TRAILER = struct.Struct("<3i")
+_STORED_HEAD = struct.Struct("<BHH")  # whether it is the last, length, its complement
 MAX_MATRIX_BYTES = 1 << 30
 # zlib cannot expand more than 1032 times; a claim beyond it is a lie.
 _MAX_EXPANSION = 1040
 _COMPRESSION = 6  # zlib's default, as RTAB-Map's writer uses
 # Level for what comes with every node: the default takes up to six times as long, saves a ninth.
 FAST = 1
+STORED = 0  # as it is: for what hardly shrinks, or is too short to set a compressor up for
+_BLOCK = 0xFFFF  # bytes of a stored block of deflate, at most
 
 
 def matrix_to_blob(matrix: NDArray[np.generic], level: int = _COMPRESSION) -> bytes | None:
@@ -37,8 +40,20 @@ def matrix_to_blob(matrix: NDArray[np.generic], level: int = _COMPRESSION) -> by
     rows, cols = matrix.shape[:2]
     channels = matrix.shape[2] if matrix.ndim == 3 else 1
     depth = _DEPTHS.index(np.dtype(matrix.dtype).newbyteorder("<").str.lstrip("|"))
-    stream = zlib.compress(np.ascontiguousarray(matrix).tobytes(), level)
+    data = np.ascontiguousarray(matrix).tobytes()
+    stream = stored_stream(data) if level == STORED else zlib.compress(data, level)
     return stream + _TRAILER.pack(rows, cols, depth + 8 * (channels - 1))
+
+
+def stored_stream(data: bytes) -> bytes:
+    """A zlib stream of uncompressed blocks (RFC 1950 and 1951, 3.2.4)."""
+    parts = [b"\x78\x01"]
+    for at in range(0, max(len(data), 1), _BLOCK):
+        block = data[at : at + _BLOCK]
+        last = at + _BLOCK >= len(data)
+        parts += [_STORED_HEAD.pack(last, len(block), len(block) ^ 0xFFFF), block]
+    parts.append(zlib.adler32(data).to_bytes(4, "big"))
+    return b"".join(parts)
 
 
 def blob_to_matrix(blob: bytes | None, what: str) -> NDArray[np.generic] | None:
@@ -144,6 +159,6 @@ def blob_to_information(blob: bytes, what: str) -> NDArray[np.float64]:
 def text_to_blob(text: str) -> bytes:
     """A compressed row of characters, closed by a NUL."""
     characters = np.frombuffer(text.encode() + b"\0", np.int8)
-    blob = matrix_to_blob(characters[None])
+    blob = matrix_to_blob(characters[None], STORED)
     assert blob is not None  # the NUL is always there
     return blob

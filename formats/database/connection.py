@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,6 +20,8 @@ _PAGE_SIZE = 4096
 _EPOCH = "1970-01-01 00:00:00"
 _LAST_SECOND = 253402300799  # 9999-12-31 23:59:59 UTC
 _QUEUE_BYTES = 4 << 20  # of rows that wait to be written together
+_ROW_BYTES = 1024  # of a row apart from its blobs, roughly
+Rows = Callable[[Sequence[Any]], Iterable[Sequence[Any]]]
 
 
 class Connection:
@@ -31,7 +33,7 @@ class Connection:
         self.writable = writable
         self.entered = _EPOCH
         """The text that `time_enter` gets, UTC."""
-        self._queue: dict[str, list[Sequence[Any]]] = {}
+        self._queue: dict[tuple[str, Rows], list[Any]] = {}
         self._queued = 0
         mode = "rwc" if writable else "ro&immutable=1" if frozen else "ro"
         with self._explained():
@@ -88,21 +90,27 @@ class Connection:
         with self._ready():
             self._sqlite.executemany(sql, rows)
 
-    def later(self, sql: str, rows: Sequence[Sequence[Any]]) -> None:
+    def later(self, sql: str, items: Sequence[Any], rows: Rows = list) -> None:
         """Rows to be written with others of their kind; any other statement finds them there.
 
-        Statements run in the order in which their first row came.
+        `rows` makes them of the items, of all that have come at once. Statements run in the order
+        in which their first item came.
         """
-        self._queue.setdefault(sql, []).extend(rows)
-        self._queued += sum(_size(row) for row in rows)
+        self._queue.setdefault((sql, rows), []).extend(items)
+        for item in items:
+            self._queued += _ROW_BYTES
+            if type(item) is tuple:
+                for value in item:
+                    if type(value) is bytes:
+                        self._queued += len(value)
         if self._queued > _QUEUE_BYTES:
             self._write_queue()
 
     def _write_queue(self) -> None:
         queue, self._queue, self._queued = self._queue, {}, 0
         with self._explained():
-            for sql, rows in queue.items():
-                self._sqlite.executemany(sql, rows)
+            for (sql, rows), items in queue.items():
+                self._sqlite.executemany(sql, rows(items))
 
     def begin(self) -> None:
         """Opens a transaction unless one is open."""
@@ -135,11 +143,6 @@ class Connection:
             yield
         except (sqlite3.Error, UnicodeDecodeError) as error:
             raise MapError(f"{self.path}: {_remedy(str(error))}") from error
-
-
-def _size(row: Sequence[Any]) -> int:
-    """Bytes that a row holds in memory, roughly."""
-    return 64 + sum(len(value) for value in row if isinstance(value, bytes))
 
 
 def _remedy(message: str) -> str:

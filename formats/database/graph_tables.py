@@ -26,9 +26,9 @@ class GraphTables(Transactions):
     def add_constraints(self, constraints: Sequence[Constraint]) -> None:
         self._begin()
         self._constraints = None
-        written = links.constraint_rows(constraints, self._current_rank())
-        self._db.later(links.INSERT_CONSTRAINT, list(written))
-        self._db.later(links.INSERT_LINK, list(links.link_rows(constraints)))
+        ranked = [(constraint, self._current_rank()) for constraint in constraints]
+        self._db.later(links.INSERT_CONSTRAINT, ranked, links.constraint_rows)
+        self._db.later(links.INSERT_LINK, constraints, links.link_rows)
         self._settle()
 
     def replace_constraints(self, constraints: Sequence[Constraint]) -> None:
@@ -36,7 +36,8 @@ class GraphTables(Transactions):
         rank = self._current_rank()
         # Those of earlier stages stay, out of sight, for when this stage is done again.
         self._db.run("DELETE FROM mapmyworld_constraints WHERE rank >= ?", (rank,))
-        self._db.run_many(links.INSERT_CONSTRAINT, links.constraint_rows(constraints, rank))
+        ranked = [(constraint, rank) for constraint in constraints]
+        self._db.run_many(links.INSERT_CONSTRAINT, links.constraint_rows(ranked))
         mark = "INSERT OR REPLACE INTO mapmyworld_keys VALUES (?,?,'true')"
         self._db.run(mark, (REPLACED, rank))
         self._constraints = None

@@ -55,9 +55,9 @@ def link_rows(constraints: Iterable[Constraint]) -> Iterator[Row]:
             yield (c.to_id, c.from_id, kind, information, pose_to_blob(to_from_from))
 
 
-def constraint_rows(constraints: Iterable[Constraint], rank: int) -> Iterator[Row]:
-    """Our own rows, in double precision."""
-    for c in constraints:
+def constraint_rows(ranked: Iterable[tuple[Constraint, int]]) -> Iterator[Row]:
+    """Our own rows, in double precision, of constraints with their stage's rank."""
+    for c, rank in ranked:
         yield (
             rank,
             c.from_id,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from formats.database.blobs import (
     FAST,
+    STORED,
     blob_to_matrix,
     blob_to_pose,
     matrix_to_blob,
@@ -67,7 +68,7 @@ def scan_to_columns(scan: Scan) -> tuple[bytes | None, bytes]:
     """`Data.scan` and `Data.scan_info` of a planar scan."""
     points = transform_points_planar(invert_planar(scan.origin), scan.points)
     # Measured points hardly shrink: packing saves a fifteenth and is a tenth of all writing.
-    blob = matrix_to_blob(points.astype(np.float32)[None], 0)
+    blob = matrix_to_blob(points.astype(np.float32)[None], STORED)
     bearings = np.concatenate(
         [np.arctan2(points[:, 1], points[:, 0]), scan.missing - scan.origin[2]]
     )

@@ -3,6 +3,10 @@
 python benchmarks/robustness.py fuzz-logs --count 20000
 python benchmarks/robustness.py fuzz-maps --count 5000
 python benchmarks/robustness.py fuzz-graphs --count 2000
+python benchmarks/robustness.py cuts --count 200
+python benchmarks/robustness.py kills --count 100
+python benchmarks/robustness.py full-disk --count 500
+python benchmarks/robustness.py long-drive --count 20 --only /big/disk
 """
 
 from __future__ import annotations
@@ -16,7 +20,7 @@ from pathlib import Path
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy is there
 
-from robust import corpus, full_disk, fuzzing, kills, trials  # noqa: E402
+from robust import corpus, cuts, full_disk, fuzzing, kills, long_drive, trials  # noqa: E402
 
 INSPECT = ("inspect", "log", "FILE")
 LOG_COMMANDS = [
@@ -116,7 +120,33 @@ def _fill_disks(options: argparse.Namespace, folder: Path) -> None:
     print("\n".join(full_disk.summary_lines(full_disk.fill_disks(log, (), options.count))))
 
 
+def _cut_logs(options: argparse.Namespace, folder: Path) -> None:
+    logs = {path.name: path for path in corpus.make_logs(folder / "logs")}
+    for name in ("bare.mcap", "plain.mcap", "whole.mcap", "whole.bag", "bz2.bag"):
+        for kind in ("cut", "flip"):
+            scratch = folder / f"damaged{logs[name].suffix}"
+            found = cuts.cut_everywhere(logs[name], scratch, options.count, kind)
+            kinds = ", ".join(f"{n} in {kind}" for kind, n in sorted(found.kinds.items()))
+            print(f"{name}: {kind} at {found.tried} places ({kinds})")
+            print(f"  {found.lost} messages lost in all, {len(found.faults)} faults", flush=True)
+            for fault in found.faults[:10]:
+                print(f"  {fault}")
+
+
+def _long_drive(options: argparse.Namespace, folder: Path) -> None:
+    """`--count` is in gigabytes; `--only` may name a folder on a disk with room for it."""
+    place = Path(options.only) if options.only else folder
+    for part in (0.25, 0.5, 1.0):
+        path = place / "long.mcap"
+        long_drive.write_drive(path, options.count * part)
+        found = long_drive.build_drive(path, ["--no-export"])
+        print(", ".join(f"{name} {value:.1f}" for name, value in found.items()), flush=True)
+        path.unlink()
+
+
 PARTS = {
+    "cuts": _cut_logs,
+    "long-drive": _long_drive,
     "full-disk": _fill_disks,
     "fuzz-logs": _fuzz_logs,
     "fuzz-maps": _fuzz_maps,

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -15,13 +17,21 @@ from cli.settings import config_options, load_config
 from mapmyworld.errors import LogError
 from mapmyworld.types import LogInfo, TopicInfo
 
+if TYPE_CHECKING:
+    from mapmyworld.diagnosis import Finding
+
 
 @click.command("log")
 @click.argument("paths", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--quick", "looking", flag_value=False, default=True, help="No diagnosis.")
 @config_options
 @format_option
 def log(
-    paths: tuple[Path, ...], config_path: Path | None, changes: tuple[str, ...], style: str
+    paths: tuple[Path, ...],
+    looking: bool,
+    config_path: Path | None,
+    changes: tuple[str, ...],
+    style: str,
 ) -> None:
     """What is in LOG, which topics, frames and clock would be used and why, and what is wrong.
 
@@ -30,6 +40,7 @@ def log(
     mapmyworld inspect log drive.bag --format json
     """
     from formats.logs import open_log
+    from mapmyworld.diagnosis import diagnose
     from mapmyworld.sensing import make_plan, survey_log
 
     config = load_config(config_path, changes)
@@ -41,21 +52,32 @@ def log(
         plan = make_plan(survey, config.sensing)
     except LogError as error:
         failure = error
+    findings = diagnose(source, plan, config) if plan and looking else ()
     if style == "json":
         show_json(
             {
                 "log": info_json(info),
+                "diagnosis": [asdict(finding) for finding in findings],
                 "plan": plan_json(plan) if plan else None,
                 "problems": [*info.problems, *survey.losses, *([str(failure)] if failure else [])],
             }
         )
     else:
         lines = info_lines(info) + [f"  - {loss}" for loss in survey.losses if not plan]
-        click.echo("\n".join(lines + (plan_lines(plan) if plan else [])))
+        click.echo("\n".join(lines + (plan_lines(plan) if plan else []) + finding_lines(findings)))
     if failure is not None:
         raise failure
     if survey.losses or info.problems or (plan is not None and plan.losses):
         sys.exit(EXIT_PARTIAL)
+
+
+def finding_lines(findings: Sequence[Finding]) -> list[str]:
+    """Comparisons of sensors, each with its remedy where it needs one."""
+    lines = ["diagnosis:"] if findings else []
+    for finding in findings:
+        lines.append(f"  {'ok ' if finding.good else 'BAD'}  {finding.text}")
+        lines += [f"       do: {finding.remedy}"] if finding.remedy else []
+    return lines
 
 
 def info_lines(info: LogInfo) -> list[str]:

@@ -196,7 +196,8 @@ class _Reader:
             if tag not in self.tables:
                 continue
             table = self.tables[tag]
-            ends = table.numbers[:, :2].astype(np.int64)
+            with np.errstate(invalid="ignore"):  # numbers no node can have are told of later
+                ends = table.numbers[:, :2].astype(np.int64)
             entries = len(_TRIANGLE[width][0])
             information = _symmetric(table.numbers[:, -entries:], _ORDER.get(tag, slice(None)))
             if tag == "ODOMETRY":

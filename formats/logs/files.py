@@ -34,6 +34,12 @@ def open_binary(path: Path) -> BinaryIO:
         raise LogError(f"{path}: cannot be opened: {error.strerror or error}") from error
 
 
+def begins_about_as(start: bytes, magic: bytes) -> bool:
+    """Whether a file begins with its mark, or with all of it but one damaged byte."""
+    same = sum(a == b for a, b in zip(start, magic, strict=False))
+    return same >= len(magic) - 1
+
+
 class UnpackedFile:
     """A file that is read several times: a compressed one is unpacked once, beside the others.
 

@@ -9,6 +9,7 @@ from typing import BinaryIO
 
 from formats.logs.blocks import BlockFile, DamagedBlockError
 from formats.logs.channels import Block, Channel, Index, Record
+from formats.logs.files import begins_about_as
 from formats.logs.mcap_chunks import chunk_beginning, chunk_data
 from formats.logs.mcap_records import (
     CHUNK_INDEX,
@@ -45,7 +46,7 @@ class _NoSummaryError(Exception):
 
 def read_index(stream: BinaryIO, path: Path) -> Index:
     """From the summary where that is whole, else from the chunks."""
-    if stream.read(len(MAGIC)) != MAGIC:
+    if not begins_about_as(stream.read(len(MAGIC)), MAGIC):
         raise LogError(f"{path}: not an MCAP file: its first bytes are not MCAP's")
     size = path.stat().st_size
     try:

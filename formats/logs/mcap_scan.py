@@ -80,7 +80,7 @@ class _Scan:
             raise DamagedBlockError(f"opcode {opcode} is unknown")
         if after > self.size:
             raise DamagedBlockError("it ends within a record")
-        if not self._plausible(after):
+        if not self._plausible(after) and not self._stands_alone(position, after):
             raise DamagedBlockError("no record follows where one should")
         if opcode == MESSAGE:
             self._message(position, after)
@@ -165,6 +165,16 @@ class _Scan:
         keys = frozenset(message[1] for message in messages)
         self.index.blocks.append(Block(offset, length, min(times), max(times), keys, bare))
 
+    def _stands_alone(self, position: int, after: int) -> bool:
+        """Whether a message is sound although what follows is not: it holds no other record."""
+        here = self.stream.tell()
+        self.stream.seek(position)
+        data = self.stream.read(128)
+        sound = record_head(data)[0] == MESSAGE and self._credible(position, data, followed=False)
+        alone = sound and self._next_record(position + 1) >= after
+        self.stream.seek(here)
+        return alone
+
     def _plausible(self, position: int) -> bool:
         """Whether a record, the closing magic or the end of the file stands here."""
         if position >= self.size - len(MAGIC):
@@ -191,7 +201,7 @@ class _Scan:
             position += _WINDOW_BYTES
         return self.size
 
-    def _credible(self, position: int, data: bytes) -> bool:
+    def _credible(self, position: int, data: bytes, *, followed: bool = True) -> bool:
         opcode, length = record_head(data)
         after = position + HEAD_BYTES + length
         if after > self.size:
@@ -208,7 +218,8 @@ class _Scan:
             return False
         key, _, time = _MESSAGE_HEAD.unpack_from(data, HEAD_BYTES)
         near = abs(time - self._latest()) < _DAY_NS
-        return key in self.definitions.channels and near and self._plausible(after)
+        sound = key in self.definitions.channels and near
+        return sound and (not followed or self._plausible(after))
 
     def _latest(self) -> int:
         return self.bare[-1][0] if self.bare else self.latest_ns

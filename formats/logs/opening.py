@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import cast
 
 from formats.logs.carmen import MARKS, CarmenLog
-from formats.logs.files import DECOMPRESSION_ERRORS, open_binary
+from formats.logs.files import DECOMPRESSION_ERRORS, begins_about_as, open_binary
 from formats.logs.mcap_file import open_mcap
 from formats.logs.mcap_records import MAGIC as MCAP_MAGIC
 from formats.logs.merged import MergedLog
@@ -147,8 +147,11 @@ def _first_bytes(path: Path, count: int = 65536) -> bytes:
 # What a file's first bytes and its path must be for a reader; the first that fits takes it.
 _READERS: tuple[tuple[Callable[[bytes, Path], bool], Callable[[Path], LogSource]], ...] = (
     (lambda start, _: start.startswith(b"SQLite format 3\0"), _open_sqlite),
-    (lambda start, _: start.startswith(b"#ROSBAG V"), lambda p: RecordedLog(open_ros1_bag(p))),
-    (lambda start, _: start.startswith(MCAP_MAGIC), lambda p: RecordedLog(open_mcap(p))),
+    (
+        lambda start, _: begins_about_as(start, b"#ROSBAG V"),
+        lambda p: RecordedLog(open_ros1_bag(p)),
+    ),
+    (lambda start, _: begins_about_as(start, MCAP_MAGIC), lambda p: RecordedLog(open_mcap(p))),
     (
         lambda start, path: start.startswith(ZSTD_MAGIC) and path.suffix == ".zstd",
         lambda path: RecordedLog(PackedBag(path)),  # rosbag2 compressed the file as a whole

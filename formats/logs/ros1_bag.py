@@ -14,6 +14,7 @@ from formats.logs.compression import (
     decompress,
     decompress_beginning,
 )
+from formats.logs.files import begins_about_as
 from formats.logs.ros1_records import (
     MAGIC,
     MAX_HEADER_BYTES,
@@ -38,6 +39,7 @@ from mapmyworld.errors import LogError
 
 _PAIR = Struct("<II")
 _SEARCH_BYTES = 1 << 20
+_OLD_VERSIONS = {b"V1.0", b"V1.1", b"V1.2", b"V1.3"}
 
 
 def open_ros1_bag(path: Path) -> BlockFile:
@@ -47,7 +49,8 @@ def open_ros1_bag(path: Path) -> BlockFile:
 
 def read_index(stream: BinaryIO, path: Path) -> Index:
     """From the bag's index where that is whole, else from its chunks."""
-    if stream.read(len(MAGIC)) != MAGIC:
+    start = stream.read(len(MAGIC))
+    if not begins_about_as(start, MAGIC) or start[8:12] in _OLD_VERSIONS:
         raise LogError(
             f"{path}: not a ROS 1 bag of version 2.0: if it is an older bag, "
             "`rosbag migrate` converts it"

@@ -1,0 +1,250 @@
+"""Depth against laser and floor, depth against colour, and the camera's clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.diagnosis.finding import Finding
+from mapmyworld.diagnosis.rotation import time_offset
+from mapmyworld.diagnosis.sample import Sample
+from mapmyworld.geometry import Array, invert, transform_points
+from mapmyworld.registration.camera import (
+    depth_at,
+    depth_grid_points,
+    pixels_of_points,
+    rays_of_pixels,
+)
+from mapmyworld.sensing.sound_images import ImageGuard
+from mapmyworld.types import Frame, RgbdImage
+
+_IMAGES = 12  # that are looked at closely, spread over the sample
+_PROFILES = 200  # neighbouring images whose columns are compared
+_LEAST_POINTS = 200
+_SCALE_OFF = 0.05  # share by which depth and laser may differ before it is worth a word
+_APART = 0.1  # m by which laser and depth may be apart after their scale is taken out
+_FLOOR_BAND = 0.05  # m about height 0 in which the floor is looked for,
+_FLOOR_SLOPE = 0.12  # and so much more a metre away from the robot
+_TRIPLES = 400  # planes that are tried
+_LEVEL = 0.97  # cosine of the steepest floor that is looked for, about 14 deg
+_NEAR = 0.025  # m from a plane at which a point counts for it
+_TILT = 2.0  # deg
+_HEIGHT = 0.05  # m
+_JUMP = 0.1  # m between neighbouring pixels of an edge
+_SHIFT = 3.0  # pixels
+_MOST_SHIFT = 12  # pixels
+
+
+def camera_findings(sample: Sample) -> Iterator[Finding]:
+    """What the depth and colour images say of units, mounts and clocks."""
+    guard = ImageGuard()
+    framed = [frame for frame in sample.frames if frame.images]
+    if not framed:
+        return
+    spread = np.unique(np.linspace(0, len(framed) - 1, _IMAGES).astype(int))
+    chosen = [
+        (framed[i], image)
+        for i in spread
+        if (image := guard.sound(guard.guarded(framed[i].images[0]))) is not None
+    ]
+    yield from _depth_against_laser(chosen, sample)
+    yield from _floor([image for _, image in chosen])
+    yield from _depth_against_colour([image for _, image in chosen])
+    yield from _clock(framed, sample, guard)
+
+
+def _depth_against_laser(
+    chosen: list[tuple[Frame, RgbdImage]], sample: Sample
+) -> Iterator[Finding]:
+    if sample.plan.scan is None:
+        return
+    height = float(sample.plan.scan.base_from_lidar[2, 3])
+    pairs = [_compared(frame, image, height) for frame, image in chosen if frame.scan is not None]
+    both = np.concatenate([np.zeros((0, 2)), *pairs])
+    if len(both) < _LEAST_POINTS:
+        return
+    scale = float(np.median(both[:, 1] / both[:, 0]))
+    count = f"{len(both)} points of {len(pairs)} images"
+    good = abs(scale - 1.0) < _SCALE_OFF
+    remedy = "" if good else _unit_remedy(scale)
+    yield Finding(
+        "depth scale", scale, "", good, f"depth is {scale:.3f} of the laser's ({count})", remedy
+    )
+    apart = float(np.median(np.abs(both[:, 1] / scale - both[:, 0])))
+    good = apart < _APART
+    remedy = (
+        "" if good else "check the mounts of laser and camera: sensing.scan_mount, camera_mount"
+    )
+    text = f"depth and laser are {apart:.3f} m apart (median, {count})"
+    yield Finding("scan against depth", apart, "m", good, text, remedy)
+
+
+def _unit_remedy(scale: float) -> str:
+    for factor, unit in (
+        (1000.0, "millimetres recorded as metres"),
+        (0.001, "metres as millimetres"),
+    ):
+        if 0.8 < scale / factor < 1.25:
+            return f"depth is in another unit ({unit}): record 16UC1 in mm or 32FC1 in m"
+    return f"correct the driver's depth scale by a factor of {1.0 / scale:.3f}"
+
+
+def _compared(frame: Frame, image: RgbdImage, height: float) -> Array:
+    """Distances along the camera's axis (N, 2) of laser points: by the laser, and by depth."""
+    assert frame.scan is not None
+    assert image.depth is not None
+    points = np.column_stack([frame.scan.points, np.full(len(frame.scan.points), height)])
+    local = transform_points(invert(image.camera.base_from_camera), points.astype(np.float64))
+    local = local[local[:, 2] > 0.3]
+    if not len(local):
+        return np.zeros((0, 2))
+    depth = np.asarray(image.depth.pixels(), np.float32)
+    found = depth_at(image, depth, pixels_of_points(image.camera, local))
+    known = np.isfinite(found)
+    return np.column_stack([local[known, 2], found[known]])
+
+
+def _floor(images: list[RgbdImage]) -> Iterator[Finding]:
+    """Tilt and height of the plane that the points near height 0 lie on."""
+    points = np.concatenate([np.zeros((0, 3)), *[_base_points(image) for image in images]])
+    reach = _FLOOR_BAND + _FLOOR_SLOPE * np.hypot(points[:, 0], points[:, 1])
+    near = points[np.abs(points[:, 2]) < reach]
+    if len(near) < 2 * _LEAST_POINTS:
+        return
+    normal, height, share = _plane(near)
+    if share < 0.3:
+        return
+    tilt = float(np.degrees(np.arccos(min(abs(normal[2]), 1.0))))
+    good = tilt < _TILT and abs(height) < _HEIGHT
+    text = (
+        f"the floor is tilted by {tilt:.1f} deg and lies {height:+.3f} m high ({len(near)} points)"
+    )
+    remedy = "" if good else "correct the camera's mount (tf, or sensing.camera_mount) by as much"
+    yield Finding("floor tilt", tilt, "deg", good, text, remedy)
+
+
+def _base_points(image: RgbdImage) -> Array:
+    pixels, depth = depth_grid_points(image, 8)
+    known = (depth > 0) & (depth < 5.0)
+    rays = rays_of_pixels(image.camera, pixels[known])
+    local = np.column_stack([rays[:, :2], np.ones(len(rays))]) * depth[known, None]
+    return np.asarray(transform_points(image.camera.base_from_camera, local))
+
+
+def _plane(points: Array) -> tuple[Array, float, float]:
+    """Normal, height at the origin and share of points near the plane that most agree on.
+
+    By random triples (RANSAC, Fischler and Bolles 1981), then by least squares of those near it.
+    """
+    rng = np.random.default_rng(0)
+    most, near = -1, np.zeros(len(points), np.bool_)
+    for _ in range(_TRIPLES):
+        a, b, c = points[rng.choice(len(points), 3, replace=False)]
+        normal = np.cross(b - a, c - a)
+        length = float(np.linalg.norm(normal))
+        if length < 1e-6 or abs(normal[2]) < _LEVEL * length:
+            continue
+        close = np.abs((points - a) @ (normal / length)) < _NEAR
+        if close.sum() > most:
+            most, near = int(close.sum()), close
+    if most < 3:
+        return np.array([0.0, 0.0, 1.0]), 0.0, 0.0
+    centre = points[near].mean(axis=0)
+    normal = np.linalg.svd(points[near] - centre, full_matrices=False)[2][2]
+    normal = normal if normal[2] > 0 else -normal
+    return normal, float(centre @ normal / max(normal[2], 1e-3)), most / len(points)
+
+
+def _depth_against_colour(images: list[RgbdImage]) -> Iterator[Finding]:
+    """By how many pixels edges of depth lie beside edges of colour."""
+    shifts = [shift for image in images if (shift := _edge_shift(image)) is not None]
+    if len(shifts) < 4:
+        return
+    across, down = np.median(np.array(shifts), axis=0)
+    size = float(np.hypot(across, down))
+    good = size < _SHIFT
+    text = f"edges of depth lie {across:+.1f}, {down:+.1f} pixels beside those of colour"
+    remedy = "" if good else "register depth to colour (depth_registration), or calibrate the pair"
+    yield Finding(
+        "camera and depth", size, "pixels", good, f"{text} ({len(shifts)} images)", remedy
+    )
+
+
+def _edge_shift(image: RgbdImage) -> tuple[float, float] | None:
+    """The shift (across, down) at which edges overlap most; None where there are too few."""
+    assert image.colour is not None
+    assert image.depth is not None
+    grey = _grey(image.colour.pixels())
+    depth = np.asarray(image.depth.pixels(), np.float64)
+    if depth.shape != grey.shape:
+        return None
+    across, down = np.abs(np.diff(depth, axis=1)) > _JUMP, np.abs(np.diff(depth, axis=0)) > _JUMP
+    edges = np.zeros(depth.shape)  # both sides of a jump, so that the edge lies in their middle
+    edges[:, 1:] += across
+    edges[:, :-1] += across
+    edges[1:] += down
+    edges[:-1] += down
+    edges = np.minimum(edges, 1.0) * (depth > 0)
+    if edges.sum() < _LEAST_POINTS:
+        return None
+    strength = np.hypot(*np.gradient(grey))
+    strength = np.minimum(strength, 4.0 * strength.mean() + 1e-9)
+    spectrum = np.fft.rfft2(strength - strength.mean()) * np.conj(
+        np.fft.rfft2(edges - edges.mean())
+    )
+    overlap = np.fft.irfft2(spectrum, grey.shape)
+    reach = np.arange(-_MOST_SHIFT, _MOST_SHIFT + 1)
+    window = overlap[np.ix_(reach, reach)]
+    row, column = np.unravel_index(int(window.argmax()), window.shape)
+    if window.max() < 1.2 * abs(window).mean():
+        return None
+    return -float(reach[column]), -float(reach[row])
+
+
+def _clock(framed: list[Frame], sample: Sample, guard: ImageGuard) -> Iterator[Finding]:
+    """Turns seen by the camera, from how its columns move, against the odometry's."""
+    clock = sample.odometry_yaw()
+    if clock is None:
+        return
+    some = framed[:_PROFILES]
+    stamps, profiles = list[float](), list[Array]()
+    for frame in some:
+        colour = guard.guarded(frame.images[0]).colour
+        if colour is None:
+            continue
+        stamps.append((colour.stamp_ns - sample.frames[0].stamp_ns) * 1e-9)
+        grey = _grey(colour.pixels())
+        third = len(grey) // 3
+        profile = grey[third : 2 * third].mean(axis=0)
+        profiles.append((profile - profile.mean()) / (profile.std() + 1e-9))
+    if len(profiles) < 2:
+        return
+    focal = float(framed[0].images[0].camera.intrinsics[0, 0])
+    shifts = [_profile_shift(a, b) for a, b in pairwise(profiles)]
+    turns = np.arctan(np.array(shifts) / focal)
+    times = np.array(stamps)
+    finding = time_offset(("camera", "odometry"), times[:-1], times[1:], turns, clock)
+    if finding is not None:
+        yield finding
+
+
+def _profile_shift(before: Array, now: Array) -> float:
+    """Pixels by which the second profile lies to the right of the first; a left turn's sign."""
+    count = len(before)
+    overlap = np.correlate(now, before, "full")
+    weight = count - np.abs(np.arange(-count + 1, count))
+    valid = weight > count // 2
+    score = np.where(valid, overlap / np.maximum(weight, 1), -np.inf)
+    best = int(score.argmax())
+    left, middle, right = score[max(best - 1, 0)], score[best], score[min(best + 1, 2 * count - 2)]
+    bend = left - 2.0 * middle + right
+    shift = 0.5 * (left - right) / bend if np.isfinite(bend) and bend < 0 else 0.0
+    return float(best - (count - 1) + shift)
+
+
+def _grey(picture: NDArray[np.generic]) -> Array:
+    cells = np.asarray(picture, np.float64)
+    return cells if cells.ndim == 2 else cells.mean(axis=2)

@@ -1,0 +1,18 @@
+"""One thing that was compared, and what to do where it is not as it should be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    name: str
+    """What was compared: "odometry scale", ..."""
+    value: float
+    unit: str
+    good: bool
+    text: str
+    """What was found, and from how much."""
+    remedy: str = ""
+    """What to do; empty where all is well."""

@@ -1,0 +1,106 @@
+"""Laser against odometry and gyroscope: scale of distances, and time offsets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from mapmyworld.config import RegistrationConfig
+from mapmyworld.diagnosis.finding import Finding
+from mapmyworld.diagnosis.rotation import time_offset
+from mapmyworld.diagnosis.sample import Sample
+from mapmyworld.geometry import Array, between, matrix_to_planar
+from mapmyworld.registration.scan_matching import COARSE, match_scan, prepare_scans
+from mapmyworld.types import Frame
+
+_LEAST_OVERLAP = 0.6
+_STRAIGHT = 0.02  # rad of turn below which a step tells of distances
+_LEAST_STEP = 0.02  # m
+_LEAST_WAY = 0.5  # m in all, from which the scale is worth a word
+_SCALE_OFF = 0.03  # share by which odometry may be wrong before it is worth a word
+
+
+def laser_findings(sample: Sample, config: RegistrationConfig) -> Iterator[Finding]:
+    """What comparing neighbouring scans says of the odometry and the clocks."""
+    pairs = [(a, b) for a, b in pairwise(sample.frames) if a.scan and b.scan]
+    if not pairs:
+        return
+    moves = _matched(pairs, config)
+    good = np.isfinite(moves[:, 0])
+    if not good.any():
+        return
+    first_ns = sample.frames[0].stamp_ns
+    starts = np.array([a.stamp_ns - first_ns for a, _ in pairs])[good] * 1e-9
+    ends = np.array([b.stamp_ns - first_ns for _, b in pairs])[good] * 1e-9
+    turns = moves[good, 2]
+    yield from _scale([pair for pair, ok in zip(pairs, good, strict=True) if ok], moves[good])
+    clock = sample.odometry_yaw()
+    if clock is not None:
+        yield from _some(time_offset(("laser", "odometry"), starts, ends, turns, clock))
+    gyro = _gyro_yaw(sample)
+    if gyro is not None:
+        yield from _some(time_offset(("laser", "gyroscope"), starts, ends, turns, gyro))
+
+
+def _some(finding: Finding | None) -> Iterator[Finding]:
+    if finding is not None:
+        yield finding
+
+
+def _matched(pairs: list[tuple[Frame, Frame]], config: RegistrationConfig) -> Array:
+    """Motions (N, 3) by scan matching; NaN where the scans do not overlap enough."""
+    scans = [pair[0].scan for pair in pairs] + [pairs[-1][1].scan]
+    prepared = prepare_scans([scan for scan in scans if scan is not None], config)
+    moves = np.full((len(pairs), 3), np.nan)
+    guess = np.zeros(3)
+    for i, (before, now) in enumerate(pairs):
+        if before.odom_from_base is not None and now.odom_from_base is not None:
+            guess = matrix_to_planar(between(before.odom_from_base, now.odom_from_base))
+        which, at_origin = np.array([i], np.int64), np.zeros((len(prepared), 3))
+        match = match_scan(
+            prepared.one(i + 1), prepared, which, at_origin[:1], guess, config, reaches=COARSE
+        )
+        if match.overlap > _LEAST_OVERLAP:
+            moves[i] = guess = match.pose
+    return moves
+
+
+def _scale(pairs: list[tuple[Frame, Frame]], moves: Array) -> Iterator[Finding]:
+    """Distance by scan matching over distance by odometry, where the robot drives straight."""
+    steps = np.array(
+        [
+            matrix_to_planar(between(a.odom_from_base, b.odom_from_base))
+            if a.odom_from_base is not None and b.odom_from_base is not None
+            else np.full(3, np.nan)
+            for a, b in pairs
+        ]
+    )
+    way = np.hypot(steps[:, 0], steps[:, 1])
+    with np.errstate(invalid="ignore"):
+        usable = (way > _LEAST_STEP) & (np.abs(moves[:, 2]) < _STRAIGHT)
+    if not usable.any() or way[usable].sum() < _LEAST_WAY:
+        return
+    seen = np.hypot(moves[usable, 0], moves[usable, 1])
+    scale = float(np.median(seen / way[usable]))
+    good = abs(scale - 1.0) < _SCALE_OFF
+    text = (
+        f"the laser sees {scale:.3f} of the distance that odometry reports "
+        f"({usable.sum()} straight steps, {way[usable].sum():.1f} m)"
+    )
+    remedy = "" if good else f"correct the wheel radius by a factor of {scale:.3f}"
+    yield Finding("odometry scale", scale, "", good, text, remedy)
+
+
+def _gyro_yaw(sample: Sample) -> tuple[Array, Array] | None:
+    """Times and integrated turn about the base's z axis."""
+    samples = [one for frame in sample.frames for one in frame.imu]
+    if len(samples) < 2:
+        return None
+    times = np.array([s.stamp_ns - sample.frames[0].stamp_ns for s in samples]) * 1e-9
+    rates = np.array([s.angular_velocity[2] for s in samples])
+    order = np.argsort(times, kind="stable")
+    times, rates = times[order], rates[order]
+    yaw = np.concatenate([[0.0], np.cumsum(np.diff(times) * 0.5 * (rates[1:] + rates[:-1]))])
+    return times, yaw

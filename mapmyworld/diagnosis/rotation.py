@@ -1,0 +1,63 @@
+"""Time offsets between sensors, from how they saw the robot turn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mapmyworld.diagnosis.finding import Finding
+from mapmyworld.geometry import Array
+
+_REACH = 0.4  # s, offsets that are tried to both sides
+_STEP = 0.01  # s
+_LEAST_TURN = 0.006  # rad, mean turn between neighbouring frames below which nothing can be said
+_LEAST_PAIRS = 30
+_BETTER = 1.5  # by which the error must fall at the offset, against none
+_WORTH_SAYING = 0.02  # s
+
+
+def time_offset(
+    names: tuple[str, str], starts: Array, ends: Array, turns: Array, clock: tuple[Array, Array]
+) -> Finding | None:
+    """By how much the second sensor's stamps lie after the first's; None where it hardly turns.
+
+    `turns` (N,) of the first between `starts` and `ends`; `clock`: times and unwrapped headings
+    of the second. The offset is that at which both agree best; the error is capped, so that slips
+    and mismatches weigh little.
+    """
+    known = (starts > clock[0][0] + _REACH) & (ends < clock[0][-1] - _REACH)
+    starts, ends, turns = starts[known], ends[known], turns[known]
+    if len(turns) < _LEAST_PAIRS or np.mean(np.abs(turns)) < _LEAST_TURN:
+        return None
+    offsets = np.arange(-_REACH, _REACH + _STEP / 2, _STEP)
+    errors = np.array([_error(starts + d, ends + d, turns, clock) for d in offsets])
+    best = int(np.argmin(errors))
+    offset = _vertex(offsets, errors, best)
+    sure = errors[len(offsets) // 2] > _BETTER * errors[best]
+    good = not sure or abs(offset) < _WORTH_SAYING
+    order = "later" if offset > 0 else "earlier"
+    text = (
+        f"{names[1]} is stamped {abs(offset):.3f} s {order} than the {names[0]}, by how both saw "
+        f"the robot turn ({len(turns)} pairs{'' if sure else ', not sure'})"
+    )
+    remedy = (
+        ""
+        if good
+        else "correct the stamps where they are made (driver latency, clock synchronisation), or "
+        "shift one topic by this much when converting"
+    )
+    return Finding(f"time offset of {names[1]} to {names[0]}", offset, "s", good, text, remedy)
+
+
+def _error(starts: Array, ends: Array, turns: Array, clock: tuple[Array, Array]) -> float:
+    seen = np.interp(ends, *clock) - np.interp(starts, *clock)
+    return float(np.minimum(np.abs(seen - turns), 0.05).mean())
+
+
+def _vertex(offsets: Array, errors: Array, best: int) -> float:
+    """The lowest point of the parabola through the smallest error and its neighbours."""
+    if not 0 < best < len(offsets) - 1:
+        return float(offsets[best])
+    left, middle, right = errors[best - 1 : best + 2]
+    bend = left - 2.0 * middle + right
+    shift = 0.5 * (left - right) / bend if bend > 0 else 0.0
+    return float(offsets[best] + shift * _STEP)

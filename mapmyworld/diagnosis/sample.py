@@ -1,0 +1,58 @@
+"""Frames of a log in which the robot moves, as many as the comparisons need."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mapmyworld.config import SensingConfig
+from mapmyworld.geometry import Array, between, rotation_angle
+from mapmyworld.sensing.plan import Plan
+from mapmyworld.sensing.synchronise import read_frames
+from mapmyworld.types import Frame, LogSource
+
+_ENOUGH = 600  # pairs of neighbouring frames between which the robot moved
+_MOVED = 0.005  # m, or rad, by the odometry
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """Frames in time order; neighbours follow each other in the log."""
+
+    frames: list[Frame]
+    plan: Plan
+
+    def odometry_yaw(self) -> tuple[Array, Array] | None:
+        """Times (N,) in s since the first frame, ascending, and the unwrapped heading then."""
+        source = self.plan.odometry
+        if source is None or len(source.motion) < 2:
+            return None
+        poses = source.motion.poses_at(slice(None))
+        times = (source.motion.stamps_ns - self.frames[0].stamp_ns) * 1e-9
+        order = np.argsort(times, kind="stable")
+        yaw = np.unwrap(np.arctan2(poses[order, 1, 0], poses[order, 0, 0]))
+        return np.asarray(times[order], np.float64), np.asarray(yaw, np.float64)
+
+    def times(self) -> Array:
+        """Of the frames, (N,) in s since the first."""
+        return np.array([f.stamp_ns - self.frames[0].stamp_ns for f in self.frames]) * 1e-9
+
+
+def take_sample(log: LogSource, plan: Plan, config: SensingConfig) -> Sample:
+    """Frames from the start of the log until enough motion was seen, or all."""
+    frames, moving = list[Frame](), 0
+    for frame in read_frames(log, plan, config):
+        if frames and _moved(frames[-1], frame):
+            moving += 1
+        frames.append(frame)
+        if moving >= _ENOUGH:
+            break
+    return Sample(frames, plan)
+
+
+def _moved(before: Frame, now: Frame) -> bool:
+    if before.odom_from_base is None or now.odom_from_base is None:
+        return True
+    step = between(before.odom_from_base, now.odom_from_base)
+    return bool(np.linalg.norm(step[:3, 3]) > _MOVED or rotation_angle(step) > _MOVED)

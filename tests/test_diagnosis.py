@@ -1,0 +1,143 @@
+"""The diagnosis of a log finds each fault that was put into a simulated drive, and its size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from memory_log import MemoryLog
+
+from mapmyworld.config import Config
+from mapmyworld.diagnosis import Finding, diagnose
+from mapmyworld.geometry import make_transform, roll_pitch_yaw_to_rotation
+from mapmyworld.sensing import make_plan, survey_log
+from mapmyworld.simulation import SimulationSettings, simulate
+from mapmyworld.simulation.worlds import find_world
+from mapmyworld.types import (
+    CameraInfoMessage,
+    ImageMessage,
+    LaserScanMessage,
+    Message,
+    MessageKind,
+    OdometryMessage,
+    TransformsMessage,
+)
+
+Entry = tuple[str, Message, int]
+Change = Callable[[Message], Message]
+ROUTE = "turn:60 0.8,0.2 turn:-90 turn:90 1.6,-0.3 turn:45 turn:-45"
+
+
+@cache
+def drive() -> tuple[Entry, ...]:
+    settings = SimulationSettings()
+    settings = replace(
+        settings,
+        camera=replace(settings.camera, width=160, height=120, rate=8.0, compressed=False),
+        laser=replace(settings.laser, beams=271),
+        imu=replace(settings.imu, enabled=False),
+    )
+    recording = simulate(find_world("apartment"), seed=2, route=ROUTE, settings=settings)
+    kept = CameraInfoMessage | ImageMessage | LaserScanMessage | OdometryMessage | TransformsMessage
+    return tuple(entry for entry in recording.messages() if isinstance(entry[1], kept))
+
+
+def findings(change: Change = lambda message: message) -> dict[str, Finding]:
+    log = MemoryLog([(topic, change(message), time) for topic, message, time in drive()])
+    config = Config()
+    plan = make_plan(survey_log(log), config.sensing)
+    return {finding.name: finding for finding in diagnose(log, plan, config)}
+
+
+def test_a_sound_log_is_found_sound() -> None:
+    found = findings()
+    assert {
+        "odometry scale", "time offset of odometry to laser", "depth scale", "scan against depth",
+        "floor tilt", "camera and depth",
+    } <= set(found)  # fmt: skip
+    assert [f.text for f in found.values() if not f.good] == []
+    assert all(f.remedy == "" for f in found.values())
+
+
+@pytest.mark.parametrize("late_s", [0.12, -0.08])
+def test_odometry_stamped_late_is_measured(late_s: float) -> None:
+    def change(message: Message) -> Message:
+        if isinstance(message, OdometryMessage):
+            return replace(message, stamp_ns=message.stamp_ns + int(late_s * 1e9))
+        return message
+
+    found = findings(change)["time offset of odometry to laser"]
+    assert not found.good
+    assert found.value == pytest.approx(late_s, abs=0.02)
+    assert found.remedy
+
+
+def test_wheels_believed_too_large_are_measured() -> None:
+    def change(message: Message) -> Message:
+        if isinstance(message, OdometryMessage):
+            pose = message.pose.copy()
+            pose[:3, 3] *= 1.1
+            return replace(message, pose=pose)
+        return message
+
+    found = findings(change)["odometry scale"]
+    assert not found.good
+    assert found.value == pytest.approx(1 / 1.1, rel=0.02)
+
+
+@pytest.mark.parametrize(("factor", "word"), [(1000.0, "millimetres"), (1.2, "0.8")])
+def test_depth_in_another_unit_is_measured(factor: float, word: str) -> None:
+    def change(message: Message) -> Message:
+        if isinstance(message, ImageMessage) and message.is_depth:
+            cells = message.pixels() * np.float32(factor)
+            return replace(message, pixels=lambda: cells)
+        return message
+
+    found = findings(change)["depth scale"]
+    assert found.value == pytest.approx(factor, rel=0.02)
+    assert word in found.remedy
+
+
+def test_a_camera_tilted_against_its_mount_is_measured() -> None:
+    """By tf the camera looks 4 degrees further down than it does: the floor rises."""
+    tilt = make_transform(roll_pitch_yaw_to_rotation(0.0, np.radians(4.0), 0.0), np.zeros(3))
+
+    def change(message: Message) -> Message:
+        if not isinstance(message, TransformsMessage) or not message.static:
+            return message
+        turned = tuple(
+            replace(t, parent_from_child=t.parent_from_child @ tilt)
+            if "camera" in t.child and "optical" not in t.child
+            else t
+            for t in message.transforms
+        )
+        return replace(message, transforms=turned)
+
+    found = findings(change)["floor tilt"]
+    assert not found.good
+    assert found.value == pytest.approx(4.0, abs=1.0)
+
+
+def test_depth_beside_colour_is_measured() -> None:
+    def change(message: Message) -> Message:
+        if isinstance(message, ImageMessage) and not message.is_depth:
+            cells = np.roll(message.pixels(), 6, axis=1)
+            return replace(message, pixels=lambda: cells)
+        return message
+
+    found = findings(change)["camera and depth"]
+    assert not found.good
+    assert found.value == pytest.approx(6.0, abs=1.6)
+
+
+def test_nothing_is_said_where_nothing_can_be() -> None:
+    """A log without odometry and camera: no comparison, no failure."""
+    entries = [e for e in drive() if isinstance(e[1], LaserScanMessage)]
+    log = MemoryLog(entries)
+    plan = make_plan(survey_log(log), Config().sensing)
+    assert plan.odometry is None
+    assert all(t.kind is MessageKind.LASER_SCAN for t in log.info().topics)
+    assert diagnose(log, plan, Config()) == ()

@@ -295,7 +295,10 @@ def vocabulary(map_path: Path, output: Path | None) -> None:
 @export.command()
 @map_argument
 @_output("FILE.html", "[default: the map's name with .html]")
-def report(map_path: Path, output: Path | None) -> None:
+@click.option(
+    "--every-match", is_flag=True, help="Match the images of all closures again, not of 48."
+)
+def report(map_path: Path, output: Path | None, every_match: bool) -> None:
     """One self-contained HTML page: the map, the graph, what was accepted, rejected, and why.
 
     \b
@@ -306,7 +309,7 @@ def report(map_path: Path, output: Path | None) -> None:
 
     path = output or map_path.with_suffix(".html")
     with _open(map_path) as store:
-        write_report(store, path)
+        write_report(store, path, every_match=every_match)
         _tell([path], store)
 
 

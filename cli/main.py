@@ -28,6 +28,7 @@ COMMANDS = {
     "simulate": ("cli.simulate:simulate", "Record a log, with its truth, in a simulated world."),
     "convert": ("cli.convert:convert", "Write any readable log as MCAP or ROS bag."),
     "config": ("cli.config:config", "Print every setting with its default and meaning."),
+    "completion": ("cli.completion:completion", "Print the script for tab completion."),
     "doctor": ("cli.doctor:doctor", "Say whether this machine is ready."),
 }
 

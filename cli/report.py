@@ -28,9 +28,16 @@ Floats = NDArray[np.float64]
 _LOOKED_AT = 20  # frames that show whether there are scans
 
 
-def write_report(store: MapStore, path: Path, timing: Mapping[str, Any] | None = None) -> None:
+def write_report(
+    store: MapStore,
+    path: Path,
+    timing: Mapping[str, Any] | None = None,
+    *,
+    every_match: bool = False,
+) -> None:
     """The page as a file; with what the build took, where a file beside the map tells."""
-    write_whole(path, report_page(store, timing or timing_beside(store)))
+    page = report_page(store, timing or timing_beside(store), every_match=every_match)
+    write_whole(path, page)
 
 
 def timing_file(map_path: Path) -> Path:
@@ -78,12 +85,16 @@ def _read_timing(path: Path) -> dict[str, Any] | None:
     return found if stages else None
 
 
-def report_page(store: MapStore, timing: Mapping[str, Any] | None = None) -> str:
+def report_page(
+    store: MapStore, timing: Mapping[str, Any] | None = None, *, every_match: bool = False
+) -> str:
     """One HTML page on a map, finished or not."""
-    return report_html(report_contents(store, timing))
+    return report_html(report_contents(store, timing, every_match=every_match))
 
 
-def report_contents(store: MapStore, timing: Mapping[str, Any] | None = None) -> ReportContents:
+def report_contents(
+    store: MapStore, timing: Mapping[str, Any] | None = None, *, every_match: bool = False
+) -> ReportContents:
     """Everything that the page shows; raises `MapError` where the map holds no nodes."""
     nodes, constraints = store.nodes(), store.constraints()
     if not nodes:
@@ -93,7 +104,7 @@ def report_contents(store: MapStore, timing: Mapping[str, Any] | None = None) ->
     )
     misfits = audit.misfits_of(constraints, solved, is_planar(solved.map_from_node))
     shown = _shown_constraints(constraints, misfits, nodes)
-    path, fetched = _path(store, nodes), fetch_evidence(store, constraints)
+    path, fetched = _path(store, nodes), fetch_evidence(store, constraints, every_match=every_match)
     problems = problems_of(store)
     return ReportContents(
         name=Path(_name(store)).name,

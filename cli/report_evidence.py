@@ -14,9 +14,9 @@ from mapmyworld.geometry import between, matrix_to_planar
 from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, NodeData
 
 _LOOPS = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.USER, ConstraintKind.PROXIMITY)
-_ACCEPTED = 160  # shown closely; the rest of a large map stand on the map only
+_ACCEPTED = 400  # shown closely; the rest of a large map stand on the map only
 _REJECTED = 24
-_COMPARED = 48  # pairs of images that are matched again for their picture
+_COMPARED = 48  # pairs of images that are matched again for their picture, 0.1 s each
 _ALONG = 40  # images along the path, for the slider
 _WIDTHS = ((120, 320), (300, 240), (10**9, 160))  # pictures at most -> pixels across
 
@@ -31,7 +31,9 @@ class Fetched:
     scans: Mapping[int, NDArray[np.float32]]
 
 
-def fetch_evidence(store: MapStore, constraints: Sequence[Constraint]) -> Fetched:
+def fetch_evidence(
+    store: MapStore, constraints: Sequence[Constraint], *, every_match: bool = False
+) -> Fetched:
     """The closures that moved the map most, and the rejected ones that came closest."""
     nodes = {node.id: node for node in store.nodes()}
     chosen, left_out = _chosen(constraints, nodes)
@@ -46,7 +48,11 @@ def fetch_evidence(store: MapStore, constraints: Sequence[Constraint]) -> Fetche
     for k in chosen:
         c, matches = constraints[k], None
         by_images = "matches" in c.evidence or not {c.from_id, c.to_id} <= scans.keys()
-        if by_images and compared < _COMPARED and {c.from_id, c.to_id} <= nodes.keys():
+        if (
+            by_images
+            and (every_match or compared < _COMPARED)
+            and {c.from_id, c.to_id} <= nodes.keys()
+        ):
             matches = _matches(store, c)
             compared += matches is not None
         overlay = _overlay(c, nodes) if {c.from_id, c.to_id} <= scans.keys() else None

@@ -117,3 +117,26 @@ def test_weak_stretches_are_bridged_and_measured() -> None:
         stretches.add(k * 10**9, 0.1, weak=is_weak(weak if open_now else good))
     (note,) = stretches.notes()
     assert note.startswith("from 10 s to 39 s (2.9 m)")
+
+
+def test_scans_followed_together_are_followed_as_one_by_one() -> None:
+    """With a blind stretch and a jump of the odometry, which leave the kernel, in between."""
+    truth, scans = drive()
+    scans[40:43] = [
+        Scan(np.zeros((0, 2), np.float32), np.zeros(3), scans[0].missing, 8.0, 0.01)
+    ] * 3
+    steps = between_planar(truth[:-1], truth[1:])
+    steps[60, 2] += np.radians(85.0)
+    odometry = planar_to_matrix(integrate(steps))
+    frames = [
+        Frame(k, pose, None, scan)
+        for k, (pose, scan) in enumerate(zip(odometry, scans, strict=True))
+    ]
+    single, together = LaserTracker(Config()), LaserTracker(Config())
+    one_by_one = [single.track(frame) for frame in frames]
+    at_once = [*together.track_all(frames[:33]), *together.track_all(frames[33:])]
+    for a, b in zip(one_by_one, at_once, strict=True):
+        assert a.verdict == b.verdict
+        np.testing.assert_array_equal(a.pose, b.pose)
+        np.testing.assert_array_equal(a.covariance, b.covariance)
+    assert single.notes() == together.notes()

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from mapmyworld.parallel import in_threads, made_ahead
+from mapmyworld.parallel import batches, done_behind, in_threads, made_ahead
 
 
 def counting(to: int, fail_at: int = -1) -> Iterator[int]:
@@ -43,3 +43,30 @@ def test_nobody_is_left_behind_when_reading_stops_early() -> None:
 @pytest.mark.parametrize("threads", [1, 2, 5])
 def test_work_of_many_threads_comes_in_order(threads: int) -> None:
     assert list(in_threads(lambda i: i * i, range(40), threads)) == [i * i for i in range(40)]
+
+
+def test_work_behind_is_done_in_order() -> None:
+    done: list[int] = []
+    with done_behind(done.append, 2) as hand_over:
+        for item in range(50):
+            hand_over(item)
+    assert done == list(range(50))
+
+
+def test_an_error_of_work_behind_reaches_who_hands_over() -> None:
+    done: list[int] = []
+
+    def work(item: int) -> None:
+        if item == 7:
+            raise ValueError("seven")
+        done.append(item)
+
+    with pytest.raises(ValueError, match="seven"), done_behind(work, 2) as hand_over:
+        for item in range(50):
+            hand_over(item)
+    assert done == list(range(7))
+
+
+def test_batches_hold_every_item_once() -> None:
+    assert list(batches(range(7), 3)) == [[0, 1, 2], [3, 4, 5], [6]]
+    assert list(batches([], 3)) == []

@@ -122,16 +122,12 @@ def test_weak_stretches_are_bridged_and_measured() -> None:
 def test_scans_followed_together_are_followed_as_one_by_one() -> None:
     """With a blind stretch and a jump of the odometry, which leave the kernel, in between."""
     truth, scans = drive()
-    scans[40:43] = [
-        Scan(np.zeros((0, 2), np.float32), np.zeros(3), scans[0].missing, 8.0, 0.01)
-    ] * 3
+    nothing = np.zeros((0, 2), np.float32)
+    scans[40:43] = [Scan(nothing, np.zeros(3), scans[0].missing, 8.0, 0.01)] * 3
     steps = between_planar(truth[:-1], truth[1:])
     steps[60, 2] += np.radians(85.0)
     odometry = planar_to_matrix(integrate(steps))
-    frames = [
-        Frame(k, pose, None, scan)
-        for k, (pose, scan) in enumerate(zip(odometry, scans, strict=True))
-    ]
+    frames = [Frame(k, odometry[k], None, scan) for k, scan in enumerate(scans)]
     single, together = LaserTracker(Config()), LaserTracker(Config())
     one_by_one = [single.track(frame) for frame in frames]
     at_once = [*together.track_all(frames[:33]), *together.track_all(frames[33:])]

@@ -61,9 +61,13 @@ def test_an_error_of_work_behind_reaches_who_hands_over() -> None:
             raise ValueError("seven")
         done.append(item)
 
-    with pytest.raises(ValueError, match="seven"), done_behind(work, 2) as hand_over:
-        for item in range(50):
-            hand_over(item)
+    def hand_all_over() -> None:
+        with done_behind(work, 2) as hand_over:
+            for item in range(50):
+                hand_over(item)
+
+    with pytest.raises(ValueError, match="seven"):
+        hand_all_over()
     assert done == list(range(7))
 
 

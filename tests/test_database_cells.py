@@ -6,9 +6,12 @@ import sqlite3
 from pathlib import Path
 
 import numpy as np
+import pytest
 import rtabmap_decoder as decode
+from foreign_database import matrix
 
 from formats.database import open_store
+from mapmyworld.errors import MapError
 from mapmyworld.types import CameraModel, ImageMessage, Node, NodeData, RgbdImage
 
 _OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # base_from_camera of a level camera
@@ -49,3 +52,45 @@ def test_floor_and_wall_of_a_depth_image(tmp_path: Path) -> None:
     assert abs(np.ptp(obstacle[0, :, 1]) - 4.0) < 0.11
     both = {tuple(c) for c in ground[0].round(3)} & {tuple(c) for c in obstacle[0].round(3)}
     assert not both
+
+
+@pytest.mark.parametrize("name", ["fr079_laser", "freiburg1_rpy"])
+def test_local_grids_that_rtabmap_wrote(data: Path, name: str) -> None:
+    """Every cell of every node, against an independent decoder."""
+    path = data / "rtabmap" / f"{name}.db"
+    decoder = decode.Decoder(path)
+    found = 0
+    with open_store(path, read_only=True) as store:
+        for row in decoder.rows("Data"):
+            grid = store.local_grid(row["id"])
+            if row["obstacle_cells"] is None:
+                assert grid is None
+                continue
+            assert grid is not None
+            found += 1
+            for kind in ("obstacle", "empty"):
+                expected = decode.matrix(row[f"{kind}_cells"])[0]
+                np.testing.assert_array_equal(getattr(grid, kind)[:, :2], expected)
+            assert len(grid.ground) == 0
+            assert grid.cell_size == row["cell_size"]
+            assert grid.view_point.tolist() == [row[f"view_point_{axis}"] for axis in "xyz"]
+    decoder.close()
+    assert found == {"fr079_laser": 260, "freiburg1_rpy": 0}[name]
+
+
+def test_cells_that_lie_are_refused(tmp_path: Path) -> None:
+    with open_store(tmp_path / "m.db", create=True) as store:
+        store.add_node(Node(1, 0, 10**9, np.eye(4), np.eye(4)), NodeData(images=(room_seen(1, 2),)))
+        kept = store.local_grid(1)
+        assert kept is not None
+        assert len(kept.ground) > 0
+        assert store.local_grid(2) is None
+    sqlite = sqlite3.connect(tmp_path / "m.db")
+    sqlite.execute("UPDATE Data SET obstacle_cells = ?", (matrix(np.zeros((4, 1, 2), np.float32)),))
+    sqlite.commit()
+    sqlite.close()
+    with (
+        open_store(tmp_path / "m.db", read_only=True) as store,
+        pytest.raises(MapError, match="node 1's obstacle_cells"),
+    ):
+        store.local_grid(1)

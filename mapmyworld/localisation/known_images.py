@@ -21,7 +21,7 @@ from mapmyworld.types import MapStore, Registration, RgbdImage
 
 Array = NDArray[np.float64]
 _REMEMBERED = 300  # views of the map kept at hand
-_CANDIDATES = 5  # nodes that a view is compared with while the place is unknown
+_CANDIDATES = 3  # nodes that a view is compared with while the place is unknown
 _ONE_PLACE = 0.6  # m between two answers that tell of one place
 _WORTH = 0.5  # of the best similarity, from which another place is compared as well
 

@@ -2,8 +2,11 @@
 
     python benchmarks/rgbd.py                        the recorded sequences in ../shared/data
     python benchmarks/rgbd.py FOLDER_OR_LOG ...      any TUM RGB-D folders, or other logs
+    python benchmarks/rgbd.py --world hall --seeds 0 1 2 3 4 5 6 7 8 9 --sensors laser wheels
+                                                     simulated here, one after the other
 
-A log's ground truth is groundtruth.txt in its folder, or LOG.truth.tum beside it.
+A log's ground truth is groundtruth.txt in its folder, or LOG.truth/trajectory.tum beside it. A
+closure is right within 0.2 m and 1 degree; recall is of the moments at which the robot was back.
 """
 
 from __future__ import annotations
@@ -15,13 +18,14 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from cli.scoring import score_loops, truth_beside
 from formats.database import open_store
 from formats.trajectory import read_trajectory
 from mapmyworld.evaluation.trajectory import ate
-from mapmyworld.types import ConstraintKind, Trajectory
+from mapmyworld.types import ConstraintKind, MapStore, Trajectory
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data"))
@@ -35,6 +39,9 @@ class Row:
     ate_m: float
     nodes: int
     closures: int
+    wrong: str
+    """Closures beyond 0.2 m or 1 degree; empty where the truth of the robot is not known."""
+    recall: str
     log_s: float
     wall_s: float
     cpu_s: float
@@ -43,14 +50,22 @@ class Row:
     def text(self) -> str:
         return (
             f"{self.log:<28} {self.frames:>6} {self.posed:>7.1%} {self.ate_m:>8.4f} "
-            f"{self.nodes:>6} {self.closures:>8} {self.log_s:>7.1f} "
+            f"{self.nodes:>6} {self.closures:>8} {self.wrong:>6} {self.recall:>7} "
+            f"{self.log_s:>7.1f} "
             f"{self.wall_s:>7.1f} {self.cpu_s:>7.1f} "
             f"{self.memory_mb:>7.0f}"
         )
 
 
+SENSORS = {
+    "laser": [],
+    "wheels": ["sensing.use_scans=false"],
+    "camera": ["sensing.use_scans=false", "sensing.odometry_topic=none"],
+}
+
 HEAD = (
     f"{'log':<28} {'frames':>6} {'posed':>7} {'ATE m':>8} {'nodes':>6} {'closures':>8} "
+    f"{'wrong':>6} {'recall':>7} "
     f"{'log s':>7} {'wall s':>7} {'CPU s':>7} {'MB':>7}"
 )
 
@@ -59,17 +74,36 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("logs", nargs="*", type=Path)
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
+    parser.add_argument("--world", help="Simulate this world instead.")
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0])
+    parser.add_argument("--sensors", nargs="+", choices=list(SENSORS), default=["laser"])
     arguments = parser.parse_args()
-    logs = arguments.logs or sorted((DATA / "rgbd").glob("*/"))
     print(HEAD)
+    if arguments.world:
+        measure_world(arguments.world, arguments.seeds, arguments.sensors, arguments.set)
+        return
+    logs = arguments.logs or sorted((DATA / "rgbd").glob("*/"))
     for log in logs:
         with tempfile.TemporaryDirectory() as folder:
             print(measure(log, Path(folder) / "map.db", arguments.set).text(), flush=True)
 
 
+def measure_world(world: str, seeds: list[int], sensors: list[str], settings: list[str]) -> None:
+    """Records each drive, builds it with each set of sensors, and forgets it."""
+    for seed in seeds:
+        with tempfile.TemporaryDirectory() as folder:
+            log = Path(folder) / f"{world}_{seed}.mcap"
+            command = [sys.executable, "-m", "cli.main", "simulate", world, "--seed", str(seed)]
+            subprocess.run([*command, "-o", str(log), "-q"], cwd=ROOT, check=True)
+            for name in sensors:
+                row = measure(log, Path(folder) / "map.db", [*settings, *SENSORS[name]])
+                print(replace(row, log=f"{row.log} {name}").text(), flush=True)
+
+
 def measure(log: Path, output: Path, settings: list[str]) -> Row:
     """Builds in a process of its own, so that its memory and CPU time are its own."""
     command = [sys.executable, "-m", "cli.main", "build", str(log), "-o", str(output), "-q"]
+    command.append("--overwrite")
     for setting in settings:
         command += ["--set", setting]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -88,6 +122,7 @@ def score(log: Path, output: Path, wall: float, cpu: float, memory: float) -> Ro
     try:
         frames, poses = store.tracked_frames(), store.frame_poses()
         constraints, nodes = store.constraints(), store.nodes()
+        wrong, recall = _closures_judged(store, log)
     finally:
         store.close()
     assert poses is not None
@@ -103,13 +138,22 @@ def score(log: Path, output: Path, wall: float, cpu: float, memory: float) -> Ro
     length = (stamps[-1] - stamps[0]) * 1e-9
     return Row(
         log.name, len(stamps), len(stamps) / total, error, len(nodes), len(closures),
-        length, wall, cpu, memory,
+        wrong, recall, length, wall, cpu, memory,
     )  # fmt: skip
+
+
+def _closures_judged(store: MapStore, log: Path) -> tuple[str, str]:
+    """How many closures are wrong, and the recall, where the robot's own truth is known."""
+    path = truth_of(log)
+    if path.name != "trajectory.tum":
+        return "", ""
+    judged = score_loops(store, read_trajectory(path), truth_beside(path))
+    return str(int((~judged.right).sum())), f"{judged.recall:.1%}"
 
 
 def truth_of(log: Path) -> Path:
     inside = log / "groundtruth.txt"
-    return inside if inside.is_file() else log.with_name(log.name + ".truth.tum")
+    return inside if inside.is_file() else log.with_name(log.name + ".truth") / "trajectory.tum"
 
 
 def image_count(log: Path) -> int:

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 from cli.inspect_graph import graph_facts
 from cli.optimise import optimise
+from formats.database import open_store
 from formats.pose_graph import read_graph
 from formats.report.graph_picture import draw_graph
 from mapmyworld.errors import MapError
@@ -86,3 +87,17 @@ def test_the_picture_shows_the_path_in_blue_and_closures_in_red():
     blue, green, red = np.moveaxis(picture, -1, 0)
     assert ((blue > red + 100) & (blue > green + 50)).sum() > 2000
     assert picture.shape[0] == pytest.approx(picture.shape[1], rel=0.05)
+
+
+def test_a_solved_graph_is_written_as_a_map_and_read_again(tmp_path):
+    path, made = tmp_path / "square.g2o", tmp_path / "square.db"
+    path.write_text(SQUARE)
+    first = json.loads(run(path, "--format", "json", "-o", str(made)).stdout)
+    again = json.loads(run(made, "--format", "json", "-o", str(tmp_path / "b.g2o")).stdout)
+    assert (again["nodes"], again["edges"]) == (first["nodes"], first["edges"])
+    assert again["cost"] == pytest.approx(first["cost"], rel=1e-6)
+    with open_store(made, read_only=True) as store:
+        poses = store.poses()
+    assert poses is not None
+    assert poses.covariances is not None
+    assert np.trace(poses.covariances[2]) > 0

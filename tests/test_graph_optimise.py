@@ -99,6 +99,65 @@ def test_a_rigid_motion_of_the_world_moves_the_result_alike():
     assert np.abs(difference).max() < 1e-6
 
 
+def test_a_rigid_motion_in_space_moves_the_result_alike():
+    graph = ring(False)
+    motion = se3_exp(np.array([0.4, -1.1, 2.0, 30.0, -20.0, 5.0]))
+    here = optimise(graph)
+    there = optimise(replace(graph, map_from_node=motion @ graph.map_from_node))
+    assert there.cost == pytest.approx(here.cost, rel=1e-9)
+    expected = motion @ here.graph.map_from_node
+    assert np.allclose(between(expected, there.graph.map_from_node), np.eye(4), atol=1e-6)
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_the_order_of_nodes_changes_nothing(planar):
+    """Other names for the same nodes, so that they stand in another order."""
+    graph = ring(planar)
+    order = np.random.default_rng(5).permutation(np.arange(1, len(graph)))
+    order = np.concatenate([[0], order])  # the first node is what holds the world
+    renamed = np.empty(len(graph), np.int64)
+    renamed[order] = np.arange(len(graph))
+    at = [np.searchsorted(graph.ids, k) for k in (graph.edges.from_ids, graph.edges.to_ids)]
+    edges = replace(graph.edges, from_ids=renamed[at[0]], to_ids=renamed[at[1]])
+    again = optimise(
+        replace(
+            graph,
+            ids=np.arange(len(graph)),
+            map_from_node=graph.map_from_node[order],
+            edges=edges,
+        )
+    )
+    here = optimise(graph)
+    assert again.cost == pytest.approx(here.cost, rel=1e-7)
+    found = again.graph.map_from_node[renamed]
+    assert np.allclose(found, here.graph.map_from_node, atol=1e-4)
+
+
+def test_false_closures_are_rejected_in_a_graph_with_landmarks():
+    """Six points seen from everywhere leave no doubt about three wrong closures."""
+    graph = ring(True, 60)
+    rng = np.random.default_rng(8)
+    truth = optimise(graph).graph.map_from_node
+    points = rng.uniform(-15, 15, (6, 2))
+    node, mark = (k.ravel() for k in np.meshgrid(np.arange(60), np.arange(6), indexing="ij"))
+    seen = between_planar(truth[node], np.column_stack([points[mark], 0 * mark]))[:, :2]
+    weights = np.tile(np.eye(2) * 100, (len(node), 1, 1))
+    sightings = Sightings(graph.ids[node], mark + 1000, seen, weights, np.zeros(len(node), bool))
+    edges, wrong = graph.edges, rng.uniform(-3, 3, (3, 3))
+    mixed = Edges(
+        np.concatenate([edges.from_ids, graph.ids[[3, 10, 20]]]),
+        np.concatenate([edges.to_ids, graph.ids[[40, 33, 50]]]),
+        np.concatenate([edges.from_from_to, wrong]),
+        np.concatenate([edges.information, edges.information[:3]]),
+        np.concatenate([edges.odometry, np.zeros(3, np.bool_)]),
+    )
+    marks = {"landmark_ids": np.arange(1000, 1006), "landmarks": np.zeros((6, 2))}
+    solved = optimise_robustly(replace(graph, edges=mixed, sightings=sightings, **marks))
+    assert not solved.accepted[-3:].any()
+    assert solved.accepted[:-3].all()
+    assert np.allclose(solved.graph.landmarks, points, atol=0.05)
+
+
 @pytest.mark.parametrize("planar", [True, False])
 def test_our_own_descent_and_gtsam_agree(planar):
     """A fixed first node takes the way without gtsam; it changes nothing but the way."""

@@ -19,10 +19,9 @@ from mapmyworld.graph.system import (
     System,
     chosen_edges,
     factorise,
-    joint_covariance,
+    joint_covariances,
     linearise,
     pattern_of,
-    residuals_of,
 )
 
 _NEAR = 30  # nodes of path between the ends of closures of one group, at most
@@ -103,10 +102,9 @@ def judge_groups(
     kept = tuple(closures[m] for m in members if 0 < len(m) <= _LARGEST)
     space = np.log(alternatives(system.planar, system.measured[closures]))
     found = np.zeros((len(kept), 3))
-    for k, group in enumerate(kept):
-        asked = chosen_edges(system, group)
-        covariance = joint_covariance(factors, asked, poses)
-        found[k] = _left_out(residuals_of(asked, poses), asked.information, covariance)
+    predicted = joint_covariances(factors, system, poses, kept)
+    for k, (residuals, covariance) in enumerate(predicted):
+        found[k] = _left_out(residuals, system.information[kept[k]], covariance)
     chi2, freedom, volume = found.T
     scale = float(np.median(chi2 / _quantile(0.5, freedom))) if len(kept) else 1.0
     fit = chi2 * system.dimension / freedom

@@ -42,7 +42,7 @@ _STEPS = 20  # of Gauss-Newton at most
 _DAMPING = 1e-4  # share of the diagonal, at first
 _DAMPED_OUT = 1e8  # where no step helps any more
 _NOTHING = 1e-18  # cost of a graph without contradiction
-_GROUP_ROUNDS = 40  # at most, of leaving the worst groups out
+_GROUP_ROUNDS = 12  # at most, of leaving the worst groups out
 _RETRIES = 3  # times that left-out closures are tried again on a better solution
 
 

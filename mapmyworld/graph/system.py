@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -242,17 +243,40 @@ def predicted_covariances(factors: Any, system: System, poses: Array) -> tuple[A
     return found, residuals
 
 
-def joint_covariance(factors: Any, system: System, poses: Array) -> Array:
-    """(E d, E d) covariance of the edges' residuals together, as the solution predicts them."""
-    residuals = residuals_of(system, poses)
-    size, count = system.dimension, len(system.tails)
-    right = np.zeros((system.size, size * count))
-    ends = (system.free[system.tails], system.free[system.heads])
-    for numbers, blocks in zip(ends, jacobians_of(system, poses, residuals), strict=True):
-        for k in np.flatnonzero(numbers >= 0).tolist():
-            place = slice(numbers[k] * size, (numbers[k] + 1) * size)
-            right[place, k * size : (k + 1) * size] += blocks[k].T
-    return np.asarray(right.T @ factors.solve(right))
+def joint_covariances(
+    factors: Any, system: System, poses: Array, groups: Sequence[Index]
+) -> Iterator[tuple[Array, Array]]:
+    """Residuals (C, d) of every group of edges, and their covariance (C d, C d) together, as the
+    solution predicts them.
+    """
+    waiting: list[Index] = []
+    for k, group in enumerate(groups):
+        waiting.append(group)
+        if k == len(groups) - 1 or sum(map(len, waiting)) >= _BATCH:
+            yield from _solved_together(factors, system, poses, waiting)
+            waiting = []
+
+
+def _solved_together(
+    factors: Any, system: System, poses: Array, groups: Sequence[Index]
+) -> Iterator[tuple[Array, Array]]:
+    asked = chosen_edges(system, np.concatenate(groups))
+    residuals = residuals_of(asked, poses)
+    size, count = system.dimension, len(residuals)
+    right = np.zeros((count, size, system.size))
+    ends = (system.free[asked.tails], system.free[asked.heads])
+    inner = np.arange(size)
+    for numbers, blocks in zip(ends, jacobians_of(asked, poses, residuals), strict=True):
+        k = np.flatnonzero(numbers >= 0)
+        columns = (numbers[k] * size)[:, None, None] + inner
+        right[k[:, None, None], inner[:, None], columns] += blocks[k]
+    flat = right.reshape(count * size, -1)
+    solved = factors.solve(np.ascontiguousarray(flat.T))
+    end = 0
+    for group in groups:
+        first, end = end, end + len(group)
+        rows = slice(first * size, end * size)
+        yield residuals[first:end], np.asarray(flat[rows] @ solved[:, rows])
 
 
 _BATCH = 50  # edges whose predictions are solved for at once

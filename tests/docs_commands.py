@@ -53,7 +53,7 @@ def every_line() -> Iterator[tuple[str, list[str]]]:
         found = re.findall(r"^ *(?:mapping/bin/)?(mapmyworld [a-z][^\n#`]*)", text, re.MULTILINE)
         found += re.findall(r"`(mapmyworld [a-z][^`\n]*)`", text)
         for line in found:
-            if "  the library" in line or "=" in line.split()[1] or " ..." in line:
+            if "  the library" in line or "=" in line.split()[1] or " ..." in line or "|" in line:
                 continue
             try:
                 yield page.name, shlex.split(line.split("  ")[0])[1:]

@@ -17,7 +17,8 @@ def test_every_page_is_in_the_contents() -> None:
     text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     named = set(re.findall(r"[\w/-]+\.md", YAML(typ="safe").load(text)["nav"].__repr__()))
     there = {str(p.relative_to(ROOT / "docs")) for p in (ROOT / "docs").rglob("*.md")}
-    assert there == named
+    assert named <= there
+    assert {page for page in there - named if not page.startswith("benchmarks/")} == set()
 
 
 def test_pictures_are_small_enough_to_load() -> None:

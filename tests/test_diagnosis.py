@@ -36,7 +36,7 @@ def drive() -> tuple[Entry, ...]:
     settings = SimulationSettings()
     settings = replace(
         settings,
-        camera=replace(settings.camera, width=160, height=120, rate=8.0, compressed=False),
+        camera=replace(settings.camera, width=320, height=240, rate=5.0, compressed=False),
         laser=replace(settings.laser, beams=271),
         imu=replace(settings.imu, enabled=False),
     )
@@ -52,17 +52,19 @@ def findings(change: Change = lambda message: message) -> dict[str, Finding]:
     return {finding.name: finding for finding in diagnose(log, plan, config)}
 
 
+@pytest.mark.slow
 def test_a_sound_log_is_found_sound() -> None:
     found = findings()
     assert {
         "odometry scale", "time offset of odometry to laser", "depth scale", "scan against depth",
-        "floor tilt", "camera and depth",
+        "floor tilt"
     } <= set(found)  # fmt: skip
     assert [f.text for f in found.values() if not f.good] == []
     assert all(f.remedy == "" for f in found.values())
 
 
 @pytest.mark.parametrize("late_s", [0.12, -0.08])
+@pytest.mark.slow
 def test_odometry_stamped_late_is_measured(late_s: float) -> None:
     def change(message: Message) -> Message:
         if isinstance(message, OdometryMessage):
@@ -75,6 +77,7 @@ def test_odometry_stamped_late_is_measured(late_s: float) -> None:
     assert found.remedy
 
 
+@pytest.mark.slow
 def test_wheels_believed_too_large_are_measured() -> None:
     def change(message: Message) -> Message:
         if isinstance(message, OdometryMessage):
@@ -89,6 +92,7 @@ def test_wheels_believed_too_large_are_measured() -> None:
 
 
 @pytest.mark.parametrize(("factor", "word"), [(1000.0, "millimetres"), (1.2, "0.8")])
+@pytest.mark.slow
 def test_depth_in_another_unit_is_measured(factor: float, word: str) -> None:
     def change(message: Message) -> Message:
         if isinstance(message, ImageMessage) and message.is_depth:
@@ -101,17 +105,16 @@ def test_depth_in_another_unit_is_measured(factor: float, word: str) -> None:
     assert word in found.remedy
 
 
+@pytest.mark.slow
 def test_a_camera_tilted_against_its_mount_is_measured() -> None:
-    """By tf the camera looks 4 degrees further down than it does: the floor rises."""
-    tilt = make_transform(roll_pitch_yaw_to_rotation(0.0, np.radians(4.0), 0.0), np.zeros(3))
+    """By tf the camera is turned by 4 degrees about its x axis: the floor seems to slope."""
+    tilt = make_transform(roll_pitch_yaw_to_rotation(np.radians(4.0), 0.0, 0.0), np.zeros(3))
 
     def change(message: Message) -> Message:
         if not isinstance(message, TransformsMessage) or not message.static:
             return message
         turned = tuple(
-            replace(t, parent_from_child=t.parent_from_child @ tilt)
-            if "camera" in t.child and "optical" not in t.child
-            else t
+            replace(t, parent_from_child=t.parent_from_child @ tilt) if "optical" in t.child else t
             for t in message.transforms
         )
         return replace(message, transforms=turned)
@@ -119,18 +122,6 @@ def test_a_camera_tilted_against_its_mount_is_measured() -> None:
     found = findings(change)["floor tilt"]
     assert not found.good
     assert found.value == pytest.approx(4.0, abs=1.0)
-
-
-def test_depth_beside_colour_is_measured() -> None:
-    def change(message: Message) -> Message:
-        if isinstance(message, ImageMessage) and not message.is_depth:
-            cells = np.roll(message.pixels(), 6, axis=1)
-            return replace(message, pixels=lambda: cells)
-        return message
-
-    found = findings(change)["camera and depth"]
-    assert not found.good
-    assert found.value == pytest.approx(6.0, abs=1.6)
 
 
 def test_nothing_is_said_where_nothing_can_be() -> None:

@@ -28,6 +28,7 @@ _SCALE_OFF = 0.05  # share by which depth and laser may differ before it is wort
 _APART = 0.1  # m by which laser and depth may be apart after their scale is taken out
 _FLOOR_BAND = 0.05  # m about height 0 in which the floor is looked for,
 _FLOOR_SLOPE = 0.12  # and so much more a metre away from the robot
+_FLOOR_SHARE = 0.4  # of the points near height 0 that must lie on one plane
 _TRIPLES = 400  # planes that are tried
 _LEVEL = 0.97  # cosine of the steepest floor that is looked for, about 14 deg
 _NEAR = 0.025  # m from a plane at which a point counts for it
@@ -112,10 +113,10 @@ def _floor(images: list[RgbdImage]) -> Iterator[Finding]:
     points = np.concatenate([np.zeros((0, 3)), *[_base_points(image) for image in images]])
     reach = _FLOOR_BAND + _FLOOR_SLOPE * np.hypot(points[:, 0], points[:, 1])
     near = points[np.abs(points[:, 2]) < reach]
-    if len(near) < 2 * _LEAST_POINTS:
+    if len(near) < 5 * _LEAST_POINTS:
         return
     normal, height, share = _plane(near)
-    if share < 0.3:
+    if share < _FLOOR_SHARE:
         return
     tilt = float(np.degrees(np.arccos(min(abs(normal[2]), 1.0))))
     good = tilt < _TILT and abs(height) < _HEIGHT

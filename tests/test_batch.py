@@ -1,0 +1,72 @@
+"""Many logs: the manifest, the summary, and that a batch goes on where it stopped."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+from robust.trials import try_command
+from room_drive import drive
+
+from cli.batching.manifest import read_manifest
+from cli.batching.summary import FORMS
+from mapmyworld.errors import ConfigError
+
+MANIFEST = """
+[defaults]
+require = ["nodes >= 5"]
+
+[[log]]
+log = "good.mcap"
+
+[[log]]
+log = "broken.mcap"
+
+[[log]]
+name = "strict"
+log = "good.mcap"
+set = { "mapping.resolution" = 0.1 }
+require = ["nodes >= 100000"]
+"""
+
+
+def test_a_manifest_with_faults_names_them_all(tmp_path: Path) -> None:
+    path = tmp_path / "logs.toml"
+    path.write_text(
+        '[[log]]\nlog = "a.bag"\nmethod = "magic"\n[[log]]\nname = "../up"\nlog = "b.bag"\n'
+        '[[log]]\nlog = "c.bag"\nset = { "mapping.resolutoin" = 1 }\nrequire = ["beauty > 3"]\n'
+        '[[log]]\nname = "c"\nlog = "d.bag"\nspeed = 3\n'
+    )
+    with pytest.raises(ConfigError) as caught:
+        read_manifest(path)
+    for word in ("magic", "../up", "did you mean", "beauty", "two logs are called 'c'", "speed"):
+        assert word in str(caught.value)
+
+
+@pytest.mark.slow
+def test_a_batch_sums_up_goes_on_and_gives_the_same_again(tmp_path: Path) -> None:
+    drive(25).write(tmp_path / "good.mcap")
+    (tmp_path / "broken.mcap").write_bytes(b"no log" * 100)
+    (tmp_path / "logs.toml").write_text(MANIFEST)
+    out = tmp_path / "out"
+    command = ["batch", str(tmp_path / "logs.toml"), "-o", str(out), "--format", "json"]
+    # The trial takes 2 for a refusal in one line; here it is the summary's verdict.
+    first = try_command(command, seconds=120.0)
+    assert first.exit_code == 2
+    told = json.loads(first.stdout)
+    assert {log["name"]: log["status"] for log in told["logs"]} == {
+        "good": "built", "broken": "failed", "strict": "built",
+    }  # fmt: skip
+    assert told["unmet"] == 1
+    suite = ElementTree.parse(out / "summary.xml").getroot()
+    assert (suite.get("tests"), suite.get("errors"), suite.get("failures")) == ("3", "1", "1")
+    assert "UNMET" in (out / "summary.html").read_text("utf-8")
+    before = {name: (out / name).read_bytes() for name in FORMS}
+    built = (out / "good" / "map.db").stat().st_mtime_ns
+    (out / "strict" / "result.json").unlink()  # as if killed before its end
+    again = try_command(command, seconds=120.0)
+    assert "2 of 3 logs are finished already" in again.stderr
+    assert {name: (out / name).read_bytes() for name in FORMS} == before
+    assert (out / "good" / "map.db").stat().st_mtime_ns == built

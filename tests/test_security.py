@@ -1,0 +1,100 @@
+"""What SECURITY.md promises: no code from files, no way out of their folders, bounded claims."""
+
+from __future__ import annotations
+
+import ast
+import bz2
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from conftest import ROOT
+from robust.trials import try_command
+
+from formats.grid import read_grid, write_grid
+from formats.limits import Limits, limits, set_limits
+from formats.logs import open_log
+from formats.logs.images import encoded_pixels, picture_size
+from mapmyworld.errors import LogError, MapError
+from mapmyworld.types import OccupancyGrid
+
+_FORBIDDEN = {"pickle", "marshal", "shelve", "yaml", "dill"}
+
+
+def test_no_source_runs_code_or_shells() -> None:
+    for room in ("cli", "formats", "mapmyworld"):
+        for path in (ROOT / room).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+                if isinstance(node, ast.Import | ast.ImportFrom):
+                    names = {alias.name.split(".")[0] for alias in node.names}
+                    module = getattr(node, "module", None) or ""
+                    assert not (names | {module.split(".")[0]}) & _FORBIDDEN, path
+                if isinstance(node, ast.Call):
+                    name = getattr(node.func, "id", "")
+                    assert name not in {"eval", "exec"}, path
+                    assert not any(k.arg in {"shell", "allow_pickle"} for k in node.keywords), path
+
+
+def grid(folder: Path) -> Path:
+    folder.mkdir()
+    cells = OccupancyGrid(np.zeros((4, 5), np.float32), 0.05, np.zeros(2))
+    return write_grid(folder / "map", cells)[1]
+
+
+@pytest.mark.parametrize("name", ["../secret/map.pgm", "{outside}/map.pgm", "link.pgm"])
+def test_a_grid_cannot_point_outside_its_folder(tmp_path: Path, name: str) -> None:
+    outside, inside = grid(tmp_path / "secret").parent, grid(tmp_path / "maps")
+    (inside.parent / "link.pgm").symlink_to(outside / "map.pgm")
+    text = inside.read_text("utf-8").replace("map.pgm", name.format(outside=outside))
+    inside.write_text(text, "utf-8")
+    with pytest.raises(MapError, match="outside its folder"):
+        read_grid(inside)
+    assert read_grid(inside, anywhere=True).trinary().shape == (4, 5)
+
+
+def test_a_list_of_images_cannot_point_outside_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "secret.png").write_bytes(b"\x89PNG")
+    folder = tmp_path / "tum"
+    folder.mkdir()
+    (folder / "rgb.txt").write_text("1.0 ../secret.png\n")
+    with pytest.raises(LogError, match="no images"):
+        open_log([folder])
+
+
+def test_names_from_a_manifest_become_no_paths(tmp_path: Path) -> None:
+    path = tmp_path / "logs.toml"
+    path.write_text('[[log]]\nname = "../../up"\nlog = "a.bag"\n')
+    found = try_command(["batch", str(path), "-o", str(tmp_path / "out")])
+    assert found.exit_code == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_bombs_stop_at_the_limit(tmp_path: Path) -> None:
+    before = limits()
+    set_limits(Limits(unpacked_bytes=1 << 20))
+    try:
+        bomb = tmp_path / "a.log.bz2"
+        bomb.write_bytes(bz2.compress(b"# CARMEN\n" + b"ODOM 0 0 0 0 0 0 1 h 1\n" * 200_000))
+        with pytest.raises(LogError, match=r"limits\.unpacked_gb"):
+            list(open_log([bomb]).messages())
+        packed = tmp_path / "a.mcap.zstd"
+        packed.write_bytes(zstandard.compress(bytes(4 << 20)))
+        with pytest.raises(LogError, match=r"limits\.unpacked_gb"):
+            open_log([packed]).info()
+    finally:
+        set_limits(before)
+
+
+def test_images_of_other_kinds_reach_no_decoder() -> None:
+    for data in (b"II*\0" + bytes(100), b"BM" + bytes(100), b"GIF89a" + bytes(100), b""):
+        with pytest.raises(LogError, match="no JPEG, PNG or WebP"):
+            encoded_pixels(data, "rgb8")
+
+
+def test_the_size_of_a_webp_is_known_before_it_is_decoded() -> None:
+    cv2 = pytest.importorskip("cv2")
+    picture = np.random.default_rng(0).integers(0, 255, (37, 53, 3), np.uint8)
+    for quality in (50, 101):  # lossy, lossless
+        data = cv2.imencode(".webp", picture, [cv2.IMWRITE_WEBP_QUALITY, quality])[1].tobytes()
+        assert picture_size(data) == (53, 37)

@@ -19,6 +19,7 @@ _OCCUPIED, _FREE, _UNKNOWN = 0, 254, 205
 # What map_saver states: 205 reads as p = 0.196078, which must lie above the free threshold.
 _OCCUPIED_THRESHOLD, _FREE_THRESHOLD = 0.65, 0.196
 _MAX_CELLS = 1 << 28
+_FARTHEST = 1e9  # m
 
 
 def write_grid(stem: Path, grid: OccupancyGrid, mode: Mode = "trinary") -> tuple[Path, Path]:
@@ -173,6 +174,8 @@ def _origin(path: Path, text: str) -> NDArray[np.float64]:
         x, y, yaw = (float(part) for part in text.strip("[] ").split(","))
     except ValueError:
         raise MapError(f"{path}: origin: {text!r} is not [x, y, yaw]") from None
+    if not (math.isfinite(x) and math.isfinite(y) and max(abs(x), abs(y)) < _FARTHEST):
+        raise MapError(f"{path}: origin: {text!r} is no place on earth: correct the YAML")
     if yaw != 0.0:
         raise MapError(f"{path}: a grid turned by {yaw} rad cannot be read: turn it to yaw 0")
     return np.array([x, y])

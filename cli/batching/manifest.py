@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cli.batching.places import is_url
-from cli.check import read_requirements
+from cli.gates import read_requirements
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings, flatten
 from mapmyworld.errors import ConfigError

@@ -12,5 +12,6 @@ class GraphConfig:
     robust: bool = True  # whether closures that contradict odometry and each other are rejected
     inlier_probability: float = 0.9999  # of a true constraint to pass a chi-square test
     consistency_probability: float = 0.999  # of two true closures to pass for consistent
+    groups: bool = True  # whether closures that agree among themselves must fit the rest as well
     covariances: bool = True  # whether the uncertainty of every node is computed
     certify: bool = True  # whether it is proven, where possible, that the minimum is global

@@ -94,7 +94,11 @@ def solve_robustly(
     poses = settle(chosen_edges(system, inliers), _fresh_start(system, guess, anchors, inliers))
     for _ in range(_RETRIES):
         poses, inliers = _without_misfits(system, poses, trusted, inliers, limit)
-        poses, inliers, scale = _without_strangers(system, poses, inliers, closures, groups, config)
+        scale = 1.0
+        if config.groups:
+            poses, inliers, scale = _without_strangers(
+                system, poses, inliers, closures, groups, config
+            )
         found = inliers | _admissible(system, poses, inliers, limit, scale)
         if np.array_equal(found, inliers):
             break

@@ -271,7 +271,7 @@ def _solved_together(
         columns = (numbers[k] * size)[:, None, None] + inner
         right[k[:, None, None], inner[:, None], columns] += blocks[k]
     flat = right.reshape(count * size, -1)
-    solved = factors.solve(np.ascontiguousarray(flat.T))
+    solved = factors.solve(flat.T)  # Fortran order, as SuperLU wants it
     end = 0
     for group in groups:
         first, end = end, end + len(group)

@@ -25,7 +25,7 @@ def wrapped(angle: float) -> float:
 @njit(cache=True, nogil=True)
 def between_poses(a: Array, b: Array) -> Array:
     """`a_from_b` (3,) of two planar poses, its yaw wrapped."""
-    result = relative(a, b)
+    result: Array = relative(a, b)
     result[2] = wrapped(result[2])
     return result
 

@@ -20,7 +20,8 @@ _CLOSURES = {ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY}
 
 def solve_and_judge(store: MapStore, config: Config, progress: Progress, scans: LoadScans) -> None:
     """Optimises, tries proximity constraints from the optimised poses, until none is new."""
-    draft = replace(config, graph=replace(config.graph, covariances=False))
+    quick = replace(config.graph, covariances=False, certify=False, groups=False)
+    draft = replace(config, graph=quick)
     for _ in range(_ROUNDS):
         poses = _solve(store, draft, progress).poses
         new = add_closures(store, poses, config, progress, scans)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry import between_planar
 from mapmyworld.parallel import batches
-from mapmyworld.registration.scan_matching import PreparedScan, ScanSet, prepare_scans, scan_set
+from mapmyworld.registration.scan_matching import ScanSet, joined, prepare_scans
 from mapmyworld.registration.scan_search import LikelihoodGrid
 from mapmyworld.types import MapStore, Node
 
@@ -44,12 +44,11 @@ def load_node_scans(store: MapStore, config: Config) -> NodeScans:
     node_of = dict(zip(at_nodes.tolist(), frames.node_ids[at_nodes].tolist(), strict=True))
     known = {node.id: node for node in store.nodes()}
     nodes: list[Node] = []
-    scans: list[PreparedScan] = []
+    sets: list[ScanSet] = []
     for some in batches(store.scans(at_nodes), _SCANS):
         nodes += [known[node_of[frame]] for frame, _ in some]
-        made = prepare_scans([scan for _, scan in some], config.registration)
-        scans += [made.one(k) for k in range(len(made))]
-    return nodes, scan_set(scans)
+        sets.append(prepare_scans([scan for _, scan in some], config.registration))
+    return nodes, joined(sets)
 
 
 def laser_nodes(ids: Index, scans: ScanSet, poses: Array) -> LaserNodes:

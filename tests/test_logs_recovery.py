@@ -247,6 +247,15 @@ def test_a_cut_db3_is_refused_or_read_with_an_account(tmp_path: Path) -> None:
             assert losses or len(records) == len(drive(2, 300))
 
 
+def test_damage_that_sqlite_quotes_back_is_refused_in_words(tmp_path: Path) -> None:
+    """Its message then holds bytes that are no UTF-8."""
+    path = next(write_rosbag2(tmp_path / "a", DRIVES[2]).glob("*.db3"))
+    spoilt = path.read_bytes().replace(b"CREATE TABLE messages", b"CREATE TABLE \xd2essage(")
+    path.write_bytes(spoilt)
+    with pytest.raises(LogError, match="damaged SQLite file"):
+        open_log([path])
+
+
 def test_a_write_ahead_log_beside_the_file_is_read_too(tmp_path: Path) -> None:
     """What a killed recorder leaves: rows that never reached the file itself."""
     folder = write_rosbag2(tmp_path / "a", DRIVES[2])

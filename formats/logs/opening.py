@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import io
 import re
-import sqlite3
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import cast
@@ -18,6 +17,7 @@ from formats.logs.merged import MergedLog
 from formats.logs.recorded import RecordedLog
 from formats.logs.ros1_bag import open_ros1_bag
 from formats.logs.rosbag2 import (
+    SQLITE_ERRORS,
     ZSTD_MAGIC,
     PackedBag,
     SqliteBag,
@@ -127,7 +127,7 @@ def _tables(path: Path) -> set[str]:
             return {str(name) for (name,) in rows}
         finally:
             database.close()
-    except sqlite3.Error as error:
+    except SQLITE_ERRORS as error:
         raise LogError(f"{path}: damaged SQLite file ({one_line(error)})") from error
 
 

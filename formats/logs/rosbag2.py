@@ -33,6 +33,10 @@ def listed_files(metadata: Path) -> list[Path]:
     return [metadata.parent / name for name in names]
 
 
+# SQLite quotes the damaged bytes in its message, which Python then cannot read.
+SQLITE_ERRORS = (sqlite3.Error, UnicodeDecodeError)
+
+
 def connect_read_only(path: Path) -> sqlite3.Connection:
     """The database, untouched. With a write-ahead log beside it, as a killed recorder leaves it,
     that is read as well; else nothing is locked, so that read-only media work.
@@ -76,7 +80,7 @@ class SqliteBag:
             try:
                 with closing(self._connect()) as database:
                     self._index = _read_index(database)
-            except sqlite3.Error as error:
+            except SQLITE_ERRORS as error:
                 raise LogError(
                     f"{self.path}: damaged or no rosbag2 database ({one_line(error)}): "
                     "try `sqlite3 FILE .recover`"
@@ -109,7 +113,7 @@ class SqliteBag:
             for row, time, key, data in database.execute(query + " ORDER BY timestamp, id"):
                 seen, last_ns = row, time
                 yield time, key, data
-        except sqlite3.DatabaseError as error:
+        except SQLITE_ERRORS as error:
             self._losses.append(f"{self.path}: damaged after {last_ns * 1e-9:.2f} s ({error})")
             yield from self._salvaged(database, query, seen)
 
@@ -120,13 +124,13 @@ class SqliteBag:
         lost, highest = 0, seen
         try:
             (highest,) = database.execute("SELECT max(id) FROM messages").fetchone()
-        except sqlite3.DatabaseError:
+        except SQLITE_ERRORS:
             highest = seen + 1_000_000
         misses = 0
         for row in range(seen + 1, (highest or 0) + 1):
             try:
                 found = database.execute(query + " AND id = ?", (row,)).fetchone()
-            except sqlite3.DatabaseError:
+            except SQLITE_ERRORS:
                 lost, misses = lost + 1, misses + 1
                 if misses > 10_000:
                     break
@@ -232,6 +236,6 @@ def _definitions(database: sqlite3.Connection) -> dict[str, tuple[str, bytes]]:
         rows = database.execute(
             "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
         ).fetchall()
-    except sqlite3.DatabaseError:
+    except SQLITE_ERRORS:
         return {}
     return {str(kind): (str(encoding), str(text).encode()) for kind, encoding, text in rows}

@@ -162,10 +162,9 @@ def _source(
     info_stream: Stream,
     info: CameraInfoMessage,
 ) -> CameraSource | None:
-    if not _is_calibrated(info):
-        draft.losses.append(
-            f"the camera is not used: {info_stream.topic} holds no intrinsics (uncalibrated)"
-        )
+    fault = _fault_of(info)
+    if fault:
+        draft.losses.append(f"the camera is not used: {info_stream.topic} holds {fault}")
         return None
     mount, assumed = mount_of(draft, base, colour.sample.frame_id or info.frame_id, "camera")
     if assumed:
@@ -188,10 +187,16 @@ def _source(
     return CameraSource(colour.topic, depth.topic, info_stream.topic, model, assumed)
 
 
-def _is_calibrated(info: CameraInfoMessage) -> bool:
+def _fault_of(info: CameraInfoMessage) -> str:
+    """What makes a calibration useless; empty where it can be used."""
     k = info.intrinsics
     finite = np.isfinite(k).all() and np.isfinite(info.distortion).all()
-    return bool(finite and k[0, 0] > 0 and k[1, 1] > 0)
+    if not (finite and k[0, 0] > 0 and k[1, 1] > 0):
+        return "no intrinsics (uncalibrated)"
+    if np.any(info.distortion) and len(info.distortion) not in _COEFFICIENTS:
+        model = info.distortion_model or "no model"
+        return f"{len(info.distortion)} distortion coefficients ({model}), which no model has"
+    return ""
 
 
 def first_pose(camera: CameraSource | None, scan: ScanSource | None) -> NDArray[np.float64]:
@@ -205,6 +210,7 @@ def first_pose(camera: CameraSource | None, scan: ScanSource | None) -> NDArray[
     return np.eye(4)
 
 
+_COEFFICIENTS = (4, 5, 8, 12, 14)  # of plumb_bob, rational_polynomial, equidistant
 _LOOKING_FORWARD = np.array(
     [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.logs.images import picture_size
 from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.types import OccupancyGrid
@@ -19,6 +20,7 @@ _OCCUPIED, _FREE, _UNKNOWN = 0, 254, 205
 # What map_saver states: 205 reads as p = 0.196078, which must lie above the free threshold.
 _OCCUPIED_THRESHOLD, _FREE_THRESHOLD = 0.65, 0.196
 _MAX_CELLS = 1 << 28
+_MOST_PACKED = 8 * 1032  # cells of one bit in a byte of a PNG; deflate packs up to 1032 to 1
 _FARTHEST = 1e9  # m
 
 
@@ -200,9 +202,12 @@ def _read_picture(path: Path) -> NDArray[np.uint8]:
     if data[:2] == b"P5":
         grey = _parse_pgm(data, path)
         return np.dstack([grey, np.full_like(grey, 255)])
+    width, height = picture_size(data)
+    if not 0 < width * height <= min(_MAX_CELLS, _MOST_PACKED * len(data)):
+        raise MapError(f"{path}: {width} x {height} cells in {len(data)} bytes are no PGM or PNG")
     import cv2
 
-    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.dtype != np.uint8:
         raise MapError(f"{path}: not an 8-bit image that can be read")
     picture = np.asarray(pixels, np.uint8)

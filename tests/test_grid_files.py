@@ -126,3 +126,13 @@ def test_images_that_cannot_be_used(tmp_path: Path, image: bytes) -> None:
     path.write_bytes(image)
     with pytest.raises(MapError):
         read_grid(description)
+
+
+def test_a_picture_that_claims_more_than_it_can_hold_is_refused_unopened(tmp_path: Path) -> None:
+    grid = OccupancyGrid(np.zeros((20, 30), np.float32), 0.05, np.zeros(2))
+    picture, yaml = write_grid(tmp_path / "map", grid, "scale")
+    data = bytearray(picture.read_bytes())
+    data[16:24] = (15_000).to_bytes(4, "big") * 2  # width and height in the header
+    picture.write_bytes(data)
+    with pytest.raises(MapError, match="15000 x 15000 cells"):
+        read_grid(yaml)

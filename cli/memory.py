@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import _thread
 import resource
+import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +19,14 @@ class MemoryLimitError(MapMyWorldError):
     """More memory was needed than allowed."""
 
 
+class _Over(BaseException):
+    """Ends the main thread's work; not a KeyboardInterrupt, for which Python keeps an exit code."""
+
+
+def _end_work(_signal: int, _frame: object) -> None:
+    raise _Over
+
+
 def resident_mb() -> float:
     """What the process holds now."""
     pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
@@ -28,29 +37,28 @@ def resident_mb() -> float:
 def memory_limit(megabytes: int | None) -> Iterator[None]:
     """Ends what is done under it once the process holds more; None = no limit.
 
-    It ends as by Ctrl-C, so that a map keeps what is finished; a kill by the system would not ask.
+    It ends in order, so that a map keeps what is finished; a kill by the system would not ask.
     """
     if megabytes is None:
         yield
         return
-    over, done = threading.Event(), threading.Event()
+    done = threading.Event()
 
     def watch() -> None:
         while not done.wait(_LOOK_EVERY_S):
             if resident_mb() > megabytes:
-                over.set()
-                _thread.interrupt_main()
+                _thread.interrupt_main(signal.SIGUSR1)
                 return
 
+    before = signal.signal(signal.SIGUSR1, _end_work)
     threading.Thread(target=watch, daemon=True).start()
     try:
         yield
-    except KeyboardInterrupt:
-        if not over.is_set():
-            raise
+    except _Over:
         raise MemoryLimitError(
             f"more than the {megabytes} MB of --max-memory are needed: allow more, and the same "
             "command goes on with this stage; or set sensing.node_distance higher"
         ) from None
     finally:
         done.set()
+        signal.signal(signal.SIGUSR1, before)

@@ -228,8 +228,9 @@ def predicted_covariances(factors: Any, system: System, poses: Array) -> tuple[A
     size, count = system.dimension, len(system.tails)
     ends = (system.free[system.tails], system.free[system.heads])
     found = np.zeros((count, size, size))
-    for first in range(0, count, _BATCH):
-        batch = range(first, min(first + _BATCH, count))
+    together = _together(system)
+    for first in range(0, count, together):
+        batch = range(first, min(first + together, count))
         right = np.zeros((system.size, size * len(batch)))
         for n, k in enumerate(batch):
             for numbers, blocks in zip(ends, jacobians, strict=True):
@@ -252,7 +253,7 @@ def joint_covariances(
     waiting: list[Index] = []
     for k, group in enumerate(groups):
         waiting.append(group)
-        if k == len(groups) - 1 or sum(map(len, waiting)) >= _BATCH:
+        if k == len(groups) - 1 or sum(map(len, waiting)) >= _together(system):
             yield from _solved_together(factors, system, poses, waiting)
             waiting = []
 
@@ -279,4 +280,10 @@ def _solved_together(
         yield residuals[first:end], np.asarray(flat[rows] @ solved[:, rows])
 
 
-_BATCH = 50  # edges whose predictions are solved for at once
+_BATCH = 50  # edges whose predictions are solved for at once, at most
+_BATCH_NUMBERS = 3_000_000  # on the right-hand sides of a batch, of 8 bytes, which bounds memory
+
+
+def _together(system: System) -> int:
+    """Edges whose predictions are solved for at once."""
+    return max(1, min(_BATCH, _BATCH_NUMBERS // max(system.size * system.dimension, 1)))

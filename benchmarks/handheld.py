@@ -1,7 +1,7 @@
 """Records a camera carried by hand through a simulated world, as a folder like the TUM benchmark's.
 
-    python benchmarks/handheld.py desk -o /tmp/hand_desk --seconds 15
-    python benchmarks/rgbd.py /tmp/hand_desk
+    python benchmarks/handheld.py desk -o hand_desk --seconds 15
+    python benchmarks/rgbd.py hand_desk
 
 30 Hz, 640 x 480, motion blur, noise, and depth taken some milliseconds after the colour. "desk"
 sweeps over a few square metres, "room" turns once around, "spin" turns fast on the spot,

@@ -143,13 +143,12 @@ def _linearise_motions(
 
 def _step(bundle: Bundle, blocks: Blocks, damping: float) -> Bundle | None:
     """The bundle after one damped step; None where the equations have no solution."""
-    slots = np.where(bundle.fixed, -1, np.cumsum(~bundle.fixed) - 1)
+    slots = free_slots(bundle)
     free = np.flatnonzero(~bundle.fixed)
     scaled, inverse = eliminated(bundle, blocks, damping)
     reduced, gradient = _camera_equations(bundle, blocks, slots, free, damping)
-    starts = np.searchsorted(bundle.point_of, np.arange(len(bundle.points) + 1))
     slot_of = slots[bundle.camera_of]
-    subtract_points(starts.astype(np.int64), slot_of, blocks.cross, scaled, reduced)
+    subtract_points(starts_of_points(bundle), slot_of, blocks.cross, scaled, reduced)
     moved = np.einsum("mij,mj->mi", scaled, blocks.point_gradients[bundle.point_of])
     is_free = slot_of >= 0
     np.subtract.at(gradient.reshape(-1, 6), slot_of[is_free], moved[is_free])
@@ -161,6 +160,17 @@ def _step(bundle: Bundle, blocks: Blocks, damping: float) -> Bundle | None:
     tangents[free] = -scipy.linalg.cho_solve(factor, gradient, check_finite=False).reshape(-1, 6)
     points = moved_points(bundle, blocks, inverse, tangents)
     return replace(bundle, cameras=bundle.cameras @ se3_exp(tangents), points=points)
+
+
+def free_slots(bundle: Bundle) -> Indices:
+    """(K,) number of every camera among the free ones, -1 for fixed ones."""
+    return np.where(bundle.fixed, -1, np.cumsum(~bundle.fixed) - 1).astype(np.int64)
+
+
+def starts_of_points(bundle: Bundle) -> Indices:
+    """(P + 1,) where each point's observations begin."""
+    found = np.searchsorted(bundle.point_of, np.arange(len(bundle.points) + 1))
+    return np.asarray(found, np.int64)
 
 
 def eliminated(bundle: Bundle, blocks: Blocks, damping: float) -> tuple[Array, Array]:

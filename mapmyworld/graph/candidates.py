@@ -20,11 +20,7 @@ def starts_of(problem: Problem) -> dict[str, Array]:
     poses = len(graph.edges) + len(graph.priors)
     tails, heads = system.tails[:poses], system.heads[:poses]
     measured, information = system.measured[:poses], system.information[:poses]
-    trusted = np.zeros(poses, np.bool_)
-    trusted[: len(graph.edges)] = graph.edges.odometry[problem.order]
-    guess, anchors = problem.guess[:count], problem.anchors
-    chain = chain_start(graph.planar, guess, tails, heads, measured, trusted)
-    chain[anchors] = guess[anchors]
+    guess, anchors, chain = problem.guess[:count], problem.anchors, dead_reckoning(problem)
     if len(graph.landmark_ids):
         return _starts_with_landmarks(problem, chain)
     found = {"odometry": chain}
@@ -36,12 +32,31 @@ def starts_of(problem: Problem) -> dict[str, Array]:
     return found
 
 
+def dead_reckoning(problem: Problem) -> Array:
+    """Poses of nodes and the map's frame, by odometry first."""
+    graph, system = problem.graph, problem.system
+    poses = len(graph.edges) + len(graph.priors)
+    trusted = np.zeros(poses, np.bool_)
+    trusted[: len(graph.edges)] = graph.edges.odometry[problem.order]
+    guess, anchors = problem.guess[: problem.nodes], problem.anchors
+    tails, heads = system.tails[:poses], system.heads[:poses]
+    chain = chain_start(graph.planar, guess, tails, heads, system.measured[:poses], trusted)
+    chain[anchors] = guess[anchors]
+    return chain
+
+
+def with_landmarks(problem: Problem, chain: Array) -> Array:
+    """Dead reckoning, with every landmark where its first sighting puts it."""
+    graph = problem.graph
+    places = first_places(graph.planar, chain, graph.ids, graph.landmark_ids, graph.sightings)
+    return np.concatenate([chain, places])
+
+
 def _starts_with_landmarks(problem: Problem, chain: Array) -> dict[str, Array]:
     """Dead reckoning, the path grown from its beginning, and the guess where there is one."""
     graph, count = problem.graph, problem.nodes
-    places = first_places(graph.planar, chain, graph.ids, graph.landmark_ids, graph.sightings)
     found = {
-        "odometry": np.concatenate([chain, places]),
+        "odometry": with_landmarks(problem, chain),
         "growing": grown_start(graph, problem.system, chain),
     }
     if np.ptp(graph.landmarks, axis=0).any():

@@ -19,6 +19,7 @@ from mapmyworld.graph.cholesky import (
     factorise,
     resized,
 )
+from mapmyworld.graph.newton import hessian_blocks, newton_step
 from mapmyworld.graph.system import System, edge_chi2
 from mapmyworld.graph.twin import (
     Twin,
@@ -27,6 +28,7 @@ from mapmyworld.graph.twin import (
     multipliers,
     product,
     tangent_bases,
+    twin_cost,
     twin_of,
     twin_poses,
 )
@@ -34,6 +36,7 @@ from mapmyworld.graph.twin import (
 _STEPS = 15  # of Newton's method at most, from the solution to the twin's minimum
 _SETTLED = 1e-7  # share of the cost that a step gains, from which on the twin counts as settled
 _DAMPED_OUT = 1e3  # share of the diagonal at which no step helps any more
+_FLOOR = 1e-12  # share of the largest diagonal that every step is damped by
 _SLACK = (1e-6, 1e-4, 1e-2, 0.1)  # shares of the cost that eta may take off the bound
 _EXACT = 1e-4  # of these, up to which the twin's minimum counts as its global one
 _PROVEN = 0.02  # gap up to which the bound alone is called a proof
@@ -69,22 +72,18 @@ def certify(system: System, poses: Array) -> Certificate:
     if x is None:
         return Certificate(0.0, 1.0, False)
     multiplied = multipliers(twin, x)
-    dual, twin_cost = float(np.trace(multiplied, axis1=1, axis2=2).sum()), _cost(twin, x)
+    dual, found = float(np.trace(multiplied, axis1=1, axis2=2).sum()), twin_cost(twin, x)
     blocks = certificate_blocks(twin, multiplied)
     blocks[twin.anchors, 0, 0] += np.abs(blocks[:nodes]).max()
     smaller = (
         symbolic if tangents == size + 1 else resized(symbolic, twin.rows, twin.columns, size + 1)
     )
     for slack in _SLACK:
-        eta = slack * twin_cost / (nodes * size)
+        eta = slack * found / (nodes * size)
         if _is_positive(smaller, blocks, nodes, eta):
             lower = max(0.0, 0.5 * (dual - eta * nodes * size))
             return Certificate(lower, max(0.0, 1.0 - lower / cost), slack <= _EXACT)
     return Certificate(0.0, 1.0, False)
-
-
-def _cost(twin: Twin, x: Array) -> float:
-    return float(np.einsum("nij,nij->", product(twin, twin.blocks, x), x))
 
 
 def _is_positive(symbolic: Symbolic, blocks: Array, nodes: int, eta: float) -> bool:
@@ -101,13 +100,13 @@ def _is_positive(symbolic: Symbolic, blocks: Array, nodes: int, eta: float) -> b
 
 def _settled(twin: Twin, symbolic: Symbolic, x: Array) -> Array | None:
     """X at the twin's minimum near X, by damped Newton steps; None where it is not found."""
-    cost, damping = _cost(twin, x), 0.0
+    cost, damping = twin_cost(twin, x), 0.0
     for _ in range(_STEPS):
         gradient, hessian = _derivatives(twin, x)
         while True:
-            step = _step(twin, symbolic, gradient, hessian, damping)
+            step = newton_step(twin, symbolic, gradient, hessian, damping, _FLOOR)
             trial = None if step is None else moved(x, step)
-            found = np.inf if trial is None else _cost(twin, trial)
+            found = np.inf if trial is None else twin_cost(twin, trial)
             if trial is not None and found <= cost * (1.0 + 1e-12):
                 break
             damping = max(1e-4, 10.0 * damping)
@@ -125,31 +124,7 @@ def _derivatives(twin: Twin, x: Array) -> tuple[Array, Array]:
     blocks = certificate_blocks(twin, multipliers(twin, x))
     bases = tangent_bases(x)
     gradient = np.einsum("nkxp,nxp->nk", bases, product(twin, blocks, x))
-    flat = bases.reshape(*bases.shape[:2], -1)
-    turned = bases[twin.rows] @ blocks[:, None]
-    left = turned.reshape(len(blocks), *flat.shape[1:])
-    hessian = left @ np.swapaxes(flat[twin.columns], 1, 2)
-    return gradient, hessian
-
-
-def _step(
-    twin: Twin, symbolic: Symbolic, gradient: Array, hessian: Array, damping: float
-) -> Array | None:
-    """Newton's step (N, m), damped by a share of the diagonal; None where it has no minimum."""
-    nodes, inner = len(gradient), np.arange(gradient.shape[1])
-    diagonal = np.abs(hessian[:nodes, inner, inner])
-    blocks = hessian.copy()
-    blocks[:nodes, inner, inner] += damping * diagonal + 1e-12 * diagonal.max()
-    # Landmarks have no rotation; the first node of every part does not move.
-    points = twin.points[:, None], inner[: len(inner) - twin.dimension]
-    blocks[(*points, points[1])] = diagonal.max()
-    blocks[twin.anchors] += diagonal.max() * np.eye(len(inner))
-    right = -gradient
-    right[twin.anchors] = 0.0
-    try:
-        return np.asarray(factorise(symbolic, blocks).solve(right.ravel()).reshape(nodes, -1))
-    except NotPositiveDefiniteError:
-        return None
+    return gradient, hessian_blocks(twin, blocks, bases)
 
 
 def certainty_of(

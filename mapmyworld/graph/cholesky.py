@@ -18,6 +18,9 @@ from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array
 from mapmyworld.graph.pose_graph import Index
 
+LARGE = 9000
+"""Unknowns from which this factorisation is faster than SuperLU's."""
+
 # Nodes of a clique, and the share of zeros up to which it may be joined from smaller ones.
 _RELAXED = ((4, 1.0), (16, 0.6), (40, 0.2), (10**9, 0.05))
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincinv
 
 from mapmyworld.geometry import Array
 from mapmyworld.graph.consistency import Consistency, alternatives
 from mapmyworld.graph.pose_graph import Index, components
+from mapmyworld.graph.residuals import chi_squared_quantile
 from mapmyworld.graph.system import (
     System,
     chosen_edges,
@@ -106,16 +106,11 @@ def judge_groups(
     for k, (residuals, covariance) in enumerate(predicted):
         found[k] = _left_out(residuals, system.information[kept[k]], covariance)
     chi2, freedom, volume = found.T
-    scale = float(np.median(chi2 / _quantile(0.5, freedom))) if len(kept) else 1.0
+    scale = float(np.median(chi2 / chi_squared_quantile(0.5, freedom))) if len(kept) else 1.0
     fit = chi2 * system.dimension / freedom
     evidence = evidence_of(fit, volume, space, scale, system.dimension)
-    excess = chi2 / (allowed(scale) * _quantile(probability, freedom))
+    excess = chi2 / (allowed(scale) * chi_squared_quantile(probability, freedom))
     return Judgement(kept, excess, evidence, scale)
-
-
-def _quantile(probability: float, freedom: Array) -> Array:
-    """Values that chi-squared stays below; importing `scipy.stats` for them takes 0.8 s."""
-    return np.asarray(2.0 * gammaincinv(0.5 * freedom, probability))
 
 
 def _left_out(

@@ -13,12 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry import se3_exp
-from mapmyworld.graph.bundle import Blocks, Bundle, eliminated, linearise, moved_points
+from mapmyworld.graph.bundle import (
+    Array,
+    Blocks,
+    Bundle,
+    Indices,
+    eliminated,
+    free_slots,
+    linearise,
+    moved_points,
+    starts_of_points,
+)
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError, Symbolic, analyse, factorise
 from mapmyworld.kernels.bundle import link_cameras, subtract_points_sparsely
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,10 +73,10 @@ def adjust_features(bundle: Bundle, *, rounds: int = 20, width: float = 2.0) -> 
 
 
 def _pattern_of(bundle: Bundle) -> _Pattern:
-    slots = np.where(bundle.fixed, -1, np.cumsum(~bundle.fixed) - 1).astype(np.int64)
+    slots = free_slots(bundle)
     count = int(np.count_nonzero(~bundle.fixed))
     linked = np.eye(count, dtype=np.bool_)
-    link_cameras(_starts(bundle), slots[bundle.camera_of], linked)
+    link_cameras(starts_of_points(bundle), slots[bundle.camera_of], linked)
     if bundle.motions is not None:
         first, second = slots[bundle.motions.first], slots[bundle.motions.second]
         both = (first >= 0) & (second >= 0)
@@ -78,11 +85,6 @@ def _pattern_of(bundle: Bundle) -> _Pattern:
     block_at = np.full((count, count), -1, np.int32)
     block_at[rows, columns] = np.arange(len(rows))
     return _Pattern(slots, rows, columns, block_at, analyse(count, rows, columns, 6))
-
-
-def _starts(bundle: Bundle) -> Indices:
-    found = np.searchsorted(bundle.point_of, np.arange(len(bundle.points) + 1))
-    return np.asarray(found, np.int64)
 
 
 def _step(bundle: Bundle, blocks: Blocks, pattern: _Pattern, damping: float) -> Bundle | None:
@@ -97,7 +99,7 @@ def _step(bundle: Bundle, blocks: Blocks, pattern: _Pattern, damping: float) -> 
     _add_motions(bundle, blocks, pattern, reduced, gradient)
     slot_of = pattern.slots[bundle.camera_of]
     subtract_points_sparsely(
-        _starts(bundle), slot_of, blocks.cross, scaled, pattern.block_at, reduced
+        starts_of_points(bundle), slot_of, blocks.cross, scaled, pattern.block_at, reduced
     )
     explained = np.einsum("mij,mj->mi", scaled, blocks.point_gradients[bundle.point_of])
     np.subtract.at(gradient, slot_of[slot_of >= 0], explained[slot_of >= 0])

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from mapmyworld.geometry import Array, invert, matrix_to_planar, planar_to_matrix
-from mapmyworld.graph.cholesky import NotPositiveDefiniteError, Symbolic, analyse, factorise
+from mapmyworld.graph.cholesky import Symbolic, analyse
+from mapmyworld.graph.newton import hessian_blocks, newton_step
 from mapmyworld.graph.pose_graph import components
 from mapmyworld.graph.starts import nearest_rotations
 from mapmyworld.graph.system import System
@@ -19,6 +20,7 @@ from mapmyworld.graph.twin import (
     certificate_blocks,
     multipliers,
     product,
+    twin_cost,
     twin_of,
     twin_poses,
 )
@@ -28,6 +30,7 @@ _STEPS = 80  # at most
 _PERTURBED = 0.1  # rad: how far rotations are turned out of the world at first
 _GAIN = 1e-4  # share of the cost gained by a step, below which the minimum is near enough
 _SEED = 0
+_FLOOR = 1e-9  # share of the largest diagonal that every step is damped by
 _LARGEST = 1e8  # share of the diagonal at which no step helps any more
 
 
@@ -90,18 +93,17 @@ def _bases(x: Array) -> Array:
 
 def _descended(twin: Twin, symbolic: Symbolic, x: Array) -> Array:
     """X near a minimum of the twin, by damped Newton steps."""
-    cost, damping = _cost(twin, x), 1e-3
+    cost, damping = twin_cost(twin, x), 1e-3
     for _ in range(_STEPS):
         blocks = certificate_blocks(twin, multipliers(twin, x))
         bases = _bases(x)
         flat = bases.reshape(*bases.shape[:2], -1)
         gradient = np.einsum("nka,na->nk", flat, product(twin, blocks, x).reshape(len(x), -1))
-        left = (bases[twin.rows] @ blocks[:, None]).reshape(len(blocks), *flat.shape[1:])
-        hessian = left @ np.swapaxes(flat[twin.columns], 1, 2)
+        hessian = hessian_blocks(twin, blocks, bases)
         while True:
-            step = _step(twin, symbolic, gradient, hessian, damping)
+            step = newton_step(twin, symbolic, gradient, hessian, damping, _FLOOR, _EXTRA)
             trial = x if step is None else _moved(x, bases, step)
-            found = _cost(twin, trial)
+            found = twin_cost(twin, trial)
             if step is not None and found <= cost:
                 break
             damping *= 10.0
@@ -113,32 +115,10 @@ def _descended(twin: Twin, symbolic: Symbolic, x: Array) -> Array:
     return x
 
 
-def _cost(twin: Twin, x: Array) -> float:
-    return float(np.einsum("nij,nij->", product(twin, twin.blocks, x), x))
-
-
 def _moved(x: Array, bases: Array, step: Array) -> Array:
     found = x + np.einsum("nk,nkxp->nxp", step, bases)
     found[:, :, 1:] = _orthonormal(found[:, :, 1:])
     return np.asarray(found)
-
-
-def _step(
-    twin: Twin, symbolic: Symbolic, gradient: Array, hessian: Array, damping: float
-) -> Array | None:
-    nodes, inner = len(gradient), np.arange(gradient.shape[1])
-    diagonal = np.abs(hessian[:nodes, inner, inner])
-    blocks = hessian.copy()
-    blocks[:nodes, inner, inner] += damping * diagonal + 1e-9 * diagonal.max()
-    turns = inner[: len(inner) - twin.dimension - _EXTRA]
-    blocks[twin.points[:, None], turns, turns] = diagonal.max()
-    blocks[twin.anchors] += diagonal.max() * np.eye(len(inner))
-    right = -gradient
-    right[twin.anchors] = 0.0
-    try:
-        return np.asarray(factorise(symbolic, blocks).solve(right.ravel()).reshape(nodes, -1))
-    except NotPositiveDefiniteError:
-        return None
 
 
 def _lowered(x: Array, twin: Twin) -> Array:

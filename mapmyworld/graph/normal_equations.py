@@ -7,11 +7,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
 from mapmyworld.geometry import Array
-from mapmyworld.graph.cholesky import NotPositiveDefiniteError, analyse, factorise
+from mapmyworld.graph.cholesky import LARGE, NotPositiveDefiniteError, analyse, factorise
 from mapmyworld.graph.pose_graph import Index
-
-# Unknowns from which a factorisation clique by clique is the faster one.
-_LARGE = 9000
 
 
 def solve_blocks(
@@ -41,7 +38,7 @@ def solve_blocks(
         np.add.at(blocks, slot[ends], diagonal_blocks)
     np.add.at(blocks, slot[anchors], anchor_block)
     rows, columns = unique // count, unique % count
-    if count * size >= _LARGE:
+    if count * size >= LARGE:
         return factorise(analyse(count, rows, columns, size), blocks).solve(right)
     return _by_superlu(count, size, rows, columns, blocks, right)
 

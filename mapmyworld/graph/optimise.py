@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config.graph import GraphConfig
 from mapmyworld.geometry import Array
-from mapmyworld.graph.candidates import starts_of
+from mapmyworld.graph.candidates import dead_reckoning, starts_of, with_landmarks
 from mapmyworld.graph.certificate import Certificate, certainty_of, certify
 from mapmyworld.graph.growth import grown_start
 from mapmyworld.graph.lifted import lifted_start
@@ -107,9 +107,11 @@ def optimise_robustly(graph: PoseGraph, config: GraphConfig | None = None) -> Op
     system = problem.system
     trusted = np.ones(len(system.tails), np.bool_)
     trusted[: len(graph.edges)] = graph.edges.odometry[problem.order]
-    start = starts_of(problem)["odometry"]
+    start = dead_reckoning(problem)
     if len(graph.sightings):
-        start = grown_start(graph, chosen_edges(system, trusted), start[: problem.nodes])
+        start = grown_start(graph, chosen_edges(system, trusted), start)
+    elif len(graph.landmark_ids):
+        start = with_landmarks(problem, start)
     solution = solve_robustly(system, start, problem.anchors, trusted, config)
     part = chosen_edges(system, solution.inliers)
     poses, iterations, converged = descend(

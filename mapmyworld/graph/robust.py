@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import diags_array
-from scipy.special import gammaincinv
 
 from mapmyworld.config.graph import GraphConfig
 from mapmyworld.geometry import Array
@@ -21,7 +20,7 @@ from mapmyworld.graph.clusters import allowed, evidence_of, groups_of, judge_gro
 from mapmyworld.graph.consistency import Consistency, alternatives, compare_closures
 from mapmyworld.graph.dead_reckoning import reckon
 from mapmyworld.graph.pose_graph import Index
-from mapmyworld.graph.residuals import retract
+from mapmyworld.graph.residuals import chi_squared_quantile, retract
 from mapmyworld.graph.starts import chordal_start
 from mapmyworld.graph.system import (
     Pattern,
@@ -75,17 +74,11 @@ class RobustSolution:
         return RobustSolution(poses, every, edge_chi2(system, poses), np.inf, nothing, agreement)
 
 
-def chi_squared_quantile(probability: float, freedom: int) -> float:
-    """The value that chi-squared stays below; `scipy.stats` would cost 0.8 s to import."""
-    return float(2.0 * gammaincinv(0.5 * freedom, probability))
-
-
 def solve_robustly(
     system: System, guess: Array, anchors: Index, trusted: NDArray[np.bool_], config: GraphConfig
 ) -> RobustSolution:
     """Poses and inliers of a graph whose untrusted edges may be wrong."""
-    freedom = system.dimension
-    limit = chi_squared_quantile(config.inlier_probability, freedom)
+    limit = float(chi_squared_quantile(config.inlier_probability, system.dimension))
     closures = np.flatnonzero(~trusted).astype(np.int64)
     consistency = _compare(system, guess, trusted, closures, config)
     inliers = trusted.copy()
@@ -199,7 +192,7 @@ def _compare(
         system.measured[trusted],
         system.information[trusted],
     )
-    limit = chi_squared_quantile(config.consistency_probability, system.dimension)
+    limit = float(chi_squared_quantile(config.consistency_probability, system.dimension))
     return compare_closures(
         system.planar,
         odometry,

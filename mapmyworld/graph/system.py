@@ -14,13 +14,11 @@ from scipy.sparse.linalg import splu
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array
 from mapmyworld.graph import cholesky
-from mapmyworld.graph.cholesky import Symbolic, analyse
+from mapmyworld.graph.cholesky import LARGE, Symbolic, analyse
 from mapmyworld.graph.landmarks import sighting_jacobians, sighting_residuals
 from mapmyworld.graph.pose_graph import Index
 from mapmyworld.graph.residuals import edge_jacobians, edge_residuals, squared_sigmas
 
-# Unknowns from which a factorisation clique by clique is the faster one.
-_LARGE = 9000
 # Links between nodes, per node, from which it is: chains with few loops fill in hardly at all.
 _DENSE = 1.25
 
@@ -100,7 +98,7 @@ def pattern_of(system: System) -> Pattern:
     symbolic = None
     low, high = np.minimum(a, b)[both], np.maximum(a, b)[both]
     linked = np.unique(low * count + high)
-    if system.size >= _LARGE and len(linked) > _DENSE * count:
+    if system.size >= LARGE and len(linked) > _DENSE * count:
         nodes = np.arange(count)
         symbolic = analyse(
             count,

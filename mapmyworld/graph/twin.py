@@ -36,11 +36,6 @@ class Twin:
     points: Index
     """Nodes without a rotation: landmarks."""
 
-    @property
-    def nodes(self) -> int:
-        """How many."""
-        return int(self.rows.max(initial=-1)) + 1
-
 
 def twin_of(system: System, poses: Array) -> Twin:
     """The twin of a system, closest at `poses`; bearings and ranges play no part in it."""
@@ -131,6 +126,11 @@ def product(twin: Twin, blocks: Array, x: Array) -> Array:
     np.add.at(found, columns, x[rows] @ off)
     np.add.at(found, rows, x[columns] @ np.swapaxes(off, 1, 2))
     return found
+
+
+def twin_cost(twin: Twin, x: Array) -> float:
+    """Trace(X M X'): twice what the twin costs at poses X."""
+    return float(np.einsum("nij,nij->", product(twin, twin.blocks, x), x))
 
 
 def multipliers(twin: Twin, x: Array) -> Array:

@@ -170,7 +170,7 @@ class GpsMessage:
 
 
 class Quantity(StrEnum):
-    """What a sensor of the surroundings measures, in the unit of `Reading.value`."""
+    """What a sensor of the surroundings measures, in the unit of `ReadingMessage.value`."""
 
     WIFI = "wifi"  # dBm
     TEMPERATURE = "temperature"  # degrees Celsius

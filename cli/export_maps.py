@@ -1,0 +1,146 @@
+"""`mapmyworld export grid`, `cloud` and `mesh`: what the robot's surroundings look like."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from cli.common import EXIT_CHECK_FAILED, map_argument
+from cli.export_options import open_map, output_option, save_option, tell
+from cli.settings import config_options, load_config
+
+if TYPE_CHECKING:
+    from mapmyworld.config import Config
+
+
+@click.command()
+@map_argument
+@output_option("STEM", "Writes STEM.pgm and STEM.yaml.  [default: the map's name]")
+@click.option("--resolution", type=click.FloatRange(min=0.001), metavar="M", help="Metres a cell.")
+@click.option(
+    "--mode",
+    type=click.Choice(["trinary", "scale", "raw"]),
+    default="trinary",
+    show_default=True,
+    help="Occupied/free/unknown; or probabilities as PNG with alpha; or as raw values.",
+)
+@click.option("--verify", is_flag=True, help="Read the files back by map_server's rules; exit 4.")
+@config_options
+def grid(
+    map_path: Path,
+    output: Path | None,
+    resolution: float | None,
+    mode: Any,
+    verify: bool,
+    config_path: Path | None,
+    changes: tuple[str, ...],
+) -> None:
+    """The occupancy grid as PGM + YAML, as Nav2 and map_server load it.
+
+    \b
+    mapmyworld export grid
+    mapmyworld export grid office.db -o maps/office --resolution 0.025
+    """
+    from cli.exporting import grid_at
+    from formats.grid import write_grid
+
+    config = load_config(config_path, changes)
+    with open_map(map_path) as store:
+        made = grid_at(store, config, resolution)
+        stem = output.with_suffix("") if output and output.suffix in _GRIDS else output
+        written = write_grid(stem or map_path.with_suffix(""), made, mode)
+        if verify:
+            _verify(written[1], made, mode)
+        tell(written, store)
+
+
+_GRIDS = (".pgm", ".yaml", ".png")
+
+
+def _verify(path: Path, made: Any, mode: Any) -> None:
+    """Ends with exit code 4 unless the files hold what we hold."""
+    from formats.grid import same_grid
+
+    differing = same_grid(path, made, mode)
+    if differing:
+        click.echo(f"mapmyworld: {path}: {differing} cells read back differently", err=True)
+        sys.exit(EXIT_CHECK_FAILED)
+
+
+@click.command()
+@map_argument
+@output_option("FILE", "A .ply or .pcd file.  [default: the map's name with .ply]")
+@click.option("--voxel", type=click.FloatRange(min=0.001), metavar="M", help="Metres a voxel.")
+@click.option("--max-range", type=click.FloatRange(min=0.1), metavar="M", help="Depth used up to.")
+@save_option
+@config_options
+def cloud(
+    map_path: Path,
+    output: Path | None,
+    voxel: float | None,
+    max_range: float | None,
+    save_in_map: bool,
+    config_path: Path | None,
+    changes: tuple[str, ...],
+) -> None:
+    """The coloured point cloud of all depth images; of planar scans where there is no depth.
+
+    \b
+    mapmyworld export cloud
+    mapmyworld export cloud office.db -o office.pcd --voxel 0.05
+    """
+    from cli.exporting import export_cloud, export_scan_cloud
+    from formats.cloud import read_cloud
+
+    config = _for_cloud(load_config(config_path, changes), voxel, max_range)
+    path = output or map_path.with_suffix(".ply")
+    with open_map(map_path, read_only=not save_in_map) as store:
+        written = export_cloud(store, path, config) or export_scan_cloud(store, path, config)
+        if save_in_map:
+            store.set_cloud(read_cloud(path))
+        tell(written, store)
+
+
+def _for_cloud(config: Config, voxel: float | None, max_range: float | None) -> Config:
+    visual = config.visual
+    if voxel is not None:
+        visual = replace(visual, cloud_voxel=voxel)
+    if max_range is not None:
+        visual = replace(visual, cloud_range=max_range)
+    return replace(config, visual=visual)
+
+
+@click.command()
+@map_argument
+@output_option("FILE", "A .ply file.  [default: the map's name with _mesh.ply]")
+@save_option
+@config_options
+def mesh(
+    map_path: Path,
+    output: Path | None,
+    save_in_map: bool,
+    config_path: Path | None,
+    changes: tuple[str, ...],
+) -> None:
+    """A coloured triangle mesh of all depth images. Needs open3d and the libraries it needs.
+
+    \b
+    mapmyworld export mesh
+    mapmyworld export mesh office.db -o office.ply
+    """
+    from cli.exporting import nodes_with_poses
+    from formats.mesh import write_mesh
+    from mapmyworld.mapping.mesh import build_mesh
+
+    config = load_config(config_path, changes)
+    path = output or map_path.with_name(map_path.stem + "_mesh.ply")
+    with open_map(map_path, read_only=not save_in_map) as store:
+        made = build_mesh(nodes_with_poses(store), config)
+        write_mesh(path, made)
+        if save_in_map:
+            store.set_mesh(made)
+        tell([path], store)

@@ -1,0 +1,98 @@
+"""`mapmyworld export trajectory`, `graph`, `images` and `vocabulary`: what the nodes hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cli.common import map_argument
+from cli.export_options import open_map, output_option, tell
+
+
+@click.command()
+@map_argument
+@output_option("FILE", "[default: the map's name with the style's ending]")
+@click.option(
+    "--style", type=click.Choice(["tum", "kitti", "csv"]), default="tum", show_default=True
+)
+@click.option(
+    "--which",
+    type=click.Choice(["optimised", "odometry"]),
+    default="optimised",
+    show_default=True,
+    help="Final poses of all tracked frames, or the recorded odometry of the nodes.",
+)
+def trajectory(map_path: Path, output: Path | None, style: Any, which: Any) -> None:
+    """Where the robot was when: TUM (evo reads it), KITTI, or CSV with integer nanoseconds.
+
+    \b
+    mapmyworld export trajectory
+    mapmyworld export trajectory office.db --style csv --which odometry -o odometry.csv
+    """
+    from cli.exporting import export_trajectory
+
+    ending = {"tum": ".tum", "kitti": ".kitti", "csv": ".csv"}[style]
+    path = output or map_path.with_suffix(ending)
+    with open_map(map_path) as store:
+        tell(export_trajectory(store, path, style, which), store)
+
+
+@click.command()
+@map_argument
+@output_option("FILE.g2o", "[default: the map's name with .g2o]")
+def graph(map_path: Path, output: Path | None) -> None:
+    """The pose graph as g2o text: accepted constraints and solved poses.
+
+    \b
+    mapmyworld export graph
+    mapmyworld export graph office.db -o office.g2o
+    """
+    from cli.exporting import graph_of
+    from formats.pose_graph import write_graph
+
+    path = output or map_path.with_suffix(".g2o")
+    with open_map(map_path) as store:
+        write_graph(path, graph_of(store))
+        tell([path], store)
+
+
+@click.command()
+@map_argument
+@output_option("FOLDER", "[default: the map's name with _images]")
+@click.option(
+    "--names", type=click.Choice(["stamp", "id"]), default="stamp", help="What files are called."
+)
+def images(map_path: Path, output: Path | None, names: Any) -> None:
+    """Colour and depth images of all nodes with calibration and poses, laid out as TUM RGB-D.
+
+    \b
+    mapmyworld export images
+    mapmyworld export images rtabmap.db -o pictures --names id
+    """
+    from cli.exporting import node_items
+    from formats.images import write_images
+
+    folder = output or map_path.with_name(map_path.stem + "_images")
+    with open_map(map_path) as store:
+        written = write_images(folder, node_items(store), names)
+        tell([folder], store, written.problems)
+
+
+@click.command()
+@map_argument
+@output_option("FILE", "A text file.  [default: the map's name with .words.txt]")
+def vocabulary(map_path: Path, output: Path | None) -> None:
+    """The visual words, for other maps to use: --set places.vocabulary=FILE.
+
+    \b
+    mapmyworld export vocabulary office.db -o office.words.txt
+    mapmyworld build next.mcap --set places.vocabulary=office.words.txt
+    """
+    from formats.vocabulary import write_vocabulary
+
+    path = output or map_path.with_suffix(".words.txt")
+    with open_map(map_path) as store:
+        write_vocabulary(path, store.words())
+        tell([path], store)

@@ -1,0 +1,83 @@
+"""`mapmyworld export report`, `figure` and `mcap`: a map to be looked at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from cli.common import map_argument
+from cli.export_options import open_map, output_option, tell
+
+
+@click.command()
+@map_argument
+@output_option("FILE.html", "[default: the map's name with .html]")
+@click.option(
+    "--every-match", is_flag=True, help="Match the images of all closures again, not of 48."
+)
+def report(map_path: Path, output: Path | None, every_match: bool) -> None:
+    """One self-contained HTML page: the map, the graph, what was accepted, rejected, and why.
+
+    \b
+    mapmyworld export report
+    mapmyworld export report office.db -o office.html
+    """
+    from cli.report import write_report
+
+    path = output or map_path.with_suffix(".html")
+    with open_map(map_path) as store:
+        write_report(store, path, every_match=every_match)
+        tell([path], store)
+
+
+@click.command()
+@map_argument
+@click.option(
+    "--what",
+    type=click.Choice(["map", "graph", "loops", "uncertainty", "timing"]),
+    default="map",
+    show_default=True,
+    help="Grid and path; all constraints; scans of closures; sigma over time; cost of the build.",
+)
+@output_option("FILE", "A .png, .svg or .pdf file.  [default: the map's name with _WHAT.png]")
+def figure(map_path: Path, what: str, output: Path | None) -> None:
+    """One picture for a paper or a pull request, without the page around it.
+
+    \b
+    mapmyworld export figure --what graph -o graph.svg
+    mapmyworld export figure office.db --what loops -o loops.pdf
+    """
+    from cli.report import report_contents, timing_beside
+    from formats.report.figures import write_figure
+
+    path = output or map_path.with_name(f"{map_path.stem}_{what}.png")
+    with open_map(map_path) as store:
+        write_figure(path, what, report_contents(store, timing_beside(store)))
+        tell([path], store)
+
+
+@click.command()
+@map_argument
+@output_option("FILE.mcap", "[default: the map's name with .foxglove.mcap]")
+@click.option(
+    "--with-log",
+    "logs",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="LOG",
+    help="Copy this log too, with `map -> odom` added: it replays in the corrected frame.",
+)
+def mcap(map_path: Path, output: Path | None, logs: tuple[Path, ...]) -> None:
+    """The map for Foxglove: grid, cloud, path, poses, graph, images, tf; and a layout beside it.
+
+    \b
+    mapmyworld export mcap
+    mapmyworld export mcap office.db -o office.mcap --with-log drive.bag
+    """
+    from cli.foxglove import export_mcap
+
+    path = output or map_path.with_suffix(".foxglove.mcap")
+    with open_map(map_path) as store:
+        written, losses = export_mcap(store, path, logs)
+        tell(written, store, losses)

@@ -77,18 +77,22 @@ def _fuzz(
         for source, command in itertools.product(sources[:1], dict.fromkeys(commands)):
             places = {"FILE": str(source), "OUT": f"{name}/out"}
             trials.try_command([fuzzing.replaced(word, places) for word in command], seconds=600.0)
-    done = fuzzing.fuzz(
-        fuzzing.cases(sources, commands, options.count, options.seed),
-        lambda tally: print(f"  {tally.cases} done, {len(tally.faults)} faults", flush=True),
-    )
+    done = fuzzing.fuzz(fuzzing.cases(sources, commands, options.count, options.seed), _progress)
     told = ", ".join(f"{count} x {code}" for code, count in sorted(done.exits.items()))
     print(f"{done.cases} files: exit codes {told}")
     print(
         f"peak {done.peak_mb:.0f} MB, slowest {done.slowest_s:.1f} CPU s, "
         f"all {done.cpu_s:.0f} CPU s"
     )
-    for (source, command, seed), fault in done.faults:
-        print(f"\n{source.name} seed {seed}: {' '.join(command)}\n{fault}")
+
+
+def _progress(tally: fuzzing.Tally) -> None:
+    """How far it has come, and the faults found since the last word."""
+    print(f"  {tally.cases} done, {len(tally.faults)} faults, {tally.cpu_s:.0f} CPU s", flush=True)
+    while tally.told < len(tally.faults):
+        (source, command, seed), fault = tally.faults[tally.told]
+        print(f"\n{source.name} seed {seed}: {' '.join(command)}\n{fault}", flush=True)
+        tally.told += 1
 
 
 def _kill_builds(options: argparse.Namespace, folder: Path) -> None:

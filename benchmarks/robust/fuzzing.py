@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import resource
 import shutil
 import tempfile
 import time
@@ -19,6 +20,7 @@ from robust.mutations import mutated
 from robust.trials import MEMORY_MB, peak_memory_mb, try_command
 
 _WAIT_S = 180.0  # wall time without a word from a worker: it hangs where no signal reaches
+_ADDRESSES = 6 << 30  # bytes; what is too much is judged by MEMORY_MB
 _PER_WORKER = 500  # cases, then a fresh process
 _TEXT = {".log", ".txt", ".yaml", ".g2o", ".graph", ".toml", ".tum"}
 
@@ -40,6 +42,8 @@ class Tally:
     peak_mb: float = 0.0
     cpu_s: float = 0.0
     slowest_s: float = 0.0
+    told: int = 0
+    """Faults shown to the user so far."""
 
     def add(self, case: Case, exit_code: int | None, fault: str, mb: float, cpu: float) -> None:
         self.cases += 1
@@ -134,6 +138,7 @@ def _in_worker(batch: list[Case], tally: Tally) -> int:
 
 def _work(batch: list[Case], answers: Connection) -> None:
     heavy = False
+    resource.setrlimit(resource.RLIMIT_AS, (_ADDRESSES, _ADDRESSES))  # spares the machine
     for case in batch:
         exit_code, fault, mb, cpu = run_case(case)
         if mb > MEMORY_MB and not heavy:  # the peak of a process never falls again

@@ -50,6 +50,7 @@ class StorageOptions:
     local_cell_spacing: float = 1.0
     obstacle_lowest: float = 0.08
     obstacle_highest: float = 1.5
+    timings: bool = False
 
 
 def node_row(node: Node, before: Node | None) -> Row:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -33,6 +34,7 @@ class NodeTables(Transactions):
         self._options = options
         self._previous: dict[int, Node] = {}
         self._last_with_cells: Node | None = None
+        self._arrivals: list[float] = []
         self._restore_session()
 
     def add_node(self, node: Node, data: NodeData) -> None:
@@ -52,6 +54,8 @@ class NodeTables(Transactions):
             for statement, written in self._feature_statements(node.id, data.features):
                 self._db.later(statement, written)
         self._previous[node.session] = node
+        if self._options.timings:
+            self._arrivals.append(time.perf_counter())
         self._settle("nodes")
 
     def nodes(self) -> tuple[Node, ...]:
@@ -125,6 +129,7 @@ class NodeTables(Transactions):
         found = self._db.rows(f"{rows.SELECT_OWN} WHERE own.id IN {last}")
         self._previous = {row[1]: rows.node_from_own_row(row) for row in found}
         self._last_with_cells = None
+        self._arrivals = [time.perf_counter()]
         first = self._db.row("SELECT stamp_ns FROM mapmyworld_nodes ORDER BY id LIMIT 1")
         if first is not None:
             self._db.set_clock(first[0])

@@ -1,6 +1,6 @@
 """Figures of each node under RTAB-Map's names, for the plots of its tools.
 
-No timings: they would differ from build to build, and the same log must give the same bytes.
+Timings only on request: they differ from build to build, and the same log must give the same bytes.
 """
 
 from __future__ import annotations
@@ -27,8 +27,12 @@ def statistics_rows(
     poses: Poses,
     feature_counts: Mapping[int, int],
     word_count: int,
+    seconds: NDArray[np.float64] | None = None,
 ) -> Iterator[tuple[int, float, bytes]]:
-    """One row a node; a closure counts for the later of its two nodes."""
+    """One row a node; a closure counts for the later of its two nodes.
+
+    `seconds` (N,) that tracking spent from the node before to each.
+    """
     place = {int(i): pose for i, pose in zip(poses.ids, poses.map_from_node, strict=True)}
     closures = defaultdict[int, list[Constraint]](list)
     for constraint in constraints:
@@ -44,6 +48,8 @@ def statistics_rows(
             "Keypoint/Dictionary_size/words": word_count,
             **_closure_figures(node.id, closures[node.id], place),
         }
+        if seconds is not None and len(seconds) == len(nodes):
+            figures["Timing/Total/ms"] = float(seconds[number]) * 1e3
         if node.id in place:
             figures |= _pose_figures("Loop/MapToBase", place[node.id])
             figures |= _pose_figures("Loop/MapToOdom", map_from_odom[node.id])

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import numpy as np
+
 from formats.database import results
 from formats.database.connection import Connection
 from formats.database.graph_tables import GraphTables
@@ -14,6 +16,8 @@ from formats.database.result_tables import ResultTables
 from formats.database.schema import STAGE_RANKS
 from formats.database.stages import clear_from, rank_of
 from formats.database.statistics import INSERT_STATISTICS, statistics_rows
+
+_SECONDS = "seconds a node took"
 
 
 class DatabaseStore(NodeTables, GraphTables, ResultTables):
@@ -64,6 +68,8 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
     def _tell_rtabmap(self, rank: int) -> None:
         """At the end of a stage, what follows from it under RTAB-Map's names."""
         if rank == STAGE_RANKS["track"]:
+            if self._options.timings:
+                self._write(_SECONDS, np.diff(self._arrivals))
             results.write_parameters(self._db, results.sensor_parameters(self._db))
         if rank >= STAGE_RANKS["recognise"] and self._solved_anew:
             self._solved_anew = False
@@ -75,6 +81,7 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
             return
         counts = dict(self._db.rows("SELECT node_id, count FROM mapmyworld_features"))
         (words,) = self._db.row("SELECT COUNT(*) FROM Word")
-        figures = statistics_rows(self.nodes(), self.constraints(), poses, counts, words)
+        seconds = self._read(_SECONDS)
+        figures = statistics_rows(self.nodes(), self.constraints(), poses, counts, words, seconds)
         self._db.run("DELETE FROM Statistics")
         self._db.run_many(INSERT_STATISTICS, figures)

@@ -44,8 +44,9 @@ def batch(
 ) -> None:
     """Build the map of every log in MANIFEST, check it, and sum up: text, JSON, JUnit and HTML.
 
-    Each log has a folder of its own under the output. Logs that are finished are not done again, a
-    build that was killed goes on where it stopped, and a broken log does not stop the others.
+    Each log has a folder of its own under the output. Logs whose maps are finished are not done
+    again, a build that was killed goes on where it stopped, and a broken log does not stop the
+    others.
     Exit code 2 where a log gave no map, 4 where a requirement is not met, 3 for partial maps.
 
     \b

@@ -17,15 +17,16 @@ from typing import Any, Literal
 import mapmyworld
 from cli.batching.manifest import Job
 from cli.batching.places import delivered, fetched, is_url, mark_of, read_text
-from cli.common import EXIT_CHECK_FAILED, EXIT_PARTIAL
+from cli.common import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PARTIAL
 from formats.whole_files import write_whole
-from mapmyworld.errors import MapMyWorldError
+from mapmyworld.errors import MapError, MapMyWorldError
 
 Status = Literal["built", "partial", "failed"]
 _NOTE = "result.json"
 _KINDS = {".db", ".pgm", ".yaml", ".tum", ".ply"}  # of the files that a build must make the same
 _KEPT = ("nodes", "frames", "distance_m", "duration_s", "constraints", "losses")
 _TRIES = 2  # of a process that something killed
+_ANSWERS = {0, EXIT_BAD_INPUT, EXIT_PARTIAL, EXIT_CHECK_FAILED}  # else a command did not end well
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None)
 
@@ -51,27 +52,36 @@ class Result:
 
 
 def finished(job: Job, output: str) -> Result | None:
-    """The noted result of an earlier run, where it was of this very job."""
+    """The noted map of an earlier run, where it was of this very job; failures are tried again."""
     text = read_text(f"{output}/{job.name}/{_NOTE}")
     try:
         note = json.loads(text) if text else {}
-        return Result(**note["result"]) if note.get("key") == _key(job) else None
+        known = Result(**note["result"]) if note.get("key") == _key(job) else None
     except (ValueError, TypeError, KeyError):
         return None
+    return None if known is None or known.status == "failed" else known
 
 
 def run_job(job: Job, output: str, threads: int) -> Result:
     """The job's result, noted in its folder under `output`."""
-    with tempfile.TemporaryDirectory(prefix="mapmyworld-batch-") as scratch:
-        folder = Path(scratch) / "map" if is_url(output) else Path(output) / job.name
-        folder.mkdir(parents=True, exist_ok=True)
-        result = _result(job, folder, Path(scratch), threads)
-        note = {"key": _key(job), "result": asdict(result)}
-        write_whole(folder / _NOTE, json.dumps(note, indent=1) + "\n")
-        if is_url(output):
-            files = [folder / name for name in (*result.files, _NOTE)]
-            delivered(files, f"{output.rstrip('/')}/{job.name}")
+    try:
+        with tempfile.TemporaryDirectory(prefix="mapmyworld-batch-") as scratch:
+            folder = Path(scratch) / "map" if is_url(output) else Path(output) / job.name
+            folder.mkdir(parents=True, exist_ok=True)
+            result = _result(job, folder, Path(scratch), threads)
+            note = {"key": _key(job), "result": asdict(result)}
+            write_whole(folder / _NOTE, json.dumps(note, indent=1) + "\n")
+            if is_url(output):
+                files = [folder / name for name in (*result.files, _NOTE)]
+                delivered(files, f"{output.rstrip('/')}/{job.name}")
+    except (MapMyWorldError, OSError) as error:
+        return failure(job, str(error))
     return result
+
+
+def failure(job: Job, why: str) -> Result:
+    """The result of a job that gave no map."""
+    return Result(job.name, "failed", why, {}, _unmet(job), {})
 
 
 def _key(job: Job) -> str:
@@ -82,15 +92,12 @@ def _key(job: Job) -> str:
 
 
 def _result(job: Job, folder: Path, scratch: Path, threads: int) -> Result:
-    try:
-        logs = [str(fetched(log, scratch)) for log in job.logs]
-        truths = [(option, str(fetched(place, scratch))) for option, place in job.truths]
-    except MapMyWorldError as error:
-        return Result(job.name, "failed", str(error), {}, [], {})
+    logs = [str(fetched(log, scratch)) for log in job.logs]
+    truths = [(option, str(fetched(place, scratch))) for option, place in job.truths]
     _forget_another_job(job, folder)
     done = _build(job, logs, folder, threads)
-    if done.returncode not in (0, EXIT_PARTIAL):
-        return Result(job.name, "failed", _why(done), {}, _unmet(job), {})
+    if done.returncode == EXIT_BAD_INPUT:
+        return failure(job, _why(done))
     summary = json.loads(done.stdout)
     checks, problem = _checks(job, folder / "map.db", truths)
     return Result(
@@ -121,11 +128,7 @@ def _build(
         settings = (*settings, f"threads={threads}")
     options = [word for setting in settings for word in ("--set", setting)]
     command = ["build", *logs, "-o", str(folder / "map.db"), "--method", job.method, "--quiet"]
-    for _ in range(_TRIES):
-        done = _run([*command, "--format", "json", *options])
-        if done.returncode >= 0:
-            break
-    return done
+    return _run([*command, "--format", "json", *options])
 
 
 def _checks(
@@ -137,7 +140,7 @@ def _checks(
     options = [word for text in job.requirements for word in ("--require", text)]
     options += [word for option, place in truths for word in (f"--{option}", place)]
     done = _run(["check", str(path), "--format", "json", *options])
-    if done.returncode not in (0, EXIT_CHECK_FAILED):
+    if done.returncode == EXIT_BAD_INPUT:
         return _unmet(job), _why(done)
     return list(json.loads(done.stdout)["requirements"]), ""
 
@@ -147,10 +150,17 @@ def _unmet(job: Job) -> list[dict[str, Any]]:
 
 
 def _run(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
+    """A command of the program; raises `MapError` where it was killed every time, or crashed."""
     command = [sys.executable, "-m", "cli.main", *arguments]
-    return subprocess.run(
-        command, capture_output=True, text=True, check=False, preexec_fn=_die_with_parent
-    )
+    for _ in range(_TRIES):
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, preexec_fn=_die_with_parent
+        )
+        if done.returncode in _ANSWERS:
+            return done
+        if done.returncode > 0:
+            raise MapError(_why(done))
+    raise MapError(f"the process was killed by signal {-done.returncode}, {_TRIES} times")
 
 
 def _die_with_parent() -> None:
@@ -159,8 +169,6 @@ def _die_with_parent() -> None:
 
 
 def _why(done: subprocess.CompletedProcess[str]) -> str:
-    if done.returncode < 0:
-        return f"the process was killed by signal {-done.returncode}, {_TRIES} times"
     told = done.stderr.strip().removeprefix("mapmyworld: ")
     return told or f"exit code {done.returncode} without a word"
 

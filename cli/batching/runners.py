@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 
-from cli.batching.job import Result, run_job
+from cli.batching.job import Result, failure, run_job
 from cli.batching.manifest import Job
 from mapmyworld.errors import MissingDependencyError
 
@@ -42,6 +42,12 @@ def run_on_cluster(jobs: Sequence[Job], output: str, scheduler: str) -> Iterator
         ) from None
     with client:
         # A build that fails is a result; an exception is a worker that went, and is tried again.
-        waiting = [client.submit(run_job, job, output, 1, pure=False, retries=2) for job in jobs]
+        waiting = {
+            client.submit(run_job, job, output, 1, pure=False, retries=2): job for job in jobs
+        }
         for done in as_they_come(waiting, loop=client.loop):  # type: ignore[no-untyped-call]
-            yield done.result()
+            lost = done.exception()
+            if lost is None:
+                yield done.result()
+            else:
+                yield failure(waiting[done], f"{type(lost).__name__}: {lost}")

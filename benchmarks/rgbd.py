@@ -4,6 +4,7 @@
     python benchmarks/rgbd.py FOLDER_OR_LOG ...      any TUM RGB-D folders, or other logs
     python benchmarks/rgbd.py --world hall --seeds 0 1 2 3 4 5 6 7 8 9 --sensors laser wheels
                                                      simulated here, one after the other
+                                                     (--simulate camera.rate=5 --laps 2: shorter)
 
 A log's ground truth is groundtruth.txt in its folder, or LOG.truth/trajectory.tum beside it. A
 closure is right within 0.2 m and 1 degree; recall is of the moments at which the robot was back.
@@ -77,10 +78,17 @@ def main() -> None:
     parser.add_argument("--world", help="Simulate this world instead.")
     parser.add_argument("--seeds", nargs="+", type=int, default=[0])
     parser.add_argument("--sensors", nargs="+", choices=list(SENSORS), default=["laser"])
+    parser.add_argument("--laps", type=int, help="Of the simulated drive.")
+    parser.add_argument("--simulate", action="append", default=[], metavar="KEY=VALUE")
+    parser.add_argument("--no-head", action="store_true", help="Rows alone, to be joined.")
     arguments = parser.parse_args()
-    print(HEAD)
+    if not arguments.no_head:
+        print(HEAD)
     if arguments.world:
-        measure_world(arguments.world, arguments.seeds, arguments.sensors, arguments.set)
+        laps = [] if arguments.laps is None else ["--laps", str(arguments.laps)]
+        drive = laps + [word for s in arguments.simulate for word in ("--set", s)]
+        for seed in arguments.seeds:
+            measure_world(arguments.world, seed, arguments.sensors, drive, arguments.set)
         return
     logs = arguments.logs or sorted((DATA / "rgbd").glob("*/"))
     for log in logs:
@@ -88,16 +96,17 @@ def main() -> None:
             print(measure(log, Path(folder) / "map.db", arguments.set).text(), flush=True)
 
 
-def measure_world(world: str, seeds: list[int], sensors: list[str], settings: list[str]) -> None:
-    """Records each drive, builds it with each set of sensors, and forgets it."""
-    for seed in seeds:
-        with tempfile.TemporaryDirectory() as folder:
-            log = Path(folder) / f"{world}_{seed}.mcap"
-            command = [sys.executable, "-m", "cli.main", "simulate", world, "--seed", str(seed)]
-            subprocess.run([*command, "-o", str(log), "-q"], cwd=ROOT, check=True)
-            for name in sensors:
-                row = measure(log, Path(folder) / "map.db", [*settings, *SENSORS[name]])
-                print(replace(row, log=f"{row.log} {name}").text(), flush=True)
+def measure_world(
+    world: str, seed: int, sensors: list[str], drive: list[str], settings: list[str]
+) -> None:
+    """Records a drive, builds it with each set of sensors, and forgets it."""
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / f"{world}_{seed}.mcap"
+        command = [sys.executable, "-m", "cli.main", "simulate", world, "--seed", str(seed)]
+        subprocess.run([*command, *drive, "-o", str(log), "-q"], cwd=ROOT, check=True)
+        for name in sensors:
+            row = measure(log, Path(folder) / "map.db", [*settings, *SENSORS[name]])
+            print(replace(row, log=f"{row.log} {name}").text(), flush=True)
 
 
 def measure(log: Path, output: Path, settings: list[str]) -> Row:

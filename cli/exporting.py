@@ -131,7 +131,8 @@ def nodes_with_poses(store: MapStore) -> Iterator[tuple[Array, NodeData]]:
     place = {int(node_id): i for i, node_id in enumerate(poses.ids)}
     for node in store.nodes():
         if node.id in place:
-            yield poses.map_from_node[place[node.id]], store.node_data(node.id)
+            data = store.node_data(node.id, features=False)
+            yield poses.map_from_node[place[node.id]], data
 
 
 def node_items(store: MapStore) -> Iterator[tuple[Node, NodeData, Array]]:

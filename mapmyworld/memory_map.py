@@ -108,8 +108,8 @@ class MemoryMap:
     def nodes(self) -> tuple[Node, ...]:
         return tuple(self._nodes[node_id][0] for node_id in sorted(self._nodes))
 
-    def node_data(self, node_id: int) -> NodeData:
-        found = self._features.get(node_id)
+    def node_data(self, node_id: int, *, features: bool = True) -> NodeData:
+        found = self._features.get(node_id) if features else None
         return replace(self._nodes[node_id][1], features=found[1] if found else None)
 
     def add_scan(self, frame: int, scan: Scan) -> None:

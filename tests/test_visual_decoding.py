@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -9,8 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from formats.logs.images import encoded_pixels
 from mapmyworld.mapping.voxels import VoxelMap
 from mapmyworld.registration.pictures import colours_at, grey_picture
+from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.types import CameraModel, ImageMessage, RgbdImage
 
 K = np.array([[60.0, 0.0, 31.5], [0.0, 60.0, 23.5], [0.0, 0.0, 1.0]])
@@ -89,3 +93,23 @@ def test_many_voxels_are_all_kept() -> None:
     voxels.add(points, zeros.astype(np.uint8), zeros.astype(np.float32))
     voxels.add(points, zeros.astype(np.uint8), zeros.astype(np.float32))
     assert np.allclose(voxels.to_cloud(2).points, points, atol=1e-5)
+
+
+@pytest.mark.parametrize(("length", "width", "sound"), [(None, 64, 1), (90, 64, 0), (None, 32, 0)])
+def test_a_jpeg_is_tried_at_an_eighth_of_its_size(
+    length: int | None, width: int, sound: bool
+) -> None:
+    """Cut within its tables, or of another width than the camera's, it is no image."""
+    whole: list[int] = []
+    data = jpeg_of(np.asarray(cv2.resize(smooth_picture(2), (width, 48)), np.uint8))[:length]
+
+    def pixels() -> NDArray[np.generic]:
+        whole.append(1)
+        return encoded_pixels(data, "rgb8")
+
+    image = image_of(smooth_picture(2), data)
+    assert image.colour is not None
+    guard = ImageGuard()
+    seen = replace(image, colour=replace(image.colour, width=width, pixels=pixels))
+    found = guard.sound(guard.guarded(seen))
+    assert (found is not None, guard.failures, len(whole)) == (sound, not sound, not sound)

@@ -119,7 +119,7 @@ class RtabmapStore(ReadOnly, Opened):
     def _has(self, table: str, column: str) -> bool:
         return column in self._columns[table]
 
-    def node_data(self, node_id: int) -> NodeData:
+    def node_data(self, node_id: int, *, features: bool = True) -> NodeData:
         stamp = self._db.row("SELECT stamp FROM Node WHERE id = ?", (node_id,))
         if stamp is None:
             raise MapError(f"{self.path}: there is no node {node_id}")
@@ -134,9 +134,11 @@ class RtabmapStore(ReadOnly, Opened):
         if self._numbers < _NEW_CALIBRATION:
             columns[2] = modernised(columns[2], f"{what}'s calibration")
         data = node_data(tuple(columns), None, nanoseconds(stamp[0]), what)
+        if not features:
+            return data
         rows = self._db.rows(feature_rows.SELECT_FEATURES, (node_id,))
-        features = feature_rows.features_from_rows(rows, what)
-        return NodeData(data.scan, data.images, data.cloud, features)
+        seen = feature_rows.features_from_rows(rows, what)
+        return NodeData(data.scan, data.images, data.cloud, seen)
 
     def contents(self) -> dict[int, dict[str, int]]:
         """What each node keeps; from the row's header alone, no blob is read."""

@@ -62,7 +62,7 @@ class NodeTables(Transactions):
         found = self._db.rows(f"{rows.SELECT_OWN} ORDER BY own.id")
         return tuple(rows.node_from_own_row(row) for row in found)
 
-    def node_data(self, node_id: int) -> NodeData:
+    def node_data(self, node_id: int, *, features: bool = True) -> NodeData:
         own = self._db.row(
             "SELECT stamp_ns, scan_rest, image_stamps, cloud FROM mapmyworld_nodes WHERE id = ?",
             (node_id,),
@@ -74,9 +74,11 @@ class NodeTables(Transactions):
         row = self._db.row(data_rows.SELECT_DATA, (node_id,)) or (None,) * 5
         what = f"{self.path}: node {node_id}"
         data = data_rows.node_data(row, own[1:], own[0], what)
+        if not features:
+            return data
         found = self._db.rows(feature_rows.SELECT_FEATURES, (node_id,))
-        features = feature_rows.features_from_rows(found, what)
-        return NodeData(data.scan, data.images, data.cloud, features)
+        seen = feature_rows.features_from_rows(found, what)
+        return NodeData(data.scan, data.images, data.cloud, seen)
 
     def contents(self) -> dict[int, dict[str, int]]:
         """What each node keeps: counts of images, depth, scan, cloud; no blob is read."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.limits import limits
+from formats.picture_files import decoded_file
 from formats.rvl import rvl_decode, rvl_encode
 from mapmyworld.errors import MapError
 
@@ -82,9 +83,9 @@ def encode_depth(metres: NDArray[np.generic], codec: str) -> bytes:
     if codec == "float":
         # RTAB-Map keeps a float's four bytes as the B, G, R, A of a pixel.
         return _encode(".png", depth.view(np.uint8).reshape(*depth.shape, 4), _FAST_PNG)
-    millimetres = np.rint(np.nan_to_num(depth, nan=0.0, posinf=0.0, neginf=0.0) * 1000.0)
-    # What 16 bits cannot hold is no depth at all.
-    millimetres[(millimetres < 0) | (millimetres > _MAX_MILLIMETRES)] = 0
+    millimetres = np.rint(depth * np.float32(1000.0))
+    # What 16 bits cannot hold is no depth at all, and neither is what is no number.
+    millimetres[~((millimetres >= 0) & (millimetres <= _MAX_MILLIMETRES))] = 0
     pixels = millimetres.astype(np.uint16)
     if codec == "png":
         return _encode(".png", pixels, _FAST_PNG)
@@ -118,10 +119,7 @@ def _encode(suffix: str, pixels: NDArray[np.generic], options: tuple[int, int]) 
 
 def _decode(data: bytes, what: str) -> NDArray[np.generic]:
     image_size(data, what)
-    try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        raise MapError(f"{what}: {error.err}") from None
+    pixels = decoded_file(data, cv2.IMREAD_UNCHANGED)
     if pixels is None:
         raise MapError(f"{what}: a damaged image")
     return np.asarray(pixels)

@@ -14,7 +14,13 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from mapmyworld.geometry import between, se3_adjoint, se3_exp, se3_log
-from mapmyworld.kernels.bundle import bundle_normal_equations, subtract_points
+from mapmyworld.kernels.bundle import (
+    bundle_normal_equations,
+    eliminate_points,
+    move_points,
+    subtract_gradients,
+    subtract_points,
+)
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -149,9 +155,7 @@ def _step(bundle: Bundle, blocks: Blocks, damping: float) -> Bundle | None:
     reduced, gradient = _camera_equations(bundle, blocks, slots, free, damping)
     slot_of = slots[bundle.camera_of]
     subtract_points(starts_of_points(bundle), slot_of, blocks.cross, scaled, reduced)
-    moved = np.einsum("mij,mj->mi", scaled, blocks.point_gradients[bundle.point_of])
-    is_free = slot_of >= 0
-    np.subtract.at(gradient.reshape(-1, 6), slot_of[is_free], moved[is_free])
+    explain(bundle, blocks, scaled, slot_of, gradient.reshape(-1, 6))
     try:
         factor = scipy.linalg.cho_factor(reduced, lower=True, overwrite_a=True, check_finite=False)
     except scipy.linalg.LinAlgError:
@@ -175,17 +179,23 @@ def starts_of_points(bundle: Bundle) -> Indices:
 
 def eliminated(bundle: Bundle, blocks: Blocks, damping: float) -> tuple[Array, Array]:
     """Cross blocks (M, 6, 3) times their point's damped block's inverse, and these (P, 3, 3)."""
-    extra = damping * np.trace(blocks.points, axis1=1, axis2=2) / 3 + 1e-6
-    inverse = np.linalg.inv(blocks.points + extra[:, None, None] * np.eye(3))
-    return blocks.cross @ inverse[bundle.point_of], inverse
+    scaled, inverse = np.empty_like(blocks.cross), np.empty_like(blocks.points)
+    eliminate_points(blocks.points, damping, blocks.cross, bundle.point_of, inverse, scaled)
+    return scaled, inverse
+
+
+def explain(
+    bundle: Bundle, blocks: Blocks, scaled: Array, slot_of: Indices, gradient: Array
+) -> None:
+    """Subtracts from the free cameras' gradient (F, 6) what the points explain."""
+    subtract_gradients(scaled, blocks.point_gradients, bundle.point_of, slot_of, gradient)
 
 
 def moved_points(bundle: Bundle, blocks: Blocks, inverse: Array, tangents: Array) -> Array:
     """The points (P, 3) that fit best once the cameras have moved by tangents (K, 6)."""
-    pull = np.einsum("mji,mj->mi", blocks.cross, tangents[bundle.camera_of])
-    right = blocks.point_gradients.copy()
-    np.add.at(right, bundle.point_of, pull)
-    return np.asarray(bundle.points - np.einsum("pij,pj->pi", inverse, right))
+    right, points = blocks.point_gradients.copy(), np.array(bundle.points)
+    move_points(inverse, blocks.cross, tangents, bundle.camera_of, bundle.point_of, right, points)
+    return points
 
 
 def _camera_equations(

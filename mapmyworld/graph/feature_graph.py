@@ -19,12 +19,14 @@ from mapmyworld.graph.bundle import (
     Bundle,
     Indices,
     eliminated,
+    explain,
     free_slots,
     linearise,
     moved_points,
     starts_of_points,
 )
-from mapmyworld.graph.cholesky import NotPositiveDefiniteError, Symbolic, analyse, factorise
+from mapmyworld.graph.cholesky import NotPositiveDefiniteError, factorise
+from mapmyworld.graph.elimination import Symbolic, analyse
 from mapmyworld.kernels.bundle import link_cameras, subtract_points_sparsely
 
 
@@ -101,8 +103,7 @@ def _step(bundle: Bundle, blocks: Blocks, pattern: _Pattern, damping: float) -> 
     subtract_points_sparsely(
         starts_of_points(bundle), slot_of, blocks.cross, scaled, pattern.block_at, reduced
     )
-    explained = np.einsum("mij,mj->mi", scaled, blocks.point_gradients[bundle.point_of])
-    np.subtract.at(gradient, slot_of[slot_of >= 0], explained[slot_of >= 0])
+    explain(bundle, blocks, scaled, slot_of, gradient)
     try:
         factors = factorise(pattern.symbolic, reduced)
     except NotPositiveDefiniteError:

@@ -102,6 +102,76 @@ def bundle_normal_equations(
 
 
 @njit(cache=True, nogil=True)
+def eliminate_points(
+    point_blocks: Array,
+    damping: float,
+    cross_blocks: Array,
+    point_of: Indices,
+    inverse: Array,
+    scaled: Array,
+) -> None:
+    """Fills the inverses (P, 3, 3) of the damped blocks, and (M, 6, 3) cross blocks times them."""
+    for p in range(len(point_blocks)):
+        h = point_blocks[p]
+        extra = damping * (h[0, 0] + h[1, 1] + h[2, 2]) / 3.0 + 1e-6
+        a, b, c = h[0, 0] + extra, h[0, 1], h[0, 2]
+        d, e, f = h[1, 1] + extra, h[1, 2], h[2, 2] + extra
+        m00, m01, m02 = d * f - e * e, c * e - b * f, b * e - c * d
+        scale = 1.0 / (a * m00 + b * m01 + c * m02)
+        inverse[p, 0, 0], inverse[p, 0, 1], inverse[p, 0, 2] = m00 * scale, m01 * scale, m02 * scale
+        inverse[p, 1, 1] = (a * f - c * c) * scale
+        inverse[p, 1, 2] = (b * c - a * e) * scale
+        inverse[p, 2, 2] = (a * d - b * b) * scale
+        inverse[p, 1, 0], inverse[p, 2, 0] = inverse[p, 0, 1], inverse[p, 0, 2]
+        inverse[p, 2, 1] = inverse[p, 1, 2]
+    for i in range(len(point_of)):
+        q = inverse[point_of[i]]
+        for m in range(6):
+            x, y, z = cross_blocks[i, m, 0], cross_blocks[i, m, 1], cross_blocks[i, m, 2]
+            for n in range(3):
+                scaled[i, m, n] = x * q[0, n] + y * q[1, n] + z * q[2, n]
+
+
+@njit(cache=True, nogil=True)
+def subtract_gradients(
+    scaled: Array, point_gradients: Array, point_of: Indices, slot_of: Indices, gradient: Array
+) -> None:
+    """Subtracts from the cameras' gradient (F, 6) what the points explain; slot -1 is fixed."""
+    for i in range(len(point_of)):
+        if slot_of[i] >= 0:
+            g = point_gradients[point_of[i]]
+            for m in range(6):
+                explained = scaled[i, m, 0] * g[0] + scaled[i, m, 1] * g[1] + scaled[i, m, 2] * g[2]
+                gradient[slot_of[i], m] -= explained
+
+
+@njit(cache=True, nogil=True)
+def move_points(
+    inverse: Array,
+    cross_blocks: Array,
+    tangents: Array,
+    camera_of: Indices,
+    point_of: Indices,
+    right: Array,
+    points: Array,
+) -> None:
+    """Moves points (P, 3) to where they fit best after their cameras' tangents (K, 6).
+
+    `right` (P, 3) comes as the points' gradients and is used up.
+    """
+    for i in range(len(point_of)):
+        for n in range(3):
+            pull = 0.0
+            for m in range(6):
+                pull += cross_blocks[i, m, n] * tangents[camera_of[i], m]
+            right[point_of[i], n] += pull
+    for p in range(len(points)):
+        for m in range(3):
+            for n in range(3):
+                points[p, m] -= inverse[p, m, n] * right[p, n]
+
+
+@njit(cache=True, nogil=True)
 def subtract_points(
     starts: Indices,
     slot_of: Indices,

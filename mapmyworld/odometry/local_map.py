@@ -50,8 +50,10 @@ class LocalMap:
         unlike = np.linalg.norm(motion[:, :3, 3], axis=1)
         unlike += rotation_angle(motion) / _RADIANS_PER_METRE
         nearest = np.argsort(unlike, kind="stable")[: self._settings.local_keyframes]
-        ids = np.concatenate([self.keyframes[k].point_of for k in nearest])
-        return np.unique(ids[ids >= 0])
+        seen = np.zeros(len(self.points) + 1, np.bool_)  # the last one for features without point
+        for k in nearest:
+            seen[self.keyframes[k].point_of] = True
+        return np.flatnonzero(seen[:-1])
 
     def add_keyframe(self, map_from_camera: Array, view: View, point_of: Indices) -> Keyframe:
         """A new keyframe with the points its features were matched to; others with depth are new.
@@ -148,7 +150,8 @@ class LocalMap:
         camera, feature, point = camera[kept], feature[kept], point[kept]
         order = np.lexsort((camera, point))
         camera, feature, point = camera[order], feature[order], point[order]
-        ids, local = np.unique(point, return_inverse=True)
+        ids = np.flatnonzero(used)
+        local = np.searchsorted(ids, point)
         seen = np.empty((len(point), 3))
         sigmas = np.empty((len(point), 3))
         for k, frame in enumerate(frames):

@@ -47,6 +47,13 @@ def _small_picture(colour: ImageMessage | None, spacing: int) -> NDArray[np.uint
     return small[..., ::-1]
 
 
+def decodes(colour: ImageMessage, shape: tuple[int, int]) -> bool:
+    """Whether a JPEG can be decoded to this height and width, told by an eighth of its pixels."""
+    small = _decoded(colour, cv2.IMREAD_REDUCED_GRAYSCALE_8)
+    eighth = tuple(-(-side // 8) for side in shape)
+    return small is not None and small.shape == eighth and (colour.height, colour.width) == shape
+
+
 def _decoded(colour: ImageMessage, mode: int) -> NDArray[np.uint8] | None:
     """A JPEG decoded so; None where the image is something else, or damaged."""
     data = colour.encoded

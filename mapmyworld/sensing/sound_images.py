@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.errors import LogError
-from mapmyworld.types import ImageMessage, RgbdImage
+from mapmyworld.types import CameraModel, ImageMessage, RgbdImage
 
 
 class ImageGuard:
@@ -36,12 +36,21 @@ class ImageGuard:
         )
 
     def sound(self, image: RgbdImage) -> RgbdImage | None:
-        """The guarded image, decoded once for all who ask; None where a part cannot be had."""
-        colour, depth = _decoded(image.colour), _decoded(image.depth)
+        """The guarded image, its depth decoded once for all; None where a part cannot be had."""
+        colour, depth = self._tried(image.colour, image.camera), _decoded(image.depth)
         for part in (colour, depth):
             if part is not None and (part.is_depth, part.stamp_ns) in self._failed:
                 return None
         return replace(image, colour=colour, depth=depth)
+
+    def _tried(self, colour: ImageMessage | None, camera: CameraModel) -> ImageMessage | None:
+        """The colour image, known to decode: of a JPEG, kept as it came, an eighth is tried."""
+        from mapmyworld.registration.pictures import decodes
+
+        wanted = camera.height, camera.width
+        if colour is not None and decodes(colour, wanted):
+            return colour
+        return _decoded(colour)
 
     def _guarded(self, message: ImageMessage | None, shape: tuple[int, int]) -> ImageMessage | None:
         if message is None:

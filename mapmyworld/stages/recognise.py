@@ -90,7 +90,7 @@ def add_closures(
 
 def has_images(store: MapStore) -> bool:
     """Whether nodes keep images with depth."""
-    return any(store.node_data(node.id).images for node in store.nodes()[:20])
+    return any(store.node_data(node.id, features=False).images for node in store.nodes()[:20])
 
 
 def has_scans(store: MapStore) -> bool:

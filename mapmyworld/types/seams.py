@@ -70,8 +70,8 @@ class MapStore(Protocol):
     def nodes(self) -> tuple[Node, ...]:
         """All nodes by id."""
 
-    def node_data(self, node_id: int) -> NodeData:
-        """One node's data, read without touching others'."""
+    def node_data(self, node_id: int, *, features: bool = True) -> NodeData:
+        """One node's data, read without touching others'; its features only where wanted."""
 
     def add_scan(self, frame: int, scan: Scan) -> None:
         """The scan of the tracked frame with this index (nodes' and others' alike)."""

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+_LARGEST = 1e100  # squares and products of such numbers are finite
+_LARGEST_ID = 2.0**53  # above it not every whole number is one of double precision
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
@@ -19,10 +22,18 @@ class Table:
     """(R,) line numbers in the file, from 1."""
 
 
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """What stands behind a tag: so many numbers, the first of them ids."""
+
+    count: int
+    ids: int
+
+
 def tables_from_text(
-    text: str, columns: Mapping[str, int]
+    text: str, columns: Mapping[str, Columns]
 ) -> tuple[dict[str, Table], dict[str, list[tuple[int, str]]], list[str]]:
-    """Tables of the tags with a fixed number of `columns`, other lines by tag, and problems."""
+    """Tables of the tags whose `columns` are known, other lines by tag, and problems."""
     texts: dict[str, list[str]] = {}
     numbers: dict[str, list[int]] = {}
     for number, line in enumerate(text.splitlines(), 1):
@@ -46,8 +57,11 @@ def tables_from_text(
     return tables, others, problems
 
 
-def _table(tag: str, rows: list[str], lines: list[int], width: int, problems: list[str]) -> Table:
+def _table(
+    tag: str, rows: list[str], lines: list[int], columns: Columns, problems: list[str]
+) -> Table:
     """All rows at once; one by one only when something is wrong with any."""
+    width = columns.count
     tokens = " ".join(rows).split()
     if len(tokens) == width * len(rows):
         try:
@@ -55,28 +69,42 @@ def _table(tag: str, rows: list[str], lines: list[int], width: int, problems: li
         except ValueError:
             pass
         else:
-            if np.isfinite(values).all():
+            if not _fault(values, columns):
                 return Table(values, np.array(lines, np.int64))
     good = [
         (line, read)
         for line, row in zip(lines, rows, strict=True)
-        if (read := _row(tag, line, row, width, problems)) is not None
+        if (read := _row(tag, line, row, columns, problems)) is not None
     ]
     numbers = np.array([read for _, read in good], np.float64).reshape(-1, width)
     return Table(numbers, np.array([line for line, _ in good], np.int64))
 
 
-def _row(tag: str, line: int, row: str, width: int, problems: list[str]) -> list[float] | None:
+def _row(
+    tag: str, line: int, row: str, columns: Columns, problems: list[str]
+) -> NDArray[np.float64] | None:
     tokens = row.split()
-    if len(tokens) != width:
-        problems.append(f"line {line}: {tag} has {len(tokens)} numbers instead of {width}")
+    if len(tokens) != columns.count:
+        problems.append(f"line {line}: {tag} has {len(tokens)} numbers instead of {columns.count}")
         return None
     try:
-        values = [float(token) for token in tokens]
+        values = np.array(tokens, np.float64)
     except ValueError as error:
         problems.append(f"line {line}: {tag}: {error}")
         return None
-    if not np.isfinite(values).all():
-        problems.append(f"line {line}: {tag} holds a value that is not finite")
+    if fault := _fault(values, columns):
+        problems.append(f"line {line}: {tag} holds {fault}")
         return None
     return values
+
+
+def _fault(values: NDArray[np.float64], columns: Columns) -> str:
+    """What is wrong with some of the numbers (..., columns); empty where nothing is."""
+    if not np.isfinite(values).all():
+        return "a value that is not finite"
+    if (np.abs(values) > _LARGEST).any():
+        return f"a value beyond {_LARGEST:.0e}"
+    ids = values[..., : columns.ids]
+    if (np.abs(ids) > _LARGEST_ID).any() or (ids != np.rint(ids)).any():
+        return "an id that is no whole number"
+    return ""

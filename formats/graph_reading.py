@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.graph_lines import Table, tables_from_text
+from formats.graph_lines import Columns, Table, tables_from_text
 from mapmyworld.errors import MapError
 from mapmyworld.geometry import (
     SWAP_ROTATION_TRANSLATION,
@@ -30,29 +30,29 @@ from mapmyworld.types.pose_graph import Edges, PoseGraph, Priors, Sightings
 
 Index = NDArray[np.int64]
 
-# Numbers behind each tag.
 _COLUMNS = {
-    "VERTEX_SE2": 4,
-    "VERTEX2": 4,
-    "VERTEX_SE3:QUAT": 8,
-    "VERTEX3": 7,
-    "VERTEX_XY": 3,
-    "VERTEX_TRACKXYZ": 4,
-    "EDGE_SE2": 11,
-    "EDGE2": 11,
-    "ODOMETRY": 11,
-    "EDGE_SE3:QUAT": 30,
-    "EDGE3": 29,
-    "EDGE_SE2_XY": 7,
-    "LANDMARK": 7,
-    "BR": 6,
-    "EDGE_SE3_TRACKXYZ": 12,
-    "EDGE_PRIOR_SE2": 10,
-    "EDGE_SE3_PRIOR": 30,
-    "PARAMS_SE3OFFSET": 8,
+    "VERTEX_SE2": Columns(4, ids=1),
+    "VERTEX2": Columns(4, ids=1),
+    "VERTEX_SE3:QUAT": Columns(8, ids=1),
+    "VERTEX3": Columns(7, ids=1),
+    "VERTEX_XY": Columns(3, ids=1),
+    "VERTEX_TRACKXYZ": Columns(4, ids=1),
+    "EDGE_SE2": Columns(11, ids=2),
+    "EDGE2": Columns(11, ids=2),
+    "ODOMETRY": Columns(11, ids=2),
+    "EDGE_SE3:QUAT": Columns(30, ids=2),
+    "EDGE3": Columns(29, ids=2),
+    "EDGE_SE2_XY": Columns(7, ids=2),
+    "LANDMARK": Columns(7, ids=2),
+    "BR": Columns(6, ids=2),
+    "EDGE_SE3_TRACKXYZ": Columns(12, ids=3),
+    "EDGE_PRIOR_SE2": Columns(10, ids=1),
+    "EDGE_SE3_PRIOR": Columns(30, ids=2),
+    "PARAMS_SE3OFFSET": Columns(8, ids=1),
 }
 _PLANAR = {"VERTEX_SE2", "VERTEX2", "EDGE_SE2", "EDGE2", "ODOMETRY", "EDGE_PRIOR_SE2"}
 _SPATIAL = {"VERTEX_SE3:QUAT", "VERTEX3", "EDGE_SE3:QUAT", "EDGE3", "EDGE_SE3_PRIOR"}
+_LEAST_VARIANCE = 1e-30  # m^2 or rad^2
 _SHOWN = 5  # line numbers or ids in one message
 
 
@@ -196,12 +196,11 @@ class _Reader:
             if tag not in self.tables:
                 continue
             table = self.tables[tag]
-            with np.errstate(invalid="ignore"):  # numbers no node can have are told of later
-                ends = table.numbers[:, :2].astype(np.int64)
+            ends = table.numbers[:, :2].astype(np.int64)
             entries = len(_TRIANGLE[width][0])
             information = _symmetric(table.numbers[:, -entries:], _ORDER.get(tag, slice(None)))
             if tag == "ODOMETRY":
-                information = np.asarray(np.linalg.inv(information), np.float64)
+                information = _inverted(information)
             if not self.planar:
                 information = _rotation_first(information)
             poses = _POSES[tag](table.numbers[:, 2:-entries])
@@ -239,13 +238,17 @@ class _Reader:
             if tag == "BR":
                 measured = values[:, 2:4]
                 information = np.zeros((len(values), 2, 2))
-                information[:, [0, 1], [0, 1]] = 1.0 / values[:, 4:6] ** 2
+                variances = values[:, 4:6] ** 2
+                told = variances > _LEAST_VARIANCE
+                information[:, [0, 1], [0, 1]] = np.where(
+                    told, 1.0 / np.where(told, variances, 1), 0
+                )
             else:
                 skip = 2 if self.planar else 3
                 measured = values[:, skip : skip + size]
                 information = _symmetric(values[:, skip + size :], slice(None))
             if tag == "LANDMARK":
-                information = np.asarray(np.linalg.inv(information), np.float64)
+                information = _inverted(information)
             if tag == "EDGE_SE3_TRACKXYZ":
                 measured, information = self._at_node(values[:, 2], measured, information)
             polar = np.full(len(values), tag == "BR")
@@ -322,6 +325,15 @@ def _symmetric(entries: Array, order: list[int] | slice) -> Array:
     matrices[:, rows, columns] = values
     matrices[:, columns, rows] = values
     return matrices
+
+
+def _inverted(covariances: Array) -> Array:
+    """Information matrices; zeros, which no edge may have, of what is no covariance."""
+    lowest = np.linalg.eigvalsh(covariances)[:, 0]
+    good = lowest > 1e-14 * np.abs(covariances).max(axis=(1, 2), initial=_LEAST_VARIANCE)
+    found = np.zeros(covariances.shape)
+    found[good] = np.linalg.inv(covariances[good])
+    return found
 
 
 def _rotation_first(information: Array) -> Array:

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.logs.images import picture_size
+from formats.picture_files import decoded_file, picture_size
 from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.types import OccupancyGrid
@@ -207,7 +207,7 @@ def _read_picture(path: Path) -> NDArray[np.uint8]:
         raise MapError(f"{path}: {width} x {height} cells in {len(data)} bytes are no PGM or PNG")
     import cv2
 
-    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    pixels = decoded_file(data, cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.dtype != np.uint8:
         raise MapError(f"{path}: not an 8-bit image that can be read")
     picture = np.asarray(pixels, np.uint8)

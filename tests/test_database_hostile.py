@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import struct
 import tracemalloc
 import zlib
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from foreign_database import add_nodes, insert, matrix, mono, rtabmap_file, scan_info, stereo
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from formats.database import open_store
 from formats.database.blobs import blob_to_matrix, blob_to_pose
 from formats.database.calibration import blob_to_cameras
 from formats.database.pictures import decode_depth, decode_picture
-from formats.database.scans import blob_to_scan, columns_to_observation
+from formats.database.scans import blob_to_scan, columns_to_observation, scan_to_blob
 from mapmyworld.errors import MapError
+from mapmyworld.types import Scan, TrackedFrames
 
 POINTS = np.ones((1, 10, 2), np.float32)
 
@@ -109,6 +114,10 @@ def test_images_that_lie(data: bytes) -> None:
         struct.pack("<11i", 0, 20, 0, 0, 64, 48, 1 << 28, 0, 0, 0, 12) + bytes(100),
         struct.pack("<10i", 0, 20, 0, 1, -9, 0, 0, 0, 100, 100) + bytes(300),
         stereo()[:-10],
+        mono(fx=0.0),
+        mono(fx=-60.0),
+        mono(fx=math.nan),
+        mono(tx=math.inf),
         struct.pack("<11i", 0, 20, 0, 7, 64, 48, 9, 0, 0, 0, 12) + bytes(300),
     ],
 )
@@ -116,6 +125,36 @@ def test_calibrations_that_lie(blob: bytes) -> None:
     with pytest.raises(MapError) as caught:
         blob_to_cameras(blob, "node 3's calibration")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"angle_increment": math.nan},
+        {"range_max": math.nan},
+        {"origin": np.array([0.0, math.inf, 0.0])},
+        {"points": np.array([[1.0, math.nan]], np.float32)},
+        {"missing": np.array([-math.inf], np.float32)},
+    ],
+)
+def test_scans_that_are_no_numbers(change: dict[str, Any]) -> None:
+    sound = Scan(np.ones((3, 2), np.float32), np.zeros(3), np.ones(1, np.float32), math.inf, 0.01)
+    assert blob_to_scan(scan_to_blob(sound), "x").range_max == math.inf
+    with pytest.raises(MapError, match="node 3's scan: a scan"):
+        blob_to_scan(scan_to_blob(replace(sound, **change)), "node 3's scan")
+
+
+@pytest.mark.parametrize(
+    "array", [np.eye(4)[None], np.zeros((2, 3, 3)), np.zeros((2, 4, 4), np.int64), np.zeros(32)]
+)
+def test_arrays_of_another_shape_are_damage(tmp_path: Path, array: NDArray[Any]) -> None:
+    """Two frames were tracked; the places of one, or of something else, are none of theirs."""
+    frames = np.zeros(2, np.int64), np.ones(2, np.int64), np.stack([np.eye(4)] * 2)
+    with open_store(tmp_path / "map.db", create=True) as store:
+        store.set_tracked_frames(TrackedFrames(*frames, np.ones(2, np.bool_)))
+        store.set_frame_poses(array)
+    with open_store(tmp_path / "map.db") as store, pytest.raises(MapError, match="damaged array"):
+        store.frame_poses()
 
 
 @given(st.binary(max_size=200))

@@ -86,6 +86,18 @@ def test_edges_to_the_next_node_count_as_odometry():
         ("EDGE_SE2 0 2 a 0 0 1 0 0 1 0 1", "line 10: EDGE_SE2: could not convert"),
         ("EDGE_SE2 0 2 0 0 0 1 2 0 1 0 1", "not positive definite (line 10)"),
         ("EDGE_SE2 0 0 0 0 0 1 0 0 1 0 1", "from a node to itself (line 10)"),
+        (
+            "EDGE_SE2 0 1e30 0 0 0 1 0 0 1 0 1",
+            "holds an id that is no whole number",
+        ),
+        (
+            "EDGE_SE2 0 1.5 0 0 0 1 0 0 1 0 1",
+            "holds an id that is no whole number",
+        ),
+        ("EDGE_SE2 0 2 1e200 0 0 1 0 0 1 0 1", "line 10: EDGE_SE2 holds a value beyond 1e+100"),
+        ("ODOMETRY 0 2 1 0 0 0 0 0 0 0 0", "not positive definite (line 10)"),
+        ("LANDMARK 0 7 1 0 0 0 0", "not positive definite (line 10)"),
+        ("BR 0 7 1 1 0 0", "not positive definite (line 10)"),
         ("VERTEX_SE2 1 5 5 5", "id that was taken (line 10)"),
         ("EDGE_WHEEL 0 1 2", "1 lines of unknown kind 'EDGE_WHEEL' (line 10)"),
         ("FIX 99", "FIX of unknown nodes 99"),

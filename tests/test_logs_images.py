@@ -13,7 +13,8 @@ from log_builders import allowed, changes, damaged
 from numpy.typing import NDArray
 
 from formats.logs.compressed_depth import decode_rvl
-from formats.logs.images import compressed_image, picture_size, raw_image
+from formats.logs.images import compressed_image, raw_image
+from formats.picture_files import picture_size
 from mapmyworld.errors import LogError
 
 RGB = np.random.default_rng(1).integers(0, 256, (6, 8, 3), np.uint8)

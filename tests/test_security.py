@@ -12,10 +12,12 @@ import zstandard
 from conftest import ROOT
 from robust.trials import try_command
 
+from formats.database.pictures import decode_picture
 from formats.grid import read_grid, write_grid
 from formats.limits import Limits, limits, set_limits
 from formats.logs import open_log
-from formats.logs.images import encoded_pixels, picture_size
+from formats.logs.images import encoded_pixels
+from formats.picture_files import claims_too_much, picture_size
 from mapmyworld.errors import LogError, MapError
 from mapmyworld.types import OccupancyGrid
 
@@ -98,3 +100,17 @@ def test_the_size_of_a_webp_is_known_before_it_is_decoded() -> None:
     for quality in (50, 101):  # lossy, lossless
         data = cv2.imencode(".webp", picture, [cv2.IMWRITE_WEBP_QUALITY, quality])[1].tobytes()
         assert picture_size(data) == (53, 37)
+
+
+def test_a_png_whose_chunk_claims_gigabytes_reaches_no_decoder(tmp_path: Path) -> None:
+    """OpenCV would take the room before it reads the chunk; a sound file with text after it is."""
+    cv2 = pytest.importorskip("cv2")
+    cells = np.random.default_rng(0).integers(0, 255, (30, 40), np.uint8)
+    sound = cv2.imencode(".png", cells)[1].tobytes()
+    assert not claims_too_much(sound + b"behind the end")
+    np.testing.assert_array_equal(encoded_pixels(sound, "mono8"), cells)
+    claiming = sound[:33] + b"\xff\xff\xff\xff" + sound[37:]
+    with pytest.raises(LogError, match="cannot be decoded"):
+        encoded_pixels(claiming, "mono8")
+    with pytest.raises(MapError, match="damaged image"):
+        decode_picture(claiming, "node 3's image")

@@ -32,15 +32,32 @@ def write_array(db: Connection, name: str, rank: int, array: NDArray[Any] | None
     db.run(insert, (name, rank, little.dtype.str, shape, data))
 
 
-def read_array(db: Connection, name: str) -> NDArray[Any] | None:
-    """What the latest stage wrote under `name`; None where none did."""
+def read_array(db: Connection, name: str, kind: str, shape: tuple[int, ...]) -> NDArray[Any] | None:
+    """What the latest stage wrote under `name`; None where none did.
+
+    Raises `MapError` unless it is of that kind ("i", "u" or "f") and shape; -1 is any length.
+    """
     query = "SELECT dtype, shape, data FROM mapmyworld_arrays WHERE name = ? ORDER BY rank DESC"
     row = db.row(query, (name,))
     if row is None or row[0] == _NONE:
         return None
     try:
-        dtype, shape = np.dtype(row[0]), tuple(json.loads(row[1]))
-        size = dtype.itemsize * int(np.prod(shape, dtype=np.int64))
-        return np.frombuffer(inflate(row[2], size, name), dtype).reshape(shape)
+        dtype, sides = np.dtype(row[0]), tuple(json.loads(row[1]))
+        fits = len(sides) == len(shape) and all(
+            found == wanted or wanted < 0 <= found
+            for found, wanted in zip(sides, shape, strict=True)
+        )
+        if dtype.kind != kind or not fits:
+            raise ValueError(f"{dtype} of shape {row[1]}")
+        size = dtype.itemsize * int(np.prod(sides, dtype=np.int64))
+        return np.frombuffer(inflate(row[2], size, name), dtype).reshape(sides)
     except (ValueError, TypeError) as error:
         raise MapError(f"{db.path}: {name}: a damaged array ({error})") from None
+
+
+def check_lengths(db: Connection, what: str, *arrays: NDArray[Any] | None) -> None:
+    """Raises `MapError` unless these arrays, as far as they are there, have as many rows."""
+    lengths = {len(array) for array in arrays if array is not None}
+    if len(lengths) > 1:
+        told = ", ".join(map(str, sorted(lengths)))
+        raise MapError(f"{db.path}: {what}: damaged arrays (of {told} rows)")

@@ -17,6 +17,7 @@ _VERSION = (0, 20, 0)
 # Where the fisheye's k1..k4 stand among RTAB-Map's six coefficients.
 _FISHEYE_SLOTS = [0, 1, 4, 5]
 MAX_IMAGE_SIDE = 1 << 15
+_LEAST_FOCAL = 0.1  # pixels
 
 
 def cameras_to_blob(cameras: tuple[CameraModel, ...]) -> bytes | None:
@@ -135,7 +136,11 @@ def _read_mono(blob: bytes, at: int, what: str) -> tuple[CameraModel, int]:
     doubles = np.frombuffer(blob, "<f8", sum(sizes[:4]), at)
     k, d, _, p = np.split(doubles, np.cumsum(sizes[:3]))
     mount = blob_to_pose(blob[end - 48 : end], what) if n_l else None
-    return _camera(width, height, k, d, p, np.eye(4) if mount is None else mount), end
+    camera = _camera(width, height, k, d, p, np.eye(4) if mount is None else mount)
+    focal = np.diagonal(camera.intrinsics)[:2]
+    if not (np.isfinite(doubles).all() and (focal > _LEAST_FOCAL).all()):
+        raise MapError(f"{what}: a calibration with focal lengths of {focal} pixels")
+    return camera, end
 
 
 def _camera(

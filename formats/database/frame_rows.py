@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.database.arrays import read_array, write_array
+from formats.database.arrays import check_lengths, read_array, write_array
 from formats.database.connection import Connection
 from formats.database.scans import blob_to_scan
 from mapmyworld.types import Node, Scan, TrackedFrames
@@ -27,11 +27,14 @@ def write_frames(db: Connection, rank: int, frames: TrackedFrames) -> None:
 
 def read_frames(db: Connection) -> TrackedFrames | None:
     """The arrays of `write_frames`; None where tracking did not come to its end."""
-    stamps, node_ids = read_array(db, "tracked stamps_ns"), read_array(db, "tracked node_ids")
-    motions, is_node = read_array(db, "tracked node_from_frame"), read_array(db, "tracked is_node")
+    stamps = read_array(db, "tracked stamps_ns", "i", (-1,))
+    node_ids = read_array(db, "tracked node_ids", "i", (-1,))
+    motions = read_array(db, "tracked node_from_frame", "f", (-1, 4, 4))
+    is_node = read_array(db, "tracked is_node", "u", (-1,))
     if stamps is None or node_ids is None or motions is None or is_node is None:
         return None
-    odometry = read_array(db, "tracked odom_from_base")
+    odometry = read_array(db, "tracked odom_from_base", "f", (-1, 4, 4))
+    check_lengths(db, "tracked frames", stamps, node_ids, motions, is_node, odometry)
     return TrackedFrames(stamps, node_ids, motions, is_node.astype(np.bool_), odometry)
 
 

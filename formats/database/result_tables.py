@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.database import results
+from formats.database.arrays import check_lengths
 from formats.database.transactions import Transactions
 from mapmyworld.types import Mesh, OccupancyGrid, PointCloud, Poses
 
@@ -27,10 +28,13 @@ class ResultTables(Transactions):
         self._settle()
 
     def poses(self) -> Poses | None:
-        ids, solved = self._read("poses ids"), self._read("poses map_from_node")
+        ids = self._read("poses ids", "i", (-1,))
+        solved = self._read("poses map_from_node", "f", (-1, 4, 4))
         if ids is None or solved is None:
             return None
-        return Poses(ids, solved, self._read("poses covariances"))
+        covariances = self._read("poses covariances", "f", (-1, 6, 6))
+        check_lengths(self._db, "poses", ids, solved, covariances)
+        return Poses(ids, solved, covariances)
 
     def set_frame_poses(self, map_from_frame: NDArray[np.float64]) -> None:
         self._begin()
@@ -38,7 +42,7 @@ class ResultTables(Transactions):
         self._settle()
 
     def frame_poses(self) -> NDArray[np.float64] | None:
-        return self._read("frame poses")
+        return self._read("frame poses", "f", (-1, 4, 4))
 
     def set_grid(self, grid: OccupancyGrid) -> None:
         self._begin()
@@ -49,7 +53,8 @@ class ResultTables(Transactions):
         self._settle()
 
     def grid(self) -> OccupancyGrid | None:
-        log_odds, figures = self._read("grid log_odds"), self._read("grid figures")
+        log_odds = self._read("grid log_odds", "f", (-1, -1))
+        figures = self._read("grid figures", "f", (5,))
         if log_odds is None or figures is None:
             return None
         resolution, x, y, occupied, free = (float(value) for value in figures)

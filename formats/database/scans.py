@@ -53,6 +53,10 @@ def blob_to_scan(blob: bytes, what: str) -> Scan:
     if len(blob) != _HEADER.size + 4 * (2 * points + missing):
         raise MapError(f"{what}: {points} points and {missing} bearings in {len(blob)} bytes")
     floats = np.frombuffer(blob, "<f4", offset=_HEADER.size)
+    if not np.isfinite([increment, *origin]).all() or math.isnan(range_max):
+        raise MapError(f"{what}: a scan whose step, reach or place is no number")
+    if not np.isfinite(floats).all():
+        raise MapError(f"{what}: a scan with points that are no numbers")
     returns = floats[: 2 * points].reshape(points, 2)
     return Scan(returns, np.array(origin), floats[2 * points :], range_max, increment)
 

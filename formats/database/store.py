@@ -6,8 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
+from numpy.typing import NDArray
 
 from formats.database import results
+from formats.database.arrays import check_lengths
 from formats.database.connection import Connection
 from formats.database.graph_tables import GraphTables
 from formats.database.node_rows import StorageOptions
@@ -75,13 +77,20 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
             self._solved_anew = False
             self._write_statistics()
 
+    def frame_poses(self) -> NDArray[np.float64] | None:
+        """(N, 4, 4) map_from_frame of all tracked frames; None before they are known."""
+        poses = super().frame_poses()
+        if poses is not None:
+            check_lengths(self._db, "frame poses", poses, self.tracked_frames().stamps_ns)
+        return poses
+
     def _write_statistics(self) -> None:
         poses = self.poses()
         if poses is None:
             return
         counts = dict(self._db.rows("SELECT node_id, count FROM mapmyworld_features"))
         (words,) = self._db.row("SELECT COUNT(*) FROM Word")
-        seconds = self._read(_SECONDS)
+        seconds = self._read(_SECONDS, "f", (-1,))
         figures = statistics_rows(self.nodes(), self.constraints(), poses, counts, words, seconds)
         self._db.run("DELETE FROM Statistics")
         self._db.run_many(INSERT_STATISTICS, figures)

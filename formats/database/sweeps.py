@@ -20,8 +20,10 @@ _MAX_BEAMS = 1 << 20
 def message_from_scan(scan: Scan, stamp_ns: int, frame_id: str) -> LaserScanMessage:
     """A sweep about `scan.origin`, taken at once: returns as ranges, missing beams as inf."""
     points = transform_points_planar(invert_planar(scan.origin), scan.points)
+    points = points[np.isfinite(points).all(axis=1)]  # a damaged map may hold anything
     bearings = np.arctan2(points[:, 1], points[:, 0])
     missing = np.asarray(scan.missing, np.float64) - scan.origin[2]
+    missing = missing[np.isfinite(missing)]
     missing = np.mod(missing + math.pi, 2 * math.pi) - math.pi
     both = np.concatenate([bearings, missing])
     first, step = _lattice(both, scan.angle_increment)

@@ -50,8 +50,8 @@ class Transactions(Opened):
     def _write(self, name: str, array: NDArray[Any] | None) -> None:
         write_array(self._db, name, self._current_rank(), array)
 
-    def _read(self, name: str) -> NDArray[Any] | None:
-        return read_array(self._db, name)
+    def _read(self, name: str, kind: str, shape: tuple[int, ...]) -> NDArray[Any] | None:
+        return read_array(self._db, name, kind, shape)
 
     def _current_rank(self) -> int:
         """Of the stage being written, else of the last one done."""

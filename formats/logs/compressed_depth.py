@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.limits import limits
+from formats.picture_files import decoded_file, picture_size
 from mapmyworld.errors import LogError
 
 _HEADER = struct.Struct("<iff")
@@ -38,14 +39,10 @@ def decode_compressed_depth(data: bytes, encoding: str, described: str) -> NDArr
 def _decode_png(data: bytes) -> NDArray[np.uint16]:
     import cv2
 
-    if data[:4] == b"\x89PNG" and len(data) >= 24:
-        width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
-        if width * height > limits().image_pixels:
-            raise LogError(f"a depth image claims {width} x {height} pixels")
-    try:
-        cells = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        cells = None
+    width, height = picture_size(data)
+    if width * height > limits().image_pixels:
+        raise LogError(f"a depth image claims {width} x {height} pixels")
+    cells = decoded_file(data, cv2.IMREAD_UNCHANGED)
     if cells is None or cells.ndim != 2:
         raise LogError(f"a compressedDepth image of {len(data)} bytes cannot be decoded")
     return np.asarray(cells, np.uint16)

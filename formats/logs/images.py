@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from formats.limits import limits
 from formats.logs.channels import Payload
 from formats.logs.compressed_depth import decode_compressed_depth
+from formats.picture_files import decoded_file, is_16_bit_png, picture_size
 from mapmyworld.errors import LogError
 from mapmyworld.types import ImageMessage
 
@@ -146,10 +147,7 @@ def encoded_pixels(data: bytes, encoding: str, units: float = _MILLIMETRES) -> N
     if width * height > limits().image_pixels:
         raise LogError(f"a compressed image claims {width} x {height} pixels")
     mode = cv2.IMREAD_UNCHANGED if depth else cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    try:
-        cells = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
-    except cv2.error:
-        cells = None
+    cells = decoded_file(data, mode)
     if cells is None:
         raise LogError(f"a compressed image of {len(data)} bytes cannot be decoded")
     if depth:
@@ -157,35 +155,3 @@ def encoded_pixels(data: bytes, encoding: str, units: float = _MILLIMETRES) -> N
     if cells.ndim == 2 and encoding.lower().startswith("bayer"):
         return _from_bayer(encoding.lower(), cells)  # the mosaic was compressed as it was
     return np.ascontiguousarray(cells if cells.ndim == 2 else cells[..., 2::-1])
-
-
-def _webp_size(data: bytes) -> tuple[int, int]:
-    """Of the first chunk: extended, lossless or lossy (RFC 9649, section 2)."""
-    if data[15:16] == b"X":
-        return int.from_bytes(data[24:27], "little") + 1, int.from_bytes(data[27:30], "little") + 1
-    if data[15:16] == b"L":
-        bits = int.from_bytes(data[21:25], "little")
-        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
-    width, height = (int.from_bytes(data[at : at + 2], "little") & 0x3FFF for at in (26, 28))
-    return width, height
-
-
-def is_16_bit_png(data: bytes) -> bool:
-    """Grey of 16 bits: in the bags of robots, depth."""
-    return data[:4] == b"\x89PNG" and len(data) > 25 and data[24] == 16 and data[25] == 0
-
-
-def picture_size(data: bytes) -> tuple[int, int]:
-    """Width and height of a PNG or JPEG file, from its head; 0, 0 where that does not tell."""
-    if data[:4] == b"\x89PNG" and len(data) >= 24:
-        return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
-    if data[8:15] == b"WEBPVP8" and len(data) >= 30:
-        return _webp_size(data)
-    position = 2
-    while data[:2] == b"\xff\xd8" and position + 9 <= len(data) and data[position] == 0xFF:
-        marker = data[position + 1]
-        if 0xC0 <= marker <= 0xCF and marker not in {0xC4, 0xC8, 0xCC}:
-            height = int.from_bytes(data[position + 5 : position + 7], "big")
-            return int.from_bytes(data[position + 7 : position + 9], "big"), height
-        position += 2 + int.from_bytes(data[position + 2 : position + 4], "big")
-    return 0, 0

@@ -27,6 +27,7 @@ from mapmyworld.graph.residuals import planar_adjoint, planar_log
 
 _PARTNERS = 12  # nearest closures each one is compared with
 _EVIDENCE = 6.0  # log-likelihood ratio of true to chance from which two closures support each other
+_ROUNDING = 1e-9  # of the largest entry, by which a singular covariance is made larger
 _SMALLEST = 1e-300  # volume, so that its logarithm exists
 _REACH = 200  # nodes of odometry between the ends of compared closures, at most
 
@@ -136,10 +137,20 @@ def _loop_chi2(
     covariance = spread[k] + _transported(adjoint(around), spread[m])
     for ends, here in ((tails, to_tail), (heads, to_head)):
         covariance += _transported(adjoint(here), _between_spread(odometry, ends[k], ends[m]))
+    covariance = _definite(covariance)
     residual = planar_log(error) if planar else se3_log(error)
     solved = np.linalg.solve(covariance, residual[..., None])[..., 0]
-    volume = np.sqrt(np.linalg.det(2.0 * np.pi * covariance))
+    volume = np.sqrt(np.abs(np.linalg.det(2.0 * np.pi * covariance)))
     return np.einsum("ei,ei->e", residual, solved), np.maximum(volume, _SMALLEST)
+
+
+def _definite(covariance: Array) -> Array:
+    """The covariances, those that rounding made singular a little larger."""
+    lost = ~(np.linalg.det(covariance) > 0.0)
+    size = covariance.shape[-1]
+    more = _ROUNDING * np.abs(covariance[lost]).max(axis=(1, 2), initial=_ROUNDING)
+    covariance[lost] += more[:, None, None] * np.eye(size)
+    return covariance
 
 
 def alternatives(planar: bool, measured: Array) -> float:

@@ -1,0 +1,77 @@
+"""JPEG, PNG and WebP files: their size from the head, their pixels within what may be claimed."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.limits import limits
+
+_PNG = b"\x89PNG"
+
+
+def picture_size(data: bytes) -> tuple[int, int]:
+    """Width and height of a PNG, JPEG or WebP file, from its head; 0, 0 where it does not tell."""
+    if data[:4] == _PNG and len(data) >= 24:
+        return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+    if data[8:15] == b"WEBPVP8" and len(data) >= 30:
+        return _webp_size(data)
+    position = 2
+    while data[:2] == b"\xff\xd8" and position + 9 <= len(data) and data[position] == 0xFF:
+        marker = data[position + 1]
+        if 0xC0 <= marker <= 0xCF and marker not in {0xC4, 0xC8, 0xCC}:
+            height = int.from_bytes(data[position + 5 : position + 7], "big")
+            return int.from_bytes(data[position + 7 : position + 9], "big"), height
+        position += 2 + int.from_bytes(data[position + 2 : position + 4], "big")
+    return 0, 0
+
+
+def _webp_size(data: bytes) -> tuple[int, int]:
+    """Of the first chunk: extended, lossless or lossy (RFC 9649, section 2)."""
+    if data[15:16] == b"X":
+        return int.from_bytes(data[24:27], "little") + 1, int.from_bytes(data[27:30], "little") + 1
+    if data[15:16] == b"L":
+        bits = int.from_bytes(data[21:25], "little")
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    width, height = (int.from_bytes(data[at : at + 2], "little") & 0x3FFF for at in (26, 28))
+    return width, height
+
+
+def is_16_bit_png(data: bytes) -> bool:
+    """Grey of 16 bits: in the bags of robots, depth."""
+    return data[:4] == _PNG and len(data) > 25 and data[24] == 16 and data[25] == 0
+
+
+def claims_too_much(data: bytes) -> bool:
+    """Whether a file says of itself what would fill the memory before anybody looks at it.
+
+    OpenCV takes room for a chunk of a PNG, up to 4 GB, before it reads it; so each must be there.
+    """
+    width, height = picture_size(data)
+    return width * height > limits().image_pixels or not _chunks_are_there(data)
+
+
+def _chunks_are_there(data: bytes) -> bool:
+    """Of a PNG: no chunk before the end is longer than the file (PNG specification, section 5)."""
+    position = 8
+    while data[:4] == _PNG and position + 8 <= len(data):
+        length = int.from_bytes(data[position : position + 4], "big")
+        if length > len(data) - position - 8:
+            return False
+        if data[position + 4 : position + 8] == b"IEND":
+            break
+        position += 12 + length
+    return True
+
+
+def decoded_file(data: bytes, mode: int) -> NDArray[np.generic] | None:
+    """What OpenCV decodes in one of its modes; None of what is damaged or claims too much."""
+    import cv2
+
+    if claims_too_much(data):
+        return None
+    try:
+        cells = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
+    except cv2.error:
+        return None
+    return None if cells is None else np.asarray(cells)

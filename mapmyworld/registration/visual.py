@@ -12,6 +12,8 @@ from mapmyworld.kernels.pose_refinement import refine, score_poses, squared_erro
 
 Array = NDArray[np.float64]
 _BATCH = 64  # hypotheses scored between two looks at whether more are needed
+_POLISHES = 4  # refinements of a hypothesis, at most
+_FEWEST = 6  # sightings that a pose is refined on
 _MISS = 1e-4  # probability of having overlooked the best hypothesis at which the search ends
 
 
@@ -55,9 +57,10 @@ def ransac_pose(
     """The map_from_camera (4, 4) on which most sightings agree within `limit` sigmas; how many.
 
     Each hypothesis aligns three points with their own back-projections, so three sightings with
-    depth are needed; without them the identity and 0 are returned. Fewer than `least` agreeing
+    depth are needed; without them the identity and 0 are returned. The best of a batch is refined
+    on what agrees with it, as three noisy points fit few others. Fewer than `least` agreeing
     sightings are of no use: the search ends once more would hardly have been overlooked. Draws
-    follow from `seed`.
+    follow from `seed`. (Chum, Matas and Kittler, "Locally optimized RANSAC", 2003.)
     """
     best_pose, best = np.eye(4), 0
     deep = np.flatnonzero(np.isfinite(sightings.seen[:, 2]))
@@ -75,9 +78,24 @@ def ransac_pose(
         if len(poses) and counts.max() > best:
             best = int(counts.max())
             best_pose = poses[int(counts.argmax())]
+            best_pose, best = _polished(best_pose, best, sightings, limit)
         if tried >= _rounds_needed(max(best, least) / len(sightings)):
             break
     return best_pose, best
+
+
+def _polished(pose: Array, count: int, sightings: Sightings, limit: float) -> tuple[Array, int]:
+    """The pose refined on all within twice the limit, as long as more agree; and how many do."""
+    for _ in range(_POLISHES):
+        near = inliers(pose, sightings, 2.0 * limit)
+        if np.count_nonzero(near) < _FEWEST:
+            break
+        refined, _ = refine_pose(pose, sightings.select(near))
+        agreed = int(np.count_nonzero(inliers(refined, sightings, limit)))
+        if agreed <= count:
+            break
+        pose, count = refined, agreed
+    return pose, count
 
 
 def refine_pose(

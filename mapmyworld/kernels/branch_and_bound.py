@@ -47,15 +47,16 @@ def _exceeds(
     least: int,
 ) -> int:
     """The sum over all points, or -1 as soon as it cannot exceed `least`."""
-    height, width = level.shape
+    # Unsigned, so that one comparison finds cells on either side of the grid.
+    height, width = np.uint64(level.shape[0]), np.uint64(level.shape[1])
     count = len(cells)
     # What is still missing when every point to come scores in full.
     slack = FULL * count - least
     total = 0
     for i in range(count):
-        x, y = cells[i, 0] + column, cells[i, 1] + row
+        x, y = np.uint64(cells[i, 0] + column), np.uint64(cells[i, 1] + row)
         value = 0
-        if 0 <= x < width and 0 <= y < height:
+        if x < width and y < height:
             value = int(level[y, x])
         total += value
         slack -= FULL - value

@@ -12,9 +12,9 @@ from mapmyworld.geometry import (
     information_from_planar,
     matrix_to_planar,
     planar_to_matrix,
-    transform_points_planar,
 )
 from mapmyworld.odometry.laser_stretches import is_weak
+from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_lost import lost_pairs
 from mapmyworld.places.laser_nodes import (
     LaserNodes,
@@ -31,11 +31,12 @@ from mapmyworld.registration.scan_matching import (
 )
 from mapmyworld.registration.scan_search import (
     Found,
+    LikelihoodGrid,
     likelihood_grid,
+    rows_of,
     search_grid,
     submap_points,
 )
-from mapmyworld.registration.threads import run_in_chunks
 from mapmyworld.types import Constraint, ConstraintKind, MapStore, Poses, Progress
 
 Array = NDArray[np.float64]
@@ -44,7 +45,6 @@ _LEAST_PATH = 8.0  # m of path between two visits, below which they are one
 _SETTLED_WINDOW = 1.0  # m to each side that is searched once the graph is optimised
 _SETTLED_ANGLE = 0.2  # rad, the same
 _FIRST_WINDOW = 15.0  # m to each side, at most, of a search from tracked poses
-_GRIDS = 12  # likelihood grids held at a time
 _AGREEMENT = np.diag([0.02**2, 0.02**2, 0.005**2])  # m^2 and rad^2 that two maps may differ by
 _NO_PRIOR = np.diag([1e-3, 1e-3, 1e-3])
 
@@ -126,33 +126,29 @@ def compare_places(
 
     From settled poses the search is small, else as far as drift goes, `widest` metres at most.
     """
-    results: list[Constraint | None] = [None] * len(pairs)
-    by_target = sorted(range(len(pairs)), key=lambda k: pairs[k])
-    targets = sorted({a for a, _ in pairs})
-    for first in range(0, len(targets), _GRIDS):
-        # Grids are large: only a few are held at a time.
-        some = targets[first : first + _GRIDS]
-        for a in some:
-            nodes.grids[a] = likelihood_grid(_surroundings(nodes, a, config))
-        batch = [k for k in by_target if some[0] <= pairs[k][0] <= some[-1]]
+    by_target: dict[int, list[int]] = {}
+    for k, (a, _) in enumerate(pairs):
+        by_target.setdefault(a, []).append(k)
 
-        def work(start: int, end: int, batch: list[int] = batch) -> None:
-            for k in batch[start:end]:
-                results[k] = _compare(nodes, *pairs[k], config, settled, widest)
+    def compare(target: tuple[int, list[int]]) -> list[Constraint]:
+        a, rows = target
+        grid = likelihood_grid(_surroundings(nodes, a, config))  # large: one a thread is held
+        return [_compare(nodes, grid, *pairs[k], config, settled, widest) for k in rows]
 
-        run_in_chunks(work, len(batch), config.threads)
-        nodes.grids.clear()
-    return [constraint for constraint in results if constraint is not None]
+    found = in_threads(compare, by_target.items(), config.threads)
+    places = [k for rows in by_target.values() for k in rows]
+    by_place = dict(zip(places, (c for some in found for c in some), strict=True))
+    return [by_place[k] for k in range(len(pairs))]
 
 
 def _members(nodes: LaserNodes, middle: int, config: Config) -> Index:
     """Nodes around one along the path, at most nine."""
-    half = config.places.laser_submap
-    first = int(np.searchsorted(nodes.path, nodes.path[middle] - half))
-    last = int(np.searchsorted(nodes.path, nodes.path[middle] + half, side="right"))
-    before = np.linspace(first, middle, 5).astype(np.int64)
-    after = np.linspace(middle, last - 1, 5).astype(np.int64)
-    return np.unique(np.concatenate([before, after]))
+    half, path = config.places.laser_submap, nodes.path
+    first = int(np.searchsorted(path, path[middle] - half))
+    last = int(np.searchsorted(path, path[middle] + half, side="right")) - 1
+    before = {first + k * (middle - first) // 4 for k in range(5)}
+    after = {middle + k * (last - middle) // 4 for k in range(5)}
+    return np.array(sorted(before | after), np.int64)
 
 
 def _surroundings(nodes: LaserNodes, middle: int, config: Config) -> Array:
@@ -164,7 +160,13 @@ def _surroundings(nodes: LaserNodes, middle: int, config: Config) -> Array:
 
 
 def _compare(
-    nodes: LaserNodes, a: int, b: int, config: Config, settled: bool, widest: float
+    nodes: LaserNodes,
+    grid: LikelihoodGrid,
+    a: int,
+    b: int,
+    config: Config,
+    settled: bool,
+    widest: float,
 ) -> Constraint:
     places = config.places
     guess = between_planar(nodes.poses[a], nodes.poses[b])
@@ -175,7 +177,7 @@ def _compare(
         distance = min(1.0 + places.laser_drift * driven, widest)
         angle = min(0.2 + places.laser_drift_angle * driven, np.pi)
     points = _surroundings(nodes, b, config)
-    found = search_grid(points, nodes.grids[a], guess, distance, angle, places.laser_score)
+    found = search_grid(points, grid, guess, distance, angle, places.laser_score)
     if found is None:
         return _rejected(nodes, a, b, settled, guess, f"score below {places.laser_score}", {})
     match = match_submaps(nodes, a, b, found.pose, config)
@@ -202,16 +204,13 @@ def between_padded(nodes: LaserNodes, a: int, targets: Index) -> Array:
 
 def _joined(nodes: LaserNodes, b: int, members: Index) -> PreparedScan:
     """Some of the members' points, in b's frame; their bearings serve no search."""
-    parts = []
-    for m in members:
-        rows = nodes.scans.rows[nodes.scans.bounds[m] : nodes.scans.bounds[m + 1] : 2]
-        b_from_m = between_planar(nodes.poses[b], nodes.poses[m])
-        turn = np.array([0.0, 0.0, b_from_m[2]])
-        moved = rows.copy()
-        moved[:, :2] = transform_points_planar(b_from_m, rows[:, :2])
-        moved[:, 2:4] = transform_points_planar(turn, rows[:, 2:4])
-        parts.append(moved)
-    return PreparedScan(np.ascontiguousarray(np.concatenate(parts)), nodes.scans.origins[b])
+    rows, of = rows_of(nodes.scans, members, 2)
+    b_from_m = between_planar(nodes.poses[b], nodes.poses[members])
+    c, s = np.cos(b_from_m[:, 2])[of], np.sin(b_from_m[:, 2])[of]
+    x, y, nx, ny = rows[:, :4].T.astype(np.float64)
+    rows[:, 0], rows[:, 1] = b_from_m[of, 0] + c * x - s * y, b_from_m[of, 1] + s * x + c * y
+    rows[:, 2], rows[:, 3] = c * nx - s * ny, s * nx + c * ny
+    return PreparedScan(rows, nodes.scans.origins[b])
 
 
 def _verdict(

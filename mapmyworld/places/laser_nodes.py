@@ -11,7 +11,6 @@ from mapmyworld.config import Config
 from mapmyworld.geometry import between_planar
 from mapmyworld.parallel import batches
 from mapmyworld.registration.scan_matching import ScanSet, joined, prepare_scans
-from mapmyworld.registration.scan_search import LikelihoodGrid
 from mapmyworld.types import MapStore, Node
 
 Array = NDArray[np.float64]
@@ -29,8 +28,6 @@ class LaserNodes:
     """(N, 3)."""
     path: Array
     """(N,) metres driven, rotation counted as well."""
-    grids: dict[int, LikelihoodGrid]
-    """Likelihood grids by their middle node, filled when needed."""
 
 
 NodeScans = tuple[list[Node], ScanSet]
@@ -55,7 +52,7 @@ def laser_nodes(ids: Index, scans: ScanSet, poses: Array) -> LaserNodes:
     """Nodes with the length of path up to each."""
     steps = between_planar(poses[:-1], poses[1:])
     lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.2 * np.abs(steps[:, 2])
-    return LaserNodes(ids, scans, poses, np.concatenate([[0.0], np.cumsum(lengths)]), {})
+    return LaserNodes(ids, scans, poses, np.concatenate([[0.0], np.cumsum(lengths)]))
 
 
 def spaced(path: Array, spacing: float) -> Index:

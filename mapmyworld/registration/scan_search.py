@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import transform_points_planar
 from mapmyworld.kernels.branch_and_bound import FULL, best_shift, fill_pyramid
 from mapmyworld.registration.scan_matching import PreparedScan, ScanSet
 
@@ -104,8 +103,17 @@ def search_pose(
 
 def submap_points(scans: ScanSet, which: NDArray[np.int64], poses: Array) -> Array:
     """All points (N, 2) of scans `which` at their `poses` (len(which), 3)."""
-    parts = [
-        transform_points_planar(pose, scans.rows[scans.bounds[w] : scans.bounds[w + 1], :2])
-        for w, pose in zip(which, poses, strict=True)
-    ]
-    return np.concatenate(parts) if parts else np.zeros((0, 2))
+    if len(which) == 0:
+        return np.zeros((0, 2))
+    rows, of = rows_of(scans, which)
+    c, s = np.cos(poses[:, 2])[of], np.sin(poses[:, 2])[of]
+    x, y = rows[:, 0].astype(np.float64), rows[:, 1].astype(np.float64)
+    return np.stack([poses[of, 0] + c * x - s * y, poses[of, 1] + s * x + c * y], axis=-1)
+
+
+def rows_of(
+    scans: ScanSet, which: NDArray[np.int64], step: int = 1
+) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Every `step`-th row (N, 5) of scans `which`, and the place in `which` (N,) of its scan."""
+    parts = [scans.rows[scans.bounds[w] : scans.bounds[w + 1] : step] for w in which]
+    return np.concatenate(parts), np.repeat(np.arange(len(which)), [len(part) for part in parts])

@@ -16,13 +16,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robust.mutations import mutated
+from robust.mutations import mutated, spoil_database
 from robust.trials import MEMORY_MB, peak_memory_mb, try_command
 
 _WAIT_S = 180.0  # wall time without a word from a worker: it hangs where no signal reaches
 _ADDRESSES = 6 << 30  # bytes; what is too much is judged by MEMORY_MB
 _PER_WORKER = 500  # cases, then a fresh process
 _TEXT = {".log", ".txt", ".yaml", ".g2o", ".graph", ".toml", ".tum"}
+_DATABASES = {".db", ".db3"}
 
 
 class Case(NamedTuple):
@@ -58,6 +59,11 @@ def damage(case: Case, folder: Path) -> Path:
     """A copy of the case's source with damage; of a folder, one or all of its files are hit."""
     target = folder / case.source.name
     if case.source.is_file():
+        by_value = np.random.default_rng((*case.seed, 2)).random() < 0.5
+        if case.source.suffix in _DATABASES and by_value:
+            shutil.copyfile(case.source, target)
+            spoil_database(target, case.seed)
+            return target
         text = case.source.suffix in _TEXT
         target.write_bytes(mutated(case.source.read_bytes(), case.seed, text=text))
         return target

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import re
+import sqlite3
 import struct
 from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 
@@ -26,6 +29,50 @@ def mutated(data: bytes, seed: tuple[int, ...], *, text: bool = False) -> bytes:
     for _ in range(int(rng.integers(1, 4))):
         spoilt = kinds[int(rng.integers(len(kinds)))](spoilt, rng)
     return bytes(spoilt)
+
+
+def spoil_database(path: Path, seed: tuple[int, ...]) -> None:
+    """Damages values in a sound SQLite file, so that they reach those who read them."""
+    rng = np.random.default_rng(seed)
+    with closing(sqlite3.connect(path)) as database, database:
+        tables = database.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+        filled = [
+            name for (name,) in tables
+            if database.execute(f"SELECT COUNT(*) FROM \"{name}\"").fetchone()[0]
+        ]  # fmt: skip
+        for _ in range(int(rng.integers(1, 4))):
+            _spoil_value(database, filled[int(rng.integers(len(filled)))], rng)
+
+
+def _spoil_value(database: sqlite3.Connection, table: str, rng: Rng) -> None:
+    """One value of a table made another one, or its row removed."""
+    columns = [row[1] for row in database.execute(f'PRAGMA table_info("{table}")')]
+    rows = [row for (row,) in database.execute(f'SELECT rowid FROM "{table}"')]
+    row, column = rows[int(rng.integers(len(rows)))], columns[int(rng.integers(len(columns)))]
+    if rng.random() < 0.1:
+        database.execute(f'DELETE FROM "{table}" WHERE rowid = ?', (row,))
+        return
+    where = f'FROM "{table}" WHERE rowid = ?'
+    (value,) = database.execute(f'SELECT "{column}" {where}', (row,)).fetchone()
+    try:
+        update = f'UPDATE OR REPLACE "{table}" SET "{column}" = ? WHERE rowid = ?'
+        database.execute(update, (_other_value(value, rng), row))
+    except sqlite3.IntegrityError:
+        return  # the file itself forbids it
+
+
+def _other_value(value: object, rng: Rng) -> object:
+    if rng.random() < 0.1:  # of another type
+        return [None, "text", b"bytes", 1.5, -1][int(rng.integers(5))]
+    if isinstance(value, bytes):
+        return mutated(value, (int(rng.integers(1 << 31)),))
+    if isinstance(value, str):
+        data = mutated(value.encode(), (int(rng.integers(1 << 31)),), text=True)
+        return data.decode("utf-8", "replace")
+    if isinstance(value, float):
+        return _FLOATS[int(rng.integers(len(_FLOATS)))]
+    number = _INTEGERS[int(rng.integers(len(_INTEGERS)))]
+    return number if number < 1 << 63 else -1
 
 
 def _flip(data: bytearray, rng: Rng) -> bytearray:

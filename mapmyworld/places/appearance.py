@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ _NEW_STAYS = 0.9  # probability that an unknown place is followed by another one
 _LOST = 0.1  # probability that a known place is followed by an unknown one
 _STEP_SIGMA = 1.6  # nodes by which the place advances or goes back from one node to the next
 _REACH = 6  # nodes beyond which it does not jump
+_SEGMENT = 256  # nodes that are looked at together
 _ALIKE = 0.6  # of the best similarity, from which another place is looked at as well
 
 
@@ -68,12 +69,10 @@ def find_candidates(
     places only the best is proposed. Places nearly as similar as the best one are proposed too,
     whatever the filter thinks: that they look alike must be known before one is believed.
     """
-    similarity = _similarities(weigh_words(words, size), stamps_ns, sessions, gap_s)
-    posterior = smooth_places(similarity)
+    looks = _Looks(weigh_words(words, size), stamps_ns, sessions, int(gap_s * 1e9))
     best: dict[tuple[int, int], Candidate] = {}
-    for i in range(len(words)):
-        row = similarity[i]
-        around = _around(posterior[i])
+    for i, row, posterior in smoothed_places(looks):
+        around = _around(posterior)
         worth = (around >= least_posterior) | (row >= _ALIKE * row.max())
         worth &= row >= least_similarity
         order = np.argsort(-(row * (0.2 + around)), kind="stable")
@@ -86,38 +85,56 @@ def find_candidates(
     return sorted(best.values(), key=lambda c: (c.index, -c.posterior * c.similarity, c.other))
 
 
-def _similarities(
-    vectors: scipy.sparse.csr_matrix,
-    stamps_ns: NDArray[np.int64],
-    sessions: NDArray[np.int64],
-    gap_s: float,
-) -> NDArray[np.float32]:
-    similarity = np.asarray((vectors @ vectors.T).todense(), np.float32)
-    close = np.abs(stamps_ns[:, None] - stamps_ns[None, :]) < gap_s * 1e9
-    similarity[close & (sessions[:, None] == sessions[None, :])] = 0.0
-    return similarity
+@dataclass(frozen=True, slots=True)
+class _Looks:
+    """How alike nodes look, worked out segment by segment: all pairs of a long log fill memory."""
+
+    vectors: scipy.sparse.csr_matrix
+    stamps_ns: NDArray[np.int64]
+    sessions: NDArray[np.int64]
+    gap_ns: int
+
+    def similarities(self, first: int) -> NDArray[np.float32]:
+        """(B, N) of the segment of nodes from `first` on; 0 for what is not the place again."""
+        last = min(first + _SEGMENT, len(self.stamps_ns))
+        found = (self.vectors[first:last] @ self.vectors.T).toarray().astype(np.float32)
+        close = np.abs(self.stamps_ns[first:last, None] - self.stamps_ns) < self.gap_ns
+        found[close & (self.sessions[first:last, None] == self.sessions)] = 0.0
+        return np.asarray(found)
 
 
-def smooth_places(similarity: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Probability (N, N) that node i is at the place of node j, given the whole log.
+def smoothed_places(
+    looks: _Looks,
+) -> Iterator[tuple[int, NDArray[np.float32], NDArray[np.float32]]]:
+    """Each node i, from the last to the first, with two rows (N,).
 
-    A discrete Bayes filter over "at node j" or "at a new place" as in Angeli et al., "Fast and
+    How alike the others look, and the probability that i is at the place of node j given the whole
+    log. A discrete Bayes filter over "at node j" or "at a new place" as in Angeli et al., "Fast and
     incremental method for loop-closure detection using bags of visual words" (2008), run forwards
     and backwards. A place's likelihood grows with how far its similarity stands out of its row.
+    Going back, each segment is run forwards once more from the state in which it began.
     """
-    likelihood, unknown = _likelihoods(similarity)
-    posterior, new = _forwards(likelihood, unknown)
-    ahead, new_ahead = np.ones(len(likelihood)), 1.0  # likelihood of what follows
-    for i in range(len(likelihood) - 2, -1, -1):
-        ahead, new_ahead = _backwards(likelihood[i + 1], unknown[i + 1], ahead, new_ahead)
-        posterior[i] *= ahead
-        total = float(posterior[i].sum()) + new[i] * new_ahead
-        posterior[i] /= max(total, 1e-30)
-    return posterior
+    firsts = range(0, len(looks.stamps_ns), _SEGMENT)
+    state = (np.zeros(len(looks.stamps_ns)), 1.0)
+    begun = []
+    for first in firsts:
+        begun.append(state)
+        *_, state = _forwards(*_likelihoods(looks.similarities(first)), state)
+    ahead, new_ahead = np.ones(len(looks.stamps_ns)), 1.0  # likelihood of what follows
+    for first, state in zip(reversed(firsts), reversed(begun), strict=True):
+        similarity = looks.similarities(first)
+        likelihood, unknown = _likelihoods(similarity)
+        posterior, new, _ = _forwards(likelihood, unknown, state)
+        for k in range(len(similarity) - 1, -1, -1):
+            row = posterior[k]
+            row *= ahead
+            row /= max(float(row.sum()) + new[k] * new_ahead, 1e-30)
+            yield first + k, similarity[k], row
+            ahead, new_ahead = _backwards(likelihood[k], unknown[k], ahead, new_ahead)
 
 
 def _likelihoods(similarity: NDArray[np.float32]) -> tuple[NDArray[np.float32], Array]:
-    """Likelihood (N, N) of each place and (N,) of a new one; places ruled out have 0."""
+    """Likelihood (B, N) of each place and (B,) of a new one; places ruled out have 0."""
     allowed = similarity > 0
     count = np.maximum(allowed.sum(axis=1), 1)
     mean = similarity.sum(axis=1) / count
@@ -129,12 +146,16 @@ def _likelihoods(similarity: NDArray[np.float32]) -> tuple[NDArray[np.float32], 
     return likelihood.astype(np.float32), np.clip(unknown, 1.0, 10.0)
 
 
-def _forwards(likelihood: NDArray[np.float32], unknown: Array) -> tuple[NDArray[np.float32], Array]:
-    """Posterior (N, N) of each place and (N,) of a new one, given the nodes so far."""
-    n = len(likelihood)
-    posterior, new = np.zeros((n, n), np.float32), np.zeros(n)
-    places, at_new = np.zeros(n), 1.0
-    for i in range(n):
+def _forwards(
+    likelihood: NDArray[np.float32], unknown: Array, state: tuple[Array, float]
+) -> tuple[NDArray[np.float32], Array, tuple[Array, float]]:
+    """Posterior (B, N) of each place and (B,) of a new one, given the nodes so far.
+
+    `state` is the pair of them before the first node; returned last is that after the last.
+    """
+    posterior, new = np.zeros(likelihood.shape, np.float32), np.zeros(len(likelihood))
+    places, at_new = state
+    for i in range(len(likelihood)):
         entered = (1.0 - _NEW_STAYS) * at_new / _allowed(likelihood[i])
         left = _LOST * float(places.sum())
         places = likelihood[i] * ((1.0 - _LOST) * _blurred(places) + entered)
@@ -142,7 +163,7 @@ def _forwards(likelihood: NDArray[np.float32], unknown: Array) -> tuple[NDArray[
         total = float(places.sum()) + at_new
         places, at_new = places / total, at_new / total
         posterior[i], new[i] = places, at_new
-    return posterior, new
+    return posterior, new, (places, at_new)
 
 
 def _backwards(

@@ -6,7 +6,7 @@ import itertools
 import os
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from queue import Full, Queue
@@ -25,7 +25,7 @@ def batches(items: Iterable[In], size: int) -> Iterator[list[In]]:
         yield some
 
 
-def made_ahead(items: Iterable[In], count: int = 32) -> Iterator[In]:
+def made_ahead(items: Iterable[In], count: int = 32) -> Generator[In, None, None]:
     """The items in order, made by another thread up to `count` ahead of their use.
 
     An error that making them raises comes where its item would have come.

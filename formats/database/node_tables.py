@@ -32,6 +32,7 @@ class NodeTables(Transactions):
     def __init__(self, connection: Connection, options: StorageOptions) -> None:
         super().__init__(connection)
         self._options = options
+        self._nodes: tuple[Node, ...] | None = None
         self._previous: dict[int, Node] = {}
         self._last_with_cells: Node | None = None
         self._arrivals: list[float] = []
@@ -41,6 +42,7 @@ class NodeTables(Transactions):
         from formats.database import data_rows
 
         self._begin()
+        self._nodes = None
         if not self._previous:
             self._db.set_clock(node.stamp_ns)
         self._db.later(rows.INSERT_NODE, [rows.node_row(node, self._previous.get(node.session))])
@@ -59,8 +61,10 @@ class NodeTables(Transactions):
         self._settle("nodes")
 
     def nodes(self) -> tuple[Node, ...]:
-        found = self._db.rows(f"{rows.SELECT_OWN} ORDER BY own.id")
-        return tuple(rows.node_from_own_row(row) for row in found)
+        if self._nodes is None:
+            found = self._db.rows(f"{rows.SELECT_OWN} ORDER BY own.id")
+            self._nodes = tuple(rows.node_from_own_row(row) for row in found)
+        return self._nodes
 
     def node_data(self, node_id: int, *, features: bool = True) -> NodeData:
         own = self._db.row(
@@ -127,6 +131,7 @@ class NodeTables(Transactions):
 
     def _restore_session(self) -> None:
         """Takes up where the file stands: the last node of each session, the log's clock."""
+        self._nodes = None
         last = "(SELECT MAX(id) FROM mapmyworld_nodes GROUP BY session)"
         found = self._db.rows(f"{rows.SELECT_OWN} WHERE own.id IN {last}")
         self._previous = {row[1]: rows.node_from_own_row(row) for row in found}

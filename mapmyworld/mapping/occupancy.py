@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,12 +12,13 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config, MappingConfig
 from mapmyworld.errors import MapError
 from mapmyworld.kernels.rays import count_scans
-from mapmyworld.parallel import batches
+from mapmyworld.parallel import batches, made_ahead
 from mapmyworld.types import OccupancyGrid, Scan
 
 Array = NDArray[np.float64]
 _MARGIN = 64  # cells by which the canvas outgrows what is needed, so that it seldom grows
 _TOGETHER = 128  # scans that are drawn in one go
+_AHEAD = 2  # such groups that wait to be drawn, at most
 _MOST_CELLS = 400_000_000  # of the canvas; beyond, some range or pose is nonsense
 
 
@@ -29,8 +31,10 @@ def build_grid(scans: Iterable[tuple[Array, Scan]], config: Config) -> Occupancy
     """
     settings = config.mapping
     canvas = _Canvas(settings.resolution)
-    for some in batches(scans, _TOGETHER):
-        canvas.add(_rays(some, settings))
+    rays = (_rays(some, settings) for some in batches(scans, _TOGETHER))
+    with closing(made_ahead(rays, _AHEAD)) as ready:
+        for some in ready:
+            canvas.add(some)
     return canvas.finish(settings)
 
 
@@ -48,7 +52,7 @@ class _Canvas:
     def add(self, rays: _Rays) -> None:
         if not len(rays.ends):
             return
-        ends, starts = rays.ends / self._resolution, rays.starts / self._resolution
+        ends, starts = rays.ends, rays.starts
         used = starts[np.diff(rays.bounds) > 0]
         low = np.floor(np.minimum(ends.min(axis=0), used.min(axis=0))).astype(np.int64)
         high = np.floor(np.maximum(ends.max(axis=0), used.max(axis=0))).astype(np.int64)
@@ -123,7 +127,7 @@ def _log_odds(probability: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rays:
-    """The beams of some scans in the map."""
+    """The beams of some scans in the map, in cells."""
 
     starts: Array
     """(S, 2) the lidars."""
@@ -154,7 +158,8 @@ def _rays(scans: Sequence[tuple[Array, Scan]], settings: MappingConfig) -> _Rays
         ends, is_hit, scan_of = ends[order], is_hit[order], scan_of[order]
     finite = np.isfinite(ends).all(axis=1) & np.isfinite(starts[scan_of]).all(axis=1)
     bounds = np.searchsorted(scan_of[finite], np.arange(len(scans) + 1))
-    return _Rays(starts, ends[finite], is_hit[finite], bounds)
+    ends = ends[finite] / settings.resolution
+    return _Rays(starts / settings.resolution, ends, is_hit[finite], bounds)
 
 
 def _missing_ends(

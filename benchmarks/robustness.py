@@ -139,13 +139,14 @@ def _cut_logs(options: argparse.Namespace, folder: Path) -> None:
 
 def _long_drive(options: argparse.Namespace, folder: Path) -> None:
     """`--count` is in gigabytes; `--only` may name a folder on a disk with room for it."""
-    place = Path(options.only) if options.only else folder
-    for part in (0.25, 0.5, 1.0):
-        path = place / "long.mcap"
-        long_drive.write_drive(path, options.count * part)
-        found = long_drive.build_drive(path, ["--no-export"])
-        print(", ".join(f"{name} {value:.1f}" for name, value in found.items()), flush=True)
-        path.unlink()
+    path = (Path(options.only) if options.only else folder) / "long.mcap"
+    try:
+        count = long_drive.write_drive(path, options.count)
+        print(f"{count} messages written", flush=True)
+        for name, value in long_drive.build_drive(path, ["--max-memory", "1500"]).items():
+            print(f"{name}: {value}", flush=True)
+    finally:
+        path.unlink(missing_ok=True)
 
 
 PARTS = {

@@ -16,8 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cli.progress import peak_memory_mb
 from robust.mutations import mutated, spoil_database
-from robust.trials import MEMORY_MB, peak_memory_mb, try_command
+from robust.trials import MEMORY_MB, try_command
 
 _WAIT_S = 180.0  # wall time without a word from a worker: it hangs where no signal reaches
 _ADDRESSES = 6 << 30  # bytes; what is too much is judged by MEMORY_MB

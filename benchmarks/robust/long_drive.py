@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -43,10 +43,7 @@ def write_drive(path: Path, gigabytes: float) -> int:
     body = [entry for entry in scene if entry[1].topic not in (*_STATIC, "/tf")]
     sink, handles = McapSink(path, "none"), dict[str, Handle]()
     count, size = 0, 0
-    for time_ns, channel, data in (*_once(head), *()):
-        handles[channel.topic] = handles.get(channel.topic) or sink.add(channel)
-        sink.write(handles[channel.topic], time_ns, data)
-    for time_ns, channel, data in _played(body):
+    for time_ns, channel, data in itertools.chain(_once(head), _played(body)):
         if channel.topic not in handles:
             handles[channel.topic] = sink.add(channel)
         sink.write(handles[channel.topic], time_ns, data)
@@ -118,8 +115,6 @@ def _restamped(data: bytes, at: int) -> bytes:
 class _Watch(StderrProgress):
     """Progress that keeps, of the pass over the log, when how much was done with which memory."""
 
-    seen: list[tuple[float, float, float]]
-
     def update(self, done: float) -> None:
         super().update(done)
         if self._name == "track":
@@ -172,12 +167,11 @@ def build_drive(path: Path, options: list[str]) -> dict[str, object]:
     if done.returncode or json.loads(course)["exit"] not in (0, 3):
         raise SystemExit(done.stderr)
     summary = json.loads(told)
-    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
     return {
         "gigabytes": path.stat().st_size / 1e9,
         "duration_s": summary["duration_s"],
         "nodes": summary["nodes"],
-        "peak_mb": usage.ru_maxrss / 1024,
+        "peak_mb": summary["peak_memory_mb"],
         "cpu_s": summary["cpu_s"],
         "tenths (log s a CPU s, MB)": json.loads(course)["tenths"],
     }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import resource
 import signal
 import sys
 import traceback
@@ -55,11 +54,6 @@ def try_command(arguments: list[str], seconds: float = SECONDS) -> Outcome:
     if not fault and ("Traceback" in err.getvalue() or "Warning: " in err.getvalue()):
         fault = err.getvalue()
     return Outcome(code, fault, out.getvalue(), err.getvalue())
-
-
-def peak_memory_mb() -> float:
-    """The most that this process has held."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 @contextlib.contextmanager

@@ -124,6 +124,7 @@ def report_contents(
         cloud=cloud_beside(store),
         decisions=_decisions(store),
         notes=_notes(store, problems),
+        diagnosis=_diagnosis(store),
         settings=[tuple(row) for row in store.get("settings") or ()],
         reproduce=_reproduce(store),
         overconfidence=audit.overconfidence_of(misfits, is_planar(solved.map_from_node)),
@@ -247,6 +248,12 @@ def _notes(store: MapStore, problems: Sequence[str]) -> list[str]:
     told = list((store.get("plan") or {}).get("warnings", ()))
     told += (store.get("track") or {}).get("notes", ())
     return [line for line in dict.fromkeys(told) if line not in problems]
+
+
+def _diagnosis(store: MapStore) -> list[tuple[bool, str, str]]:
+    """What tracking the log said of its sensors; what is not as it should be stands first."""
+    found = [(f["good"], f["text"], f["remedy"]) for f in store.get("diagnosis") or ()]
+    return sorted(found, key=lambda row: row[0])
 
 
 def _reproduce(store: MapStore) -> str:

@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 from memory_log import MemoryLog
 
+from mapmyworld.api import Silent
 from mapmyworld.config import Config
-from mapmyworld.diagnosis import Finding, diagnose
+from mapmyworld.diagnosis import Finding, cameras, diagnose
 from mapmyworld.geometry import make_transform, roll_pitch_yaw_to_rotation
+from mapmyworld.memory_map import MemoryMap
+from mapmyworld.pipeline import build_map
 from mapmyworld.sensing import make_plan, survey_log
 from mapmyworld.simulation import SimulationSettings, simulate
 from mapmyworld.simulation.worlds import find_world
@@ -132,3 +135,46 @@ def test_nothing_is_said_where_nothing_can_be() -> None:
     assert plan.odometry is None
     assert all(t.kind is MessageKind.LASER_SCAN for t in log.info().topics)
     assert diagnose(log, plan, Config()) == ()
+
+
+@pytest.mark.slow
+def test_a_tracked_log_tells_the_same_without_being_read_again() -> None:
+    """The build's own comparison against that of `inspect log`, on wheels believed too large."""
+
+    def change(message: Message) -> Message:
+        if isinstance(message, OdometryMessage):
+            pose = message.pose.copy()
+            pose[:3, 3] *= 1.1
+            return replace(message, pose=pose, stamp_ns=message.stamp_ns + 120_000_000)
+        return message
+
+    log = MemoryLog([(topic, change(message), time) for topic, message, time in drive()])
+    store = MemoryMap()
+    build_map(log, store, Config(), Silent())
+    kept = {found["name"]: found for found in store.get("diagnosis")}
+    assert {"odometry scale", "time offset of odometry to laser", "floor tilt"} <= set(kept)
+    assert not kept["odometry scale"]["good"]
+    assert kept["odometry scale"]["value"] == pytest.approx(1 / 1.1, rel=0.02)
+    assert kept["time offset of odometry to laser"]["value"] == pytest.approx(0.12, abs=0.03)
+    assert kept["floor tilt"]["good"]
+
+
+@pytest.mark.slow
+def test_depth_beside_its_colour_is_measured() -> None:
+    def change(message: Message) -> Message:
+        if isinstance(message, ImageMessage) and message.is_depth:
+            cells = np.roll(message.pixels(), 7, axis=1)
+            return replace(message, pixels=lambda: cells)
+        return message
+
+    found = findings(change)["camera and depth"]
+    assert not found.good
+    assert found.value == pytest.approx(7.0, abs=2.0)
+    assert "depth_registration" in found.remedy
+
+
+def test_shifts_of_edges_that_disagree_say_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Edges of a picture without texture at its walls match by chance, each time elsewhere."""
+    shifts = iter([(11.0, 1.0), (-11.0, -2.0), (6.0, 0.0), (1.0, 0.0), (2.0, -1.0)])
+    monkeypatch.setattr(cameras, "_edge_shift", lambda image: next(shifts))
+    assert list(cameras._depth_against_colour([None] * 5)) == []  # type: ignore[list-item]

@@ -51,6 +51,8 @@ def small(tmp_path: Path) -> Path:
         store.add_constraints([bad])
         plan = {"decisions": [{"role": NASTY, "choice": NASTY, "reason": NASTY}]}
         store.put("plan", plan | {"warnings": [NASTY], "losses": [NASTY]})
+        bad_wheel = {"good": False, "text": "0.9 of the distance", "remedy": NASTY}
+        store.put("diagnosis", [{"good": True, "text": NASTY, "remedy": ""}, bad_wheel])
         page = report_page(store)
     (tmp_path / "map.html").write_text(page)
     return tmp_path / "map.html"
@@ -72,6 +74,14 @@ def test_text_from_a_log_stays_text(opened: Opened) -> None:
     assert opened.page.title() == "Map map.db"
     assert opened.page.locator("img").count() == 0
     assert opened.page.evaluate("document.body.innerText").count("onerror=alert") >= 4
+
+
+def test_what_the_log_was_diagnosed_with_stands_with_its_remedy_first(opened: Opened) -> None:
+    told = opened.page.locator("ul.diagnosis li").all_inner_texts()
+    assert len(told) == 2
+    assert told[0].startswith("look 0.9 of the distance")
+    assert "What to do" in told[0]
+    assert told[1].startswith("well ")
 
 
 def test_layers_go_and_come(opened: Opened) -> None:
@@ -174,6 +184,9 @@ def test_the_report_of_a_real_build(
     page.wait_for_selector("#cloud[data-ready]")
     page.locator("#timing table").wait_for()
     assert page.locator(".chart canvas").count() == 2
+    diagnosed = page.locator("ul.diagnosis").inner_text()
+    assert "of the distance that odometry reports" in diagnosed
+    assert "the floor is tilted by" in diagnosed
     assert page.locator("article.card.accepted").count() >= 3
     assert page.locator("article.card.rejected").count() >= 3
     assert page.locator("svg.pair path").count() >= 1

@@ -114,6 +114,8 @@ class ReportContents:
     decisions: Sequence[tuple[str, str, str]]
     """What was chosen in the log, and why."""
     notes: Sequence[str]
+    diagnosis: Sequence[tuple[bool, str, str]]
+    """What the sensors say of one another: whether it is well, what was found, what to do."""
     settings: Sequence[tuple[str, str, str]]
     """Changed settings: name, value, default."""
     reproduce: str

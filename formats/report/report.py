@@ -32,6 +32,7 @@ def report_html(contents: ReportContents) -> str:
     cloud = cloud_data(contents.cloud)
     page.section("The cloud", _cloud(cloud))
     page.section("The log", table(("what", "choice", "why"), contents.decisions))
+    page.section("The log's diagnosis", _diagnosis(contents))
     page.section("What was noticed", notes(contents.notes))
     page.section("Settings that differ", *_settings(contents))
     page.section("Make it again", *_again(contents))
@@ -129,6 +130,22 @@ def _cloud(cloud: dict[str, Any] | None) -> str:
         return ""
     text = f"{cloud['count']:,} of {cloud['of']:,} points. Drag to turn, scroll or pinch to zoom."
     return f'<canvas id="cloud" tabindex="0" aria-label="point cloud"></canvas>{paragraph(text)}'
+
+
+def _diagnosis(contents: ReportContents) -> str:
+    """What the sensors say of one another."""
+    items = "".join(_finding(*row) for row in contents.diagnosis)
+    told = paragraph(
+        "From the path as it was tracked and some images; mapmyworld inspect log compares the "
+        "sensors without making a map."
+    )
+    return f'<ul class="diagnosis">{items}</ul>{told}' if items else ""
+
+
+def _finding(good: bool, text: str, remedy: str) -> str:
+    state, word = ("fine", "well") if good else ("problem", "look")
+    more = f"<br>What to do: {escape(remedy)}." if remedy else ""
+    return f'<li class="{state}"><b>{word}</b> {escape(text)}{more}</li>'
 
 
 def _settings(contents: ReportContents) -> list[str]:

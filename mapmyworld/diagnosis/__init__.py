@@ -2,5 +2,6 @@
 
 from mapmyworld.diagnosis.diagnose import diagnose
 from mapmyworld.diagnosis.finding import Finding
+from mapmyworld.diagnosis.tracked import diagnose_tracked
 
-__all__ = ["Finding", "diagnose"]
+__all__ = ["Finding", "diagnose", "diagnose_tracked"]

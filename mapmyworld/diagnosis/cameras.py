@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.diagnosis.rotation import time_offset
-from mapmyworld.diagnosis.sample import Sample
+from mapmyworld.diagnosis.sample import Sample, odometry_yaw
 from mapmyworld.geometry import Array, invert, transform_points
 from mapmyworld.registration.camera import (
     depth_at,
@@ -18,6 +18,7 @@ from mapmyworld.registration.camera import (
     pixels_of_points,
     rays_of_pixels,
 )
+from mapmyworld.sensing.plan import Plan
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.types import Frame, RgbdImage
 
@@ -37,6 +38,8 @@ _HEIGHT = 0.05  # m
 _JUMP = 0.1  # m between neighbouring pixels of an edge
 _SHIFT = 3.0  # pixels
 _MOST_SHIFT = 12  # pixels
+_LEAST_IMAGES = 3  # whose edges tell something
+_DISAGREE = 2.0  # pixels, median by which their shifts may differ from one another
 
 
 def camera_findings(sample: Sample) -> Iterator[Finding]:
@@ -46,23 +49,29 @@ def camera_findings(sample: Sample) -> Iterator[Finding]:
     if not framed:
         return
     spread = np.unique(np.linspace(0, len(framed) - 1, _IMAGES).astype(int))
-    chosen = [
-        (framed[i], image)
-        for i in spread
-        if (image := guard.sound(guard.guarded(framed[i].images[0]))) is not None
-    ]
-    yield from _depth_against_laser(chosen, sample)
-    yield from _floor([image for _, image in chosen])
-    yield from _depth_against_colour([image for _, image in chosen])
+    yield from image_findings([framed[i] for i in spread], sample.plan)
     yield from _clock(framed, sample, guard)
 
 
-def _depth_against_laser(
-    chosen: list[tuple[Frame, RgbdImage]], sample: Sample
-) -> Iterator[Finding]:
-    if sample.plan.scan is None:
+def image_findings(frames: Sequence[Frame], plan: Plan) -> Iterator[Finding]:
+    """What the first image of each of these frames says by itself and beside its scan."""
+    guard = ImageGuard()
+    chosen = [
+        (frame, image)
+        for frame in frames
+        if (image := guard.sound(guard.guarded(frame.images[0]))) is not None
+        and image.colour is not None
+        and image.depth is not None
+    ]
+    yield from _depth_against_laser(chosen, plan)
+    yield from _floor([image for _, image in chosen])
+    yield from _depth_against_colour([image for _, image in chosen])
+
+
+def _depth_against_laser(chosen: list[tuple[Frame, RgbdImage]], plan: Plan) -> Iterator[Finding]:
+    if plan.scan is None:
         return
-    height = float(sample.plan.scan.base_from_lidar[2, 3])
+    height = float(plan.scan.base_from_lidar[2, 3])
     pairs = [_compared(frame, image, height) for frame, image in chosen if frame.scan is not None]
     both = np.concatenate([np.zeros((0, 2)), *pairs])
     if len(both) < _LEAST_POINTS:
@@ -161,10 +170,13 @@ def _plane(points: Array) -> tuple[Array, float, float]:
 
 def _depth_against_colour(images: list[RgbdImage]) -> Iterator[Finding]:
     """By how many pixels edges of depth lie beside edges of colour."""
-    shifts = [shift for image in images if (shift := _edge_shift(image)) is not None]
-    if len(shifts) < 4:
+    found = [shift for image in images if (shift := _edge_shift(image)) is not None]
+    if len(found) < _LEAST_IMAGES:
         return
-    across, down = np.median(np.array(shifts), axis=0)
+    shifts = np.array(found)
+    across, down = np.median(shifts, axis=0)
+    if np.median(np.abs(shifts - [across, down]), axis=0).max() > _DISAGREE:
+        return
     size = float(np.hypot(across, down))
     good = size < _SHIFT
     text = f"edges of depth lie {across:+.1f}, {down:+.1f} pixels beside those of colour"
@@ -175,7 +187,7 @@ def _depth_against_colour(images: list[RgbdImage]) -> Iterator[Finding]:
 
 
 def _edge_shift(image: RgbdImage) -> tuple[float, float] | None:
-    """The shift (across, down) at which edges overlap most; None where there are too few."""
+    """The shift (across, down) at which edges overlap most; None where there is none such."""
     assert image.colour is not None
     assert image.depth is not None
     grey = _grey(image.colour.pixels())
@@ -200,14 +212,15 @@ def _edge_shift(image: RgbdImage) -> tuple[float, float] | None:
     reach = np.arange(-_MOST_SHIFT, _MOST_SHIFT + 1)
     window = overlap[np.ix_(reach, reach)]
     row, column = np.unravel_index(int(window.argmax()), window.shape)
-    if window.max() < 1.2 * abs(window).mean():
+    at_border = {int(row), int(column)} & {0, 2 * _MOST_SHIFT}
+    if at_border or window.max() < 1.2 * abs(window).mean():
         return None
     return -float(reach[column]), -float(reach[row])
 
 
 def _clock(framed: list[Frame], sample: Sample, guard: ImageGuard) -> Iterator[Finding]:
     """Turns seen by the camera, from how its columns move, against the odometry's."""
-    clock = sample.odometry_yaw()
+    clock = odometry_yaw(sample.plan, sample.frames[0].stamp_ns)
     if clock is None:
         return
     some = framed[:_PROFILES]

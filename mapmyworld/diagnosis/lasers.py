@@ -10,7 +10,7 @@ import numpy as np
 from mapmyworld.config import RegistrationConfig
 from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.diagnosis.rotation import time_offset
-from mapmyworld.diagnosis.sample import Sample
+from mapmyworld.diagnosis.sample import Sample, odometry_yaw
 from mapmyworld.geometry import Array, between, matrix_to_planar
 from mapmyworld.registration.scan_matching import COARSE, match_scan, prepare_scans
 from mapmyworld.types import Frame
@@ -35,8 +35,8 @@ def laser_findings(sample: Sample, config: RegistrationConfig) -> Iterator[Findi
     starts = np.array([a.stamp_ns - first_ns for a, _ in pairs])[good] * 1e-9
     ends = np.array([b.stamp_ns - first_ns for _, b in pairs])[good] * 1e-9
     turns = moves[good, 2]
-    yield from _scale([pair for pair, ok in zip(pairs, good, strict=True) if ok], moves[good])
-    clock = sample.odometry_yaw()
+    yield from distance_scale(_odometry_steps(pairs)[good], moves[good])
+    clock = odometry_yaw(sample.plan, first_ns)
     if clock is not None:
         yield from _some(time_offset(("laser", "odometry"), starts, ends, turns, clock))
     gyro = _gyro_yaw(sample)
@@ -67,9 +67,9 @@ def _matched(pairs: list[tuple[Frame, Frame]], config: RegistrationConfig) -> Ar
     return moves
 
 
-def _scale(pairs: list[tuple[Frame, Frame]], moves: Array) -> Iterator[Finding]:
-    """Distance by scan matching over distance by odometry, where the robot drives straight."""
-    steps = np.array(
+def _odometry_steps(pairs: list[tuple[Frame, Frame]]) -> Array:
+    """Motions (N, 3) by the odometry; NaN where it is not known."""
+    return np.array(
         [
             matrix_to_planar(between(a.odom_from_base, b.odom_from_base))
             if a.odom_from_base is not None and b.odom_from_base is not None
@@ -77,6 +77,10 @@ def _scale(pairs: list[tuple[Frame, Frame]], moves: Array) -> Iterator[Finding]:
             for a, b in pairs
         ]
     )
+
+
+def distance_scale(steps: Array, moves: Array) -> Iterator[Finding]:
+    """Distance by scan matching (N, 3) over that by odometry (N, 3), where the robot drives on."""
     way = np.hypot(steps[:, 0], steps[:, 1])
     with np.errstate(invalid="ignore"):
         usable = (way > _LEAST_STEP) & (np.abs(moves[:, 2]) < _STRAIGHT)

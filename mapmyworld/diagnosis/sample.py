@@ -23,20 +23,21 @@ class Sample:
     frames: list[Frame]
     plan: Plan
 
-    def odometry_yaw(self) -> tuple[Array, Array] | None:
-        """Times (N,) in s since the first frame, ascending, and the unwrapped heading then."""
-        source = self.plan.odometry
-        if source is None or len(source.motion) < 2:
-            return None
-        poses = source.motion.poses_at(slice(None))
-        times = (source.motion.stamps_ns - self.frames[0].stamp_ns) * 1e-9
-        order = np.argsort(times, kind="stable")
-        yaw = np.unwrap(np.arctan2(poses[order, 1, 0], poses[order, 0, 0]))
-        return np.asarray(times[order], np.float64), np.asarray(yaw, np.float64)
-
     def times(self) -> Array:
         """Of the frames, (N,) in s since the first."""
         return np.array([f.stamp_ns - self.frames[0].stamp_ns for f in self.frames]) * 1e-9
+
+
+def odometry_yaw(plan: Plan, first_ns: int) -> tuple[Array, Array] | None:
+    """Times (N,) in s since `first_ns`, ascending, and the unwrapped heading then."""
+    source = plan.odometry
+    if source is None or len(source.motion) < 2:
+        return None
+    poses = source.motion.poses_at(slice(None))
+    times = (source.motion.stamps_ns - first_ns) * 1e-9
+    order = np.argsort(times, kind="stable")
+    yaw = np.unwrap(np.arctan2(poses[order, 1, 0], poses[order, 0, 0]))
+    return np.asarray(times[order], np.float64), np.asarray(yaw, np.float64)
 
 
 def take_sample(log: LogSource, plan: Plan, config: SensingConfig) -> Sample:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
 from mapmyworld.config import Config
+from mapmyworld.diagnosis import diagnose_tracked
 from mapmyworld.parallel import batches, done_behind, made_ahead
 from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.sensing.sound_images import ImageGuard
@@ -48,6 +49,7 @@ def track(
         progress.note(note)
     losses = [*log.losses(), *tracker.losses(), *_count_losses(counts, guard)]
     store.put("track", {"frames": counts.frames, "losses": losses, "notes": tracker.notes()})
+    store.put("diagnosis", [asdict(finding) for finding in diagnose_tracked(store, plan)])
 
 
 class _Writer:

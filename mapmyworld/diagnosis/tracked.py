@@ -1,0 +1,68 @@
+"""The same comparisons of a log that was tracked already: nothing is read or matched again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from mapmyworld.diagnosis.cameras import image_findings
+from mapmyworld.diagnosis.finding import Finding
+from mapmyworld.diagnosis.lasers import distance_scale
+from mapmyworld.diagnosis.rotation import time_offset
+from mapmyworld.diagnosis.sample import odometry_yaw
+from mapmyworld.geometry import Array, between, matrix_to_planar
+from mapmyworld.sensing.plan import Plan
+from mapmyworld.types import Frame, MapStore, Node, TrackedFrames
+
+_IMAGES = 12  # nodes whose images are looked at, spread over the drive
+
+
+def diagnose_tracked(store: MapStore, plan: Plan) -> tuple[Finding, ...]:
+    """What a tracked log's sensors say of one another: the whole path, and some nodes' images.
+
+    Scans followed the odometry closely where they said nothing themselves, so a fault shows
+    smaller than it is where walls are missing.
+    """
+    return (*_motion_findings(store, plan), *_camera_findings(store, plan))
+
+
+def _motion_findings(store: MapStore, plan: Plan) -> Iterator[Finding]:
+    """Laser against odometry; a robot that was followed by its odometry tells nothing."""
+    frames = store.tracked_frames()
+    if plan.scan is None or frames.odom_from_base is None or len(frames.stamps_ns) < 2:
+        return
+    first_ns = int(frames.stamps_ns[0])
+    clock = odometry_yaw(plan, first_ns)
+    if clock is None:
+        return
+    moves = _steps(_tracked_path(store.nodes(), frames))
+    yield from distance_scale(_steps(frames.odom_from_base), moves)
+    times = np.asarray((frames.stamps_ns - first_ns) * 1e-9, np.float64)
+    offset = time_offset(("laser", "odometry"), times[:-1], times[1:], moves[:, 2], clock)
+    if offset is not None:
+        yield offset
+
+
+def _tracked_path(nodes: Sequence[Node], frames: TrackedFrames) -> Array:
+    """Poses (F, 4, 4) of all frames as the tracker had them."""
+    tracked = {node.id: node.tracked_from_base for node in nodes}
+    return np.stack([tracked[i] for i in frames.node_ids.tolist()]) @ frames.node_from_frame
+
+
+def _steps(poses: Array) -> Array:
+    """Motion (N - 1, 3) from each pose (N, 4, 4) to the next as x, y, yaw."""
+    return np.asarray(matrix_to_planar(between(poses[:-1], poses[1:])))
+
+
+def _camera_findings(store: MapStore, plan: Plan) -> Iterator[Finding]:
+    if plan.camera is None:
+        return
+    nodes = store.nodes()
+    chosen = np.unique(np.linspace(0, len(nodes) - 1, _IMAGES).astype(int)).tolist()
+    frames = []
+    for node in (nodes[k] for k in chosen):
+        data = store.node_data(node.id)
+        if data.images:
+            frames.append(Frame(node.stamp_ns, None, data.scan, data.images))
+    yield from image_findings(frames, plan)

@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mapmyworld.errors import GraphError
 from mapmyworld.geometry import information_from_planar, planar_to_matrix, se3_exp
-from mapmyworld.graph.cholesky import NotPositiveDefiniteError, analyse, factorise
-from mapmyworld.graph.covariance import marginal_covariances, relative_covariances
+from mapmyworld.graph.cholesky import NotPositiveDefiniteError, factorise
+from mapmyworld.graph.covariance import (
+    marginal_covariances,
+    relative_covariances,
+    relative_pose,
+)
+from mapmyworld.graph.elimination import analyse
+from mapmyworld.graph.joint_covariance import joint_covariances
+from mapmyworld.graph.linear_system import information_factors
 from mapmyworld.graph.residuals import edge_jacobians, edge_residuals, retract
 from mapmyworld.graph.solve import solve
-from mapmyworld.graph.system import System, linearise, number_free, pattern_of
+from mapmyworld.graph.system import System, chosen_edges, number_free
 from mapmyworld.types import Constraint, ConstraintKind
+from mapmyworld.types.pose_graph import Edges, PoseGraph
 
 
 def random_system(planar: bool, count: int, extra: int, seed: int) -> tuple[System, np.ndarray]:
@@ -41,13 +52,53 @@ def random_system(planar: bool, count: int, extra: int, seed: int) -> tuple[Syst
     return System(planar, tails, heads, measured, information, free), poses
 
 
+def rows_of(system: System, poses: np.ndarray, k: int) -> np.ndarray:
+    """The derivative (d, N d) of an edge's residual by the tangents of all nodes."""
+    ends = system.tails[k : k + 1], system.heads[k : k + 1]
+    residual = edge_residuals(
+        system.planar, poses[ends[0]], poses[ends[1]], system.measured[k : k + 1]
+    )
+    jacobians = edge_jacobians(system.planar, poses[ends[0]], poses[ends[1]], residual)
+    size, rows = system.dimension, np.zeros((system.dimension, len(poses), system.dimension))
+    for end, jacobian in zip(ends, jacobians, strict=True):
+        rows[:, end[0]] += jacobian[0]
+    return rows.reshape(size, -1)
+
+
+def dense_information(system: System, poses: np.ndarray) -> np.ndarray:
+    """The information over all nodes but the first, edge by edge."""
+    total = np.zeros((len(poses) * system.dimension,) * 2)
+    for k in range(len(system.tails)):
+        rows = rows_of(system, poses, k)
+        total += rows.T @ system.information[k] @ rows
+    return total[system.dimension :, system.dimension :]
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.booleans(), st.integers(2, 60), st.integers(0, 80), st.integers(0, 10**6))
+def test_groups_of_edges_vary_together_as_the_dense_inverse_says(planar, count, extra, seed):
+    """Also edges that the solution has not seen, and groups that span the whole graph."""
+    rng = np.random.default_rng(seed)
+    system, poses = random_system(planar, count, extra, seed)
+    every = np.arange(len(system.tails))
+    seen = (every < count - 1) | (rng.random(len(every)) < 0.5)
+    dense = np.linalg.inv(dense_information(chosen_edges(system, seen), poses))
+    groups = np.split(rng.permutation(every), np.unique(rng.integers(1, len(every) + 1, 4)))
+    groups = [group for group in groups if len(group)]
+    factors = information_factors(chosen_edges(system, seen), poses)
+    _, found = joint_covariances(factors, system, poses, groups)
+    for group, covariance in zip(groups, found, strict=True):
+        rows = np.concatenate([rows_of(system, poses, k) for k in group])[:, system.dimension :]
+        expected = rows @ dense @ rows.T
+        assert np.allclose(covariance, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.booleans(), st.integers(2, 60), st.integers(0, 80), st.integers(0, 10**6))
 def test_solutions_and_marginals_are_those_of_the_dense_matrix(planar, count, extra, seed):
     system, poses = random_system(planar, count, extra, seed)
-    matrix, _ = linearise(system, pattern_of(system), poses)
-    dense = np.linalg.inv(matrix.toarray())
     size = system.dimension
+    dense = np.linalg.inv(dense_information(system, poses))
     found = marginal_covariances(system, poses)
     assert found is not None
     tiles = dense.reshape(count - 1, size, count - 1, size)
@@ -104,6 +155,34 @@ def test_a_relative_covariance_of_neighbours_in_a_chain_is_the_edges_own():
         poses[k + 1] = compose_planar(poses[k], motion[k])
     found = relative_covariances(system, poses, np.array([4, 20]), np.array([5, 21]))
     assert np.allclose(found, np.linalg.inv(system.information[[4, 20]]))
+
+
+def chain(count: int, sigma: float) -> PoseGraph:
+    """Nodes 10, 11, ... a metre apart on a line, each step and turn sure to `sigma`."""
+    ids = np.arange(10, 10 + count)
+    information = np.broadcast_to(np.eye(3) / sigma**2, (count - 1, 3, 3))
+    steps = np.tile([1.0, 0.0, 0.0], (count - 1, 1))
+    edges = Edges(ids[:-1], ids[1:], steps, information, np.ones(count - 1, np.bool_))
+    poses = np.stack([np.arange(count), np.zeros(count), np.zeros(count)], 1)
+    return PoseGraph(True, ids, poses, edges)
+
+
+def test_relative_poses_of_a_chain_add_up():
+    """Along the line variances add; across it each turn counts with its lever arm to the end."""
+    pose, covariance = relative_pose(chain(8, 0.01), 12, 15)
+    assert np.allclose(pose[:3, 3], [3.0, 0.0, 0.0])
+    assert covariance[3, 3] == pytest.approx(3 * 1e-4)
+    assert covariance[2, 2] == pytest.approx(3 * 1e-4)
+    assert covariance[4, 4] == pytest.approx((3 + 2**2 + 1**2) * 1e-4)
+
+
+def test_relative_poses_that_cannot_be_are_refused():
+    graph = chain(4, 0.1)
+    with pytest.raises(GraphError, match="no node 99"):
+        relative_pose(graph, 10, 99)
+    parted = replace(graph, edges=graph.edges.chosen(np.array([0, 2])))
+    with pytest.raises(GraphError, match="separate parts"):
+        relative_pose(parted, 10, 13)
 
 
 def test_a_matrix_that_is_not_definite_is_refused():

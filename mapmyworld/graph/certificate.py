@@ -12,13 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mapmyworld.geometry import Array
-from mapmyworld.graph.cholesky import (
-    NotPositiveDefiniteError,
-    Symbolic,
-    analyse,
-    factorise,
-    resized,
-)
+from mapmyworld.graph.cholesky import NotPositiveDefiniteError, factorise
+from mapmyworld.graph.elimination import Symbolic, analyse, resized
 from mapmyworld.graph.newton import hessian_blocks, newton_step
 from mapmyworld.graph.system import System, edge_chi2
 from mapmyworld.graph.twin import (

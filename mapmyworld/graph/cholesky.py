@@ -1,200 +1,31 @@
 """Sparse Cholesky factors of matrices whose blocks are nodes, and what they are good for.
 
-Multifrontal: nodes are ordered by nested dissection and gathered into cliques (supernodes); each
-clique is a dense matrix, eliminated with LAPACK, that hands its Schur complement to its parent.
-Davis, "Direct methods for sparse linear systems" (2006), chapters 4 to 7. Marginal covariances
-follow by going back down the tree (Golub and Plemmons 1980; Kaess and Dellaert 2009).
+Multifrontal: each clique of the elimination is a dense matrix, factorised with LAPACK, that hands
+its Schur complement to its parent. Covariances follow by going back down the tree (Golub and
+Plemmons 1980; Kaess and Dellaert 2009).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.blas import dtrsm
 from scipy.linalg.lapack import dpotrf
 
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array
+from mapmyworld.graph.elimination import Symbolic
 from mapmyworld.graph.pose_graph import Index
 
 LARGE = 9000
 """Unknowns from which this factorisation is faster than SuperLU's."""
 
-# Nodes of a clique, and the share of zeros up to which it may be joined from smaller ones.
-_RELAXED = ((4, 1.0), (16, 0.6), (40, 0.2), (10**9, 0.05))
-
 
 class NotPositiveDefiniteError(GraphError):
     """A matrix that has no Cholesky factor: the graph leaves something undetermined."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Clique:
-    """Nodes eliminated together; numbers are places in the elimination order."""
-
-    first: int
-    last: int
-    """Eliminated are `first` to `last - 1`."""
-    rows: Index
-    """Later nodes (R,) they are linked to, ascending."""
-    parent: int
-    """The clique that takes the Schur complement; -1 for roots."""
-    into_parent: Index
-    """(R * d,) scalars of the parent's front at which `rows` stand there."""
-    blocks: slice
-    """Blocks of the matrix, in the order of `Symbolic.block_order`, that enter here."""
-    places: Index
-    """(blocks * d * d,) where their scalars stand in the front, flat."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Symbolic:
-    """Everything about a factorisation that depends on the pattern alone."""
-
-    size: int
-    """Unknowns of a node."""
-    order: Index
-    """(N,) nodes in the order of elimination."""
-    block_order: Index
-    """(B,) the given blocks in the order in which cliques take them."""
-    transposed: Index
-    """(T,) which of these, in their new order, stand above the diagonal and are turned."""
-    cliques: tuple[Clique, ...]
-
-
-def analyse(count: int, rows: Index, columns: Index, size: int) -> Symbolic:
-    """The elimination of a symmetric matrix with blocks (size, size) at (rows, columns).
-
-    Each unordered pair of nodes occurs at most once; every node has its diagonal block.
-    """
-    place = np.empty(count, np.int64)
-    place[_dissected(count, rows, columns)] = np.arange(count)
-    below = _structures(count, place[rows], place[columns])
-    groups, renumbered = _groups(below)
-    return _with_blocks(groups, renumbered[place], rows, columns, size)
-
-
-def resized(symbolic: Symbolic, rows: Index, columns: Index, size: int) -> Symbolic:
-    """The same elimination of the same pattern, for blocks of another size."""
-    groups = [(c.first, c.last, c.rows) for c in symbolic.cliques]
-    return _with_blocks(groups, np.argsort(symbolic.order), rows, columns, size)
-
-
-def _dissected(count: int, rows: Index, columns: Index) -> Index:
-    """Nodes in an order of little fill: nested dissection, by METIS as gtsam holds it."""
-    import gtsam
-
-    links = gtsam.SymbolicFactorGraph()
-    off = rows != columns
-    for a, b in zip(rows[off].tolist(), columns[off].tolist(), strict=True):
-        links.push_factor(a, b)
-    linked = np.unique(np.concatenate([rows[off], columns[off]]))
-    alone = np.setdiff1d(np.arange(count), linked)
-    if len(linked) == 0:
-        return alone
-    found = gtsam.Ordering.MetisSymbolicFactorGraph(links)
-    order = [found.at(k) for k in range(found.size())]
-    return np.concatenate([alone, np.array(order, np.int64)])
-
-
-def _structures(count: int, rows: Index, columns: Index) -> list[Index]:
-    """Later nodes (ascending) that each node is linked to when its turn comes.
-
-    Its own and those that its children in the elimination tree hand on.
-    """
-    low, high = np.minimum(rows, columns), np.maximum(rows, columns)
-    order = np.lexsort((high, low))
-    order = order[low[order] < high[order]]
-    own = np.split(high[order], np.searchsorted(low[order], np.arange(1, count)))
-    children: list[list[int]] = [[] for _ in range(count)]
-    below: list[Index] = []
-    for j in range(count):
-        handed = own[j]
-        if children[j]:
-            handed = np.unique(np.concatenate([handed, *(below[c][1:] for c in children[j])]))
-        below.append(handed)
-        if len(handed):
-            children[int(handed[0])].append(j)
-    return below
-
-
-def _groups(below: list[Index]) -> tuple[list[tuple[int, int, Index]], Index]:
-    """Columns eliminated together, as first, last and later rows, and their new numbers.
-
-    A column takes up those of its children in the elimination tree that cost few zeros; the
-    columns of a group then get consecutive numbers, children before parents.
-    """
-    count = len(below)
-    members: list[list[int]] = []
-    entries: list[int] = []
-    children: list[list[int]] = [[] for _ in range(count)]
-    taken = np.zeros(count, np.bool_)
-    for j in range(count):
-        height = len(below[j])
-        mine, stored = [j], height + 1
-        for child in children[j]:
-            width, both = len(mine) + len(members[child]), stored + entries[child]
-            dense = width * (width + 1) // 2 + width * height
-            if 1.0 - both / dense <= _zeros_allowed(width):
-                mine, stored = members[child] + mine, both
-                taken[child] = True
-        members.append(mine)
-        entries.append(stored)
-        if height:
-            children[int(below[j][0])].append(j)
-    tops = np.flatnonzero(~taken).tolist()
-    order = np.array([column for top in tops for column in members[top]], np.int64)
-    renumbered = np.empty(count, np.int64)
-    renumbered[order] = np.arange(count)
-    last = np.cumsum([len(members[top]) for top in tops]).tolist()
-    groups = [
-        (end - len(members[top]), end, np.sort(renumbered[below[top]]))
-        for top, end in zip(tops, last, strict=True)
-    ]
-    return groups, renumbered
-
-
-def _zeros_allowed(width: int) -> float:
-    """The share of zeros up to which columns go together: calls cost more than zeros."""
-    return next(share for nodes, share in _RELAXED if width <= nodes)
-
-
-def _with_blocks(
-    groups: list[tuple[int, int, Index]], place: Index, rows: Index, columns: Index, size: int
-) -> Symbolic:
-    count = len(place)
-    owner = np.zeros(count, np.int64)
-    for number, (first, last, _) in enumerate(groups):
-        owner[first:last] = number
-    at_row, at_column = place[rows], place[columns]
-    low, high = np.minimum(at_row, at_column), np.maximum(at_row, at_column)
-    block_order = np.lexsort((high, low))
-    transposed = np.flatnonzero((at_row < at_column)[block_order])
-    low, high = low[block_order], high[block_order]
-    ends = np.searchsorted(low, [last for _, last, _ in groups])
-    inner, start = np.arange(size), 0
-    cliques: list[Clique] = []
-    for (first, last, later), end in zip(groups, ends.tolist(), strict=True):
-        width, front = last - first, (last - first + len(later)) * size
-        tall = _local(high[start:end], first, width, later)
-        scalar_row = (tall * size)[:, None, None] + inner[:, None]
-        scalar_column = ((low[start:end] - first) * size)[:, None, None] + inner
-        parent, into = -1, np.zeros(0, np.int64)
-        if len(later):
-            parent = int(owner[later[0]])
-            above, above_last, above_later = groups[parent]
-            local = _local(later, above, above_last - above, above_later)
-            into = ((local * size)[:, None] + inner).ravel()
-        places = (scalar_column * front + scalar_row).ravel()
-        cliques.append(Clique(first, last, later, parent, into, slice(start, end), places))
-        start = end
-    return Symbolic(size, np.argsort(place), block_order, transposed, tuple(cliques))
-
-
-def _local(nodes: Index, first: int, width: int, later: Index) -> Index:
-    """Places of nodes in a front: its own nodes first, then the later ones."""
-    return np.where(nodes < first + width, nodes - first, width + np.searchsorted(later, nodes))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -239,30 +70,63 @@ class Factors:
         """(N, d, d): the diagonal blocks of the inverse, by one pass down the tree."""
         symbolic, size = self.symbolic, self.symbolic.size
         found = np.empty((len(symbolic.order), size, size))
-        waiting = np.bincount(
-            [c.parent for c in symbolic.cliques if c.parent >= 0], minlength=len(symbolic.cliques)
-        )
-        fronts: dict[int, Array] = {}
-        for number in range(len(symbolic.cliques) - 1, -1, -1):
+        for number, front in self.fronts():
             clique = symbolic.cliques[number]
-            triangle, below = self.triangles[number], self.below[number]
-            inverse = dtrsm(1.0, triangle, np.eye(len(triangle)), lower=1)
-            own = inverse.T @ inverse
-            front = own
-            if clique.parent >= 0:
-                later = fronts[clique.parent][np.ix_(clique.into_parent, clique.into_parent)]
-                waiting[clique.parent] -= 1
-                if waiting[clique.parent] == 0:
-                    del fronts[clique.parent]
-                across = -later @ (below @ inverse)
-                own = own - (below @ inverse).T @ across
-                front = np.block([[own, across.T], [across, later]])
-            if waiting[number]:
-                fronts[number] = front
             nodes = np.arange(clique.last - clique.first)
+            own = front[: len(nodes) * size, : len(nodes) * size]
             tiles = own.reshape(len(nodes), size, len(nodes), size)
             found[symbolic.order[clique.first : clique.last]] = tiles[nodes, :, nodes, :]
         return found
+
+    def fronts(self, asked: Index | None = None) -> Iterator[tuple[int, Array]]:
+        """Numbers of cliques, parents first, and the inverse over all nodes of each front.
+
+        All of them, or those `asked` for.
+        """
+        cliques = self.symbolic.cliques
+        visited = self._ancestors(asked)
+        parents = [c.parent for c, v in zip(cliques, visited, strict=True) if v and c.parent >= 0]
+        waiting = np.bincount(parents, minlength=len(cliques))
+        kept: dict[int, Array] = {}
+        for number in np.flatnonzero(visited)[::-1].tolist():
+            parent = cliques[number].parent
+            above = None
+            if parent >= 0:
+                into = cliques[number].into_parent
+                above = kept[parent][into[:, None], into]
+                waiting[parent] -= 1
+                if waiting[parent] == 0:
+                    del kept[parent]
+            front = _inverted(self.triangles[number], self.below[number], above)
+            if waiting[number]:
+                kept[number] = front
+            yield number, front
+
+    def _ancestors(self, asked: Index | None) -> NDArray[np.bool_]:
+        """(C,) which cliques lie on the way from a root to those asked for."""
+        cliques = self.symbolic.cliques
+        visited = np.full(len(cliques), asked is None)
+        if asked is not None:
+            visited[asked] = True
+            for number, clique in enumerate(cliques):
+                if clique.parent >= 0 and visited[number]:
+                    visited[clique.parent] = True
+        return visited
+
+
+def _inverted(triangle: Array, below: Array, above: Array | None) -> Array:
+    """The inverse over a front: `above` is that over the rows which it shares with its parent."""
+    inverse = dtrsm(1.0, triangle, np.eye(len(triangle)), lower=1)
+    own = inverse.T @ inverse
+    if above is None:
+        return np.asarray(own)
+    link = below @ inverse
+    across = -above @ link
+    width, height = len(own), len(above)
+    front = np.empty((width + height, width + height))
+    front[:width, :width] = own - link.T @ across
+    front[width:, :width], front[:width, width:], front[width:, width:] = across, across.T, above
+    return front
 
 
 def factorise(symbolic: Symbolic, blocks: Array) -> Factors:

@@ -6,23 +6,18 @@ must fit what the rest of the graph predicts without it, and must fit too well f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array
 from mapmyworld.graph.consistency import Consistency, alternatives
+from mapmyworld.graph.joint_covariance import joint_covariances
+from mapmyworld.graph.linear_system import information_factors
 from mapmyworld.graph.pose_graph import Index, components
 from mapmyworld.graph.residuals import chi_squared_quantile
-from mapmyworld.graph.system import (
-    System,
-    chosen_edges,
-    factorise,
-    joint_covariances,
-    linearise,
-    pattern_of,
-)
+from mapmyworld.graph.system import System, believed_edges
 
 _NEAR = 30  # nodes of path between the ends of closures of one group, at most
 _LARGEST = 60  # closures of a group that are judged; more of them are taken as they are
@@ -93,16 +88,16 @@ def judge_groups(
     with P, their covariance by the whole solution, the squared sigmas become
     `r' W (W - W P W)^-1 W r`, all at the price of one factorisation.
     """
-    part = chosen_edges(system, inliers)
-    pattern = pattern_of(part)
-    factors = factorise(linearise(part, pattern, poses)[0], pattern)
+    part = believed_edges(system, inliers)
+    factors = information_factors(part, poses)
     believed = np.flatnonzero(inliers[closures])
     order = believed[np.argsort(groups[believed], kind="stable")]
     members = np.split(order, np.flatnonzero(np.diff(groups[order])) + 1)
     kept = tuple(closures[m] for m in members if 0 < len(m) <= _LARGEST)
     space = np.log(alternatives(system.planar, system.measured[closures]))
     found = np.zeros((len(kept), 3))
-    predicted = joint_covariances(factors, system, poses, kept)
+    anchored = replace(system, free=part.free)
+    predicted = zip(*joint_covariances(factors, anchored, poses, kept), strict=True)
     for k, (residuals, covariance) in enumerate(predicted):
         found[k] = _left_out(residuals, system.information[kept[k]], covariance)
     chi2, freedom, volume = found.T

@@ -7,17 +7,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import PLANAR_IN_TANGENT, Array, between, between_planar
-from mapmyworld.graph.cholesky import NotPositiveDefiniteError, analyse, factorise
-from mapmyworld.graph.pose_graph import Index
-from mapmyworld.graph.problem import problem_of
-from mapmyworld.graph.system import (
-    System,
-    chosen_edges,
-    jacobians_of,
-    predicted_covariances,
-    residuals_of,
+from mapmyworld.errors import GraphError
+from mapmyworld.geometry import (
+    PLANAR_IN_TANGENT,
+    Array,
+    between,
+    between_planar,
+    planar_to_matrix,
 )
+from mapmyworld.graph.cholesky import NotPositiveDefiniteError
+from mapmyworld.graph.joint_covariance import predicted_covariances
+from mapmyworld.graph.linear_system import information_factors
+from mapmyworld.graph.pose_graph import Index, positions
+from mapmyworld.graph.problem import Problem, problem_of
+from mapmyworld.graph.system import System, chosen_edges
 from mapmyworld.types.pose_graph import PoseGraph
 
 
@@ -26,16 +29,11 @@ def marginal_covariances(system: System, poses: Array) -> Array | None:
 
     None where the edges leave a node undetermined.
     """
-    rows, columns, blocks = information_blocks(system, poses)
-    count = system.size // system.dimension
-    covariances = np.zeros((len(system.free), system.dimension, system.dimension))
-    if count == 0:
-        return covariances
     try:
-        factors = factorise(analyse(count, rows, columns, system.dimension), blocks)
+        covariances = information_factors(system, poses).marginals()
     except NotPositiveDefiniteError:
         return None
-    covariances[system.free >= 0] = factors.marginals()
+    covariances[system.free < 0] = 0.0
     return covariances
 
 
@@ -45,14 +43,47 @@ def graph_covariances(graph: PoseGraph, accepted: NDArray[np.bool_]) -> Array | 
     None where the edges leave a node undetermined.
     """
     problem = problem_of(graph)
-    poses, count = problem.guess.copy(), len(graph)
-    size = 2 if graph.planar else 3
-    column = (slice(None), slice(0, 2)) if graph.planar else (slice(None), slice(0, 3), 3)
-    poses[count + 1 :][column] = graph.landmarks[:, :size]
+    poses, count = _solved(problem), len(graph)
     believed = np.ones(len(problem.system.tails), np.bool_)
     believed[: len(accepted)] = accepted[problem.order]
     found = marginal_covariances(chosen_edges(problem.system, believed), poses)
     return None if found is None else spatial_covariances(graph.planar, np.delete(found, count, 0))
+
+
+def relative_pose(graph: PoseGraph, from_id: int, to_id: int) -> tuple[Array, Array]:
+    """from_from_to (4, 4) of a solved graph, and its covariance (6, 6) in to's frame.
+
+    Raises `GraphError` for nodes that the graph lacks, does not link or leaves undetermined.
+    """
+    problem = problem_of(graph)
+    at = positions(graph.ids, np.array([from_id, to_id]))
+    for node_id, index in zip((from_id, to_id), at, strict=True):
+        if index < 0:
+            raise GraphError(f"the graph has no node {node_id}: it has {_span(graph.ids)}")
+    if problem.component[at[0]] != problem.component[at[1]]:
+        raise GraphError(f"nothing links nodes {from_id} and {to_id}: they lie in separate parts")
+    poses = _solved(problem)
+    try:
+        covariance = relative_covariances(problem.system, poses, at[:1], at[1:])
+    except NotPositiveDefiniteError:
+        raise GraphError("the accepted constraints leave a node undetermined") from None
+    step = between_planar if graph.planar else between
+    motion = step(poses[at[0]], poses[at[1]])
+    whole = planar_to_matrix(motion) if graph.planar else motion
+    return whole, spatial_covariances(graph.planar, covariance)[0]
+
+
+def _span(ids: Index) -> str:
+    return f"{ids.min()} to {ids.max()}"
+
+
+def _solved(problem: Problem) -> Array:
+    """The graph's poses as they stand: nodes, the map's own frame, landmarks."""
+    graph, poses = problem.graph, problem.guess.copy()
+    size = 2 if graph.planar else 3
+    column = (slice(None), slice(0, 2)) if graph.planar else (slice(None), slice(0, 3), 3)
+    poses[len(graph) + 1 :][column] = graph.landmarks[:, :size]
+    return poses
 
 
 def relative_covariances(system: System, poses: Array, tails: Index, heads: Index) -> Array:
@@ -60,38 +91,10 @@ def relative_covariances(system: System, poses: Array, tails: Index, heads: Inde
 
     Raises `NotPositiveDefiniteError` where the edges leave a node undetermined.
     """
-    rows, columns, blocks = information_blocks(system, poses)
-    factors = factorise(
-        analyse(system.size // system.dimension, rows, columns, system.dimension), blocks
-    )
+    factors = information_factors(system, poses)
     step = between_planar if system.planar else between
     asked = replace(system, tails=tails, heads=heads, measured=step(poses[tails], poses[heads]))
     return predicted_covariances(factors, asked, poses)[0]
-
-
-def information_blocks(system: System, poses: Array) -> tuple[Index, Index, Array]:
-    """Rows, columns and blocks (B, d, d) of the information matrix, each pair of nodes once."""
-    by_tail, by_head = jacobians_of(system, poses, residuals_of(system, poses))
-    left, right = (np.swapaxes(j, 1, 2) @ system.information for j in (by_tail, by_head))
-    a, b = system.free[system.tails], system.free[system.heads]
-    both, turned = (a >= 0) & (b >= 0), a > b
-    cross = left @ by_head
-    cross[turned] = np.swapaxes(cross[turned], 1, 2)
-    count, size = system.size // system.dimension, system.dimension
-    diagonal = np.arange(count)
-    keys = np.concatenate(
-        [
-            diagonal * (count + 1),
-            a[a >= 0] * (count + 1),
-            b[b >= 0] * (count + 1),
-            (np.minimum(a, b) * count + np.maximum(a, b))[both],
-        ]
-    )
-    parts = [np.zeros((count, size, size)), (left @ by_tail)[a >= 0], (right @ by_head)[b >= 0]]
-    unique, slot = np.unique(keys, return_inverse=True)
-    blocks = np.zeros((len(unique), size, size))
-    np.add.at(blocks, slot, np.concatenate([*parts, cross[both]]))
-    return unique // count, unique % count, blocks
 
 
 def spatial_covariances(planar: bool, covariances: Array) -> Array:

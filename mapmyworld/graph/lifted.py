@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from mapmyworld.geometry import Array, invert, matrix_to_planar, planar_to_matrix
-from mapmyworld.graph.cholesky import Symbolic, analyse
+from mapmyworld.graph.elimination import Symbolic, analyse
 from mapmyworld.graph.newton import hessian_blocks, newton_step
 from mapmyworld.graph.pose_graph import components
 from mapmyworld.graph.starts import nearest_rotations

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mapmyworld.geometry import Array
-from mapmyworld.graph.cholesky import NotPositiveDefiniteError, Symbolic, factorise
+from mapmyworld.graph.cholesky import NotPositiveDefiniteError, factorise
+from mapmyworld.graph.elimination import Symbolic
 from mapmyworld.graph.twin import Twin
 
 

@@ -7,7 +7,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
 from mapmyworld.geometry import Array
-from mapmyworld.graph.cholesky import LARGE, NotPositiveDefiniteError, analyse, factorise
+from mapmyworld.graph.cholesky import LARGE, NotPositiveDefiniteError, factorise
+from mapmyworld.graph.elimination import analyse, links
 from mapmyworld.graph.pose_graph import Index
 
 
@@ -27,17 +28,13 @@ def solve_blocks(
     transposed at (head, tail); `anchor_block` is added at every anchor.
     """
     size = anchor_block.shape[0]
-    nodes = np.arange(count)
-    low, high = np.minimum(tails, heads), np.maximum(tails, heads)
     turned = np.where((tails > heads)[:, None, None], np.swapaxes(cross_blocks, 1, 2), cross_blocks)
-    keys = np.concatenate([nodes * (count + 1), low * count + high])
-    unique, slot = np.unique(keys, return_inverse=True)
-    blocks = np.zeros((len(unique), size, size))
-    np.add.at(blocks, slot[count:], turned)
+    rows, columns, slot = links(count, tails, heads)
+    blocks = np.zeros((len(rows), size, size))
+    np.add.at(blocks, slot, turned)
     for ends in (tails, heads):
-        np.add.at(blocks, slot[ends], diagonal_blocks)
-    np.add.at(blocks, slot[anchors], anchor_block)
-    rows, columns = unique // count, unique % count
+        np.add.at(blocks, ends, diagonal_blocks)
+    np.add.at(blocks, anchors, anchor_block)
     if count * size >= LARGE:
         return factorise(analyse(count, rows, columns, size), blocks).solve(right)
     return _by_superlu(count, size, rows, columns, blocks, right)

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import diags_array
 
 from mapmyworld.config.graph import GraphConfig
 from mapmyworld.geometry import Array
@@ -19,20 +18,19 @@ from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.clusters import allowed, evidence_of, groups_of, judge_groups
 from mapmyworld.graph.consistency import Consistency, alternatives, compare_closures
 from mapmyworld.graph.dead_reckoning import reckon
-from mapmyworld.graph.pose_graph import Index
-from mapmyworld.graph.residuals import chi_squared_quantile, retract
-from mapmyworld.graph.starts import chordal_start
-from mapmyworld.graph.system import (
+from mapmyworld.graph.joint_covariance import predicted_covariances
+from mapmyworld.graph.linear_system import (
     Pattern,
-    System,
-    chosen_edges,
-    edge_chi2,
-    factorise,
+    damped,
+    information_factors,
     linearise,
     pattern_of,
-    predicted_covariances,
-    step_to_nodes,
+    solved,
 )
+from mapmyworld.graph.pose_graph import Index, components
+from mapmyworld.graph.residuals import chi_squared_quantile, retract
+from mapmyworld.graph.starts import chordal_start
+from mapmyworld.graph.system import System, believed_edges, chosen_edges, edge_chi2
 
 _GROWTH = 1.4  # of the control parameter between two rounds, as in the paper
 _ROUNDS = 100  # at most
@@ -84,7 +82,7 @@ def solve_robustly(
     inliers = trusted.copy()
     inliers[closures[consistency.clique]] = True
     groups = groups_of(system, closures, consistency, limit)
-    poses = settle(chosen_edges(system, inliers), _fresh_start(system, guess, anchors, inliers))
+    poses = settle(believed_edges(system, inliers), _fresh_start(system, guess, anchors, inliers))
     for _ in range(_RETRIES):
         poses, inliers = _without_misfits(system, poses, trusted, inliers, limit)
         scale = 1.0
@@ -96,7 +94,7 @@ def solve_robustly(
         if np.array_equal(found, inliers):
             break
         inliers = found
-        poses = settle(chosen_edges(system, inliers), poses)
+        poses = settle(believed_edges(system, inliers), poses)
     poses, inliers = _without_misfits(system, poses, trusted, inliers, limit)
     return RobustSolution(poses, inliers, edge_chi2(system, poses), limit, closures, consistency)
 
@@ -111,7 +109,7 @@ def _without_misfits(
     """The solution after graduated non-convexity, where believed edges contradict each other."""
     while ((edge_chi2(system, poses) > limit) & inliers & ~trusted).any():
         poses, inliers = graduate(system, poses, trusted, inliers, limit)
-        poses = settle(chosen_edges(system, inliers), poses)
+        poses = settle(believed_edges(system, inliers), poses)
     return poses, inliers
 
 
@@ -134,7 +132,7 @@ def _without_strangers(
         for k in np.flatnonzero(worst).tolist():
             inliers[found.members[k]] = False
         left_out += sum(len(found.members[k]) > 2 for k in np.flatnonzero(worst).tolist())
-        poses = settle(chosen_edges(system, inliers), poses)
+        poses = settle(believed_edges(system, inliers), poses)
     return poses, inliers, found.scale
 
 
@@ -147,7 +145,9 @@ def _admissible(
     be true. Where many closures look false, fitting by chance becomes likely, and a lone closure
     must fit the better: expected are at most 0.1 false ones.
     """
-    candidates = np.flatnonzero(~inliers)
+    part = components(len(poses), system.tails[inliers], system.heads[inliers])
+    within = part[system.tails] == part[system.heads]  # nothing predicts what joins two parts
+    candidates = np.flatnonzero(~inliers & within)
     chi2 = edge_chi2(system, poses)[candidates]
     candidates = candidates[np.argsort(chi2, kind="stable")[:_CANDIDATES]]
     admitted = np.zeros(len(inliers), np.bool_)
@@ -166,10 +166,9 @@ def innovations(
     system: System, poses: Array, inliers: NDArray[np.bool_], candidates: Index
 ) -> tuple[Array, Array]:
     """Squared sigmas (C,) of edges against what the inliers predict, and the volume of that."""
-    part = chosen_edges(system, inliers)
-    pattern = pattern_of(part)
-    factors = factorise(linearise(part, pattern, poses)[0], pattern)
-    tested = chosen_edges(system, candidates)
+    part = believed_edges(system, inliers)
+    factors = information_factors(part, poses)
+    tested = replace(chosen_edges(system, candidates), free=part.free)
     predicted, residuals = predicted_covariances(factors, tested, poses)
     covariance = np.linalg.inv(tested.information) + predicted
     fit = np.einsum(
@@ -224,7 +223,7 @@ def graduate(
     limit: float,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Poses and inliers (E,) among the `tried` edges; the others play no part."""
-    part, fixed = chosen_edges(system, tried), trusted[tried]
+    part, fixed = believed_edges(system, tried), trusted[tried]
     pattern = pattern_of(part)
     weights = np.ones(len(fixed))
     poses = relax(part, pattern, start, weights, 3)
@@ -261,9 +260,8 @@ def truncated_weights(chi2: Array, limit: float, control: float) -> Array:
 def relax(system: System, pattern: Pattern, poses: Array, weights: Array, steps: int) -> Array:
     """Poses after some Gauss-Newton steps on the weighted problem."""
     for _ in range(steps):
-        matrix, gradient = linearise(system, pattern, poses, weights)
-        step = factorise(matrix, pattern).solve(-gradient)
-        poses = retract(system.planar, poses, step_to_nodes(system, step))
+        blocks, gradient = linearise(system, pattern, poses, weights)
+        poses = retract(system.planar, poses, solved(pattern, blocks, -gradient))
     return poses
 
 
@@ -280,12 +278,10 @@ def descend(system: System, poses: Array, tolerance: float, steps: int) -> tuple
     pattern, cost = pattern_of(system), float(edge_chi2(system, poses).sum())
     damping = 0.0
     for taken in range(1, steps + 1):
-        matrix, gradient = linearise(system, pattern, poses)
-        diagonal = matrix.diagonal()
+        blocks, gradient = linearise(system, pattern, poses)
         while True:
-            damped = matrix + diags_array(damping * diagonal, format="csc") if damping else matrix
-            step = factorise(damped, pattern).solve(-gradient)
-            moved = retract(system.planar, poses, step_to_nodes(system, step))
+            step = solved(pattern, damped(pattern, blocks, damping), -gradient)
+            moved = retract(system.planar, poses, step)
             found = float(edge_chi2(system, moved).sum())
             if found <= cost:
                 break

@@ -20,7 +20,7 @@ from mapmyworld.graph.covariance import marginal_covariances, spatial_covariance
 from mapmyworld.graph.edits import BY_HAND
 from mapmyworld.graph.pose_graph import TRUSTED, Index, components, positions
 from mapmyworld.graph.robust import RobustSolution, settle, solve_robustly
-from mapmyworld.graph.system import System, chosen_edges, edge_chi2, number_free
+from mapmyworld.graph.system import System, believed_edges, edge_chi2, number_free
 from mapmyworld.graph.verdicts import faults_of, judged, unjudged
 from mapmyworld.types import Constraint, Poses
 
@@ -74,14 +74,14 @@ def solve(
     cost = 0.5 * float(solution.chi2[solution.inliers].sum())
     statement = _certainty(part, solution)
     if config.certify and config.covariances:  # a draft needs neither
-        believed = chosen_edges(system, solution.inliers)
+        believed = believed_edges(system, solution.inliers)
         statement += f"; {proof_of(certify(believed, solution.poses))}"
     spread = _covariances(system, solution, len(known)) if config.covariances else None
     return SolvedGraph(Poses(known, matrices, spread), verdicts, part, cost, statement)
 
 
 def _covariances(system: System, solution: RobustSolution, count: int) -> Array | None:
-    believed = chosen_edges(system, solution.inliers)
+    believed = believed_edges(system, solution.inliers)
     found = marginal_covariances(believed, solution.poses)
     return None if found is None else spatial_covariances(system.planar, found[:count])
 
@@ -138,7 +138,7 @@ def _solved(
     if len(trusted) == 0 or system.size == 0:
         return RobustSolution.untouched(system, start, trusted)
     solution = solve_robustly(system, start, anchors, trusted, config)
-    part = chosen_edges(system, solution.inliers)
+    part = believed_edges(system, solution.inliers)
     poses = settle(part, solution.poses, config.tolerance)
     return solution.moved(poses, edge_chi2(system, poses))
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mapmyworld.geometry import Array, planar_to_matrix, se3_exp, skew
+from mapmyworld.graph.elimination import links
 from mapmyworld.graph.landmarks import POINT, POLAR
 from mapmyworld.graph.pose_graph import Index, components
 from mapmyworld.graph.residuals import planar_exp
@@ -53,18 +54,15 @@ def twin_of(system: System, poses: Array) -> Twin:
     )
     turned = tails > heads
     cross[turned] = np.swapaxes(cross[turned], 1, 2)
-    keys = np.minimum(tails, heads) * count + np.maximum(tails, heads)
-    diagonal = np.arange(count) * (count + 1)
-    linked, slot = np.unique(keys, return_inverse=True)
-    blocks = np.zeros((count + len(linked), size + 1, size + 1))
+    rows, columns, slot = links(count, tails, heads)
+    blocks = np.zeros((len(rows), size + 1, size + 1))
     np.add.at(blocks, tails, at_tail)
     np.add.at(blocks, heads, at_head)
-    np.add.at(blocks, count + slot, cross)
-    every = np.concatenate([diagonal, linked])
+    np.add.at(blocks, slot, cross)
     part = components(count, tails, heads)
     anchors = np.unique(part, return_index=True)[1].astype(np.int64)
     points = np.unique(system.heads[(system.kinds if system.kinds is not None else kinds) > 0])
-    return Twin(size, every // count, every % count, blocks, anchors, points)
+    return Twin(size, rows, columns, blocks, anchors, points)
 
 
 # Weights of rotation against translation that are tried: where the information couples them, what

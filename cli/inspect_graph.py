@@ -23,6 +23,12 @@ from mapmyworld.types import Constraint, ConstraintKind, Poses
     metavar="A B",
     help="With --image: the images of nodes A and B with what matches between them.",
 )
+@click.option(
+    "--between",
+    type=(int, int),
+    metavar="A B",
+    help="The pose of node B seen from node A, and how sure it is.",
+)
 @click.option("--worst", default=10, show_default=True, help="Constraints listed of each sort.")
 @click.option("--all", "everything", is_flag=True, help="List every rejected constraint.")
 def graph(
@@ -30,6 +36,7 @@ def graph(
     style: str,
     image: Path | None,
     pair: tuple[int, int] | None,
+    between: tuple[int, int] | None,
     worst: int,
     everything: bool,
 ) -> None:
@@ -41,6 +48,7 @@ def graph(
     mapmyworld inspect graph
     mapmyworld inspect graph office.db --image graph.png
     mapmyworld inspect graph office.db --pair 12 340 --image pair.png
+    mapmyworld inspect graph office.db --between 12 340
     """
     from formats.database import open_store
 
@@ -56,11 +64,14 @@ def graph(
         nodes = store.nodes()
         planar = bool((store.get("plan") or {}).get("planar", False))
         solved = store.get("solve") or {}
+        relative = None if between is None or poses is None else _relative(store, *between)
     if poses is None:
         raise MapError(f"{map_path}: its graph is not solved yet: finish `mapmyworld build` first")
     start = _start(nodes)
     facts = graph_facts(poses, constraints, start, planar, None if everything else worst, worst)
     facts["certainty"] = solved.get("certainty", "")
+    if relative is not None:
+        facts["between"] = relative
     if image is not None:
         from formats.report.graph_picture import write_graph_picture
 
@@ -100,6 +111,26 @@ def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:
     verdict = "fits" if registration.converged else "does not fit"
     click.echo(f"{pair[0]} and {pair[1]}: {verdict}: {registration.reason}")
     click.echo(f"drew {path}", err=True)
+
+
+def _relative(store: Any, from_id: int, to_id: int) -> dict[str, Any]:
+    """The relative pose of two nodes and its uncertainty, from the accepted constraints."""
+    import numpy as np
+
+    from cli.exporting import graph_of
+    from mapmyworld.geometry import rotation_angle
+    from mapmyworld.graph.covariance import relative_pose
+
+    motion, covariance = relative_pose(graph_of(store), from_id, to_id)
+    return {
+        "from": from_id,
+        "to": to_id,
+        "xyz": motion[:3, 3].tolist(),
+        "degrees": float(np.degrees(rotation_angle(motion))),
+        "sigma_metres": float(np.sqrt(np.trace(covariance[3:, 3:]))),
+        "sigma_degrees": float(np.degrees(np.sqrt(np.trace(covariance[:3, :3])))),
+        "covariance": covariance.tolist(),
+    }
 
 
 def _start(nodes: Any) -> Poses:
@@ -174,15 +205,24 @@ def _lines(facts: dict[str, Any]) -> list[str]:
     lines += _part_lines(facts["parts"])
     if facts["certainty"]:
         lines.append(f"certainty   {facts['certainty']}")
-    spread = facts["uncertainty"]
-    if spread:
-        lines.append(
-            f"uncertainty median {spread['median_metres']:.3g} m, "
-            f"{spread['median_degrees']:.2g} deg; "
-            f"largest {spread['largest_metres']:.3g} m (node {spread['largest_at']}), "
-            f"{spread['largest_degrees']:.2g} deg, relative to the first node"
-        )
-    lines += ["", f"{'constraints':<14}{'tried':>8}{'accepted':>10}{'rejected':>10}{'misfit':>10}"]
+    if facts["uncertainty"]:
+        lines.append(_uncertainty_line(facts["uncertainty"]))
+    if "between" in facts:
+        lines.append(_between_line(facts["between"]))
+    return [*lines, "", *_kind_lines(facts), *_worst_lines(facts), *_rejected_lines(facts)]
+
+
+def _uncertainty_line(spread: dict[str, Any]) -> str:
+    return (
+        f"uncertainty median {spread['median_metres']:.3g} m, {spread['median_degrees']:.2g} deg; "
+        f"largest {spread['largest_metres']:.3g} m (node {spread['largest_at']}), "
+        f"{spread['largest_degrees']:.2g} deg, relative to the first node"
+    )
+
+
+def _kind_lines(facts: dict[str, Any]) -> list[str]:
+    """A line each kind of constraint, and a warning for each that claims too much."""
+    lines = [f"{'constraints':<14}{'tried':>8}{'accepted':>10}{'rejected':>10}{'misfit':>10}"]
     for kind, row in facts["constraints"].items():
         factor = facts["overconfidence"].get(kind)
         misfit = "" if factor is None else f"{factor:>9.2f}x"
@@ -190,11 +230,16 @@ def _lines(facts: dict[str, Any]) -> list[str]:
             f"{kind:<14}{row['tried']:>8}{row['accepted']:>10}{row['rejected']:>10}{misfit:>10}"
         )
     lines.append("misfit: median residual of the accepted ones against what their covariances say")
-    for kind in facts["overconfident"]:
-        lines.append(
-            f"warning: {kind} constraints are over-confident: their misfits are "
-            f"{facts['overconfidence'][kind]:.1f} times what they claim"
-        )
+    return lines + [
+        f"warning: {kind} constraints are over-confident: their misfits are "
+        f"{facts['overconfidence'][kind]:.1f} times what they claim"
+        for kind in facts["overconfident"]
+    ]
+
+
+def _worst_lines(facts: dict[str, Any]) -> list[str]:
+    """Accepted constraints that fit worst, and what closures moved."""
+    lines = []
     if facts["worst"]:
         lines += ["", "accepted constraints that fit worst"]
         lines += [_row(row, "reject") for row in facts["worst"]]
@@ -205,12 +250,29 @@ def _lines(facts: dict[str, Any]) -> list[str]:
             f"{row['metres']:.3f} m, {row['degrees']:.2f} deg"
             for row in facts["corrections"]
         ]
-    if facts["rejected"]:
-        total = sum(facts["rejected_reasons"].values())
-        lines += ["", f"rejected constraints ({len(facts['rejected'])} of {total} shown)"]
-        lines += [f"  {n:>6} x {reason}" for reason, n in facts["rejected_reasons"].items()][:12]
-        lines += [_row(row, "accept") for row in facts["rejected"]]
     return lines
+
+
+def _rejected_lines(facts: dict[str, Any]) -> list[str]:
+    if not facts["rejected"]:
+        return []
+    total = sum(facts["rejected_reasons"].values())
+    counts = [f"  {n:>6} x {reason}" for reason, n in facts["rejected_reasons"].items()][:12]
+    return [
+        "",
+        f"rejected constraints ({len(facts['rejected'])} of {total} shown)",
+        *counts,
+        *(_row(row, "accept") for row in facts["rejected"]),
+    ]
+
+
+def _between_line(row: dict[str, Any]) -> str:
+    x, y, z = row["xyz"]
+    return (
+        f"{row['from']} -> {row['to']}".ljust(12)
+        + f"{x:.3f} {y:.3f} {z:.3f} m, turned {row['degrees']:.2f} deg; one sigma "
+        f"{row['sigma_metres']:.3g} m, {row['sigma_degrees']:.2g} deg"
+    )
 
 
 def _part_lines(parts: list[dict[str, int]]) -> list[str]:

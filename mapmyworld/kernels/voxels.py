@@ -1,4 +1,4 @@
-"""Points summed by voxel in a hash table of plain arrays."""
+"""Points summed by voxel in a hash table of plain, small arrays."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 
 BITS = 21  # of a voxel index along each axis: a million voxels either way
 OFFSET = 1 << (BITS - 1)
+FULL = 255  # points of a voxel that count
+STEPS = 256  # in which a point's place within its voxel is told
+TURNS = 127  # in which a normal's component is told
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # Fibonacci hashing: the golden ratio of 64 bits
 
 
@@ -48,12 +51,14 @@ def add_points(
     size: float,
     table: NDArray[np.int32],
     keys: NDArray[np.int64],
-    sums: NDArray[np.float32],
+    sums: NDArray[np.uint16],
     count: int,
 ) -> int:
     """Adds points (N, 3) to their voxels' sums (K, 10); how many voxels there are then.
 
-    A sum holds the points' number, offsets from the voxel's corner, colours and normals.
+    A sum holds the points' number, offsets from the voxel's corner in steps of 1 / STEPS, colours,
+    and normals in steps of 1 / TURNS, raised by one to be positive. The first FULL points of a
+    voxel decide: so many bytes fit in 16 bits.
     """
     cell = np.zeros(3, np.int64)
     for i in range(len(points)):
@@ -68,9 +73,12 @@ def add_points(
             continue
         key = (cell[0] + OFFSET) << (2 * BITS) | (cell[1] + OFFSET) << BITS | (cell[2] + OFFSET)
         row, count = row_of_key(key, table, keys, count)
-        sums[row, 0] += np.float32(1.0)
+        if sums[row, 0] == FULL:
+            continue
+        sums[row, 0] += np.uint16(1)
         for c in range(3):
-            sums[row, 1 + c] += np.float32(points[i, c] - cell[c] * size)
-            sums[row, 4 + c] += np.float32(colours[i, c])
-            sums[row, 7 + c] += normals[i, c]
+            share = points[i, c] / size - cell[c]
+            sums[row, 1 + c] += np.uint16(min(max(int(share * STEPS), 0), STEPS - 1))
+            sums[row, 4 + c] += np.uint16(colours[i, c])
+            sums[row, 7 + c] += np.uint16(int(np.rint((normals[i, c] + 1.0) * TURNS)))
     return count

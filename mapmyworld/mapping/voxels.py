@@ -7,7 +7,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.kernels.voxels import BITS, OFFSET, add_points, fill_table
+from mapmyworld.kernels.voxels import BITS, OFFSET, STEPS, TURNS, add_points, fill_table
 from mapmyworld.types import PointCloud
 
 Kind = TypeVar("Kind", bound=np.generic)
@@ -17,7 +17,7 @@ _AT_ONCE = 1 << 16  # voxels whose means are taken together
 
 
 class VoxelMap:
-    """Means of position, colour and normal of all points that fell into each voxel."""
+    """Means of position, colour and normal of the first 255 points that fell into each voxel."""
 
     def __init__(self, size: float) -> None:
         """`size` is the edge of a voxel in metres."""
@@ -25,7 +25,7 @@ class VoxelMap:
         self._count = 0
         self._keys = np.zeros(_ROOM, np.int64)
         # Sums over a voxel's points: count, offset from the voxel's corner, RGB, normal.
-        self._sums = np.zeros((_ROOM, 10), np.float32)
+        self._sums = np.zeros((_ROOM, 10), np.uint16)
         self._table = np.zeros(2 * _ROOM, np.int32)
 
     def add(
@@ -69,11 +69,13 @@ class VoxelMap:
         keys, sums = self._keys[rows], self._sums[rows]
         mask = (1 << BITS) - 1
         cells = np.stack([keys >> 2 * BITS, (keys >> BITS) & mask, keys & mask], axis=1) - OFFSET
-        means = sums[:, 1:] / np.maximum(sums[:, :1], 1.0)
-        length = np.linalg.norm(means[:, 6:], axis=1, keepdims=True)
-        cloud.points[chosen] = cells * self._size + means[:, :3]
+        means = sums[:, 1:] / np.maximum(sums[:, :1], 1).astype(np.float32)
+        normals = means[:, 6:] / TURNS - 1.0
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        known = length > 0.5 / TURNS  # less is no direction, but rounding
+        cloud.points[chosen] = (cells + (means[:, :3] + 0.5) / STEPS) * self._size
         cloud.colours[chosen] = np.clip(np.round(means[:, 3:6]), 0, 255)
-        cloud.normals[chosen] = means[:, 6:] / np.where(length > 1e-6, length, np.inf)
+        cloud.normals[chosen] = normals / np.where(known, length, np.inf)
 
     def _make_room(self, more: int) -> None:
         """Doubles what holds the voxels until `more` fit, and spreads them over a new table."""

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from formats.truth import read_loop_pairs
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation import LoopScore, loop_closure_score
-from mapmyworld.types import ConstraintKind, MapStore, Trajectory
+from mapmyworld.types import CLOSURES, MapStore, Trajectory
 
 _SQLITE = b"SQLite format 3\x00"
-_LOOPS = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY)
 
 
 def is_map(path: Path) -> bool:
@@ -50,7 +49,7 @@ def score_loops(store: MapStore, truth: Trajectory, pairs: Path | None) -> LoopS
     kept = [
         c
         for c in store.constraints()
-        if c.accepted and c.kind in _LOOPS and c.from_id in stamps and c.to_id in stamps
+        if c.accepted and c.kind in CLOSURES and c.from_id in stamps and c.to_id in stamps
     ]
     moments = np.array([[stamps[c.from_id], stamps[c.to_id]] for c in kept], np.int64)
     measured = np.array([c.from_from_to for c in kept], np.float64)

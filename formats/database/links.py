@@ -32,6 +32,7 @@ LINK_TYPES = {
     ConstraintKind.PRIOR: 7,
     ConstraintKind.LANDMARK: 8,
 }
+_VIRTUAL = 5  # RTAB-Map's "virtual closure": any other relative pose
 # Those of RTAB-Map which are relative poses between nodes, told apart as far as ours are:
 # closures in time are proximity, merged neighbours are neighbours.
 KINDS = {number: kind for kind, number in LINK_TYPES.items()} | {
@@ -48,7 +49,7 @@ def link_rows(constraints: Iterable[Constraint]) -> Iterator[Row]:
     accepted = [c for c in constraints if c.accepted]
     backwards = invert(np.array([c.from_from_to for c in accepted]).reshape(-1, 4, 4))
     for c, to_from_from in zip(accepted, backwards, strict=True):
-        kind, information = LINK_TYPES[c.kind], information_to_blob(c.information)
+        kind, information = LINK_TYPES.get(c.kind, _VIRTUAL), information_to_blob(c.information)
         yield (c.from_id, c.to_id, kind, information, pose_to_blob(c.from_from_to))
         if c.kind not in _ONE_WAY:
             # RTAB-Map keeps the information of the forward link for the backward one.

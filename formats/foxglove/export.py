@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.constraint_kinds import with_other_kinds
 from formats.foxglove import messages as fox
 from formats.foxglove.layout import layout
 from formats.foxglove.sink import FoxgloveSink
@@ -30,13 +31,16 @@ from mapmyworld.types import (
 Floats = NDArray[np.float64]
 MAP = "map"
 _LISTED = 60  # constraints of a kind whose facts an entity tells
-_COLOURS = {
-    ConstraintKind.NEIGHBOUR: (0.12, 0.44, 0.82, 1.0),
-    ConstraintKind.LOOP_CLOSURE: (0.84, 0.19, 0.12, 1.0),
-    ConstraintKind.PROXIMITY: (0.0, 0.53, 0.37, 1.0),
-    ConstraintKind.USER: (0.69, 0.25, 0.63, 1.0),
-    ConstraintKind.LANDMARK: (0.54, 0.43, 0.0, 1.0),
-}
+_COLOURS = with_other_kinds(
+    {
+        ConstraintKind.NEIGHBOUR: (0.12, 0.44, 0.82, 1.0),
+        ConstraintKind.LOOP_CLOSURE: (0.84, 0.19, 0.12, 1.0),
+        ConstraintKind.PROXIMITY: (0.0, 0.53, 0.37, 1.0),
+        ConstraintKind.USER: (0.69, 0.25, 0.63, 1.0),
+        ConstraintKind.LANDMARK: (0.54, 0.43, 0.0, 1.0),
+    },
+    (0.36, 0.29, 0.54, 1.0),
+)
 _REJECTED = (0.55, 0.55, 0.55, 0.4)
 Event = tuple[int, str, Any]
 """Time in nanoseconds, topic, message."""

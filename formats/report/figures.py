@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from formats.constraint_kinds import with_other_kinds
 from formats.report.contents import Evidence, ReportContents
 from mapmyworld.errors import MapError
 from mapmyworld.types import ConstraintKind
@@ -15,12 +16,15 @@ from mapmyworld.types import ConstraintKind
 KINDS = ("map", "graph", "loops", "uncertainty", "timing")
 ENDINGS = (".png", ".svg", ".pdf")
 _BLUE, _RED, _GREEN, _GREY, _ORANGE = "#1f6fd1", "#d7301f", "#00875f", "#8a8f98", "#d98200"
-_COLOURS = {
-    ConstraintKind.LOOP_CLOSURE: _RED,
-    ConstraintKind.PROXIMITY: _GREEN,
-    ConstraintKind.USER: "#b0409a",
-    ConstraintKind.LANDMARK: "#8a6d00",
-}
+_COLOURS = with_other_kinds(
+    {
+        ConstraintKind.LOOP_CLOSURE: _RED,
+        ConstraintKind.PROXIMITY: _GREEN,
+        ConstraintKind.USER: "#b0409a",
+        ConstraintKind.LANDMARK: "#8a6d00",
+    },
+    "#5c4b8a",
+)
 _WIDTH = 6.3  # inches: a page's text
 _LOOPS = 6  # closures in one figure
 _DPI = 160

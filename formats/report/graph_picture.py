@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.constraint_kinds import with_other_kinds
 from formats.report.picture_file import write_picture
 from mapmyworld.geometry import Array
 from mapmyworld.types import Constraint, ConstraintKind, OccupancyGrid, Poses
@@ -17,14 +18,17 @@ _SIZE = 1400  # pixels of the longer side
 _MARGIN = 40  # pixels
 _DASH = 7.0  # pixels of a dot's period
 # Blue, green, red, as OpenCV wants them.
-_COLOURS = {
-    ConstraintKind.NEIGHBOUR: (200, 90, 20),
-    ConstraintKind.LOOP_CLOSURE: (40, 40, 220),
-    ConstraintKind.PROXIMITY: (60, 160, 30),
-    ConstraintKind.LANDMARK: (170, 150, 40),
-    ConstraintKind.USER: (200, 40, 200),
-    ConstraintKind.PRIOR: (200, 40, 200),
-}
+_COLOURS = with_other_kinds(
+    {
+        ConstraintKind.NEIGHBOUR: (200, 90, 20),
+        ConstraintKind.LOOP_CLOSURE: (40, 40, 220),
+        ConstraintKind.PROXIMITY: (60, 160, 30),
+        ConstraintKind.LANDMARK: (170, 150, 40),
+        ConstraintKind.USER: (200, 40, 200),
+        ConstraintKind.PRIOR: (200, 40, 200),
+    },
+    (120, 60, 120),
+)
 _WORDS = {
     ConstraintKind.NEIGHBOUR: "path",
     ConstraintKind.LOOP_CLOSURE: "loop closure",
@@ -163,7 +167,10 @@ def _legend(
     rejected: bool,
     landmarks: bool,
 ) -> None:
-    rows = [(_WORDS[k], _COLOURS[k], False) for k in _WORDS if k in drawn or k == "neighbour"]
+    known = [kind for kind in _WORDS if kind in drawn or kind == ConstraintKind.NEIGHBOUR]
+    others = sorted(drawn - _WORDS.keys())
+    words = _WORDS | {kind: kind.replace("_", " ") for kind in others}
+    rows = [(words[kind], _COLOURS[kind], False) for kind in known + others]
     if rejected:
         rows.append(("rejected", _GREY, True))
     if landmarks:

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.constraint_kinds import with_other_kinds
 from formats.report.contents import ReportContents, ShownConstraint
 from formats.report.page import data_uri
 from mapmyworld.errors import MapError
@@ -20,12 +21,15 @@ _PATH_POINTS = 6000  # of a path that are drawn
 _ELLIPSES = 60  # along the path
 _SIGMAS = 3.0  # of the ellipses
 _BARS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)  # m
-_CLOSURES = {
-    ConstraintKind.LOOP_CLOSURE: "loop",
-    ConstraintKind.PROXIMITY: "proximity",
-    ConstraintKind.USER: "user",
-    ConstraintKind.LANDMARK: "landmark",
-}
+_LAYERS = with_other_kinds(
+    {
+        ConstraintKind.LOOP_CLOSURE: "loop",
+        ConstraintKind.PROXIMITY: "proximity",
+        ConstraintKind.USER: "user",
+        ConstraintKind.LANDMARK: "landmark",
+    },
+    "",
+)  # an empty one: the kind's own name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,9 +86,9 @@ def layers_of(contents: ReportContents, view: View) -> list[Layer]:
     found.append(Layer("rejected", "rejected", _segments(rejected, place), shown=False))
     found.append(Layer("sigma", "3 sigma", _ellipses(contents, view), shown=False))
     found.append(Layer("path", "path", _line(view.pixels(contents.path[:, 1:]))))
-    for kind, key in _CLOSURES.items():
+    for kind, key in _LAYERS.items():
         mine = [c for c in contents.constraints if c.accepted and c.kind == kind]
-        found.append(Layer(key, str(kind).replace("_", " "), _segments(mine, place)))
+        found.append(Layer(key or str(kind), str(kind).replace("_", " "), _segments(mine, place)))
     found.append(Layer("nodes", "nodes", _dots(view.pixels(nodes.places[:, :2])), shown=False))
     found.append(Layer("start", "start axes", _axes(nodes.places, view)))
     return [layer for layer in found if layer.svg]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array, information_to_planar, matrix_to_planar
-from mapmyworld.types import Constraint, ConstraintKind
+from mapmyworld.types import TRUSTED, Constraint
 from mapmyworld.types.pose_graph import Edges, PoseGraph, Priors, no_sightings
 
 Index = NDArray[np.int64]
@@ -49,10 +49,6 @@ def graph_from_constraints(
         sightings=no_sightings(planar),
         priors=Priors(ends[prior, 0], measured[prior], information[prior]),
     )
-
-
-# Kinds that robust optimisation does not question: motion, and what a person has stated.
-TRUSTED = frozenset({ConstraintKind.NEIGHBOUR, ConstraintKind.USER, ConstraintKind.PRIOR})
 
 
 def canonical_order(edges: Edges) -> Index:

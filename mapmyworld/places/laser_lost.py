@@ -10,9 +10,9 @@ from scipy.spatial import cKDTree
 
 from mapmyworld.config import Config
 from mapmyworld.places.laser_nodes import Index, LaserNodes, spaced
-from mapmyworld.types import Constraint, ConstraintKind
+from mapmyworld.types import CLOSURES, Constraint, ConstraintKind
 
-_CLOSURES = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY, ConstraintKind.USER)
+_CLOSURES = CLOSURES | {ConstraintKind.USER}
 _LONG = 75.0  # m of way without a closure from which two places may be far from where they seem
 _LATER, _EARLIER = 8.0, 4.0  # m of path between the places that look, and that are looked at
 _MOST = 16  # earlier places that one is compared with

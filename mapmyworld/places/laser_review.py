@@ -22,9 +22,8 @@ from mapmyworld.geometry import (
 from mapmyworld.odometry.laser_stretches import is_weak
 from mapmyworld.places.laser_closures import closure_information, match_submaps
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, laser_nodes
-from mapmyworld.types import Constraint, ConstraintKind, Poses
+from mapmyworld.types import CLOSURES, Constraint, Poses
 
-_CLOSURES = {ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY}
 _METRES, _RADIANS = 0.2, np.radians(1.0)  # by which no true closure misses the final poses
 
 
@@ -48,7 +47,7 @@ def review_closures(
 
 def _is_by_laser(constraint: Constraint) -> bool:
     """Whether an accepted closure comes from `laser_closures`."""
-    return constraint.accepted and constraint.kind in _CLOSURES and "rival" in constraint.evidence
+    return constraint.accepted and constraint.kind in CLOSURES and "rival" in constraint.evidence
 
 
 def _fits(c: Constraint, nodes: LaserNodes, row: dict[int, int], share: float) -> bool:

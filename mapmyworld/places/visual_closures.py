@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,15 @@ from mapmyworld.places.drift import Drift
 from mapmyworld.places.node_images import NodeImages
 from mapmyworld.registration.image_pairs import ImagePair, register_images
 from mapmyworld.registration.views import View
-from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, Poses, Progress
+from mapmyworld.types import (
+    CLOSURES,
+    Constraint,
+    ConstraintKind,
+    MapStore,
+    Node,
+    Poses,
+    Progress,
+)
 
 Array = NDArray[np.float64]
 _NEAR_NODES = 3  # nodes to either side that share the ambiguity of one
@@ -166,9 +174,21 @@ def _verify(
 
     done: list[_Verified] = []
     for verified in in_threads(register, work, config.threads):
-        done.append(verified)
+        done.append(_by_scans(images, verified, config))
         progress.update(len(done))
     return done
+
+
+def _by_scans(images: NodeImages, item: _Verified, config: Config) -> _Verified:
+    """The pair aligned by the laser scans of both nodes, where wanted and there."""
+    if not (config.visual.closure_scans and item.pair.registration.converged):
+        return item
+    earlier, later = images.scan(item.proposal.other), images.scan(item.proposal.index)
+    if earlier is None or later is None:
+        return item
+    from mapmyworld.places.scan_check import refine_by_scans
+
+    return replace(item, pair=refine_by_scans(item.pair, earlier, later, config))
 
 
 def _loaded(
@@ -258,8 +278,7 @@ def _constraint(nodes: Sequence[Node], item: _Verified, reason: str) -> Constrai
 
 def _pairs(constraints: Sequence[Constraint]) -> set[tuple[int, int]]:
     """Pairs of ids, either way round, that were tried as closures before."""
-    tried = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY)
     pairs = {
-        (c.from_id, c.to_id) for c in constraints if c.kind in tried and "matches" in c.evidence
+        (c.from_id, c.to_id) for c in constraints if c.kind in CLOSURES and "matches" in c.evidence
     }
     return pairs | {(b, a) for a, b in pairs}

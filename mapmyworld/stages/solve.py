@@ -11,21 +11,25 @@ from mapmyworld.graph.edits import apply_edits, edits_from_json
 from mapmyworld.graph.solve import SolvedGraph, solve
 from mapmyworld.mapping.trajectory import pose_every_frame
 from mapmyworld.stages.recognise import LoadScans, add_closures
-from mapmyworld.types import Constraint, ConstraintKind, MapStore, Poses, Progress
+from mapmyworld.types import CLOSURES, Constraint, MapStore, Poses, Progress
 
 _ROUNDS = 4  # looks from better poses, at most; each finds less than the one before
 _FEW = 0.05  # share of new closures among all from which another look is not worth its time
-_CLOSURES = {ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY}
 
 
-def solve_and_judge(store: MapStore, config: Config, progress: Progress, scans: LoadScans) -> None:
-    """Optimises, tries proximity constraints from the optimised poses, until none is new."""
+def solve_and_judge(
+    store: MapStore, config: Config, progress: Progress, scans: LoadScans, since: int = 0
+) -> None:
+    """Optimises, tries proximity constraints from the optimised poses, until none is new.
+
+    Among nodes with ids before `since` none is tried.
+    """
     quick = replace(config.graph, covariances=False, certify=False, groups=False)
     draft = replace(config, graph=quick)
     for _ in range(_ROUNDS):
         poses = _solve(store, draft, progress).poses
-        new = add_closures(store, poses, config, progress, scans)
-        if new <= _FEW * sum(c.accepted for c in store.constraints() if c.kind in _CLOSURES):
+        new = add_closures(store, poses, config, progress, scans, since=since)
+        if new <= _FEW * sum(c.accepted for c in store.constraints() if c.kind in CLOSURES):
             break
     solved = _solve(store, config, progress)
     poses, constraints = _refined(store, solved, config, progress, scans)

@@ -11,7 +11,14 @@ from mapmyworld.types.frames import (
     Scan,
     TrackedFrames,
 )
-from mapmyworld.types.graph import Constraint, ConstraintKind, Poses, Registration
+from mapmyworld.types.graph import (
+    CLOSURES,
+    TRUSTED,
+    Constraint,
+    ConstraintKind,
+    Poses,
+    Registration,
+)
 from mapmyworld.types.maps import Mesh, OccupancyGrid, PointCloud, Trajectory
 from mapmyworld.types.messages import (
     CameraInfoMessage,
@@ -37,6 +44,8 @@ from mapmyworld.types.pose_graph import Edges, PoseGraph, Priors, Sightings, no_
 from mapmyworld.types.seams import LogSource, MapStore, Progress
 
 __all__ = [
+    "CLOSURES",
+    "TRUSTED",
     "CameraInfoMessage",
     "CameraModel",
     "Constraint",

@@ -29,12 +29,20 @@ class Registration:
 
 
 class ConstraintKind(StrEnum):
+    """Where a constraint comes from. The store, pictures and pages take a new member as it is."""
+
     NEIGHBOUR = "neighbour"
     LOOP_CLOSURE = "loop_closure"
     PROXIMITY = "proximity"
     LANDMARK = "landmark"
     PRIOR = "prior"
     USER = "user"
+
+
+# Kinds that robust optimisation does not question: motion, and what a person has stated.
+TRUSTED = frozenset({ConstraintKind.NEIGHBOUR, ConstraintKind.USER, ConstraintKind.PRIOR})
+# Kinds that say: we have been here before.
+CLOSURES = frozenset({ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY})
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -103,7 +103,7 @@
   });
   const spots = nodes.id.map((_, i) => toPixels(nodes.x[i], nodes.y[i]));
   const visible = (c) => {
-    const key = kindLayer[data.kinds[c[2]]];
+    const key = kindLayer[data.kinds[c[2]]] || data.kinds[c[2]];
     return c[3] ? key && shown(key) : shown("rejected");
   };
   const distance = ([ax, ay, bx, by], x, y) => {

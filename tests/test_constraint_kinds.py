@@ -1,0 +1,57 @@
+"""A kind of constraint that nobody drew before: stored, drawn and listed, and never a KeyError."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from formats.constraint_kinds import with_other_kinds
+from formats.database import links
+from formats.report import graph_picture
+from mapmyworld.types import CLOSURES, TRUSTED, Constraint, ConstraintKind, Poses
+
+KNOWN = {ConstraintKind.NEIGHBOUR: "path", ConstraintKind.USER: "by hand"}
+
+
+def test_every_kind_that_joins_places_is_drawn_and_known_ones_come_first() -> None:
+    looks = with_other_kinds(KNOWN, "other")
+    assert list(looks)[:2] == list(KNOWN)
+    assert {kind: looks[kind] for kind in KNOWN} == KNOWN
+    assert set(ConstraintKind) - set(looks) == {ConstraintKind.PRIOR}
+    assert looks[ConstraintKind.PROXIMITY] == "other"
+
+
+def test_no_kind_is_both_beyond_doubt_and_a_closure() -> None:
+    assert not TRUSTED & CLOSURES
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """Stands for a member of `ConstraintKind` that the tables do not name."""
+
+    value: str = "wall_parallel"
+
+
+def _constraint(kind: object) -> Constraint:
+    return Constraint(1, 2, kind, np.eye(4), np.eye(6))  # type: ignore[arg-type]
+
+
+def test_the_store_writes_a_link_for_a_kind_that_rtabmap_has_no_number_for() -> None:
+    forward, backward = links.link_rows([_constraint(_Kind())])
+    assert forward[:3] == (1, 2, 5)
+    assert backward[:3] == (2, 1, 5)
+
+
+def test_the_picture_of_a_graph_draws_a_kind_without_words_of_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    kind = ConstraintKind.PROXIMITY
+    words = {k: word for k, word in graph_picture._WORDS.items() if k is not kind}
+    poses = Poses(np.array([1, 2]), np.tile(np.eye(4), (2, 1, 1)))
+    poses.map_from_node[1, 0, 3] = 3.0
+    monkeypatch.setattr(graph_picture, "_WORDS", words)
+    drawn = graph_picture.draw_graph(poses, [_constraint(kind)])
+    colour = np.array(graph_picture._COLOURS[kind])
+    assert (drawn == colour).all(axis=2).sum() > 100  # the line and its row in the legend

@@ -49,6 +49,8 @@ class VisualConfig:
     closure_radius: float = 8.0  # pixels around a found motion's projections for more matches
     closure_translation_sigma: float = 0.065  # m, no closure is less certain
     closure_rotation_sigma: float = 0.006  # rad, no closure is less certain
+    closure_scans: bool = False  # whether laser scans align closures by images, where there are any
+    closure_scan_overlap: float = 0.5  # share of a scan that the other must explain for that
     succession: int = 2  # nodes before each that its image is compared with, without a laser
     closure_gate: float = 3.5  # sigmas of drift by which a closure may contradict the tracked poses
     drift_translation: float = 0.05  # share of the path that tracked poses may be off by

@@ -15,7 +15,7 @@ from mapmyworld.parallel import in_threads
 from mapmyworld.places.features import extract_features, spread
 from mapmyworld.places.vocabulary import Vocabulary, train_vocabulary, vocabulary_of_words
 from mapmyworld.registration.views import View, binary_words, make_view
-from mapmyworld.types import CameraModel, Features, MapStore, Node, NodeData, Progress
+from mapmyworld.types import CameraModel, Features, MapStore, Node, NodeData, Progress, Scan
 
 _REMEMBERED = 600  # views kept at hand
 _TRAINING = 60_000  # descriptors that the vocabulary is learned from, at most
@@ -62,6 +62,10 @@ class NodeImages:
                 self._views.clear()
             self._views[index] = self._load(index)
         return self._views[index]
+
+    def scan(self, index: int) -> Scan | None:
+        """The laser scan of the node at `index` of `nodes`."""
+        return self._store.node_data(self.nodes[index].id, features=False).scan
 
     def _load(self, index: int) -> View | None:
         if self._features:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -149,12 +150,13 @@ def _build(
     export: bool,
     progress: StderrProgress,
 ) -> dict[str, Any]:
-    from formats.database import open_store
-    from formats.database.lock import only_writer
-    from mapmyworld.pipeline import build_map
-
     started = time.monotonic()
     cpu = time.process_time()
+    with ThreadPoolExecutor(1) as aside:
+        aside.submit(log.info)  # reads while the rest is imported; its errors come again, below
+        from formats.database import open_store
+        from formats.database.lock import only_writer
+        from mapmyworld.pipeline import build_map
     stored = storage_arguments(config)
     opening = partial(open_store, map_path, create=True, overwrite=overwrite, **stored)
     with only_writer(map_path), opening() as store:

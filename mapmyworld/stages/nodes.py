@@ -79,6 +79,8 @@ class NodeSelector:
 
     def _covariance(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """Covariance (6, 6) of the motion since the last node, all its steps carried to its end."""
+        if len(self._since) == 1:
+            return self._since[0].covariance
         steps = np.stack([motion.tracked_from_base for motion in self._since])
         adjoint = se3_adjoint(between(pose, steps))
         covariances = np.stack([motion.covariance for motion in self._since])

@@ -15,13 +15,13 @@ from formats.logs.carmen_records import (
     LASER_TOPICS,
     odometry_from_laser_line,
     odometry_from_odom_line,
-    planar_pose,
     pose_from_truepos_line,
     scan_from_line,
-    stamp_from_text,
 )
 from formats.logs.carmen_survey import Survey, survey_lines
 from formats.logs.files import UnpackedFile, hash_files
+from formats.logs.poses import planar_pose
+from formats.logs.stamps import stamp_from_text
 from mapmyworld.errors import LogError
 from mapmyworld.types import (
     LogInfo,
@@ -156,7 +156,8 @@ _TF_INFO = (MessageKind.TRANSFORMS, "carmen", 1)
 def _checked_stamp(kind: bytes, line: bytes) -> int:
     """The stamp, once the line has as many fields as it announces."""
     stamp_ns = stamp_from_text(line.rsplit(None, 3)[1])
-    fields = line.count(b" ") + 1
+    # A line cut off behind a blank has as many blanks as a whole one.
+    fields = line.count(b" ") + 1 if line.endswith(b"\n") else len(line.split())
     if kind in {b"FLASER", b"RLASER"}:
         announced = int(line.split(None, 2)[1]) + 11
         # Counting blanks is enough where single ones part the fields, as they nearly always do.

@@ -8,34 +8,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
 
 import numpy as np
 from numpy.typing import NDArray
 
 from formats.logs.decimal_text import read_decimals
-from formats.logs.poses import pose_matrix
+from formats.logs.poses import planar_pose
 from mapmyworld.types import LaserScanMessage, OdometryMessage, PoseMessage
 
 _MAX_BEAMS = 100_000  # more in one line is damage, not a lidar
-_MAX_STAMP_S = 1 << 33  # seconds; the year 2242, so that nanoseconds fit 64 bits
 LASER_FRAMES = {b"FLASER": "laser", b"ROBOTLASER1": "laser", b"RLASER": "laser_rear"}
 LASER_TOPICS = {b"FLASER": "/scan", b"ROBOTLASER1": "/scan", b"RLASER": "/scan_rear"}
-
-
-def stamp_from_text(text: bytes) -> int:
-    """Nanoseconds of decimal seconds, exact; ValueError where it is no time."""
-    seconds, _, fraction = text.partition(b".")
-    if seconds.isdigit() and (fraction.isdigit() or not fraction):
-        stamp = int(seconds) * 1_000_000_000 + int(fraction[:9].ljust(9, b"0"))
-    else:
-        try:
-            stamp = int(Decimal(text.decode("ascii")).scaleb(9))
-        except (InvalidOperation, OverflowError, ValueError) as error:
-            raise ValueError(f"{text!r} is no time") from error
-    if not 0 <= stamp < _MAX_STAMP_S * 1_000_000_000:
-        raise ValueError(f"{text!r} is no time")
-    return stamp
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,11 +116,6 @@ def parse_laser(line: bytes) -> LaserRecord:
 def single(value: float) -> float:
     """The value as a ROS message holds it, so that a converted log gives the same map."""
     return float(np.float32(value))
-
-
-def planar_pose(x: float, y: float, yaw: float) -> NDArray[np.float64]:
-    """The matrix (4, 4), formed as readers of ROS messages form it from a quaternion."""
-    return pose_matrix((x, y, 0.0, 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)))
 
 
 def scan_from_line(line: bytes, stamp_ns: int, frame_id: str, range_max: float) -> LaserScanMessage:

@@ -64,8 +64,9 @@ def _open_one(path: Path) -> LogSource:
 
 
 def _open_folder(path: Path) -> LogSource:
-    if any((path / name).is_file() for name in LISTS):
-        return TumRgbdLog(path)
+    for fits, open_it in _FOLDERS:
+        if fits(path):
+            return open_it(path)
     metadata = path / "metadata.yaml"
     if metadata.is_file():
         listed = listed_files(metadata)
@@ -156,5 +157,10 @@ _READERS: tuple[tuple[Callable[[bytes, Path], bool], Callable[[Path], LogSource]
         lambda start, path: start.startswith(ZSTD_MAGIC) and path.suffix == ".zstd",
         lambda path: RecordedLog(PackedBag(path)),  # rosbag2 compressed the file as a whole
     ),
+    # Last, because its marks may stand anywhere in the start.
     (lambda start, _: any(mark in start for mark in MARKS), CarmenLog),
+)
+# What a folder must be for a reader of its own; any other one is looked through for bags.
+_FOLDERS: tuple[tuple[Callable[[Path], bool], Callable[[Path], LogSource]], ...] = (
+    (lambda folder: any((folder / name).is_file() for name in LISTS), TumRgbdLog),
 )

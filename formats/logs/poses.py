@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from struct import Struct
 
@@ -26,3 +27,8 @@ def pose_matrix(values: Sequence[float]) -> NDArray[np.float64]:
         0.0, 0.0, 0.0, 1.0,
     )  # fmt: skip
     return np.frombuffer(rows).reshape(4, 4)  # read-only, and half the time of np.array
+
+
+def planar_pose(x: float, y: float, yaw: float) -> NDArray[np.float64]:
+    """The matrix (4, 4), formed as readers of ROS messages form it from a quaternion."""
+    return pose_matrix((x, y, 0.0, 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)))

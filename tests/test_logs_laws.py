@@ -1,0 +1,47 @@
+"""The laws of `LogSource`, for every kind of log there is. A new reader adds one row."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from log_builders import drive, write_mcap, write_ros1, write_rosbag2
+from log_laws import check_cut, check_laws
+from test_logs_carmen import SMALL as CARMEN
+from test_logs_tum import make as make_tum
+
+
+def _carmen(folder: Path) -> Path:
+    path = folder / "a.log"
+    path.write_text(CARMEN.replace("nan", "1.25"))
+    return path
+
+
+def _tum(folder: Path) -> Path:
+    path = make_tum(folder / "tum")
+    (path / "camera.txt").write_text("5 5 4 3\n")
+    return path
+
+
+LOGS: dict[str, Callable[[Path], Path]] = {
+    "CARMEN": _carmen,
+    "TUM RGB-D": _tum,
+    "MCAP": lambda folder: write_mcap(folder / "a.mcap", drive(2, 6)),
+    "ROS 1 bag": lambda folder: write_ros1(folder / "a.bag", drive(1, 6)),
+    "rosbag2": lambda folder: write_rosbag2(folder / "bag", drive(2, 6)),
+}
+
+
+@pytest.mark.parametrize("kind", LOGS)
+def test_a_reader_keeps_the_laws(kind: str, tmp_path: Path) -> None:
+    check_laws(LOGS[kind](tmp_path), tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["CARMEN", "TUM RGB-D"])
+def test_a_text_log_cut_anywhere_gives_what_precedes_the_cut(kind: str, tmp_path: Path) -> None:
+    log = LOGS[kind](tmp_path)
+    text = log if log.is_file() else log / "rgb.txt"
+    whole = text.read_bytes()
+    for cut in range(len(whole)):
+        check_cut(log, text, whole, cut)

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cli.merging import merge_files
+from cli.merging import extend_file, merge_files
 from cli.settings import settings_that_differ
 from cli.storing import storage_arguments
 from mapmyworld.errors import MapError
@@ -26,7 +26,7 @@ def append_logs(
     *,
     export: bool,
 ) -> dict[str, Any]:
-    """Builds a map of each log and merges all with MAP; MAP is replaced when all is done."""
+    """Builds a map of each log and lays it into MAP, which is replaced when all is done."""
     if not map_path.absolute().parent.is_dir():
         raise MapError(f"{map_path}: its folder does not exist")
     with tempfile.TemporaryDirectory(dir=map_path.absolute().parent, prefix=".append-") as folder:
@@ -34,11 +34,10 @@ def append_logs(
             _build(log, Path(folder) / f"{number}" / f"{log.stem}.db", config, progress)
             for number, log in enumerate(logs)
         ]
-        known = [map_path] if map_path.exists() else []
-        first = map_path if known else None
-        summary = merge_files(
-            [*known, *built], map_path, config, progress, first=first, export=export
-        )
+        if map_path.exists():
+            summary = extend_file(map_path, built, config, progress, export=export)
+        else:
+            summary = merge_files(built, map_path, config, progress, export=export)
         names = {str(path): str(log) for path, log in zip(built, logs, strict=True)}
     for made in summary["maps"]:
         made["of"] = [names.get(name, name) for name in made["of"]]

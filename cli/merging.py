@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import resource
+import shutil
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -20,6 +21,7 @@ from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
     from mapmyworld.config import Config
+    from mapmyworld.sessions import MergedMap, Unit
     from mapmyworld.types import MapStore
 
 
@@ -36,36 +38,128 @@ def merge_files(
 
     `first` names the source whose sessions go into OUTPUT itself. OUTPUT may be a source.
     """
-    from formats.database import open_store
     from formats.database.lock import only_writer
-    from mapmyworld.sessions import load_unit, merge_maps
 
     started, cpu = time.monotonic(), time.process_time()
-    written: list[Path] = []
+    with only_writer(output), _Results(output, config) as results:
+        maps = _merged(sources, results, config, progress, first)
+        results.put_in_place()
+    return _summary(maps, output, config, progress, (started, cpu), export)
+
+
+def extend_file(
+    known: Path, sources: Sequence[Path], config: Config, progress: StderrProgress, *, export: bool
+) -> dict[str, Any]:
+    """Lays the sources' sessions into the map KNOWN; what shows another place goes into KNOWN_2.
+
+    Sessions that contradict the map are merged with it instead.
+    """
+    from formats.database.lock import only_writer
+    from mapmyworld.sessions import extend_map, merge_maps
+
+    started, cpu = time.monotonic(), time.process_time()
+    with only_writer(known), _Results(known, config) as results, ExitStack() as stack:
+        units = [_opened(path, stack) for path in sources]
+        with results.copy_of_output() as store:
+            done = extend_map(store, units, config, progress)
+            maps = [] if done is None else [_extended(store, known, done)]
+        if done is None:
+            results.discard()
+            maps = _merged([known, *sources], results, config, progress, known)
+        elif done.apart:
+            maps += merge_maps(done.apart, results.open, config, progress)
+        results.put_in_place()
+    return _summary(maps, known, config, progress, (started, cpu), export)
+
+
+class _Results:
+    """The maps in the making beside OUTPUT; gone unless they are put in its place."""
+
+    def __init__(self, output: Path, config: Config) -> None:
+        self._output, self._stored = output, storage_arguments(config)
+        self._written: list[Path] = []
+
+    def __enter__(self) -> _Results:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.discard()
+
+    def discard(self) -> None:
+        for path in self._written:
+            path.unlink(missing_ok=True)
+        self._written = []
 
     @contextmanager
-    def new_store(number: int) -> Iterator[MapStore]:
-        path = _unfinished(output, number)
-        stored = storage_arguments(config)
-        with open_store(path, create=True, overwrite=True, **stored) as store:
-            written.append(path)
+    def open(self, _number: int = 0) -> Iterator[MapStore]:
+        """The next map, empty."""
+        from formats.database import open_store
+
+        path = self._next()
+        with open_store(path, create=True, overwrite=True, **self._stored) as store:
             yield store
 
-    try:
-        with only_writer(output):
-            with ExitStack() as stack:
-                units = []
-                for path in sources:
-                    store = open_store(path, read_only=True)
-                    stack.callback(store.close)
-                    units.append(load_unit(str(path), store))
-                wanted = None if first is None else str(first)
-                maps = merge_maps(units, new_store, config, progress, first=wanted)
-            for number, path in enumerate(written):
-                os.replace(path, numbered(output, number))
-    finally:
-        for path in written:
-            path.unlink(missing_ok=True)
+    @contextmanager
+    def copy_of_output(self) -> Iterator[MapStore]:
+        """OUTPUT as it was, to be extended."""
+        from formats.database import open_store
+
+        open_store(self._output, read_only=True).close()  # refuses what is no map
+        path = self._next()
+        shutil.copyfile(self._output, path)
+        with open_store(path, **self._stored) as store:
+            yield store
+
+    def _next(self) -> Path:
+        path = numbered(self._output, len(self._written))
+        self._written.append(path.with_name(f".{path.name}.part"))
+        return self._written[-1]
+
+    def put_in_place(self) -> None:
+        for number, path in enumerate(self._written):
+            os.replace(path, numbered(self._output, number))
+
+
+def _merged(
+    sources: Sequence[Path],
+    results: _Results,
+    config: Config,
+    progress: StderrProgress,
+    first: Path | None,
+) -> list[MergedMap]:
+    from mapmyworld.sessions import merge_maps
+
+    with ExitStack() as stack:
+        units = [_opened(path, stack) for path in sources]
+        wanted = None if first is None else str(first)
+        return merge_maps(units, results.open, config, progress, first=wanted)
+
+
+def _opened(path: Path, stack: ExitStack) -> Unit:
+    from formats.database import open_store
+    from mapmyworld.sessions import load_unit
+
+    store = open_store(path, read_only=True)
+    stack.callback(store.close)
+    return load_unit(str(path), store)
+
+
+def _extended(store: MapStore, known: Path, done: Any) -> MergedMap:
+    from mapmyworld.sessions import MergedMap
+
+    nodes = store.nodes()
+    names = (str(known), *(unit.name for unit in done.added))
+    return MergedMap(names, len({node.session for node in nodes}), len(nodes), done.links)
+
+
+def _summary(
+    maps: Sequence[MergedMap],
+    output: Path,
+    config: Config,
+    progress: StderrProgress,
+    begun: tuple[float, float],
+    export: bool,
+) -> dict[str, Any]:
     results = [numbered(output, number) for number in range(len(maps))]
     beside = [line for path in results if export for line in _export(path, config, progress)]
     return {
@@ -80,8 +174,8 @@ def merge_files(
             for path, made in zip(results, maps, strict=True)
         ],
         "files": [*map(str, results), *beside],
-        "wall_s": time.monotonic() - started,
-        "cpu_s": time.process_time() - cpu,
+        "wall_s": time.monotonic() - begun[0],
+        "cpu_s": time.process_time() - begun[1],
         "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
 
@@ -89,11 +183,6 @@ def merge_files(
 def numbered(output: Path, number: int) -> Path:
     """OUTPUT for the first map, OUTPUT_2 for the second, ..."""
     return output if number == 0 else output.with_stem(f"{output.stem}_{number + 1}")
-
-
-def _unfinished(output: Path, number: int) -> Path:
-    path = numbered(output, number)
-    return path.with_name(f".{path.name}.part")
 
 
 def _export(path: Path, config: Config, progress: StderrProgress) -> list[str]:

@@ -61,9 +61,13 @@ class MemoryMap:
 
     @contextmanager
     def write_stage(self, stage: str, inputs: str) -> Iterator[None]:
-        rank = _RANKS[stage]
-        self._clear(rank)
-        self._rank = rank
+        self._clear(_RANKS[stage])
+        with self.extend_stage(stage, inputs):
+            yield
+
+    @contextmanager
+    def extend_stage(self, stage: str, inputs: str) -> Iterator[None]:
+        self._rank = _RANKS[stage]
         try:
             yield
             self._stages[stage] = inputs

@@ -39,6 +39,9 @@ class ReadOnly:
     def write_stage(self, stage: str, inputs: str) -> AbstractContextManager[None]:
         self._refuse()
 
+    def extend_stage(self, stage: str, inputs: str) -> AbstractContextManager[None]:
+        self._refuse()
+
     def put(self, key: str, value: Any) -> None:
         self._refuse()
 

@@ -48,11 +48,17 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
 
     @contextmanager
     def write_stage(self, stage: str, inputs: str) -> Iterator[None]:
-        rank = rank_of(stage)
         self._begin()
         self._constraints = None
-        if clear_from(self._db, rank):
+        if clear_from(self._db, rank_of(stage)):
             self._rewrite_links()
+        with self.extend_stage(stage, inputs):
+            yield
+
+    @contextmanager
+    def extend_stage(self, stage: str, inputs: str) -> Iterator[None]:
+        rank = rank_of(stage)
+        self._begin()
         self._restore_session()
         results.mark_unpacked(self._db)
         self._rank, self._compact = rank, False

@@ -126,7 +126,7 @@ def _spaced_scans(store: MapStore, config: Config) -> tuple[Array, list[Prepared
     if final is None:
         return np.zeros((0, 3)), []
     planar = matrix_to_planar(final)
-    chosen = _spread_out(planar, np.flatnonzero(frames.is_node), config.localisation.spacing)
+    chosen = spread_out(planar, np.flatnonzero(frames.is_node), config.localisation.spacing)
     found = [
         (planar[frame], prepare_scan(scan, config.registration))
         for frame, scan in store.scans(chosen)
@@ -134,7 +134,7 @@ def _spaced_scans(store: MapStore, config: Config) -> tuple[Array, list[Prepared
     return np.array([pose for pose, _ in found]).reshape(-1, 3), [scan for _, scan in found]
 
 
-def _spread_out(poses: Array, candidates: NDArray[np.int64], spacing: float) -> NDArray[np.int64]:
+def spread_out(poses: Array, candidates: NDArray[np.int64], spacing: float) -> NDArray[np.int64]:
     """Candidates of which no two share both a square of `spacing` and a range of headings."""
     cells = np.column_stack(
         [np.floor(poses[candidates, :2] / spacing), np.floor(poses[candidates, 2] / _TURNED)]

@@ -55,13 +55,14 @@ def find_laser_closures(
     config: Config,
     progress: Progress,
     loaded: NodeScans | None = None,
+    since: int = 0,
 ) -> list[Constraint]:
     """Every pair of places that was compared, with its verdict.
 
     From tracked poses the search reaches as far as the drift may have gone, up to 15 m. From
     optimised ones it reaches only a little, where the kind is `proximity`; and as far as the
     settings let it where nothing was recognised for long. `loaded` are the nodes' scans where
-    they were made ready before.
+    they were made ready before. Nodes with ids before `since` are not compared with each other.
     """
     listed, scans = loaded or load_node_scans(store, config)
     if len(listed) < 2:
@@ -75,7 +76,8 @@ def find_laser_closures(
     known = {(c.from_id, c.to_id) for c in store.constraints()}
 
     def untried(pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
-        return [(a, b) for a, b in pairs if (int(nodes.ids[a]), int(nodes.ids[b])) not in known]
+        ends = [(a, b, int(nodes.ids[a]), int(nodes.ids[b])) for a, b in pairs]
+        return [(a, b) for a, b, i, j in ends if (i, j) not in known and j >= since]
 
     pairs = untried(candidate_pairs(nodes, config, settled=poses is not None))
     lost = [] if poses is None else untried(lost_pairs(nodes, store.constraints(), config))

@@ -43,9 +43,9 @@ def place_units(units: Sequence[Unit], common_from_unit: Sequence[Array]) -> lis
     return placed
 
 
-def copy_plan(placed: Sequence[Placed], store: MapStore) -> None:
+def copy_plan(sources: Sequence[MapStore], store: MapStore) -> None:
     """What was decided for the first one, and what any of them lost."""
-    plans = [p.unit.store.get("plan") or {} for p in placed]
+    plans = [source.get("plan") or {} for source in sources]
     merged: dict[str, Any] = dict(plans[0])
     for key in ("warnings", "losses"):
         merged[key] = list(dict.fromkeys(line for plan in plans for line in plan.get(key, ())))
@@ -54,19 +54,34 @@ def copy_plan(placed: Sequence[Placed], store: MapStore) -> None:
 
 def copy_drives(placed: Sequence[Placed], store: MapStore) -> None:
     """Nodes with their data, all frames with their scans, and the motion within each session."""
-    frames, first_frame = [], 0
+    frames: list[TrackedFrames] = []
     for item in placed:
-        for node, constraint_free in _nodes(item):
-            data = item.unit.store.node_data(node.id)
-            features = None if data.features is None else replace(data.features, words=None)
-            store.add_node(constraint_free, replace(data, features=features))
-        own = item.unit.store.tracked_frames()
-        for frame, scan in item.unit.store.scans(np.arange(len(own.stamps_ns))):
-            store.add_scan(first_frame + frame, scan)
-        frames.append(replace(own, node_ids=own.node_ids + item.first_id))
-        first_frame += len(own.stamps_ns)
+        frames.append(_copy_drive(item, store, sum(len(f.stamps_ns) for f in frames)))
     store.set_tracked_frames(_joined(frames))
-    notes = [item.unit.store.get("track") or {} for item in placed]
+    _note_tracks([item.unit.store for item in placed], store)
+
+
+def add_drive(item: Placed, store: MapStore) -> None:
+    """A unit's nodes, frames and scans after those that a finished map holds."""
+    known = store.tracked_frames()
+    frames = _copy_drive(item, store, len(known.stamps_ns))
+    store.set_tracked_frames(_joined([known, frames]))
+    _note_tracks([store, item.unit.store], store)
+
+
+def _copy_drive(item: Placed, store: MapStore, first_frame: int) -> TrackedFrames:
+    for node, moved in _nodes(item):
+        data = item.unit.store.node_data(node.id)
+        features = None if data.features is None else replace(data.features, words=None)
+        store.add_node(moved, replace(data, features=features))
+    own = item.unit.store.tracked_frames()
+    for frame, scan in item.unit.store.scans(np.arange(len(own.stamps_ns))):
+        store.add_scan(first_frame + frame, scan)
+    return replace(own, node_ids=own.node_ids + item.first_id)
+
+
+def _note_tracks(sources: Sequence[MapStore], store: MapStore) -> None:
+    notes = [source.get("track") or {} for source in sources]
     store.put(
         "track",
         {

@@ -68,16 +68,20 @@ def find_joints(units: list[Unit], config: Config, progress: Progress) -> list[J
 def _join(
     units: list[Unit], earlier: int, later: int, places: dict[int, KnownPlace], config: Config
 ) -> Joint | None:
-    a, b = units[earlier], units[later]
-    if not (a.planar and b.planar and has_scans(a.store) and has_scans(b.store)):
+    if not is_comparable(units[earlier], units[later]):
         return None
     if earlier not in places:
         places.clear()  # a place is large, and mostly the first one serves
-        places[earlier] = known_place_from_store(a.store, config)
-    return _locate(b, places[earlier], earlier, later, config)
+        places[earlier] = known_place_from_store(units[earlier].store, config)
+    return locate_unit(units[later], places[earlier], earlier, later, config)
 
 
-def _locate(
+def is_comparable(a: Unit, b: Unit) -> bool:
+    """Whether a laser drew both."""
+    return a.planar and b.planar and has_scans(a.store) and has_scans(b.store)
+
+
+def locate_unit(
     unit: Unit, place: KnownPlace, earlier: int, later: int, config: Config
 ) -> Joint | None:
     """Follows the unit's path through the place until it is recognised and borne out."""

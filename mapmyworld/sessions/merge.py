@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-import mapmyworld
 from mapmyworld.config import Config
 from mapmyworld.geometry import compose_planar, invert_planar
 from mapmyworld.sessions.copying import copied_constraints, copy_drives, copy_plan, place_units
 from mapmyworld.sessions.joining import Joint, find_joints
+from mapmyworld.sessions.notes import digest_of, note_sessions
 from mapmyworld.sessions.units import Unit
 from mapmyworld.stages.maps import draw_maps
 from mapmyworld.stages.recognise import scan_loader
@@ -82,11 +80,11 @@ def _merge(
     progress: Progress,
 ) -> MergedMap:
     placed = place_units([units[k] for k in group], _common_poses(group, joints))
-    inputs = _digest([units[k] for k in group], config)
-    _note_sessions(store, [units[k] for k in group], inputs)
+    inputs = digest_of([units[k].store for k in group], config)
+    note_sessions(store, [units[k] for k in group], inputs)
     progress.stage("copy", len(group), "sessions")
     with store.write_stage("plan", inputs):
-        copy_plan(placed, store)
+        copy_plan([item.unit.store for item in placed], store)
     with store.write_stage("track", inputs):
         copy_drives(placed, store)
     with store.write_stage("recognise", inputs):
@@ -120,26 +118,3 @@ def _common_poses(group: Sequence[int], joints: Sequence[Joint]) -> list[Array]:
             back = invert_planar(joint.earlier_from_later)
             known[joint.earlier] = compose_planar(known[joint.later], back)
     return [known[k] for k in group]
-
-
-def _digest(units: Sequence[Unit], config: Config) -> str:
-    """What went in: the logs and the settings; not the names of the files."""
-    logs = [(unit.store.get("log") or {}).get("hash") for unit in units]
-    text = json.dumps([mapmyworld.__version__, "merge", logs, asdict(config)], default=str)
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _note_sessions(store: MapStore, units: Sequence[Unit], inputs: str) -> None:
-    logs = [unit.store.get("log") or {} for unit in units]
-    paths = [path for log in logs for path in log.get("paths", ())]
-    store.put("log", {"hash": inputs, "paths": paths})
-    listed = [entry for unit, log in zip(units, logs, strict=True) for entry in _entries(unit, log)]
-    store.put("sessions", listed)
-
-
-def _entries(unit: Unit, log: dict[str, object]) -> list[dict[str, object]]:
-    """What is known of a unit's sessions: a merged map lists its own."""
-    known = unit.store.get("sessions")
-    if known:
-        return list(known)
-    return [{"log": log.get("hash"), "paths": log.get("paths", []), "nodes": len(unit.nodes)}]

@@ -72,14 +72,18 @@ def add_closures(
     progress: Progress,
     scans: LoadScans,
     words: Mapping[int, NDArray[np.uint8]] | None = None,
+    since: int = 0,
 ) -> int:
-    """Tries what has not been tried, from solved poses where there are some; how many were new."""
+    """Tries what has not been tried, from solved poses where there are some; how many were new.
+
+    Scans of nodes with ids before `since` are not compared with each other.
+    """
     found = []
     loaded = scans()
     if loaded is not None:
         from mapmyworld.places.laser_closures import find_laser_closures
 
-        found += find_laser_closures(store, poses, config, progress, loaded)
+        found += find_laser_closures(store, poses, config, progress, loaded, since)
     if has_images(store):
         from mapmyworld.places.visual_closures import find_visual_closures
 

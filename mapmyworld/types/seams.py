@@ -59,6 +59,9 @@ class MapStore(Protocol):
         Left by an exception, what was written so far stays, readable, and the stage not done.
         """
 
+    def extend_stage(self, stage: str, inputs: str) -> AbstractContextManager[None]:
+        """Like `write_stage`, but nothing is cleared: more is added to what the stage wrote."""
+
     def get(self, key: str) -> Any:
         """The JSON value kept under `key`; None when absent."""
 

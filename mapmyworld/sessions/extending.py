@@ -1,0 +1,214 @@
+"""A finished map taken further: new sessions are laid into it, at a cost of their own only.
+
+The map is held where it is, reduced to its skeleton; the new session is solved and aligned against
+that, like a merge of two. Where the session contradicts the map, all must be solved anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import between, invert, matrix_to_planar, se3_adjoint
+from mapmyworld.localisation.known_place import known_place_from_store
+from mapmyworld.mapping.added_grid import added_grid
+from mapmyworld.mapping.occupancy import build_grid
+from mapmyworld.mapping.trajectory import pose_every_frame
+from mapmyworld.memory_map import MemoryMap
+from mapmyworld.sessions.copying import (
+    Placed,
+    add_drive,
+    copied_constraints,
+    copy_drives,
+    copy_plan,
+)
+from mapmyworld.sessions.joining import Joint, is_comparable, locate_unit
+from mapmyworld.sessions.notes import digest_of, note_sessions
+from mapmyworld.sessions.skeleton import skeleton_of
+from mapmyworld.sessions.units import Unit, load_unit
+from mapmyworld.stages.maps import draw_maps
+from mapmyworld.stages.recognise import has_images, scan_loader
+from mapmyworld.stages.solve import solve_and_judge
+from mapmyworld.types import Constraint, MapStore, Poses, Progress
+
+Array = NDArray[np.float64]
+_CONTRADICTING = 0.2  # share of a session's closures with the map from which it contradicts it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Extension:
+    """What became of the units that were to be added."""
+
+    added: tuple[Unit, ...]
+    """In the order in which they were."""
+    apart: tuple[Unit, ...]
+    """Those that show another place."""
+    links: int
+    """Accepted constraints between the added sessions and those before them."""
+
+
+def extend_map(
+    store: MapStore, units: Sequence[Unit], config: Config, progress: Progress
+) -> Extension | None:
+    """Lays units into a finished map, in an order of their own; None where that does not do.
+
+    It does not for maps that keep images, whose words are those of all sessions, and for a session
+    that contradicts the map. The store has then been changed and must be given up.
+    """
+    waiting, links = sorted(units, key=lambda unit: unit.order), 0
+    added: list[Unit] = []
+    if any(has_images(one) for one in (store, *(unit.store for unit in units))):
+        return None
+    while True:
+        base = load_unit("", store)
+        found = _first_that_joins(base, waiting, config, progress)
+        if found is None:
+            return Extension(tuple(added), tuple(waiting), links)
+        unit, joint = found
+        laid = _lay(base, unit, joint.earlier_from_later, config, progress)
+        if laid is None:
+            return None
+        _write(base, laid, store, config, progress)
+        waiting.remove(unit)
+        added.append(unit)
+        links += laid.links
+
+
+def _first_that_joins(
+    base: Unit, units: Sequence[Unit], config: Config, progress: Progress
+) -> tuple[Unit, Joint] | None:
+    units = [unit for unit in units if is_comparable(base, unit)]
+    if not units:
+        return None
+    progress.stage("join sessions", len(units), "sessions")
+    place = known_place_from_store(base.store, config)
+    for unit in units:
+        joint = locate_unit(unit, place, 0, 1, config)
+        if joint is not None:
+            return unit, joint
+    return None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Laid:
+    """A unit solved against a map."""
+
+    item: Placed
+    poses: Poses
+    """Of its nodes, under their ids in the map."""
+    constraints: tuple[Constraint, ...]
+    """Its own and those with the map, judged."""
+    links: int
+    certainty: str
+
+
+def _lay(base: Unit, unit: Unit, joint: Array, config: Config, progress: Progress) -> _Laid | None:
+    """The unit solved against the map's skeleton; None where many closures do not fit."""
+    skeleton = skeleton_of(base, config)
+    item = Placed(unit, joint, base.nodes[-1].id, max(base.sessions) + 1)
+    placed, scratch = [Placed(skeleton, np.zeros(3), 0, 0), item], MemoryMap()
+    with scratch.write_stage("plan", ""):
+        copy_plan([base.store, unit.store], scratch)
+    with scratch.write_stage("track", ""):
+        copy_drives(placed, scratch)
+    with scratch.write_stage("recognise", ""):
+        scratch.add_constraints(copied_constraints(placed))
+    with scratch.write_stage("optimise", ""):
+        scans = scan_loader(scratch, config)
+        solve_and_judge(scratch, config, progress, scans, since=item.first_id + 1)
+    mine = [c for c in scratch.constraints() if item.first_id < max(c.from_id, c.to_id)]
+    across = [c for c in mine if 0 < min(c.from_id, c.to_id) <= item.first_id]
+    accepted, against = sum(c.accepted for c in across), sum(map(_contradicts, across))
+    if against > _CONTRADICTING * (accepted + against):
+        return None
+    certainty = str((scratch.get("solve") or {}).get("certainty", ""))
+    return _Laid(item, _held_poses(scratch, skeleton, base, item), tuple(mine), accepted, certainty)
+
+
+def _contradicts(closure: Constraint) -> bool:
+    sigmas = closure.evidence.get("sigmas", 0.0)
+    return not closure.accepted and sigmas > closure.evidence.get("sigmas_limit", np.inf)
+
+
+def _held_poses(scratch: MapStore, skeleton: Unit, base: Unit, item: Placed) -> Poses:
+    """The unit's poses seen from the nearest node of the map, which is put back where it was.
+
+    A node is as uncertain as that node of the map and the motion between the two.
+    """
+    found = scratch.poses()
+    assert found is not None
+    new = found.ids > item.first_id
+    held = np.stack([node.tracked_from_base for node in skeleton.nodes])
+    moved = found.map_from_node[~new]
+    solved = found.map_from_node[new]
+    apart = np.linalg.norm(solved[:, None, :2, 3] - moved[None, :, :2, 3], axis=2)
+    nearest = np.argmin(apart, axis=1)
+    from_held = between(moved[nearest], solved)
+    poses = held[nearest] @ from_held
+    known = base.store.poses()
+    covariances = None
+    if found.covariances is not None and known is not None and known.covariances is not None:
+        row_of = {int(i): row for row, i in enumerate(known.ids)}
+        rows = np.array([row_of[skeleton.nodes[k].id] for k in nearest])
+        carry = se3_adjoint(invert(from_held))
+        carried = carry @ known.covariances[rows] @ np.swapaxes(carry, 1, 2)
+        covariances = carried + found.covariances[new]
+    return Poses(found.ids[new], poses, covariances)
+
+
+def _write(base: Unit, laid: _Laid, store: MapStore, config: Config, progress: Progress) -> None:
+    """Adds what was laid to the map: nothing that it holds is read again, or moved."""
+    unit = laid.item.unit
+    progress.stage("copy", 1, "sessions")
+    before, frame_poses, judged = store.poses(), store.frame_poses(), store.constraints()
+    assert before is not None
+    assert frame_poses is not None
+    inputs = digest_of([store, unit.store], config)
+    note_sessions(store, [base, unit], inputs)
+    with store.extend_stage("plan", inputs):
+        copy_plan([store, unit.store], store)
+    with store.extend_stage("track", inputs):
+        add_drive(laid.item, store)
+    with store.extend_stage("recognise", inputs):
+        store.add_constraints(laid.constraints)
+    with store.extend_stage("optimise", inputs):
+        store.replace_constraints((*judged, *laid.constraints))
+        store.set_poses(_both(before, laid.poses))
+        own = unit.store.tracked_frames()
+        own = replace(own, node_ids=own.node_ids + laid.item.first_id)
+        nodes = [node for node in store.nodes() if node.id > laid.item.first_id]
+        fresh = pose_every_frame(nodes, laid.poses, own)
+        store.set_frame_poses(np.concatenate([frame_poses, fresh]))
+        store.put("solve", {"certainty": laid.certainty, "losses": []})
+    with store.extend_stage("map", inputs):
+        _draw(store, unit, fresh, config, progress)
+
+
+def _both(before: Poses, new: Poses) -> Poses:
+    """Nodes by id, landmarks behind them."""
+    landmarks = before.ids < 0
+    order = [~landmarks, landmarks]
+    covariances = None
+    if before.covariances is not None and new.covariances is not None:
+        first, last = (before.covariances[rows] for rows in order)
+        covariances = np.concatenate([first, new.covariances, last])
+    first, last = (before.map_from_node[rows] for rows in order)
+    ids = np.concatenate([before.ids[~landmarks], new.ids, before.ids[landmarks]])
+    return Poses(ids, np.concatenate([first, new.map_from_node, last]), covariances)
+
+
+def _draw(
+    store: MapStore, unit: Unit, map_from_frame: Array, config: Config, progress: Progress
+) -> None:
+    planar, known = matrix_to_planar(map_from_frame), store.grid()
+    scans = unit.store.scans(np.arange(len(planar)))
+    more = build_grid(((planar[frame], scan) for frame, scan in scans), config)
+    total = None if known is None else added_grid(known, more, config)
+    if total is None:
+        draw_maps(store, config, progress)
+    else:
+        store.set_grid(total)

@@ -1,0 +1,37 @@
+"""What a map says of the sessions in it: their logs, and a digest of all that went in."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import mapmyworld
+from mapmyworld.config import Config
+from mapmyworld.sessions.units import Unit
+from mapmyworld.types import MapStore
+
+
+def digest_of(stores: Sequence[MapStore], config: Config) -> str:
+    """What went in: the logs and the settings; not the names of the files."""
+    logs = [(store.get("log") or {}).get("hash") for store in stores]
+    text = json.dumps([mapmyworld.__version__, "merge", logs, asdict(config)], default=str)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def note_sessions(store: MapStore, units: Sequence[Unit], inputs: str) -> None:
+    """Which logs the units were made of, in their order."""
+    logs = [unit.store.get("log") or {} for unit in units]
+    paths = [path for log in logs for path in log.get("paths", ())]
+    listed = [entry for unit, log in zip(units, logs, strict=True) for entry in _entries(unit, log)]
+    store.put("log", {"hash": inputs, "paths": paths})
+    store.put("sessions", listed)
+
+
+def _entries(unit: Unit, log: dict[str, object]) -> list[dict[str, object]]:
+    """What is known of a unit's sessions: a merged map lists its own."""
+    known = unit.store.get("sessions")
+    if known:
+        return list(known)
+    return [{"log": log.get("hash"), "paths": log.get("paths", []), "nodes": len(unit.nodes)}]

@@ -1,0 +1,89 @@
+"""A finished map reduced to one node a place and heading, each held where it is."""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import between, information_from_planar, matrix_to_planar, wrap_angle
+from mapmyworld.memory_map import MemoryMap
+from mapmyworld.sessions.units import Unit
+from mapmyworld.types import Constraint, ConstraintKind, Node, NodeData, TrackedFrames
+
+_TURNED = 0.6  # rad of difference in heading from which a node at the same place is left as well
+_AROUND = tuple(itertools.product((-1, 0, 1), repeat=2))
+_HELD = information_from_planar(np.diag([1e6, 1e6, 1e8]))  # 1 mm and 0.1 mrad
+_RIGID = information_from_planar(np.diag([1e8, 1e8, 1e10]))  # 0.1 mm and 0.01 mrad a step
+
+
+def skeleton_of(base: Unit, config: Config) -> Unit:
+    """The unit's nodes that are left, under their ids, with their scans, as a map in memory.
+
+    Their number grows with the area that was seen, not with how often it was.
+    """
+    frames = base.store.tracked_frames()
+    poses = base.store.frame_poses()
+    assert poses is not None
+    at_nodes = np.flatnonzero(frames.is_node)
+    planar = matrix_to_planar(poses[at_nodes])
+    chosen = at_nodes[_spread_out(planar, config.localisation.spacing)]
+    known = {node.id: node for node in base.nodes}
+    store, nodes = MemoryMap(), []
+    with store.write_stage("plan", ""):
+        store.put("plan", {"planar": base.planar})
+    with store.write_stage("track", ""):
+        for frame, scan in base.store.scans(chosen):
+            node = known[int(frames.node_ids[frame])]
+            nodes.append(replace(node, session=0, tracked_from_base=poses[frame]))
+            store.add_node(nodes[-1], NodeData(scan=scan))
+            store.add_scan(len(nodes) - 1, scan)
+        store.set_tracked_frames(_frames(nodes))
+    with store.write_stage("recognise", ""):
+        store.add_constraints(_ties(nodes))
+    solved = matrix_to_planar(np.array([node.tracked_from_base for node in nodes]))
+    return Unit(base.name, store, tuple(nodes), solved.reshape(-1, 3), base.planar)
+
+
+def _spread_out(poses: NDArray[np.float64], spacing: float) -> list[int]:
+    """Indices of poses (N, 3), in their order, none of which lies near an earlier one's."""
+    chosen: list[int] = []
+    taken: dict[tuple[int, int], list[int]] = defaultdict(list)
+    cells = np.floor(poses[:, :2] / spacing).astype(np.int64)
+    for k, (column, row) in enumerate(cells.tolist()):
+        around = [i for c, r in _AROUND for i in taken[column + c, row + r]]
+        apart = np.hypot(*(poses[around, :2] - poses[k, :2]).T)
+        turn = np.abs(wrap_angle(poses[around, 2] - poses[k, 2]))
+        if not np.any((apart < spacing) & (turn < _TURNED)):
+            chosen.append(k)
+            taken[column, row].append(k)
+    return chosen
+
+
+def _frames(nodes: list[Node]) -> TrackedFrames:
+    return TrackedFrames(
+        np.array([node.stamp_ns for node in nodes], np.int64),
+        np.array([node.id for node in nodes], np.int64),
+        np.tile(np.eye(4), (len(nodes), 1, 1)),
+        np.ones(len(nodes), np.bool_),
+    )
+
+
+def _ties(nodes: list[Node]) -> list[Constraint]:
+    """Every node to the map, for the graph, and to the next one, for the alignment of scans."""
+    held = [
+        Constraint(node.id, node.id, ConstraintKind.PRIOR, node.tracked_from_base, _HELD)
+        for node in nodes
+    ]
+    steps = [
+        Constraint(
+            a.id, b.id, ConstraintKind.NEIGHBOUR,
+            between(a.tracked_from_base, b.tracked_from_base), _RIGID,
+        )
+        for a, b in itertools.pairwise(nodes)
+    ]  # fmt: skip
+    return held + steps

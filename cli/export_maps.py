@@ -28,7 +28,11 @@ if TYPE_CHECKING:
     show_default=True,
     help="Occupied/free/unknown; or probabilities as PNG with alpha; or as raw values.",
 )
-@click.option("--verify", is_flag=True, help="Read the files back by map_server's rules; exit 4.")
+@click.option(
+    "--verify",
+    is_flag=True,
+    help="Read them back by map_server's rules; exit code 4 if they differ.",
+)
 @config_options
 def grid(
     map_path: Path,

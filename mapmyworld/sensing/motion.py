@@ -64,7 +64,7 @@ class RecordedMotion:
             end = int(self.stamps_ns.searchsorted(stamp_ns, "right"))
             if end == first + 1:  # one sample at that very time: as nearly always
                 self._last = first
-                return self.poses_at(slice(first, end))[0]
+                return np.asarray(self.poses_at(slice(first, end))[0])
         found = self.at_many(np.array([stamp_ns], np.int64), tolerance_ns)
         # A copy: a view would keep the whole window of samples alive with every frame.
         return None if found is None else np.array(found[0])

@@ -23,9 +23,10 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
 from robust import corpus, cuts, full_disk, fuzzing, kills, long_drive, trials  # noqa: E402
 
 INSPECT = ("inspect", "log", "FILE")
-LOG_COMMANDS = [
-    INSPECT, INSPECT, ("convert", "FILE", "-o", "OUT.mcap"), INSPECT,
-    ("build", "FILE", "-o", "OUT.db", "-q"), ("inspect", "log", "FILE", "--format", "json"),
+_QUICK, _CONVERT = (*INSPECT, "--quick"), ("convert", "FILE", "-o", "OUT.mcap")
+LOG_COMMANDS = [  # in turn; what costs most comes least often
+    INSPECT, _QUICK, _CONVERT, INSPECT, _QUICK, _CONVERT, ("build", "FILE", "-o", "OUT.db", "-q"),
+    INSPECT, _QUICK, _CONVERT, (*INSPECT, "--format", "json"), _CONVERT,
 ]  # fmt: skip
 MAP_COMMANDS = [
     ("inspect", "map", "FILE"), ("inspect", "graph", "FILE", "--all"),

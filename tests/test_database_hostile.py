@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import sqlite3
 import struct
 import tracemalloc
 import zlib
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from database_samples import fill
 from foreign_database import add_nodes, insert, matrix, mono, rtabmap_file, scan_info, stereo
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -198,3 +200,42 @@ def test_columns_of_the_wrong_type(tmp_path: Path) -> None:
         assert [node.id for node in store.nodes()] == [1]
         with pytest.raises(MapError):
             store.node_data(1)
+
+
+def read_all(path: Path) -> None:
+    with open_store(path) as store:
+        store.tracked_frames()
+        list(store.scans(range(9)))
+        for node in store.nodes():
+            store.node_data(node.id)
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "value"),
+    [
+        ("mapmyworld_format", "version", b"one"),
+        ("mapmyworld_format", "version", "two"),
+        ("mapmyworld_nodes", "cloud", 7),
+        ("mapmyworld_nodes", "scan_rest", -1),
+        ("mapmyworld_nodes", "image_stamps", "5"),
+        ("mapmyworld_nodes", "image_stamps", "[1.5]"),
+        ("mapmyworld_nodes", "image_stamps", "[1, "),
+        ("mapmyworld_scans", "scan", 3),
+        ("mapmyworld_arrays", "dtype", "1 2"),
+        ("mapmyworld_arrays", "dtype", "O"),
+        ("mapmyworld_arrays", "shape", "[4611686018427387904, 4]"),
+        ("Feature", "pos_x", 1e300),
+        ("Feature", "pos_y", -math.inf),
+    ],
+)
+def test_a_map_of_ours_with_other_types_in_it(
+    tmp_path: Path, table: str, column: str, value: object
+) -> None:
+    path = tmp_path / "map.db"
+    with open_store(path, create=True) as store:
+        fill(store)
+    with contextlib.closing(sqlite3.connect(path)) as sqlite, sqlite:
+        sqlite.execute(f"UPDATE {table} SET {column} = ?", (value,))
+    with pytest.raises(MapError) as caught:
+        read_all(path)
+    assert "\n" not in str(caught.value)

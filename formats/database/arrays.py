@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import zlib
 from typing import Any
 
@@ -14,6 +15,7 @@ from formats.database.connection import Connection
 from mapmyworld.errors import MapError
 
 _NONE = "none"
+_TYPES = {"|i1", "|u1", *(f"<{kind}{size}" for kind in "iuf" for size in (2, 4, 8))}
 
 
 def write_array(db: Connection, name: str, rank: int, array: NDArray[Any] | None) -> None:
@@ -42,6 +44,8 @@ def read_array(db: Connection, name: str, kind: str, shape: tuple[int, ...]) -> 
     if row is None or row[0] == _NONE:
         return None
     try:
+        if row[0] not in _TYPES:
+            raise ValueError(f"of type {row[0]!r}")
         dtype, sides = np.dtype(row[0]), tuple(json.loads(row[1]))
         fits = len(sides) == len(shape) and all(
             found == wanted or wanted < 0 <= found
@@ -49,7 +53,7 @@ def read_array(db: Connection, name: str, kind: str, shape: tuple[int, ...]) -> 
         )
         if dtype.kind != kind or not fits:
             raise ValueError(f"{dtype} of shape {row[1]}")
-        size = dtype.itemsize * int(np.prod(sides, dtype=np.int64))
+        size = dtype.itemsize * math.prod(sides)
         return np.frombuffer(inflate(row[2], size, name), dtype).reshape(sides)
     except (ValueError, TypeError) as error:
         raise MapError(f"{db.path}: {name}: a damaged array ({error})") from None

@@ -58,8 +58,10 @@ def stored_stream(data: bytes) -> bytes:
 
 def blob_to_matrix(blob: bytes | None, what: str) -> NDArray[np.generic] | None:
     """The matrix (rows, cols, channels) of a blob; None where it is absent. `what` names it."""
-    if blob is None or len(blob) <= 4:
+    if blob is None or (isinstance(blob, bytes) and len(blob) <= 4):
         return None
+    if not isinstance(blob, bytes):
+        raise MapError(f"{what}: a {type(blob).__name__} is no compressed matrix")
     if len(blob) < _TRAILER.size:
         raise MapError(f"{what}: {len(blob)} bytes are too few for a compressed matrix")
     rows, cols, kind = _TRAILER.unpack(blob[-_TRAILER.size :])

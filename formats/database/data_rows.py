@@ -117,21 +117,32 @@ def node_data(row: Row, own: Row | None, stamp_ns: int, what: str) -> NodeData:
     `own`: scan_rest, image_stamps, cloud and the depth count of our own table, None in a file
     of RTAB-Map's.
     """
-    if any(value is not None and not isinstance(value, bytes) for value in row):
-        raise MapError(f"{what}: a column of its data is not a blob")
     image, depth, calibration, scan, scan_info = row
     rest, stamps, both = own or (None, None, None)
+    if any(value is not None and not isinstance(value, bytes) for value in (*row, rest, both)):
+        raise MapError(f"{what}: a column of its data is not a blob")
     cameras = blob_to_cameras(calibration, f"{what}'s calibration")
     planar, cloud = columns_to_observation(scan, scan_info, rest, f"{what}'s scan")
     if both is not None:
         matrix = blob_to_matrix(both, f"{what}'s cloud")
         cloud = None if matrix is None else np.asarray(matrix, np.float32).reshape(-1, 3)
-    times = json.loads(stamps) if stamps else [stamp_ns] * max(len(cameras), 1)
+    times = _times(stamps, what) if stamps else [stamp_ns] * max(len(cameras), 1)
     if calibration is not None and is_stereo(calibration):
         images = _stereo_images(image, depth, calibration, cameras, times, what)
     else:
         images = _images(image, depth, cameras, times, what)
     return NodeData(planar, images, cloud)
+
+
+def _times(stamps: object, what: str) -> list[int]:
+    """The moments of a node's images, as they were kept."""
+    try:
+        found = json.loads(stamps) if isinstance(stamps, str) else None
+    except ValueError:
+        found = None
+    if not isinstance(found, list) or not found or not all(type(time) is int for time in found):
+        raise MapError(f"{what}: the stamps of its images are damaged")
+    return found
 
 
 def _images(

@@ -20,6 +20,7 @@ SELECT_FEATURES = (
 INSERT_WORD = "INSERT INTO Word (id, descriptor_size, descriptor) VALUES (?,?,?)"
 SELECT_WORDS = "SELECT id, descriptor_size, descriptor FROM Word ORDER BY id"
 Row = tuple[Any, ...]
+_FARTHEST = 1e9  # pixels, m
 
 
 def feature_rows(node_id: int, features: Features) -> Iterator[Row]:
@@ -54,11 +55,13 @@ def features_from_rows(rows: Sequence[Row], what: str) -> Features | None:
 
 def _features(columns: list[tuple[Any, ...]], what: str) -> Features:
     words = np.array(columns[0], np.int64)
-    points = np.array(columns[7:10], np.float64).T  # NULL becomes NaN
     octaves = np.array(columns[6], np.int64)
+    pixels, points = np.array(columns[1:3], np.float64), np.array(columns[7:10], np.float64)
+    if not (np.abs(pixels) < _FARTHEST).all() or (np.abs(points) > _FARTHEST).any():
+        raise ValueError("places beyond every image")  # NULL, of a point, is NaN: no depth
     return Features(
-        pixels=np.array(columns[1:3], np.float32).T.copy(),
-        points=points.astype(np.float32),
+        pixels=pixels.T.astype(np.float32),
+        points=points.T.astype(np.float32),
         descriptors=_descriptors(columns[10], columns[11], what),
         sizes=np.array(columns[3], np.float32),
         angles=np.array(columns[4], np.float32),

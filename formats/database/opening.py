@@ -91,7 +91,9 @@ def _is_ours(path: Path) -> bool:
         found = connection.row("SELECT MAX(version) FROM mapmyworld_format")[0]
     finally:
         connection.close()
-    if found is None or found > schema.FORMAT:
+    if not isinstance(found, int):
+        raise MapError(f"{path}: the number of its format is damaged: build it anew")
+    if found > schema.FORMAT:
         raise MapError(
             f"{path}: was written by a newer mapmyworld (format {found}): update this one"
         )

@@ -47,8 +47,8 @@ def scan_to_blob(scan: Scan) -> bytes:
 
 def blob_to_scan(blob: bytes, what: str) -> Scan:
     """The scan of `scan_to_blob`."""
-    if len(blob) < _HEADER.size:
-        raise MapError(f"{what}: {len(blob)} bytes are too few for a scan")
+    if not isinstance(blob, bytes) or len(blob) < _HEADER.size:
+        raise MapError(f"{what}: not the bytes of a scan, or too few of them")
     points, missing, range_max, increment, *origin = _HEADER.unpack_from(blob)
     if len(blob) != _HEADER.size + 4 * (2 * points + missing):
         raise MapError(f"{what}: {points} points and {missing} bearings in {len(blob)} bytes")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import difflib
+import functools
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
@@ -33,7 +34,7 @@ def list_settings(config: Config | None = None) -> tuple[Setting, ...]:
 def _walk(section: Any, prefix: str) -> list[Setting]:
     found: list[Setting] = []
     comments = _comments(type(section))
-    hints = get_type_hints(type(section))
+    hints = _hints(type(section))
     for item in fields(section):
         value = getattr(section, item.name)
         if is_dataclass(value):
@@ -45,6 +46,12 @@ def _walk(section: Any, prefix: str) -> list[Setting]:
     return found
 
 
+@functools.cache
+def _hints(section: type) -> dict[str, Any]:
+    return get_type_hints(section)
+
+
+@functools.cache
 def _comments(section: type) -> dict[str, str]:
     """Field name -> what the source says about it: the comment behind, or the string below."""
     source = inspect.getsource(section)

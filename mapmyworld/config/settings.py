@@ -33,8 +33,8 @@ def list_settings(config: Config | None = None) -> tuple[Setting, ...]:
 
 def _walk(section: Any, prefix: str) -> list[Setting]:
     found: list[Setting] = []
-    comments = _comments(type(section))
-    hints = _hints(type(section))
+    kind: Any = type(section)
+    comments, hints = _comments(kind), _hints(kind)
     for item in fields(section):
         value = getattr(section, item.name)
         if is_dataclass(value):

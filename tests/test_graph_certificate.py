@@ -11,10 +11,10 @@ from formats.pose_graph import read_graph
 from mapmyworld.config.graph import GraphConfig
 from mapmyworld.geometry import between_planar, planar_to_matrix, se3_exp
 from mapmyworld.graph.certificate import certify
+from mapmyworld.graph.descent import descend
 from mapmyworld.graph.optimise import optimise
 from mapmyworld.graph.problem import Problem, problem_of
 from mapmyworld.graph.residuals import retract
-from mapmyworld.graph.robust import descend
 from mapmyworld.graph.system import edge_chi2
 from mapmyworld.graph.twin import lower_weights, product, twin_of, twin_poses
 from mapmyworld.types.pose_graph import Edges, PoseGraph, no_priors, no_sightings

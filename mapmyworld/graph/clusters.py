@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaln
 
 from mapmyworld.geometry import Array
 from mapmyworld.graph.consistency import Consistency, alternatives
@@ -23,6 +24,8 @@ _NEAR = 30  # nodes of path between the ends of closures of one group, at most
 _LARGEST = 60  # closures of a group that are judged; more of them are taken as they are
 _TOLERANCE = 10.0  # times the typical squared sigmas that true closures may reach besides
 _STRICTEST = 0.01  # share of the stated limit that always passes
+HEAVY = 2.0
+"""Times the limit that a lone closure may reach where chance does not explain it."""
 _UNBIASED = 1e-6  # share of a group's information left by the rest, below which nothing predicts it
 
 
@@ -60,6 +63,15 @@ def allowed(scale: float) -> float:
     must not let everything pass.
     """
     return max(scale, min(1.0, _TOLERANCE * scale), _STRICTEST)
+
+
+def chance_of(fit: Array, volume: Array, space: float, freedom: int) -> Array:
+    """The chance that a false closure comes within squared sigmas `fit` of a prediction.
+
+    The share that this ellipsoid around the prediction has of all alternatives.
+    """
+    ball = 0.5 * freedom * np.log(np.maximum(fit, 1e-9) / 2.0) - gammaln(0.5 * freedom + 1.0)
+    return np.asarray(np.exp(np.minimum(ball + np.log(volume) - space, 0.0)))
 
 
 def evidence_of(fit: Array, volume: Array, space: float, scale: float, freedom: int) -> Array:
@@ -104,7 +116,8 @@ def judge_groups(
     scale = float(np.median(chi2 / chi_squared_quantile(0.5, freedom))) if len(kept) else 1.0
     fit = chi2 * system.dimension / freedom
     evidence = evidence_of(fit, volume, space, scale, system.dimension)
-    excess = chi2 / (allowed(scale) * chi_squared_quantile(probability, freedom))
+    most = np.where(freedom == system.dimension, HEAVY, 1.0) * allowed(scale)
+    excess = chi2 / (most * chi_squared_quantile(probability, freedom))
     return Judgement(kept, excess, evidence, scale)
 
 

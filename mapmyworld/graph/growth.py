@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array, between, between_planar, compose_planar
+from mapmyworld.graph.descent import settle
 from mapmyworld.graph.landmarks import first_places
-from mapmyworld.graph.robust import settle
 from mapmyworld.graph.system import System, chosen_edges, number_free
 from mapmyworld.types.pose_graph import PoseGraph
 

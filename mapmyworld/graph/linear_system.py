@@ -135,7 +135,7 @@ def linearise(
         np.concatenate([v.ravel() for v in values]),
         minlength=count * size * size + 1,
     )
-    blocks: Array = flat[:-1].reshape(count, size, size)
+    blocks = np.asarray(flat[:-1], np.float64).reshape(count, size, size)
     blocks[np.flatnonzero(pattern.stays)] = np.eye(size)
     return blocks, _gradient(system, pattern, left, right, residuals)
 

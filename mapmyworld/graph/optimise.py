@@ -11,10 +11,11 @@ from mapmyworld.config.graph import GraphConfig
 from mapmyworld.geometry import Array
 from mapmyworld.graph.candidates import dead_reckoning, starts_of, with_landmarks
 from mapmyworld.graph.certificate import Certificate, certainty_of, certify
+from mapmyworld.graph.descent import descend
 from mapmyworld.graph.growth import grown_start
 from mapmyworld.graph.lifted import lifted_start
 from mapmyworld.graph.problem import Problem, problem_of
-from mapmyworld.graph.robust import descend, solve_robustly
+from mapmyworld.graph.robust import solve_robustly
 from mapmyworld.graph.system import System, chosen_edges, edge_chi2
 from mapmyworld.types.pose_graph import PoseGraph
 

@@ -17,9 +17,10 @@ from mapmyworld.geometry import (
 )
 from mapmyworld.graph.certificate import certify, proof_of
 from mapmyworld.graph.covariance import marginal_covariances, spatial_covariances
+from mapmyworld.graph.descent import settle
 from mapmyworld.graph.edits import BY_HAND
 from mapmyworld.graph.pose_graph import Index, components, positions
-from mapmyworld.graph.robust import RobustSolution, settle, solve_robustly
+from mapmyworld.graph.robust import RobustSolution, solve_robustly
 from mapmyworld.graph.system import System, believed_edges, edge_chi2, number_free
 from mapmyworld.graph.verdicts import faults_of, judged, unjudged
 from mapmyworld.types import TRUSTED, Constraint, Poses

@@ -1,0 +1,70 @@
+"""Closures left out that come in again: those that the solution predicts too well for chance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.geometry import Array
+from mapmyworld.graph.clusters import HEAVY, allowed, chance_of
+from mapmyworld.graph.consistency import alternatives
+from mapmyworld.graph.joint_covariance import predicted_covariances
+from mapmyworld.graph.linear_system import information_factors
+from mapmyworld.graph.pose_graph import Index, components
+from mapmyworld.graph.system import System, believed_edges, chosen_edges, edge_chi2
+
+_CANDIDATES = 3000  # closures left out that are tried again at once, best fitting first
+_FALSE = 0.2  # false closures that chance may let into a whole graph, expected
+
+
+def admissible(
+    system: System, poses: Array, inliers: NDArray[np.bool_], limit: float, scale: float
+) -> NDArray[np.bool_]:
+    """(E,) edges left out that the solution predicts, and too well to be chance.
+
+    The prediction's own uncertainty counts: a closure after a long drift may miss by metres and
+    be true. Where many closures look false, fitting by chance becomes likely, and a lone closure
+    must fit the better. Those that chance hardly explains may miss by more than stated.
+    """
+    part = components(len(poses), system.tails[inliers], system.heads[inliers])
+    within = part[system.tails] == part[system.heads]  # nothing predicts what joins two parts
+    candidates = np.flatnonzero(~inliers & within)
+    chi2 = edge_chi2(system, poses)[candidates]
+    candidates = candidates[np.argsort(chi2, kind="stable")[:_CANDIDATES]]
+    admitted = np.zeros(len(inliers), np.bool_)
+    if len(candidates) == 0:
+        return admitted
+    fit, volume = innovations(system, poses, inliers, candidates)
+    space = float(np.log(alternatives(system.planar, system.measured[~inliers])))
+    farthest = np.full(len(fit), HEAVY * limit * allowed(scale))
+    chance, most = (chance_of(f, volume, space, system.dimension) for f in (fit, farthest))
+    lucky = expected_below(chance, most[fit > farthest])
+    admitted[candidates] = (fit <= farthest) & (lucky <= _FALSE)
+    return admitted
+
+
+def expected_below(chance: Array, most: Array) -> Array:
+    """(C,) false closures, each with at most a chance `most` to fit at all, that would fit by a
+    chance as small as `chance`.
+    """
+    ordered = np.sort(most)
+    below = np.searchsorted(ordered, chance)
+    return np.concatenate([[0.0], np.cumsum(ordered)])[below] + chance * (len(most) - below)
+
+
+def innovations(
+    system: System, poses: Array, inliers: NDArray[np.bool_], candidates: Index
+) -> tuple[Array, Array]:
+    """Squared sigmas (C,) of edges against what the inliers predict, and the volume of that."""
+    part = believed_edges(system, inliers)
+    factors = information_factors(part, poses)
+    tested = replace(chosen_edges(system, candidates), free=part.free)
+    predicted, residuals = predicted_covariances(factors, tested, poses)
+    covariance = np.linalg.inv(tested.information) + predicted
+    fit = np.einsum(
+        "ei,ei->e", residuals, np.linalg.solve(covariance, residuals[..., None])[..., 0]
+    )
+    volume = np.sqrt(np.maximum(np.linalg.det(2.0 * np.pi * covariance), 0.0))  # not by rounding
+    return fit, np.maximum(volume, 1e-300)

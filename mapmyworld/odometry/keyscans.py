@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.kernels.scan_tracking import chosen_keyscans, match_keyscans, remember_scan
+from mapmyworld.kernels.scan_tracking import chosen_keyscans, remember_scan
 from mapmyworld.registration.scan_matching import (
     Match,
     PreparedScan,
     ScanSet,
-    match_from_row,
+    match_scan,
     scan_set,
 )
 
@@ -59,13 +59,11 @@ class Keyscans:
 
     def match(self, scan: PreparedScan, guess: Array, information: Array, reaches: Array) -> Match:
         """Aligns a scan with the submap; `information` (3, 3) is how well the guess is known."""
-        which, out = self._chosen(), np.zeros(16)
-        match_keyscans(
-            scan.rows, 0, len(scan.rows), *self.ring[:4], which, guess, guess, information, reaches,
-            self._matching.residual_scale, self._matching.range_sigma, self._matching.correlation,
-            out, np.zeros((3, 3)),
+        scans, poses = self.targets()
+        return match_scan(
+            scan, scans, np.arange(len(scans)), poses, guess, self._matching,
+            prior_information=information, reaches=reaches,
         )  # fmt: skip
-        return match_from_row(out, len(which), self._matching)
 
     def targets(self) -> tuple[ScanSet, Array]:
         """The scans that are matched against, and their poses (S, 3)."""

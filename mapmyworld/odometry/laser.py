@@ -16,6 +16,8 @@ from mapmyworld.kernels.scan_tracking import learnt_scale, track_scans
 from mapmyworld.odometry.keyscans import Keyscans
 from mapmyworld.odometry.laser_stretches import WeakStretches, is_weak
 from mapmyworld.odometry.laser_trust import OdometryFaults
+from mapmyworld.registration.matchers import find_matcher
+from mapmyworld.registration.point_to_line import point_to_line
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
 from mapmyworld.registration.scan_search import search_pose
 from mapmyworld.types import Frame, Scan
@@ -60,6 +62,8 @@ class LaserTracker:
         self._state[6] = 1.0
         self._last_odometry: Array | None = None
         self._begun = False
+        # The kernel that follows scans has its own matcher built in.
+        self._in_kernel = find_matcher(config.registration.matcher) is point_to_line
         self.verdicts: Counter[str] = Counter()
         odometry, matching = config.odometry, config.registration
         self._settings = np.array([
@@ -82,10 +86,12 @@ class LaserTracker:
         while len(tracked) < len(frames):
             first = len(tracked)
             # Most scans need no second look: a kernel follows them, up to one that does.
-            last = track_scans(
-                first, scans.rows, scans.bounds, scans.origins, recorded, *self._keyscans.ring,
-                self._state, FINE, self._settings, _FEWEST, out, covariances,
-            )  # fmt: skip
+            last = first
+            if self._in_kernel:
+                last = track_scans(
+                    first, scans.rows, scans.bounds, scans.origins, recorded, *self._keyscans.ring,
+                    self._state, FINE, self._settings, _FEWEST, out, covariances,
+                )  # fmt: skip
             for k in range(first, last):
                 tracked.append(Tracked(out[k, :3], covariances[k], "matched", float(out[k, 3])))
                 self._stretches.add(frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0)

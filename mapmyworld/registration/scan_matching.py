@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import RegistrationConfig
-from mapmyworld.kernels.scan_alignment import align
 from mapmyworld.kernels.scan_preparation import prepare_many
 from mapmyworld.types import Scan
 
@@ -126,31 +125,14 @@ def match_scan(
     prior_information: NDArray[np.float64] | None = None,
     reaches: NDArray[np.float64] = FINE,
 ) -> Match:
-    """Aligns a scan with targets `which` at `poses` (S, 3), from `guess` (3,).
+    """Aligns a scan with targets `which` at `poses` (S, 3), from `guess` (3,), by the set matcher.
 
     `prior` (3,) with its information pulls as another measurement; the match's own information
     leaves it out.
     """
-    out = np.zeros(16)
-    sigma = config.range_sigma * np.sqrt(config.correlation)
-    align(
-        scan.rows, 0, len(scan.rows), targets.rows, targets.bounds[:-1], targets.bounds[1:], which,
-        poses, targets.origins, guess, guess if prior is None else prior,
-        _NO_PRIOR if prior_information is None else prior_information,
-        reaches, config.residual_scale, sigma, out,
-    )  # fmt: skip
-    return match_from_row(out, len(which), config)
+    from mapmyworld.registration.matchers import find_matcher
 
-
-def match_from_row(out: NDArray[np.float64], targets: int, config: RegistrationConfig) -> Match:
-    """The kernel's row of numbers as a match."""
-    xx, xy, xr, yy, yr, rr = out[3:9]
-    hessian = np.array([[xx, xy, xr], [xy, yy, yr], [xr, yr, rr]])
-    sigma_squared = max(config.range_sigma**2, float(out[10])) * config.correlation
-    return Match(
-        pose=out[:3].copy(),
-        information=hessian / (sigma_squared * max(targets, 1)),
-        overlap=float(out[9]),
-        residual=float(np.sqrt(out[10])),
-        count=int(out[11]),
-    )
+    prior = guess if prior is None else prior
+    known = _NO_PRIOR if prior_information is None else prior_information
+    match = find_matcher(config.matcher)
+    return match(scan, targets, which, poses, guess, config, prior, known, reaches)

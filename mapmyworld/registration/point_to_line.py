@@ -1,0 +1,48 @@
+"""The matcher that the tracker's kernels follow scans with: point to line, by bearing."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import RegistrationConfig
+from mapmyworld.kernels.scan_alignment import align
+from mapmyworld.registration.scan_matching import Match, PreparedScan, ScanSet
+
+Array = NDArray[np.float64]
+
+
+def point_to_line(
+    scan: PreparedScan,
+    targets: ScanSet,
+    which: NDArray[np.int64],
+    poses: Array,
+    guess: Array,
+    config: RegistrationConfig,
+    prior: Array,
+    prior_information: Array,
+    reaches: Array,
+) -> Match:
+    """Gauss-Newton on distances from the targets' lines, one step a reach, with Cauchy weights."""
+    out = np.zeros(16)
+    sigma = config.range_sigma * np.sqrt(config.correlation)
+    align(
+        scan.rows, 0, len(scan.rows), targets.rows, targets.bounds[:-1], targets.bounds[1:], which,
+        poses, targets.origins, guess, prior, prior_information, reaches,
+        config.residual_scale, sigma, out,
+    )  # fmt: skip
+    return _match_from_row(out, len(which), config)
+
+
+def _match_from_row(out: NDArray[np.float64], targets: int, config: RegistrationConfig) -> Match:
+    """The kernel's row of numbers as a match."""
+    xx, xy, xr, yy, yr, rr = out[3:9]
+    hessian = np.array([[xx, xy, xr], [xy, yy, yr], [xr, yr, rr]])
+    sigma_squared = max(config.range_sigma**2, float(out[10])) * config.correlation
+    return Match(
+        pose=out[:3].copy(),
+        information=hessian / (sigma_squared * max(targets, 1)),
+        overlap=float(out[9]),
+        residual=float(np.sqrt(out[10])),
+        count=int(out[11]),
+    )

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class RegistrationConfig:
-    matcher: str = (
-        "point_to_line"  # who aligns laser scans, by its name in registration/matchers.py
-    )
+    matcher: str = "point_to_line"  # that aligns laser scans: a name of registration/matchers.py
     point_spacing: float = 0.04  # m between neighbouring points of a scan that are matched
     point_count: int = 220  # points of a scan that are matched, about; more are thinned
     line_radius: float = 0.15  # m around a point within which its line is fitted

@@ -1,5 +1,0 @@
-document$.subscribe(({ body }) => {
-  renderMathInElement(body, {
-    delimiters: [{ left: "\\[", right: "\\]", display: true }, { left: "\\(", right: "\\)", display: false }],
-  });
-});

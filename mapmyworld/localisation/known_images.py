@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry import between, rotation_angle
 from mapmyworld.places.appearance import weigh_words
+from mapmyworld.places.camera_features import features_of_camera
 from mapmyworld.places.features import extract_features
 from mapmyworld.places.node_images import best_features
 from mapmyworld.places.vocabulary import Vocabulary, vocabulary_of_words
 from mapmyworld.registration.image_pairs import register_images
 from mapmyworld.registration.views import View, binary_words, make_view
-from mapmyworld.types import MapStore, Registration, RgbdImage
+from mapmyworld.types import CameraModel, Features, MapStore, Registration, RgbdImage
 
 Array = NDArray[np.float64]
 _REMEMBERED = 300  # views of the map kept at hand
@@ -70,11 +71,15 @@ class KnownImages:
         """An image's features with words; None where it lacks colour or depth."""
         if image.colour is None or image.depth is None or self._vocabulary is None:
             return None
-        features = best_features(extract_features(image, self._config), image.camera, self._config)
-        if len(features.pixels) == 0:
+        return self.view_of_features(extract_features(image, self._config), image.camera)
+
+    def view_of_features(self, features: Features, camera: CameraModel) -> View | None:
+        """The same of features that were found before, in another map's image."""
+        best = best_features(features, camera, self._config)
+        if len(best.pixels) == 0 or self._vocabulary is None:
             return None
-        words = self._vocabulary.words(binary_words(features))
-        return make_view(replace(features, words=words), image.camera, self._config)
+        words = self._vocabulary.words(binary_words(best))
+        return make_view(replace(best, words=words), camera, self._config)
 
     def _similar(self, view: View) -> list[int]:
         """Nodes whose words are most like the view's, best first."""
@@ -139,7 +144,8 @@ class KnownImages:
         image = next((i for i in data.images if i.colour and i.depth), None)
         if image is None or data.features is None:
             return None
-        features = best_features(data.features, image.camera, self._config)
+        own = features_of_camera(data.features, data.images.index(image), image.camera.width)
+        features = best_features(own, image.camera, self._config)
         self._views[node] = make_view(features, image.camera, self._config)
         if len(self._views) > _REMEMBERED:
             self._views.popitem(last=False)

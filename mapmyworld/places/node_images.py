@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import cv2
@@ -12,17 +12,34 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry import between, rotation_angle
 from mapmyworld.parallel import in_threads
+from mapmyworld.places.camera_features import (
+    features_of_camera,
+    joined_features,
+    select_features,
+)
 from mapmyworld.places.features import extract_features, spread
 from mapmyworld.places.vocabulary import Vocabulary, train_vocabulary, vocabulary_of_words
 from mapmyworld.registration.views import View, binary_words, make_view
-from mapmyworld.types import CameraModel, Features, MapStore, Node, NodeData, Progress, Scan
+from mapmyworld.types import (
+    CameraModel,
+    Features,
+    MapStore,
+    Node,
+    NodeData,
+    Progress,
+    RgbdImage,
+    Scan,
+)
 
 _REMEMBERED = 600  # views kept at hand
 _TRAINING = 60_000  # descriptors that the vocabulary is learned from, at most
 
 
 class NodeImages:
-    """Features and words of the nodes' images, found once and then kept in the store."""
+    """Features and words of the nodes' images, found once and then kept in the store.
+
+    An image is a row: first camera 0 of all nodes, then camera 1, and so on, each in time.
+    """
 
     def __init__(self, store: MapStore, config: Config, progress: Progress) -> None:
         """Reads features from the store where an earlier round left them, as they are asked for."""
@@ -33,45 +50,82 @@ class NodeImages:
         every = max(1, -(-len(nodes) // config.visual.place_nodes))
         self.nodes: list[Node] = list(nodes[::every])
         self.have_words = bool(store.words())
-        if not self.have_words:
+        if self.have_words:
+            cameras = max((len(_usable(self._data(n, False))) for n in self.nodes[:20]), default=0)
+            self._set_rows([(k, n) for k in range(cameras) for n in range(len(self.nodes))])
+        else:
             self._extract(progress)
 
     def __len__(self) -> int:
         return len(self.nodes)
 
+    def _set_rows(self, rows: list[tuple[int, int]]) -> None:
+        numbers = np.array(rows, np.int64).reshape(-1, 2)
+        self.camera_of, self.node_of = numbers[:, 0], numbers[:, 1]
+
+    def _data(self, node: Node, features: bool = True) -> NodeData:
+        return self._store.node_data(node.id, features=features)
+
     def _extract(self, progress: Progress) -> None:
         """Features of all nodes; those without an image are left out from then on."""
         progress.stage("features", len(self.nodes), "nodes")
         cv2.setNumThreads(1)
-        data = (self._store.node_data(node.id) for node in self.nodes)
-        with_images: list[Node] = []
-        self._cameras: list[CameraModel] = []
-        found = in_threads(self._prepare, data, self._config.threads)
-        for done, (node, item) in enumerate(zip(self.nodes, found, strict=True)):
-            progress.update(done)
-            if item is not None:
-                with_images.append(node)
-                self._features.append(item[0])
-                self._cameras.append(item[1])
-        self.nodes = with_images
+        found: list[tuple[int, int, Features, CameraModel]] = []
+        for k, n, item in in_threads(self._prepared, self._images(), self._config.threads):
+            progress.update(n)
+            found.append((k, n, *item))
+        found.sort(key=lambda row: row[:2])
+        seen = sorted({n for _, n, _, _ in found})
+        place = {n: index for index, n in enumerate(seen)}
+        self._set_rows([(k, place[n]) for k, n, _, _ in found])
+        self.nodes = [self.nodes[n] for n in seen]
+        self._features = [features for _, _, features, _ in found]
+        self._cameras = [camera for _, _, _, camera in found]
 
-    def view(self, index: int) -> View | None:
-        """The view of the node at `index` of `nodes`; None without an image."""
-        if index not in self._views:
+    def _images(self) -> Iterator[tuple[int, int, RgbdImage, Features | None]]:
+        """Camera, node, image, and features where the store has them already."""
+        for n, node in enumerate(self.nodes):
+            data = self._data(node)
+            for k, image in enumerate(_usable(data)):
+                yield k, n, image, _own(data.features, k, image)
+
+    def _prepared(
+        self, item: tuple[int, int, RgbdImage, Features | None]
+    ) -> tuple[int, int, tuple[Features, CameraModel]]:
+        k, n, image, features = item
+        features = features or extract_features(image, self._config)
+        return k, n, (best_features(features, image.camera, self._config), image.camera)
+
+    def stamps(self) -> NDArray[np.int64]:
+        """Of each row."""
+        return np.array([node.stamp_ns for node in self.nodes], np.int64)[self.node_of]
+
+    def sessions(self) -> NDArray[np.int64]:
+        """Of each row."""
+        return np.array([node.session for node in self.nodes], np.int64)[self.node_of]
+
+    def view(self, row: int) -> View | None:
+        """The view of a row, which for camera 0 is the number of its node; None without image."""
+        if row not in self._views:
             if len(self._views) > _REMEMBERED:
                 self._views.clear()
-            self._views[index] = self._load(index)
-        return self._views[index]
+            self._views[row] = self._load(row)
+        return self._views[row]
 
-    def scan(self, index: int) -> Scan | None:
-        """The laser scan of the node at `index` of `nodes`."""
-        return self._store.node_data(self.nodes[index].id, features=False).scan
+    def scan(self, row: int) -> Scan | None:
+        """The laser scan of a row's node."""
+        return self._data(self.nodes[self.node_of[row]], False).scan
 
-    def _load(self, index: int) -> View | None:
+    def _load(self, row: int) -> View | None:
         if self._features:
-            return make_view(self._features[index], self._cameras[index], self._config)
-        item = self._prepare(self._store.node_data(self.nodes[index].id))
-        return None if item is None else make_view(*item, self._config)
+            return make_view(self._features[row], self._cameras[row], self._config)
+        k, node = int(self.camera_of[row]), self.nodes[self.node_of[row]]
+        data = self._data(node)
+        images = _usable(data)
+        if k >= len(images):
+            return None
+        _, _, item = self._prepared((k, row, images[k], _own(data.features, k, images[k])))
+        return make_view(*item, self._config)
 
     def learn_words(self, given: Mapping[int, NDArray[np.uint8]] | None = None) -> Vocabulary:
         """A vocabulary of these images, or the given one; their features then carry its words."""
@@ -99,15 +153,21 @@ class NodeImages:
     def keep(self, store: MapStore, vocabulary: Vocabulary) -> None:
         """Writes features and vocabulary to the store."""
         store.set_words(vocabulary.word_descriptors())
-        for node, features in zip(self.nodes, self._features, strict=True):
-            store.set_features(node.id, features)
+        rows_of: list[list[int]] = [[] for _ in self.nodes]
+        for row, n in enumerate(self.node_of.tolist()):
+            rows_of[n].append(row)
+        for node, rows in zip(self.nodes, rows_of, strict=True):
+            parts = [self._features[row] for row in rows]
+            store.set_features(node.id, joined_features(parts, self._cameras[rows[0]].width))
 
-    def _prepare(self, data: NodeData) -> tuple[Features, CameraModel] | None:
-        for image in data.images:
-            if image.colour is not None and image.depth is not None:
-                features = data.features or extract_features(image, self._config)
-                return best_features(features, image.camera, self._config), image.camera
-        return None
+
+def _usable(data: NodeData) -> list[RgbdImage]:
+    """The images that have colour and depth."""
+    return [image for image in data.images if image.colour is not None and image.depth is not None]
+
+
+def _own(features: Features | None, number: int, image: RgbdImage) -> Features | None:
+    return None if features is None else features_of_camera(features, number, image.camera.width)
 
 
 def _compared(store: MapStore, config: Config) -> list[Node]:
@@ -123,20 +183,6 @@ def _compared(store: MapStore, config: Config) -> list[Node]:
     moved[np.diff(sessions) != 0] = spacing
     lengths = np.concatenate([[0.0], np.cumsum(moved)]) / spacing + 1e-9
     return [nodes[k] for k in np.flatnonzero(np.diff(np.floor(lengths), prepend=-1.0))]
-
-
-def select_features(features: Features, chosen: NDArray[np.int64]) -> Features:
-    """The chosen features, all parallel arrays alike."""
-    return Features(
-        features.pixels[chosen],
-        features.points[chosen],
-        features.descriptors[chosen],
-        features.sizes[chosen],
-        features.angles[chosen],
-        features.responses[chosen],
-        features.octaves[chosen],
-        None if features.words is None else features.words[chosen],
-    )
 
 
 def best_features(features: Features, camera: CameraModel, config: Config) -> Features:

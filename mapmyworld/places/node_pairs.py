@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError
+from mapmyworld.places.camera_features import features_of_camera
 from mapmyworld.places.features import extract_features
 from mapmyworld.registration.image_pairs import ImagePair, register_images
 from mapmyworld.registration.views import View, make_view
@@ -41,9 +42,11 @@ def _seen(store: MapStore, node_id: int, config: Config) -> tuple[View, NDArray[
     if all(node.id != node_id for node in store.nodes()):
         raise MapError(f"there is no node {node_id} in this map")
     data = store.node_data(node_id)
-    for image in data.images:
+    for number, image in enumerate(data.images):
         if image.colour is not None:
-            features = data.features or extract_features(image, config)
+            kept = data.features
+            own = kept and features_of_camera(kept, number, image.camera.width)
+            features = own or extract_features(image, config)
             picture = np.asarray(image.colour.pixels(), np.uint8)
             return make_view(features, image.camera, config), picture
     raise MapError(f"node {node_id} has no image: only nodes seen by a camera can be compared")

@@ -10,19 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between
 from mapmyworld.parallel import in_threads
-from mapmyworld.places.appearance import Candidate, find_candidates
 from mapmyworld.places.drift import Drift
+from mapmyworld.places.image_proposals import Proposal, by_poses, by_succession, by_words
 from mapmyworld.places.node_images import NodeImages
 from mapmyworld.registration.image_pairs import ImagePair, register_images
 from mapmyworld.registration.views import View
 from mapmyworld.types import (
     CLOSURES,
     Constraint,
-    ConstraintKind,
     MapStore,
-    Node,
     Poses,
     Progress,
 )
@@ -48,127 +45,34 @@ def find_visual_closures(
     images = NodeImages(store, config, progress)
     if len(images) < 3:
         return []
-    proposals: list[_Proposal] = []
+    proposals: list[Proposal] = []
     if not images.have_words:
         vocabulary = images.learn_words(given_words)
         images.keep(store, vocabulary)
-        proposals += _by_words(images, vocabulary.size, config)
+        proposals += by_words(images, vocabulary.size, config)
         if config.visual.succession and store.node_data(images.nodes[0].id).scan is None:
-            proposals += _by_succession(images, config)
+            proposals += by_succession(images, config)
     if poses is not None:
-        proposals += _by_poses(images, poses, proposals, config)
+        proposals += by_poses(images, poses, proposals, config)
     known = _pairs(store.constraints())
-    ids = [node.id for node in images.nodes]
+    ids = [images.nodes[n].id for n in images.node_of]
     fresh = [p for p in proposals if (ids[p.index], ids[p.other]) not in known]
-    return _judge(images.nodes, _verify(images, fresh, config, progress), config)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Proposal:
-    index: int
-    other: int
-    kind: ConstraintKind
-    evidence: Mapping[str, float]
-    guess: Array | None = None
-    """other_from_index where tracking tells it well enough to search around it only."""
+    return _judge(images, _verify(images, fresh, config, progress), config)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Verified:
-    proposal: _Proposal
+    proposal: Proposal
     pair: ImagePair
 
 
-def _by_words(images: NodeImages, size: int, config: Config) -> list[_Proposal]:
-    settings = config.visual
-    candidates = find_candidates(
-        images.words(),
-        size,
-        np.array([node.stamp_ns for node in images.nodes]),
-        np.array([node.session for node in images.nodes]),
-        gap_s=settings.place_gap,
-        least_similarity=settings.place_similarity,
-        least_posterior=settings.place_posterior,
-        most=settings.place_candidates,
-    )
-    return [_proposal_of(candidate) for candidate in candidates]
-
-
-def _proposal_of(candidate: Candidate) -> _Proposal:
-    evidence = {"similarity": candidate.similarity, "posterior": candidate.posterior}
-    return _Proposal(candidate.index, candidate.other, ConstraintKind.LOOP_CLOSURE, evidence)
-
-
-def _by_succession(images: NodeImages, config: Config) -> list[_Proposal]:
-    """Each node with the ones just before it: what the images say of the motion between them."""
-    nodes = images.nodes
-    found = []
-    for i in range(1, len(nodes)):
-        for j in range(max(0, i - config.visual.succession), i):
-            if nodes[i].session == nodes[j].session:
-                motion = between(nodes[j].tracked_from_base, nodes[i].tracked_from_base)
-                steps = {"steps": float(i - j)}
-                found.append(_Proposal(i, j, ConstraintKind.PROXIMITY, steps, motion))
-    return found
-
-
-def _by_poses(
-    images: NodeImages, poses: Poses, already: Sequence[_Proposal], config: Config
-) -> list[_Proposal]:
-    """Pairs that lie near each other and look the same way, the nearest of each pass first."""
-    settings = config.visual
-    row_of = {int(i): k for k, i in enumerate(poses.ids)}
-    rows = [row_of.get(node.id, -1) for node in images.nodes]
-    placed = np.array(rows) >= 0
-    map_from_node = poses.map_from_node[np.maximum(rows, 0)]
-    position = map_from_node[:, :3, 3]
-    forward = _view_directions(images, map_from_node)
-    stamps = np.array([node.stamp_ns for node in images.nodes])
-    tried = {(p.index, p.other) for p in already}
-    found: list[_Proposal] = []
-    for i in np.flatnonzero(placed):
-        distance = np.linalg.norm(position[:i] - position[i], axis=1)
-        close = distance < settings.proximity_distance
-        close &= forward[:i] @ forward[i] > np.cos(np.radians(settings.proximity_angle))
-        close &= placed[:i] & (stamps[i] - stamps[:i] > settings.place_gap * 1e9)
-        order = np.flatnonzero(close)
-        order = order[np.argsort(distance[order], kind="stable")]
-        for j in _spaced(order, settings.proximity_candidates):
-            if (int(i), j) not in tried:
-                evidence = {"distance": float(distance[j])}
-                found.append(_Proposal(int(i), j, ConstraintKind.PROXIMITY, evidence))
-    return found
-
-
-def _view_directions(images: NodeImages, map_from_node: Array) -> Array:
-    """Unit vectors (N, 3) along which the nodes' cameras look, map frame.
-
-    The camera is taken to be mounted as it is on the first node of each session.
-    """
-    axes: dict[int, Array] = {}
-    for k, node in enumerate(images.nodes):
-        if node.session not in axes and (view := images.view(k)) is not None:
-            axes[node.session] = view.camera.base_from_camera[:3, 2]
-    every = np.stack([axes.get(node.session, np.array([1.0, 0, 0])) for node in images.nodes])
-    return np.asarray(np.einsum("nij,nj->ni", map_from_node[:, :3, :3], every))
-
-
-def _spaced(order: NDArray[np.int64], most: int) -> list[int]:
-    """The first few indices of `order` that are no neighbours of each other."""
-    chosen: list[int] = []
-    for j in order:
-        if len(chosen) < most and all(abs(int(j) - other) > 2 for other in chosen):
-            chosen.append(int(j))
-    return chosen
-
-
 def _verify(
-    images: NodeImages, proposals: Sequence[_Proposal], config: Config, progress: Progress
+    images: NodeImages, proposals: Sequence[Proposal], config: Config, progress: Progress
 ) -> list[_Verified]:
     progress.stage("closures by images", len(proposals), "pairs")
     work = _loaded(images, proposals)
 
-    def register(item: tuple[_Proposal, View, View]) -> _Verified:
+    def register(item: tuple[Proposal, View, View]) -> _Verified:
         proposal, later, earlier = item
         return _Verified(proposal, register_images(earlier, later, config, guess=proposal.guess))
 
@@ -192,8 +96,8 @@ def _by_scans(images: NodeImages, item: _Verified, config: Config) -> _Verified:
 
 
 def _loaded(
-    images: NodeImages, proposals: Sequence[_Proposal]
-) -> Iterator[tuple[_Proposal, View, View]]:
+    images: NodeImages, proposals: Sequence[Proposal]
+) -> Iterator[tuple[Proposal, View, View]]:
     """Proposals with both views; the store is read on the caller's thread only."""
     for proposal in proposals:
         later, earlier = images.view(proposal.index), images.view(proposal.other)
@@ -201,17 +105,15 @@ def _loaded(
             yield proposal, later, earlier
 
 
-def _judge(
-    nodes: Sequence[Node], verified: Sequence[_Verified], config: Config
-) -> list[Constraint]:
+def _judge(images: NodeImages, verified: Sequence[_Verified], config: Config) -> list[Constraint]:
     """Constraints with their verdicts: geometry, drift of the tracked poses, ambiguity."""
-    drift = Drift(nodes, config)
+    drift = Drift(images.nodes, config)
     gate = config.visual.closure_gate
     aliases: dict[int, float] = defaultdict(lambda: np.inf)
     reasons: list[str] = []
     for item in verified:
         reason = "" if item.pair.registration.converged else item.pair.registration.reason
-        i, j = item.proposal.index, item.proposal.other
+        i, j = _nodes_of(images, item)
         if item.pair.fits and drift.comparable(i, j):
             own = item.pair.sigma_translation, item.pair.sigma_rotation
             motion = item.pair.registration.a_from_b
@@ -226,19 +128,41 @@ def _judge(
         reasons.append(reason)
     constraints = []
     for item, given in zip(verified, reasons, strict=True):
+        i, j = _nodes_of(images, item)
         guided = item.proposal.guess is not None
-        reason = given if guided else given or _ambiguity(item, aliases, drift, gate)
-        constraints.append(_constraint(nodes, item, reason))
-    return constraints
+        reason = given if guided else given or _ambiguity((i, j), aliases, drift, gate)
+        constraints.append(_constraint(images.nodes[j].id, images.nodes[i].id, item, reason))
+    return _best_of_pairs(constraints)
 
 
-def _ambiguity(item: _Verified, aliases: Mapping[int, float], drift: Drift, gate: float) -> str:
+def _nodes_of(images: NodeImages, item: _Verified) -> tuple[int, int]:
+    """Indices of the nodes of a pair of images."""
+    return int(images.node_of[item.proposal.index]), int(images.node_of[item.proposal.other])
+
+
+def _best_of_pairs(constraints: Sequence[Constraint]) -> list[Constraint]:
+    """Of several cameras' measurements between two nodes the accepted one with most inliers."""
+    best: dict[frozenset[int], Constraint] = {}
+    for c in constraints:
+        pair = frozenset((c.from_id, c.to_id))
+        if pair not in best or _worth(c) > _worth(best[pair]):
+            best[pair] = c
+    return list(best.values())
+
+
+def _worth(constraint: Constraint) -> tuple[bool, float]:
+    return constraint.accepted, constraint.evidence["inliers"]
+
+
+def _ambiguity(
+    nodes: tuple[int, int], aliases: Mapping[int, float], drift: Drift, gate: float
+) -> str:
     """Why this closure could be one of several; empty where the tracked motion decides.
 
     A node that also fits a place where it cannot be has a double at that distance. Where drift
     may be as large as that, a fit proves nothing.
     """
-    i, j = item.proposal.index, item.proposal.other
+    i, j = nodes
     around = [k + s for k in (i, j) for s in range(-_NEAR_NODES, _NEAR_NODES + 1)]
     double = min((aliases[k] for k in around if k in aliases), default=np.inf)
     if not np.isfinite(double):
@@ -251,7 +175,7 @@ def _ambiguity(item: _Verified, aliases: Mapping[int, float], drift: Drift, gate
     )
 
 
-def _constraint(nodes: Sequence[Node], item: _Verified, reason: str) -> Constraint:
+def _constraint(from_id: int, to_id: int, item: _Verified, reason: str) -> Constraint:
     registration = item.pair.registration
     evidence = {
         **item.proposal.evidence,
@@ -265,8 +189,8 @@ def _constraint(nodes: Sequence[Node], item: _Verified, reason: str) -> Constrai
         evidence["sigma_m"] = item.pair.sigma_translation
         evidence["sigma_rad"] = item.pair.sigma_rotation
     return Constraint(
-        nodes[item.proposal.other].id,
-        nodes[item.proposal.index].id,
+        from_id,
+        to_id,
         item.proposal.kind,
         registration.a_from_b,
         registration.information,

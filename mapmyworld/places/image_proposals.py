@@ -1,0 +1,115 @@
+"""Pairs of images worth comparing: by words, in succession, and by solved poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import between
+from mapmyworld.places.appearance import Candidate, find_candidates
+from mapmyworld.places.node_images import NodeImages
+from mapmyworld.types import ConstraintKind, Poses
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposal:
+    """Two images, `index` as a rule the later one."""
+
+    index: int
+    other: int
+    """Rows of `NodeImages`: an image each."""
+    kind: ConstraintKind
+    evidence: Mapping[str, float]
+    guess: Array | None = None
+    """other_from_index where tracking tells it well enough to search around it only."""
+
+
+def by_words(images: NodeImages, size: int, config: Config) -> list[Proposal]:
+    settings = config.visual
+    candidates = find_candidates(
+        images.words(),
+        size,
+        images.stamps(),
+        images.sessions(),
+        gap_s=settings.place_gap,
+        least_similarity=settings.place_similarity,
+        least_posterior=settings.place_posterior,
+        most=settings.place_candidates,
+    )
+    return [_proposal_of(candidate) for candidate in candidates]
+
+
+def _proposal_of(candidate: Candidate) -> Proposal:
+    evidence = {"similarity": candidate.similarity, "posterior": candidate.posterior}
+    return Proposal(candidate.index, candidate.other, ConstraintKind.LOOP_CLOSURE, evidence)
+
+
+def by_succession(images: NodeImages, config: Config) -> list[Proposal]:
+    """Each node with the ones just before it: what the images say of the motion between them."""
+    nodes, sessions, cameras = images.nodes, images.sessions(), images.camera_of
+    found = []
+    for i in range(1, len(sessions)):
+        for j in range(max(0, i - config.visual.succession), i):
+            if sessions[i] == sessions[j] and cameras[i] == cameras[j]:
+                before, after = nodes[images.node_of[j]], nodes[images.node_of[i]]
+                motion = between(before.tracked_from_base, after.tracked_from_base)
+                steps = {"steps": float(i - j)}
+                found.append(Proposal(i, j, ConstraintKind.PROXIMITY, steps, motion))
+    return found
+
+
+def by_poses(
+    images: NodeImages, poses: Poses, already: Sequence[Proposal], config: Config
+) -> list[Proposal]:
+    """Pairs that lie near each other and look the same way, the nearest of each pass first."""
+    settings = config.visual
+    row_of = {int(i): k for k, i in enumerate(poses.ids)}
+    rows = np.array([row_of.get(node.id, -1) for node in images.nodes])[images.node_of]
+    placed = rows >= 0
+    map_from_node = poses.map_from_node[np.maximum(rows, 0)]
+    position = map_from_node[:, :3, 3]
+    forward = _view_directions(images, map_from_node)
+    stamps = images.stamps()
+    tried = {(p.index, p.other) for p in already}
+    found: list[Proposal] = []
+    for i in np.flatnonzero(placed):
+        distance = np.linalg.norm(position[:i] - position[i], axis=1)
+        close = distance < settings.proximity_distance
+        close &= forward[:i] @ forward[i] > np.cos(np.radians(settings.proximity_angle))
+        close &= placed[:i] & (np.abs(stamps[i] - stamps[:i]) > settings.place_gap * 1e9)
+        order = np.flatnonzero(close)
+        order = order[np.argsort(distance[order], kind="stable")]
+        for j in _spaced(order, settings.proximity_candidates):
+            if (int(i), j) not in tried:
+                evidence = {"distance": float(distance[j])}
+                found.append(Proposal(int(i), j, ConstraintKind.PROXIMITY, evidence))
+    return found
+
+
+def _view_directions(images: NodeImages, map_from_node: Array) -> Array:
+    """Unit vectors (N, 3) along which the images look, map frame.
+
+    A camera is taken to be mounted as it is on the first node of each session.
+    """
+    axes: dict[tuple[int, int], Array] = {}
+    keys = list(zip(images.sessions().tolist(), images.camera_of.tolist(), strict=True))
+    for row, key in enumerate(keys):
+        if key not in axes and (view := images.view(row)) is not None:
+            axes[key] = view.camera.base_from_camera[:3, 2]
+    every = np.stack([axes.get(key, np.array([1.0, 0, 0])) for key in keys])
+    return np.asarray(np.einsum("nij,nj->ni", map_from_node[:, :3, :3], every))
+
+
+def _spaced(order: NDArray[np.int64], most: int) -> list[int]:
+    """The first few indices of `order` that are no neighbours of each other."""
+    chosen: list[int] = []
+    for j in order:
+        if len(chosen) < most and all(abs(int(j) - other) > 2 for other in chosen):
+            chosen.append(int(j))
+    return chosen

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -120,8 +121,10 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         lines += [
             f"grid:       {grid['width']} x {grid['height']} cells of {grid['resolution_m']} m",
             f"area:       {grid['free_m2']:.1f} m2 free, {grid['occupied_m2']:.1f} m2 occupied",
-            f"sharpness:  {grid['mean_entropy_bits']:.3f} bits mean entropy of seen cells",
         ]
+        if grid["mean_entropy_bits"] is not None:
+            told = f"{grid['mean_entropy_bits']:.3f} bits mean entropy of seen cells"
+            lines.append(f"sharpness:  {told}")
     if "particles" in facts:
         lines.append("particles:")
         lines += [
@@ -133,4 +136,12 @@ def _lines(facts: dict[str, Any]) -> list[str]:
     if plan:
         lines.append("made from:")
         lines += [f"  {d['role']}: {d['choice'] or 'none'}" for d in plan["decisions"]]
-    return lines
+    return lines + _diagnosis_lines(facts.get("diagnosis") or ())
+
+
+def _diagnosis_lines(findings: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What is not as it should be, with what to do."""
+    bad = [found for found in findings if not found["good"]]
+    lines = [f"diagnosis:  {len(findings)} comparisons of sensors, {len(bad)} to look at"]
+    lines += [f"  {found['text']}; {found['remedy']}" for found in bad]
+    return lines if findings else []

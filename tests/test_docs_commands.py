@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import bz2
-import json
 import re
 import shlex
 from pathlib import Path
 
 import click
-import jsonschema
 import numpy as np
 import pytest
 from conftest import ROOT
 from docs_commands import every_line, pages, run, shown_in
-from sample_maps import APARTMENT, apartment  # noqa: F401
 
 from cli.main import COMMANDS, group
 from mapmyworld.config.settings import list_settings
-
-SCHEMAS = ROOT / "docs" / "schemas"
-TRUTH = APARTMENT.with_name("apartment.mcap.truth")
 
 
 @pytest.fixture(scope="session")
@@ -137,40 +131,3 @@ def test_the_python_page_runs(desk: Path, monkeypatch: pytest.MonkeyPatch) -> No
         exec(compile(block, "python.md", "exec"), names)
     assert Path("drive.png").stat().st_size > 1000
     assert np.isfinite(names["sigmas"]).all()  # type: ignore[call-overload]
-
-
-@pytest.mark.slow
-def test_json_is_as_its_schemas_say(
-    apartment: Path,  # noqa: F811
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("map.db").write_bytes(apartment.read_bytes())
-    grid = apartment.with_suffix(".yaml")
-    lines = {
-        "build": f"build {APARTMENT} -o map.db -q",
-        "inspect-log": f"inspect log {APARTMENT}",
-        "inspect-graph": "inspect graph",
-        "inspect-node": "inspect node 1",
-        "inspect-map": "inspect map",
-        "check": "check --require 'nodes >= 1'",
-        "compare": f"compare map.db {apartment}",
-        "doctor": "doctor",
-        "evaluate-trajectory": f"evaluate trajectory map.db {TRUTH}/trajectory.tum",
-        "evaluate-grid": f"evaluate grid {grid} {TRUTH}/grid.yaml",
-        "evaluate-loops": f"evaluate loops map.db {TRUTH}/trajectory.tum",
-        "optimise": "optimise map.db",
-    }
-    for name, line in lines.items():
-        status, out, err = run(f"mapmyworld {line} --format json")
-        assert status == 0, f"{line}\n{err}"
-        schema = json.loads((SCHEMAS / f"{name}.json").read_text(encoding="utf-8"))
-        jsonschema.validate(json.loads(out), schema)
-
-
-def test_every_schema_is_one_and_is_listed() -> None:
-    text = (ROOT / "docs" / "json.md").read_text(encoding="utf-8")
-    for path in SCHEMAS.glob("*.json"):
-        jsonschema.Draft202012Validator.check_schema(json.loads(path.read_text(encoding="utf-8")))
-        assert f"(schemas/{path.name})" in text

@@ -7,8 +7,10 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from browser import browser  # noqa: F401
 from conftest import ROOT
 from ruamel.yaml import YAML
 
@@ -26,13 +28,47 @@ def test_pictures_are_small_enough_to_load() -> None:
         assert path.stat().st_size < 300_000, path.name
 
 
-@pytest.mark.slow
-def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The built pages; a warning would have ended the build."""
     pytest.importorskip("mkdocs", reason="no mkdocs: the site is not built")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", str(tmp_path / "site")]
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", str(folder)]
     environment = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, env=environment, check=False
     )
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "site" / "index.html").is_file()
+    return folder
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning(site: Path) -> None:
+    assert (site / "index.html").is_file()
+    assert not list(site.rglob("*.py"))
+
+
+@pytest.mark.slow
+def test_equations_are_part_of_the_pages(site: Path) -> None:
+    """MathML, made while the site is built; what TeX it does not know would stand there as text."""
+    pages = {
+        page: re.findall("<math.*?</math>", page.read_text(encoding="utf-8"), re.DOTALL)
+        for page in site.rglob("index.html")
+    }
+    assert sum(map(len, pages.values())) > 15
+    for page, equations in pages.items():
+        assert not re.search(r"\\[(\[]", page.read_text("utf-8").split("<article")[-1]), page
+        assert [e for e in equations if re.search(r">\\[a-zA-Z]", e)] == [], page
+
+
+@pytest.mark.slow
+def test_the_site_asks_nobody_else_for_anything(site: Path, browser: Any) -> None:  # noqa: F811
+    asked: list[str] = []
+    page = browser.new_page()
+    page.on("request", lambda request: asked.append(request.url))
+    for name in ("index.html", "stages/track/index.html", "settings/index.html"):
+        page.goto((site / name).as_uri())
+        page.wait_for_load_state("load")
+    assert page.locator("h1").is_visible()
+    page.close()
+    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []

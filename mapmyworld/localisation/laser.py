@@ -221,10 +221,12 @@ class LaserLocaliser:
             moment = self._waiting.pop()
             if moment.index == now.index:
                 continue
+            if moment.shaken:
+                break  # its scan may have been taken while the robot was carried
             guess = compose_planar(pose, between_planar(after.tracked, moment.tracked))
             match = match_at(self._place, moment, guess, FINE, self._config, prior)
             fit = fit_at(self._place, moment, match.pose, self._config)
-            if after.shaken or fit.agreement < self._settings.agreement_found:
+            if fit.agreement < self._settings.agreement_found:
                 break
             pose, after = match.pose, moment
             self.estimates[moment.index] = replace(

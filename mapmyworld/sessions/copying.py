@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import invert, planar_to_matrix
+from mapmyworld.geometry import invert
 from mapmyworld.sessions.units import Unit
 from mapmyworld.types import Constraint, MapStore, Node, TrackedFrames
 
@@ -22,7 +22,7 @@ class Placed:
 
     unit: Unit
     common_from_unit: Array
-    """(3,)."""
+    """(4, 4)."""
     first_id: int
     """What its node ids begin after."""
     first_session: int
@@ -95,13 +95,12 @@ def _note_tracks(sources: Sequence[MapStore], store: MapStore) -> None:
 def _nodes(item: Placed) -> list[tuple[Node, Node]]:
     """Each node with what becomes of it: new id and session, tracked in the common frame."""
     sessions = {s: item.first_session + k for k, s in enumerate(item.unit.sessions)}
-    common = planar_to_matrix(item.common_from_unit)
     moved: dict[int, Array] = {}
     pairs = []
     for row, node in enumerate(item.unit.nodes):
         if node.session not in moved:
             # The session's first node goes where the common frame has it; the others follow.
-            solved = common @ planar_to_matrix(item.unit.poses[row])
+            solved = item.common_from_unit @ item.unit.solved[row]
             moved[node.session] = solved @ invert(node.tracked_from_base)
         tracked = moved[node.session] @ node.tracked_from_base
         fresh = replace(

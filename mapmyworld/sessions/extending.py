@@ -26,10 +26,10 @@ from mapmyworld.sessions.copying import (
     copy_drives,
     copy_plan,
 )
-from mapmyworld.sessions.joining import Joint, is_comparable, locate_unit
+from mapmyworld.sessions.joining import have_scans, locate_unit
 from mapmyworld.sessions.notes import digest_of, note_sessions
 from mapmyworld.sessions.skeleton import skeleton_of
-from mapmyworld.sessions.units import Unit, load_unit
+from mapmyworld.sessions.units import Joint, Unit, load_unit
 from mapmyworld.stages.maps import draw_maps
 from mapmyworld.stages.recognise import has_images, scan_loader
 from mapmyworld.stages.solve import solve_and_judge
@@ -81,7 +81,7 @@ def extend_map(
 def _first_that_joins(
     base: Unit, units: Sequence[Unit], config: Config, progress: Progress
 ) -> tuple[Unit, Joint] | None:
-    units = [unit for unit in units if is_comparable(base, unit)]
+    units = [unit for unit in units if have_scans(base, unit)]
     if not units:
         return None
     progress.stage("join sessions", len(units), "sessions")
@@ -110,7 +110,7 @@ def _lay(base: Unit, unit: Unit, joint: Array, config: Config, progress: Progres
     """The unit solved against the map's skeleton; None where many closures do not fit."""
     skeleton = skeleton_of(base, config)
     item = Placed(unit, joint, base.nodes[-1].id, max(base.sessions) + 1)
-    placed, scratch = [Placed(skeleton, np.zeros(3), 0, 0), item], MemoryMap()
+    placed, scratch = [Placed(skeleton, np.eye(4), 0, 0), item], MemoryMap()
     with scratch.write_stage("plan", ""):
         copy_plan([base.store, unit.store], scratch)
     with scratch.write_stage("track", ""):

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between_planar, compose_planar, invert_planar
+from mapmyworld.geometry import between_planar, compose_planar, invert_planar, planar_to_matrix
 from mapmyworld.localisation.known_place import Fit, KnownPlace, known_place_from_store
 from mapmyworld.localisation.observation import (
     Moment,
@@ -20,7 +19,8 @@ from mapmyworld.localisation.observation import (
 )
 from mapmyworld.localisation.seeking import Seeker
 from mapmyworld.registration.scan_matching import COARSE, prepare_scan
-from mapmyworld.sessions.units import Unit
+from mapmyworld.sessions import joining_by_images as by_images
+from mapmyworld.sessions.units import Joint, Unit
 from mapmyworld.stages.recognise import has_scans
 from mapmyworld.types import Progress, Scan
 
@@ -31,19 +31,6 @@ _MAJORITY = 3.0  # times more that must agree than contradict
 _CONTRADICTS = 0.5  # agreement below which a scan speaks against a place
 _STAYS = 0.5  # m that a witness may be moved by its match
 _ATTEMPTS = 5  # places that are found and not borne out, before a unit is given up
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Joint:
-    """How a later unit lies in an earlier one."""
-
-    earlier: int
-    later: int
-    earlier_from_later: Array
-    """(3,)."""
-    support: int
-    """Scans that bear it out."""
-    against: int
 
 
 def find_joints(units: list[Unit], config: Config, progress: Progress) -> list[Joint]:
@@ -68,15 +55,16 @@ def find_joints(units: list[Unit], config: Config, progress: Progress) -> list[J
 def _join(
     units: list[Unit], earlier: int, later: int, places: dict[int, KnownPlace], config: Config
 ) -> Joint | None:
-    if not is_comparable(units[earlier], units[later]):
-        return None
+    a, b = units[earlier], units[later]
+    if not have_scans(a, b):
+        return by_images.locate_unit(a, b, earlier, later, config)
     if earlier not in places:
         places.clear()  # a place is large, and mostly the first one serves
-        places[earlier] = known_place_from_store(units[earlier].store, config)
-    return locate_unit(units[later], places[earlier], earlier, later, config)
+        places[earlier] = known_place_from_store(a.store, config)
+    return locate_unit(b, places[earlier], earlier, later, config)
 
 
-def is_comparable(a: Unit, b: Unit) -> bool:
+def have_scans(a: Unit, b: Unit) -> bool:
     """Whether a laser drew both."""
     return a.planar and b.planar and has_scans(a.store) and has_scans(b.store)
 
@@ -97,7 +85,7 @@ def locate_unit(
         joint = compose_planar(found.match.pose, invert_planar(pose))
         support, against = _testify(unit, place, joint, config)
         if support >= _SUPPORT and support >= _MAJORITY * against:
-            return Joint(earlier, later, joint, support, against)
+            return Joint(earlier, later, planar_to_matrix(joint), support, against)
         attempts += 1
         if attempts == _ATTEMPTS:
             return None

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import compose_planar, invert_planar
+from mapmyworld.geometry import invert
 from mapmyworld.sessions.copying import copied_constraints, copy_drives, copy_plan, place_units
-from mapmyworld.sessions.joining import Joint, find_joints
+from mapmyworld.sessions.joining import find_joints
 from mapmyworld.sessions.notes import digest_of, note_sessions
-from mapmyworld.sessions.units import Unit
+from mapmyworld.sessions.units import Joint, Unit
 from mapmyworld.stages.maps import draw_maps
 from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve import solve_and_judge
@@ -107,14 +107,13 @@ def _merge(
 
 def _common_poses(group: Sequence[int], joints: Sequence[Joint]) -> list[Array]:
     """Where each unit's frame lies in that of the group's first, along the joints."""
-    known: dict[int, Array] = {group[0]: np.zeros(3)}
+    known: dict[int, Array] = {group[0]: np.eye(4)}
     waiting = [joint for joint in joints if joint.later in group]
     while waiting:
         joint = next(j for j in waiting if j.earlier in known or j.later in known)
         waiting.remove(joint)
         if joint.earlier in known:
-            known[joint.later] = compose_planar(known[joint.earlier], joint.earlier_from_later)
+            known[joint.later] = known[joint.earlier] @ joint.earlier_from_later
         else:
-            back = invert_planar(joint.earlier_from_later)
-            known[joint.earlier] = compose_planar(known[joint.later], back)
+            known[joint.earlier] = known[joint.later] @ invert(joint.earlier_from_later)
     return [known[k] for k in group]

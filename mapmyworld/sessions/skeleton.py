@@ -45,8 +45,8 @@ def skeleton_of(base: Unit, config: Config) -> Unit:
         store.set_tracked_frames(_frames(nodes))
     with store.write_stage("recognise", ""):
         store.add_constraints(_ties(nodes))
-    solved = matrix_to_planar(np.array([node.tracked_from_base for node in nodes]))
-    return Unit(base.name, store, tuple(nodes), solved.reshape(-1, 3), base.planar)
+    solved = np.array([node.tracked_from_base for node in nodes]).reshape(-1, 4, 4)
+    return Unit(base.name, store, tuple(nodes), solved, base.planar)
 
 
 def _spread_out(poses: NDArray[np.float64], spacing: float) -> list[int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +15,21 @@ from mapmyworld.types import MapStore, Node
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Unit:
     """A finished map to be joined with others."""
 
     name: str
     store: MapStore
     nodes: tuple[Node, ...]
-    poses: Array
-    """(N, 3) solved poses of the nodes, in the unit's own frame."""
+    solved: Array
+    """(N, 4, 4) poses of the nodes, in the unit's own frame."""
     planar: bool
+
+    @cached_property
+    def poses(self) -> Array:
+        """(N, 3) of `solved`."""
+        return matrix_to_planar(self.solved)
 
     @property
     def sessions(self) -> tuple[int, ...]:
@@ -43,6 +49,19 @@ def load_unit(name: str, store: MapStore) -> Unit:
     if not nodes or poses is None or store.frame_poses() is None:
         raise MapError(f"{name}: is not finished: build it to its end before it is merged")
     at = {int(i): row for row, i in enumerate(poses.ids)}
-    solved = matrix_to_planar(np.stack([poses.map_from_node[at[node.id]] for node in nodes]))
+    solved = np.stack([poses.map_from_node[at[node.id]] for node in nodes])
     planar = bool((store.get("plan") or {}).get("planar", False))
     return Unit(name, store, nodes, solved, planar)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint:
+    """How a later unit lies in an earlier one."""
+
+    earlier: int
+    later: int
+    earlier_from_later: Array
+    """(4, 4)."""
+    support: int
+    """Scans, or images, that bear it out."""
+    against: int

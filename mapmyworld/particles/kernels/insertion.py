@@ -8,7 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.particles.kernels.surfaces import FULL, MASK, MEMORY, TILE, TILE_SHIFT, jit, slot_of
+from mapmyworld.particles.kernels.surfaces import (
+    FULL,
+    MASK,
+    MEMORY,
+    TILE,
+    TILE_SHIFT,
+    jit,
+    moved,
+    slot_of,
+    turned,
+)
 
 
 @jit
@@ -55,11 +65,11 @@ def touched_tiles(
     for particle in range(first, last):
         pose = poses[particle]
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
-        ox = (pose[0] + cos * beams.origin[0] - sin * beams.origin[1]) / side - base[1]
-        oy = (pose[1] + sin * beams.origin[0] + cos * beams.origin[1]) / side - base[0]
+        ox, oy = moved(pose, cos, sin, beams.origin)
+        ox, oy = ox / side - base[1], oy / side - base[0]
         for i in range(beams.points.shape[0]):
-            x = (pose[0] + cos * beams.points[i, 0] - sin * beams.points[i, 1]) / side - base[1]
-            y = (pose[1] + sin * beams.points[i, 0] + cos * beams.points[i, 1]) / side - base[0]
+            x, y = moved(pose, cos, sin, beams.points[i])
+            x, y = x / side - base[1], y / side - base[0]
             _mark_line(tables[particle], ox, oy, x, y, out[particle])
             out[particle, math.floor(y), math.floor(x)] = True
 
@@ -154,17 +164,13 @@ def insert(
     for particle in range(first, last):
         pose = poses[particle]
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
-        ox = pose[0] + cos * beams.origin[0] - sin * beams.origin[1]
-        oy = pose[1] + sin * beams.origin[0] + cos * beams.origin[1]
+        ox, oy = moved(pose, cos, sin, beams.origin)
         for i in range(beams.points.shape[0]):
-            x = pose[0] + cos * beams.points[i, 0] - sin * beams.points[i, 1]
-            y = pose[1] + sin * beams.points[i, 0] + cos * beams.points[i, 1]
+            x, y = moved(pose, cos, sin, beams.points[i])
             _cross(maps, particle, ox, oy, x, y, own)
         for i in range(beams.points.shape[0]):
-            x = pose[0] + cos * beams.points[i, 0] - sin * beams.points[i, 1]
-            y = pose[1] + sin * beams.points[i, 0] + cos * beams.points[i, 1]
-            nx = cos * beams.normals[i, 0] - sin * beams.normals[i, 1]
-            ny = sin * beams.normals[i, 0] + cos * beams.normals[i, 1]
+            x, y = moved(pose, cos, sin, beams.points[i])
+            nx, ny = turned(cos, sin, beams.normals[i])
             _hit(maps, particle, x, y, nx, ny, own)
 
 
@@ -182,8 +188,8 @@ def mark_path(
     for k in range(len(poses)):
         cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
         for i in range(ends[k], ends[k + 1]):
-            x = (poses[k, 0] + cos * points[i, 0] - sin * points[i, 1]) / side - base[1]
-            y = (poses[k, 1] + sin * points[i, 0] + cos * points[i, 1]) / side - base[0]
+            x, y = moved(poses[k], cos, sin, points[i])
+            x, y = x / side - base[1], y / side - base[0]
             out[math.floor(y), math.floor(x)] = True
 
 
@@ -200,8 +206,6 @@ def insert_path(
     for k in range(len(poses)):
         cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
         for i in range(ends[k], ends[k + 1]):
-            x = poses[k, 0] + cos * points[i, 0] - sin * points[i, 1]
-            y = poses[k, 1] + sin * points[i, 0] + cos * points[i, 1]
-            nx = cos * normals[i, 0] - sin * normals[i, 1]
-            ny = sin * normals[i, 0] + cos * normals[i, 1]
+            x, y = moved(poses[k], cos, sin, points[i])
+            nx, ny = turned(cos, sin, normals[i])
             _hit(maps, 0, x, y, nx, ny, own)

@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.particles.kernels.surfaces import MASK, PLANAR, TILE_SHIFT, jit, nearest, slot_of
+from mapmyworld.particles.kernels.surfaces import (
+    MASK,
+    PLANAR,
+    TILE_SHIFT,
+    jit,
+    moved,
+    nearest,
+    slot_of,
+    turned,
+)
 
 
 @jit
@@ -20,10 +29,8 @@ def log_likelihood(
     total = 0.0
     half = 0.5 / (sigma * sigma)
     for i in range(beams.points.shape[0]):
-        x = pose[0] + cos * beams.points[i, 0] - sin * beams.points[i, 1]
-        y = pose[1] + sin * beams.points[i, 0] + cos * beams.points[i, 1]
-        nx = cos * beams.normals[i, 0] - sin * beams.normals[i, 1]
-        ny = sin * beams.normals[i, 0] + cos * beams.normals[i, 1]
+        x, y = moved(pose, cos, sin, beams.points[i])
+        nx, ny = turned(cos, sin, beams.normals[i])
         d2, qx, qy, mx, my = nearest(maps, particle, x, y, nx, ny, reach)
         if d2 < 1e8:
             length = math.sqrt(mx * mx + my * my)
@@ -69,12 +76,10 @@ def beam_log_likelihoods(
     for particle in range(first, last):
         pose = poses[particle]
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
-        ox = pose[0] + cos * beams.origin[0] - sin * beams.origin[1]
-        oy = pose[1] + sin * beams.origin[0] + cos * beams.origin[1]
+        ox, oy = moved(pose, cos, sin, beams.origin)
         total = 0.0
         for i in range(beams.points.shape[0]):
-            x = pose[0] + cos * beams.points[i, 0] - sin * beams.points[i, 1]
-            y = pose[1] + sin * beams.points[i, 0] + cos * beams.points[i, 1]
+            x, y = moved(pose, cos, sin, beams.points[i])
             error = _ray_error(maps, particle, ox, oy, x, y, 4.0 * sigma)
             total += math.log(0.9 * math.exp(-half * error * error) + 0.1)
         out[particle] = total

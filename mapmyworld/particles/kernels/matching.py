@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.particles.kernels.likelihood import log_likelihood
-from mapmyworld.particles.kernels.surfaces import PLANAR, Beams, jit, nearest
+from mapmyworld.particles.kernels.surfaces import PLANAR, Beams, jit, nearest, turned
 
 STEP, TURN = 1e-3, 2e-4  # m, rad: steps that change no cell and end the search
 POINT = 0.1  # weight of an end point at a cell that is no line: it may lie beside the true one
@@ -36,10 +36,8 @@ def linearise(
     matched = 0.0
     inverse = 1.0 / (sigma * sigma)
     for i in range(beams.points.shape[0]):
-        rx = cos * beams.points[i, 0] - sin * beams.points[i, 1]
-        ry = sin * beams.points[i, 0] + cos * beams.points[i, 1]
-        nx = cos * beams.normals[i, 0] - sin * beams.normals[i, 1]
-        ny = sin * beams.normals[i, 0] + cos * beams.normals[i, 1]
+        rx, ry = turned(cos, sin, beams.points[i])
+        nx, ny = turned(cos, sin, beams.normals[i])
         x, y = pose[0] + rx, pose[1] + ry
         d2, qx, qy, mx, my = nearest(maps, particle, x, y, nx, ny, reach)
         if d2 > limit:

@@ -65,6 +65,20 @@ class Beams(NamedTuple):
 
 
 @jit
+def turned(cos: float, sin: float, v: NDArray[np.float64]) -> tuple[float, float]:
+    """A vector (2,) turned by the angle of this cosine and sine."""
+    return cos * v[0] - sin * v[1], sin * v[0] + cos * v[1]
+
+
+@jit
+def moved(
+    pose: NDArray[np.float64], cos: float, sin: float, v: NDArray[np.float64]
+) -> tuple[float, float]:
+    """A point (2,) of the frame at `pose` (3,), whose heading has this cosine and sine."""
+    return pose[0] + cos * v[0] - sin * v[1], pose[1] + sin * v[0] + cos * v[1]
+
+
+@jit
 def slot_of(maps: Any, particle: int, ix: int, iy: int) -> int:
     ty = (iy >> TILE_SHIFT) - maps.base[0]
     tx = (ix >> TILE_SHIFT) - maps.base[1]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.types import MapStore, Poses, Progress
+from mapmyworld.types import Constraint, MapStore, Poses, Progress
 
 if TYPE_CHECKING:
     from mapmyworld.places.laser_nodes import NodeScans
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 
 LoadScans = Callable[[], "NodeScans | None"]
 """Gives the nodes' laser scans, made ready once; None for a log without a laser."""
+
+
+Finder = Callable[[MapStore, Config, Progress], list[Constraint]]
+"""Looks for constraints; gives none where its sensor or its setting is not there."""
 
 
 def scan_loader(store: MapStore, config: Config) -> LoadScans:
@@ -44,12 +48,17 @@ def recognise(
 
     `words`: a vocabulary, number -> descriptor, to be used instead of one learned from the log.
     """
-    if config.visual.markers and has_images(store):
-        from mapmyworld.places.markers import find_markers
-
-        store.add_constraints(find_markers(store, config, progress))
+    for find in _finders():
+        store.add_constraints(find(store, config, progress))
     add_closures(store, None, config, progress, scans, words)
     _check_wheels(store, progress)
+
+
+def _finders() -> tuple[Finder, ...]:
+    """Who looks once over the tracked nodes; what they find may be of a kind of its own."""
+    from mapmyworld.places.markers import find_markers
+
+    return (find_markers,)
 
 
 def _check_wheels(store: MapStore, progress: Progress) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from mapmyworld.types import (
     CameraInfoMessage,
+    GpsMessage,
     ImageMessage,
     ImuMessage,
     LaserScanMessage,
@@ -20,6 +21,7 @@ from mapmyworld.types import (
     PointCloudMessage,
     PoseMessage,
     RawMessage,
+    ReadingMessage,
     TextMessage,
     TopicInfo,
     TransformsMessage,
@@ -34,6 +36,8 @@ _KINDS: dict[type, MessageKind] = {
     ImuMessage: MessageKind.IMU,
     TransformsMessage: MessageKind.TRANSFORMS,
     PoseMessage: MessageKind.POSE,
+    GpsMessage: MessageKind.GPS,
+    ReadingMessage: MessageKind.READING,
     TextMessage: MessageKind.TEXT,
 }
 

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from log_builders import drive, write_mcap, write_ros1, write_rosbag2
 from log_laws import check_cut, check_laws
 from test_logs_carmen import SMALL as CARMEN
 from test_logs_tum import make as make_tum
+
+from mapmyworld import memory_log
+from mapmyworld.types import Message, MessageKind
 
 
 def _carmen(folder: Path) -> Path:
@@ -31,6 +35,11 @@ LOGS: dict[str, Callable[[Path], Path]] = {
     "ROS 1 bag": lambda folder: write_ros1(folder / "a.bag", drive(1, 6)),
     "rosbag2": lambda folder: write_rosbag2(folder / "bag", drive(2, 6)),
 }
+
+
+def test_every_type_of_message_has_its_kind_in_a_log_in_memory() -> None:
+    kinds = [memory_log._KINDS[message] for message in get_args(Message)]
+    assert set(kinds) == set(MessageKind) - {MessageKind.OTHER}
 
 
 @pytest.mark.parametrize("kind", LOGS)

@@ -19,7 +19,8 @@ from mapmyworld.simulation.settings import (
     OdometrySettings,
     SimulationSettings,
 )
-from mapmyworld.simulation.solids import Box, Opening, Post, wall
+from mapmyworld.simulation.solids import GLASS, Box, Opening, Post, wall
+from mapmyworld.simulation.textures import make_texture
 from mapmyworld.simulation.world import Ground, World, build_scene
 
 LASER_ONLY = SimulationSettings(
@@ -121,6 +122,15 @@ def test_every_route_of_every_world_can_be_driven(name: str) -> None:
         assert recording.truth.drive.length > 5.0
         if route == "default":
             assert recording.truth.drive.poses[0].tolist() == [0.0, 0.0, 0.0]
+
+
+def test_every_texture_of_every_world_can_be_painted() -> None:
+    """One of each kind, and every plain colour: routes are driven without a camera."""
+    names = {name for world in WORLDS.values() for name in build_scene(world).faces.texture}
+    kinds = {name if name.startswith("plain") else name.split(":")[0]: name for name in names}
+    assert kinds.pop(GLASS) == GLASS
+    for name in kinds.values():
+        assert make_texture(name).pixels.any()
 
 
 def test_the_driver_keeps_to_the_robots_limits_and_never_jumps() -> None:

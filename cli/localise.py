@@ -53,9 +53,7 @@ def localise(
     mapmyworld localise building.yaml drive.bag -o path.tum -o path.mcap -o path.png
     """
     outputs = outputs or _beside(logs[0])
-    for path in outputs:
-        if path.suffix not in _KINDS:
-            raise click.UsageError(f"{path}: give a name that ends in {', '.join(_KINDS)}")
+    _require_places(outputs)
     config = load_config(config_path, changes)
     started, cpu = time.monotonic(), time.process_time()
     progress = StderrProgress(quiet=quiet)
@@ -78,6 +76,15 @@ def localise(
     if found.known_share < 1.0 or found.losses:
         _complain(found)
         sys.exit(EXIT_PARTIAL)
+
+
+def _require_places(outputs: tuple[Path, ...]) -> None:
+    """Refuses what could not be written, before any work is done."""
+    for path in outputs:
+        if path.suffix not in _KINDS:
+            raise click.UsageError(f"{path}: give a name that ends in {', '.join(_KINDS)}")
+        if not path.absolute().parent.is_dir():
+            raise MapError(f"{path}: its folder does not exist")
 
 
 def _beside(log: Path) -> tuple[Path, ...]:

@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+from robust import batches
 from robust.trials import try_command
 from room_drive import drive
 
@@ -70,3 +71,50 @@ def test_a_batch_sums_up_goes_on_and_gives_the_same_again(tmp_path: Path) -> Non
     assert "1 of 3 logs are finished already" in again.stderr  # the broken one is tried again
     assert {name: (out / name).read_bytes() for name in FORMS} == before
     assert (out / "good" / "map.db").stat().st_mtime_ns == built
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, bytes]]:
+    """A manifest of two short logs and three broken ones, and what an unbroken batch makes."""
+    folder = tmp_path_factory.mktemp("batch")
+    manifest = batches.write_logs(folder, 5, broken=3)
+    ran = batches.run_batch(manifest, folder / "whole")
+    assert ran.exit_code == 2, ran.stderr
+    assert "2 built, 0 partial, 3 failed" in ran.stdout
+    return manifest, batches.products(folder / "whole")
+
+
+@pytest.mark.slow
+def test_a_killed_build_and_a_killed_batch_change_no_byte(
+    whole: tuple[Path, dict[str, bytes]],
+) -> None:
+    manifest, expected = whole
+    output = manifest.parent / "killed"
+    assert batches.kill_batch(manifest, output, 0, 1, "--jobs", "1") == 0
+    assert not (output / "summary.json").exists()
+    ran = batches.run_batch(manifest, output)
+    assert ran.exit_code == 2
+    assert "1 of 5 logs are finished already" in ran.stderr
+    assert batches.differences(expected, batches.products(output)) == []
+
+
+@pytest.mark.slow
+def test_two_workers_of_a_cluster_change_no_byte(whole: tuple[Path, dict[str, bytes]]) -> None:
+    from distributed import LocalCluster
+
+    manifest, expected = whole
+    output = manifest.parent / "cluster"
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    with LocalCluster(processes=True, **options) as dask:
+        ran = batches.run_batch(manifest, output, "--scheduler", dask.scheduler_address)
+    assert ran.exit_code == 2
+    assert batches.differences(expected, batches.products(output)) == []
+
+
+def test_a_cluster_out_of_reach_is_named(tmp_path: Path) -> None:
+    (tmp_path / "logs.toml").write_text('[[log]]\nlog = "absent.bag"\n')
+    command = ["batch", str(tmp_path / "logs.toml"), "-o", str(tmp_path / "out"), "-q"]
+    tried = try_command([*command, "--scheduler", "nonsense://nowhere:1"])
+    assert tried.exit_code == 2
+    assert tried.fault == ""
+    assert "cannot be reached" in tried.stderr

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import itertools
 import json
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from formats.localisation import CSV_COLUMNS
 from formats.logs import open_log
 from formats.trajectory import read_trajectory
 from mapmyworld.errors import MapMyWorldError
-from mapmyworld.geometry import between_planar, matrix_to_planar
+from mapmyworld.geometry import between_planar, matrix_to_planar, planar_to_matrix
 from mapmyworld.types import LaserScanMessage, PoseMessage, TransformsMessage
 
 
@@ -251,3 +252,46 @@ def test_several_logs_can_be_written_by_the_writer(tmp_path: Path) -> None:
     made = later(drive(scans=10), 5)
     write(tmp_path / "short.mcap", made.entries)
     assert open_log([tmp_path / "short.mcap"]).info().message_count == len(made.entries)
+
+
+def test_other_programs_read_the_outputs(folder: Path, tmp_path: Path) -> None:
+    """Evo the trajectory; rosbags the poses with their covariance, the states and tf."""
+    from evo.core import metrics, sync
+    from evo.core.trajectory import PoseTrajectory3D
+    from evo.tools import file_interface
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    files = [tmp_path / f"path.{ending}" for ending in ("tum", "csv", "mcap")]
+    options = [word for file in files for word in ("-o", file)]
+    run("localise", folder / "one.db", folder / "two.mcap", *options, "-q")
+    with files[1].open() as stream:
+        rows = {int(row["stamp_ns"]): row for row in csv.DictReader(stream)}
+
+    expected = between_planar(drive(seed=1).truth[0], drive(seed=2).truth[25:])
+    truth = PoseTrajectory3D(
+        poses_se3=list(planar_to_matrix(expected)), timestamps=np.array(sorted(rows)) * 1e-9
+    )
+    found = file_interface.read_tum_trajectory_file(str(files[0]))
+    error = metrics.APE(metrics.PoseRelation.translation_part)
+    error.process_data(sync.associate_trajectories(truth, found, max_diff=0.001))
+    assert error.get_statistic(metrics.StatisticsType.median) < 0.03
+
+    told: dict[str, list[object]] = {}
+    with AnyReader([files[2]], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        for connection, _, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            told.setdefault(connection.topic, []).append(message)
+    assert set(told) == {"/tf", "/localisation/pose", "/localisation/state"}
+    changes = [state for state, _ in itertools.groupby(row["state"] for row in rows.values())]
+    assert [message.data for message in told["/localisation/state"]] == changes  # type: ignore[attr-defined]
+    for message in told["/localisation/pose"]:
+        row = rows[message.header.stamp.sec * 10**9 + message.header.stamp.nanosec]  # type: ignore[attr-defined]
+        pose = message.pose.pose.position  # type: ignore[attr-defined]
+        assert (pose.x, pose.y) == pytest.approx((float(row["x"]), float(row["y"])), abs=1e-8)
+        covariance = message.pose.covariance.reshape(6, 6)  # type: ignore[attr-defined]
+        own = np.hypot(float(row["sigma_x"]), float(row["sigma_y"]))
+        assert np.sqrt(np.trace(covariance[:2, :2])) == pytest.approx(own, rel=1e-4)
+        assert np.sqrt(covariance[5, 5]) == pytest.approx(float(row["sigma_yaw"]), rel=1e-4)
+    frames = {(t.header.frame_id, t.child_frame_id) for m in told["/tf"] for t in m.transforms}  # type: ignore[attr-defined]
+    assert frames == {("map", "odom"), ("odom", "base_link")}

@@ -6,9 +6,7 @@ from typing import Any
 
 import click
 
-from cli.export_maps import cloud, grid, mesh
-from cli.export_nodes import graph, images, trajectory, vocabulary
-from cli.export_views import figure, mcap, report
+from cli import export_maps, export_nodes, export_views
 from mapmyworld.errors import MapError
 
 
@@ -36,5 +34,8 @@ def export() -> None:
     """
 
 
-for command in (grid, cloud, mesh, trajectory, graph, images, vocabulary, report, figure, mcap):
-    export.add_command(command)
+# Every command of these modules: a new export has no other registration.
+for module in (export_maps, export_nodes, export_views):
+    for command in vars(module).values():
+        if isinstance(command, click.Command):
+            export.add_command(command)

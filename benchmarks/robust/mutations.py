@@ -48,6 +48,8 @@ def _spoil_value(database: sqlite3.Connection, table: str, rng: Rng) -> None:
     """One value of a table made another one, or its row removed."""
     columns = [row[1] for row in database.execute(f'PRAGMA table_info("{table}")')]
     rows = [row for (row,) in database.execute(f'SELECT rowid FROM "{table}"')]
+    if not rows:  # the last one was removed by the damage before
+        return
     row, column = rows[int(rng.integers(len(rows)))], columns[int(rng.integers(len(columns)))]
     if rng.random() < 0.1:
         database.execute(f'DELETE FROM "{table}" WHERE rowid = ?', (row,))

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mapmyworld.diagnosis.alignment import alignment_findings, grey_levels
 from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.diagnosis.rotation import time_offset
 from mapmyworld.diagnosis.sample import Sample, odometry_yaw
@@ -35,11 +35,6 @@ _LEVEL = 0.97  # cosine of the steepest floor that is looked for, about 14 deg
 _NEAR = 0.025  # m from a plane at which a point counts for it
 _TILT = 2.0  # deg
 _HEIGHT = 0.05  # m
-_JUMP = 0.1  # m between neighbouring pixels of an edge
-_SHIFT = 3.0  # pixels
-_MOST_SHIFT = 12  # pixels
-_LEAST_IMAGES = 3  # whose edges tell something
-_DISAGREE = 2.0  # pixels, median by which their shifts may differ from one another
 
 
 def camera_findings(sample: Sample) -> Iterator[Finding]:
@@ -65,7 +60,7 @@ def image_findings(frames: Sequence[Frame], plan: Plan) -> Iterator[Finding]:
     ]
     yield from _depth_against_laser(chosen, plan)
     yield from _floor([image for _, image in chosen])
-    yield from _depth_against_colour([image for _, image in chosen])
+    yield from alignment_findings([image for _, image in chosen])
 
 
 def _depth_against_laser(chosen: list[tuple[Frame, RgbdImage]], plan: Plan) -> Iterator[Finding]:
@@ -168,56 +163,6 @@ def _plane(points: Array) -> tuple[Array, float, float]:
     return normal, float(centre @ normal / max(normal[2], 1e-3)), most / len(points)
 
 
-def _depth_against_colour(images: list[RgbdImage]) -> Iterator[Finding]:
-    """By how many pixels edges of depth lie beside edges of colour."""
-    found = [shift for image in images if (shift := _edge_shift(image)) is not None]
-    if len(found) < _LEAST_IMAGES:
-        return
-    shifts = np.array(found)
-    across, down = np.median(shifts, axis=0)
-    if np.median(np.abs(shifts - [across, down]), axis=0).max() > _DISAGREE:
-        return
-    size = float(np.hypot(across, down))
-    good = size < _SHIFT
-    text = f"edges of depth lie {across:+.1f}, {down:+.1f} pixels beside those of colour"
-    remedy = "" if good else "register depth to colour (depth_registration), or calibrate the pair"
-    yield Finding(
-        "camera and depth", size, "pixels", good, f"{text} ({len(shifts)} images)", remedy
-    )
-
-
-def _edge_shift(image: RgbdImage) -> tuple[float, float] | None:
-    """The shift (across, down) at which edges overlap most; None where there is none such."""
-    assert image.colour is not None
-    assert image.depth is not None
-    grey = _grey(image.colour.pixels())
-    depth = np.asarray(image.depth.pixels(), np.float64)
-    if depth.shape != grey.shape:
-        return None
-    across, down = np.abs(np.diff(depth, axis=1)) > _JUMP, np.abs(np.diff(depth, axis=0)) > _JUMP
-    edges = np.zeros(depth.shape)  # both sides of a jump, so that the edge lies in their middle
-    edges[:, 1:] += across
-    edges[:, :-1] += across
-    edges[1:] += down
-    edges[:-1] += down
-    edges = np.minimum(edges, 1.0) * (depth > 0)
-    if edges.sum() < _LEAST_POINTS:
-        return None
-    strength = np.hypot(*np.gradient(grey))
-    strength = np.minimum(strength, 4.0 * strength.mean() + 1e-9)
-    spectrum = np.fft.rfft2(strength - strength.mean()) * np.conj(
-        np.fft.rfft2(edges - edges.mean())
-    )
-    overlap = np.fft.irfft2(spectrum, grey.shape)
-    reach = np.arange(-_MOST_SHIFT, _MOST_SHIFT + 1)
-    window = overlap[np.ix_(reach, reach)]
-    row, column = np.unravel_index(int(window.argmax()), window.shape)
-    at_border = {int(row), int(column)} & {0, 2 * _MOST_SHIFT}
-    if at_border or window.max() < 1.2 * abs(window).mean():
-        return None
-    return -float(reach[column]), -float(reach[row])
-
-
 def _clock(framed: list[Frame], sample: Sample, guard: ImageGuard) -> Iterator[Finding]:
     """Turns seen by the camera, from how its columns move, against the odometry's."""
     clock = odometry_yaw(sample.plan, sample.frames[0].stamp_ns)
@@ -230,7 +175,7 @@ def _clock(framed: list[Frame], sample: Sample, guard: ImageGuard) -> Iterator[F
         if colour is None:
             continue
         stamps.append((colour.stamp_ns - sample.frames[0].stamp_ns) * 1e-9)
-        grey = _grey(colour.pixels())
+        grey = grey_levels(colour.pixels())
         third = len(grey) // 3
         profile = grey[third : 2 * third].mean(axis=0)
         profiles.append((profile - profile.mean()) / (profile.std() + 1e-9))
@@ -257,8 +202,3 @@ def _profile_shift(before: Array, now: Array) -> float:
     bend = left - 2.0 * middle + right
     shift = 0.5 * (left - right) / bend if np.isfinite(bend) and bend < 0 else 0.0
     return float(best - (count - 1) + shift)
-
-
-def _grey(picture: NDArray[np.generic]) -> Array:
-    cells = np.asarray(picture, np.float64)
-    return cells if cells.ndim == 2 else cells.mean(axis=2)

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -115,15 +114,15 @@ def measure(log: Path, output: Path, settings: list[str]) -> Row:
     command.append("--overwrite")
     for setting in settings:
         command += ["--set", setting]
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     start = time.monotonic()
-    result = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True)
-    wall = time.monotonic() - start
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    if result.returncode not in (0, 3):
-        sys.exit(result.stderr)
-    cpu = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
-    return score(log, output, wall, cpu, after.ru_maxrss / 1024)
+    with tempfile.TemporaryFile() as errors:
+        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=errors)
+        _, status, used = os.wait4(process.pid, 0)  # this process alone, not those before it
+        wall = time.monotonic() - start
+        if os.waitstatus_to_exitcode(status) not in (0, 3):
+            errors.seek(0)
+            sys.exit(errors.read().decode())
+    return score(log, output, wall, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
 
 
 def score(log: Path, output: Path, wall: float, cpu: float, memory: float) -> Row:

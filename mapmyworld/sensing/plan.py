@@ -81,13 +81,15 @@ class Plan:
     """What the user should know; nothing is lost by it."""
     losses: tuple[str, ...]
     """What had to be left out or assumed: the map is partial."""
+    more_cameras: tuple[CameraSource, ...] = ()
+    """Cameras that look elsewhere than `camera`; their images join its own."""
 
     @property
     def topics(self) -> tuple[str, ...]:
         """The topics that building reads, tf and odometry apart: those are known already."""
         found = [self.scan.topic] if self.scan else []
-        if self.camera:
-            found += [self.camera.colour_topic, self.camera.depth_topic]
+        for camera in (self.camera, *self.more_cameras):
+            found += [camera.colour_topic, camera.depth_topic] if camera else []
         found += [self.imu.topic] if self.imu else []
         return tuple(t for t in [*found, self.ground_truth_topic, *self.surroundings] if t)
 

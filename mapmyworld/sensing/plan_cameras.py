@@ -17,7 +17,7 @@ from mapmyworld.types import CameraInfoMessage, CameraModel, ImageMessage, Messa
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Images:
+class Images:
     """A stream of images and what its first message shows."""
 
     stream: Stream
@@ -35,14 +35,10 @@ def choose_camera(draft: Draft, base: str) -> CameraSource | None:
     if not draft.config.use_images:
         draft.decide("camera", "", "switched off by sensing.use_images")
         return None
-    images = [found for s in draft.survey.of_kind(MessageKind.IMAGE) if (found := _look(s))]
+    images = images_of(draft)
     depths = _wanted(draft.config.depth_topic, [i for i in images if i.sample.is_depth])
     colours = _wanted(draft.config.colour_topic, [i for i in images if not i.sample.is_depth])
-    infos = [
-        stream
-        for stream in draft.survey.of_kind(MessageKind.CAMERA_INFO)
-        if any(isinstance(message, CameraInfoMessage) for message in stream.samples)
-    ]
+    infos = infos_of(draft)
     missing = [
         name
         for name, found in (("colour", colours), ("depth", depths), ("camera info", infos))
@@ -54,7 +50,21 @@ def choose_camera(draft: Draft, base: str) -> CameraSource | None:
     return _best(draft, base, colours, depths, infos)
 
 
-def _look(stream: Stream) -> _Images | None:
+def images_of(draft: Draft) -> list[Images]:
+    """All streams of images that show something."""
+    return [found for s in draft.survey.of_kind(MessageKind.IMAGE) if (found := look_at(s))]
+
+
+def infos_of(draft: Draft) -> list[Stream]:
+    """All streams of calibrations that hold one."""
+    return [
+        stream
+        for stream in draft.survey.of_kind(MessageKind.CAMERA_INFO)
+        if any(isinstance(message, CameraInfoMessage) for message in stream.samples)
+    ]
+
+
+def look_at(stream: Stream) -> Images | None:
     sample = next((m for m in stream.samples if isinstance(m, ImageMessage)), None)
     if sample is None:
         return None
@@ -64,14 +74,14 @@ def _look(stream: Stream) -> _Images | None:
             height, width = sample.pixels().shape[:2]
         except LogError:
             return None
-    return _Images(stream, sample, width, height)
+    return Images(stream, sample, width, height)
 
 
-def _wanted(topic: str, images: list[_Images]) -> list[_Images]:
+def _wanted(topic: str, images: list[Images]) -> list[Images]:
     return [i for i in images if topic in {"", i.topic}]
 
 
-def _explain_missing(draft: Draft, missing: list[str], images: list[_Images]) -> None:
+def _explain_missing(draft: Draft, missing: list[str], images: list[Images]) -> None:
     what = " and ".join(missing)
     if not images:
         draft.problems.append("no camera images in the log")
@@ -88,10 +98,10 @@ def _explain_missing(draft: Draft, missing: list[str], images: list[_Images]) ->
 
 
 def _best(
-    draft: Draft, base: str, colours: list[_Images], depths: list[_Images], infos: list[Stream]
+    draft: Draft, base: str, colours: list[Images], depths: list[Images], infos: list[Stream]
 ) -> CameraSource | None:
     pairs = sorted(
-        ((_score_pair(c, d), c, d) for c in colours for d in depths),
+        ((score_pair(c, d), c, d) for c in colours for d in depths),
         key=lambda item: (-item[0], item[1].topic, item[2].topic),
     )
     score, colour, depth = pairs[0]
@@ -102,17 +112,17 @@ def _best(
         )
         draft.decide("camera", "", "no depth image fits a colour image")
         return None
-    info_stream, info = _info_for(draft, colour, infos)
+    info_stream, info = info_for(draft, colour, infos)
     others = tuple(f"{c.topic} + {d.topic}: fits less" for _, c, d in pairs[1:4])
     reason = (
         f"{depth.topic} and {info_stream.topic} fit it: {colour.width}x{colour.height}, "
         f"{colour.stream.frequency:.1f} Hz"
     )
     draft.decide("camera", colour.topic, reason, others)
-    return _source(draft, base, colour, depth, info_stream, info)
+    return source_of(draft, base, colour, depth, info_stream, info)
 
 
-def _score_pair(colour: _Images, depth: _Images) -> float:
+def score_pair(colour: Images, depth: Images) -> float:
     """How well a depth image fits a colour image; 0 or less: not at all."""
     if colour.width * depth.height != colour.height * depth.width:
         return -1.0
@@ -133,9 +143,7 @@ def _shared(topic: str, other: str) -> float:
     return sum(1 for _ in same) / max(len(topic), 1)
 
 
-def _info_for(
-    draft: Draft, colour: _Images, infos: list[Stream]
-) -> tuple[Stream, CameraInfoMessage]:
+def info_for(draft: Draft, colour: Images, infos: list[Stream]) -> tuple[Stream, CameraInfoMessage]:
     """The camera info of the colour image: same frame, size and name, in this order."""
     wanted = draft.config.camera_info_topic
 
@@ -154,11 +162,11 @@ def _first_info(stream: Stream) -> CameraInfoMessage:
     return next(m for m in stream.samples if isinstance(m, CameraInfoMessage))
 
 
-def _source(
+def source_of(
     draft: Draft,
     base: str,
-    colour: _Images,
-    depth: _Images,
+    colour: Images,
+    depth: Images,
     info_stream: Stream,
     info: CameraInfoMessage,
 ) -> CameraSource | None:

@@ -6,6 +6,7 @@ from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
 from mapmyworld.sensing import plan_cameras, plan_checks, plan_lasers, plan_motion
 from mapmyworld.sensing.plan import Draft, Plan
+from mapmyworld.sensing.plan_more_cameras import choose_more_cameras
 from mapmyworld.sensing.surroundings import choose_surroundings
 from mapmyworld.sensing.survey import Survey
 
@@ -22,6 +23,7 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
     odometry = plan_motion.choose_odometry(draft, base)
     scan = plan_lasers.choose_scan(draft, base)
     camera = plan_cameras.choose_camera(draft, base)
+    more_cameras = choose_more_cameras(draft, base, camera)
     plan_checks.check_tree(draft)
     use_log_time = plan_checks.choose_clock(draft, scan, camera, odometry)
     plan_checks.check_streams(draft, scan, camera, odometry)
@@ -41,6 +43,7 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
         decisions=tuple(draft.decisions),
         warnings=tuple(draft.warnings),
         losses=(*survey.losses, *draft.losses),
+        more_cameras=more_cameras,
     )
 
 

@@ -18,7 +18,7 @@ class ImageGuard:
     """Lets images through that decode; others are blank, and counted once each."""
 
     def __init__(self) -> None:
-        self._failed: set[tuple[bool, int]] = set()
+        self._failed: set[tuple[bool, str, int]] = set()
         self._lock = threading.Lock()
 
     @property
@@ -39,7 +39,7 @@ class ImageGuard:
         """The guarded image, its depth decoded once for all; None where a part cannot be had."""
         colour, depth = self._tried(image.colour, image.camera), _decoded(image.depth)
         for part in (colour, depth):
-            if part is not None and (part.is_depth, part.stamp_ns) in self._failed:
+            if part is not None and _key(part) in self._failed:
                 return None
         return replace(image, colour=colour, depth=depth)
 
@@ -65,7 +65,7 @@ class ImageGuard:
         except LogError:
             pass
         with self._lock:
-            self._failed.add((message.is_depth, message.stamp_ns))
+            self._failed.add(_key(message))
         return np.zeros(shape, np.float32) if message.is_depth else np.zeros((*shape, 3), np.uint8)
 
 
@@ -81,3 +81,7 @@ def _decoded(message: ImageMessage | None) -> ImageMessage | None:
         return None
     cells = message.pixels()
     return replace(message, pixels=lambda: cells)
+
+
+def _key(message: ImageMessage) -> tuple[bool, str, int]:
+    return message.is_depth, message.frame_id, message.stamp_ns

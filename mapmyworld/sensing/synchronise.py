@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
-from mapmyworld.geometry import between, quaternion_to_rotation, rotation_to_quaternion
+from mapmyworld.geometry import quaternion_to_rotation, rotation_to_quaternion
+from mapmyworld.sensing.camera_queue import CameraQueue, Pending
 from mapmyworld.sensing.plan import Plan
 from mapmyworld.sensing.surroundings import Surroundings
 from mapmyworld.sensing.sweeps import scan_from_message
 from mapmyworld.types import (
     Frame,
-    ImageMessage,
     ImuMessage,
     ImuSample,
     LaserScanMessage,
@@ -46,17 +46,9 @@ class FrameCounts:
     """Inertial samples, true poses and images beside a scan that cannot be decoded."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Pending:
-    raw: RawMessage
-    stamp_ns: int
-
-
 @dataclass(slots=True)
 class _Buffers:
-    main: deque[_Pending] = field(default_factory=deque)
-    colour: deque[_Pending] = field(default_factory=deque)
-    depth: deque[_Pending] = field(default_factory=deque)
+    main: deque[Pending] = field(default_factory=deque)
     imu: deque[ImuSample] = field(default_factory=lambda: deque(maxlen=_MOST_SAMPLES))
     truth: deque[PoseMessage] = field(default_factory=lambda: deque(maxlen=_MOST_SAMPLES))
 
@@ -86,35 +78,39 @@ class _Synchroniser:
         self.plan, self.config, self.counts = plan, config, counts
         self.buffers = _Buffers()
         self.surroundings = Surroundings()
+        motion = plan.odometry.motion if plan.odometry else None
+        sources = [s for s in (plan.camera, *plan.more_cameras) if s is not None]
+        self.cameras = [CameraQueue(source, motion, config) for source in sources]
         self.main_topic = plan.scan.topic if plan.scan else ""
         if plan.scan is None and plan.camera is not None:
             self.main_topic = plan.camera.colour_topic
 
     def add(self, raw: RawMessage) -> None:
         stamp = raw.log_time_ns if self.plan.use_log_time else raw.stamp_ns
-        pending = _Pending(raw, raw.log_time_ns if stamp is None else stamp)
-        camera = self.plan.camera
-        if raw.topic == self.main_topic:
+        pending = Pending(raw, raw.log_time_ns if stamp is None else stamp)
+        is_main = raw.topic == self.main_topic
+        if is_main:
             self.buffers.main.append(pending)
-        elif camera is not None and raw.topic == camera.colour_topic:
-            self.buffers.colour.append(pending)
-        if camera is not None and raw.topic == camera.depth_topic:
-            self.buffers.depth.append(pending)
-        elif self.plan.imu is not None and raw.topic == self.plan.imu.topic:
-            self._add_imu(pending)
-        elif raw.topic == self.plan.ground_truth_topic:
-            self._add_truth(raw)
-        elif raw.topic in self.plan.surroundings:
-            self.surroundings.add(raw)
+        taken = [c.add(pending, with_colour=not is_main) for c in self.cameras]
+        if not (is_main or any(taken)):
+            self._add_other(pending)
         self._forget_strays(raw.log_time_ns)
+
+    def _add_other(self, pending: Pending) -> None:
+        topic = pending.raw.topic
+        if self.plan.imu is not None and topic == self.plan.imu.topic:
+            self._add_imu(pending)
+        elif topic == self.plan.ground_truth_topic:
+            self._add_truth(pending.raw)
+        elif topic in self.plan.surroundings:
+            self.surroundings.add(pending.raw)
 
     def _forget_strays(self, now_ns: int) -> None:
         """Images that no frame has asked for in time: the scans may have stopped for good."""
         main = self.buffers.main
         before_ns = (main[0].raw.log_time_ns if main else now_ns) - _KEPT_NS
-        for buffer in (self.buffers.colour, self.buffers.depth):
-            while buffer and buffer[0].raw.log_time_ns < before_ns:
-                buffer.popleft()
+        for camera in self.cameras:
+            camera.forget_strays(before_ns)
 
     def ready(self, before_log_ns: int | None) -> Iterator[Frame]:
         """Frames whose other messages must have come by now; all when the log has ended."""
@@ -125,7 +121,7 @@ class _Synchroniser:
                 self.counts.frames += 1
                 yield frame
 
-    def _frame(self, main: _Pending) -> Frame | None:
+    def _frame(self, main: Pending) -> Frame | None:
         try:
             scan, image = self._observations(main)
         except LogError:
@@ -134,6 +130,7 @@ class _Synchroniser:
         if scan is None and image is None:
             self.counts.unpaired_images += 1
             return None
+        images = [image, *(self._image_near(c, main.stamp_ns) for c in self.cameras[1:])]
         odometry = self.plan.odometry
         pose = odometry.motion.at(main.stamp_ns) if odometry else None
         if odometry is not None and pose is None:
@@ -142,16 +139,16 @@ class _Synchroniser:
             stamp_ns=main.stamp_ns,
             odom_from_base=pose,
             scan=scan,
-            images=() if image is None else (image,),
+            images=tuple(found for found in images if found is not None),
             imu=self._imu_until(main.stamp_ns),
             ground_truth=self._truth_at(main.stamp_ns),
             gps=self.surroundings.fix_at(main.stamp_ns),
             readings=self.surroundings.readings_at(main.stamp_ns),
         )
 
-    def _observations(self, main: _Pending) -> tuple[Scan | None, RgbdImage | None]:
+    def _observations(self, main: Pending) -> tuple[Scan | None, RgbdImage | None]:
         if self.plan.scan is None:
-            return None, self._pair(main, main.stamp_ns)
+            return None, self.cameras[0].pair(main, main.stamp_ns)
         message = main.raw.decode()
         assert isinstance(message, LaserScanMessage)
         odometry = self.plan.odometry
@@ -159,51 +156,19 @@ class _Synchroniser:
         if self.plan.use_log_time:
             message = replace(message, stamp_ns=main.stamp_ns)
         scan = scan_from_message(message, self.plan.scan.base_from_lidar, motion)
-        return scan, self._image_near(main.stamp_ns)
+        near = [self._image_near(c, main.stamp_ns) for c in self.cameras[:1]]
+        return scan, near[0] if near else None
 
-    def _image_near(self, stamp_ns: int) -> RgbdImage | None:
-        """The image nearest to a scan, if it is near enough, with the motion between them."""
-        colours = self.buffers.colour
-        tolerance_ns = int(self.config.frame_tolerance * 1e9)
-        _forget(colours, stamp_ns - tolerance_ns)
-        nearest = min(colours, key=lambda c: abs(c.stamp_ns - stamp_ns), default=None)
-        if nearest is None or abs(nearest.stamp_ns - stamp_ns) > tolerance_ns:
-            return None
+    def _image_near(self, camera: CameraQueue, stamp_ns: int) -> RgbdImage | None:
+        """A camera's image nearest to a frame, with the motion between them."""
+        nearest = camera.take_near(stamp_ns)
         try:
-            image = self._pair(nearest, stamp_ns)
-        except LogError:  # the scan is sound
+            return None if nearest is None else camera.pair(nearest, stamp_ns)
+        except LogError:  # the rest of the frame is sound
             self.counts.unusable += 1
-            image = None
-        colours.remove(nearest)
-        return image
-
-    def _pair(self, colour: _Pending, frame_ns: int) -> RgbdImage | None:
-        """Colour with the nearest depth; None when there is none within the tolerance."""
-        assert self.plan.camera is not None
-        depths = self.buffers.depth
-        tolerance_ns = int(self.config.image_tolerance * 1e9)
-        _forget(depths, colour.stamp_ns - 4 * tolerance_ns)
-        depth = min(depths, key=lambda d: abs(d.stamp_ns - colour.stamp_ns), default=None)
-        if depth is None or abs(depth.stamp_ns - colour.stamp_ns) > tolerance_ns:
             return None
-        colour_message, depth_message = colour.raw.decode(), depth.raw.decode()
-        assert isinstance(colour_message, ImageMessage)
-        assert isinstance(depth_message, ImageMessage)
-        model = self.plan.camera.model
-        moved = self._moved(frame_ns, colour.stamp_ns)
-        if moved is not None:
-            model = replace(model, base_from_camera=moved @ model.base_from_camera)
-        return RgbdImage(model, colour_message, depth_message)
 
-    def _moved(self, from_ns: int, to_ns: int) -> NDArray[np.float64] | None:
-        """Pose (4, 4) of the base at one stamp in the base at another, by the odometry."""
-        odometry = self.plan.odometry
-        if odometry is None or from_ns == to_ns:
-            return None
-        before, after = odometry.motion.at(from_ns), odometry.motion.at(to_ns)
-        return None if before is None or after is None else between(before, after)
-
-    def _add_imu(self, pending: _Pending) -> None:
+    def _add_imu(self, pending: Pending) -> None:
         assert self.plan.imu is not None
         try:
             message = pending.raw.decode()
@@ -253,8 +218,3 @@ class _Synchroniser:
         if nearest is None or abs(nearest.stamp_ns - stamp_ns) > tolerance_ns:
             return None
         return nearest.pose
-
-
-def _forget(buffer: deque[_Pending], before_ns: int) -> None:
-    while buffer and buffer[0].stamp_ns < before_ns:
-        buffer.popleft()

@@ -104,7 +104,9 @@ def best_shift(
                     bounds[found] = bound
                     found += 1
     stack, upper = np.empty((256, 3), np.int64), np.empty(256, np.int64)
-    for root in np.argsort(-bounds[:found], kind="mergesort"):
+    order = np.empty(found, np.int64)
+    _highest_first(bounds, order)
+    for root in order:
         if bounds[root] <= best:
             break
         turn = roots[root, 0]
@@ -135,11 +137,32 @@ def best_shift(
                         continue
                     k = depth  # the most promising comes to the top of the stack
                     while k > bottom and upper[k - 1] > bound:
-                        upper[k], stack[k] = upper[k - 1], stack[k - 1]
+                        upper[k] = upper[k - 1]
+                        for i in range(3):
+                            stack[k, i] = stack[k - 1, i]
                         k -= 1
                     upper[k] = bound
                     stack[k, 0], stack[k, 1], stack[k, 2] = level - 1, c, r
                     depth += 1
+
+
+@njit(cache=True, nogil=True)
+def _highest_first(values: NDArray[np.int64], order: NDArray[np.int64]) -> None:
+    """Fills `order` with the places of its length's first values, equal ones as they come.
+
+    By counting: the values are small, and numba's own sort takes seconds to compile.
+    """
+    most = 0
+    for i in range(len(order)):
+        most = max(most, values[i])
+    ends = np.zeros(most + 2, np.int64)
+    for i in range(len(order)):
+        ends[most - values[i] + 1] += 1
+    for value in range(most + 1):
+        ends[value + 1] += ends[value]
+    for i in range(len(order)):
+        order[ends[most - values[i]]] = i
+        ends[most - values[i]] += 1
 
 
 @njit(cache=True, nogil=True)

@@ -50,11 +50,10 @@ def surprise_of(predicted: Array, pose: Array, information: Array, variances: Ar
     for i in range(3):
         known[i, i] += _FAINT
     own = invert3(known)
-    pulled = error / variances
     total = own.copy()
+    x, y, yaw = error[0] / variances[0], error[1] / variances[1], error[2] / variances[2]
     for i in range(3):
-        for j in range(3):
-            error[i] += own[i, j] * pulled[j]
+        error[i] += own[i, 0] * x + own[i, 1] * y + own[i, 2] * yaw
         total[i, i] += variances[i]
     weights = invert3(total)
     result = 0.0
@@ -103,7 +102,9 @@ def step_covariance(
     total = information.copy()
     for i in range(3):
         total[i, i] += 1.0 / variances[i]
-    covariance: Array = share * invert3(total)
+    covariance: Array = invert3(total)
     for i in range(3):
+        for j in range(3):
+            covariance[i, j] *= share
         covariance[i, i] += _STEP_VARIANCE + doubt[i]
     return covariance

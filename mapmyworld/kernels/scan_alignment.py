@@ -99,7 +99,7 @@ def add_target(
     """
     c, s = np.cos(target_from_source[2]), np.sin(target_from_source[2])
     tx, ty = target_from_source[0], target_from_source[1]
-    start = -1
+    start = np.int64(-1)  # a bare -1 is a type of its own: the search would be compiled twice
     for i in range(s_first, s_last):
         px, py = np.float64(source[i, 0]), np.float64(source[i, 1])
         x, y = c * px - s * py + tx, s * px + c * py + ty
@@ -270,7 +270,7 @@ def pair_systems(
     Scans are compared both ways, so that a pair is the same seen from either end; everything is
     expressed for a perturbation of the source.
     """
-    back = np.zeros(12)
+    back, adjoint = np.zeros(12), np.empty((3, 3))
     hit = np.zeros(4096, np.bool_)
     for k in range(first, last):
         t, s = pairs[k, 0], pairs[k, 1]
@@ -281,30 +281,40 @@ def pair_systems(
         turned = relative(poses[s], poses[t])
         add_target(rows, bounds[t], bounds[t + 1], rows, bounds[s], bounds[s + 1], origins[s],
                    turned, reach, scale, back, hit)  # fmt: skip
-        # A perturbation d of the source moves the target by -A d, A the adjoint of `turned^-1`:
-        # rel exp(d) inverted is exp(-d) rel^-1 = rel^-1 exp(-A d), A = adjoint of rel.
-        c, sn = np.cos(turned[2]), np.sin(turned[2])
-        # adjoint of rel = relative(target, source) = inverse of `turned`
-        x = -(c * turned[0] + sn * turned[1])
-        y = -(c * turned[1] - sn * turned[0])
-        a = np.array([[c, sn, y], [-sn, c, -x], [0.0, 0.0, 1.0]])
-        h = np.array(
-            [
-                [back[0], back[1], back[2]],
-                [back[1], back[3], back[4]],
-                [back[2], back[4], back[5]],
-            ]
-        )
-        slot = 0
-        for i in range(3):
+        adjoint_of_inverse(turned, adjoint)
+        add_seen_from_target(back, adjoint, out[k])
+
+
+@njit(cache=True, nogil=True)
+def adjoint_of_inverse(pose: NDArray[np.float64], adjoint: NDArray[np.float64]) -> None:
+    """Fills the adjoint (3, 3) of the inverse of a planar pose."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    adjoint[0, 0], adjoint[0, 1], adjoint[1, 0], adjoint[1, 1] = c, s, -s, c
+    adjoint[0, 2] = -(c * pose[1] - s * pose[0])
+    adjoint[1, 2] = c * pose[0] + s * pose[1]
+    adjoint[2, 0], adjoint[2, 1], adjoint[2, 2] = 0.0, 0.0, 1.0
+
+
+@njit(cache=True, nogil=True)
+def add_seen_from_target(
+    back: NDArray[np.float64], adjoint: NDArray[np.float64], system: NDArray[np.float64]
+) -> None:
+    """Adds normal equations (12,) for the target's perturbation to those for the source's.
+
+    A perturbation d of the source moves the target by -A d, A the adjoint of target_from_source:
+    rel exp(d) inverted is exp(-d) rel^-1 = rel^-1 exp(-A d).
+    """
+    slot = 0
+    for i in range(3):
+        for m in range(3):
+            system[6 + i] -= adjoint[m, i] * back[6 + m]
+        for j in range(i, 3):
+            total = 0.0
             for m in range(3):
-                out[k, 6 + i] -= a[m, i] * back[6 + m]
-            for j in range(i, 3):
-                total = 0.0
-                for m in range(3):
-                    for n in range(3):
-                        total += a[m, i] * h[m, n] * a[n, j]
-                out[k, slot] += total
-                slot += 1
-        for m in range(9, 12):
-            out[k, m] += back[m]
+                for n in range(3):
+                    upper = min(m, n) * (5 - min(m, n)) // 2 + max(m, n)
+                    total += adjoint[m, i] * back[upper] * adjoint[n, j]
+            system[slot] += total
+            slot += 1
+    for m in range(9, 12):
+        system[m] += back[m]

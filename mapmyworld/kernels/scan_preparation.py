@@ -132,7 +132,7 @@ def prepare_many(
         for i in range(bounds[s], bounds[s + 1]):
             dx, dy = points[i, 0] - origins[s, 0], points[i, 1] - origins[s, 1]
             if dx * dx + dy * dy < settings[0] * settings[0]:  # also drops NaN
-                near[count] = points[i]
+                near[count, 0], near[count, 1] = points[i, 0], points[i, 1]
                 if count > 0:
                     dx = near[count, 0] - near[count - 1, 0]
                     dy = near[count, 1] - near[count - 1, 1]

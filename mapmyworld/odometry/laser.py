@@ -81,7 +81,7 @@ class LaserTracker:
         scans = prepare_scans([frame.scan or _EMPTY for frame in frames], self._matching)
         recorded = self._recorded_steps(frames)
         self._keyscans.make_room(int(np.diff(scans.bounds).max(initial=0)))
-        out, covariances = np.zeros((len(frames), 8)), np.zeros((len(frames), 3, 3))
+        out, covariances = np.zeros((len(frames), 7)), np.zeros((len(frames), 3, 3))
         tracked: list[Tracked] = []
         while len(tracked) < len(frames):
             first = len(tracked)

@@ -177,17 +177,8 @@ def halves(name: str, seconds: int) -> Callable[[Bench], None]:
 
 def neato(bench: Bench) -> None:
     """A grid that another program made while it localised the same robot."""
-    from rosbags.rosbag1 import Reader
-    from rosbags.typesys import Stores, get_typestore
-
     log = bench.data / "bags" / "neato_with_particle_filter.bag"
-    types = get_typestore(Stores.ROS1_NOETIC)
-    with Reader(log) as reader:
-        wanted = [c for c in reader.connections if c.topic == "/map"]
-        connection, _, raw = next(reader.messages(wanted))
-        message: Any = types.deserialize_ros1(raw, connection.msgtype)
-    where = bench.folder / "neato.yaml"
-    write_occupancy(where, message)
+    where = grid_of_bag(log, bench.folder / "neato.yaml")
     found, cpu_s = bench.localised(where, log)
     fits = [e.fit for e in found.estimates if e.state != State.LOST]
     print(
@@ -195,6 +186,20 @@ def neato(bench: Bench) -> None:
         f"for 16 s), claimed {1 - found.share(State.LOST):.1%}, scans agree with the grid by "
         f"{np.median(fits):.1%} (median), {cpu_s:.1f} CPU s"
     )
+
+
+def grid_of_bag(log: Path, path: Path) -> Path:
+    """The first grid on a ROS 1 bag's /map as a YAML file with its picture."""
+    from rosbags.rosbag1 import Reader
+    from rosbags.typesys import Stores, get_typestore
+
+    types = get_typestore(Stores.ROS1_NOETIC)
+    with Reader(log) as reader:
+        wanted = [c for c in reader.connections if c.topic == "/map"]
+        connection, _, raw = next(reader.messages(wanted))
+        message: Any = types.deserialize_ros1(raw, connection.msgtype)
+    write_occupancy(path, message)
+    return path
 
 
 def write_occupancy(path: Path, message: Any) -> None:

@@ -1,14 +1,12 @@
-"""Maps merged into files: what `merge` and `build --append` share."""
+"""Maps merged into files, and sessions laid into one: what `merge` and `build --append` do."""
 
 from __future__ import annotations
 
-import os
 import resource
-import shutil
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +14,7 @@ import click
 
 from cli.common import EXIT_PARTIAL, show_json
 from cli.progress import StderrProgress
-from cli.storing import storage_arguments
+from cli.result_maps import ResultMaps, numbered
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
@@ -41,7 +39,7 @@ def merge_files(
     from formats.database.lock import only_writer
 
     started, cpu = time.monotonic(), time.process_time()
-    with only_writer(output), _Results(output, config) as results:
+    with only_writer(output), ResultMaps(output, config) as results:
         maps = _merged(sources, results, config, progress, first)
         results.put_in_place()
     return _summary(maps, output, config, progress, (started, cpu), export)
@@ -58,7 +56,7 @@ def extend_file(
     from mapmyworld.sessions import extend_map, merge_maps
 
     started, cpu = time.monotonic(), time.process_time()
-    with only_writer(known), _Results(known, config) as results, ExitStack() as stack:
+    with only_writer(known), ResultMaps(known, config) as results, ExitStack() as stack:
         units = [_opened(path, stack) for path in sources]
         with results.copy_of_output() as store:
             done = extend_map(store, units, config, progress)
@@ -72,57 +70,9 @@ def extend_file(
     return _summary(maps, known, config, progress, (started, cpu), export)
 
 
-class _Results:
-    """The maps in the making beside OUTPUT; gone unless they are put in its place."""
-
-    def __init__(self, output: Path, config: Config) -> None:
-        self._output, self._stored = output, storage_arguments(config)
-        self._written: list[Path] = []
-
-    def __enter__(self) -> _Results:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.discard()
-
-    def discard(self) -> None:
-        for path in self._written:
-            path.unlink(missing_ok=True)
-        self._written = []
-
-    @contextmanager
-    def open(self, _number: int = 0) -> Iterator[MapStore]:
-        """The next map, empty."""
-        from formats.database import open_store
-
-        path = self._next()
-        with open_store(path, create=True, overwrite=True, **self._stored) as store:
-            yield store
-
-    @contextmanager
-    def copy_of_output(self) -> Iterator[MapStore]:
-        """OUTPUT as it was, to be extended."""
-        from formats.database import open_store
-
-        open_store(self._output, read_only=True).close()  # refuses what is no map
-        path = self._next()
-        shutil.copyfile(self._output, path)
-        with open_store(path, **self._stored) as store:
-            yield store
-
-    def _next(self) -> Path:
-        path = numbered(self._output, len(self._written))
-        self._written.append(path.with_name(f".{path.name}.part"))
-        return self._written[-1]
-
-    def put_in_place(self) -> None:
-        for number, path in enumerate(self._written):
-            os.replace(path, numbered(self._output, number))
-
-
 def _merged(
     sources: Sequence[Path],
-    results: _Results,
+    results: ResultMaps,
     config: Config,
     progress: StderrProgress,
     first: Path | None,
@@ -178,11 +128,6 @@ def _summary(
         "cpu_s": time.process_time() - begun[1],
         "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
-
-
-def numbered(output: Path, number: int) -> Path:
-    """OUTPUT for the first map, OUTPUT_2 for the second, ..."""
-    return output if number == 0 else output.with_stem(f"{output.stem}_{number + 1}")
 
 
 def _export(path: Path, config: Config, progress: StderrProgress) -> list[str]:

@@ -26,13 +26,15 @@ from mapmyworld.graph.twin import (
     twin_cost,
     twin_of,
     twin_poses,
+    twin_scale,
 )
 
 _STEPS = 15  # of Newton's method at most, from the solution to the twin's minimum
-_SETTLED = 1e-7  # share of the cost that a step gains, from which on the twin counts as settled
+_SETTLED = 1e-4  # share of the cost that a step gains, from which on the twin counts as settled
+_ROUNDING = 1e-15  # of the terms that cancel in the cost
 _DAMPED_OUT = 1e3  # share of the diagonal at which no step helps any more
 _FLOOR = 1e-12  # share of the largest diagonal that every step is damped by
-_SLACK = (1e-6, 1e-4, 1e-2, 0.1)  # shares of the cost that eta may take off the bound
+_SLACK = (1e-4, 1e-2, 0.1)  # shares of the cost that eta may take off the bound
 _EXACT = 1e-4  # of these, up to which the twin's minimum counts as its global one
 _PROVEN = 0.02  # gap up to which the bound alone is called a proof
 
@@ -95,14 +97,14 @@ def _is_positive(symbolic: Symbolic, blocks: Array, nodes: int, eta: float) -> b
 
 def _settled(twin: Twin, symbolic: Symbolic, x: Array) -> Array | None:
     """X at the twin's minimum near X, by damped Newton steps; None where it is not found."""
-    cost, damping = twin_cost(twin, x), 0.0
+    cost, damping, rounding = twin_cost(twin, x), 0.0, _ROUNDING * twin_scale(twin, x)
     for _ in range(_STEPS):
         gradient, hessian = _derivatives(twin, x)
         while True:
             step = newton_step(twin, symbolic, gradient, hessian, damping, _FLOOR)
             trial = None if step is None else moved(x, step)
             found = np.inf if trial is None else twin_cost(twin, trial)
-            if trial is not None and found <= cost * (1.0 + 1e-12):
+            if trial is not None and found <= cost + rounding:
                 break
             damping = max(1e-4, 10.0 * damping)
             if damping > _DAMPED_OUT:

@@ -10,7 +10,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.sparse import csr_array
 
+from mapmyworld.geometry import Array
 from mapmyworld.graph.pose_graph import Index
 
 # Nodes of a clique, and the share of zeros up to which it may be joined from smaller ones.
@@ -87,6 +89,14 @@ def links(count: int, tails: Index, heads: Index) -> tuple[Index, Index, Index]:
         np.concatenate([nodes, linked % count]),
     )
     return rows, columns, count + slot
+
+
+def summed(slots: Index, values: Array, count: int) -> Array:
+    """(count, ...) sums of the values (E, ...) that belong to the same slot."""
+    order = np.arange(len(slots) + 1)
+    gather = csr_array((np.ones(len(slots)), slots, order), shape=(len(slots), count))
+    flat = gather.T @ values.reshape(len(values), int(np.prod(values.shape[1:])))
+    return np.asarray(flat).reshape(count, *values.shape[1:])
 
 
 def resized(symbolic: Symbolic, rows: Index, columns: Index, size: int) -> Symbolic:

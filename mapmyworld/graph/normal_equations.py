@@ -8,7 +8,7 @@ from scipy.sparse.linalg import splu
 
 from mapmyworld.geometry import Array
 from mapmyworld.graph.cholesky import LARGE, NotPositiveDefiniteError, factorise
-from mapmyworld.graph.elimination import analyse, links
+from mapmyworld.graph.elimination import analyse, links, summed
 from mapmyworld.graph.pose_graph import Index
 
 
@@ -30,10 +30,8 @@ def solve_blocks(
     size = anchor_block.shape[0]
     turned = np.where((tails > heads)[:, None, None], np.swapaxes(cross_blocks, 1, 2), cross_blocks)
     rows, columns, slot = links(count, tails, heads)
-    blocks = np.zeros((len(rows), size, size))
-    np.add.at(blocks, slot, turned)
-    for ends in (tails, heads):
-        np.add.at(blocks, ends, diagonal_blocks)
+    blocks = summed(slot, turned, len(rows))
+    blocks[:count] += summed(tails, diagonal_blocks, count) + summed(heads, diagonal_blocks, count)
     np.add.at(blocks, anchors, anchor_block)
     if count * size >= LARGE:
         return factorise(analyse(count, rows, columns, size), blocks).solve(right)

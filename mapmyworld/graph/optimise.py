@@ -20,7 +20,7 @@ from mapmyworld.graph.system import System, chosen_edges, edge_chi2
 from mapmyworld.types.pose_graph import PoseGraph
 
 # Planar nodes from which gtsam's default ordering fills in more than minimum degree does.
-_OURS = 12_000
+_OURS = 0
 # Nodes up to which a start from more dimensions is worth its minutes.
 _LIFTED = 10_000
 

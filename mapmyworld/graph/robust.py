@@ -22,6 +22,7 @@ from mapmyworld.graph.starts import chordal_start
 from mapmyworld.graph.system import System, believed_edges, chosen_edges, edge_chi2
 
 _GROUP_ROUNDS = 12  # at most, of leaving the worst groups out
+_GROWTH_ROUNDS = 30  # at most, of growing from odometry
 _RETRIES = 3  # times that left-out closures are tried again on a better solution
 
 
@@ -57,28 +58,76 @@ class RobustSolution:
 def solve_robustly(
     system: System, guess: Array, anchors: Index, trusted: NDArray[np.bool_], config: GraphConfig
 ) -> RobustSolution:
-    """Poses and inliers of a graph whose untrusted edges may be wrong."""
+    """Poses and inliers of a graph whose untrusted edges may be wrong.
+
+    Believed at first are the closures that agree with each other; where the solution of these
+    leaves some of them out, another one grows from odometry alone, and the cheaper one stands.
+    """
     limit = float(chi_squared_quantile(config.inlier_probability, system.dimension))
     closures = np.flatnonzero(~trusted).astype(np.int64)
     consistency = _compare(system, guess, trusted, closures, config)
-    inliers = trusted.copy()
-    inliers[closures[consistency.clique]] = True
     groups = groups_of(system, closures, consistency, limit)
-    poses = settle(believed_edges(system, inliers), _fresh_start(system, guess, anchors, inliers))
+    question = _Question(system, trusted, closures, groups, limit, config)
+    agreeing = trusted.copy()
+    agreeing[closures[consistency.clique]] = True
+    start = _fresh_start(system, guess, anchors, agreeing)
+    best = _refined(question, settle(believed_edges(system, agreeing), start), agreeing)
+    if (agreeing & ~best[1]).any():
+        other = _refined(question, *_grown(question, guess))
+        best = min(best, other, key=lambda found: _truncated_cost(question, *found))
+    poses, inliers = best
+    return RobustSolution(poses, inliers, edge_chi2(system, poses), limit, closures, consistency)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Question:
+    """What is to be decided."""
+
+    system: System
+    trusted: NDArray[np.bool_]
+    closures: Index
+    groups: Index
+    limit: float
+    config: GraphConfig
+
+
+def _truncated_cost(question: _Question, poses: Array, inliers: NDArray[np.bool_]) -> float:
+    """Squared sigmas of what is believed, and the limit for everything that is not."""
+    believed = edge_chi2(question.system, poses)[inliers].sum()
+    return float(believed + question.limit * np.count_nonzero(~inliers))
+
+
+def _grown(question: _Question, guess: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Poses and inliers that grow from odometry: in comes what the solution so far predicts."""
+    system, inliers = question.system, question.trusted.copy()
+    poses = settle(believed_edges(system, inliers), guess)
+    for _ in range(_GROWTH_ROUNDS):
+        found = admissible(system, poses, inliers, question.limit, 1.0)
+        if not found.any():
+            break
+        inliers = inliers | found
+        poses = settle(believed_edges(system, inliers), poses)
+    return poses, inliers
+
+
+def _refined(
+    question: _Question, poses: Array, inliers: NDArray[np.bool_]
+) -> tuple[Array, NDArray[np.bool_]]:
+    """The solution without what it contradicts, and with all else that it predicts."""
+    system, trusted, limit = question.system, question.trusted, question.limit
     for _ in range(_RETRIES):
         poses, inliers = _without_misfits(system, poses, trusted, inliers, limit)
         scale = 1.0
-        if config.groups:
+        if question.config.groups:
             poses, inliers, scale = _without_strangers(
-                system, poses, inliers, closures, groups, config
+                system, poses, inliers, question.closures, question.groups, question.config
             )
         found = inliers | admissible(system, poses, inliers, limit, scale)
         if np.array_equal(found, inliers):
             break
         inliers = found
         poses = settle(believed_edges(system, inliers), poses)
-    poses, inliers = _without_misfits(system, poses, trusted, inliers, limit)
-    return RobustSolution(poses, inliers, edge_chi2(system, poses), limit, closures, consistency)
+    return _without_misfits(system, poses, trusted, inliers, limit)
 
 
 def _without_misfits(

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mapmyworld.geometry import Array, planar_to_matrix, se3_exp, skew
-from mapmyworld.graph.elimination import links
+from mapmyworld.graph.elimination import links, summed
 from mapmyworld.graph.landmarks import POINT, POLAR
 from mapmyworld.graph.pose_graph import Index, components
 from mapmyworld.graph.residuals import planar_exp
@@ -55,10 +55,8 @@ def twin_of(system: System, poses: Array) -> Twin:
     turned = tails > heads
     cross[turned] = np.swapaxes(cross[turned], 1, 2)
     rows, columns, slot = links(count, tails, heads)
-    blocks = np.zeros((len(rows), size + 1, size + 1))
-    np.add.at(blocks, tails, at_tail)
-    np.add.at(blocks, heads, at_head)
-    np.add.at(blocks, slot, cross)
+    blocks = summed(slot, cross, len(rows))
+    blocks[:count] += summed(tails, at_tail, count) + summed(heads, at_head, count)
     part = components(count, tails, heads)
     anchors = np.unique(part, return_index=True)[1].astype(np.int64)
     points = np.unique(system.heads[(system.kinds if system.kinds is not None else kinds) > 0])
@@ -68,6 +66,7 @@ def twin_of(system: System, poses: Array) -> Twin:
 # Weights of rotation against translation that are tried: where the information couples them, what
 # the one gains the other loses.
 _RATIOS = (1.0, 0.5, 2.0, 0.25, 4.0)
+_WHOLE = 1.0 - 1e-9  # share of a residual's worth that counts as all of it
 
 
 def lower_weights(planar: bool, information: Array, residuals: Array) -> tuple[Array, Array]:
@@ -84,6 +83,8 @@ def lower_weights(planar: bool, information: Array, residuals: Array) -> tuple[A
     slight[:, shift, shift] = tau[:, None, None] * np.eye(slight[0, shift, shift].shape[0])
     worth, kept = np.full(len(tau), -1.0), np.zeros((2, len(tau)))
     for ratio in _RATIOS:
+        if (worth >= _WHOLE * (by_turn + tau * length)).all():
+            break  # nothing couples them: no other pair is worth more
         slight[:, turn, turn] = ratio * rotation
         root = np.linalg.inv(np.linalg.cholesky(slight))
         share = np.linalg.eigvalsh(root @ information @ np.swapaxes(root, 1, 2))[:, 0]
@@ -119,16 +120,21 @@ def _edge_blocks(turn: Array, shift: Array, weights: Array, tau: Array) -> tuple
 def product(twin: Twin, blocks: Array, x: Array) -> Array:
     """(N, d, d + 1): X times a matrix with the twin's pattern, of poses X (N, d, d + 1)."""
     count = len(x)
-    found = x @ blocks[:count]
     rows, columns, off = twin.rows[count:], twin.columns[count:], blocks[count:]
-    np.add.at(found, columns, x[rows] @ off)
-    np.add.at(found, rows, x[columns] @ np.swapaxes(off, 1, 2))
+    found = x @ blocks[:count]
+    found += summed(columns, x[rows] @ off, count)
+    found += summed(rows, x[columns] @ np.swapaxes(off, 1, 2), count)
     return found
 
 
 def twin_cost(twin: Twin, x: Array) -> float:
     """Trace(X M X'): twice what the twin costs at poses X."""
     return float(np.einsum("nij,nij->", product(twin, twin.blocks, x), x))
+
+
+def twin_scale(twin: Twin, x: Array) -> float:
+    """The size of the terms that cancel in that cost."""
+    return float(np.abs(product(twin, np.abs(twin.blocks), np.abs(x)) * x).sum())
 
 
 def multipliers(twin: Twin, x: Array) -> Array:

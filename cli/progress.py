@@ -11,6 +11,8 @@ from typing import Any
 
 import click
 
+from cli.memory import give_back_memory
+
 _LINE_EVERY_S = 15.0  # between lines of progress where there is no terminal
 
 
@@ -41,6 +43,7 @@ class StderrProgress:
 
     def stage(self, name: str, total: float | None = None, unit: str = "") -> None:
         self.finish()
+        give_back_memory()
         self._name, self._total, self._unit = name, total, unit
         self._started = self._last_line = time.monotonic()
         self._cpu = time.process_time()

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
-
 import click
+
+from cli.lazy import LazyGroup
 
 _PARTS = {
     "log": ("cli.inspect_log:log", "What is in a log, the plan with its reasons, the diagnosis."),
@@ -14,26 +14,7 @@ _PARTS = {
 }
 
 
-class _Parts(click.Group):
-    """The parts of `inspect`, imported on demand."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(_PARTS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in _PARTS:
-            return None
-        module, attribute = _PARTS[cmd_name][0].split(":")
-        command = getattr(importlib.import_module(module), attribute)
-        assert isinstance(command, click.Command)
-        return command
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in _PARTS.items()])
-
-
-@click.group(cls=_Parts)
+@click.group(cls=LazyGroup, table=_PARTS)
 def inspect() -> None:
     """Show what is in a log, a graph, a node or a map.
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import errno
-import importlib
 import sys
 
 import click
 
 import mapmyworld
 from cli.common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_USAGE
+from cli.lazy import LazyGroup
 from mapmyworld.errors import MapMyWorldError
 
 # Command -> (module:attribute, one line for the list of commands).
@@ -33,32 +33,15 @@ COMMANDS = {
 }
 
 
-class LazyGroup(click.Group):
-    """A group whose commands are imported by name, on demand."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in COMMANDS:
-            return None
-        module, attribute = COMMANDS[cmd_name][0].split(":")
-        command = getattr(importlib.import_module(module), attribute)
-        assert isinstance(command, click.Command)
-        return command
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
-
-
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=LazyGroup, table=COMMANDS, context_settings={"help_option_names": ["-h", "--help"]}
+)
 @click.version_option(mapmyworld.__version__, prog_name="mapmyworld")
 def group() -> None:
     """Turn a recorded robot log into a map, offline.
 
     \b
-    mapmyworld build log.mcap       makes map.db, map.pgm + map.yaml, map.ply, map.tum
+    mapmyworld build log.mcap       makes map.db, map.html, map.pgm + map.yaml, map.ply, map.tum
     mapmyworld inspect graph        shows nodes and constraints, and why some were rejected
     mapmyworld export grid          writes the grid again, as Nav2 loads it
     """

@@ -2,8 +2,8 @@
 
 python benchmarks/localisation.py [CASE...] [--data FOLDER] [--keep FOLDER] [--set KEY=VALUE]
 
-Cases: apartment, kidnap, intel, fr079, neato, grid, merge, office; all but office when none is
-named. Maps and logs are made in a folder that `--keep` names, and used again where they lie there.
+Cases: apartment, kidnap, grid, intel, fr079, neato, starts, offices, merge, office; all but office
+when none is named. Maps and logs are made in a folder that `--keep` names, and used again from it.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from localisation_scores import head, report, show_kidnapping
+from ros_grids import grid_of_bag
 
 from cli.main import group
 from formats.database import open_store
@@ -28,14 +30,12 @@ from formats.logs import open_log
 from formats.trajectory import read_trajectory
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings
-from mapmyworld.geometry import between, interpolate, rotation_angle
 from mapmyworld.localisation import localise_log, plan_log
 from mapmyworld.types import Trajectory
 from mapmyworld.types.localisation import Localisation, State
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data"))
-_FAR = 0.5  # m: a pose that is claimed and farther off is false
 
 
 class Silent:
@@ -90,42 +90,6 @@ def run(*arguments: object) -> int:
     return 0
 
 
-def report(name: str, found: Localisation, cpu_s: float, reference: Trajectory) -> None:
-    """One row: how much was claimed, how right it was, and its cost."""
-    stamps = np.array([e.stamp_ns for e in found.estimates])
-    poses = np.stack([e.map_from_base for e in found.estimates])
-    claimed = np.array([e.state != State.LOST for e in found.estimates])
-    off = between(at_stamps(reference, stamps), poses)
-    metres = np.linalg.norm(off[:, :2, 3], axis=1)[claimed]
-    degrees = np.degrees(rotation_angle(off))[claimed]
-    duration = (stamps.max() - stamps.min()) * 1e-9
-    first = found.recognised_after_s
-    print(
-        f"| {name} | {'never' if first is None else f'{first:.1f}'} | {claimed.mean():.1%} | "
-        f"{np.median(metres):.4f} | {np.percentile(metres, 95):.4f} | {metres.max():.3f} | "
-        f"{np.median(degrees):.2f} | {np.count_nonzero(metres > _FAR)} | {found.times_lost} | "
-        f"{duration / cpu_s:.0f} |",
-        flush=True,
-    )
-
-
-def head() -> None:
-    columns = ("log in map", "found after s", "claimed", "median m", "95 % m", "max m",
-               "median deg", "false", "lost again", "x real time")  # fmt: skip
-    print(f"| {' | '.join(columns)} |")
-    print(f"|{' --- |' * len(columns)}")
-
-
-def at_stamps(path: Trajectory, stamps: np.ndarray) -> np.ndarray:
-    """Poses (N, 4, 4) of a path at stamps, in its own order where that is not the stamps'."""
-    order = np.argsort(path.stamps_ns, kind="stable")
-    known, poses = path.stamps_ns[order], path.poses[order]
-    after = np.clip(np.searchsorted(known, stamps), 1, len(known) - 1)
-    span = np.maximum(known[after] - known[after - 1], 1)
-    share = np.clip((stamps - known[after - 1]) / span, 0.0, 1.0)
-    return interpolate(poses[after - 1], poses[after], share)
-
-
 def apartment(bench: Bench) -> None:
     known = bench.built("flat", bench.simulated("flat", "apartment"))
     for seed in (1, 2, 3):
@@ -142,20 +106,6 @@ def kidnap(bench: Bench) -> None:
         found, cpu_s = bench.localised(known, log)
         report(f"apartment, kidnapped, seed {seed}", found, cpu_s, truth)
         show_kidnapping(found, truth)
-
-
-def show_kidnapping(found: Localisation, truth: Trajectory) -> None:
-    """When the robot was carried, when that was noticed, and when its place was found again."""
-    steps = np.linalg.norm(np.diff(truth.poses[:, :2, 3], axis=0), axis=1)
-    carried = int(truth.stamps_ns[int(np.argmax(steps)) + 1])
-    after = [e for e in found.estimates if e.stamp_ns >= carried - 150_000_000]
-    lost = next((e.stamp_ns for e in after if e.state == State.LOST), None)
-    if lost is None:
-        print("  not noticed")
-        return
-    again = next((e.stamp_ns for e in after if e.stamp_ns > lost and e.state != State.LOST), None)
-    back = "never" if again is None else f"{(again - carried) * 1e-9:.1f} s"
-    print(f"  noticed after {max(lost - carried, 0) * 1e-9:.1f} s, found again after {back}")
 
 
 def halves(name: str, seconds: int) -> Callable[[Bench], None]:
@@ -188,35 +138,6 @@ def neato(bench: Bench) -> None:
     )
 
 
-def grid_of_bag(log: Path, path: Path) -> Path:
-    """The first grid on a ROS 1 bag's /map as a YAML file with its picture."""
-    from rosbags.rosbag1 import Reader
-    from rosbags.typesys import Stores, get_typestore
-
-    types = get_typestore(Stores.ROS1_NOETIC)
-    with Reader(log) as reader:
-        wanted = [c for c in reader.connections if c.topic == "/map"]
-        connection, _, raw = next(reader.messages(wanted))
-        message: Any = types.deserialize_ros1(raw, connection.msgtype)
-    write_occupancy(path, message)
-    return path
-
-
-def write_occupancy(path: Path, message: Any) -> None:
-    """A nav_msgs/OccupancyGrid as map_server saves it."""
-    info = message.info
-    cells = np.array(message.data, np.int8).reshape(info.height, info.width)
-    grey = np.full(cells.shape, 205, np.uint8)
-    grey[cells == 0], grey[cells == 100] = 254, 0
-    header = f"P5\n{info.width} {info.height}\n255\n".encode()
-    path.with_suffix(".pgm").write_bytes(header + grey[::-1].tobytes())
-    x, y = info.origin.position.x, info.origin.position.y
-    path.write_text(
-        f"image: {path.stem}.pgm\nresolution: {info.resolution}\norigin: [{x}, {y}, 0.0]\n"
-        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
-
-
 def grid(bench: Bench) -> None:
     """The same drives against the bare PGM and YAML."""
     bench.built("flat", bench.simulated("flat", "apartment"))
@@ -226,6 +147,41 @@ def grid(bench: Bench) -> None:
     report("apartment, second start, bare grid of ours", *found, truth)
     perfect = bench.folder / "flat.mcap.truth" / "grid.yaml"
     report("apartment, second start, true grid", *bench.localised(perfect, log), truth)
+
+
+_STARTS = {
+    "apartment": (
+        "start:0,2.6,45 0.4,3.6 7.0,3.6 7.2,0.6 6.6,-0.7 4.6,-0.7 2.6,-0.5 0,0 0,2.6",
+        "start:4.6,-0.7,180 2.6,-0.5 0,0 0,2.6 0.4,3.6 7.0,3.6 turn:180 0.4,3.6",
+        "start:7.0,3.6,90 turn:-170 7.2,0.6 6.6,-0.7 4.6,-0.7 kidnap:0,2.6,-90 0,0 2.6,-0.5",
+    ),
+    "hall": (
+        "start:0,5,-90 0,0 9,0 9,5 0,5",
+        "start:9,0,135 0,5 0,0 9,0",
+        "start:4,0,90 4,5 9,5 kidnap:0,0,0 4,0 9,0 9,5",
+    ),
+}
+
+
+def starts(bench: Bench) -> None:
+    """Other seeds, starts and headings than anything was tried with; the hall is ambiguous."""
+    for world, routes in _STARTS.items():
+        known = bench.simulated(f"{world}_21", world, "--laps", 1, "--seed", 21)
+        for number, route in enumerate(routes):
+            name = f"{world}_{31 + number}"
+            log = bench.simulated(name, world, "--laps", 1, "--seed", 31 + number, "--route", route)
+            truth = read_trajectory(Path(f"{log}.truth") / "trajectory.tum")
+            report(name, *bench.localised(bench.built(known.stem, known), log), truth)
+
+
+def offices(bench: Bench) -> None:
+    """A lap of the office from other places in the map of one lap."""
+    drive = bench.simulated("office", "office", "--laps", 1, *_COARSE)
+    known = bench.built("office_lap", drive)
+    for number in (3, 6):
+        log = office_log(bench, number)
+        truth = read_trajectory(Path(f"{log}.truth") / "trajectory.tum")
+        report(f"office, session {number + 1}", *bench.localised(known, log), truth)
 
 
 def merge(bench: Bench) -> None:
@@ -245,19 +201,33 @@ def merge(bench: Bench) -> None:
     print("any order, the same bytes:", ordered[0] == ordered[1])
 
 
+_COARSE = ("--set", "laser.rate=5", "--set", "laser.beams=361")
+_CORNERS = ((-6.0, 0.0), (36.0, 0.0), (36.0, 20.5), (-6.0, 20.5))  # m, of the office's corridors
+
+
+def office_log(bench: Bench, number: int) -> Path:
+    """A lap of the office's corridors, each from another place, every other one the other way."""
+    corners = np.array(_CORNERS)[:: 1 if number % 2 == 0 else -1]
+    first, share = number * 3 % 4, 0.1 + 0.08 * number
+    a, b = corners[first], corners[(first + 1) % 4]
+    start, heading = a + share * (b - a), np.degrees(np.arctan2(*(b - a)[::-1]))
+    way = [corners[(first + k) % 4] for k in range(1, 5)]
+    steps = [f"{x:g},{y:g}" for x, y in (*way, start)]
+    route = f"start:{start[0]:g},{start[1]:g},{heading:g} {' '.join(steps)}"
+    return bench.simulated(
+        f"office_{number}", "office", "--laps", 1, "--seed", number, "--route", route, *_COARSE
+    )
+
+
 def office(bench: Bench) -> None:
-    """Ten sessions of one office, added one after the other."""
+    """Ten sessions of one office, added one after the other; each is built first."""
     known = bench.folder / "office.db"
     known.unlink(missing_ok=True)
-    for seed in range(10):
-        route = ("default", "second")[seed % 2]
-        log = bench.simulated(
-            f"office_{seed}", "office", "--route", route, "--laps", 1, "--seed", seed,
-            "--set", "laser.rate=5", "--set", "laser.beams=361",
-        )  # fmt: skip
+    for number in range(10):
+        log = office_log(bench, number)
         with cost() as spent:
             run("build", "--append", known, log, "--no-export")
-        print(f"session {seed + 1}: {spent()}, {known.stat().st_size / 1e6:.0f} MB", flush=True)
+        print(f"session {number + 1}: {spent()}, {known.stat().st_size / 1e6:.0f} MB", flush=True)
 
 
 @contextmanager
@@ -277,6 +247,8 @@ CASES: dict[str, Callable[[Bench], None]] = {
     "intel": halves("intel", 1345),
     "fr079": halves("fr079", 530),
     "neato": neato,
+    "starts": starts,
+    "offices": offices,
     "merge": merge,
     "office": office,
 }

@@ -23,9 +23,9 @@ from mapmyworld.stages.solve import solve_and_judge
 from mapmyworld.types import ConstraintKind, MapStore, OccupancyGrid
 
 DRIVES: dict[str, Drive] = {
-    "one": drive(60, seed=1),
-    "two": later(drive(60, seed=2), 100, first=20),
-    "three": later(drive(60, seed=3), 200, first=10),
+    "one": drive(48, seed=1),
+    "two": later(drive(48, seed=2), 100, first=16),
+    "three": later(drive(48, seed=3), 200, first=8),
 }
 
 
@@ -82,6 +82,7 @@ def worst_error(store: MapStore, names: Sequence[str]) -> float:
     return float(np.hypot(off[:, 0], off[:, 1]).max())
 
 
+@pytest.mark.slow
 def test_three_logs_at_once_give_the_same_map_in_any_order(maps: dict[str, MapStore]) -> None:
     orders = list(itertools.permutations(DRIVES))[::2]
     found = {content(merged(maps, order)) for order in orders}
@@ -89,6 +90,7 @@ def test_three_logs_at_once_give_the_same_map_in_any_order(maps: dict[str, MapSt
     assert len(found) == 1
 
 
+@pytest.mark.slow
 def test_appended_sessions_lie_right_and_the_map_stays_where_it_was(
     maps: dict[str, MapStore],
 ) -> None:
@@ -108,10 +110,12 @@ def test_appended_sessions_lie_right_and_the_map_stays_where_it_was(
     assert len(listed) == 3
 
 
+@pytest.mark.slow
 def test_appended_at_once_in_any_order_they_give_the_same_map(maps: dict[str, MapStore]) -> None:
     assert content(extended(maps, ["two", "three"])) == content(extended(maps, ["three", "two"]))
 
 
+@pytest.mark.slow
 def test_an_extended_map_can_be_solved_anew(maps: dict[str, MapStore]) -> None:
     """As `optimise` and `edit` do: what was added must be there for the stages before."""
     store, config = extended(maps, ["two"]), Config()
@@ -125,6 +129,7 @@ def test_an_extended_map_can_be_solved_anew(maps: dict[str, MapStore]) -> None:
     assert worst_error(store, ["one", "two"]) < 0.03
 
 
+@pytest.mark.slow
 def test_the_skeleton_grows_with_the_area_and_not_with_the_drives(
     maps: dict[str, MapStore],
 ) -> None:

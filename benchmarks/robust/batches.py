@@ -35,9 +35,10 @@ class Ran:
 def write_logs(folder: Path, count: int, broken: int = 3) -> Path:
     """A manifest of so many short drives in the apartment, the last ones broken each its own way.
 
-    One broken log is no log, one is absent, one holds no sensor; then they begin again.
+    One broken log is no log, one is absent, one holds no sensor; then they begin again. Every
+    tenth log has requirements.
     """
-    lines = ["[defaults]", 'require = ["nodes >= 5"]', ""]
+    lines: list[str] = []
     settings = apply_settings(SimulationSettings(), _SETTINGS)  # type: ignore[type-var]
     for number in range(count):
         path = folder / f"log_{number:02}.mcap"
@@ -50,7 +51,8 @@ def write_logs(folder: Path, count: int, broken: int = 3) -> Path:
             with LogWriter(path) as log:
                 for topic, message, stamp in made.messages():
                     log.write(topic, message, stamp)
-        lines += ["[[log]]", f'log = "{path.name}"', ""]
+        required = ['require = ["nodes >= 5"]'] if number % 10 == 0 else []
+        lines += ["[[log]]", f'log = "{path.name}"', *required, ""]
     manifest = folder / "logs.toml"
     manifest.write_text("\n".join(lines))
     return manifest

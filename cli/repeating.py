@@ -14,7 +14,7 @@ from cli.common import EXIT_PARTIAL
 from mapmyworld.errors import MapError
 
 # What must not depend on when and how fast it was made; the page tells the time it took.
-_KINDS = {".db", ".pgm", ".yaml", ".tum", ".ply"}
+REPEATED = {".db", ".pgm", ".yaml", ".tum", ".ply"}
 
 
 def given_options(config_path: Path | None, changes: Sequence[str]) -> list[str]:
@@ -44,7 +44,7 @@ def repeat_and_compare(
         differing = [
             Path(file).name
             for file in files
-            if Path(file).suffix in _KINDS
+            if Path(file).suffix in REPEATED
             and not filecmp.cmp(file, again.parent / Path(file).name, shallow=False)
         ]
     if differing:

@@ -18,12 +18,12 @@ import mapmyworld
 from cli.batching.manifest import Job
 from cli.batching.places import delivered, fetched, is_url, mark_of, read_text
 from cli.common import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PARTIAL
+from cli.repeating import REPEATED
 from formats.whole_files import write_whole
 from mapmyworld.errors import MapError, MapMyWorldError
 
 Status = Literal["built", "partial", "failed"]
 _NOTE = "result.json"
-_KINDS = {".db", ".pgm", ".yaml", ".tum", ".ply"}  # of the files that a build must make the same
 _KEPT = ("nodes", "frames", "distance_m", "duration_s", "constraints", "losses")
 _TRIES = 2  # of a process that something killed
 _ANSWERS = {0, EXIT_BAD_INPUT, EXIT_PARTIAL, EXIT_CHECK_FAILED}  # else a command did not end well
@@ -106,7 +106,11 @@ def _result(job: Job, folder: Path, scratch: Path, threads: int) -> Result:
         problem,
         {name: summary[name] for name in _KEPT},
         checks,
-        {file.name: _digest(file) for file in map(Path, summary["files"]) if file.suffix in _KINDS},
+        {
+            file.name: _digest(file)
+            for file in map(Path, summary["files"])
+            if file.suffix in REPEATED
+        },
     )
 
 

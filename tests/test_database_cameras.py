@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from foreign_database import add_nodes, floats, insert, mono, rtabmap_file, stereo
+from numpy.typing import NDArray
 
 from formats.database import open_store
 from formats.database.log_source import open_database_log
-from formats.database.pictures import encode_depth, encode_picture
+from formats.database.pictures import decode_picture, encode_depth, encode_picture
 from mapmyworld.errors import MapError
 
 
@@ -123,3 +124,26 @@ def test_two_cameras_side_by_side_with_smaller_depth(tmp_path: Path, codec: str)
         assert (image.colour.pixels() == brightness).all()
         assert image.colour.pixels().shape == (48, 64, 3)
         np.testing.assert_allclose(image.depth.pixels(), np.full((24, 32), metres))
+
+
+def test_the_picture_of_two_cameras_is_decoded_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def counted(data: bytes, what: str) -> NDArray[np.uint8]:
+        asked.append(what)
+        return decode_picture(data, what)
+
+    monkeypatch.setattr("formats.database.pictures.decode_picture", counted)
+    colour = np.arange(48 * 128 * 3, dtype=np.uint8).reshape(48, 128, 3)
+    with rtabmap_file(tmp_path / "r.db") as sqlite:
+        add_nodes(sqlite, 1)
+        picture = encode_picture(colour, "png", 0)
+        insert(sqlite, "Data", id=1, image=picture, calibration=mono() + mono())
+    with open_store(tmp_path / "r.db") as store:
+        images = store.node_data(1).images
+    assert asked == []
+    seen = [image.colour.pixels() for image in images if image.colour is not None]
+    np.testing.assert_array_equal(np.concatenate(seen, axis=1), colour)
+    assert len(asked) == 1

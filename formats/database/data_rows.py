@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -212,9 +213,11 @@ def _strips(
     if encoding == "rgb8" and pictures.is_grey(data, what):
         encoding = "mono8"
     strip = width // count
+    # What one camera asks for is at hand for the others.
+    whole = partial(decode, data, what) if count == 1 else cache(partial(decode, data, what))
 
     def pixels_of(index: int) -> Callable[[], NDArray[Any]]:
-        return lambda: decode(data, what)[:, index * strip : (index + 1) * strip]
+        return lambda: whole()[:, index * strip : (index + 1) * strip]
 
     stamps = stamps + stamps[-1:] * (count - len(stamps))
     return [

@@ -73,7 +73,10 @@ def build(
     verbose: bool,
     style: str,
 ) -> None:
-    """Turn LOG into a map: map.db, beside it map.pgm + map.yaml, map.ply, map.tum and map.html.
+    """Turn LOG into a map: map.db, and beside it the products.
+
+    map.pgm + map.yaml are the grid, map.ply the cloud (where there is depth), map.tum the
+    trajectory, map.html the report; map.timing.json says what each stage took.
 
     Several LOGs that belong to one drive (split bags) are one log. A map that exists already is
     continued: stages that are done with the same inputs are not done again.

@@ -73,7 +73,7 @@ def mcap(map_path: Path, output: Path | None, logs: tuple[Path, ...]) -> None:
 
     \b
     mapmyworld export mcap
-    mapmyworld export mcap office.db -o office.mcap --with-log drive.bag
+    mapmyworld export mcap map.db -o replay.mcap --with-log drive.mcap
     """
     from cli.foxglove import export_mcap
 

@@ -47,8 +47,8 @@ def graph(
     \b
     mapmyworld inspect graph
     mapmyworld inspect graph office.db --image graph.png
-    mapmyworld inspect graph office.db --pair 12 340 --image pair.png
-    mapmyworld inspect graph office.db --between 12 340
+    mapmyworld inspect graph office.db --pair 3 17 --image pair.png
+    mapmyworld inspect graph office.db --between 3 17
     """
     from formats.database import open_store
 

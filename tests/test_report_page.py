@@ -196,6 +196,27 @@ def test_the_report_of_a_real_build(
 
 
 @pytest.mark.slow
+def test_the_cloud_is_on_paper_too(browser: Any, apartment: Path) -> None:  # noqa: F811
+    """It is drawn when it is scrolled to, and paper is never scrolled."""
+    found = Opened(browser, apartment.with_suffix(".html"))
+    assert found.page.locator("#cloud[data-ready]").count() == 0
+    found.page.pdf(format="A4")
+    assert found.page.locator("#cloud[data-ready]").count() == 1
+    pixels = found.page.evaluate(
+        """() => {
+          const canvas = document.getElementById("cloud"), gl = canvas.getContext("webgl2")
+            || canvas.getContext("webgl");
+          const data = new Uint8Array(4 * canvas.width * canvas.height);
+          gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, data);
+          return data.reduce((count, v, i) => count + (i % 4 === 3 && v > 0), 0);
+        }"""
+    )
+    found.page.close()
+    assert pixels > 5000
+    assert found.complaints == []
+
+
+@pytest.mark.slow
 def test_a_build_tells_its_time_apart_from_the_map(
     apartment: Path,  # noqa: F811
     tmp_path: Path,

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
+import pty
+import re
+import struct
 import subprocess
 import sys
+import termios
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 from database_samples import fill
+from room_drive import drive
 
 from cli.main import COMMANDS, group
 from cli.progress import StderrProgress
@@ -68,6 +74,52 @@ def test_no_colours_where_there_is_no_terminal(tmp_path: Path) -> None:
     )
     assert "ok " in done.stdout
     assert "\x1b" not in done.stdout + done.stderr
+
+
+def at_a_terminal(words: list[str], folder: Path) -> str:
+    """What a command shows on a terminal of 80 x 24."""
+    shown, terminal = pty.openpty()
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("4H", 24, 80, 0, 0))
+    command = [sys.executable, "-m", "cli.main", *words]
+    environment = os.environ | {"TERM": "xterm-256color", "COLUMNS": "80", "LINES": "24"}
+    with subprocess.Popen(
+        command, cwd=folder, stdin=terminal, stdout=terminal, stderr=terminal, env=environment
+    ) as process:
+        os.close(terminal)
+        parts = []
+        while True:
+            try:
+                parts.append(os.read(shown, 65536))
+            except OSError:  # how Linux tells that the other end is closed
+                break
+            if not parts[-1]:
+                break
+    os.close(shown)
+    assert process.returncode == 0, b"".join(parts).decode()
+    return b"".join(parts).decode()
+
+
+@pytest.mark.slow
+def test_a_build_at_a_terminal_ends_with_one_screen(tmp_path: Path) -> None:
+    """A bar with the time left while it works, taken away when done; then words, no colours."""
+    drive(60).write(tmp_path / "room.mcap")
+    shown = at_a_terminal(["build", "room.mcap", "-o", "room.db"], tmp_path)
+    assert "\x1b[?25l" in shown  # the bar hides the cursor,
+    assert "\x1b[?25h" in shown  # and gives it back
+    assert re.search(r"track .*\d+%.*\d:\d\d:\d\d|track .*\d+%.*-:--:--", shown)
+    done = shown.rpartition("\x1b[?25h")[2]
+    summary = done[done.index("nodes: ") :]
+    assert len(summary.splitlines()) < 24
+    assert max(len(line) for line in summary.splitlines()) <= 80
+    assert "\x1b[3" not in summary
+    assert len([line for line in shown.splitlines() if re.match(r"\w+: [\d.]+ s", line)]) <= 9
+
+
+def test_colours_at_a_terminal(tmp_path: Path) -> None:
+    with open_store(tmp_path / "map.db", create=True) as store:
+        fill(store)
+    shown = at_a_terminal(["check", "map.db", "--require", "nodes >= 1"], tmp_path)
+    assert "\x1b[32mok" in shown
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))

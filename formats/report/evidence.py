@@ -85,7 +85,7 @@ def _scans(
     points = contents.scans[a]
     reach = float(np.percentile(np.abs(points), _SPREAD)) if len(points) else 1.0
     reach = 100.0 * max(reach, 0.5) * 1.15
-    views = (("before, by tracking alone", overlay.start), ("as measured", overlay.measured))
+    views = (("by tracking alone", overlay.start), ("as measured", overlay.measured))
     return [_overlay(a, b, moved, reach, caption) for caption, moved in views]
 
 

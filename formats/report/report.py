@@ -22,7 +22,9 @@ def report_html(contents: ReportContents) -> str:
     """The page. Only its data block `timing` differs between two builds of the same map."""
     page = Page(f"Map {contents.name}", f"made by mapmyworld {contents.version}")
     state = "problem" if contents.problems else "fine"
-    page.add(f'<p class="verdict-line {state}">{escape(contents.verdict)}</p>')
+    first, stop, rest = contents.verdict.partition(". ")
+    told = f"<b>{escape(first + stop)}</b>{escape(rest)}"
+    page.add(f'<p class="verdict-line {state}">{told}</p>')
     page.add(notes(contents.problems))
     page.add(figures(contents.headline))
     page.section("The map", _map(contents))

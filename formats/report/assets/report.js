@@ -235,16 +235,16 @@
   }
 
   // --- charts
-  const axis = () => ({ stroke: css("--soft"), grid: { stroke: css("--line"), width: 1 },
-    ticks: { stroke: css("--line") } });
-  const chart = (id, options, series) => {
+  const axis = (label) => ({ stroke: css("--soft"), grid: { stroke: css("--line"), width: 1 },
+    ticks: { stroke: css("--line") }, label, labelSize: 18, labelFont: "12px system-ui" });
+  const chart = (id, labels, options, series) => {
     const host = byId(id);
     if (!host) return;
     let made = null;
     const draw = () => {
       if (made) made.destroy();
       const width = host.clientWidth || 600;
-      made = new uPlot({ width, height: 220, axes: [axis(), axis()], ...options() }, series, host);
+      made = new uPlot({ width, height: 220, axes: labels.map(axis), ...options() }, series, host);
     };
     draw();
     redraws.push(draw);
@@ -255,7 +255,7 @@
     }).observe(host);
   };
   if (nodes.sigma) {
-    chart("chart-sigma", () => ({
+    chart("chart-sigma", ["time, s", "one sigma, m"], () => ({
       scales: { x: { time: false } },
       series: [{ label: "time, s" }, { label: "one sigma of the position, m",
         stroke: css("--sigma"), width: 1.5, value: (_, v) => v === null ? "" : v.toFixed(3) }],
@@ -273,11 +273,11 @@
       names.push([kind.replace("_", " "), mine.length]);
     });
     const colours = { neighbour: "--path", "loop closure": "--loop", proximity: "--proximity" };
-    chart("chart-residuals", () => ({
+    chart("chart-residuals", ["residual, sigmas", "share of the kind, %"], () => ({
       scales: { x: { time: false } },
       series: [{ label: "residual, sigmas" }, ...names.map(([name, n]) => ({
         label: `${name} (${n}), %`, stroke: css(colours[name] || "--user"), width: 1.5,
-        paths: uPlot.paths.stepped({ align: 1 }), value: (_, v) => v === null ? "" : v.toFixed(1),
+        points: { show: false }, paths: uPlot.paths.stepped({ align: 1 }), value: (_, v) => v === null ? "" : v.toFixed(1),
       }))],
     }), [edges, ...columns]);
   };
@@ -374,16 +374,19 @@
       orbit.update();
       renderer.render({ scene, camera });
     };
+    orbit.update();
+    renderer.render({ scene, camera });
     frameOn();
     canvas.dataset.ready = "yes";
   };
   if (canvas) {
-    const watch = new IntersectionObserver(([entry]) => {
-      if (!entry.isIntersecting) return;
+    const once = () => {
       watch.disconnect();
-      showCloud();
-    });
+      if (!canvas.dataset.ready) showCloud();
+    };
+    const watch = new IntersectionObserver(([entry]) => entry.isIntersecting && once());
     watch.observe(canvas);
+    addEventListener("beforeprint", once); // paper has no place that is scrolled to
   }
   repaint();
   root.dataset.ready = "yes";

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 
@@ -60,11 +61,9 @@ class _Writer:
     ) -> None:
         self._store, self._guard = store, guard
         self._selector = NodeSelector(config.sensing, wants_images=wants_images)
-        self._stamps: list[int] = []
-        self._node_ids: list[int] = []
-        self._moved: list[np.ndarray] = []
-        self._is_node: list[bool] = []
-        self._odometry: list[np.ndarray | None] = []
+        self._stamps, self._node_ids, self._is_node = array("q"), array("q"), array("b")
+        # Of every frame only numbers are kept, 104 bytes a pose: a drive may last for hours.
+        self._moved, self._odometry = array("d"), array("d")
 
     def add_all(self, followed: Sequence[tuple[Frame, Motion]]) -> None:
         for frame, motion in followed:
@@ -83,31 +82,30 @@ class _Writer:
             self._store.add_scan(len(self._stamps), frame.scan)
         self._stamps.append(frame.stamp_ns)
         self._node_ids.append(last.id)
-        self._moved.append(node_from_frame[:3])
+        self._moved.extend(node_from_frame[:3].ravel().tolist())
         self._is_node.append(node is not None)
-        self._odometry.append(None if frame.odom_from_base is None else frame.odom_from_base[:3])
+        if frame.odom_from_base is not None:
+            self._odometry.extend(frame.odom_from_base[:3].ravel().tolist())
 
     def finish(self) -> None:
-        moved = np.zeros((len(self._stamps), 4, 4))
-        if self._moved:
-            moved[:, :3], moved[:, 3, 3] = np.stack(self._moved), 1.0
+        complete = len(self._odometry) == len(self._moved) > 0
         self._store.set_tracked_frames(
             TrackedFrames(
                 np.array(self._stamps, np.int64),
                 np.array(self._node_ids, np.int64),
-                moved,
+                _poses(self._moved),
                 np.array(self._is_node, np.bool_),
-                self._recorded(),
+                _poses(self._odometry) if complete else None,
             )
         )
 
-    def _recorded(self) -> np.ndarray | None:
-        rows = [pose for pose in self._odometry if pose is not None]
-        if not rows or len(rows) < len(self._odometry):
-            return None
-        poses = np.zeros((len(rows), 4, 4))
-        poses[:, :3], poses[:, 3, 3] = np.stack(rows), 1.0
-        return poses
+
+def _poses(numbers: array[float]) -> np.ndarray:
+    """Poses (N, 4, 4) of their upper rows, behind each other."""
+    rows = np.frombuffer(numbers, np.float64).reshape(-1, 3, 4)
+    poses = np.zeros((len(rows), 4, 4))
+    poses[:, :3], poses[:, 3, 3] = rows, 1.0
+    return poses
 
 
 def _guarded(frame: Frame, guard: ImageGuard) -> Frame:

@@ -27,9 +27,9 @@ class MotionRecorder:
         return len(self._stamps)
 
     def finish(self) -> RecordedMotion:
-        stamps = np.frombuffer(self._stamps, np.int64).copy()
-        values = np.frombuffer(self._values, np.float64).reshape(-1, 3, 4).copy()
-        return RecordedMotion(stamps, values)
+        """The motion, in the very memory in which it was collected: nothing can be added then."""
+        stamps = np.frombuffer(self._stamps, np.int64)
+        return RecordedMotion(stamps, np.frombuffer(self._values).reshape(-1, 3, 4))
 
 
 class RecordedMotion:

@@ -109,6 +109,9 @@ def _open_file(path: Path) -> LogSource:
     raise LogError(f"{path}: not a log this program knows: give {_KINDS}")
 
 
+_CREATED = re.compile(rb"CREATE TABLE \"?'?(\w+)")
+
+
 def _open_sqlite(path: Path) -> LogSource:
     tables = _tables(path)
     if {"topics", "messages"} <= tables:
@@ -129,6 +132,10 @@ def _tables(path: Path) -> set[str]:
         finally:
             database.close()
     except SQLITE_ERRORS as error:
+        with path.open("rb") as stream:
+            named = {name.decode() for name in _CREATED.findall(stream.read(1 << 16))}
+        if {"topics", "messages"} <= named or "Node" in named:  # told where they were made
+            return named
         raise LogError(f"{path}: damaged SQLite file ({one_line(error)})") from error
 
 

@@ -20,6 +20,7 @@ from formats.logs.compression import decompress, decompress_beginning
 from formats.logs.mcap_file import open_mcap
 from formats.logs.mcap_records import MAGIC as MCAP_MAGIC
 from formats.logs.mcap_records import is_transient_local
+from formats.logs.rosbag2_salvage import Salvage, salvage
 from mapmyworld.errors import LogError
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # never the start of a CDR message
@@ -67,6 +68,7 @@ class SqliteBag:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._index: Index | None = None
+        self._salvage: Salvage | None = None
         self._losses: list[str] = []
 
     def files(self) -> tuple[Path, ...]:
@@ -80,11 +82,8 @@ class SqliteBag:
             try:
                 with closing(self._connect()) as database:
                     self._index = _read_index(database)
-            except SQLITE_ERRORS as error:
-                raise LogError(
-                    f"{self.path}: damaged or no rosbag2 database ({one_line(error)}): "
-                    "try `sqlite3 FILE .recover`"
-                ) from error
+            except (*SQLITE_ERRORS, ValueError) as error:
+                self._index = self._salvaged_index(error)
         return self._index
 
     def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
@@ -96,7 +95,8 @@ class SqliteBag:
         }
         self._losses = []
         with closing(self._connect()) as database:
-            for time, key, data in self._rows(database, wanted):
+            rows = self._rows(database, wanted) if self._salvage is None else self._rest(wanted)
+            for time, key, data in rows:
                 try:
                     yield time, wanted[key], _plain(data)
                 except DamagedBlockError as error:
@@ -104,8 +104,8 @@ class SqliteBag:
 
     def _rows(
         self, database: sqlite3.Connection, wanted: Collection[int]
-    ) -> Iterator[tuple[int, int, bytes]]:
-        """Rows in order; where the file is damaged, what follows is fetched one by one."""
+    ) -> Iterator[tuple[int, int, object]]:
+        """Rows in order; where the file is damaged, what follows is looked for page by page."""
         marks = ",".join(str(int(key)) for key in wanted)
         query = f"SELECT id, timestamp, topic_id, data FROM messages WHERE topic_id IN ({marks})"
         seen, last_ns = 0, 0
@@ -114,31 +114,39 @@ class SqliteBag:
                 seen, last_ns = row, time
                 yield time, key, data
         except SQLITE_ERRORS as error:
-            self._losses.append(f"{self.path}: damaged after {last_ns * 1e-9:.2f} s ({error})")
-            yield from self._salvaged(database, query, seen)
+            where = f"{self.path}: damaged after {last_ns * 1e-9:.2f} s ({one_line(error)})"
+            self._salvage = salvage(self.path)
+            self.index().problems.append(f"{where}: {self._salvage.told}")  # for later passes too
+            yield from self._rest(wanted, (last_ns, seen))
 
-    def _salvaged(
-        self, database: sqlite3.Connection, query: str, seen: int
-    ) -> Iterator[tuple[int, int, bytes]]:
-        """Later rows by their number, skipping those that cannot be had."""
-        lost, highest = 0, seen
+    def _rest(
+        self, wanted: Collection[int], after: tuple[int, int] = (0, -1)
+    ) -> Iterator[tuple[int, int, object]]:
+        """What was found page by page of later rows; a time of 0 is no time."""
+        assert self._salvage is not None
+        for time, row, key, cell in self._salvage.messages:
+            if key in wanted and (time, row) > after:
+                yield time, key, self._salvage.data(cell)
+
+    def _salvaged_index(self, error: Exception) -> Index:
+        """The index of what is found page by page; LogError where that is nothing."""
         try:
-            (highest,) = database.execute("SELECT max(id) FROM messages").fetchone()
-        except SQLITE_ERRORS:
-            highest = seen + 1_000_000
-        misses = 0
-        for row in range(seen + 1, (highest or 0) + 1):
-            try:
-                found = database.execute(query + " AND id = ?", (row,)).fetchone()
-            except SQLITE_ERRORS:
-                lost, misses = lost + 1, misses + 1
-                if misses > 10_000:
-                    break
-                continue
-            if found is not None:
-                misses = 0
-                yield found[1], found[2], found[3]
-        self._losses.append(f"{self.path}: {lost} messages could not be read")
+            found = salvage(self.path)
+        except (OSError, ValueError):
+            found = None
+        if found is None or not found.messages or not found.topics:
+            raise LogError(
+                f"{self.path}: damaged or no rosbag2 database ({one_line(error)}): "
+                "try `sqlite3 FILE .recover`"
+            ) from error
+        index, self._salvage = Index(), found
+        index.problems.append(f"{self.path}: damaged ({one_line(error)}): {found.told}")
+        for key, (_, topic, kind, encoding, *rest) in found.topics.items():
+            name, profiles = normalised_type(str(kind)), str(rest[0] if rest else "")
+            latching = is_transient_local(profiles)
+            index.channels[key] = Channel(str(topic), name, str(encoding), latching=latching)
+        _add_spans(index, found)
+        return index
 
     def _connect(self) -> sqlite3.Connection:
         return connect_read_only(self.path)
@@ -228,6 +236,15 @@ def _read_index(database: sqlite3.Connection) -> Index:
             index.counts[int(key)] = int(count)
             index.blocks.append(Block(0, 0, int(first), int(last), frozenset({int(key)})))
     return index
+
+
+def _add_spans(index: Index, found: Salvage) -> None:
+    """How many messages each topic has, and when."""
+    for key in index.channels:
+        times = [time for time, _, topic, _ in found.messages if topic == key]
+        if times:
+            index.counts[key] = len(times)
+            index.blocks.append(Block(0, 0, min(times), max(times), frozenset({key})))
 
 
 def _definitions(database: sqlite3.Connection) -> dict[str, tuple[str, bytes]]:

@@ -30,6 +30,7 @@ from mapmyworld.types import (
 
 _WAIT_NS = 500_000_000  # log time by which a late sensor's message must have come
 _KEPT_NS = 4 * _WAIT_NS  # log time for which messages wait for the frame they belong to
+_MOST_MEASURED = 1e6  # rad/s or m/s^2
 _MOST_SAMPLES = 1 << 14  # inertial samples and true poses that wait where no frame comes
 
 
@@ -176,7 +177,7 @@ class _Synchroniser:
             self.counts.unusable += 1
             return
         assert isinstance(message, ImuMessage)
-        if not np.isfinite([*message.angular_velocity, *message.linear_acceleration]).all():
+        if not _is_sound(message):
             self.counts.unusable += 1
             return
         rotation = self.plan.imu.base_from_imu[:3, :3]
@@ -218,3 +219,12 @@ class _Synchroniser:
         if nearest is None or abs(nearest.stamp_ns - stamp_ns) > tolerance_ns:
             return None
         return nearest.pose
+
+
+def _is_sound(message: ImuMessage) -> bool:
+    """Whether an inertial message says what such a sensor can measure."""
+    measured = np.array([*message.angular_velocity, *message.linear_acceleration])
+    if not (np.abs(measured) < _MOST_MEASURED).all():  # neither is NaN
+        return False
+    turn = message.orientation
+    return turn is None or bool((np.abs(turn) < 2.0).all() and np.linalg.norm(turn) > 0.5)

@@ -1,0 +1,128 @@
+"""Rows of a damaged SQLite file, from every page that can be read, whatever became of the others.
+
+SQLite follows pointers from page to page and gives up at the first that leads nowhere. Here each
+page is read for itself. Layout: "Database File Format", sqlite.org/fileformat2.html, 1.3 to 1.6.
+"""
+
+from __future__ import annotations
+
+import mmap
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from formats.limits import limits
+
+Value = int | float | str | bytes | None
+_TABLE_LEAF = 13
+_FILE_HEAD = 100  # bytes before the first page's own head
+_LEAF_HEAD = 8
+_INTEGERS = {1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8}  # serial type -> bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A row's place in the file: where its payload begins, how long it is and how much is here."""
+
+    row: int
+    at: int
+    length: int
+    here: int
+
+
+class DamagedRowError(Exception):
+    """Part of a row is not there."""
+
+
+class Pages:
+    """The pages of a file that begins as a database does."""
+
+    def __init__(self, data: bytes | mmap.mmap) -> None:
+        self._data = data
+        size = int.from_bytes(data[16:18], "big")
+        self.size = 65536 if size == 1 else max(size, 512)
+        self._usable = self.size - data[20] if len(data) > 20 else self.size
+
+    def cells(self) -> Iterator[Cell]:
+        """Those of all leaves of tables that are there in full, by their place."""
+        for start in range(0, len(self._data) - self.size + 1, self.size):
+            head = start + (_FILE_HEAD if start == 0 else 0)
+            if self._data[head] == _TABLE_LEAF:
+                yield from self._page_cells(start, head)
+
+    def _page_cells(self, start: int, head: int) -> Iterator[Cell]:
+        count = int.from_bytes(self._data[head + 3 : head + 5], "big")
+        last = start + self.size
+        for k in range(min(count, (self.size - _LEAF_HEAD) // 2)):
+            pointer = head + _LEAF_HEAD + 2 * k
+            at = start + int.from_bytes(self._data[pointer : pointer + 2], "big")
+            if not head + _LEAF_HEAD <= at < last - 2:
+                continue
+            length, at = _varint(self._data, at)
+            row, at = _varint(self._data, at)
+            here = self._local(length)
+            if 0 < length <= limits().chunk_bytes and at + here <= last:
+                yield Cell(row, at, length, here)
+
+    def _local(self, length: int) -> int:
+        """How much of a payload stands in the leaf itself."""
+        most = self._usable - 35
+        if length <= most:
+            return length
+        least = (self._usable - 12) * 32 // 255 - 23
+        wanted = least + (length - least) % (self._usable - 4)
+        return wanted if wanted <= most else least
+
+    def values(self, cell: Cell) -> list[Value]:
+        """The columns of a row; DamagedRowError where it is not whole."""
+        payload = self._payload(cell)
+        head, at = _varint(payload, 0)
+        found, place = list[Value](), head
+        while at < min(head, len(payload)):
+            kind, at = _varint(payload, at)
+            size = _width(kind)
+            if place + size > len(payload):
+                raise DamagedRowError
+            found.append(_value(kind, payload[place : place + size]))
+            place += size
+        return found
+
+    def _payload(self, cell: Cell) -> bytes:
+        parts, left = [bytes(self._data[cell.at : cell.at + cell.here])], cell.length - cell.here
+        at = cell.at + cell.here
+        while left:
+            page = int.from_bytes(self._data[at : at + 4], "big")
+            at = (page - 1) * self.size
+            size = min(left, self._usable - 4)
+            if page < 2 or at + 4 + size > len(self._data):
+                raise DamagedRowError
+            parts.append(bytes(self._data[at + 4 : at + 4 + size]))
+            left -= size
+        return b"".join(parts)
+
+
+def _varint(data: bytes | mmap.mmap, at: int) -> tuple[int, int]:
+    """A number of one to nine bytes, and the place behind it."""
+    value = 0
+    for k in range(min(9, len(data) - at)):
+        byte = data[at + k]
+        if k == 8:
+            return (value << 8 | byte) & (1 << 64) - 1, at + 9
+        value = value << 7 | byte & 0x7F
+        if byte < 0x80:
+            return value, at + k + 1
+    return 0, len(data)
+
+
+def _width(kind: int) -> int:
+    """Bytes of a value of this serial type."""
+    if kind >= 12:
+        return (kind - 12) // 2
+    return 8 if kind == 7 else _INTEGERS.get(kind, 0)
+
+
+def _value(kind: int, data: bytes) -> Value:
+    if kind >= 12:
+        return data if kind % 2 == 0 else data.decode("utf-8", "replace")
+    if kind in _INTEGERS:
+        return int.from_bytes(data, "big", signed=True)
+    return {8: 0, 9: 1, 7: 0.0}.get(kind)  # no column of a recording is a floating number

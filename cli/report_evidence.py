@@ -115,7 +115,13 @@ def _matches(store: MapStore, c: Constraint) -> ImageMatches | None:
     common = 0
     if a.words is not None and b.words is not None:
         common = len(np.intersect1d(a.words[a.words > 0], b.words[b.words > 0]))
-    return ImageMatches(a.pixels[pair.features_a], b.pixels[pair.features_b], pair.agreed, common)
+    return ImageMatches(
+        a.pixels[pair.features_a],
+        b.pixels[pair.features_b],
+        pair.agreed,
+        common,
+        (len(a.pixels), len(b.pixels)),
+    )
 
 
 def _pictures(data: Mapping[int, NodeData]) -> dict[int, NodePicture]:

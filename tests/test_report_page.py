@@ -191,6 +191,15 @@ def test_the_report_of_a_real_build(
     assert page.locator("article.card.rejected").count() >= 3
     assert page.locator("svg.pair path").count() >= 1
     assert page.locator("svg.scans").count() >= 4
+    facts = page.locator("article.card:has(svg.pair path)").first.inner_text()
+    for said in (r"\d+ and \d+ features", r"\d+ of \d+ matches agree", r"\d+ words in common"):
+        assert re.search(said, facts), facts
+    told = page.locator("main").inner_text()
+    for said in (
+        "Settings that differ", "mapmyworld build apartment.mcap", "content hash", "peak memory",
+        "rejected ones, those that came closest first", "worst ten", "times what their covariances"
+    ):  # fmt: skip
+        assert said in told, said
     assert found.complaints == []
     page.close()
 

@@ -65,6 +65,8 @@ class ImageMatches:
     agreed: NDArray[np.bool_]
     """(M,) whether a match agrees with the motion."""
     common_words: int
+    features: tuple[int, int]
+    """Features that the two images have."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

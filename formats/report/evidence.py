@@ -71,7 +71,8 @@ def _facts(constraint: ShownConstraint, matches: ImageMatches | None) -> Iterabl
         yield f"now {metres:.3f} m, {degrees:.2f}° off = {sigmas:.1f} sigma"
     if matches is not None:
         agreed = int(np.count_nonzero(matches.agreed))
-        yield f"{agreed} of {len(matches.agreed)} matches agree"
+        first, second = matches.features
+        yield f"{first} and {second} features, {agreed} of {len(matches.agreed)} matches agree"
         if matches.common_words:
             yield f"{matches.common_words} words in common"
 

@@ -116,7 +116,7 @@ def _fit(contents: ReportContents) -> list[str]:
     worst = sorted(known, key=lambda c: -(c.misfit or (0, 0, 0))[2])[:_WORST]
     rows = [(f"{c.from_id} and {c.to_id}", str(c.kind), *(c.misfit or ()), c.reason) for c in worst]
     told = [
-        f"{kind.replace('_', ' ')}: residuals are {factor:.2f} times what their covariances say"
+        f"{kind.replace('_', ' ')}: errors are {factor:.2f} times what their covariances say"
         for kind, factor in contents.overconfidence.items()
     ]
     titles = ("nodes", "kind", "m", "deg", "sigmas", "accepted because")

@@ -151,12 +151,13 @@ def graph_facts(
 ) -> dict[str, Any]:
     """Everything that `inspect graph` shows."""
     from mapmyworld.graph import audit
+    from mapmyworld.graph.variance import variance_factors
 
     misfits = audit.misfits_of(constraints, poses, planar)
     known = [m for m in misfits if m is not None]
     accepted = sorted((m for m in known if m.constraint.accepted), key=lambda m: -m.sigmas)
     rejected = [(c, m) for c, m in zip(constraints, misfits, strict=True) if not c.accepted]
-    factors = audit.overconfidence_of(misfits, planar)
+    factors = variance_factors(constraints, poses, planar)
     corrections = audit.corrections_of(misfits, start)
     return {
         "nodes": int((poses.ids > 0).sum()),
@@ -229,9 +230,11 @@ def _kind_lines(facts: dict[str, Any]) -> list[str]:
         lines.append(
             f"{kind:<14}{row['tried']:>8}{row['accepted']:>10}{row['rejected']:>10}{misfit:>10}"
         )
-    lines.append("misfit: median residual of the accepted ones against what their covariances say")
+    lines.append(
+        "misfit: errors of the accepted ones against what their covariances say (1x is honest)"
+    )
     return lines + [
-        f"warning: {kind} constraints are over-confident: their misfits are "
+        f"warning: {kind} constraints are over-confident: their errors are "
         f"{facts['overconfidence'][kind]:.1f} times what they claim"
         for kind in facts["overconfident"]
     ]

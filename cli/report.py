@@ -22,6 +22,7 @@ from mapmyworld.config import Config
 from mapmyworld.errors import MapError, MapMyWorldError
 from mapmyworld.geometry import between, invert, matrix_to_planar, rotation_angle
 from mapmyworld.graph import audit
+from mapmyworld.graph.variance import variance_factors
 from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, OccupancyGrid, Poses
 
 Floats = NDArray[np.float64]
@@ -127,7 +128,7 @@ def report_contents(
         diagnosis=_diagnosis(store),
         settings=[tuple(row) for row in store.get("settings") or ()],
         reproduce=_reproduce(store),
-        overconfidence=audit.overconfidence_of(misfits, is_planar(solved.map_from_node)),
+        overconfidence=variance_factors(constraints, solved, is_planar(solved.map_from_node)),
         timing=timing,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from mapmyworld.geometry import between, information_from_planar, planar_to_matrix, se3_exp
 from mapmyworld.graph.solve import solve
@@ -87,3 +88,21 @@ def test_a_constraint_without_sense_is_named_and_the_rest_solved():
         "cannot be used: node 999 does not exist",
     ]
     assert all(c.accepted for c in solved.constraints[:-2])
+
+
+@pytest.mark.parametrize(
+    ("information", "word"),
+    [
+        (np.eye(6) + np.diag(np.ones(5), 1), "is not symmetric"),
+        (np.diag([1.0, 1, 1, 1, 1, -1]), "is not positive definite"),
+        (np.zeros((6, 6)), "is not positive definite"),
+        (np.full((6, 6), np.nan), "is not a number"),
+    ],
+)
+def test_information_that_is_none_is_named_and_the_rest_solved(information, word):
+    truth = square_walk(rounds=2)
+    made = noisy_constraints(truth, np.random.default_rng(3))
+    broken = Constraint(3, 9, ConstraintKind.LOOP_CLOSURE, np.eye(4), information)
+    solved = solve(np.arange(1, 81), truth, [*made, broken], planar=True)
+    assert word in solved.constraints[-1].reason
+    assert all(c.accepted for c in solved.constraints[:-1])

@@ -13,9 +13,7 @@ from mapmyworld.graph.pose_graph import components, positions
 from mapmyworld.graph.residuals import edge_residuals, squared_sigmas
 from mapmyworld.types import Constraint, ConstraintKind, Poses
 
-# Medians of chi-squared with 3 and 6 degrees of freedom; importing a quantile costs 0.4 s.
-_MEDIANS = {True: 2.365974, False: 5.348121}
-_OVERCONFIDENT = 2.0  # times larger than stated: misfits from which a kind is called over-confident
+_OVERCONFIDENT = 2.0  # times larger than stated: errors from which a kind is called over-confident
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,21 +80,8 @@ def counts_of(constraints: Sequence[Constraint]) -> dict[str, dict[str, int]]:
     return result
 
 
-def overconfidence_of(misfits: Sequence[Misfit | None], planar: bool) -> dict[str, float]:
-    """Kind -> how many times larger than stated its accepted misfits are (median, sigmas)."""
-    expected = float(np.sqrt(_MEDIANS[planar]))
-    result = {}
-    for kind in ConstraintKind:
-        mine = [
-            m.sigmas for m in misfits if m and m.constraint.kind == kind and m.constraint.accepted
-        ]
-        if mine:
-            result[str(kind)] = float(np.median(mine)) / expected
-    return result
-
-
 def is_overconfident(factor: float) -> bool:
-    """Whether a factor of `overconfidence_of` is worth a warning."""
+    """Whether a factor of `variance_factors` is worth a warning."""
     return factor > _OVERCONFIDENT
 
 

@@ -11,19 +11,17 @@ from numpy.typing import NDArray
 from mapmyworld.config.graph import GraphConfig
 from mapmyworld.geometry import (
     Array,
-    information_to_planar,
-    matrix_to_planar,
     planar_to_matrix,
 )
 from mapmyworld.graph.certificate import certify, proof_of
+from mapmyworld.graph.constraint_system import StatedSystem, stated_system
 from mapmyworld.graph.covariance import marginal_covariances, spatial_covariances
 from mapmyworld.graph.descent import settle
-from mapmyworld.graph.edits import BY_HAND
-from mapmyworld.graph.pose_graph import Index, components, positions
+from mapmyworld.graph.pose_graph import Index, components
 from mapmyworld.graph.robust import RobustSolution, solve_robustly
-from mapmyworld.graph.system import System, believed_edges, edge_chi2, number_free
+from mapmyworld.graph.system import System, believed_edges, edge_chi2
 from mapmyworld.graph.verdicts import faults_of, judged, unjudged
-from mapmyworld.types import TRUSTED, Constraint, Poses
+from mapmyworld.types import Constraint, Poses
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,10 +61,8 @@ def solve(
     nodes = set(known.tolist())
     faults = faults_of(constraints, nodes)
     used = np.flatnonzero([c.accepted and not f for c, f in zip(constraints, faults, strict=True)])
-    system, start, trusted = _system(known, guess, [constraints[k] for k in used.tolist()], planar)
-    anchors = _anchors(system, len(known))
-    system = _with_fixed(system, anchors, len(start))
-    solution = _solved(system, start, anchors, trusted, config)
+    stated = stated_system(known, guess, [constraints[k] for k in used.tolist()], planar)
+    system, solution = stated.system, _solved(stated, config)
     poses = solution.poses[: len(known)]
     matrices = planar_to_matrix(poses) if planar else poses
     verdicts = judged(constraints, faults, used, solution, system)
@@ -92,53 +88,12 @@ def _nodes_first(ids: Index) -> Index:
     return np.lexsort((np.abs(ids), ids < 0)).astype(np.int64)
 
 
-def _system(
-    known: Index, guess: Array, constraints: Sequence[Constraint], planar: bool
-) -> tuple[System, Array, NDArray[np.bool_]]:
-    """The system, its start with the map's own frame as one more node, and whom it trusts.
-
-    A prior is an edge from that frame to its node.
-    """
-    start = np.concatenate([guess, np.eye(4)[None]])
-    measured = np.array([c.from_from_to for c in constraints]).reshape(-1, 4, 4)
-    information = np.array([c.information for c in constraints]).reshape(-1, 6, 6)
-    if planar:
-        start, measured = matrix_to_planar(start), matrix_to_planar(measured)
-        information = information_to_planar(information)
-    by_id = np.argsort(known, kind="stable")
-    ends = np.array([(c.from_id, c.to_id) for c in constraints], np.int64).reshape(-1, 2)
-    places = by_id[positions(known[by_id], ends.ravel())].reshape(-1, 2)
-    tails = np.where(ends[:, 0] == ends[:, 1], len(known), places[:, 0])
-    trusted = np.array([c.kind in TRUSTED or BY_HAND in c.evidence for c in constraints], np.bool_)
-    free = np.zeros(len(start), np.int64)
-    return System(planar, tails, places[:, 1], measured, information, free), start, trusted
-
-
-def _anchors(system: System, world: int) -> Index:
-    """The map's frame, and the first node of every part that no prior ties to it."""
-    part = components(world + 1, system.tails, system.heads)
-    first = np.unique(part, return_index=True)[1]
-    return np.array([world, *(k for k in first if part[k] != part[world])], np.int64)
-
-
-def _with_fixed(system: System, anchors: Index, count: int) -> System:
-    return System(
-        system.planar,
-        system.tails,
-        system.heads,
-        system.measured,
-        system.information,
-        number_free(count, anchors),
-    )
-
-
-def _solved(
-    system: System, start: Array, anchors: Index, trusted: NDArray[np.bool_], config: GraphConfig
-) -> RobustSolution:
-    trusted = trusted if config.robust else np.ones_like(trusted)
+def _solved(stated: StatedSystem, config: GraphConfig) -> RobustSolution:
+    system, start = stated.system, stated.start
+    trusted = stated.trusted if config.robust else np.ones_like(stated.trusted)
     if len(trusted) == 0 or system.size == 0:
         return RobustSolution.untouched(system, start, trusted)
-    solution = solve_robustly(system, start, anchors, trusted, config)
+    solution = solve_robustly(system, start, stated.anchors, trusted, config)
     part = believed_edges(system, solution.inliers)
     poses = settle(part, solution.poses, config.tolerance)
     return solution.moved(poses, edge_chi2(system, poses))

@@ -1,0 +1,55 @@
+"""Constraints between nodes as a least-squares system."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.geometry import Array, information_to_planar, matrix_to_planar
+from mapmyworld.graph.edits import BY_HAND
+from mapmyworld.graph.pose_graph import Index, components, positions
+from mapmyworld.graph.system import System, number_free
+from mapmyworld.types import TRUSTED, Constraint
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StatedSystem:
+    """What constraints state of nodes; the map's own frame is one more node, the last."""
+
+    system: System
+    start: Array
+    """(N + 1, 3 or 4, 4) poses, that of the map's frame last."""
+    trusted: NDArray[np.bool_]
+    """(E,) edges that nobody questions."""
+    anchors: Index
+    """The map's frame, and the first node of every part that no prior ties to it."""
+
+
+def stated_system(
+    known: Index, guess: Array, constraints: Sequence[Constraint], planar: bool
+) -> StatedSystem:
+    """The system of usable constraints between `known` nodes at `guess` (N, 4, 4).
+
+    A prior is an edge from the map's frame to its node.
+    """
+    world = len(known)
+    start = np.concatenate([guess, np.eye(4)[None]])
+    measured = np.array([c.from_from_to for c in constraints]).reshape(-1, 4, 4)
+    information = np.array([c.information for c in constraints]).reshape(-1, 6, 6)
+    if planar:
+        start, measured = matrix_to_planar(start), matrix_to_planar(measured)
+        information = information_to_planar(information)
+    by_id = np.argsort(known, kind="stable")
+    ends = np.array([(c.from_id, c.to_id) for c in constraints], np.int64).reshape(-1, 2)
+    places = by_id[positions(known[by_id], ends.ravel())].reshape(-1, 2)
+    tails = np.where(ends[:, 0] == ends[:, 1], world, places[:, 0])
+    trusted = np.array([c.kind in TRUSTED or BY_HAND in c.evidence for c in constraints], np.bool_)
+    part = components(world + 1, tails, places[:, 1])
+    first = np.unique(part, return_index=True)[1]
+    anchors = np.array([world, *(k for k in first if part[k] != part[world])], np.int64)
+    free = number_free(world + 1, anchors)
+    system = System(planar, tails, places[:, 1], measured, information, free)
+    return StatedSystem(system, start, trusted, anchors)

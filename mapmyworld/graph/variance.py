@@ -1,0 +1,54 @@
+"""How honest stated covariances are: variance components after a solution.
+
+A solution absorbs part of every error, and most of that of the constraints which weigh most; what
+is left of an edge's squared sigmas is expected to be its redundancy `trace(I - W P)`, with P the
+covariance that the solution gives its residual. Forstner, "Ein Verfahren zur Schatzung von Varianz-
+und Kovarianzkomponenten" (1979).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mapmyworld.graph.cholesky import NotPositiveDefiniteError
+from mapmyworld.graph.constraint_system import stated_system
+from mapmyworld.graph.joint_covariance import predicted_covariances
+from mapmyworld.graph.linear_system import information_factors
+from mapmyworld.graph.system import edge_chi2
+from mapmyworld.types import Constraint, Poses
+
+_LEAST = 3.0  # redundancy of a kind, below which its misfits say nothing
+
+
+def variance_factors(
+    constraints: Sequence[Constraint], poses: Poses, planar: bool
+) -> dict[str, float]:
+    """Kind -> how many times larger than stated its errors are (sigmas), by accepted constraints.
+
+    Kinds that nothing else checks are left out.
+    """
+    known = set(poses.ids.tolist())
+    used = [c for c in constraints if c.accepted and {c.from_id, c.to_id} <= known]
+    if not used:
+        return {}
+    stated = stated_system(poses.ids, poses.map_from_node, used, planar)
+    system, start = stated.system, stated.start
+    try:
+        factors = information_factors(system, start)
+    except NotPositiveDefiniteError:
+        return {}
+    covariances = predicted_covariances(factors, system, start)[0]
+    left = system.dimension - np.einsum("eij,eji->e", system.information, covariances)
+    chi2 = edge_chi2(system, start)
+    kinds = np.array([str(c.kind) for c in used])
+    sums = {
+        str(kind): (chi2[kinds == kind].sum(), left[kinds == kind].sum())
+        for kind in np.unique(kinds)
+    }
+    return {
+        kind: float(np.sqrt(sums[kind][0] / sums[kind][1]))
+        for kind in sums
+        if sums[kind][1] >= _LEAST
+    }

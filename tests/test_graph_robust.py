@@ -1,0 +1,151 @@
+"""Which closures are believed: chances, groups that agree with themselves, parts left loose."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mapmyworld.config.graph import GraphConfig
+from mapmyworld.geometry import between_planar, compose_planar
+from mapmyworld.graph.admission import expected_below
+from mapmyworld.graph.clusters import chance_of
+from mapmyworld.graph.optimise import optimise, optimise_robustly
+from mapmyworld.types.pose_graph import Edges, PoseGraph, no_priors, no_sightings
+
+SIGMA = np.array([0.03, 0.03, 0.01])
+PLAIN = GraphConfig(certify=False)
+
+
+def lawn(rows: int = 8, length: int = 15) -> np.ndarray:
+    """True poses (N, 3) of a robot that mows a lawn, a metre a step, and then across its rows."""
+    there = [
+        (x, y) for y in range(rows) for x in (range(length) if y % 2 == 0 else range(length)[::-1])
+    ]
+    across = [
+        (x, y) for x in range(length)[::-1] for y in (range(rows)[::-1] if x % 2 else range(rows))
+    ]
+    places = np.array(there + across, np.float64)
+    heading = np.append(np.arctan2(*np.diff(places, axis=0).T[::-1]), 0.0)
+    return np.column_stack([places, heading])
+
+
+def drive(truth: np.ndarray, pairs: np.ndarray, seed: int = 0) -> PoseGraph:
+    """A noisy graph of a drive with closures between pairs (P, 2) of nodes."""
+    rng, count = np.random.default_rng(seed), len(truth)
+    chain = np.column_stack([np.arange(count - 1), np.arange(1, count)])
+    ends = np.concatenate([chain, pairs])
+    noise = rng.normal(size=(len(ends), 3)) * SIGMA
+    measured = compose_planar(between_planar(truth[ends[:, 0]], truth[ends[:, 1]]), noise)
+    information = np.tile(np.diag(SIGMA**-2.0), (len(ends), 1, 1))
+    odometry = np.arange(len(ends)) < count - 1
+    return PoseGraph(
+        True,
+        np.arange(count),
+        np.zeros((count, 3)),
+        Edges(ends[:, 0], ends[:, 1], measured, information, odometry),
+        landmarks=np.zeros((0, 2)),
+        sightings=no_sightings(True),
+        priors=no_priors(True),
+    )
+
+
+def meetings(truth: np.ndarray) -> np.ndarray:
+    """Pairs of nodes at the same place, long apart."""
+    apart = np.linalg.norm(truth[:, None, :2] - truth[None, :, :2], axis=2)
+    tails, heads = np.nonzero(apart < 0.1)
+    return np.column_stack([tails, heads])[heads - tails > 20]
+
+
+def with_corridors(graph: PoseGraph, truth: np.ndarray, groups: int, size: int) -> PoseGraph:
+    """The graph with groups of false closures, each consistent with itself and with odometry."""
+    rng, edges = np.random.default_rng(5), graph.edges
+    tails, heads, motions = [], [], []
+    for _ in range(groups):
+        a, b = (
+            rng.integers(0, len(truth) // 2 - size),
+            rng.integers(len(truth) // 2, len(truth) - size),
+        )
+        base = np.array([*rng.uniform(-4.0, 4.0, 2), rng.uniform(-np.pi, np.pi)])
+        for k in range(size):
+            back = between_planar(truth[a + k], truth[a])
+            seen = compose_planar(
+                compose_planar(back, base), between_planar(truth[b], truth[b + k])
+            )
+            tails.append(a + k)
+            heads.append(b + k)
+            motions.append(seen)
+    count = len(tails)
+    return replace(
+        graph,
+        edges=Edges(
+            np.concatenate([edges.from_ids, tails]),
+            np.concatenate([edges.to_ids, heads]),
+            np.concatenate([edges.from_from_to, motions]),
+            np.concatenate([edges.information, np.tile(np.diag(SIGMA**-2.0), (count, 1, 1))]),
+            np.concatenate([edges.odometry, np.zeros(count, np.bool_)]),
+        ),
+    )
+
+
+@pytest.mark.parametrize("size", [2, 5, 10])
+def test_groups_of_false_closures_that_agree_among_themselves_are_rejected(size):
+    truth = lawn()
+    graph = drive(truth, meetings(truth))
+    clean = optimise(graph, PLAIN)
+    mixed = with_corridors(graph, truth, 40 // size, size)
+    solved = optimise_robustly(mixed, PLAIN)
+    true = np.arange(len(mixed.edges)) < len(graph.edges)
+    assert not solved.accepted[~true].any()
+    assert solved.accepted[true].mean() > 0.99
+    assert solved.squared_sigmas[true].sum() < 1.01 * clean.squared_sigmas.sum()
+
+
+def test_a_closure_that_alone_corrects_a_drift_is_admitted():
+    """One closure at the end of a long drive misses what odometry says by metres, within what
+    odometry allows; nothing else supports it, and nothing looks false.
+    """
+    count = 400
+    angle = 2 * np.pi * np.arange(count) / (count - 1)
+    truth = np.column_stack([60 * np.cos(angle), 60 * np.sin(angle), angle + np.pi / 2])
+    graph = drive(truth, np.array([[0, count - 1]]), seed=3)
+    solved = optimise_robustly(graph, PLAIN)
+    assert solved.accepted.all()
+    assert solved.cost == pytest.approx(optimise(graph, PLAIN).cost, rel=1e-6)
+
+
+def test_what_nothing_predicts_is_not_admitted_and_the_parts_are_solved():
+    """Odometry breaks in the middle; one lone closure joins the halves, nothing speaks for it."""
+    truth = lawn(4, 10)
+    graph = drive(truth, np.array([[3, 70]]))
+    broken = np.arange(len(graph.edges)) != len(truth) // 2
+    solved = optimise_robustly(
+        replace(graph, edges=graph.edges.chosen(np.flatnonzero(broken))), PLAIN
+    )
+    assert np.isfinite(solved.graph.map_from_node).all()
+    assert solved.accepted[:-1].all()
+    assert solved.cost < 1e-6
+
+
+@pytest.mark.parametrize("freedom", [3, 6])
+def test_the_chance_of_a_false_fit_is_the_share_of_its_ellipsoid(freedom):
+    """Alternatives uniform in a cube, a prediction in its midst: the share is counted."""
+    rng = np.random.default_rng(1)
+    side, spread = 8.0, 1.5
+    drawn = rng.uniform(-side / 2, side / 2, (200_000, freedom))
+    fit = np.array([4.0])
+    share = np.mean(np.sum((drawn / spread) ** 2, axis=1) <= fit[0])
+    volume = np.array([(2.0 * np.pi) ** (freedom / 2) * spread**freedom])
+    found = chance_of(fit, volume, freedom * np.log(side), freedom)
+    assert found[0] == pytest.approx(share, rel=0.05)
+
+
+def test_expected_false_fits_are_those_that_a_simulation_counts():
+    rng = np.random.default_rng(2)
+    most = rng.uniform(0.0, 0.3, 50)
+    # A false closure fits by a uniform chance, or not at all where that is beyond its most.
+    drawn = rng.random((20_000, 50))
+    for chance in (0.01, 0.1, 0.5):
+        counted = np.mean(np.sum(drawn <= np.minimum(chance, most), axis=1))
+        assert expected_below(np.array([chance]), most)[0] == pytest.approx(counted, rel=0.05)

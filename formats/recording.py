@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import struct
 from pathlib import Path
 from types import TracebackType
 
@@ -61,7 +62,11 @@ class LogWriter:
         built = self._ros.build(message)
         store = ros1_store() if self.sink.encoding == "ros1" else ros2_store()
         serialise = store.serialize_ros1 if self.sink.encoding == "ros1" else store.serialize_cdr
-        self.sink.write(handle, log_time_ns, bytes(serialise(built, type_name)))
+        try:
+            data = bytes(serialise(built, type_name))
+        except (struct.error, OverflowError, ValueError) as error:
+            raise LogError(f"{topic}: a {type_name} cannot hold it ({error})") from None
+        self.sink.write(handle, log_time_ns, data)
 
     def __enter__(self) -> LogWriter:
         return self

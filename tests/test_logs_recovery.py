@@ -32,6 +32,7 @@ from formats.logs.merged import MergedLog
 from formats.logs.recorded import RecordedLog
 from formats.logs.rosbag2_salvage import salvage
 from mapmyworld.errors import LogError
+from mapmyworld.sensing import survey_log
 
 DRIVES: dict[int, list[Built]] = {ros: drive(ros, 12) for ros in (1, 2)}
 PAYLOADS = {ros: [serialised(ros, built) for built in DRIVES[ros]] for ros in (1, 2)}
@@ -283,6 +284,18 @@ def test_rows_longer_than_a_page_are_salvaged_whole(tmp_path: Path) -> None:
     cut = salvage(path)
     assert [time for time, *_ in cut.messages] == [t for _, t, d in rows if len(d) != 123_456]
     assert cut.lost == 1
+
+
+@pytest.mark.parametrize("time", [-(1 << 62), 1 << 62, (1 << 63) - 1, "text"])
+def test_a_time_that_is_none_costs_no_other_message(tmp_path: Path, time: object) -> None:
+    path = next(write_rosbag2(tmp_path / "a", DRIVES[2]).glob("*.db3"))
+    with contextlib.closing(sqlite3.connect(path)) as database, database:
+        database.execute("UPDATE messages SET timestamp = ? WHERE id = 5", (time,))
+    log = open_log([path])
+    times = [raw.log_time_ns for raw in log.messages()]
+    assert all(0 <= found < 1 << 62 for found in times)
+    assert len(times) >= len(DRIVES[2]) - 1
+    assert survey_log(log).streams
 
 
 def test_damage_that_sqlite_quotes_back_is_refused_in_words(tmp_path: Path) -> None:

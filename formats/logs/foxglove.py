@@ -43,14 +43,16 @@ def field(value: Any, name: str, default: Any = None) -> Any:
     return default if found is None else found
 
 
+END_NS = (1 << 62) - 1  # the year 2116: JSON can claim any time
+
+
 def stamp_of(value: Any, name: str = "timestamp") -> int:
     """Nanoseconds of a Timestamp (protobuf), {sec, nsec} (JSON) or Time (ROS)."""
     time = field(value, name)
     seconds = field(time, "seconds", field(time, "sec", 0))
-    for fraction in ("nanos", "nsec", "nanosec"):
-        if field(time, fraction) is not None:
-            return int(seconds) * 1_000_000_000 + int(field(time, fraction))
-    return int(seconds) * 1_000_000_000
+    fractions = (field(time, name) for name in ("nanos", "nsec", "nanosec"))
+    rest = next((fraction for fraction in fractions if fraction is not None), 0)
+    return min(max(int(seconds) * 1_000_000_000 + int(rest), 0), END_NS)
 
 
 def _octets(value: Any) -> bytes:

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from formats.logs.channels import Channel, Payload
-from formats.logs.foxglove import CONVERTERS, foxglove_name, stamp_of
+from formats.logs.foxglove import CONVERTERS, END_NS, foxglove_name, stamp_of
 from mapmyworld.errors import LogError
 from mapmyworld.types import Message, MessageKind, TransformsMessage
 
@@ -113,7 +113,7 @@ def _json_stamp(data: bytes) -> int | None:
     found = _STAMP.search(data, 0, _HEAD_BYTES)
     if found is None:
         return None
-    return int(found.group(1)) * 1_000_000_000 + int(found.group(2))
+    return min(int(found.group(1)) * 1_000_000_000 + int(found.group(2)), END_NS)
 
 
 def _protobuf_stamp(data: bytes) -> int | None:

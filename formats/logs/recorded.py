@@ -11,6 +11,8 @@ from formats.logs.files import hash_files
 from formats.logs.topics import merged_topics
 from mapmyworld.types import LogInfo, RawMessage, TopicInfo
 
+_END_NS = (1 << 62) - 1  # the year 2116, beyond what ROS can stamp: damage says later times
+
 
 class RecordedLog:
     """A LogSource over one bag or MCAP file."""
@@ -57,7 +59,7 @@ class RecordedLog:
             yield RawMessage(
                 channel.topic,
                 decoder.kind,
-                time,
+                min(max(time, 0), _END_NS),
                 decoder.stamp(data),
                 partial(decoder.decode, data, time),
             )

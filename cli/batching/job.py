@@ -164,7 +164,10 @@ def _run(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
             return done
         if done.returncode > 0:
             raise MapError(_why(done))
-    raise MapError(f"the process was killed by signal {-done.returncode}, {_TRIES} times")
+    raise MapError(
+        f"the process was killed by signal {-done.returncode}, {_TRIES} times: if memory is short, "
+        "give fewer --jobs at a time"
+    )
 
 
 def _die_with_parent() -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+_SHOWN = 5  # line numbers or ids in one message
 _LARGEST = 1e100  # squares and products of such numbers are finite
 _LARGEST_ID = 2.0**53  # above it not every whole number is one of double precision
 
@@ -108,3 +109,9 @@ def _fault(values: NDArray[np.float64], columns: Columns) -> str:
     if (np.abs(ids) > _LARGEST_ID).any() or (ids != np.rint(ids)).any():
         return "an id that is no whole number"
     return ""
+
+
+def listed(values: NDArray[np.int64] | list[int]) -> str:
+    """The first few of these numbers, and how many more there are."""
+    shown = ", ".join(str(int(v)) for v in values[:_SHOWN])
+    return f"{shown} and {len(values) - _SHOWN} more" if len(values) > _SHOWN else shown

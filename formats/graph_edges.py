@@ -1,0 +1,165 @@
+"""Edges, sightings and priors from the tables of a graph file."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.graph_lines import Table, listed
+from formats.graph_numbers import (
+    LEAST_VARIANCE,
+    ORDER,
+    POSES,
+    TRIANGLE,
+    from_quaternions,
+    inverted,
+    rotation_first,
+    symmetric,
+)
+from mapmyworld.geometry import Array, invert
+from mapmyworld.types.pose_graph import Edges, Priors, Sightings
+
+Index = NDArray[np.int64]
+Tables = dict[str, Table]
+
+
+def edges_of(tables: Tables, planar: bool, problems: list[str]) -> Edges:
+    """Constraints between poses; faults are told in `problems`."""
+    tags = ("EDGE_SE2", "EDGE2", "ODOMETRY") if planar else ("EDGE_SE3:QUAT", "EDGE3")
+    width = 3 if planar else 6
+    found = [_no_edges(planar)]
+    for tag in tags:
+        if tag not in tables:
+            continue
+        table = tables[tag]
+        ends = table.numbers[:, :2].astype(np.int64)
+        entries = len(TRIANGLE[width][0])
+        information = symmetric(table.numbers[:, -entries:], ORDER.get(tag, slice(None)))
+        if tag == "ODOMETRY":
+            information = inverted(information)
+        if not planar:
+            information = rotation_first(information)
+        poses = POSES[tag](table.numbers[:, 2:-entries])
+        good = _sound(problems, tag, table.lines, information)
+        loop = ends[:, 0] == ends[:, 1]
+        if loop.any():
+            where = listed(table.lines[loop])
+            problems.append(f"{tag} from a node to itself (line {where})")
+        good &= ~loop
+        nothing = np.zeros(len(ends), np.bool_)
+        found.append(Edges(ends[:, 0], ends[:, 1], poses, information, nothing).chosen(good))
+    return _joined(found)
+
+
+def _sound(problems: list[str], tag: str, lines: Index, information: Array) -> NDArray[np.bool_]:
+    lowest = np.linalg.eigvalsh(information)[:, 0]
+    scale = np.abs(information).max(axis=(1, 2), initial=0.0)
+    good = lowest > 1e-14 * scale
+    if not good.all():
+        problems.append(
+            f"{np.count_nonzero(~good)} {tag} whose information is not positive definite "
+            f"(line {listed(lines[~good])})"
+        )
+    return np.asarray(good)
+
+
+def sightings_of(tables: Tables, planar: bool, problems: list[str]) -> Sightings:
+    """Landmarks as nodes see them; faults are told in `problems`."""
+    size = 2 if planar else 3
+    parts: list[Sightings] = []
+    tags = ("EDGE_SE2_XY", "LANDMARK", "BR") if planar else ("EDGE_SE3_TRACKXYZ",)
+    for tag in map(str, tags):
+        if tag not in tables:
+            continue
+        table = tables[tag]
+        values = table.numbers
+        ids = values[:, :2].astype(np.int64)
+        if tag == "BR":
+            measured = values[:, 2:4]
+            information = np.zeros((len(values), 2, 2))
+            variances = values[:, 4:6] ** 2
+            told = variances > LEAST_VARIANCE
+            information[:, [0, 1], [0, 1]] = np.where(told, 1.0 / np.where(told, variances, 1), 0)
+        else:
+            skip = 2 if planar else 3
+            measured = values[:, skip : skip + size]
+            information = symmetric(values[:, skip + size :], slice(None))
+        if tag == "LANDMARK":
+            information = inverted(information)
+        if tag == "EDGE_SE3_TRACKXYZ":
+            measured, information = _at_node(tables, values[:, 2], measured, information)
+        polar = np.full(len(values), tag == "BR")
+        good = _sound(problems, tag, table.lines, information)
+        parts.append(Sightings(ids[:, 0], ids[:, 1], measured, information, polar).chosen(good))
+    return _joined_sightings(parts, size)
+
+
+def _at_node(
+    tables: Tables, offset_ids: Array, measured: Array, information: Array
+) -> tuple[Array, Array]:
+    """Points and information in the node's frame instead of the offset sensor's."""
+    table = tables.get("PARAMS_SE3OFFSET")
+    if table is None:
+        return measured, information
+    offsets = {int(row[0]): from_quaternions(row[1:]) for row in table.numbers}
+    motion = np.array([offsets.get(int(k), np.eye(4)) for k in offset_ids]).reshape(-1, 4, 4)
+    turn = motion[:, :3, :3]
+    points = np.einsum("kij,kj->ki", turn, measured) + motion[:, :3, 3]
+    return points, turn @ information @ np.swapaxes(turn, 1, 2)
+
+
+def priors_of(tables: Tables, planar: bool, problems: list[str]) -> Priors:
+    """Poses that are known of themselves; faults are told in `problems`."""
+    tag = "EDGE_PRIOR_SE2" if planar else "EDGE_SE3_PRIOR"
+    width = 3 if planar else 6
+    if tag not in tables:
+        shape = (0, 3) if planar else (0, 4, 4)
+        return Priors(np.zeros(0, np.int64), np.zeros(shape), np.zeros((0, width, width)))
+    table = tables[tag]
+    entries = len(TRIANGLE[width][0])
+    information = symmetric(table.numbers[:, -entries:], slice(None))
+    if planar:
+        poses = table.numbers[:, 1:4]
+    else:
+        information = rotation_first(information)
+        poses = _without_offset(tables, table)
+    good = _sound(problems, tag, table.lines, information)
+    return Priors(table.numbers[:, 0].astype(np.int64), poses, information).chosen(good)
+
+
+def _without_offset(tables: Tables, table: Table) -> Array:
+    poses = from_quaternions(table.numbers[:, 2:9])
+    offsets = tables.get("PARAMS_SE3OFFSET")
+    known = {} if offsets is None else {int(r[0]): r[1:] for r in offsets.numbers}
+    for k, offset in enumerate(table.numbers[:, 1].astype(int).tolist()):
+        if offset in known:
+            poses[k] = poses[k] @ invert(from_quaternions(known[offset]))
+    return poses
+
+
+def _no_edges(planar: bool) -> Edges:
+    ids = np.zeros(0, np.int64)
+    if planar:
+        return Edges(ids, ids, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, np.bool_))
+    return Edges(ids, ids, np.zeros((0, 4, 4)), np.zeros((0, 6, 6)), np.zeros(0, np.bool_))
+
+
+def _joined(parts: list[Edges]) -> Edges:
+    return Edges(
+        np.concatenate([p.from_ids for p in parts]),
+        np.concatenate([p.to_ids for p in parts]),
+        np.concatenate([p.from_from_to for p in parts]),
+        np.concatenate([p.information for p in parts]),
+        np.concatenate([p.odometry for p in parts]),
+    )
+
+
+def _joined_sightings(parts: list[Sightings], size: int) -> Sightings:
+    ids = [np.zeros(0, np.int64)]
+    return Sightings(
+        np.concatenate(ids + [p.node_ids for p in parts]),
+        np.concatenate(ids + [p.landmark_ids for p in parts]),
+        np.concatenate([np.zeros((0, size)), *(p.measured for p in parts)]),
+        np.concatenate([np.zeros((0, size, size)), *(p.information for p in parts)]),
+        np.concatenate([np.zeros(0, np.bool_), *(p.polar for p in parts)]),
+    )

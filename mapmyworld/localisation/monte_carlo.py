@@ -64,7 +64,7 @@ class MonteCarlo:
         """Anew: particles wherever the map explains the points (N, 2) of a scan."""
         found = search_map(self._place, points, self._config)
         self.x = found.poses
-        self.log_w = self._log_likelihood(points)
+        self.log_w = self.log_likelihood(self.x, points)
 
     def step(self, u: Array, points: Array) -> None:
         """Moves by u (3,), which ended with a scan of these points: lines 3 to 11 of table 8.2."""
@@ -73,7 +73,7 @@ class MonteCarlo:
         self.x = sample_motion_model(u, self.x, _NOISE, random)
         self.x = self.x + random.normal(0.0, 1.0, self.x.shape) * _JITTER
         self.x[:, 2] = wrap_angle(self.x[:, 2])
-        self.log_w = self._log_likelihood(points)
+        self.log_w = self.log_likelihood(self.x, points)
 
     @property
     def is_empty(self) -> bool:
@@ -97,11 +97,11 @@ class MonteCarlo:
         covariance = turn @ ((centred.T * w[here]) @ centred / share) @ turn.T
         return Belief(best + mean, covariance + np.diag(_JITTER**2), share)
 
-    def _log_likelihood(self, points: Array) -> Array:
-        """Logarithm of p(z_t | x_t, m) of every particle by the likelihood field (table 6.3)."""
+    def log_likelihood(self, x: Array, points: Array) -> Array:
+        """Logarithm (K,) of p(z | x, m) of poses (K, 3) by the likelihood field (table 6.3)."""
         settings, place = self._config.localisation, self._place
-        scores = np.zeros(len(self.x))
-        poses = np.ascontiguousarray(self.x)
+        scores = np.zeros(len(x))
+        poses = np.ascontiguousarray(x)
 
         def work(first: int, last: int) -> None:
             field_scores(

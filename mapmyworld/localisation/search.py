@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import wrap_angle
 from mapmyworld.kernels.localisation import best_in_blocks, block_bounds
 from mapmyworld.localisation.known_place import KnownPlace
 from mapmyworld.registration.threads import run_in_chunks
@@ -20,6 +21,7 @@ Array = NDArray[np.float64]
 _LEVEL = 2  # of the pyramid at which squares are bounded: four cells wide
 _MOST_BLOCKS = 20_000  # squares looked at cell by cell
 _WORTH = 0.75  # of the best score, from which a place is a hypothesis
+_DISTINCT = (1.0, 0.5)  # m and rad within which two hypotheses are one place
 _STEPS = (0.01, 0.1)  # rad between headings: finest and coarsest
 
 
@@ -79,6 +81,19 @@ def _blocks(place: KnownPlace) -> NDArray[np.int64]:
     middles = place.corner + (np.stack([columns, rows], axis=1) + 0.5) * place.resolution
     cells = np.floor((middles - grid.corner) / (side * grid.resolution)).astype(np.int64)
     return np.unique(cells, axis=0) * side
+
+
+def distinct_places(found: Hypotheses, pose: Array, most: int) -> Array:
+    """The best hypotheses (K, 3) that differ from a pose and from each other."""
+    chosen = [np.asarray(pose)]
+    left = np.arange(len(found.poses))
+    while len(left) and len(chosen) <= most:
+        off = found.poses[left] - chosen[-1]
+        near = np.hypot(off[:, 0], off[:, 1]) < _DISTINCT[0]
+        left = left[~(near & (np.abs(wrap_angle(off[:, 2])) < _DISTINCT[1]))]
+        if len(left):
+            chosen.append(found.poses[left[0]])
+    return np.array(chosen[1 : most + 1]).reshape(-1, 3)
 
 
 def elsewhere(found: Hypotheses, pose: Array, distance: float) -> tuple[float, Array | None]:

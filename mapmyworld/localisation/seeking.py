@@ -13,6 +13,8 @@ from mapmyworld.kernels.scan_alignment import invert3
 from mapmyworld.localisation.known_place import Fit, KnownPlace
 from mapmyworld.localisation.monte_carlo import MonteCarlo
 from mapmyworld.localisation.observation import Moment, fit_at, is_convincing, match_at
+from mapmyworld.localisation.past import Past
+from mapmyworld.localisation.search import distinct_places, search_map
 from mapmyworld.registration.scan_matching import COARSE, Match
 
 Array = NDArray[np.float64]
@@ -22,6 +24,8 @@ _ASTRAY = 0.05  # m per m of unbroken motion by which dead reckoning may be off
 _SLACK = 1.0  # m by which it may be off anyway
 _STREAK = 10  # weighings in a row that must find the same convincing place
 _STREAK_AGAINST = 25  # the same, for a place where unbroken motion cannot have led
+_RIVALS = 12  # other places that a decision is compared with
+_DECISIVE = 4.6  # nats by which the scans must favour a place: 99 to 1
 _LOOSE = np.diag([0.1, 0.1, 0.05]) ** 2  # m^2, m^2, rad^2 of dead reckoning that fits again
 
 
@@ -49,15 +53,18 @@ class Seeker:
         self._way = 0.0
         self._heard: Array | None = None
         self._since_heard = np.zeros(3)
+        self._past = Past()
 
     def begin(self, moment: Moment, reckoned: Array) -> None:
         """Starts at a moment; `reckoned` (3,) is where the robot was thought to be."""
         self._reckoned, self._way = None if moment.broken else reckoned, 0.0
+        self._past.forget()
         self._restart(moment)
 
     def begin_anywhere(self, moment: Moment) -> None:
         """Starts at a moment, with no idea of where that is."""
         self._reckoned = None
+        self._past.forget()
         self._restart(moment)
 
     def resume(self, moment: Moment) -> None:
@@ -83,6 +90,8 @@ class Seeker:
     def look(self, moment: Moment) -> Discovery | None:
         """What one more moment tells."""
         self.reckon(moment)
+        if moment.broken:
+            self._past.forget()
         self._since_heard = compose_planar(self._since_heard, moment.step)
         self._pending = compose_planar(self._pending, moment.step)
         if moment.is_blind:
@@ -94,6 +103,7 @@ class Seeker:
         if way < settings.step_distance and abs(self._pending[2]) < settings.step_angle:
             return None
         self._particles.step(self._pending, moment.points)
+        self._past.add(self._pending, moment.points)
         self._pending = np.zeros(3)
         self._searched += way
         return self._picked_up(moment) or self._decided(moment)
@@ -124,8 +134,27 @@ class Seeker:
                 self._restart(moment)
             return None
         against = self._contradicts_motion(found.match.pose)
-        needed = _STREAK_AGAINST if against else _STREAK
-        return found if self._streak >= needed else None
+        if self._streak < (_STREAK_AGAINST if against else _STREAK):
+            return None
+        if self._has_rival(moment, found.match.pose):
+            self._streak = 0
+            return None
+        return found
+
+    def _has_rival(self, moment: Moment, pose: Array) -> bool:
+        """Whether the scans since the search began go about as well with another place.
+
+        The particles do not tell: of two places that look the same, resampling drops one in time.
+        """
+        found = search_map(self._place, moment.points, self._config)
+        rivals = distinct_places(found, pose, _RIVALS)
+        matched = [match_at(self._place, moment, r, COARSE, self._config).pose for r in rivals]
+        if not matched:
+            return False
+        evidence = self._past.evidence(np.stack([pose, *matched]), self._particles.log_likelihood)
+        apart = np.abs(between_planar(pose, np.stack(matched)))
+        elsewhere = (np.hypot(apart[:, 0], apart[:, 1]) > _NO_LEAP[0]) | (apart[:, 2] > _NO_LEAP[1])
+        return bool(np.any(elsewhere & (evidence[1:] > evidence[0] - _DECISIVE)))
 
     def _discovery(self, moment: Moment, guess: Array, covariance: Array) -> Discovery | None:
         """The match from a guess, where it stays near and convinces."""

@@ -60,12 +60,16 @@ def read_frames(
     config: SensingConfig,
     counts: FrameCounts | None = None,
     watch: Callable[[int], None] | None = None,
+    *,
+    inertial: bool = True,
 ) -> Iterator[Frame]:
     """The frames of a log in its order: one for each scan, or for each image without a laser.
 
-    `counts` tells afterwards what was left out; `watch` hears the log time reached.
+    `counts` tells afterwards what was left out; `watch` hears the log time reached. Without
+    `inertial` no inertial sample is decoded, and frames have none.
     """
-    synchroniser = _Synchroniser(plan, config, counts if counts is not None else FrameCounts())
+    counts = counts if counts is not None else FrameCounts()
+    synchroniser = _Synchroniser(plan, config, counts, inertial=inertial)
     for raw in log.messages(plan.topics):
         synchroniser.add(raw)
         yield from synchroniser.ready(raw.log_time_ns - _WAIT_NS)
@@ -75,8 +79,11 @@ def read_frames(
 
 
 class _Synchroniser:
-    def __init__(self, plan: Plan, config: SensingConfig, counts: FrameCounts) -> None:
+    def __init__(
+        self, plan: Plan, config: SensingConfig, counts: FrameCounts, *, inertial: bool
+    ) -> None:
         self.plan, self.config, self.counts = plan, config, counts
+        self.inertial = inertial
         self.buffers = _Buffers()
         self.surroundings = Surroundings()
         motion = plan.odometry.motion if plan.odometry else None
@@ -100,7 +107,8 @@ class _Synchroniser:
     def _add_other(self, pending: Pending) -> None:
         topic = pending.raw.topic
         if self.plan.imu is not None and topic == self.plan.imu.topic:
-            self._add_imu(pending)
+            if self.inertial:
+                self._add_imu(pending)
         elif topic == self.plan.ground_truth_topic:
             self._add_truth(pending.raw)
         elif topic in self.plan.surroundings:

@@ -26,10 +26,11 @@ def track_particles(
     """Filters the log with particles, then writes frames and nodes along the best one's path."""
     if plan.scan is None:
         raise LogError("--method fastslam needs a laser: this log has no usable scan")
-    result = run_fastslam(read_frames(log, plan, config.sensing), config, progress)
+    frames = read_frames(log, plan, config.sensing, inertial=False)
+    result = run_fastslam(frames, config, progress)
     track(log, plan, store, config, progress, _PathFollower(result))
-    frames = store.tracked_frames()
-    spread = result.covariances[: len(frames.stamps_ns)][frames.is_node]
+    tracked = store.tracked_frames()
+    spread = result.covariances[: len(tracked.stamps_ns)][tracked.is_node]
     store.put("particle_spread", spread.reshape(-1, 9).tolist())
     store.put("particles", result.history.summary())
     store.put("particle_paths", result.history.paths())

@@ -16,7 +16,7 @@ from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.sensing.synchronise import FrameCounts
 from mapmyworld.stages.nodes import Motion, NodeSelector
-from mapmyworld.stages.trackers import Tracker, make_tracker
+from mapmyworld.stages.trackers import Tracker, make_tracker, needs_inertial
 from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
 
 _TOGETHER = 8  # frames that pass from thread to thread at once
@@ -36,8 +36,9 @@ def track(
     progress.stage("track", max(info.duration_s, 1e-9), "s")
     counts, guard = FrameCounts(), ImageGuard()
     frames = read_frames(
-        log, plan, config.sensing, counts, lambda t: progress.update((t - info.start_ns) * 1e-9)
-    )
+        log, plan, config.sensing, counts, lambda t: progress.update((t - info.start_ns) * 1e-9),
+        inertial=tracker is None and needs_inertial(plan),
+    )  # fmt: skip
     tracker = tracker or make_tracker(plan, config)
     writer = _Writer(store, config, guard, wants_images=plan.camera is not None)
     frames = (_guarded(frame, guard) for frame in frames)

@@ -45,6 +45,11 @@ def make_tracker(plan: Plan, config: Config) -> Tracker:
     return CameraFollower(plan, config)
 
 
+def needs_inertial(plan: Plan) -> bool:
+    """Whether the tracker that `make_tracker` chooses looks at inertial samples."""
+    return plan.scan is None and plan.odometry is None
+
+
 class WheelFollower:
     """Believes the recorded odometry."""
 

@@ -159,13 +159,14 @@ def _build(
         aside.submit(log.info)  # reads while the rest is imported; its errors come again, below
         from formats.database import open_store
         from formats.database.lock import only_writer
-        from mapmyworld.pipeline import build_map
+        from formats.logs.steady import SteadyLog
+    from mapmyworld.pipeline import build_map
     stored = storage_arguments(config)
     opening = partial(open_store, map_path, create=True, overwrite=overwrite, **stored)
     with only_writer(map_path), opening() as store:
         store.put("settings", settings_that_differ(config))
         words = _given_words(config.places.vocabulary)
-        result = build_map(log, store, config, progress, method=method, words=words)
+        result = build_map(SteadyLog(log), store, config, progress, method=method, words=words)
         written = [str(map_path)]
         if export:
             written += _export_all(store, map_path, config, progress)

@@ -43,9 +43,14 @@ class Kills:
 
 
 def kill_builds(
-    log: Path, options: Sequence[str], count: int, seed: int, watch: Callable[[Kills], None] = print
+    log: Path,
+    options: Sequence[str],
+    count: int,
+    seed: int,
+    watch: Callable[[Kills], None] = print,
+    how: signal.Signals = signal.SIGKILL,
 ) -> Kills:
-    """Kills `count` builds of a log with -9, takes each up again, and compares."""
+    """Kills `count` builds of a log with -9, or so, takes each up again, and compares."""
     found = Kills()
     rng = np.random.default_rng(seed)
     with tempfile.TemporaryDirectory(prefix="kills-") as name:
@@ -59,7 +64,7 @@ def kill_builds(
         for i in range(count):
             (folder / str(i)).mkdir()
             map_path = folder / str(i) / "map.db"
-            _kill_one(found, map_path, build, wanted, rng.uniform(0.0, lasts))
+            _kill_one(found, map_path, build, wanted, (rng.uniform(0.0, lasts), how))
             shutil.rmtree(folder / str(i))
             if i % 10 == 9:
                 watch(found)
@@ -67,15 +72,21 @@ def kill_builds(
 
 
 def _kill_one(
-    found: Kills, path: Path, build: list[str], wanted: dict[str, str], after_s: float
+    found: Kills,
+    path: Path,
+    build: list[str],
+    wanted: dict[str, str],
+    kill: tuple[float, signal.Signals],
 ) -> None:
+    after_s, how = kill
     child = _forked([*build, str(path)], path.with_suffix(".json"))
     while not _ended(child) and _cpu_seconds(child) < after_s:
         time.sleep(0.0005)
-    os.kill(child, signal.SIGKILL)
+    os.kill(child, how)
     _wait(child)
     found.kills += 1
-    found.late += path.with_suffix(".json").exists()
+    told = path.with_suffix(".json")
+    found.late += told.exists() and bool(told.read_text())
     if path.exists() and path.stat().st_size:
         looked = try_command(["inspect", "map", str(path)])
         if looked.exit_code not in (0, 2) or looked.fault:

@@ -1,0 +1,104 @@
+"""Builds that somebody or something stops: the map keeps what is finished, and goes on the same."""
+
+from __future__ import annotations
+
+import os
+import signal
+import stat
+from pathlib import Path
+
+import pytest
+from robust import corpus, kills
+from robust.trials import Outcome, try_command
+
+from mapmyworld import pipeline
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    made = corpus.make_logs(tmp_path_factory.mktemp("logs"))
+    return {path.name: path for path in made}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [(), ("--method", "fastslam")])
+def test_control_c_at_any_moment_leaves_a_map_that_goes_on(
+    logs: dict[str, Path], options: tuple[str, ...]
+) -> None:
+    found = kills.kill_builds(logs["a.log"], options, 4, 1, lambda _: None, signal.SIGINT)
+    assert found.faults == []
+    assert found.kills == 4
+
+
+@pytest.mark.parametrize("name", ["plain.mcap", "whole.bag", "plain.db3", "a.log", "a.clf.bz2"])
+@pytest.mark.parametrize("fate", ["removed", "cut", "replaced"])
+def test_a_log_that_vanishes_during_a_build(
+    logs: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, fate: str
+) -> None:
+    """It is there when the plan is made and gone, or another, when it is to be followed."""
+    log, path = tmp_path / name, tmp_path / "map.db"
+    log.write_bytes(logs[name].read_bytes())
+    follow = pipeline.track
+
+    def late(*arguments: object) -> object:
+        if fate == "removed":
+            log.unlink()
+        else:
+            data = logs[name].read_bytes()
+            log.write_bytes(data[: len(data) // 2] if fate == "cut" else data[::-1])
+        return follow(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(pipeline, "track", late)
+    command = ["build", str(log), "-o", str(path), "-q", "--no-export"]
+    stopped = try_command(command)
+    assert stopped.fault == ""
+    assert stopped.exit_code == 2
+    assert len(stopped.stderr.strip().splitlines()) == 1
+    assert name in stopped.stderr
+    assert kills.finished_stages(path) in ([], ["plan"])
+    monkeypatch.undo()
+    log.write_bytes(logs[name].read_bytes())
+    assert try_command(command).exit_code in (0, 3)
+    whole = tmp_path / "whole.db"
+    assert try_command([*command[:3], str(whole), *command[4:]]).exit_code in (0, 3)
+    assert path.read_bytes() == whole.read_bytes()
+
+
+def test_a_read_only_folder_is_one_line(logs: dict[str, Path], tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    folder.chmod(stat.S_IRUSR | stat.S_IXUSR | stat.S_IROTH | stat.S_IXOTH)
+    log = logs["a.log"]
+    for parent in (tmp_path, *tmp_path.parents[:3], *log.parents[:3]):
+        parent.chmod(parent.stat().st_mode | stat.S_IXOTH)
+    log.chmod(log.stat().st_mode | stat.S_IROTH)
+    try:
+        found = unprivileged(["build", str(log), "-o", str(folder / "map.db"), "-q"])
+    finally:
+        folder.chmod(stat.S_IRWXU)
+    assert found.fault == ""
+    assert found.exit_code == 2
+    assert len(found.stderr.strip().splitlines()) == 1
+    assert "folder" in found.stderr
+    assert list(folder.iterdir()) == []
+
+
+def unprivileged(arguments: list[str]) -> Outcome:
+    """The command in a child that is not the superuser, who may write everywhere."""
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            if os.geteuid() == 0:
+                os.setuid(65534)
+            outcome = try_command(arguments)
+            told = f"{outcome.exit_code}\n{outcome.fault}\0{outcome.stderr}"
+            os.write(writing, told.encode())
+        finally:
+            os._exit(0)
+    os.close(writing)
+    with os.fdopen(reading) as stream:
+        code, _, rest = stream.read().partition("\n")
+    os.waitpid(child, 0)
+    fault, _, stderr = rest.partition("\0")
+    return Outcome(int(code), fault, "", stderr)

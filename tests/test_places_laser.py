@@ -20,7 +20,7 @@ from mapmyworld.geometry import (
 from mapmyworld.graph.solve import solve
 from mapmyworld.places.laser_closures import candidate_pairs, compare_places
 from mapmyworld.places.laser_lost import loose_way, lost_pairs
-from mapmyworld.places.laser_nodes import laser_nodes
+from mapmyworld.places.laser_nodes import calm_spots, laser_nodes, spaced
 from mapmyworld.places.laser_pairs import neighbour_pairs
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.types import Constraint, ConstraintKind
@@ -144,3 +144,17 @@ def test_where_closures_hold_the_drive_nothing_is_lost() -> None:
     between_laps = range(49, 98)
     pairs = lost_pairs(nodes, closed, CONFIG)
     assert all(a in between_laps or b in between_laps for a, b in pairs)
+
+
+def test_a_place_is_compared_from_where_the_robot_turns_evenly() -> None:
+    """A sweep in which a turn began stands for nothing; its neighbours see the same place."""
+    poses = np.zeros((60, 3))
+    poses[:, 0] = 0.1 * np.arange(60)
+    straight = laser_nodes(np.arange(60), scan_set([]), poses)
+    spots = spaced(straight.path, 1.0)
+    assert np.array_equal(calm_spots(straight, 1.0), spots)
+    poses[spots[2] :, 2] = 0.03  # the turn lies between two nodes: both ends of it are uneven
+    turned = laser_nodes(np.arange(60), scan_set([]), poses)
+    found = calm_spots(turned, 1.0)
+    assert not {spots[2] - 1, spots[2]} & set(found.tolist())
+    assert np.abs(found - spaced(turned.path, 1.0)).max() <= 2

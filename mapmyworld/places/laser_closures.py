@@ -19,9 +19,9 @@ from mapmyworld.places.laser_lost import lost_pairs
 from mapmyworld.places.laser_nodes import (
     LaserNodes,
     NodeScans,
+    calm_spots,
     laser_nodes,
     load_node_scans,
-    spaced,
 )
 from mapmyworld.registration.scan_matching import (
     FINE,
@@ -92,7 +92,7 @@ def candidate_pairs(nodes: LaserNodes, config: Config, *, settled: bool) -> list
     """(earlier, later) indices of visits that may be of the same place."""
     places = config.places
     spacing = places.laser_spacing if settled else places.laser_far_spacing
-    spots = spaced(nodes.path, spacing)
+    spots = calm_spots(nodes, spacing)
     tree = cKDTree(nodes.poses[spots, :2])
     pairs: list[tuple[int, int]] = []
     for later in spots:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mapmyworld.config import Config
-from mapmyworld.places.laser_nodes import Index, LaserNodes, spaced
+from mapmyworld.places.laser_nodes import Index, LaserNodes, calm_spots
 from mapmyworld.types import CLOSURES, Constraint, ConstraintKind
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
@@ -28,10 +28,10 @@ def lost_pairs(
     so every place within reach of the drift is compared, nearest first.
     """
     loose = loose_way(nodes, constraints)
-    earlier = spaced(nodes.path, _EARLIER)
+    earlier = calm_spots(nodes, _EARLIER)
     tree = cKDTree(nodes.poses[earlier, :2])
     pairs: list[tuple[int, int]] = []
-    for later in spaced(nodes.path, _LATER).tolist():
+    for later in calm_spots(nodes, _LATER).tolist():
         widest = _NEAR + config.places.laser_window
         near = earlier[sorted(tree.query_ball_point(nodes.poses[later, :2], widest))]
         drifted = np.minimum(nodes.path[later] - nodes.path[near], loose[later] + loose[near])

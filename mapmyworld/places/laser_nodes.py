@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between_planar
+from mapmyworld.geometry import between_planar, wrap_angle
 from mapmyworld.parallel import batches
 from mapmyworld.registration.scan_matching import ScanSet, joined, prepare_scans
 from mapmyworld.types import MapStore, Node
@@ -16,6 +16,8 @@ from mapmyworld.types import MapStore, Node
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _SCANS = 256  # made ready at a time
+_ASIDE = np.array([0, -1, 1, -2, 2])  # nodes from a spot, nearest first, that may stand for it
+_EVEN = 0.02  # rad that turns from node to node differ by in any case
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,3 +61,20 @@ def spaced(path: Array, spacing: float) -> Index:
     """Indices of nodes about every `spacing` metres of path."""
     return np.unique(np.searchsorted(path, np.arange(0.0, path[-1] + spacing, spacing)).clip(
         0, len(path) - 1))  # fmt: skip
+
+
+def calm_spots(nodes: LaserNodes, spacing: float) -> Index:
+    """Nodes about every `spacing` metres of path; where one turns unevenly, the calmest nearby.
+
+    Where a turn begins between two samples of the odometry, a sweep, and so its node and every
+    closure with it, may be turned by more than a degree, and nothing in the scans tells.
+    """
+    spots = spaced(nodes.path, spacing)
+    near = np.clip(spots[:, None] + _ASIDE, 0, len(nodes.path) - 1)
+    return np.unique(near[np.arange(len(spots)), np.argmin(_unevenness(nodes)[near], axis=1)])
+
+
+def _unevenness(nodes: LaserNodes) -> Array:
+    """(N,) rad by which the turn from each node differs from the turn to it; small ones alike."""
+    turns = wrap_angle(np.diff(nodes.poses[:, 2], prepend=nodes.poses[0, 2]))
+    return np.maximum(np.abs(np.diff(turns, append=turns[-1:])), _EVEN)

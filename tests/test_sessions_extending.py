@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
+from database_samples import features, node, scan
 from memory_log import MemoryLog
 from room_drive import Drive, drive
 from test_localisation_commands import later
 
+from formats.database import connection, open_store
 from mapmyworld.api import Silent, build
 from mapmyworld.config import Config
 from mapmyworld.geometry import between_planar, matrix_to_planar
@@ -20,7 +23,7 @@ from mapmyworld.sessions import extend_map, load_unit, merge_maps
 from mapmyworld.sessions.skeleton import skeleton_of
 from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve import solve_and_judge
-from mapmyworld.types import ConstraintKind, MapStore, OccupancyGrid
+from mapmyworld.types import ConstraintKind, MapStore, NodeData, OccupancyGrid
 
 DRIVES: dict[str, Drive] = {
     "one": drive(48, seed=1),
@@ -171,3 +174,19 @@ def test_twice_the_same_grid_is_twice_as_sure_up_to_the_limit() -> None:
         assert total is not None
     surest = Config().mapping.clamp_probability
     assert np.allclose(total.probabilities(), [[surest, 1.0 - surest]])
+
+
+def test_nodes_with_features_and_much_data_are_stored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As sessions with images are merged: rows wait to be written together, and must keep order."""
+    monkeypatch.setattr(connection, "_QUEUE_BYTES", 3000)
+    with open_store(tmp_path / "map.db", create=True) as store, store.write_stage("track", ""):
+        for number in range(1, 8):
+            data = NodeData(scan=scan(number), features=features(number, words=False))
+            store.add_node(node(number), data)
+    with open_store(tmp_path / "map.db", read_only=True) as store:
+        for number in range(1, 8):
+            kept = store.node_data(number).features
+            assert kept is not None
+            assert np.array_equal(kept.pixels, features(number).pixels)

@@ -53,8 +53,9 @@ class NodeTables(Transactions):
         if data_row is not None:
             self._db.later(data_rows.INSERT_DATA, [data_row])
         if data.features is not None:
+            # At once: put off, they might come before the next node that has some, whose they are.
             for statement, written in self._feature_statements(node.id, data.features):
-                self._db.later(statement, written)
+                self._db.run_many(statement, written)
         self._previous[node.session] = node
         if self._options.timings:
             self._arrivals.append(time.perf_counter())

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import resource
 import subprocess
 import sys
-import time
 import zipfile
 from pathlib import Path
 
@@ -51,16 +51,20 @@ def test_help_imports_nothing_heavy() -> None:
 
 
 def test_help_answers_at_once() -> None:
-    """0.2 s by the docs; the fastest of five runs, with room for a busy machine."""
+    """0.2 s by the docs, in seconds of the processor: others may want it as well."""
+
+    def used() -> float:
+        children = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return children.ru_utime + children.ru_stime
 
     def run() -> float:
-        started = time.perf_counter()
+        before = used()
         subprocess.run(
             [sys.executable, "-m", "cli.main", "--help"], check=True, capture_output=True, cwd=ROOT
         )
-        return time.perf_counter() - started
+        return used() - before
 
-    assert min(run() for _ in range(5)) < 0.4
+    assert min(run() for _ in range(5)) < 0.2
 
 
 def test_building_never_imports_open3d() -> None:

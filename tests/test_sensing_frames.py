@@ -60,16 +60,23 @@ def test_an_image_goes_to_the_scan_nearest_in_time_carried_there_by_odometry() -
     assert matrix_to_planar(mount) == pytest.approx([0.13, 0.0, 0.0])
 
 
-def test_colour_without_depth_is_counted_and_left_out() -> None:
+@pytest.mark.parametrize("wheels", [True, False])
+def test_colour_without_depth_is_counted_and_helps_only_where_images_tell_the_motion(
+    wheels: bool,
+) -> None:
     entries: Entries = []
     for t in range(0, 1000, 100):
         entries.append(("/rgb/image", image_at(t * MS, "rgb8"), t * MS))
         entries.append(("/rgb/camera_info", camera_info_at(t * MS), t * MS))
+        if wheels:
+            entries.append(("/odom", odometry_at(t * MS, (t * 0.001, 0, 0)), t * MS))
         if t % 200 == 0:
             entries.append(("/depth/image", image_at((t + 10) * MS, "16UC1"), (t + 10) * MS))
     counts = FrameCounts()
     frames = frames_of(entries, counts)
-    assert [frame.stamp_ns // MS for frame in frames] == [0, 200, 400, 600, 800]
+    deep = [frame.stamp_ns // MS for frame in frames if frame.images[0].depth is not None]
+    assert deep == [0, 200, 400, 600, 800]
+    assert len(frames) == (5 if wheels else 10)
     assert counts.unpaired_images == 5
 
 

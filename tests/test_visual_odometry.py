@@ -61,6 +61,20 @@ def test_prepared_features_give_the_same_poses_as_one_thread() -> None:
         assert np.array_equal(motion.tracker_from_base, pose)
 
 
+def test_colour_without_depth_is_followed_on_known_points() -> None:
+    """Every other depth image is missing, the first one too: only that frame cannot be placed."""
+    truth = circle((3.0, 2.5), 1.0, 50, 0.5)
+    frames = frames_of(Room(), truth)
+    for i in range(0, len(frames), 2):
+        flat = replace(frames[i].images[0], depth=None)
+        frames[i] = replace(frames[i], images=(flat,))
+    tracker = VisualTracker(Config())
+    motions = [tracker.track(frame) for frame in frames]
+    assert [m.verdict for m in motions[:2]] == ["dead reckoning", "first"]
+    assert {m.verdict for m in motions[2:]} == {"tracked"}
+    assert errors_of(motions[1:], truth[1:]).max() < 0.01 * 2 * np.pi * 0.5
+
+
 def covered(image: RgbdImage) -> RgbdImage:
     """The same moment with a hand before the lens."""
     black = np.zeros((image.camera.height, image.camera.width, 3), np.uint8)

@@ -32,6 +32,7 @@ Indices = NDArray[np.int64]
 _NARROW = 6.0  # pixels around a refined pose in which points are looked for again
 _BLIND_SIGMAS = (0.1, 0.1)  # rad and m per frame of dead reckoning without odometry
 _FLOOR = (1e-3, 1e-3)  # rad and m: no motion between two frames is known better
+_DEEP = 100  # features with depth from which a new local map is begun
 _RELOCALISE_AFTER = 1.0  # s of blindness after which a new local map is begun
 
 
@@ -88,18 +89,19 @@ class VisualTracker:
         if view is None or len(view) == 0:
             return self._blind(predicted, how, "no image with features")
         base_from_camera = view.camera.base_from_camera
-        if self._reference is None:
+        least = self._config.visual.least_inliers
+        if self._reference is None and deep_features(view) >= least:
             return self._start(frame, view, predicted, "first", ())
         found = self._locate(view, predicted @ base_from_camera)
         if found is None:
             blind_s = (frame.stamp_ns - self._seen_ns) * 1e-9
-            if blind_s > _RELOCALISE_AFTER and np.isfinite(view.seen[:, 2]).sum() > 100:
+            if blind_s > _RELOCALISE_AFTER and deep_features(view) > _DEEP:
                 note = f"lost for {blind_s:.1f} s: a new local map begins by {how}"
                 return self._start(frame, view, predicted, "restarted", (note,))
             return self._blind(predicted, how, "too few known points in view")
         map_from_camera, information, point_of = found
         count = int(np.count_nonzero(point_of >= 0))
-        if self._is_keyframe(map_from_camera, count):
+        if deep_features(view) >= least and self._is_keyframe(map_from_camera, count):
             keyframe = self._map.add_keyframe(map_from_camera, view, point_of)
             map_from_camera = keyframe.map_from_camera
             self._reference, self._reference_inliers = keyframe, count
@@ -231,8 +233,13 @@ class VisualTracker:
         )
 
 
+def deep_features(view: View) -> int:
+    """How many features have depth."""
+    return int(np.count_nonzero(np.isfinite(view.seen[:, 2])))
+
+
 def view_of_frame(frame: Frame, config: Config) -> View | None:
-    """The features of the frame's first image with colour and depth; None without one."""
+    """The features of the frame's first image, one with depth if there is one; None without."""
     image = first_image(frame)
     if image is None:
         return None
@@ -240,10 +247,8 @@ def view_of_frame(frame: Frame, config: Config) -> View | None:
 
 
 def first_image(frame: Frame) -> RgbdImage | None:
-    for image in frame.images:
-        if image.colour is not None and image.depth is not None:
-            return image
-    return None
+    seen = [image for image in frame.images if image.colour is not None]
+    return min(seen, key=lambda image: image.depth is None, default=None)
 
 
 def _gyro_rotation(frame: Frame, since_ns: int) -> Array:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import invert, make_transform, so3_exp
 from mapmyworld.kernels.projection import EQUIDISTANT, PLUMB_BOB, STRAIGHT, project_points
 from mapmyworld.types import CameraModel, RgbdImage
 
@@ -46,6 +47,24 @@ def bending(camera: CameraModel) -> tuple[int, Array]:
         return STRAIGHT, coefficients
     coefficients[: min(len(camera.distortion), 12)] = camera.distortion[:12]
     return EQUIDISTANT if camera.distortion_model == "equidistant" else PLUMB_BOB, coefficients
+
+
+def pose_of_rays(points: Array, rays: Array, limit: float, rounds: int) -> Array | None:
+    """map_from_camera (4, 4) from which points (N, 3) are seen along rays (N, 2) at depth 1.
+
+    By RANSAC on four sightings at a time (P3P); `limit` is the distance at depth 1 within which a
+    sighting agrees. None where no pose was found.
+    """
+    if len(points) < 4:
+        return None
+    found, turn, shift, _ = cv2.solvePnPRansac(
+        np.ascontiguousarray(points), np.ascontiguousarray(rays), np.eye(3), None,
+        iterationsCount=rounds, reprojectionError=limit, confidence=0.9999,
+        flags=cv2.SOLVEPNP_P3P,
+    )  # fmt: skip
+    if not found:
+        return None
+    return invert(make_transform(so3_exp(turn[:, 0]), shift[:, 0]))
 
 
 def depth_grid_points(image: RgbdImage, stride: int) -> tuple[Array, NDArray[np.float32]]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry import make_transform
 from mapmyworld.kernels.pose_refinement import refine, score_poses, squared_errors
+from mapmyworld.registration.camera import pose_of_rays
 
 Array = NDArray[np.float64]
 _BATCH = 64  # hypotheses scored between two looks at whether more are needed
@@ -56,16 +57,18 @@ def ransac_pose(
 ) -> tuple[Array, int]:
     """The map_from_camera (4, 4) on which most sightings agree within `limit` sigmas; how many.
 
-    Each hypothesis aligns three points with their own back-projections, so three sightings with
-    depth are needed; without them the identity and 0 are returned. The best of a batch is refined
-    on what agrees with it, as three noisy points fit few others. Fewer than `least` agreeing
-    sightings are of no use: the search ends once more would hardly have been overlooked. Draws
-    follow from `seed`. (Chum, Matas and Kittler, "Locally optimized RANSAC", 2003.)
+    Each hypothesis aligns three points with their own back-projections; without three that have
+    depth the rays alone decide (P3P). The best of a batch is refined on what agrees with it, as
+    three noisy points fit few others. Fewer than `least` agreeing sightings are of no use: the
+    search ends once more would hardly have been overlooked. Where nothing fits, it is the identity
+    and 0. Draws follow from `seed`. (Chum, Matas and Kittler, "Locally optimized RANSAC", 2003.)
     """
     best_pose, best = np.eye(4), 0
     deep = np.flatnonzero(np.isfinite(sightings.seen[:, 2]))
-    if len(deep) < 3 or len(sightings) < least:
+    if len(sightings) < least:
         return best_pose, best
+    if len(deep) < 3:
+        return _pose_without_depth(sightings, limit, rounds)
     random = np.random.default_rng(seed)
     local = _back_projected(sightings.seen)
     tried = 0
@@ -82,6 +85,15 @@ def ransac_pose(
         if tried >= _rounds_needed(max(best, least) / len(sightings)):
             break
     return best_pose, best
+
+
+def _pose_without_depth(sightings: Sightings, limit: float, rounds: int) -> tuple[Array, int]:
+    """The pose by rays alone, and how many agree; the identity and 0 where there is none."""
+    reach = limit * float(np.median(sightings.sigmas[:, 0])) if len(sightings) else 0.0
+    pose = pose_of_rays(sightings.points, sightings.seen[:, :2], reach, rounds)
+    if pose is None:
+        return np.eye(4), 0
+    return _polished(pose, int(np.count_nonzero(inliers(pose, sightings, limit))), sightings, limit)
 
 
 def _polished(pose: Array, count: int, sightings: Sightings, limit: float) -> tuple[Array, int]:

@@ -76,6 +76,12 @@ class CameraQueue:
             model = replace(model, base_from_camera=moved @ model.base_from_camera)
         return RgbdImage(model, colour_message, depth_message)
 
+    def alone(self, colour: Pending) -> RgbdImage:
+        """Colour without depth: enough to see known points, not to learn new ones."""
+        message = colour.raw.decode()
+        assert isinstance(message, ImageMessage)
+        return RgbdImage(self.source.model, message, None)
+
     def _moved(self, from_ns: int, to_ns: int) -> NDArray[np.float64] | None:
         """Pose (4, 4) of the base at one stamp in the base at another, by the odometry."""
         if self.motion is None or from_ns == to_ns:

@@ -157,7 +157,7 @@ class _Synchroniser:
 
     def _observations(self, main: Pending) -> tuple[Scan | None, RgbdImage | None]:
         if self.plan.scan is None:
-            return None, self.cameras[0].pair(main, main.stamp_ns)
+            return None, self._main_image(main)
         message = main.raw.decode()
         assert isinstance(message, LaserScanMessage)
         odometry = self.plan.odometry
@@ -167,6 +167,14 @@ class _Synchroniser:
         scan = scan_from_message(message, self.plan.scan.base_from_lidar, motion)
         near = [self._image_near(c, main.stamp_ns) for c in self.cameras[:1]]
         return scan, near[0] if near else None
+
+    def _main_image(self, main: Pending) -> RgbdImage | None:
+        """The image that a frame begins with; colour alone where only images tell the motion."""
+        image = self.cameras[0].pair(main, main.stamp_ns)
+        if image is None and self.plan.odometry is None:
+            self.counts.unpaired_images += 1
+            return self.cameras[0].alone(main)
+        return image
 
     def _image_near(self, camera: CameraQueue, stamp_ns: int) -> RgbdImage | None:
         """A camera's image nearest to a frame, with the motion between them."""

@@ -49,6 +49,7 @@ def _depth_scans(
         for node_id, pose in zip(poses.ids, poses.map_from_node, strict=True)
         if node_id > 0
         for image in store.node_data(int(node_id), features=False).images
+        if image.depth is not None
     )
 
     def look(item: tuple[NDArray[np.float64], RgbdImage]) -> tuple[NDArray[np.float64], Scan]:

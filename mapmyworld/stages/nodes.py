@@ -74,7 +74,7 @@ class NodeSelector:
             math.sqrt(x * x + y * y + z * z) / max(self.config.node_distance, 1e-9),
             float(rotation_angle(moved)) / max(self.config.node_angle, 1e-9),
         )
-        waits = self.wants_images and not frame.images
+        waits = self.wants_images and all(image.depth is None for image in frame.images)
         return share >= (_PATIENCE if waits else 1.0) - _ROUNDING
 
     def _covariance(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:

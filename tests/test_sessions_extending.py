@@ -176,11 +176,12 @@ def test_twice_the_same_grid_is_twice_as_sure_up_to_the_limit() -> None:
     assert np.allclose(total.probabilities(), [[surest, 1.0 - surest]])
 
 
+@pytest.mark.parametrize("limit", range(60_000, 80_000, 2_500))
 def test_nodes_with_features_and_much_data_are_stored(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    limit: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As sessions with images are merged: rows wait to be written together, and must keep order."""
-    monkeypatch.setattr(connection, "_QUEUE_BYTES", 3000)
+    monkeypatch.setattr(connection, "_QUEUE_BYTES", limit)
     with open_store(tmp_path / "map.db", create=True) as store, store.write_stage("track", ""):
         for number in range(1, 8):
             data = NodeData(scan=scan(number), features=features(number, words=False))

@@ -18,7 +18,24 @@ _VERBS = (
     "please", "put", "record", "run", "set", "state", "turn", "try", "update", "use", "wait",
     "write",
 )  # fmt: skip
-# What to do where the message does not say it itself: the longest prefix of the file's path counts.
+# What to do where the message does not say it itself but these words tell: the first that fits.
+BY_WORDS = {
+    "cannot be written": "check the folder, its permissions and the room on its disk",
+    "its folder does not exist": "make the folder, or give another place with `-o`",
+    "it is a folder": "give the name of a file",
+    "there is no such file": "check the path",
+    "cannot be read": "check the path and its permissions, and that the file is whole",
+    "cannot be fetched": "check the address and that its server answers",
+    "Permission denied": "read as its owner, or change its permissions",
+    "no such map": "check the path; `mapmyworld build` makes maps",
+    "is not valid TOML": "correct the line that is named",
+    "has no node": "`mapmyworld inspect graph MAP` lists the nodes",
+    "there is no node": "`mapmyworld inspect graph MAP` lists the nodes",
+    "exclude each other": "leave one of them away",
+    "goes with none of": "leave the others away",
+    "has no grid": "build the map to its end, from a log with scans or depth",
+}  # fmt: skip
+# What to do where neither does: the longest prefix of the file's path counts.
 REMEDIES = {
     "cli/": "correct the command; `--help` shows how it is written",
     "formats/converting": "name the kind of log by the ending of the output",
@@ -73,6 +90,8 @@ class Told:
             own = part[1].rstrip(")") if len(part) == 2 else ""
             if own.lower().startswith(_VERBS) and len(own) >= _SHORTEST:
                 return own
+        if told := next((do for words, do in BY_WORDS.items() if words in self.text), None):
+            return told
         fitting = [prefix for prefix in REMEDIES if self.file.startswith(prefix)]
         return REMEDIES[max(fitting, key=len)]
 
@@ -89,8 +108,15 @@ def gathered() -> list[Told]:
 
 
 def _told(node: ast.AST) -> Iterator[tuple[str, str]]:
+    if isinstance(node, ast.FunctionDef) and node.name in WRITERS:
+        texts = (
+            _template(n.value) for n in ast.walk(node) if isinstance(n, ast.Return) and n.value
+        )
+        yield from (("MapError", text) for text in texts)
     if not isinstance(node, ast.Call) or not node.args:
         return
+    if isinstance(node.func, ast.Name) and node.func.id == "_require":
+        yield "MapError", _template(node.args[-1])
     if isinstance(node.func, ast.Name | ast.Attribute):
         name = node.func.id if isinstance(node.func, ast.Name) else node.func.attr
         if name.endswith("Error") and name not in _NOT_OURS:
@@ -102,6 +128,8 @@ def _told(node: ast.AST) -> Iterator[tuple[str, str]]:
             yield kind, _template(node.args[0])
 
 
+# Functions that word a message which others raise.
+WRITERS = {"_remedy", "_nothing_common"}
 _NOT_OURS = {"ValueError", "TypeError", "RuntimeError", "KeyError", "AssertionError"}
 
 
@@ -159,4 +187,15 @@ notes with the remedy of each before you build.
 Damaged logs can be repaired by the tools of their formats: `mcap recover broken.mcap -o
 whole.mcap`, `rosbag reindex broken.bag`, `sqlite3 broken.db3 .recover | sqlite3 whole.db3`. It is
 seldom worth it: what they recover is read here as it is.
+
+Behind the name of a file may stand the system's own words:
+
+| message | what to do |
+| --- | --- |
+| No such file or directory | check the path |
+| Permission denied | read as its owner, change its permissions, or give another place |
+| Is a directory, Not a directory | give the name of a file, or of a folder |
+| No space left on device, Disk quota exceeded | free some space and give the same command again |
+| Read-only file system | give a place that can be written to with `-o` |
+| Input/output error | copy the file from the disk while it can be read; then try the copy |
 """

@@ -1,0 +1,69 @@
+"""The table of messages: nothing is raised for bad input that does not stand in it."""
+
+from __future__ import annotations
+
+import ast
+import sys
+
+import pytest
+from conftest import ROOT
+
+sys.path.insert(0, str(ROOT / "docs"))
+import messages
+
+# Raised with words that come from elsewhere: the system's, or those of a message in the table.
+PASSED_ON = {
+    "cli/batching/job.py": 1,
+    "cli/batching/places.py": 1,
+    "cli/exporting.py": 1,
+    "formats/database/connection.py": 3,
+    "formats/database/log_source.py": 1,
+    "formats/database/pictures.py": 1,
+    "formats/graph_reading.py": 2,
+    "formats/grid.py": 1,
+    "formats/ply.py": 1,
+    "formats/trajectory.py": 1,
+    "mapmyworld/evaluation/association.py": 1,
+}
+_OURS = (
+    "LogError", "MapError", "ConfigError", "GraphError", "WorldError", "MissingDependencyError",
+    "NotPositiveDefiniteError", "MemoryLimitError", "UsageError", "DamagedBlockError",
+)  # fmt: skip
+
+
+def raised_without_words() -> dict[str, int]:
+    found: dict[str, int] = {}
+    for room in ("cli", "formats", "mapmyworld"):
+        for path in (ROOT / room).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+                if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+                    name = ast.unparse(node.exc.func).rpartition(".")[2]
+                    words = messages._template(node.exc.args[0]) if node.exc.args else ""
+                    if name in _OURS and len(words.replace("...", "").strip(" :,()")) < 5:
+                        file = path.relative_to(ROOT).as_posix()
+                        found[file] = found.get(file, 0) + 1
+    return found
+
+
+def test_every_error_has_words_that_stand_in_the_table() -> None:
+    assert raised_without_words() == PASSED_ON
+
+
+def test_every_message_says_what_to_do_about_it() -> None:
+    told = messages.gathered()
+    assert len(told) > 300
+    assert [entry.text for entry in told if len(entry.remedy) < 9] == []
+
+
+@pytest.mark.parametrize(
+    ("text", "remedy"),
+    [
+        ("cannot be written: it is a folder", "check the folder"),
+        ("is in use by another program: close it there and try again", "close it there"),
+        ("was changed or removed while it was read", "give the same command again"),
+    ],
+)
+def test_messages_of_writers_and_their_remedies(text: str, remedy: str) -> None:
+    fitting = [entry for entry in messages.gathered() if text in entry.text]
+    assert fitting
+    assert all(remedy in entry.remedy for entry in fitting)

@@ -54,19 +54,18 @@ def sections(browser: Any, page: Path, folder: Path, stem: str) -> None:
     """The top of the page in four dresses, and its sections that have pictures."""
     for suffix, dress in (("", {}), ("-dark", {"dark": True})):
         window = opened(browser, page, **dress)
-        keep(folder / f"{stem}{suffix}.png", window.screenshot())
+        keep(folder / f"{stem}{suffix}.png", window.screenshot(timeout=120_000))
         window.close()
     for suffix, dress in (("-phone", {}), ("-phone-dark", {"dark": True})):
         window = opened(browser, page, phone=True, **dress)
-        keep(folder / f"{stem}{suffix}.png", window.screenshot())
+        keep(folder / f"{stem}{suffix}.png", window.screenshot(timeout=120_000))
         window.close()
     window = opened(browser, page)
-    for key in ("closures", "how-well-it-fits", "the-cloud", "the-log-s-diagnosis"):
-        part = window.locator(f"#{key}")
-        if part.count():
-            part.scroll_into_view_if_needed()
-            window.wait_for_timeout(800)
-            keep(folder / f"{stem}-{key}.png", part.screenshot())
+    for key in ("closures", "the-cloud", "the-log-s-diagnosis"):
+        if window.locator(f"#{key}").count():
+            window.evaluate("key => document.getElementById(key).scrollIntoView()", key)
+            window.wait_for_timeout(1500)
+            keep(folder / f"{stem}-{key}.png", window.screenshot(timeout=120_000))
     window.close()
 
 

@@ -87,7 +87,7 @@ def distance_scale(steps: Array, moves: Array) -> Iterator[Finding]:
     if not usable.any() or way[usable].sum() < _LEAST_WAY:
         return
     seen = np.hypot(moves[usable, 0], moves[usable, 1])
-    scale = float(np.median(seen / way[usable]))
+    scale = _ratio(seen, way[usable])
     good = abs(scale - 1.0) < _SCALE_OFF
     text = (
         f"the laser sees {scale:.3f} of the distance that odometry reports "
@@ -95,6 +95,18 @@ def distance_scale(steps: Array, moves: Array) -> Iterator[Finding]:
     )
     remedy = "" if good else f"correct the wheel radius by a factor of {scale:.3f}"
     yield Finding("odometry scale", scale, "", good, text, remedy)
+
+
+def _ratio(seen: Array, way: Array) -> float:
+    """Of the distances, without the steps that slipped.
+
+    Of their sums: jitter of the stamps shifts way from one step to the next, which a median of
+    the steps' ratios follows (Intel: 0.951, where any metre of the path says 0.966).
+    """
+    ratios = seen / way
+    middle = np.median(ratios)
+    kept = (ratios > 0.5 * middle) & (ratios < 2.0 * middle)
+    return float(seen[kept].sum() / way[kept].sum()) if kept.any() else float(middle)
 
 
 def _gyro_yaw(sample: Sample) -> tuple[Array, Array] | None:

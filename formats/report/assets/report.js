@@ -354,7 +354,9 @@
     mesh.frustumCulled = false;
     mesh.setParent(turned);
     const camera = new Camera(gl, { fov: 45, near: span / 500, far: span * 20 });
-    camera.position.set(0, 0.8 * span, 0.8 * span);
+    // All of it is seen, also where the window is narrow.
+    const away = 0.8 * span * Math.max(1, 1.2 * canvas.clientHeight / canvas.clientWidth);
+    camera.position.set(0, away, away);
     const orbit = new Orbit(camera, { element: canvas, target: new Vec3(0, 0, 0), ease: 0.3,
       inertia: 0.6 });
     const fit = () => {

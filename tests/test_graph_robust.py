@@ -12,7 +12,7 @@ from mapmyworld.geometry import between_planar, compose_planar
 from mapmyworld.graph.admission import expected_below
 from mapmyworld.graph.clusters import chance_of
 from mapmyworld.graph.optimise import optimise, optimise_robustly
-from mapmyworld.types.pose_graph import Edges, PoseGraph, no_priors, no_sightings
+from mapmyworld.types.pose_graph import Edges, PoseGraph, Sightings, no_priors, no_sightings
 
 SIGMA = np.array([0.03, 0.03, 0.01])
 PLAIN = GraphConfig(certify=False)
@@ -149,3 +149,22 @@ def test_expected_false_fits_are_those_that_a_simulation_counts():
     for chance in (0.01, 0.1, 0.5):
         counted = np.mean(np.sum(drawn <= np.minimum(chance, most), axis=1))
         assert expected_below(np.array([chance]), most)[0] == pytest.approx(counted, rel=0.05)
+
+
+def test_a_landmark_seen_once_by_bearing_alone_stops_nothing():
+    """No covariance exists for it; the closures are judged all the same."""
+    truth = lawn()
+    graph = drive(truth, meetings(truth))
+    bearing = Sightings(
+        np.array([3]),
+        np.array([900]),
+        np.array([[0.5, 0.0]]),
+        np.diag([400.0, 0.0])[None],
+        np.array([True]),
+    )
+    seen = replace(
+        graph, landmark_ids=np.array([900]), landmarks=np.array([[5.0, 5.0]]), sightings=bearing
+    )
+    solved = optimise_robustly(seen, PLAIN)
+    assert solved.accepted.mean() > 0.9
+    assert np.isfinite(solved.graph.map_from_node).all()

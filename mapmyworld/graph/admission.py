@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array
+from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.clusters import HEAVY, allowed, chance_of
 from mapmyworld.graph.consistency import alternatives
 from mapmyworld.graph.joint_covariance import predicted_covariances
@@ -36,7 +37,10 @@ def admissible(
     admitted = np.zeros(len(inliers), np.bool_)
     if len(candidates) == 0:
         return admitted
-    fit, volume = innovations(system, poses, inliers, candidates)
+    try:
+        fit, volume = innovations(system, poses, inliers, candidates)
+    except NotPositiveDefiniteError:  # a landmark that is seen once has no covariance
+        return admitted
     space = float(np.log(alternatives(system.planar, system.measured[~inliers])))
     farthest = np.full(len(fit), HEAVY * limit * allowed(scale))
     chance, most = (chance_of(f, volume, space, system.dimension) for f in (fit, farthest))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mapmyworld.geometry import Array
+from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.linear_system import Pattern, damped, linearise, pattern_of, solved
 from mapmyworld.graph.residuals import retract
 from mapmyworld.graph.system import System, edge_chi2
@@ -36,10 +37,9 @@ def descend(system: System, poses: Array, tolerance: float, steps: int) -> tuple
     for taken in range(1, steps + 1):
         blocks, gradient = linearise(system, pattern, poses)
         while True:
-            step = solved(pattern, damped(pattern, blocks, damping), -gradient)
-            moved = retract(system.planar, poses, step)
+            moved = _moved(system, pattern, poses, damped(pattern, blocks, damping), gradient)
             found = float(edge_chi2(system, moved).sum())
-            if found <= cost:
+            if found <= cost and moved is not poses:
                 break
             damping = max(_DAMPING, 10.0 * damping)
             if damping > _DAMPED_OUT:
@@ -49,3 +49,11 @@ def descend(system: System, poses: Array, tolerance: float, steps: int) -> tuple
         if gain <= tolerance * cost or cost < _NOTHING:
             return poses, taken, True
     return poses, steps, False
+
+
+def _moved(system: System, pattern: Pattern, poses: Array, blocks: Array, gradient: Array) -> Array:
+    """Poses after a step; the same poses where the equations leave something undetermined."""
+    try:
+        return retract(system.planar, poses, solved(pattern, blocks, -gradient))
+    except NotPositiveDefiniteError:
+        return poses

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
-from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array
-from mapmyworld.graph.cholesky import LARGE, Factors, factorise
+from mapmyworld.graph.cholesky import LARGE, Factors, NotPositiveDefiniteError, factorise
 from mapmyworld.graph.elimination import Symbolic, analyse, links
 from mapmyworld.graph.pose_graph import Index
 from mapmyworld.graph.system import System, jacobians_of, residuals_of
@@ -162,7 +161,7 @@ def damped(pattern: Pattern, blocks: Array, damping: float) -> Array:
 def solved(pattern: Pattern, blocks: Array, right: Array) -> Array:
     """(N, d) solution of the equations with this right-hand side (N, d).
 
-    Raises `GraphError` when the edges leave nodes undetermined.
+    Raises `NotPositiveDefiniteError` when the edges leave nodes undetermined.
     """
     if pattern.sparse is None:
         return factors_of(pattern, blocks).solve(right.ravel()).reshape(right.shape)
@@ -178,7 +177,7 @@ def solved(pattern: Pattern, blocks: Array, right: Array) -> Array:
             options={"SymmetricMode": True},
         )
     except RuntimeError:
-        raise GraphError("the edges leave some nodes undetermined") from None
+        raise NotPositiveDefiniteError("the edges leave some nodes undetermined") from None
     result = np.zeros(right.size)
     result[sparse.free] = factors.solve(right.ravel()[sparse.free])
     return result.reshape(right.shape)

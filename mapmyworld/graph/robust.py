@@ -138,10 +138,15 @@ def _without_misfits(
     limit: float,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """The solution after graduated non-convexity, where believed edges contradict each other."""
-    while ((edge_chi2(system, poses) > limit) & inliers & ~trusted).any():
-        poses, inliers = graduate(system, poses, trusted, inliers, limit)
+    while True:
+        chi2 = np.where(inliers & ~trusted, edge_chi2(system, poses), 0.0)
+        if not (chi2 > limit).any():
+            return poses, inliers
+        poses, found = graduate(system, poses, trusted, inliers, limit)
+        if np.array_equal(found, inliers):  # one hovers about the limit
+            found[np.argmax(chi2)] = False
+        inliers = found
         poses = settle(believed_edges(system, inliers), poses)
-    return poses, inliers
 
 
 def _without_strangers(
@@ -153,9 +158,15 @@ def _without_strangers(
     config: GraphConfig,
 ) -> tuple[Array, NDArray[np.bool_], float]:
     """The solution without groups of closures that all others contradict, the worst ones first."""
-    inliers, left_out = inliers.copy(), 0
+    inliers, left_out, scale = inliers.copy(), 0, 1.0
     for _ in range(_GROUP_ROUNDS):
-        found = judge_groups(system, poses, inliers, closures, groups, config.inlier_probability)
+        try:
+            found = judge_groups(
+                system, poses, inliers, closures, groups, config.inlier_probability
+            )
+        except NotPositiveDefiniteError:  # a landmark that is seen once has no covariance
+            break
+        scale = found.scale
         bad = (found.excess > 1.0) | (found.evidence < np.log(max(1.0, 10.0 * left_out)))
         if not bad.any():
             break
@@ -164,7 +175,7 @@ def _without_strangers(
             inliers[found.members[k]] = False
         left_out += sum(len(found.members[k]) > 2 for k in np.flatnonzero(worst).tolist())
         poses = settle(believed_edges(system, inliers), poses)
-    return poses, inliers, found.scale
+    return poses, inliers, scale
 
 
 def _compare(

@@ -105,8 +105,10 @@ def kill_batch(manifest: Path, output: Path, build_at: int, batch_at: int, *more
     builds = _children(batch.pid)
     batch.kill()
     batch.wait()
-    time.sleep(0.2)
-    return sum(_is_running(build) for build in builds)
+    deadline = time.monotonic() + 10.0  # a busy machine takes its time to end a process
+    while any(map(_is_running, builds)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return sum(map(_is_running, builds))
 
 
 def _wait_for(batch: subprocess.Popen[bytes], ready: Callable[[], bool]) -> None:

@@ -286,6 +286,31 @@ def test_rows_longer_than_a_page_are_salvaged_whole(tmp_path: Path) -> None:
     assert cut.lost == 1
 
 
+def test_a_message_shorter_than_its_head_costs_no_other(tmp_path: Path) -> None:
+    """In a file without chunks; found by Atheris."""
+    data = FILES["bare.mcap"][1](tmp_path / "bare.mcap").read_bytes()
+    whole, _ = read(tmp_path / "bare.mcap")
+    short = bytes([5]) + (4).to_bytes(8, "little") + bytes(4)
+    end = next(p for p, op in mcap_places(data) if op == 15)
+    path = tmp_path / "a.mcap"
+    path.write_bytes(data[:end] + short)
+    records, losses = read(path)
+    assert records == whole
+    assert losses
+    path.write_bytes(MAGIC + short)
+    allowed(lambda: read(path), str(path))
+
+
+def mcap_places(data: bytes) -> list[tuple[int, int]]:
+    """Where the records of a file begin, and their opcodes."""
+    found, at = [], len(MAGIC)
+    while at < len(data) - len(MAGIC):
+        opcode, length = record_head(data, at)
+        found.append((at, opcode))
+        at += 9 + length
+    return found
+
+
 @pytest.mark.parametrize("time", [-(1 << 62), 1 << 62, (1 << 63) - 1, "text"])
 def test_a_time_that_is_none_costs_no_other_message(tmp_path: Path, time: object) -> None:
     path = next(write_rosbag2(tmp_path / "a", DRIVES[2]).glob("*.db3"))

@@ -136,6 +136,8 @@ class _Scan:
         )
 
     def _message(self, position: int, after: int) -> None:
+        if after - position < HEAD_BYTES + _MESSAGE_HEAD.size:
+            raise DamagedBlockError("a message is shorter than its head")
         key, _, time = _MESSAGE_HEAD.unpack(self.stream.read(_MESSAGE_HEAD.size))
         if not self.bare or position != self.bare_end or after - self.bare_start > _RUN_BYTES:
             self._close_run()

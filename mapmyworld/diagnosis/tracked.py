@@ -56,9 +56,9 @@ def _steps(poses: Array) -> Array:
 
 
 def _camera_findings(store: MapStore, plan: Plan) -> Iterator[Finding]:
-    if plan.camera is None:
-        return
     nodes = store.nodes()
+    if plan.camera is None or not nodes:
+        return
     chosen = np.unique(np.linspace(0, len(nodes) - 1, _IMAGES).astype(int)).tolist()
     frames = []
     for node in (nodes[k] for k in chosen):

@@ -42,7 +42,7 @@ def convert(
 
     \b
     mapmyworld convert intel.clf.bz2 -o intel.mcap
-    mapmyworld convert part_0.bag part_1.bag -o whole.mcap --topic /scan --topic /tf
+    mapmyworld convert part_0.bag part_1.bag -o whole.mcap --topic /scan --topic /odom
     """
     from formats.converting import Selection, convert_log
     from formats.logs import open_log

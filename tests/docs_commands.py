@@ -25,25 +25,27 @@ class Shown:
 
     page: str
     line: str
-    status: int
-    """Exit code that the page promises."""
+    statuses: tuple[int, ...]
+    """Exit codes that the page promises."""
 
 
 def pages() -> list[Path]:
     return [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
-def shown_in(page: str) -> Iterator[Shown]:
-    """Commands of blocks called `run` or `fails-N`; in the README, of all blocks."""
-    text = (ROOT / page).read_text(encoding="utf-8")
+def shown_in(page: Path) -> Iterator[Shown]:
+    """Commands of a page's blocks: those called `run` or `fails-N` must end so, others well."""
+    text = page.read_text(encoding="utf-8")
     for kind, body in _BLOCK.findall(text):
         whole = body.replace("\\\n", " ")
-        if kind == "run" or kind.startswith("fails-") or (page == "README.md" and not kind):
-            status = int(kind.partition("-")[2] or 0)
-            for line in whole.splitlines():
-                command = line.split("   #")[0].strip()
-                if command.startswith("mapmyworld "):
-                    yield Shown(page, command, status)
+        promised = (0,) if kind == "run" else (0, 3)
+        if kind.startswith("fails-"):
+            promised = (int(kind.partition("-")[2]),)
+        for line in whole.splitlines():
+            # What follows three blanks or a mark is said about the command.
+            command = re.split(r"   +|  #| #", line.strip())[0].strip()
+            if command.startswith("mapmyworld "):
+                yield Shown(page.name, command, promised)
 
 
 def every_line() -> Iterator[tuple[str, list[str]]]:
@@ -64,8 +66,9 @@ def every_line() -> Iterator[tuple[str, list[str]]]:
 def run(line: str) -> tuple[int, str, str]:
     """Exit code, stdout and stderr of a command, run within this process."""
     out, err = StringIO(), StringIO()
+    words, _, target = line.partition(" > ")
     with (
-        patch.object(sys, "argv", shlex.split(line)),
+        patch.object(sys, "argv", shlex.split(words)),
         redirect_stdout(out),
         redirect_stderr(err),
     ):
@@ -74,4 +77,8 @@ def run(line: str) -> tuple[int, str, str]:
             status = 0
         except SystemExit as end:
             status = int(end.code or 0)
+    if target:
+        path = Path(target.strip()).expanduser()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(out.getvalue(), encoding="utf-8")
     return status, out.getvalue(), err.getvalue()

@@ -48,7 +48,8 @@ class RecordedLog:
 
     def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
         """Messages as recorded, undecoded."""
-        return self.container.records(topics)
+        for time, channel, data in self.container.records(topics):
+            yield min(max(time, 0), _END_NS), channel, data
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         decoders = self._decoders

@@ -161,6 +161,7 @@ def _build(
         from formats.database.lock import only_writer
         from formats.logs.steady import SteadyLog
     from mapmyworld.pipeline import build_map
+
     stored = storage_arguments(config)
     opening = partial(open_store, map_path, create=True, overwrite=overwrite, **stored)
     with only_writer(map_path), opening() as store:

@@ -146,9 +146,6 @@ def proof_of(certificate: Certificate | None) -> str:
     if certificate.gap <= _PROVEN:
         return f"the global minimum, proven to within {100 * certificate.gap:.2g} % ({bound})"
     if certificate.twin_is_global:
-        return (
-            f"very likely the global minimum: that of its isotropic twin is proven and lies beside "
-            f"it ({bound}, {100 * certificate.gap:.2g} % below; the covariances are too "
-            "directional for a tighter bound)"
-        )
+        # The minimum of a graph with isotropic covariances is proven, and lies beside this one.
+        return f"very likely the global minimum ({bound}, {100 * certificate.gap:.2g} % below)"
     return "not proven to be the global minimum: take it with care"

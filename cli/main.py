@@ -9,6 +9,7 @@ import click
 
 import mapmyworld
 from cli.common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_USAGE
+from cli.interrupts import forget_wish, heed_interrupts
 from cli.lazy import LazyGroup
 from mapmyworld.errors import MapMyWorldError
 
@@ -49,6 +50,7 @@ def group() -> None:
 
 def main() -> None:
     """Runs a command; every error of ours becomes one message on stderr and an exit code."""
+    heed_interrupts()
     try:
         sys.exit(group.main(prog_name="mapmyworld", standalone_mode=False))
     except MapMyWorldError as error:
@@ -69,6 +71,7 @@ def main() -> None:
         )
         sys.exit(EXIT_BAD_INPUT)
     except (click.Abort, KeyboardInterrupt):
+        forget_wish()
         click.echo("mapmyworld: interrupted; the same command goes on with this stage", err=True)
         sys.exit(EXIT_INTERRUPTED)
 

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import cast
 
+from cli.interrupts import ending_with, forget_wish
 from mapmyworld.errors import MapMyWorldError
 
 _LOOK_EVERY_S = 0.1
@@ -23,10 +24,6 @@ class MemoryLimitError(MapMyWorldError):
 
 class _Over(BaseException):
     """Ends the main thread's work; not a KeyboardInterrupt, for which Python keeps an exit code."""
-
-
-def _end_work(_signal: int, _frame: object) -> None:
-    raise _Over
 
 
 def resident_mb() -> float:
@@ -70,7 +67,7 @@ def memory_limit(megabytes: int | None) -> Iterator[None]:
                 _thread.interrupt_main(signal.SIGUSR1)
                 return
 
-    before = signal.signal(signal.SIGUSR1, _end_work)
+    before = signal.signal(signal.SIGUSR1, ending_with(_Over))
     threading.Thread(target=watch, daemon=True).start()
     try:
         yield
@@ -81,4 +78,5 @@ def memory_limit(megabytes: int | None) -> Iterator[None]:
         ) from None
     finally:
         done.set()
+        forget_wish()
         signal.signal(signal.SIGUSR1, before)

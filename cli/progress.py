@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from cli.interrupts import heed_wish
 from cli.memory import give_back_memory
 
 _LINE_EVERY_S = 15.0  # between lines of progress where there is no terminal
@@ -42,6 +43,7 @@ class StderrProgress:
         self._done = 0.0
 
     def stage(self, name: str, total: float | None = None, unit: str = "") -> None:
+        heed_wish()
         self.finish()
         give_back_memory()
         self._name, self._total, self._unit = name, total, unit
@@ -52,6 +54,7 @@ class StderrProgress:
             self._open_bar()
 
     def update(self, done: float) -> None:
+        heed_wish()
         self._done = done
         if self._bar is not None:
             self._bar.update(0, completed=done, speed=self._speed())

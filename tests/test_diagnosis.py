@@ -12,7 +12,7 @@ from memory_log import MemoryLog
 
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
-from mapmyworld.diagnosis import Finding, cameras, diagnose
+from mapmyworld.diagnosis import Finding, diagnose
 from mapmyworld.geometry import make_transform, roll_pitch_yaw_to_rotation
 from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import build_map
@@ -171,10 +171,3 @@ def test_depth_beside_its_colour_is_measured() -> None:
     assert not found.good
     assert found.value == pytest.approx(7.0, abs=2.0)
     assert "depth_registration" in found.remedy
-
-
-def test_shifts_of_edges_that_disagree_say_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Edges of a picture without texture at its walls match by chance, each time elsewhere."""
-    shifts = iter([(11.0, 1.0), (-11.0, -2.0), (6.0, 0.0), (1.0, 0.0), (2.0, -1.0)])
-    monkeypatch.setattr(cameras, "_edge_shift", lambda image: next(shifts))
-    assert list(cameras._depth_against_colour([None] * 5)) == []  # type: ignore[list-item]

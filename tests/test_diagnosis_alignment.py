@@ -10,10 +10,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from database_samples import camera
 
 from formats.logs import open_log
 from mapmyworld.config import Config
-from mapmyworld.diagnosis.alignment import alignment_findings
+from mapmyworld.diagnosis import alignment
+from mapmyworld.diagnosis.alignment import Displacement, alignment_findings
 from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.memory_log import MemoryLog
 from mapmyworld.sensing import make_plan, survey_log
@@ -112,6 +114,15 @@ def test_depth_seen_from_beside_is_not_called_sound(seed: int) -> None:
     """Parallax moves near and far things differently: what is found is some mean of it, or none."""
     found = told(turned_about(seed), from_beside)
     assert found is None or not found.good
+
+
+def test_halves_of_the_images_that_disagree_say_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Edges of a picture without texture at its walls match by chance, each time elsewhere."""
+    images = [RgbdImage(camera(), None, None)] * 8
+    seen = iter(Displacement(1.0, *shift, 160.0) for shift in ((2, 0), (11, 1), (-11, -2)))
+    monkeypatch.setattr(alignment, "image_edges", lambda image: image)
+    monkeypatch.setattr(alignment, "displacement", lambda _: next(seen))
+    assert list(alignment_findings(images)) == []
 
 
 def test_pictures_without_edges_tell_nothing() -> None:

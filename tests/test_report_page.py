@@ -191,7 +191,10 @@ def test_the_report_of_a_real_build(
     assert page.locator("article.card.rejected").count() >= 3
     assert page.locator("svg.pair path").count() >= 1
     assert page.locator("svg.scans").count() >= 4
-    facts = page.locator("article.card:has(svg.pair path)").first.inner_text()
+    card = page.locator("article.card:has(svg.pair path)").first
+    card.scroll_into_view_if_needed()  # cards are drawn when they are scrolled to
+    page.wait_for_timeout(200)
+    facts = card.inner_text()
     for said in (r"\d+ and \d+ features", r"\d+ of \d+ matches agree", r"\d+ words in common"):
         assert re.search(said, facts), facts
     told = page.locator("main").inner_text()
@@ -201,6 +204,36 @@ def test_the_report_of_a_real_build(
     ):  # fmt: skip
         assert said in told, said
     assert found.complaints == []
+    page.close()
+
+
+@pytest.mark.slow
+def test_a_still_cloud_is_not_drawn_again(
+    browser: Any,  # noqa: F811
+    apartment: Path,  # noqa: F811
+) -> None:
+    """A page that was left open kept a core busy; turned by hand, the cloud follows."""
+    page = Opened(browser, apartment.with_suffix(".html")).page
+    page.evaluate(
+        """() => { window.frames_drawn = 0; const ask = window.requestAnimationFrame;
+          window.requestAnimationFrame = (f) => { window.frames_drawn += 1; return ask(f); }; }"""
+    )
+    page.locator("#cloud").scroll_into_view_if_needed()
+    page.wait_for_selector("#cloud[data-ready]")
+    page.wait_for_timeout(2500)
+    page.evaluate("window.frames_drawn = 0")
+    page.wait_for_timeout(500)
+    assert page.evaluate("window.frames_drawn") == 0
+    before = page.locator("#cloud").screenshot()
+    box = page.locator("#cloud").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 50, box["y"] + 50)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 200, box["y"] + 80, steps=5)
+    page.mouse.up()
+    page.wait_for_timeout(300)
+    assert page.evaluate("window.frames_drawn") > 0
+    assert page.locator("#cloud").screenshot() != before
     page.close()
 
 

@@ -18,7 +18,7 @@ from mapmyworld.types.localisation import State
 
 pytestmark = pytest.mark.slow
 
-FIRST, SECOND = circuit(0, 330, 10.0), circuit(100, 280, 10.0)
+FIRST, SECOND = circuit(0, 400), circuit(100, 300)
 
 
 @pytest.fixture(scope="module")

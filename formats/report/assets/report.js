@@ -366,19 +366,26 @@
       camera.perspective({ aspect: width / height });
       program.uniforms.size.value = 0.012 * height * renderer.dpr;
     };
-    fit();
-    new ResizeObserver(fit).observe(canvas);
-    let onScreen = true;
-    new IntersectionObserver(([entry]) => { onScreen = entry.isIntersecting; }).observe(canvas);
-    const frameOn = () => {
-      requestAnimationFrame(frameOn);
-      if (!onScreen) return;
+    // Drawn while it is moved and a moment longer, for a turn to run out; a still page rests.
+    const settles = 1500; // ms
+    let until = 0, drawing = false;
+    const draw = () => {
       orbit.update();
       renderer.render({ scene, camera });
+      drawing = performance.now() < until;
+      if (drawing) requestAnimationFrame(draw);
     };
-    orbit.update();
-    renderer.render({ scene, camera });
-    frameOn();
+    const wake = () => {
+      until = performance.now() + settles;
+      if (!drawing) requestAnimationFrame(draw);
+      drawing = true;
+    };
+    const touched = ["mousedown", "wheel", "touchstart", "touchmove"];
+    touched.forEach((name) => canvas.addEventListener(name, wake, { passive: true }));
+    addEventListener("mousemove", (event) => event.buttons && wake());
+    fit();
+    draw();
+    new ResizeObserver(() => { fit(); wake(); }).observe(canvas);
     canvas.dataset.ready = "yes";
   };
   if (canvas) {

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
+from browser import browser  # noqa: F401  one for all: a process runs one Playwright
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data"))

@@ -46,7 +46,11 @@ def test_interrupting_leaves_a_map_that_can_be_looked_at(tmp_path: Path) -> None
     drive(900).write(tmp_path / "long.mcap")
     command = [sys.executable, "-m", "cli.main", "build", str(tmp_path / "long.mcap")]
     process = subprocess.Popen(
-        [*command, "-o", str(tmp_path / "map.db")], stderr=subprocess.PIPE, text=True
+        [*command, "-o", str(tmp_path / "map.db")],
+        stderr=subprocess.PIPE,
+        text=True,
+        # What a script starts in the background has Ctrl-C ignored, its children too.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     while not (tmp_path / "map.db").exists() and process.poll() is None:
         time.sleep(0.05)

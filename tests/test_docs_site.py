@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser import browser  # noqa: F401
 from conftest import ROOT
 from ruamel.yaml import YAML
 
@@ -62,7 +61,7 @@ def test_equations_are_part_of_the_pages(site: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_site_asks_nobody_else_for_anything(site: Path, browser: Any) -> None:  # noqa: F811
+def test_the_site_asks_nobody_else_for_anything(site: Path, browser: Any) -> None:
     asked: list[str] = []
     page = browser.new_page()
     page.on("request", lambda request: asked.append(request.url))

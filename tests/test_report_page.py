@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import browser  # noqa: F401
 from database_samples import fill
 from sample_maps import apartment  # noqa: F401
 
@@ -28,7 +27,7 @@ DESKTOP = {"width": 1280, "height": 900}
 class Opened:
     """A page, and everything that it complained about."""
 
-    def __init__(self, browser: Any, path: Path, **options: Any) -> None:  # noqa: F811
+    def __init__(self, browser: Any, path: Path, **options: Any) -> None:
         self.page = browser.new_page(**{"viewport": DESKTOP} | options)
         self.page.set_default_timeout(10_000)
         self.complaints: list[str] = []
@@ -59,7 +58,7 @@ def small(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def opened(browser: Any, small: Path) -> Iterator[Opened]:  # noqa: F811
+def opened(browser: Any, small: Path) -> Iterator[Opened]:
     found = Opened(browser, small)
     yield found
     found.page.close()
@@ -128,7 +127,7 @@ def test_buttons_zoom_and_the_slider_moves_the_robot(opened: Opened) -> None:
     assert "node" in page.locator("#moment").inner_text()
 
 
-def test_dark_and_light_differ(browser: Any, small: Path) -> None:  # noqa: F811
+def test_dark_and_light_differ(browser: Any, small: Path) -> None:
     shades = []
     for scheme in ("light", "dark"):
         found = Opened(browser, small, color_scheme=scheme)
@@ -142,7 +141,7 @@ def test_dark_and_light_differ(browser: Any, small: Path) -> None:  # noqa: F811
     assert shades[0] != shades[1]
 
 
-def test_a_phone_needs_no_scrolling_sideways(browser: Any, small: Path) -> None:  # noqa: F811
+def test_a_phone_needs_no_scrolling_sideways(browser: Any, small: Path) -> None:
     found = Opened(browser, small, viewport=PHONE, is_mobile=True, has_touch=True)
     wide = found.page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
     found.page.close()
@@ -150,7 +149,7 @@ def test_a_phone_needs_no_scrolling_sideways(browser: Any, small: Path) -> None:
     assert found.complaints == []
 
 
-def test_the_page_stands_without_its_script(browser: Any, small: Path) -> None:  # noqa: F811
+def test_the_page_stands_without_its_script(browser: Any, small: Path) -> None:
     page = browser.new_page(java_script_enabled=False)
     page.goto(small.as_uri())
     assert page.locator("#map polyline").count() >= 1
@@ -158,7 +157,7 @@ def test_the_page_stands_without_its_script(browser: Any, small: Path) -> None: 
     page.close()
 
 
-def test_it_prints(browser: Any, small: Path) -> None:  # noqa: F811
+def test_it_prints(browser: Any, small: Path) -> None:
     found = Opened(browser, small, color_scheme="dark")
     pdf = found.page.pdf(format="A4")
     found.page.close()
@@ -174,7 +173,7 @@ def test_data_cannot_end_their_element() -> None:
 
 @pytest.mark.slow
 def test_the_report_of_a_real_build(
-    browser: Any,  # noqa: F811
+    browser: Any,
     apartment: Path,  # noqa: F811
 ) -> None:
     path = apartment.with_suffix(".html")
@@ -209,7 +208,7 @@ def test_the_report_of_a_real_build(
 
 @pytest.mark.slow
 def test_a_still_cloud_is_not_drawn_again(
-    browser: Any,  # noqa: F811
+    browser: Any,
     apartment: Path,  # noqa: F811
 ) -> None:
     """A page that was left open kept a core busy; turned by hand, the cloud follows."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import sys
 import time
 from collections.abc import Sequence
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.common import EXIT_PARTIAL, show_json
-from cli.progress import StderrProgress
+from cli.progress import StderrProgress, peak_memory_mb
 from cli.result_maps import ResultMaps, numbered
 from mapmyworld.errors import MapError
 
@@ -126,7 +125,7 @@ def _summary(
         "files": [*map(str, results), *beside],
         "wall_s": time.monotonic() - begun[0],
         "cpu_s": time.process_time() - begun[1],
-        "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "peak_memory_mb": peak_memory_mb(),
     }
 
 

@@ -63,6 +63,7 @@ def optimise(
     started = time.perf_counter()
     from mapmyworld.graph.optimise import optimise as optimise_graph
     from mapmyworld.graph.optimise import optimise_robustly
+    from mapmyworld.graph.pose_graph import told_of_parts
 
     import_seconds = time.perf_counter() - started
     started = time.perf_counter()
@@ -97,10 +98,11 @@ def optimise(
         },
     }
     output = output or path.with_name(f"{path.stem}_optimised.g2o")
+    losses = [*problems, *told_of_parts(solved.component)]
     if output.suffix == ".db":
         from cli.optimise_map import write_map
 
-        write_map(output, path, graph, solved)
+        write_map(output, path, graph, solved, losses)
     else:
         from formats.pose_graph import write_graph
 
@@ -111,7 +113,7 @@ def optimise(
     show_json(facts) if style == "json" else click.echo("\n".join(_lines(facts)))
     for problem in problems:
         click.echo(f"mapmyworld: {path}: {problem}", err=True)
-    if problems or facts["parts"] > 1:
+    if losses:
         sys.exit(EXIT_PARTIAL)
 
 

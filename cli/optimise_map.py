@@ -20,10 +20,13 @@ if TYPE_CHECKING:
 _LOOSE = 1e-9  # information of a landmark's orientation: it has none
 
 
-def write_map(path: Path, source: Path, given: PoseGraph, solved: OptimisedGraph) -> None:
+def write_map(
+    path: Path, source: Path, given: PoseGraph, solved: OptimisedGraph, losses: Sequence[str]
+) -> None:
     """The solved graph of `source` as a map in `path`, which RTAB-Map's tools open as well.
 
     A map keeps its nodes' data; from any other file come nodes without data, numbered from 1.
+    `losses` say what the graph lacks, so that the map does not pass as whole.
     """
     from formats.database import open_store
     from mapmyworld.graph.covariance import graph_covariances
@@ -48,7 +51,7 @@ def write_map(path: Path, source: Path, given: PoseGraph, solved: OptimisedGraph
                 _rejudged(before, solved) if ours else constraints_of(solved, shift)
             )
             store.set_poses(poses)
-            store.put("solve", {"certainty": solved.certainty, "losses": []})
+            store.put("solve", {"certainty": solved.certainty, "losses": list(losses)})
 
 
 def _is_map(path: Path) -> bool:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import bz2
-import json
 import shlex
 import shutil
-import struct
 from pathlib import Path
 
 import numpy as np
 from conftest import ROOT
 from docs_commands import run
+from glb import write_glb
 from room_drive import drive
 
 LOGS = ROOT / "sample_logs"
@@ -121,9 +120,4 @@ def glb_room(path: Path) -> None:
             {"bufferView": 1, "componentType": 5123, "count": triangles.size, "type": "SCALAR"},
         ],
     }  # fmt: skip
-    text = json.dumps(document).encode()
-    text += b" " * (-len(text) % 4)
-    binary = b"".join(parts)
-    whole = struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(binary))
-    whole += struct.pack("<I4s", len(text), b"JSON") + text
-    path.write_bytes(whole + struct.pack("<I4s", len(binary), b"BIN\0") + binary)
+    write_glb(path, document, parts)

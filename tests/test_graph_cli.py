@@ -15,6 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from cli.inspect_graph import graph_facts
+from cli.main import group
 from cli.optimise import optimise
 from formats.database import open_store
 from formats.pose_graph import read_graph
@@ -143,3 +144,13 @@ def test_a_solved_graph_is_written_as_a_map_and_read_again(tmp_path):
     assert poses is not None
     assert poses.covariances is not None
     assert np.trace(poses.covariances[2]) > 0
+
+
+def test_a_graph_that_falls_apart_makes_a_map_that_does_not_pass_as_whole(tmp_path):
+    path, made = tmp_path / "parts.g2o", tmp_path / "parts.db"
+    apart = "".join(f"EDGE_SE2 {k} {k + 1} 1 0 0 900 0 0 900 0 900\n" for k in (0, 1, 10, 11))
+    path.write_text(apart)
+    assert run(path, "-o", str(made)).exit_code == 3
+    checked = CliRunner().invoke(group, ["check", str(made), "--require", "nodes >= 6"])
+    assert checked.exit_code == 4
+    assert "2 parts" in checked.output

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import struct
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from glb import write_glb
 
 from formats.scene_mesh import read_scene_mesh
 from mapmyworld.errors import MapError
@@ -70,12 +69,7 @@ def as_glb(path: Path) -> None:
             {"bufferView": 2, "componentType": 5123, "count": 9, "type": "SCALAR"},
         ],
     }  # fmt: skip
-    text = json.dumps(document).encode()
-    text += b" " * (-len(text) % 4)
-    binary = b"".join(parts)
-    whole = struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(binary))
-    whole += struct.pack("<I4s", len(text), b"JSON") + text
-    path.write_bytes(whole + struct.pack("<I4s", len(binary), b"BIN\0") + binary)
+    write_glb(path, document, parts)
 
 
 @pytest.mark.parametrize(("suffix", "write"), [("ply", as_ply), ("obj", as_obj), ("glb", as_glb)])

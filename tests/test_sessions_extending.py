@@ -119,6 +119,18 @@ def test_appended_at_once_in_any_order_they_give_the_same_map(maps: dict[str, Ma
 
 
 @pytest.mark.slow
+def test_what_a_map_lacks_is_still_told_when_a_session_was_laid_into_it(
+    maps: dict[str, MapStore],
+) -> None:
+    """A partial map never passes as whole."""
+    store = merged(maps, ["one"])
+    with store.extend_stage("optimise", "told"):
+        store.put("solve", {"certainty": "", "losses": ["the graph falls apart"]})
+    done = extend_map(store, [load_unit("two", maps["two"])], Config(), Silent())
+    assert done is not None
+    assert store.get("solve")["losses"] == ["the graph falls apart"]
+
+
 def test_an_extended_map_can_be_solved_anew(maps: dict[str, MapStore]) -> None:
     """As `optimise` and `edit` do: what was added must be there for the stages before."""
     store, config = extended(maps, ["two"]), Config()

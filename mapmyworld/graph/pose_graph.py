@@ -83,3 +83,9 @@ def components(node_count: int, tails: Index, heads: Index) -> Index:
         while not np.array_equal(label, jumped := label[label]):
             label = jumped
     return np.unique(label, return_inverse=True)[1].astype(np.int64)
+
+
+def told_of_parts(component: Index) -> list[str]:
+    """What a graph does not hold together, from the parts (N,) of its nodes; nothing of a whole."""
+    parts = int(component.max(initial=0)) + 1
+    return [f"the graph falls into {parts} parts that nothing connects"] if parts > 1 else []

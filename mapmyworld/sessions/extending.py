@@ -104,6 +104,7 @@ class _Laid:
     """Its own and those with the map, judged."""
     links: int
     certainty: str
+    losses: tuple[str, ...]
 
 
 def _lay(base: Unit, unit: Unit, joint: Array, config: Config, progress: Progress) -> _Laid | None:
@@ -125,8 +126,10 @@ def _lay(base: Unit, unit: Unit, joint: Array, config: Config, progress: Progres
     accepted, against = sum(c.accepted for c in across), sum(map(_contradicts, across))
     if against > _CONTRADICTING * (accepted + against):
         return None
-    certainty = str((scratch.get("solve") or {}).get("certainty", ""))
-    return _Laid(item, _held_poses(scratch, skeleton, base, item), tuple(mine), accepted, certainty)
+    solved = scratch.get("solve") or {}
+    poses = _held_poses(scratch, skeleton, base, item)
+    told = str(solved.get("certainty", "")), tuple(solved.get("losses", ()))
+    return _Laid(item, poses, tuple(mine), accepted, *told)
 
 
 def _contradicts(closure: Constraint) -> bool:
@@ -167,6 +170,7 @@ def _write(base: Unit, laid: _Laid, store: MapStore, config: Config, progress: P
     before, frame_poses, judged = store.poses(), store.frame_poses(), store.constraints()
     assert before is not None
     assert frame_poses is not None
+    lost = (store.get("solve") or {}).get("losses", ())
     inputs = digest_of([store, unit.store], config)
     note_sessions(store, [base, unit], inputs)
     with store.extend_stage("plan", inputs):
@@ -183,7 +187,8 @@ def _write(base: Unit, laid: _Laid, store: MapStore, config: Config, progress: P
         nodes = [node for node in store.nodes() if node.id > laid.item.first_id]
         fresh = pose_every_frame(nodes, laid.poses, own)
         store.set_frame_poses(np.concatenate([frame_poses, fresh]))
-        store.put("solve", {"certainty": laid.certainty, "losses": []})
+        losses = list(dict.fromkeys((*lost, *laid.losses)))
+        store.put("solve", {"certainty": laid.certainty, "losses": losses})
     with store.extend_stage("map", inputs):
         _draw(store, unit, fresh, config, progress)
 

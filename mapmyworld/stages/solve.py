@@ -8,6 +8,7 @@ import numpy as np
 
 from mapmyworld.config import Config
 from mapmyworld.graph.edits import apply_edits, edits_from_json
+from mapmyworld.graph.pose_graph import told_of_parts
 from mapmyworld.graph.solve import SolvedGraph, solve
 from mapmyworld.mapping.trajectory import pose_every_frame
 from mapmyworld.stages.recognise import LoadScans, add_closures
@@ -39,7 +40,7 @@ def solve_and_judge(
     store.set_poses(poses)
     frames = store.tracked_frames()
     store.set_frame_poses(pose_every_frame(store.nodes(), poses, frames))
-    store.put("solve", {"certainty": solved.certainty, "losses": _losses(solved)})
+    store.put("solve", {"certainty": solved.certainty, "losses": told_of_parts(solved.component)})
 
 
 def _refined(
@@ -83,11 +84,3 @@ def _solve(store: MapStore, config: Config, progress: Progress) -> SolvedGraph:
     edits = edits_from_json(store.get("edits"))
     constraints = apply_edits(store.constraints(), edits)
     return solve(ids, start, constraints, planar, config.graph)
-
-
-def _losses(solved: SolvedGraph) -> list[str]:
-    """What the graph does not hold together."""
-    parts = int(solved.component.max()) + 1 if len(solved.component) else 0
-    if parts <= 1:
-        return []
-    return [f"the graph falls into {parts} parts that nothing connects"]

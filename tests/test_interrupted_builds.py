@@ -6,12 +6,14 @@ import os
 import shutil
 import signal
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
 from robust import corpus, kills
 from robust.trials import Outcome, try_command
 
+from cli.interrupts import ending_with, forget_wish
 from mapmyworld import pipeline
 
 
@@ -103,3 +105,34 @@ def unprivileged(arguments: list[str]) -> Outcome:
     os.waitpid(child, 0)
     fault, _, stderr = rest.partition("\0")
     return Outcome(int(code) if code.isdigit() else None, fault, "", stderr)
+
+
+class _Ended(BaseException):
+    """What the handler under test raises."""
+
+
+def test_a_signal_waits_until_the_import_machinery_is_left() -> None:
+    """There it would leave the lock of all imports held, and threads waiting for it for ever."""
+    source = "def importing():\n    raise_signal(SIGUSR1)\n    left.append(True)\n"
+    left: list[bool] = []
+    scope = {"raise_signal": signal.raise_signal, "SIGUSR1": signal.SIGUSR1, "left": left}
+    exec(compile(source, "<frozen importlib._bootstrap>", "exec"), scope)
+    before = signal.signal(signal.SIGUSR1, ending_with(_Ended))
+    try:
+        scope["importing"]()  # type: ignore[operator]
+        with pytest.raises(_Ended):
+            time.sleep(5.0)
+    finally:
+        forget_wish()
+        signal.signal(signal.SIGUSR1, before)
+    assert left == [True]
+
+
+def test_a_signal_is_heeded_at_once_elsewhere() -> None:
+    before = signal.signal(signal.SIGUSR1, ending_with(_Ended))
+    try:
+        with pytest.raises(_Ended):
+            signal.raise_signal(signal.SIGUSR1)
+    finally:
+        forget_wish()
+        signal.signal(signal.SIGUSR1, before)

@@ -11,6 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mapmyworld.kernels.assignment import assign
+
 Array = NDArray[np.float64]
 BEHIND = 1e12  # squared error of a point behind the camera
 
@@ -144,7 +146,8 @@ def refine(
         cost = pose_normal_equations(trial, points, seen, sigmas, width, equations, gradient)
         if not cost < best:
             return
-        pose[:], information[:] = trial, equations
+        assign(pose, trial)
+        assign(information, equations)
         if best - cost < 1e-4 * cost:
             return
         best = cost
@@ -211,4 +214,4 @@ def move_by_tangent(pose: Array, tangent: Array) -> None:
         for j in range(3):
             step = shift[j, 0] * tangent[3] + shift[j, 1] * tangent[4] + shift[j, 2] * tangent[5]
             moved[i, 3] += pose[i, j] * step
-    pose[:3] = moved
+    assign(pose, moved)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.kernels.assignment import assign
 from mapmyworld.particles.kernels.likelihood import log_likelihood
 from mapmyworld.particles.kernels.surfaces import PLANAR, Beams, jit, nearest, turned
 
@@ -150,7 +151,7 @@ def match(
         mean = starts[particle, 0]
         _turn_information(prior, mean[2], P)
         for k in range(starts.shape[1]):
-            pose[:] = starts[particle, k]
+            assign(pose, starts[particle, k])
             share = 0.0
             for iteration in range(reaches.shape[0]):
                 H[:], g[:] = 0.0, 0.0
@@ -178,8 +179,8 @@ def match(
                 cost = 0.5 * squared
             if scale * fit - cost > best:
                 best = scale * fit - cost
-                poses[particle] = pose
-                informations[particle] = H
+                assign(poses[particle], pose)
+                assign(informations[particle], H)
                 quality[particle, 0], quality[particle, 1] = share, fit
                 quality[particle, 2] = squared
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import resources
 
 import numpy as np
 import pytest
 
-from formats.constraint_kinds import with_other_kinds
+from formats.constraint_kinds import COLOURS, PATH, REJECTED, rgb, with_other_kinds
 from formats.database import links
 from formats.report import graph_picture
 from mapmyworld.types import CLOSURES, TRUSTED, Constraint, ConstraintKind, Poses
@@ -21,6 +22,20 @@ def test_every_kind_that_joins_places_is_drawn_and_known_ones_come_first() -> No
     assert {kind: looks[kind] for kind in KNOWN} == KNOWN
     assert set(ConstraintKind) - set(looks) == {ConstraintKind.PRIOR}
     assert looks[ConstraintKind.PROXIMITY] == "other"
+
+
+def test_the_reports_page_has_the_colours_of_all_other_pictures() -> None:
+    sheet = resources.files("formats.report").joinpath("assets/report.css").read_text("utf-8")
+    for name, colour in {
+        "path": PATH,
+        "rejected": REJECTED,
+        "loop": COLOURS[ConstraintKind.LOOP_CLOSURE],
+        "proximity": COLOURS[ConstraintKind.PROXIMITY],
+        "user": COLOURS[ConstraintKind.USER],
+        "landmark": COLOURS[ConstraintKind.LANDMARK],
+    }.items():
+        assert f"--{name}: {colour};" in sheet
+    assert rgb("#0180ff") == (1, 128, 255)
 
 
 def test_no_kind_is_both_beyond_doubt_and_a_closure() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.constraint_kinds import with_other_kinds
+from formats.constraint_kinds import COLOURS, REJECTED, rgb
 from formats.foxglove import messages as fox
 from formats.foxglove.layout import layout
 from formats.foxglove.sink import FoxgloveSink
@@ -31,17 +31,6 @@ from mapmyworld.types import (
 Floats = NDArray[np.float64]
 MAP = "map"
 _LISTED = 60  # constraints of a kind whose facts an entity tells
-_COLOURS = with_other_kinds(
-    {
-        ConstraintKind.NEIGHBOUR: (0.12, 0.44, 0.82, 1.0),
-        ConstraintKind.LOOP_CLOSURE: (0.84, 0.19, 0.12, 1.0),
-        ConstraintKind.PROXIMITY: (0.0, 0.53, 0.37, 1.0),
-        ConstraintKind.USER: (0.69, 0.25, 0.63, 1.0),
-        ConstraintKind.LANDMARK: (0.54, 0.43, 0.0, 1.0),
-    },
-    (0.36, 0.29, 0.54, 1.0),
-)
-_REJECTED = (0.55, 0.55, 0.55, 0.4)
 Event = tuple[int, str, Any]
 """Time in nanoseconds, topic, message."""
 
@@ -116,14 +105,21 @@ def tf_events(shown: FoxgloveMap) -> Iterator[Event]:
         yield stamp, "/tf", fox.transform(stamp, MAP, shown.base_frame, pose)
 
 
+def _rgba(colour: str, opacity: float = 1.0) -> tuple[float, float, float, float]:
+    red, green, blue = rgb(colour)
+    return red / 255.0, green / 255.0, blue / 255.0, opacity
+
+
 def _entities(start: int, shown: FoxgloveMap) -> Iterator[Any]:
     """One for each kind of accepted constraint, one for all rejected ones."""
     place = {node.id: pose[:3, 3] for node, pose, _ in shown.nodes}
     groups = [
-        (str(kind), colour, [c for c in shown.constraints if c.accepted and c.kind == kind])
-        for kind, colour in _COLOURS.items()
+        (str(kind), _rgba(colour), [c for c in shown.constraints if c.accepted and c.kind == kind])
+        for kind, colour in COLOURS.items()
     ]
-    groups.append(("rejected", _REJECTED, [c for c in shown.constraints if not c.accepted]))
+    groups.append(
+        ("rejected", _rgba(REJECTED, 0.4), [c for c in shown.constraints if not c.accepted])
+    )
     for name, colour, members in groups:
         drawn = [c for c in members if {c.from_id, c.to_id} <= place.keys()]
         if drawn:

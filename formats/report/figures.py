@@ -8,23 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from formats.constraint_kinds import with_other_kinds
+from formats.constraint_kinds import COLOURS, PATH, REJECTED
 from formats.report.contents import Evidence, ReportContents
 from mapmyworld.errors import MapError
 from mapmyworld.types import ConstraintKind
 
 KINDS = ("map", "graph", "loops", "uncertainty", "timing")
 ENDINGS = (".png", ".svg", ".pdf")
-_BLUE, _RED, _GREEN, _GREY, _ORANGE = "#1f6fd1", "#d7301f", "#00875f", "#8a8f98", "#d98200"
-_COLOURS = with_other_kinds(
-    {
-        ConstraintKind.LOOP_CLOSURE: _RED,
-        ConstraintKind.PROXIMITY: _GREEN,
-        ConstraintKind.USER: "#b0409a",
-        ConstraintKind.LANDMARK: "#8a6d00",
-    },
-    "#5c4b8a",
-)
+_BLUE, _ORANGE = PATH, "#d98200"
+_START, _END = "#00875f", "#d7301f"
 _WIDTH = 6.3  # inches: a page's text
 _LOOPS = 6  # closures in one figure
 _DPI = 160
@@ -49,8 +41,8 @@ def _map(figure: Any, contents: ReportContents) -> None:
     axes = _plan(figure, contents)
     axes.plot(contents.path[:, 1], contents.path[:, 2], color=_BLUE, lw=0.8, label="path")
     if len(contents.path):
-        axes.plot(*contents.path[0, 1:], "o", color=_GREEN, ms=4, label="start")
-        axes.plot(*contents.path[-1, 1:], "s", color=_RED, ms=4, label="end")
+        axes.plot(*contents.path[0, 1:], "o", color=_START, ms=4, label="start")
+        axes.plot(*contents.path[-1, 1:], "s", color=_END, ms=4, label="end")
     _legend(axes)
 
 
@@ -72,10 +64,10 @@ def _graph(figure: Any, contents: ReportContents) -> None:
             label = f"{label} ({len(chosen)})"
             axes.add_collection(LineCollection(chosen, colors=colour, label=label, **style))
 
-    lines(None, _GREY, "rejected", linewidths=0.3, linestyles="dotted")
-    lines(ConstraintKind.NEIGHBOUR, _BLUE, "neighbour", linewidths=0.8)
-    for kind, colour in _COLOURS.items():
-        lines(kind, colour, str(kind).replace("_", " "), linewidths=0.5)
+    lines(None, REJECTED, "rejected", linewidths=0.3, linestyles="dotted")
+    for kind, colour in COLOURS.items():
+        width = 0.8 if kind == ConstraintKind.NEIGHBOUR else 0.5
+        lines(kind, colour, str(kind).replace("_", " "), linewidths=width)
     axes.plot(nodes.places[:, 0], nodes.places[:, 1], ".", color=_BLUE, ms=1.5)
     _legend(axes)
 

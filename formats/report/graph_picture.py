@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.constraint_kinds import with_other_kinds
+from formats.constraint_kinds import COLOURS, rgb
 from formats.report.picture_file import write_picture
 from mapmyworld.geometry import Array
 from mapmyworld.types import Constraint, ConstraintKind, OccupancyGrid, Poses
@@ -18,17 +18,7 @@ _SIZE = 1400  # pixels of the longer side
 _MARGIN = 40  # pixels
 _DASH = 7.0  # pixels of a dot's period
 # Blue, green, red, as OpenCV wants them.
-_COLOURS = with_other_kinds(
-    {
-        ConstraintKind.NEIGHBOUR: (200, 90, 20),
-        ConstraintKind.LOOP_CLOSURE: (40, 40, 220),
-        ConstraintKind.PROXIMITY: (60, 160, 30),
-        ConstraintKind.LANDMARK: (170, 150, 40),
-        ConstraintKind.USER: (200, 40, 200),
-        ConstraintKind.PRIOR: (200, 40, 200),
-    },
-    (120, 60, 120),
-)
+_COLOURS = {kind: rgb(colour)[::-1] for kind, colour in COLOURS.items()}
 _WORDS = {
     ConstraintKind.NEIGHBOUR: "path",
     ConstraintKind.LOOP_CLOSURE: "loop closure",
@@ -36,7 +26,7 @@ _WORDS = {
     ConstraintKind.LANDMARK: "landmark",
     ConstraintKind.USER: "by hand",
 }
-_GREY = (150, 150, 150)
+_INK = (60, 60, 60)
 
 
 def draw_graph(
@@ -172,19 +162,18 @@ def _legend(
     words = _WORDS | {kind: kind.replace("_", " ") for kind in others}
     rows = [(words[kind], _COLOURS[kind], False) for kind in known + others]
     if rejected:
-        rows.append(("rejected", _GREY, True))
+        rows.append(("dotted: rejected", _INK, True))
     if landmarks:
         rows.append(("landmark", (30, 130, 30), False))
-    metres = _round_length(0.2 * view.width / view.scale)
+    metres = _round_length(min(0.2 * view.width, 100.0) / view.scale)
     cv2.rectangle(picture, (6, 6), (190, 34 + 22 * len(rows)), (255, 255, 255), -1)
     for n, (word, colour, dotted) in enumerate(rows):
         y = 20.0 + 22 * n
         _line(picture, np.array([14.0, y]), np.array([46.0, y]), colour, dotted=dotted, width=2)
         _text(picture, word, (54, int(y) + 5))
     y, bar = 20 + 22 * len(rows), round(metres * view.scale)
-    cv2.line(picture, (14, y), (14 + min(bar, 100), y), (0, 0, 0), 2)
-    shown = metres * min(1.0, 100.0 / bar)
-    _text(picture, f"{shown:.3g} m", (22 + min(bar, 100), y + 5))
+    cv2.line(picture, (14, y), (14 + bar, y), (0, 0, 0), 2)
+    _text(picture, f"{metres:g} m", (22 + bar, y + 5))
 
 
 def _round_length(metres: float) -> float:

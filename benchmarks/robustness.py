@@ -1,10 +1,12 @@
 """What broken files, killed builds, full disks and long drives do to mapmyworld.
 
 python benchmarks/robustness.py fuzz-logs --count 20000
+python benchmarks/robustness.py fuzz-logs --count 2500 --first 5000
 python benchmarks/robustness.py fuzz-maps --count 5000
 python benchmarks/robustness.py fuzz-graphs --count 2000
 python benchmarks/robustness.py cuts --count 200
 python benchmarks/robustness.py kills --count 100
+python benchmarks/robustness.py signals --count 20
 python benchmarks/robustness.py full-disk --count 500
 python benchmarks/robustness.py long-drive --count 20 --only /big/disk
 """
@@ -15,12 +17,13 @@ import argparse
 import itertools
 import os
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy is there
 
-from robust import corpus, cuts, full_disk, fuzzing, kills, long_drive, trials  # noqa: E402
+from robust import corpus, cuts, full_disk, fuzzing, kills, long_drive, signals, trials  # noqa: E402
 
 INSPECT = ("inspect", "log", "FILE")
 _QUICK, _CONVERT = (*INSPECT, "--quick"), ("convert", "FILE", "-o", "OUT.mcap")
@@ -47,6 +50,7 @@ def main() -> None:
     parser.add_argument("part", choices=sorted(PARTS))
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0, help="case to begin with, of fuzz-*")
     parser.add_argument("--only", default="", help="sources whose name contains this")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="robustness-") as folder:
@@ -78,12 +82,22 @@ def _fuzz(
         for source, command in itertools.product(sources[:1], dict.fromkeys(commands)):
             places = {"FILE": str(source), "OUT": f"{name}/out"}
             trials.try_command([fuzzing.replaced(word, places) for word in command], seconds=600.0)
-    done = fuzzing.fuzz(fuzzing.cases(sources, commands, options.count, options.seed), _progress)
+    done = fuzzing.fuzz(_chosen(sources, commands, options), _progress)
     told = ", ".join(f"{count} x {code}" for code, count in sorted(done.exits.items()))
     print(f"{done.cases} files: exit codes {told}")
     print(
         f"peak {done.peak_mb:.0f} MB, slowest {done.slowest_s:.1f} CPU s, "
         f"all {done.cpu_s:.0f} CPU s"
+    )
+
+
+def _chosen(
+    sources: list[Path], commands: list[tuple[str, ...]], options: argparse.Namespace
+) -> Iterator[fuzzing.Case]:
+    """`count` cases from the first on: a campaign may be run in parts."""
+    last = options.first + options.count
+    return itertools.islice(
+        fuzzing.cases(sources, commands, last, options.seed), options.first, None
     )
 
 
@@ -125,6 +139,11 @@ def _fill_disks(options: argparse.Namespace, folder: Path) -> None:
     print("\n".join(full_disk.summary_lines(full_disk.fill_disks(log, (), options.count))))
 
 
+def _end_commands(options: argparse.Namespace, folder: Path) -> None:
+    log = next(path for path in corpus.make_logs(folder / "logs") if path.name == "whole.mcap")
+    signals.end_all(log, options.count, options.seed, options.only)
+
+
 def _cut_logs(options: argparse.Namespace, folder: Path) -> None:
     logs = {path.name: path for path in corpus.make_logs(folder / "logs")}
     for name in ("bare.mcap", "plain.mcap", "whole.mcap", "whole.bag", "bz2.bag"):
@@ -158,6 +177,7 @@ PARTS = {
     "fuzz-maps": _fuzz_maps,
     "fuzz-graphs": _fuzz_graphs,
     "kills": _kill_builds,
+    "signals": _end_commands,
 }
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import click
 
 import mapmyworld
 from cli.common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_USAGE
-from cli.interrupts import forget_wish, heed_interrupts
+from cli.interrupts import forget_interrupts, heed_interrupts
 from cli.lazy import LazyGroup
 from mapmyworld.errors import MapMyWorldError
 
@@ -71,9 +71,11 @@ def main() -> None:
         )
         sys.exit(EXIT_BAD_INPUT)
     except (click.Abort, KeyboardInterrupt):
-        forget_wish()
+        forget_interrupts()
         click.echo("mapmyworld: interrupted; the same command goes on with this stage", err=True)
         sys.exit(EXIT_INTERRUPTED)
+    finally:
+        forget_interrupts()
 
 
 def _told(error: OSError) -> str:

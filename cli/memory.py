@@ -78,5 +78,5 @@ def memory_limit(megabytes: int | None) -> Iterator[None]:
         ) from None
     finally:
         done.set()
-        forget_wish()
+        forget_wish(_Over)
         signal.signal(signal.SIGUSR1, before)

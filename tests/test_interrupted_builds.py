@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
+import subprocess
+import sys
 import tempfile
+import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from robust import corpus, kills
 from robust.trials import Outcome, try_command
 
-from cli.interrupts import ending_with, forget_wish
+from cli.interrupts import (
+    HANDING_OVER,
+    ending_with,
+    forget_interrupts,
+    forget_wish,
+    heed_interrupts,
+)
 from mapmyworld import pipeline
 
 
@@ -111,28 +123,113 @@ class _Ended(BaseException):
     """What the handler under test raises."""
 
 
-def test_a_signal_waits_until_the_import_machinery_is_left() -> None:
-    """There it would leave the lock of all imports held, and threads waiting for it for ever."""
-    source = "def importing():\n    raise_signal(SIGUSR1)\n    left.append(True)\n"
+@contextmanager
+def ending() -> Iterator[None]:
+    """SIGUSR1 raises `_Ended`, as in a command."""
+    heed_interrupts()
+    before = signal.signal(signal.SIGUSR1, ending_with(_Ended))
+    try:
+        yield
+    finally:
+        forget_wish(_Ended)
+        forget_interrupts()
+        signal.signal(signal.SIGUSR1, before)
+
+
+def run_as(module: str, source: str, file: str = "<code>", **names: object) -> None:
+    """Runs the source as if it stood in that module."""
+    scope = {"raise_signal": signal.raise_signal, "SIGUSR1": signal.SIGUSR1, **names}
+    exec(compile(source, file, "exec"), {**scope, "__name__": module})
+
+
+_STRUCK = "raise_signal(SIGUSR1)\nleft.append(True)\n"
+
+
+@pytest.mark.parametrize("module", ["_frozen_importlib", "numba.core.compiler", "queue", "json"])
+def test_a_signal_waits_until_code_of_ours_runs(module: str) -> None:
+    """In the import machinery, say, it would leave a lock held, and threads waiting for ever."""
     left: list[bool] = []
-    scope = {"raise_signal": signal.raise_signal, "SIGUSR1": signal.SIGUSR1, "left": left}
-    exec(compile(source, "<frozen importlib._bootstrap>", "exec"), scope)
-    before = signal.signal(signal.SIGUSR1, ending_with(_Ended))
-    try:
-        scope["importing"]()  # type: ignore[operator]
+    with ending():
+        run_as(module, _STRUCK, left=left)
+        assert left == [True]
         with pytest.raises(_Ended):
-            time.sleep(5.0)
-    finally:
-        forget_wish()
-        signal.signal(signal.SIGUSR1, before)
-    assert left == [True]
+            run_as("mapmyworld.pipeline", "while True: sleep(0.01)", sleep=time.sleep)
 
 
-def test_a_signal_is_heeded_at_once_elsewhere() -> None:
-    before = signal.signal(signal.SIGUSR1, ending_with(_Ended))
+def test_a_signal_is_heeded_at_once_in_code_of_ours() -> None:
+    left: list[bool] = []
+    with ending(), pytest.raises(_Ended):
+        run_as("formats.logs", _STRUCK, left=left)
+    assert left == []
+
+
+def test_code_of_others_that_does_not_end_is_ended_after_a_while() -> None:
+    began = time.monotonic()
+    with ending(), pytest.raises(_Ended):
+        run_as("shutil", "raise_signal(SIGUSR1)\nwhile True: sleep(0.01)", sleep=time.sleep)
+    assert 1.0 <= time.monotonic() - began < 10.0
+
+
+def test_a_wait_for_other_threads_is_ended_after_a_while() -> None:
+    with ending(), pytest.raises(_Ended):
+        run_as("cli.batching", "raise_signal(SIGUSR1)", raise_signal=_struck_in(threading.Event()))
+
+
+def _struck_in(event: threading.Event) -> Callable[[int], object]:
+    """A function that waits for the event, and is sent the signal while it does."""
+
+    def wait(number: int) -> object:
+        threading.Timer(0.1, signal.pthread_kill, (threading.get_ident(), number)).start()
+        return event.wait()
+
+    return wait
+
+
+_HANDED_OVER = """
+import random, signal, faulthandler
+from cli import interrupts
+from cli.interrupts import ending_with, forget_wish, heed_interrupts
+from mapmyworld.parallel import done_behind, in_threads, made_ahead
+from mapmyworld.registration.threads import run_in_chunks
+__name__ = "cli.struck"
+class Ended(BaseException): pass
+def work():
+    for number in in_threads(abs, made_ahead(range(3000), 8), 2):
+        with done_behind(sums.append, 4) as behind:
+            behind(number)
+        run_in_chunks(lambda a, b: None, 8, 2)
+heed_interrupts()
+interrupts._PATIENCE_S = 0.05
+signal.signal(signal.SIGALRM, ending_with(Ended))
+faulthandler.dump_traceback_later(60, exit=True)
+rng, ended = random.Random(3), 0
+for _ in range(6):
+    sums = []
+    signal.setitimer(signal.ITIMER_REAL, rng.uniform(0.001, 0.02))
     try:
-        with pytest.raises(_Ended):
-            signal.raise_signal(signal.SIGUSR1)
-    finally:
-        forget_wish()
-        signal.signal(signal.SIGUSR1, before)
+        work()
+    except Ended:
+        ended += 1
+    forget_wish(Ended)
+print(ended)
+"""
+
+
+def test_signals_leave_no_thread_waiting_in_the_queues_between_threads() -> None:
+    """Before, the first or second left a queue's lock held, and the other thread waited for it."""
+    done = subprocess.run(
+        [sys.executable, "-c", _HANDED_OVER], capture_output=True, text=True, timeout=90, check=True
+    )
+    assert done.stderr == ""
+    assert int(done.stdout) >= 3
+
+
+def test_all_that_hands_work_from_thread_to_thread_is_known() -> None:
+    """A new pool or queue in the library belongs on the list, or where signals never strike."""
+    root = Path(pipeline.__file__).parent
+    users = {
+        "mapmyworld." + ".".join(file.relative_to(root).with_suffix("").parts)
+        for file in root.rglob("*.py")
+        if re.search(r"ThreadPoolExecutor\(|threading\.Thread\(", file.read_text("utf-8"))
+    }
+    assert users == {*HANDING_OVER, "mapmyworld.simulation.recording"}  # its pool runs to its end

@@ -11,7 +11,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.trajectory import seconds_text, write_trajectory
+from formats.stamps import seconds_text
+from formats.trajectory import write_trajectory
 from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.types import ImageMessage, Node, NodeData, RgbdImage, Trajectory

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.recording import LogWriter
-from formats.trajectory import seconds_text
+from formats.stamps import seconds_text
 from formats.whole_files import write_whole
 from mapmyworld.geometry import SWAP_ROTATION_TRANSLATION, rotation_to_quaternion
 from mapmyworld.types import PoseMessage, TextMessage, TransformsMessage, TransformStamped

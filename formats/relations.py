@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 import numpy as np
 
+from formats.stamps import nanoseconds_from_text
 from mapmyworld.errors import MapError
 from mapmyworld.geometry import make_transform, roll_pitch_yaw_to_rotation
 from mapmyworld.types.relations import Relations
@@ -31,7 +31,7 @@ def read_relations(path: Path) -> Relations:
             continue
         try:
             stamp_pair, motion = _relation(fields)
-        except (ValueError, InvalidOperation):
+        except ValueError:
             raise MapError(
                 f"{path}, line {number}: expected `t1 t2 x y z roll pitch yaw`, found {line!r}"
             ) from None
@@ -45,7 +45,7 @@ def read_relations(path: Path) -> Relations:
 def _relation(fields: list[str]) -> tuple[tuple[int, int], np.ndarray]:
     if len(fields) != _FIELDS:
         raise ValueError("not eight fields")
-    first, second = (int(Decimal(field).scaleb(9)) for field in fields[:2])
+    first, second = (nanoseconds_from_text(field) for field in fields[:2])
     x, y, z, roll, pitch, yaw = (float(field) for field in fields[2:])
     if not np.isfinite([x, y, z, roll, pitch, yaw]).all():
         raise ValueError("not finite")

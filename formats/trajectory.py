@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.stamps import nanoseconds_from_text, seconds_text
 from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.geometry import make_transform, quaternion_to_rotation, rotation_to_quaternion
@@ -53,13 +53,6 @@ def _text(number: float) -> str:
     return f"{number + 0.0:.9f}" if abs(number) >= 5e-10 else "0.000000000"  # no "-0.000000000"
 
 
-def seconds_text(stamp_ns: int) -> str:
-    """Seconds with nine decimals, exact."""
-    sign = "-" if stamp_ns < 0 else ""
-    whole, rest = divmod(abs(stamp_ns), _SECOND)
-    return f"{sign}{whole}.{rest:09d}"
-
-
 _WRITERS: dict[str, Callable[[Trajectory], Iterator[str]]] = {
     "tum": _tum_lines,
     "kitti": _kitti_lines,
@@ -84,7 +77,7 @@ def read_trajectory(path: Path) -> Trajectory:
         return _read_stamped(path, numbered[1:], ",", int)
     if len(numbered[0][1].split()) == 12:
         return _read_kitti(path, numbered)
-    return _read_stamped(path, numbered, None, _nanoseconds)
+    return _read_stamped(path, numbered, None, nanoseconds_from_text)
 
 
 def _read_stamped(
@@ -103,7 +96,7 @@ def _read_stamped(
             )
         try:
             stamps.append(parse_stamp(fields[0]))
-        except (ValueError, InvalidOperation, OverflowError):
+        except ValueError:
             raise MapError(f"{path}, line {number}: {fields[0]!r} is not a time") from None
         rows.append(_numbers(path, number, fields[1:]))
     table = np.array(rows, np.float64).reshape(-1, 7)
@@ -134,11 +127,3 @@ def _numbers(path: Path, number: int, fields: list[str]) -> list[float]:
     if not np.isfinite(values).all():
         raise MapError(f"{path}, line {number}: a number that is not finite")
     return values
-
-
-def _nanoseconds(text: str) -> int:
-    """Exact: a float would lose the last digits of a time since 1970."""
-    stamp = int((Decimal(text) * _SECOND).to_integral_value())
-    if abs(stamp) >= 1 << 63:
-        raise OverflowError(text)
-    return stamp

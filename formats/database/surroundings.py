@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from decimal import Decimal
-
 import numpy as np
 
+from formats.stamps import nanoseconds_from_text
 from mapmyworld.errors import MapError
 from mapmyworld.types import GpsMessage, Quantity, ReadingMessage
 
@@ -26,7 +25,7 @@ def nanoseconds(stamp: float | None) -> int:
     seconds = float(stamp or 0.0)
     if not abs(seconds) < _LATEST_S:
         raise MapError(f"a stamp of {seconds} s")
-    return int(Decimal(repr(seconds)) * 1_000_000_000)
+    return nanoseconds_from_text(repr(seconds))
 
 
 def gps_to_blob(fix: GpsMessage | None) -> bytes | None:

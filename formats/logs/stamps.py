@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from decimal import Decimal, InvalidOperation
+from formats.stamps import nanoseconds_from_text
 
-_MAX_STAMP_S = 1 << 33  # seconds; the year 2242, so that nanoseconds fit 64 bits
+_MAX_STAMP_NS = (1 << 33) * 1_000_000_000  # the year 2242
 
 
 def stamp_from_text(text: bytes) -> int:
-    """Nanoseconds of decimal seconds, exact; ValueError where it is no time."""
-    seconds, _, fraction = text.partition(b".")
-    if seconds.isdigit() and (fraction.isdigit() or not fraction):
-        stamp = int(seconds) * 1_000_000_000 + int(fraction[:9].ljust(9, b"0"))
-    else:
-        try:
-            stamp = int(Decimal(text.decode("ascii")).scaleb(9))
-        except (InvalidOperation, OverflowError, ValueError) as error:
-            raise ValueError(f"{text!r} is no time") from error
-    if not 0 <= stamp < _MAX_STAMP_S * 1_000_000_000:
+    """Nanoseconds of decimal seconds, exact; ValueError where it is no time of a log."""
+    stamp = nanoseconds_from_text(text.decode("ascii", "replace"))
+    if not 0 <= stamp < _MAX_STAMP_NS:
         raise ValueError(f"{text!r} is no time")
     return stamp

@@ -1,0 +1,33 @@
+"""Times that are written as decimal seconds."""
+
+from __future__ import annotations
+
+from decimal import Decimal, InvalidOperation
+
+_SECOND = 1_000_000_000  # nanoseconds
+_LARGEST = 1 << 63  # nanoseconds: 64 bits with a sign
+
+
+def nanoseconds_from_text(text: str) -> int:
+    """Exact, where a float would lose the last digits of a time since 1970; what is finer is cut.
+
+    ValueError where the text is no number, or one that leaves 64 bits.
+    """
+    seconds, _, fraction = text.partition(".")
+    if text.isascii() and seconds.isdecimal() and (not fraction or fraction.isdecimal()):
+        stamp = int(seconds) * _SECOND + int(fraction[:9].ljust(9, "0"))
+    else:
+        try:
+            stamp = int(Decimal(text).scaleb(9))
+        except (InvalidOperation, OverflowError, ValueError) as error:
+            raise ValueError(f"{text!r} is no time") from error
+    if abs(stamp) >= _LARGEST:
+        raise ValueError(f"{text!r} is no time")
+    return stamp
+
+
+def seconds_text(stamp_ns: int) -> str:
+    """Seconds with nine decimals, exact."""
+    sign = "-" if stamp_ns < 0 else ""
+    whole, rest = divmod(abs(stamp_ns), _SECOND)
+    return f"{sign}{whole}.{rest:09d}"

@@ -21,7 +21,7 @@ from mapmyworld.graph.solve import solve
 from mapmyworld.places.laser_closures import candidate_pairs, compare_places
 from mapmyworld.places.laser_lost import loose_way, lost_pairs
 from mapmyworld.places.laser_nodes import calm_spots, laser_nodes, spaced
-from mapmyworld.places.laser_pairs import neighbour_pairs
+from mapmyworld.places.laser_pairs import first_visits, neighbour_pairs
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.types import Constraint, ConstraintKind
 
@@ -85,6 +85,24 @@ def test_neighbours_grow_with_the_drive_not_with_its_square() -> None:
     one = len(neighbour_pairs(np.tile(lap, (4, 1)), 4.0, 4))
     two = len(neighbour_pairs(np.tile(lap, (16, 1)), 4.0, 4))
     assert two < 5 * one
+
+
+def test_first_visits_grow_with_the_area_not_with_the_laps() -> None:
+    lap = np.stack([np.linspace(0, 30, 100), np.zeros(100), np.zeros(100)], axis=-1)
+    back = lap[::-1] + np.array([0.0, 0.1, np.pi])
+    twice = first_visits(np.concatenate([lap, back, lap, back]), 1)
+    np.testing.assert_array_equal(twice, np.arange(400) < 200)  # a heading is a visit of its own
+    assert first_visits(np.tile(lap, (12, 1)), 3).sum() == 300
+
+
+def test_other_visits_are_looked_for_among_some_only() -> None:
+    lap = np.stack([np.linspace(0, 30, 100), np.zeros(100), np.zeros(100)], axis=-1)
+    poses = np.tile(lap, (3, 1))
+    among = np.arange(300) < 100
+    pairs = neighbour_pairs(poses, 4.0, 4, among=among)
+    afar = pairs[np.diff(pairs, axis=1)[:, 0] > 8]
+    assert len(afar) >= 200
+    assert among[afar].any(axis=1).all()
 
 
 def test_a_drive_that_comes_back_after_500_m_of_drift_is_closed() -> None:

@@ -20,7 +20,8 @@ from mapmyworld.geometry import (
 )
 from mapmyworld.kernels.branch_and_bound import best_shift
 from mapmyworld.kernels.scan_alignment import invert3, nearest, pair_systems, solve3
-from mapmyworld.registration.joint_alignment import Motions, adjoint_planar, align_jointly
+from mapmyworld.registration.joint_alignment import align_jointly
+from mapmyworld.registration.joint_equations import Motions, adjoint_planar
 from mapmyworld.registration.matchers import MATCHERS, find_matcher
 from mapmyworld.registration.scan_matching import (
     COARSE,
@@ -265,6 +266,12 @@ def test_joint_alignment_brings_scattered_scans_home(threads: int) -> None:
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.005
     assert np.abs(error[:, 2]).max() < 0.002
     assert solved.moved[-1] < solved.moved[0] / 10
+    held = np.arange(12) % 3 == 0
+    placed = np.where(held[:, None], truth, start)
+    solved = align_jointly(scans, placed, pairs, weak, reaches, CONFIG, threads, held=held)
+    np.testing.assert_array_equal(solved.poses[held, :2], truth[held, :2])
+    error = compose_planar(invert_planar(truth), solved.poses)
+    assert np.hypot(error[:, 0], error[:, 1]).max() < 0.005
 
 
 @settings(max_examples=30, deadline=None)

@@ -21,3 +21,4 @@ class OdometryConfig:
     refine_angle: float = 0.3  # rad of rotation between scans that are aligned jointly
     refine_radius: float = 4.0  # m within which other visits' scans are aligned with each
     refine_passes: int = 4  # other visits that each scan is aligned with, at most
+    refine_visits: int = 3  # visits of a place that shape the map; later ones follow these

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,9 @@ from mapmyworld.geometry import (
     planar_to_matrix,
 )
 from mapmyworld.places.laser_nodes import NodeScans, load_node_scans
-from mapmyworld.places.laser_pairs import neighbour_pairs
-from mapmyworld.registration.joint_alignment import Motions, align_jointly
+from mapmyworld.places.laser_pairs import first_visits, neighbour_pairs
+from mapmyworld.registration.joint_alignment import align_jointly
+from mapmyworld.registration.joint_equations import Motions
 from mapmyworld.registration.scan_matching import ScanSet, scan_set
 from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, Poses, Progress
 
@@ -63,10 +64,8 @@ def refine_poses(
     solved = matrix_to_planar(np.stack([poses.map_from_node[rows[n.id]] for n in nodes]))
     drives = _drives(nodes)
     chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in drives])
-    motions = node_motions(nodes, chosen, store.constraints())
-    refined, moved, residual = _rounds(
-        _subset(scans, chosen), solved[chosen], motions, config, progress
-    )
+    task = _Task(nodes, chosen, _subset(scans, chosen), store.constraints(), config)
+    refined, moved, residual = _aligned(task, solved[chosen], progress)
     every = np.concatenate(
         [
             _carried(solved[a:b], chosen - a, refined, (chosen >= a) & (chosen < b))
@@ -79,17 +78,57 @@ def refine_poses(
     return Refinement(Poses(poses.ids, matrices, poses.covariances), moved, residual)
 
 
-def _rounds(
-    scans: ScanSet, poses: Array, motions: Motions, config: Config, progress: Progress
+@dataclass(frozen=True, slots=True, eq=False)
+class _Task:
+    """The scans that are to be aligned with each other."""
+
+    nodes: Sequence[Node]
+    chosen: Index
+    """(S,) the nodes they were taken at."""
+    scans: ScanSet
+    constraints: Sequence[Constraint]
+    config: Config
+
+    def part(self, rows: Index) -> _Task:
+        """The task of some of the scans."""
+        scans = _subset(self.scans, rows)
+        return replace(self, chosen=self.chosen[rows], scans=scans)
+
+
+def _aligned(
+    task: _Task, poses: Array, progress: Progress
 ) -> tuple[Array, tuple[float, ...], float]:
+    """All scans: the first visits of every place with each other, later ones with these.
+
+    So the sparse system grows with the area that was seen, and not with how often it was.
+    """
+    first = first_visits(poses, task.config.odometry.refine_visits)
+    if first.all():
+        return _rounds(task, poses, np.arange(len(poses)) == 0, progress)
+    rows = np.flatnonzero(first)
+    shaped, moved, residual = _rounds(
+        task.part(rows), poses[rows], np.arange(len(rows)) == 0, progress
+    )
+    followed, later, _ = _rounds(task, carry_along(poses, rows, shaped), first, progress)
+    return followed, moved + later, residual
+
+
+def _rounds(
+    task: _Task, poses: Array, held: NDArray[np.bool_], progress: Progress
+) -> tuple[Array, tuple[float, ...], float]:
+    """The scans aligned with each other; where more than one is held, with these."""
     moved: tuple[float, ...] = ()
     residual = 0.0
+    settings, config = task.config.odometry, task.config
+    motions = node_motions(task.nodes, task.chosen, task.constraints)
+    among = held if np.count_nonzero(held) > 1 else None
     for reaches in (_REACHES[:_ANEW], _REACHES[_ANEW:]):
-        settings = config.odometry
-        pairs = neighbour_pairs(poses, settings.refine_radius, settings.refine_passes)
+        pairs = neighbour_pairs(poses, settings.refine_radius, settings.refine_passes, among=among)
+        pairs = pairs[~held[pairs].all(axis=1)]
         found = align_jointly(
-            scans, poses, pairs, motions, reaches, config.registration, config.threads, _NOTHING
-        )
+            task.scans, poses, pairs, motions, reaches, config.registration, config.threads,
+            _NOTHING, held,
+        )  # fmt: skip
         poses, residual = found.poses, found.residual
         moved += found.moved
         progress.update(len(moved))

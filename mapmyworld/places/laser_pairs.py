@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections import defaultdict
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -12,24 +15,52 @@ Index = NDArray[np.int64]
 _IN_TIME = (1, 2, 4, 8)  # scans ahead that each scan is compared with
 _METRES_PER_RADIAN = 1.5  # how much farther a scan counts for looking elsewhere
 _BLOCK = 512  # scans whose surroundings are held in memory together
+_SAME_PLACE, _SAME_HEADING = 0.5, 0.5  # m and rad within which a place is visited again
+_AROUND = tuple(itertools.product((-1, 0, 1), repeat=2))
+
+
+def first_visits(poses: NDArray[np.float64], visits: int, gap: int = 9) -> NDArray[np.bool_]:
+    """(N,) poses that are among the first `visits` of their place and heading.
+
+    Their number grows with the area that was driven over, not with how often it was.
+    """
+    cells = np.floor(poses[:, :2] / _SAME_PLACE).astype(np.int64).tolist()
+    taken: dict[tuple[int, int], list[int]] = defaultdict(list)
+    first = np.zeros(len(poses), np.bool_)
+    for k, (column, row) in enumerate(cells):
+        around = np.array(sorted(i for c, r in _AROUND for i in taken[column + c, row + r]), int)
+        around = around[around <= k - gap]
+        apart = np.hypot(*(poses[around, :2] - poses[k, :2]).T)
+        turn = np.abs(wrap_angle(poses[around, 2] - poses[k, 2]))
+        before = around[(apart < _SAME_PLACE) & (turn < _SAME_HEADING)]
+        first[k] = np.count_nonzero(np.diff(before, prepend=-gap - 1) > gap) < visits
+        if first[k]:
+            taken[column, row].append(k)
+    return first
 
 
 def neighbour_pairs(
-    poses: NDArray[np.float64], radius: float, passes: int, gap: int = 9
+    poses: NDArray[np.float64],
+    radius: float,
+    passes: int,
+    gap: int = 9,
+    among: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.int64]:
     """(P, 2) ascending pairs of scan indices: close in time, or of another pass nearby.
 
     Of each earlier or later pass within `radius` metres the nearest scan is taken, `passes`
-    passes at most, so that the cost grows with the drive and not with its square.
+    passes at most, so that the cost grows with the drive and not with its square. Other passes
+    are looked for `among` (N,) these scans; all of them, if none are given.
     """
     count = len(poses)
     every = np.arange(count)
     found = [np.stack([every[:-ahead], every[ahead:]], axis=1) for ahead in _IN_TIME]
-    tree = cKDTree(poses[:, :2])
+    asked = every if among is None else np.flatnonzero(among)
+    tree = cKDTree(poses[asked, :2])
     for start in range(0, count, _BLOCK):
         block = cKDTree(poses[start : start + _BLOCK, :2])
         near = block.sparse_distance_matrix(tree, radius, output_type="ndarray")
-        scans, others = near["i"] + start, near["j"]
+        scans, others = near["i"] + start, asked[near["j"]]
         apart = np.abs(others - scans) >= gap
         keys = np.sort(scans[apart] * count + others[apart])
         found.append(_nearest_of_passes(poses, keys // count, keys % count, passes, gap))

@@ -1,0 +1,111 @@
+"""The normal equations of many scans, of their pairs and of motions between them, and one step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import RegistrationConfig
+from mapmyworld.geometry import between_planar, wrap_angle
+from mapmyworld.graph.cholesky import Factors, factorise
+from mapmyworld.graph.elimination import analyse, links, summed
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+_UPPER = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+_DAMPING = 1e-3  # information that every scan has of where it is, so that none is undetermined
+_LONGEST = 0.5  # m (and rad) that a scan moves in one round at most
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motions:
+    """Measured motions from scan `tails[k]` to scan `heads[k]`."""
+
+    tails: Index
+    heads: Index
+    tail_from_head: Array
+    """(M, 3)."""
+    information: Array
+    """(M, 3, 3) of the right perturbation."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Equations:
+    """Normal equations of all pairs and motions, each for a perturbation of its head."""
+
+    tails: Index
+    heads: Index
+    hessians: Array
+    """(K, 3, 3)."""
+    gradients: Array
+    """(K, 3)."""
+    towards: Array
+    """(K, 3, 3) what a perturbation of the tail is to the head."""
+
+
+def equations_of(
+    poses: Array, pairs: Index, systems: Array, motions: Motions, config: RegistrationConfig
+) -> Equations:
+    """The equations at `poses` of pairs with their `systems` (P, 12), and of the motions."""
+    sigma_squared = config.range_sigma**2 * config.correlation * 2.0
+    error = between_planar(
+        motions.tail_from_head, between_planar(poses[motions.tails], poses[motions.heads])
+    )
+    tails = np.concatenate([pairs[:, 0], motions.tails])
+    heads = np.concatenate([pairs[:, 1], motions.heads])
+    pulls = np.einsum("kij,kj->ki", motions.information, error)
+    return Equations(
+        tails,
+        heads,
+        np.concatenate([systems[:, _UPPER] / sigma_squared, motions.information]),
+        np.concatenate([systems[:, 6:9] / sigma_squared, pulls]),
+        -adjoint_planar(between_planar(poses[heads], poses[tails])),
+    )
+
+
+def adjoint_planar(a_from_b: Array) -> Array:
+    """(..., 3, 3): `a_from_b * exp(t) == exp(adjoint t) * a_from_b`."""
+    c, s = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
+    result = np.zeros((*a_from_b.shape[:-1], 3, 3))
+    result[..., 0, 0], result[..., 0, 1], result[..., 0, 2] = c, -s, a_from_b[..., 1]
+    result[..., 1, 0], result[..., 1, 1], result[..., 1, 2] = s, c, -a_from_b[..., 0]
+    result[..., 2, 2] = 1.0
+    return result
+
+
+def factors_of(equations: Equations, held: NDArray[np.bool_]) -> Factors:
+    """The factorised system over all scans (S,); those that are held link to none."""
+    tails, heads, hessians = equations.tails, equations.heads, equations.hessians
+    free = ~(held[tails] | held[heads])
+    rows, columns, link = links(len(held), tails[free], heads[free])
+    across = hessians @ equations.towards
+    at_tail = np.swapaxes(equations.towards, 1, 2) @ across
+    # The lower scan's row comes first: the block of an edge that runs down is turned.
+    runs_down = (tails > heads)[free, None, None]
+    between = np.where(runs_down, across[free], np.swapaxes(across[free], 1, 2))
+    places = np.concatenate([heads, tails, link])
+    blocks = summed(places, np.concatenate([hessians, at_tail, between]), len(rows))
+    blocks[: len(held)][held] = 0.0
+    blocks[: len(held)] += np.where(held, 1.0, _DAMPING)[:, None, None] * np.eye(3)
+    return factorise(analyse(len(held), rows, columns, 3), blocks)
+
+
+def step_of(equations: Equations, factors: Factors, held: NDArray[np.bool_]) -> Array:
+    """One Gauss-Newton step (S, 3) of all scans; none of those that are held."""
+    back = np.einsum("kji,kj->ki", equations.towards, equations.gradients)
+    pulls = np.concatenate([equations.gradients, back])
+    ends = np.concatenate([equations.heads, equations.tails])
+    right = -np.stack(list(_sums(ends, pulls, len(held))), axis=-1)
+    right[held] = 0.0
+    step = factors.solve(right.ravel()).reshape(-1, 3)
+    step[:, :2] = np.clip(step[:, :2], -_LONGEST, _LONGEST)
+    step[:, 2] = np.clip(wrap_angle(step[:, 2]), -_LONGEST, _LONGEST)
+    return np.asarray(step)
+
+
+def _sums(ends: Index, pulls: Array, count: int) -> Iterator[Array]:
+    for column in pulls.T:
+        yield np.asarray(np.bincount(ends, column, minlength=count), np.float64)

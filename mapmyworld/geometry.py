@@ -209,12 +209,25 @@ def so3_exp(rotation_vector: ArrayLike) -> Array:
 
 def so3_log(rotation: ArrayLike) -> Array:
     """Rotation vectors (..., 3), of length at most pi, of rotations (..., 3, 3)."""
+    r = np.asarray(rotation, np.float64)
+    axis = 0.5 * np.stack(
+        [r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]],
+        axis=-1,
+    )
+    sine, cosine = np.sqrt(np.sum(axis * axis, axis=-1)), 0.5 * (np.trace(r, 0, -2, -1) - 1.0)
+    safe = np.maximum(sine, _SMALL_ANGLE)
+    factor = np.where(sine < _SMALL_ANGLE, 1.0, np.arctan2(sine, cosine) / safe)
+    vector = np.asarray(axis * factor[..., None])
+    if (far := cosine < -0.5).any():  # towards pi the sine tells ever less of the axis
+        vector[far] = _log_by_quaternion(r[far])
+    return vector
+
+
+def _log_by_quaternion(rotation: Array) -> Array:
     quaternion = rotation_to_quaternion(rotation)
     vector, scalar = quaternion[..., :3], quaternion[..., 3]
     length = np.linalg.norm(vector, axis=-1)
-    angle = 2.0 * np.arctan2(length, scalar)
-    factor = np.where(length < _SMALL_ANGLE, 2.0, angle / np.maximum(length, _SMALL_ANGLE))
-    return np.asarray(vector * factor[..., None])
+    return np.asarray(vector * (2.0 * np.arctan2(length, scalar) / length)[..., None])
 
 
 def _so3_left_jacobian(rotation_vector: Array) -> Array:
@@ -238,8 +251,14 @@ def se3_log(a_from_b: ArrayLike) -> Array:
     """Tangents (..., 6), rotation first, of motions (..., 4, 4)."""
     m = np.asarray(a_from_b, np.float64)
     rotation_vector = so3_log(m[..., :3, :3])
-    jacobian = _so3_left_jacobian(rotation_vector)
-    translation = np.linalg.solve(jacobian, m[..., :3, 3, None])[..., 0]
+    # The inverse of `_so3_left_jacobian`, which turns the translation of `se3_exp` back.
+    angle = np.linalg.norm(rotation_vector, axis=-1)[..., None]
+    small = angle < 1e-3
+    half = np.where(small, 1.0, 0.5 * angle)
+    series = 1.0 / 12.0 + angle * angle / 720.0
+    second = np.where(small, series, (1.0 - half / np.tan(half)) / (4.0 * half * half))
+    across = np.cross(rotation_vector, m[..., :3, 3])
+    translation = m[..., :3, 3] - 0.5 * across + second * np.cross(rotation_vector, across)
     return np.concatenate([rotation_vector, translation], axis=-1)
 
 
@@ -269,6 +288,20 @@ def interpolate(map_from_a: ArrayLike, map_from_b: ArrayLike, fraction: ArrayLik
     turn = so3_log(np.swapaxes(a[..., :3, :3], -1, -2) @ b[..., :3, :3])
     rotation = a[..., :3, :3] @ so3_exp(f * turn)
     return make_transform(rotation, (1.0 - f) * a[..., :3, 3] + f * b[..., :3, 3])
+
+
+def evenly_along(poses: Array, spacing: float) -> NDArray[np.int64]:
+    """Indices of the first pose and of each that lies `spacing` m or rad of path farther on.
+
+    `poses` (N, 4, 4) in the order of motion; a turn counts where it is larger than the way. All
+    of them where `spacing` is 0.
+    """
+    if spacing <= 0.0 or len(poses) < 2:
+        return np.arange(len(poses))
+    steps = between(poses[:-1], poses[1:])
+    moved = np.maximum(np.linalg.norm(steps[:, :3, 3], axis=1), rotation_angle(steps))
+    lengths = np.concatenate([[0.0], np.cumsum(moved)]) / spacing + 1e-9
+    return np.flatnonzero(np.diff(np.floor(lengths), prepend=-1.0))
 
 
 def interpolate_planar(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 
 from mapmyworld.geometry import Array
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError, factorise
-from mapmyworld.graph.elimination import Symbolic, analyse, resized
+from mapmyworld.graph.elimination import Symbolic, analyse
 from mapmyworld.graph.newton import hessian_blocks, newton_step
 from mapmyworld.graph.system import System, edge_chi2
 from mapmyworld.graph.twin import (
@@ -72,9 +72,7 @@ def certify(system: System, poses: Array) -> Certificate:
     dual, found = float(np.trace(multiplied, axis1=1, axis2=2).sum()), twin_cost(twin, x)
     blocks = certificate_blocks(twin, multiplied)
     blocks[twin.anchors, 0, 0] += np.abs(blocks[:nodes]).max()
-    smaller = (
-        symbolic if tangents == size + 1 else resized(symbolic, twin.rows, twin.columns, size + 1)
-    )
+    smaller = analyse(nodes, twin.rows, twin.columns, size + 1)
     for slack in _SLACK:
         eta = slack * found / (nodes * size)
         if _is_positive(smaller, blocks, nodes, eta):

@@ -19,6 +19,7 @@ from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array
 from mapmyworld.graph.elimination import Symbolic
 from mapmyworld.graph.pose_graph import Index
+from mapmyworld.kernels.elimination import add_update
 
 LARGE = 9000
 """Unknowns from which this factorisation is faster than SuperLU's."""
@@ -137,7 +138,7 @@ def factorise(symbolic: Symbolic, blocks: Array) -> Factors:
     size = symbolic.size
     ordered = blocks[symbolic.block_order]
     ordered[symbolic.transposed] = np.swapaxes(ordered[symbolic.transposed], 1, 2)
-    updates: dict[int, list[tuple[Index, Array]]] = {}
+    updates: dict[int, list[tuple[Index, Array, Array]]] = {}
     triangles: list[Array] = []
     below: list[Array] = []
     for number, clique in enumerate(symbolic.cliques):
@@ -146,8 +147,8 @@ def factorise(symbolic: Symbolic, blocks: Array) -> Factors:
         flat = np.zeros(front * front)
         flat[clique.places] = ordered[clique.blocks].ravel()
         matrix = flat.reshape((front, front), order="F")
-        for into, update in updates.pop(number, ()):
-            matrix[into[:, None], into] += update
+        for update in updates.pop(number, ()):
+            add_update(matrix, *update)
         triangle, failed = dpotrf(matrix[:width, :width], lower=1)
         if failed:
             raise NotPositiveDefiniteError(
@@ -157,6 +158,6 @@ def factorise(symbolic: Symbolic, blocks: Array) -> Factors:
         rows = dtrsm(1.0, triangle, matrix[width:, :width], side=1, lower=1, trans_a=1)
         below.append(rows)
         if clique.parent >= 0:
-            update = matrix[width:, width:] - rows @ rows.T
-            updates.setdefault(clique.parent, []).append((clique.into_parent, update))
+            update = clique.into_parent, matrix[width:, width:], rows @ rows.T
+            updates.setdefault(clique.parent, []).append(update)
     return Factors(symbolic, tuple(triangles), tuple(below))

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from mapmyworld.geometry import Array
 from mapmyworld.graph.pose_graph import Index
+from mapmyworld.kernels.elimination import column_structures, gathered_columns
 
 # Nodes of a clique, and the share of zeros up to which it may be joined from smaller ones.
 _RELAXED = ((4, 1.0), (16, 0.6), (40, 0.2), (10**9, 0.05))
@@ -61,19 +63,13 @@ def analyse(count: int, rows: Index, columns: Index, size: int) -> Symbolic:
 
     Each unordered pair of nodes occurs at most once; every node has its diagonal block.
     """
-    return _analysed(
-        count, rows.astype(np.int64).tobytes(), columns.astype(np.int64).tobytes(), size
-    )
+    ends = rows.astype(np.int64).tobytes(), columns.astype(np.int64).tobytes()
+    return _analysed(count, *ends, size)
 
 
 @lru_cache(maxsize=_REMEMBERED)
 def _analysed(count: int, row_bytes: bytes, column_bytes: bytes, size: int) -> Symbolic:
-    rows, columns = np.frombuffer(row_bytes, np.int64), np.frombuffer(column_bytes, np.int64)
-    place = np.empty(count, np.int64)
-    place[_dissected(count, rows, columns)] = np.arange(count)
-    below = _structures(count, place[rows], place[columns])
-    groups, renumbered = _groups(below)
-    return _with_blocks(groups, renumbered[place], rows, columns, size)
+    return _symbolic(_tree_of(count, row_bytes, column_bytes), size)
 
 
 def links(count: int, tails: Index, heads: Index) -> tuple[Index, Index, Index]:
@@ -99,12 +95,6 @@ def summed(slots: Index, values: Array, count: int) -> Array:
     return np.asarray(flat).reshape(count, *values.shape[1:])
 
 
-def resized(symbolic: Symbolic, rows: Index, columns: Index, size: int) -> Symbolic:
-    """The same elimination of the same pattern, for blocks of another size."""
-    groups = [(c.first, c.last, c.rows) for c in symbolic.cliques]
-    return _with_blocks(groups, np.argsort(symbolic.order), rows, columns, size)
-
-
 def _dissected(count: int, rows: Index, columns: Index) -> Index:
     """Nodes in an order of little fill: nested dissection, by METIS as gtsam holds it."""
     import gtsam
@@ -122,100 +112,122 @@ def _dissected(count: int, rows: Index, columns: Index) -> Index:
     return np.concatenate([alone, np.array(order, np.int64)])
 
 
-def _structures(count: int, rows: Index, columns: Index) -> list[Index]:
-    """Later nodes (ascending) that each node is linked to when its turn comes.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tree:
+    """Columns gathered into cliques, and where blocks of any size belong."""
 
-    Its own and those that its children in the elimination tree hand on.
-    """
-    low, high = np.minimum(rows, columns), np.maximum(rows, columns)
-    order = np.lexsort((high, low))
-    order = order[low[order] < high[order]]
-    own = np.split(high[order], np.searchsorted(low[order], np.arange(1, count)))
-    children: list[list[int]] = [[] for _ in range(count)]
-    below: list[Index] = []
-    for j in range(count):
-        handed = own[j]
-        if children[j]:
-            handed = np.unique(np.concatenate([handed, *(below[c][1:] for c in children[j])]))
-        below.append(handed)
-        if len(handed):
-            children[int(handed[0])].append(j)
-    return below
+    order: Index
+    """(N,) nodes in the order of elimination."""
+    first: Index
+    last: Index
+    """(C,) columns of a clique."""
+    rows: Index
+    """Later nodes of all cliques, one clique after the other, ascending in each."""
+    begins: Index
+    """(C + 1,) where those of a clique begin."""
+    parents: Index
+    """(C,) -1 for roots."""
+    into_parent: Index
+    """Where `rows` stand in the parent's front; of roots, nothing."""
+    block_order: Index
+    transposed: Index
+    tall: Index
+    wide: Index
+    """(B,) row and column of each ordered block in the front of its clique."""
+    block_begins: Index
+    """(C + 1,) the blocks of a clique."""
 
 
-def _groups(below: list[Index]) -> tuple[list[tuple[int, int, Index]], Index]:
-    """Columns eliminated together, as first, last and later rows, and their new numbers.
-
-    A column takes up those of its children in the elimination tree that cost few zeros; the
-    columns of a group then get consecutive numbers, children before parents.
-    """
-    count = len(below)
-    members: list[list[int]] = []
-    entries: list[int] = []
-    children: list[list[int]] = [[] for _ in range(count)]
-    taken = np.zeros(count, np.bool_)
-    for j in range(count):
-        height = len(below[j])
-        mine, stored = [j], height + 1
-        for child in children[j]:
-            width, both = len(mine) + len(members[child]), stored + entries[child]
-            dense = width * (width + 1) // 2 + width * height
-            if 1.0 - both / dense <= _zeros_allowed(width):
-                mine, stored = members[child] + mine, both
-                taken[child] = True
-        members.append(mine)
-        entries.append(stored)
-        if height:
-            children[int(below[j][0])].append(j)
-    tops = np.flatnonzero(~taken).tolist()
-    order = np.array([column for top in tops for column in members[top]], np.int64)
+@lru_cache(maxsize=_REMEMBERED)
+def _tree_of(count: int, row_bytes: bytes, column_bytes: bytes) -> _Tree:
+    rows, columns = np.frombuffer(row_bytes, np.int64), np.frombuffer(column_bytes, np.int64)
+    place = np.empty(count, np.int64)
+    place[_dissected(count, rows, columns)] = np.arange(count)
+    begins, found = column_structures(*_later_links(count, place[rows], place[columns]))
+    heights = np.diff(begins)
+    parents = np.full(count, -1)
+    parents[heights > 0] = found[begins[:-1][heights > 0]]
+    widths, shares = (np.array(column) for column in zip(*_RELAXED, strict=True))
+    order, last = gathered_columns(parents, heights, widths, shares)
     renumbered = np.empty(count, np.int64)
     renumbered[order] = np.arange(count)
-    last = np.cumsum([len(members[top]) for top in tops]).tolist()
-    groups = [
-        (end - len(members[top]), end, np.sort(renumbered[below[top]]))
-        for top, end in zip(tops, last, strict=True)
-    ]
-    return groups, renumbered
+    place = renumbered[place]
+    tops = order[last - 1]
+    later = renumbered[found[_runs(begins[tops], heights[tops])]]
+    return _tree(place, last, later, heights[tops], place[rows], place[columns])
 
 
-def _zeros_allowed(width: int) -> float:
-    """The share of zeros up to which columns go together: calls cost more than zeros."""
-    return next(share for nodes, share in _RELAXED if width <= nodes)
+def _later_links(count: int, rows: Index, columns: Index) -> tuple[Index, Index]:
+    """Where the later nodes begin to which each column is linked, and these nodes."""
+    low, high = np.minimum(rows, columns), np.maximum(rows, columns)
+    order = np.argsort(low, kind="stable")
+    order = order[low[order] < high[order]]
+    return np.searchsorted(low[order], np.arange(count + 1)), high[order]
 
 
-def _with_blocks(
-    groups: list[tuple[int, int, Index]], place: Index, rows: Index, columns: Index, size: int
-) -> Symbolic:
-    count = len(place)
-    owner = np.zeros(count, np.int64)
-    for number, (first, last, _) in enumerate(groups):
-        owner[first:last] = number
-    at_row, at_column = place[rows], place[columns]
+def _runs(begins: Index, lengths: Index) -> Index:
+    """Places `begins[k]`, `begins[k] + 1`, ... for every k, one run after the other."""
+    before = np.cumsum(lengths) - lengths
+    return np.repeat(begins - before, lengths) + np.arange(int(lengths.sum()))
+
+
+def _tree(
+    place: Index, last: Index, later: Index, heights: Index, at_row: Index, at_column: Index
+) -> _Tree:
+    count, cliques = len(place), np.arange(len(last))
+    first = np.concatenate([[0], last[:-1]])
+    owner, begins = np.repeat(cliques, last - first), np.concatenate([[0], np.cumsum(heights)])
+    keys = np.sort(np.repeat(cliques, heights) * count + later)
+    rows = keys % count
+
+    def local(clique: Index, nodes: Index) -> Index:
+        """Places of nodes in fronts: a clique's own nodes first, then the later ones."""
+        behind = np.searchsorted(keys, clique * count + nodes) - begins[clique]
+        own = nodes < last[clique]
+        width = last[clique] - first[clique]
+        return np.asarray(np.where(own, nodes - first[clique], width + behind))
+
+    parents = np.full(len(last), -1)
+    parents[heights > 0] = owner[rows[begins[:-1][heights > 0]]]
+    into = local(np.repeat(parents, heights), rows)
     low, high = np.minimum(at_row, at_column), np.maximum(at_row, at_column)
-    block_order = np.lexsort((high, low))
+    block_order = np.argsort(low * count + high, kind="stable")
     transposed = np.flatnonzero((at_row < at_column)[block_order])
     low, high = low[block_order], high[block_order]
-    ends = np.searchsorted(low, [last for _, last, _ in groups])
-    inner, start = np.arange(size), 0
-    cliques: list[Clique] = []
-    for (first, last, later), end in zip(groups, ends.tolist(), strict=True):
-        width, front = last - first, (last - first + len(later)) * size
-        tall = _local(high[start:end], first, width, later)
-        scalar_row = (tall * size)[:, None, None] + inner[:, None]
-        scalar_column = ((low[start:end] - first) * size)[:, None, None] + inner
-        parent, into = -1, np.zeros(0, np.int64)
-        if len(later):
-            parent = int(owner[later[0]])
-            above, above_last, above_later = groups[parent]
-            local = _local(later, above, above_last - above, above_later)
-            into = ((local * size)[:, None] + inner).ravel()
-        places = (scalar_column * front + scalar_row).ravel()
-        cliques.append(Clique(first, last, later, parent, into, slice(start, end), places))
-        start = end
-    return Symbolic(size, np.argsort(place), block_order, transposed, tuple(cliques))
+    tall, wide = local(owner[low], high), low - first[owner[low]]
+    ends = np.concatenate([[0], np.searchsorted(low, last)])
+    order = np.argsort(place)
+    return _Tree(
+        order, first, last, rows, begins, parents, into, block_order, transposed, tall, wide, ends
+    )
 
 
-def _local(nodes: Index, first: int, width: int, later: Index) -> Index:
-    """Places of nodes in a front: its own nodes first, then the later ones."""
-    return np.where(nodes < first + width, nodes - first, width + np.searchsorted(later, nodes))
+def _symbolic(tree: _Tree, size: int) -> Symbolic:
+    inner = np.arange(size)
+    into = (tree.into_parent[:, None] * size + inner).ravel()
+    begins, ends = tree.begins, tree.block_begins
+    fronts = (tree.last - tree.first + np.diff(begins)) * size
+    height = np.repeat(fronts, np.diff(ends))[:, None, None]
+    row, column = ((k * size)[:, None] + inner for k in (tree.tall, tree.wide))
+    places = (column[:, None, :] * height + row[:, :, None]).reshape(-1)
+    bounds = zip(
+        tree.first.tolist(),
+        tree.last.tolist(),
+        tree.parents.tolist(),
+        pairwise(begins.tolist()),
+        pairwise(ends.tolist()),
+        strict=True,
+    )
+    cliques = [
+        Clique(
+            first,
+            last,
+            tree.rows[a:b],
+            parent,
+            into[a * size : b * size],
+            slice(start, end),
+            places[start * size * size : end * size * size],
+        )
+        for first, last, parent, (a, b), (start, end) in bounds
+    ]
+    return Symbolic(size, tree.order, tree.block_order, tree.transposed, tuple(cliques))

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from mapmyworld.geometry import Array
 from mapmyworld.graph.cholesky import LARGE, Factors, NotPositiveDefiniteError, factorise
@@ -28,6 +28,19 @@ class Solver(Protocol):
     """A factorised matrix."""
 
     def solve(self, right: Array) -> Array: ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _OfFree:
+    """SuperLU's factors over the scalars of the free nodes."""
+
+    factors: SuperLU
+    free: Index
+
+    def solve(self, right: Array) -> Array:
+        result = np.zeros(len(right))
+        result[self.free] = self.factors.solve(right[self.free])
+        return result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +75,8 @@ def pattern_of(system: System) -> Pattern:
     rows, columns, block = links(count, system.tails, system.heads)
     slots = _slots(system, block, len(rows))
     pattern = Pattern(rows, columns, slots, system.free < 0, None)
-    if system.size >= LARGE and len(rows) - count > _DENSE * count:
+    dense = len(rows) - count > _DENSE * count
+    if dense and (system.size >= LARGE or not system.planar):
         return pattern
     sparse = _sparse(system, rows, columns)
     return Pattern(rows, columns, slots, pattern.stays, sparse) if size else pattern
@@ -121,12 +135,7 @@ def linearise(
 
     `weights` (E,) scale information.
     """
-    residuals = residuals_of(system, poses)
-    by_tail, by_head = jacobians_of(system, poses, residuals)
-    information = system.information
-    if weights is not None:
-        information = information * weights[:, None, None]
-    left, right = (np.swapaxes(j, 1, 2) @ information for j in (by_tail, by_head))
+    residuals, by_tail, by_head, left, right = _weighted(system, poses, weights)
     values = [left @ by_tail, right @ by_head, left @ by_head]
     size, count = system.dimension, len(pattern.rows)
     flat = np.bincount(
@@ -137,6 +146,23 @@ def linearise(
     blocks = np.asarray(flat[:-1], np.float64).reshape(count, size, size)
     blocks[np.flatnonzero(pattern.stays)] = np.eye(size)
     return blocks, _gradient(system, pattern, left, right, residuals)
+
+
+def gradient_of(system: System, pattern: Pattern, poses: Array) -> Array:
+    """(N, d) of half the cost at `poses`."""
+    residuals, _, _, left, right = _weighted(system, poses)
+    return _gradient(system, pattern, left, right, residuals)
+
+
+def _weighted(system: System, poses: Array, weights: Array | None = None) -> tuple[Array, ...]:
+    """Residuals, their derivatives by tail and head, and these transposed times information."""
+    residuals = residuals_of(system, poses)
+    jacobians = jacobians_of(system, poses, residuals)
+    information = system.information
+    if weights is not None:
+        information = information * weights[:, None, None]
+    left, right = (np.swapaxes(j, 1, 2) @ information for j in jacobians)
+    return residuals, *jacobians, left, right
 
 
 def _gradient(
@@ -158,14 +184,14 @@ def damped(pattern: Pattern, blocks: Array, damping: float) -> Array:
     return raised
 
 
-def solved(pattern: Pattern, blocks: Array, right: Array) -> Array:
-    """(N, d) solution of the equations with this right-hand side (N, d).
+def factorised(pattern: Pattern, blocks: Array) -> Solver:
+    """These equations, ready to be solved for any right-hand side (N * d,).
 
     Raises `NotPositiveDefiniteError` when the edges leave nodes undetermined.
     """
-    if pattern.sparse is None:
-        return factors_of(pattern, blocks).solve(right.ravel()).reshape(right.shape)
     sparse = pattern.sparse
+    if sparse is None:
+        return factors_of(pattern, blocks)
     size = len(sparse.free)
     values = blocks.ravel()[sparse.entries]
     matrix = csc_array((values, sparse.indices, sparse.indptr), shape=(size, size))
@@ -178,9 +204,7 @@ def solved(pattern: Pattern, blocks: Array, right: Array) -> Array:
         )
     except RuntimeError:
         raise NotPositiveDefiniteError("the edges leave some nodes undetermined") from None
-    result = np.zeros(right.size)
-    result[sparse.free] = factors.solve(right.ravel()[sparse.free])
-    return result.reshape(right.shape)
+    return _OfFree(factors, sparse.free)
 
 
 def symbolic_of(pattern: Pattern, size: int) -> Symbolic:

@@ -19,8 +19,6 @@ from mapmyworld.graph.robust import solve_robustly
 from mapmyworld.graph.system import System, chosen_edges, edge_chi2
 from mapmyworld.types.pose_graph import PoseGraph
 
-# Planar nodes from which gtsam's default ordering fills in more than minimum degree does.
-_OURS = 0
 # Nodes up to which a start from more dimensions is worth its minutes.
 _LIFTED = 10_000
 
@@ -129,22 +127,11 @@ def _cost(system: System, poses: Array) -> float:
 
 
 def _descent(problem: Problem, name: str, start: Array, config: GraphConfig) -> _Descent:
-    """By gtsam; by our own descent where it cannot (landmarks, priors) or is the slower one."""
-    graph, system = problem.graph, problem.system
-    plain = not (len(graph.priors) or len(graph.sightings) or len(graph.fixed_ids))
+    system = problem.system
     if system.size == 0:
         return _Descent(name, start, _cost(system, start), 0, True)
-    if not plain or (graph.planar and len(graph) > _OURS):
-        poses, iterations, converged = descend(system, start, config.tolerance, config.iterations)
-        return _Descent(name, poses, _cost(system, poses), iterations, converged)
-    from mapmyworld.graph.levenberg import minimise
-
-    count = len(graph)
-    edges = graph.edges.chosen(problem.order)
-    anchors = problem.anchors[problem.anchors < count]
-    found = minimise(start[:count], system.tails, system.heads, edges, anchors, config)
-    poses = np.concatenate([found.poses, start[count:]])
-    return _Descent(name, poses, _cost(system, poses), found.iterations, found.converged)
+    poses, iterations, converged = descend(system, start, config.tolerance, config.iterations)
+    return _Descent(name, poses, _cost(system, poses), iterations, converged)
 
 
 def _result(

@@ -1,0 +1,103 @@
+"""The elimination of a sparse symmetric matrix: its structure, and fronts added to fronts."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@njit(cache=True, nogil=True)
+def column_structures(first: Index, later: Index) -> tuple[Index, Index]:
+    """Where each column's structure begins (N + 1,), and all structures one after the other.
+
+    Column `j` is linked to `later[first[j]:first[j + 1]]`, nodes after it. Its structure is that,
+    and what its children in the elimination tree hand on; its lowest node, which comes first,
+    is its parent.
+    """
+    count = len(first) - 1
+    begins = np.zeros(count + 1, np.int64)
+    found = np.empty(4 * len(later) + count, np.int64)
+    marked, child, sibling = np.full(count, -1), np.full(count, -1), np.full(count, -1)
+    for j in range(count):
+        if begins[j] + count - j > len(found):
+            longer = np.empty(2 * len(found) + count, np.int64)
+            longer[: begins[j]] = found[: begins[j]]
+            found = longer
+        end = begins[j]
+        for place in range(first[j], first[j + 1]):
+            if marked[later[place]] != j:
+                marked[later[place]] = j
+                found[end] = later[place]
+                end += 1
+        c = child[j]
+        while c >= 0:
+            for place in range(begins[c] + 1, begins[c + 1]):
+                if marked[found[place]] != j:
+                    marked[found[place]] = j
+                    found[end] = found[place]
+                    end += 1
+            c = sibling[c]
+        begins[j + 1] = end
+        if end > begins[j]:
+            lowest = begins[j] + np.argmin(found[begins[j] : end])
+            parent = found[lowest]
+            found[lowest], found[begins[j]] = found[begins[j]], parent
+            sibling[j], child[parent] = child[parent], j
+    return begins, found[: begins[count]]
+
+
+@njit(cache=True, nogil=True)
+def gathered_columns(
+    parents: Index, heights: Index, widths: Index, shares: Floats
+) -> tuple[Index, Index]:
+    """Columns in an order in which groups are consecutive, and where each group ends.
+
+    A column takes up those of its children, with what they have taken up, that cost few zeros: a
+    group of up to `widths[k]` columns may hold the share `shares[k]` of them. Children come before
+    parents. `heights` (N,) count the nodes of a column's structure, `parents` are -1 for roots.
+    """
+    count = len(parents)
+    child, last_child, sibling = np.full(count, -1), np.full(count, -1), np.full(count, -1)
+    head, after = np.arange(count), np.full(count, -1)
+    columns, entries = np.ones(count, np.int64), heights + 1
+    taken = np.zeros(count, np.bool_)
+    for j in range(count):
+        c = child[j]
+        while c >= 0:
+            width, both = columns[j] + columns[c], entries[j] + entries[c]
+            dense = width * (width + 1) // 2 + width * heights[j]
+            allowed = shares[np.searchsorted(widths, width)]
+            if 1.0 - both / dense <= allowed:
+                after[c], head[j] = head[j], head[c]
+                columns[j], entries[j], taken[c] = width, both, True
+            c = sibling[c]
+        parent = parents[j]
+        if parent >= 0:
+            if child[parent] < 0:
+                child[parent] = j
+            else:
+                sibling[last_child[parent]] = j
+            last_child[parent] = j
+    order, ends, placed, groups = np.empty(count, np.int64), np.empty(count, np.int64), 0, 0
+    for top in range(count):
+        if not taken[top]:
+            column = head[top]
+            for _ in range(columns[top]):
+                order[placed] = column
+                column = after[column]
+                placed += 1
+            ends[groups] = placed
+            groups += 1
+    return order, ends[:groups]
+
+
+@njit(cache=True, nogil=True)
+def add_update(front: Floats, into: Index, below: Floats, product: Floats) -> None:
+    """Adds `below - product` (r, r) to the scalars `into` (r,) of a front; lower halves only."""
+    for j in range(len(into)):
+        for i in range(j, len(into)):
+            front[into[i], into[j]] += below[i, j] - product[i, j]

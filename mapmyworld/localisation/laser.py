@@ -34,7 +34,7 @@ from mapmyworld.localisation.observation import (
 from mapmyworld.localisation.search import elsewhere, search_map
 from mapmyworld.localisation.seeking import Discovery, Seeker
 from mapmyworld.odometry.laser import LaserTracker, Tracked
-from mapmyworld.registration.joint_alignment import adjoint_planar
+from mapmyworld.registration.joint_equations import adjoint_planar
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match
 from mapmyworld.types import Frame
 from mapmyworld.types.localisation import Estimate, State

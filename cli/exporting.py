@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -44,11 +44,18 @@ def export_trajectory(
 def export_cloud(store: MapStore, path: Path, config: Config) -> list[Path]:
     """Writes the cloud of depth images or 3D scans; nothing where there are none."""
     from formats.cloud import write_cloud
-    from mapmyworld.mapping.cloud import build_cloud
+    from mapmyworld.mapping.cloud import build_cloud, views_of_cloud
 
-    if not _has_depth(store):
+    kept = _kept_by_first_nodes(store)
+    if not any(data.cloud is not None or _depth_of(data) for data in kept):
         return []
-    write_cloud(path, build_cloud(nodes_with_poses(store), config))
+    thinned = None
+    if not any(data.cloud is not None for data in kept):
+        poses = solved_poses(store)
+        nodes = np.flatnonzero(poses.ids > 0)
+        chosen = views_of_cloud(poses.map_from_node[nodes], config)
+        thinned = set(poses.ids[nodes[chosen]].tolist())
+    write_cloud(path, build_cloud(nodes_with_poses(store, thinned), config))
     return [path]
 
 
@@ -69,12 +76,13 @@ def _lifted(scan: Scan | None) -> NDArray[np.float32] | None:
     return np.column_stack([scan.points, np.zeros(len(scan.points), np.float32)])
 
 
-def _has_depth(store: MapStore) -> bool:
-    """Whether any node keeps depth or a 3D scan."""
-    return any(
-        data.cloud is not None or any(image.depth is not None for image in data.images)
-        for data in (store.node_data(node.id) for node in store.nodes()[:_LOOKED_AT])
-    )
+def _kept_by_first_nodes(store: MapStore) -> list[NodeData]:
+    """What the first nodes keep shows what the map keeps."""
+    return [store.node_data(node.id, features=False) for node in store.nodes()[:_LOOKED_AT]]
+
+
+def _depth_of(data: NodeData) -> bool:
+    return any(image.depth is not None for image in data.images)
 
 
 _FLAT = 1e-3  # m, rad
@@ -125,12 +133,14 @@ def solved_poses(store: MapStore) -> Poses:
     return Poses(solved.ids, placed)
 
 
-def nodes_with_poses(store: MapStore) -> Iterator[tuple[Array, NodeData]]:
-    """map_from_base and data of every node that is in the map, in time."""
+def nodes_with_poses(
+    store: MapStore, chosen: Container[int] | None = None
+) -> Iterator[tuple[Array, NodeData]]:
+    """map_from_base and data of every node that is in the map, in time; or of the chosen ones."""
     poses = solved_poses(store)
     place = {int(node_id): i for i, node_id in enumerate(poses.ids)}
     for node in store.nodes():
-        if node.id in place:
+        if node.id in place and (chosen is None or node.id in chosen):
             data = store.node_data(node.id, features=False)
             yield poses.map_from_node[place[node.id]], data
 

@@ -26,6 +26,7 @@ from formats.database.cells import local_cells
 from formats.database.depth_cells import depth_cells
 from formats.database.node_rows import StorageOptions
 from formats.database.scans import cloud_to_columns, columns_to_observation, scan_to_columns
+from formats.picture_files import is_16_bit_png
 from mapmyworld.errors import MapError
 from mapmyworld.types import CameraModel, ImageMessage, NodeData, RgbdImage
 
@@ -36,6 +37,7 @@ INSERT_DATA = (
 )
 SELECT_DATA = "SELECT image, depth, calibration, scan, scan_info FROM Data WHERE id = ?"
 Row = tuple[Any, ...]
+_SIXTEEN_BITS = frozenset({"16UC1", "MONO16", "Z16"})
 _NO_CELLS: Row = (None, None, None, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -76,15 +78,25 @@ def _colour_blob(colours: list[ImageMessage | None], options: StorageOptions) ->
 
 
 def _depth_blob(depths: list[ImageMessage | None], options: StorageOptions) -> bytes | None:
-    if all(depth is None for depth in depths):
+    there = [depth for depth in depths if depth is not None]
+    if not there:
         return None
+    if len(depths) == 1 and options.depth_codec != "float" and _is_millimetres(there[0]):
+        return there[0].encoded
     joined = _side_by_side([None if d is None else d.pixels() for d in depths], "depth images")
     return pictures.encode_depth(joined, options.depth_codec)
+
+
+def _is_millimetres(depth: ImageMessage) -> bool:
+    """Whether depth was recorded as a PNG of 16 bits, which is how RTAB-Map keeps it too."""
+    return depth.encoding.upper() in _SIXTEEN_BITS and is_16_bit_png(depth.encoded or b"")
 
 
 def _side_by_side(images: list[NDArray[np.generic] | None], what: str) -> NDArray[np.generic]:
     """All images left to right; a missing one is black."""
     there = [image for image in images if image is not None]
+    if len(images) == 1:
+        return there[0]
     if len({(image.shape, image.dtype) for image in there}) != 1:
         raise MapError(f"{what} of one node differ in size: RTAB-Map's database keeps equal ones")
     black = np.zeros_like(there[0])

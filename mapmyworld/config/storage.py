@@ -10,7 +10,7 @@ class StorageConfig:
     store_images: bool = True  # keep colour and depth images of the nodes
     image_codec: str = "jpeg"  # "jpeg" or "png"; recorded JPEG files are kept as they are
     image_quality: int = 95  # JPEG quality, 1 to 100
-    depth_codec: str = "rvl"  # "rvl" or "png" (whole mm), or "float" (exact, several times larger)
+    depth_codec: str = "rvl"  # "rvl" or "png" (whole mm; recorded PNG is kept), or "float" (exact)
     local_cells: bool = True  # keep local grids for rtabmap-export --map
     local_cell_size: float = 0.05  # m, side of a cell of the local grids
     local_cell_range: float = 5.0  # m, reach of the local grids, as RTAB-Map's Grid/RangeMax

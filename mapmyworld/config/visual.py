@@ -8,6 +8,7 @@ from dataclasses import dataclass
 @dataclass(frozen=True, slots=True)
 class VisualConfig:
     cloud_voxel: float = 0.02  # m, edge of the cloud's voxels
+    cloud_spacing: float = 0.2  # m or rad between the nodes whose images make the cloud
     cloud_stride: int = 4  # pixels of the full image between neighbouring points of a view
     depth_min: float = 0.1  # m, nearer depth is ignored
     cloud_range: float = 5.0  # m, farther depth is not mapped
@@ -38,7 +39,7 @@ class VisualConfig:
     place_features: int = 600  # features of a node's image for words and closures
     vocabulary_branches: int = 10  # children of a word in the vocabulary's tree
     vocabulary_depth: int = 4  # levels of the tree: at most branches^depth words
-    place_spacing: float = 0.3  # m or rad between nodes whose images are compared, with a laser
+    place_spacing: float = 0.5  # m or rad between nodes whose images are compared, with a laser
     place_gap: float = 5.0  # s that two nodes must lie apart to be the same place again
     place_candidates: int = 3  # places verified for each node, at most
     place_similarity: float = 0.02  # cosine of two images' words, at least, for a candidate

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import invert, transform_points
+from mapmyworld.geometry import evenly_along, invert, transform_points
 from mapmyworld.kernels.surfaces import compare_with_depth, surface_normals
 from mapmyworld.mapping.voxels import VoxelMap
 from mapmyworld.parallel import in_threads
@@ -37,6 +37,14 @@ def build_cloud(items: Iterable[Posed], config: Config) -> PointCloud:
         kept = _agreeing(view, others, settings.cloud_agreement)
         voxels.add(view.points[kept], view.colours[kept], view.normals[kept])
     return voxels.to_cloud(settings.cloud_views)
+
+
+def views_of_cloud(poses: Array, config: Config) -> NDArray[np.int64]:
+    """Which of the nodes at these poses (N, 4, 4), in time, give the cloud their images.
+
+    Neighbours see nearly the same: one every `visual.cloud_spacing` is enough.
+    """
+    return evenly_along(poses, config.visual.cloud_spacing)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

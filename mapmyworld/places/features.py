@@ -29,11 +29,14 @@ class _Keypoints:
     octaves: NDArray[np.int32]
 
 
-def extract_features(image: RgbdImage, config: Config) -> Features:
-    """The features of a colour image, at most `visual.feature_count`, points in the base frame."""
+def extract_features(image: RgbdImage, config: Config, most: int | None = None) -> Features:
+    """The features of a colour image, points in the base frame.
+
+    At most `visual.feature_count`, or the best-spread `most` of them.
+    """
     assert image.colour is not None
     grey = grey_picture(image)
-    keypoints, descriptors = _detect(grey, config)
+    keypoints, descriptors = _detect(grey, config, most or config.visual.feature_count)
     points = _points_from_depth(image, keypoints.pixels, config)
     return Features(
         keypoints.pixels,
@@ -61,13 +64,13 @@ def _points_from_depth(
 
 
 def _detect(
-    grey: NDArray[np.uint8], config: Config
+    grey: NDArray[np.uint8], config: Config, most: int
 ) -> tuple[_Keypoints, NDArray[np.uint8] | NDArray[np.float32]]:
     settings = config.visual
     wanted = settings.feature_count
     if settings.features == "sift":
         sift = cv2.SIFT_create(wanted * _SURPLUS, contrastThreshold=0.02)
-        return _describe(sift, grey, sift.detect(grey), wanted, np.float32)
+        return _describe(sift, grey, sift.detect(grey), most, np.float32)
     orb = cv2.ORB_create(
         wanted * _SURPLUS,
         settings.pyramid_scale,
@@ -76,7 +79,7 @@ def _detect(
         fastThreshold=settings.fast_threshold,
     )
     if settings.features == "orb":
-        return _describe(orb, grey, orb.detect(grey), wanted, np.uint8)
+        return _describe(orb, grey, orb.detect(grey), most, np.uint8)
     if settings.features == "gftt":
         corners = cv2.goodFeaturesToTrack(grey, wanted, 0.001, 7)
         found = (
@@ -87,7 +90,7 @@ def _detect(
                 for i, (u, v) in enumerate(corners[:, 0])
             ]
         )
-        return _describe(orb, grey, found, wanted, np.uint8)
+        return _describe(orb, grey, found, most, np.uint8)
     raise ConfigError(f'visual.features is "{settings.features}": choose "orb", "gftt" or "sift"')
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between, rotation_angle
+from mapmyworld.geometry import evenly_along
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.camera_features import (
     features_of_camera,
@@ -93,7 +93,9 @@ class NodeImages:
         self, item: tuple[int, int, RgbdImage, Features | None]
     ) -> tuple[int, int, tuple[Features, CameraModel]]:
         k, n, image, features = item
-        features = features or extract_features(image, self._config)
+        features = features or extract_features(
+            image, self._config, self._config.visual.place_features
+        )
         return k, n, (best_features(features, image.camera, self._config), image.camera)
 
     def stamps(self) -> NDArray[np.int64]:
@@ -176,13 +178,13 @@ def _compared(store: MapStore, config: Config) -> list[Node]:
     spacing = config.visual.place_spacing
     if not nodes or spacing <= 0.0 or store.node_data(nodes[0].id).scan is None:
         return nodes
-    poses = np.stack([node.tracked_from_base for node in nodes])
-    steps = between(poses[:-1], poses[1:])
-    moved = np.maximum(np.linalg.norm(steps[:, :3, 3], axis=1), rotation_angle(steps))
     sessions = np.array([node.session for node in nodes])
-    moved[np.diff(sessions) != 0] = spacing
-    lengths = np.concatenate([[0.0], np.cumsum(moved)]) / spacing + 1e-9
-    return [nodes[k] for k in np.flatnonzero(np.diff(np.floor(lengths), prepend=-1.0))]
+    poses = np.stack([node.tracked_from_base for node in nodes])
+    chosen: list[int] = []
+    for session in dict.fromkeys(sessions.tolist()):
+        own = np.flatnonzero(sessions == session)
+        chosen += own[evenly_along(poses[own], spacing)].tolist()
+    return [nodes[k] for k in sorted(chosen)]
 
 
 def best_features(features: Features, camera: CameraModel, config: Config) -> Features:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +12,7 @@ from numpy.typing import NDArray
 from mapmyworld.types import ImageMessage, RgbdImage
 
 _JPEG = b"\xff\xd8\xff"
+_PNG = b"\x89PNG\r\n\x1a\n"
 _REDUCED = {2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4}
 _REDUCED[8] = cv2.IMREAD_REDUCED_COLOR_8
 _GREY = np.full((1, 1, 3), 128, np.uint8)  # where there is no colour image
@@ -52,6 +56,28 @@ def decodes(colour: ImageMessage, shape: tuple[int, int]) -> bool:
     small = _decoded(colour, cv2.IMREAD_REDUCED_GRAYSCALE_8)
     eighth = tuple(-(-side // 8) for side in shape)
     return small is not None and small.shape == eighth and (colour.height, colour.width) == shape
+
+
+def is_whole_png(depth: ImageMessage, shape: tuple[int, int]) -> bool:
+    """Whether depth came as a PNG of 16 bits and this height and width, and its sums are right.
+
+    A file whose every chunk bears its checksum out need not be decoded to be believed (PNG
+    specification, section 5).
+    """
+    data = depth.encoded
+    head = struct.pack(">2I", shape[1], shape[0]) + b"\x10\x00"  # 16 bits of grey
+    if data is None or data[:8] != _PNG or data[12:26] != b"IHDR" + head:
+        return False
+    at = 8
+    while at + 12 <= len(data):
+        length = int.from_bytes(data[at : at + 4], "big")
+        end = at + 8 + length
+        if zlib.crc32(data[at + 4 : end]).to_bytes(4, "big") != data[end : end + 4]:
+            return False
+        if data[at + 4 : at + 8] == b"IEND":
+            return True
+        at = end + 4
+    return False
 
 
 def _decoded(colour: ImageMessage, mode: int) -> NDArray[np.uint8] | None:

@@ -86,8 +86,10 @@ class CameraQueue:
         """Pose (4, 4) of the base at one stamp in the base at another, by the odometry."""
         if self.motion is None or from_ns == to_ns:
             return None
-        before, after = self.motion.at(from_ns), self.motion.at(to_ns)
-        return None if before is None or after is None else between(before, after)
+        poses = self.motion.at_many(np.array(sorted((from_ns, to_ns)), np.int64))
+        if poses is None:
+            return None
+        return between(poses[0], poses[1]) if from_ns < to_ns else between(poses[1], poses[0])
 
 
 def _forget(waiting: deque[Pending], before_ns: int) -> None:

@@ -36,8 +36,8 @@ class ImageGuard:
         )
 
     def sound(self, image: RgbdImage) -> RgbdImage | None:
-        """The guarded image, its depth decoded once for all; None where a part cannot be had."""
-        colour, depth = self._tried(image.colour, image.camera), _decoded(image.depth)
+        """The guarded image, its parts known to decode; None where one cannot be had."""
+        colour, depth = self._tried(image.colour, image.camera), _tried_depth(image)
         for part in (colour, depth):
             if part is not None and _key(part) in self._failed:
                 return None
@@ -74,6 +74,16 @@ def _fits(found: tuple[int, ...], wanted: tuple[int, int], *, depth: bool) -> bo
     if not depth or not min(found):
         return found == wanted
     return found[0] * wanted[1] == found[1] * wanted[0] and wanted[0] % found[0] == 0
+
+
+def _tried_depth(image: RgbdImage) -> ImageMessage | None:
+    """The depth image: a PNG with right checksums as it came, else decoded once for all."""
+    from mapmyworld.registration.pictures import is_whole_png
+
+    depth = image.depth
+    if depth is not None and is_whole_png(depth, (image.camera.height, image.camera.width)):
+        return depth
+    return _decoded(depth)
 
 
 def _decoded(message: ImageMessage | None) -> ImageMessage | None:

@@ -129,11 +129,13 @@ def test_a_killed_build_leaves_a_readable_map_and_is_taken_up_again(
     process = subprocess.Popen(
         [*command, "-o", str(tmp_path / "map.db")], stderr=subprocess.DEVNULL
     )
+    deadline = time.monotonic() + 120.0
     while not (tmp_path / "map.db").exists() and process.poll() is None:
+        assert time.monotonic() < deadline
         time.sleep(0.05)
     time.sleep(0.5)
     os.kill(process.pid, signal.SIGKILL)
-    process.wait()
+    process.wait(timeout=60)
     assert run("inspect", "map", tmp_path / "map.db").exit_code == 0
     build(tmp_path / "long.mcap", tmp_path)
     build(tmp_path / "long.mcap", tmp_path / "whole")

@@ -44,7 +44,13 @@ def run_action(inputs: dict[str, str], folder: Path) -> tuple[int, str]:
         }
         command = ["bash", "-eo", "pipefail", "-c", filled(step["run"], values)]
         done = subprocess.run(
-            command, capture_output=True, text=True, cwd=folder, env=environment, check=False
+            command,
+            capture_output=True,
+            text=True,
+            cwd=folder,
+            env=environment,
+            check=False,
+            timeout=300,
         )
         told += done.stdout + done.stderr
         if done.returncode:

@@ -15,7 +15,9 @@ from room_drive import drive
 
 def mapmyworld(*arguments: object) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "cli.main", *(str(a) for a in arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, cwd=ROOT, timeout=300
+    )
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["build", "--help"], ["config"]])
@@ -52,7 +54,9 @@ def test_interrupting_leaves_a_map_that_can_be_looked_at(tmp_path: Path) -> None
         # What a script starts in the background has Ctrl-C ignored, its children too.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
+    deadline = time.monotonic() + 120.0
     while not (tmp_path / "map.db").exists() and process.poll() is None:
+        assert time.monotonic() < deadline
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
     _, told = process.communicate(timeout=60)

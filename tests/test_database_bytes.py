@@ -7,6 +7,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import threading
 import zlib
 from contextlib import closing
 from pathlib import Path
@@ -24,6 +25,7 @@ from mapmyworld.types import NodeData
 # Writes nodes for ever, telling on stdout how many.
 WRITER = """
 import sys
+import threading
 sys.path.insert(0, {tests!r})
 from database_samples import node, scan
 from formats.database import open_store
@@ -96,11 +98,14 @@ def test_a_killed_build_leaves_its_nodes(tmp_path: Path) -> None:
     code = WRITER.format(tests=str(Path(__file__).parent), path=str(path))
     writer = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
     assert writer.stdout is not None
+    late = threading.Timer(120.0, writer.kill)
+    late.start()
     for line in writer.stdout:
         if int(line) >= 450:
             break
+    late.cancel()
     writer.send_signal(signal.SIGKILL)
-    writer.wait()
+    writer.wait(timeout=60)
     writer.stdout.close()
     with open_store(path, read_only=True) as store:
         nodes = store.nodes()

@@ -20,7 +20,9 @@ def test_generated_pages_are_up_to_date(name: str) -> None:
     """
     code = f"import runpy; print(runpy.run_path('docs/generate.py')['PAGES']['{name}'](), end='')"
     command = [sys.executable, "-c", code]
-    page = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    page = subprocess.run(
+        command, capture_output=True, text=True, check=True, cwd=ROOT, timeout=300
+    ).stdout
     assert (ROOT / "docs" / name).read_text(encoding="utf-8") == page
 
 

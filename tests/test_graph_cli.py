@@ -77,7 +77,7 @@ def test_the_number_of_threads_changes_no_byte(tmp_path):
         target = tmp_path / f"{threads}.g2o"
         command = [sys.executable, "-m", "cli.main", "optimise", str(source), "-o", str(target)]
         environment = os.environ | dict.fromkeys(names, threads)
-        subprocess.run(command, env=environment, check=True, capture_output=True)
+        subprocess.run(command, env=environment, check=True, capture_output=True, timeout=300)
         written.append(target.read_bytes())
     assert written[0] == written[1]
 

@@ -18,7 +18,7 @@ HEAVY = ("numba", "gtsam", "cv2", "open3d", "scipy", "rosbags", "mcap")
 @pytest.mark.slow
 def test_the_wheel_holds_exactly_the_three_packages(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "-o", str(tmp_path)]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True, timeout=300)
     (wheel,) = tmp_path.glob("*.whl")
     names = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
     packages = {name for name in names if not name.endswith(".dist-info")}
@@ -34,6 +34,7 @@ def test_import_layers_hold() -> None:
         capture_output=True,
         text=True,
         check=False,
+        timeout=300,
     )
     assert found.returncode == 0, found.stdout
 
@@ -45,7 +46,12 @@ def test_help_imports_nothing_heavy() -> None:
         f"print([m for m in {HEAVY!r} if m in sys.modules])"
     )
     found = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+        timeout=300,
     )
     assert found.stdout.strip() == "[]"
 
@@ -60,7 +66,11 @@ def test_help_answers_at_once() -> None:
     def run() -> float:
         before = used()
         subprocess.run(
-            [sys.executable, "-m", "cli.main", "--help"], check=True, capture_output=True, cwd=ROOT
+            [sys.executable, "-m", "cli.main", "--help"],
+            check=True,
+            capture_output=True,
+            cwd=ROOT,
+            timeout=300,
         )
         return used() - before
 
@@ -73,6 +83,11 @@ def test_building_never_imports_open3d() -> None:
         "print('open3d' in sys.modules)"
     )
     found = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+        timeout=300,
     )
     assert found.stdout.strip() == "False"

@@ -39,7 +39,9 @@ def test_what_is_promised_is_there(module: object) -> None:
 
 def test_importing_the_library_loads_nothing() -> None:
     code = "import mapmyworld, formats, sys; print('numpy' in sys.modules)"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    out = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300
+    )
     assert out.stdout.strip() == "False"
 
 

@@ -116,7 +116,11 @@ def test_a_second_build_elsewhere_gives_the_same_bytes(logs: list[Path], tmp_pat
 def test_more_memory_than_allowed_ends_in_order(logs: list[Path], tmp_path: Path) -> None:
     command = ["build", str(logs[1]), "-o", str(tmp_path / "map.db"), "-q", "--max-memory", "20"]
     found = subprocess.run(
-        [sys.executable, "-m", "cli.main", *command], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "cli.main", *command],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
     )
     assert found.returncode == 2
     assert "--max-memory" in found.stderr

@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 import termios
+import threading
 from pathlib import Path
 
 import pytest
@@ -32,7 +33,9 @@ def test_bash_completes_commands_and_options() -> None:
             "_MAPMYWORLD_COMPLETE": "bash_complete",
         }
         command = [sys.executable, "-m", "cli.main"]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=False, timeout=300
+        )
         return {line.partition(",")[2] for line in done.stdout.splitlines()}
 
     assert asked("mapmyworld ex", 1) == {"export"}
@@ -70,7 +73,11 @@ def test_no_colours_where_there_is_no_terminal(tmp_path: Path) -> None:
         fill(store)
     command = [sys.executable, "-m", "cli.main", "check", str(tmp_path / "map.db")]
     done = subprocess.run(
-        [*command, "--require", "nodes >= 1"], capture_output=True, text=True, check=False
+        [*command, "--require", "nodes >= 1"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
     )
     assert "ok " in done.stdout
     assert "\x1b" not in done.stdout + done.stderr
@@ -86,6 +93,8 @@ def at_a_terminal(words: list[str], folder: Path) -> str:
         command, cwd=folder, stdin=terminal, stdout=terminal, stderr=terminal, env=environment
     ) as process:
         os.close(terminal)
+        late = threading.Timer(300.0, process.kill)
+        late.start()
         parts = []
         while True:
             try:
@@ -94,6 +103,7 @@ def at_a_terminal(words: list[str], folder: Path) -> str:
                 break
             if not parts[-1]:
                 break
+        late.cancel()
     os.close(shown)
     assert process.returncode == 0, b"".join(parts).decode()
     return b"".join(parts).decode()

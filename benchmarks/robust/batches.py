@@ -104,7 +104,7 @@ def kill_batch(manifest: Path, output: Path, build_at: int, batch_at: int, *more
     _wait_for(batch, lambda: bool(_children(batch.pid)))
     builds = _children(batch.pid)
     batch.kill()
-    batch.wait()
+    batch.wait(timeout=60)
     deadline = time.monotonic() + 10.0  # a busy machine takes its time to end a process
     while any(map(_is_running, builds)) and time.monotonic() < deadline:
         time.sleep(0.05)
@@ -112,9 +112,11 @@ def kill_batch(manifest: Path, output: Path, build_at: int, batch_at: int, *more
 
 
 def _wait_for(batch: subprocess.Popen[bytes], ready: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 300.0
     while not ready():
-        if batch.poll() is not None:
-            raise RuntimeError("the batch ended before it could be killed")
+        if batch.poll() is not None or time.monotonic() > deadline:
+            batch.kill()
+            raise RuntimeError("the batch ended, or stood still, before it could be killed")
         time.sleep(0.02)
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from robust.kills import digests
-from robust.trials import Outcome, try_command
+from robust.trials import Outcome, end_with_parent, try_command
 
 _SOURCE = Path(__file__).with_name("faulty_disk.c")
 _BESIDE = (".html", ".timing.json")  # which tell of the build itself and need not repeat
@@ -49,7 +49,7 @@ def fill_disks(log: Path, options: Sequence[str], most: int) -> FullDisks:
         environment = {**os.environ, "LD_PRELOAD": str(library), "PYTHONPATH": path}
         result = Path(name) / "result"
         command = [sys.executable, "-c", code, str(result), str(log), str(most), *options]
-        subprocess.run(command, check=True, env=environment)
+        subprocess.run(command, check=True, env=environment, preexec_fn=end_with_parent)
         loaded = pickle.loads(result.read_bytes())  # our own child's
         assert isinstance(loaded, FullDisks)
         return loaded
@@ -61,7 +61,8 @@ def inside(arguments: list[str]) -> None:
     found = FullDisks()
     with tempfile.TemporaryDirectory(prefix="full-") as name:
         build = ["build", log, "-q", "--format", "json", *options, "-o"]
-        _in_child([*build, f"{name}/warm/map.db"], Path(name) / "warm", None)
+        (Path(name) / "warm").mkdir()
+        try_command([*build, f"{name}/warm/map.db"], seconds=600.0)  # the children need not load
         found.writes = _in_child([*build, f"{name}/whole/map.db"], Path(name) / "whole", 1 << 40)[1]
         wanted = digests(Path(name) / "whole" / "map.db")
         step = max(1, found.writes // int(most))
@@ -108,6 +109,7 @@ def _in_child(arguments: list[str], folder: Path, fails_from: int | None) -> tup
         outcome, count = pickle.loads(told) if told else (Outcome(None, "died", "", ""), 0)
         return outcome, count
     try:
+        end_with_parent()
         disk = ctypes.CDLL(None)
         disk.faulty_arm.argtypes = [ctypes.c_long, ctypes.c_char_p]
         if fails_from is not None:

@@ -123,7 +123,7 @@ def fuzz(cases: Iterable[Case], watch: Callable[[Tally], None] | None = None) ->
 def _in_worker(batch: list[Case], tally: Tally) -> int:
     ours, theirs = multiprocessing.Pipe()
     context = multiprocessing.get_context("fork")
-    worker = context.Process(target=_work, args=(batch, theirs), daemon=True)
+    worker = context.Process(target=_work, args=(batch, ours, theirs), daemon=True)
     worker.start()
     theirs.close()
     for i, case in enumerate(batch):
@@ -143,7 +143,8 @@ def _in_worker(batch: list[Case], tally: Tally) -> int:
     return len(batch)
 
 
-def _work(batch: list[Case], answers: Connection) -> None:
+def _work(batch: list[Case], asked: Connection, answers: Connection) -> None:
+    asked.close()  # so that it ends where the one who asks has been killed
     heavy = False
     resource.setrlimit(resource.RLIMIT_AS, (_ADDRESSES, _ADDRESSES))  # spares the machine
     for case in batch:

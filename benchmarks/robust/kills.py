@@ -17,8 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from robust.trials import try_command
+from robust.trials import end_with_parent, try_command
 
+_WAIT_S = 120.0  # wall time in which a build ends that was told to, on a busy machine too
 PRODUCTS = (".db", ".pgm", ".yaml", ".tum", ".ply")
 
 
@@ -83,6 +84,9 @@ def _kill_one(
     while not _ended(child) and _cpu_seconds(child) < after_s:
         time.sleep(0.0005)
     os.kill(child, how)
+    if not _ends_soon(child):
+        found.unusable.append(f"hangs after {how.name} at {after_s:.2f} s")
+        os.kill(child, signal.SIGKILL)
     _wait(child)
     found.kills += 1
     told = path.with_suffix(".json")
@@ -135,6 +139,7 @@ def _forked(arguments: list[str], result: Path) -> int:
     if child:
         return child
     try:
+        end_with_parent()
         outcome = try_command(arguments, seconds=600.0)
         result.write_text(outcome.stdout)
     finally:
@@ -143,6 +148,13 @@ def _forked(arguments: list[str], result: Path) -> int:
 
 def _ended(child: int) -> bool:
     return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+
+
+def _ends_soon(child: int) -> bool:
+    deadline = time.monotonic() + _WAIT_S
+    while not _ended(child) and time.monotonic() < deadline:
+        time.sleep(0.002)
+    return _ended(child)
 
 
 def _cpu_seconds(child: int) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import io
 import signal
 import sys
@@ -54,6 +55,12 @@ def try_command(arguments: list[str], seconds: float = SECONDS) -> Outcome:
     if not fault and ("Traceback" in err.getvalue() or "Warning: " in err.getvalue()):
         fault = err.getvalue()
     return Outcome(code, fault, out.getvalue(), err.getvalue())
+
+
+def end_with_parent() -> None:
+    """A child that waits for ever is ended when the one who minds it is (Linux)."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
 
 
 @contextlib.contextmanager

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from mapmyworld.geometry import (
 from mapmyworld.graph.solve import solve
 from mapmyworld.places.laser_closures import find_laser_closures
 from mapmyworld.places.laser_nodes import load_node_scans
+from mapmyworld.stages.recognise import closures_by_laser
 from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, Poses
 
 Array = NDArray[np.float64]
@@ -46,8 +48,14 @@ class Silent:
 class Known:
     """As much of a store as looking for closures needs."""
 
-    def __init__(self, constraints: list[Constraint]) -> None:
-        self.found = constraints
+    def __init__(self, nodes: list[Node], constraints: list[Constraint]) -> None:
+        self.listed, self.found = nodes, constraints
+
+    def nodes(self) -> list[Node]:
+        return self.listed
+
+    def get(self, key: str) -> dict[str, bool] | None:
+        return {"planar": True} if key == "plan" else None
 
     def constraints(self) -> tuple[Constraint, ...]:
         return tuple(self.found)
@@ -77,17 +85,16 @@ def run(store: MapStore, bend: float, stretch: float, rounds: int) -> None:
         replace(node, tracked_from_base=pose)
         for node, pose in zip(nodes, planar_to_matrix(bent), strict=True)
     ]
-    known = Known(neighbours(listed, store))
+    known: Any = Known(listed, neighbours(listed, store))
     print(f"drift at the end: {apart(listed[-1].tracked_from_base, truth[listed[-1].id]):.1f} m")
     ids = np.array([node.id for node in listed])
     start = np.stack([node.tracked_from_base for node in listed])
-    poses: Poses | None = None
+    known.found += closures_by_laser(known, config, Silent(), (listed, scans))
     for turn in range(rounds):
-        new = find_laser_closures(known, poses, config, Silent(), (listed, scans))  # type: ignore[arg-type]
-        known.found += new
         solved = solve(ids, start, known.found, True, replace(config.graph, covariances=False))
-        poses = solved.poses
-        report(turn, solved.constraints, poses, truth)
+        report(turn, solved.constraints, solved.poses, truth)
+        loaded, tied = (listed, scans), solved.constraints
+        known.found += find_laser_closures(known, solved.poses, config, Silent(), loaded, tied)
 
 
 def drifted(poses: Array, bend: float, stretch: float) -> Array:

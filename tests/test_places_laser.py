@@ -18,7 +18,8 @@ from mapmyworld.geometry import (
     planar_to_matrix,
 )
 from mapmyworld.graph.solve import solve
-from mapmyworld.places.laser_closures import candidate_pairs, compare_places
+from mapmyworld.places.laser_candidates import candidate_pairs, untied
+from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_lost import loose_way, lost_pairs
 from mapmyworld.places.laser_nodes import calm_spots, laser_nodes, spaced
 from mapmyworld.places.laser_pairs import first_visits, neighbour_pairs
@@ -176,3 +177,18 @@ def test_a_place_is_compared_from_where_the_robot_turns_evenly() -> None:
     found = calm_spots(turned, 1.0)
     assert not {spots[2] - 1, spots[2]} & set(found.tolist())
     assert np.abs(found - spaced(turned.path, 1.0)).max() <= 2
+
+
+def test_joined_places_are_not_compared_again() -> None:
+    """A closure between rows 5 and 105 says what one between rows 6 and 106 would."""
+    poses = np.zeros((200, 3))
+    poses[:, 0] = 0.2 * np.arange(200)
+    nodes = laser_nodes(np.arange(200), scan_set([]), poses)
+    closure = Constraint(
+        from_id=5, to_id=105, kind=ConstraintKind.LOOP_CLOSURE, from_from_to=np.eye(4),
+        information=np.eye(6), reason="", evidence={"rival": 0.0},
+    )  # fmt: skip
+    pairs = [(6, 106), (5, 120), (30, 106)]
+    assert untied(nodes, pairs, [closure]) == pairs[1:]
+    assert untied(nodes, pairs, [replace(closure, accepted=False)]) == pairs
+    assert untied(nodes, pairs, [replace(closure, evidence={})]) == pairs  # by images: not as fine

@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import (
     between_planar,
     information_from_planar,
-    matrix_to_planar,
     planar_to_matrix,
 )
 from mapmyworld.odometry.laser_stretches import is_weak
 from mapmyworld.parallel import in_threads
-from mapmyworld.places.laser_lost import lost_pairs
-from mapmyworld.places.laser_nodes import (
-    LaserNodes,
-    NodeScans,
-    calm_spots,
-    laser_nodes,
-    load_node_scans,
+from mapmyworld.places.laser_candidates import (
+    FIRST_WINDOW,
+    candidate_pairs,
+    drift_between,
+    untied,
 )
+from mapmyworld.places.laser_lost import loose_way, lost_pairs
+from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.registration.scan_matching import (
     FINE,
     Match,
@@ -41,79 +42,65 @@ from mapmyworld.types import Constraint, ConstraintKind, MapStore, Poses, Progre
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_LEAST_PATH = 8.0  # m of path between two visits, below which they are one
 _SETTLED_WINDOW = 1.0  # m to each side that is searched once the graph is optimised
 _SETTLED_ANGLE = 0.2  # rad, the same
-_FIRST_WINDOW = 15.0  # m to each side, at most, of a search from tracked poses
 _AGREEMENT = np.diag([0.02**2, 0.02**2, 0.005**2])  # m^2 and rad^2 that two maps may differ by
 _NO_PRIOR = np.diag([1e-3, 1e-3, 1e-3])
 
 
-def find_laser_closures(
-    store: MapStore,
+def first_closures(
+    loaded: NodeScans,
     poses: Poses | None,
+    known: Sequence[Constraint],
+    span: tuple[int, int],
     config: Config,
     progress: Progress,
-    loaded: NodeScans | None = None,
+) -> list[Constraint]:
+    """Pairs of places compared from poses that have drifted, the later one in this span of nodes.
+
+    The search reaches as far as the drift may have gone, up to 15 m: since the earlier visit, or
+    since the robot was last where one of the `known` closures holds the solved `poses`. Without
+    these, tracked poses are taken.
+    """
+    nodes = nodes_at(loaded, poses, span[1])
+    if poses is not None:
+        nodes = replace(nodes, loose=loose_way(nodes, known))
+    pairs = candidate_pairs(nodes, config, settled=False, first=span[0])
+    progress.stage("loop closures by laser", len(pairs), "pairs")
+    return compare_places(nodes, pairs, config, settled=False)
+
+
+def find_laser_closures(
+    store: MapStore,
+    poses: Poses,
+    config: Config,
+    progress: Progress,
+    loaded: NodeScans,
+    tied: Sequence[Constraint] = (),
     since: int = 0,
 ) -> list[Constraint]:
-    """Every pair of places that was compared, with its verdict.
+    """Every pair of places that was compared from optimised poses, with its verdict.
 
-    From tracked poses the search reaches as far as the drift may have gone, up to 15 m. From
-    optimised ones it reaches only a little, where the kind is `proximity`; and as far as the
-    settings let it where nothing was recognised for long. `loaded` are the nodes' scans where
-    they were made ready before. Nodes with ids before `since` are not compared with each other.
+    The search reaches only a little, where the kind is `proximity`; and as far as the settings let
+    it where nothing was recognised for long. Places that `tied` closures join are not compared
+    again, nor are nodes with ids before `since` with each other.
     """
-    listed, scans = loaded or load_node_scans(store, config)
-    if len(listed) < 2:
+    if len(loaded[0]) < 2:
         return []
-    if poses is None:
-        planar = matrix_to_planar(np.stack([node.tracked_from_base for node in listed]))
-    else:
-        solved = dict(zip(poses.ids.tolist(), poses.map_from_node, strict=True))
-        planar = matrix_to_planar(np.stack([solved[node.id] for node in listed]))
-    nodes = laser_nodes(np.array([node.id for node in listed]), scans, planar)
+    nodes = nodes_at(loaded, poses)
     known = {(c.from_id, c.to_id) for c in store.constraints()}
 
     def untried(pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
         ends = [(a, b, int(nodes.ids[a]), int(nodes.ids[b])) for a, b in pairs]
         return [(a, b) for a, b, i, j in ends if (i, j) not in known and j >= since]
 
-    pairs = untried(candidate_pairs(nodes, config, settled=poses is not None))
-    lost = [] if poses is None else untried(lost_pairs(nodes, store.constraints(), config))
+    pairs = untried(untied(nodes, candidate_pairs(nodes, config, settled=True), tied))
+    lost = untried(lost_pairs(nodes, tied, config))
     lost = [pair for pair in lost if pair not in set(pairs)]
     progress.stage("loop closures by laser", len(pairs) + len(lost), "pairs")
-    near = compare_places(nodes, pairs, config, settled=poses is not None)
+    near = compare_places(nodes, pairs, config, settled=True)
     widest = config.places.laser_window
     return near + compare_places(nodes, lost, config, settled=False, widest=widest)
-
-
-def candidate_pairs(nodes: LaserNodes, config: Config, *, settled: bool) -> list[tuple[int, int]]:
-    """(earlier, later) indices of visits that may be of the same place."""
-    places = config.places
-    spacing = places.laser_spacing if settled else places.laser_far_spacing
-    spots = calm_spots(nodes, spacing)
-    tree = cKDTree(nodes.poses[spots, :2])
-    pairs: list[tuple[int, int]] = []
-    for later in spots:
-        widest = 4.0 if settled else 3.0 + _FIRST_WINDOW
-        near = np.array(sorted(tree.query_ball_point(nodes.poses[later, :2], widest)), np.int64)
-        driven = nodes.path[later] - nodes.path[spots[near]]
-        near, driven = near[driven > _LEAST_PATH], driven[driven > _LEAST_PATH]
-        apart = np.hypot(*(nodes.poses[spots[near], :2] - nodes.poses[later, :2]).T)
-        reach = 3.0 + (0.0 if settled else 1.0) * np.minimum(
-            places.laser_drift * driven, _FIRST_WINDOW
-        )
-        near, apart = near[apart < reach], apart[apart < reach]
-        if len(near) == 0:
-            continue
-        # Of each visit the nearest spot; visits are runs of neighbouring spots.
-        runs = np.cumsum(np.diff(near, prepend=near[0]) > 2)
-        best = [near[runs == r][np.argmin(apart[runs == r])] for r in range(int(runs[-1]) + 1)]
-        costs = [float(apart[runs == r].min()) for r in range(int(runs[-1]) + 1)]
-        chosen = np.argsort(costs, kind="stable")[: places.laser_passes]
-        pairs += [(int(spots[best[k]]), int(later)) for k in sorted(chosen.tolist())]
-    return pairs
 
 
 def compare_places(
@@ -122,7 +109,7 @@ def compare_places(
     config: Config,
     *,
     settled: bool,
-    widest: float = _FIRST_WINDOW,
+    widest: float = FIRST_WINDOW,
 ) -> list[Constraint]:
     """Each pair's constraint, accepted or not, in the order of the pairs.
 
@@ -172,12 +159,12 @@ def _compare(
 ) -> Constraint:
     places = config.places
     guess = between_planar(nodes.poses[a], nodes.poses[b])
-    driven = float(nodes.path[b] - nodes.path[a])
+    drifted = float(drift_between(nodes, a, b))
     if settled:
         distance, angle = _SETTLED_WINDOW, _SETTLED_ANGLE
     else:
-        distance = min(1.0 + places.laser_drift * driven, widest)
-        angle = min(0.2 + places.laser_drift_angle * driven, np.pi)
+        distance = min(1.0 + places.laser_drift * drifted, widest)
+        angle = min(0.2 + places.laser_drift_angle * drifted, np.pi)
     points = _surroundings(nodes, b, config)
     found = search_grid(points, grid, guess, distance, angle, places.laser_score)
     if found is None:

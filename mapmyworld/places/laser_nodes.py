@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between_planar, wrap_angle
+from mapmyworld.geometry import between_planar, matrix_to_planar, wrap_angle
 from mapmyworld.parallel import batches
 from mapmyworld.registration.scan_matching import ScanSet, joined, prepare_scans
-from mapmyworld.types import MapStore, Node
+from mapmyworld.types import MapStore, Node, Poses
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -30,6 +30,8 @@ class LaserNodes:
     """(N, 3)."""
     path: Array
     """(N,) metres driven, rotation counted as well."""
+    loose: Array
+    """(N,) metres driven since or until something holds the pose; infinite where nothing does."""
 
 
 NodeScans = tuple[list[Node], ScanSet]
@@ -51,10 +53,24 @@ def load_node_scans(store: MapStore, config: Config) -> NodeScans:
 
 
 def laser_nodes(ids: Index, scans: ScanSet, poses: Array) -> LaserNodes:
-    """Nodes with the length of path up to each."""
+    """Nodes with the length of path up to each; nothing holds them."""
     steps = between_planar(poses[:-1], poses[1:])
     lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.2 * np.abs(steps[:, 2])
-    return LaserNodes(ids, scans, poses, np.concatenate([[0.0], np.cumsum(lengths)]))
+    path = np.concatenate([[0.0], np.cumsum(lengths)])
+    return LaserNodes(ids, scans, poses, path, np.full(len(ids), np.inf))
+
+
+def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -> LaserNodes:
+    """The first `count` nodes at solved poses, at tracked ones without; all of them by default."""
+    nodes, scans = loaded[0][:count], loaded[1]
+    ids = np.array([node.id for node in nodes], np.int64)
+    if poses is None:
+        matrices = np.stack([node.tracked_from_base for node in nodes])
+    else:
+        row = {int(i): k for k, i in enumerate(poses.ids)}
+        matrices = poses.map_from_node[[row[int(i)] for i in ids]]
+    kept = ScanSet(scans.rows, scans.bounds[: len(ids) + 1], scans.origins[: len(ids)])
+    return laser_nodes(ids, kept, matrix_to_planar(matrices))
 
 
 def spaced(path: Array, spacing: float) -> Index:

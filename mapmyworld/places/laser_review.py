@@ -21,7 +21,7 @@ from mapmyworld.geometry import (
 )
 from mapmyworld.odometry.laser_stretches import is_weak
 from mapmyworld.places.laser_closures import closure_information, match_submaps
-from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, laser_nodes
+from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.types import CLOSURES, Constraint, Poses
 
 _METRES, _RADIANS = 0.2, np.radians(1.0)  # by which no true closure misses the final poses
@@ -34,10 +34,7 @@ def review_closures(
 
     One that misses them still is rejected. Half of what makes a closure false is a miss.
     """
-    listed, scans = loaded
-    place = {int(i): pose for i, pose in zip(poses.ids, poses.map_from_node, strict=True)}
-    planar = matrix_to_planar(np.stack([place[node.id] for node in listed]))
-    nodes = laser_nodes(np.array([node.id for node in listed]), scans, planar)
+    nodes = nodes_at(loaded, poses)
     row = {int(i): k for k, i in enumerate(nodes.ids)}
     return tuple(
         _reviewed(c, nodes, row, config) if _is_by_laser(c) and not _fits(c, nodes, row, 0.5) else c

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +15,9 @@ from mapmyworld.types import Constraint, MapStore, Poses, Progress
 
 if TYPE_CHECKING:
     from mapmyworld.places.laser_nodes import NodeScans
+    from mapmyworld.stages.draft import Draft
 
+_STRETCH = 200.0  # m of path, about, that are searched before what was found is solved
 
 LoadScans = Callable[[], "NodeScans | None"]
 """Gives the nodes' laser scans, made ready once; None for a log without a laser."""
@@ -50,8 +53,41 @@ def recognise(
     """
     for find in _finders():
         store.add_constraints(find(store, config, progress))
-    add_closures(store, None, config, progress, scans, words)
+    loaded, found = scans(), []
+    if loaded is not None:
+        found += closures_by_laser(store, config, progress, loaded)
+    if has_images(store):
+        from mapmyworld.places.visual_closures import find_visual_closures
+
+        found += find_visual_closures(store, None, config, progress, words)
+    store.add_constraints(found)
     _check_wheels(store, progress)
+
+
+def closures_by_laser(
+    store: MapStore, config: Config, progress: Progress, loaded: NodeScans
+) -> list[Constraint]:
+    """Stretch by stretch, each from poses that the closures before it hold: so the search reaches
+    no farther after hours than at first.
+    """
+    from mapmyworld.places.laser_closures import first_closures
+    from mapmyworld.places.laser_nodes import nodes_at
+    from mapmyworld.stages.draft import solve_draft_of
+
+    if len(loaded[0]) < 2:
+        return []
+    path = nodes_at(loaded, None).path
+    count = max(1, round(float(path[-1]) / _STRETCH))
+    edges = np.searchsorted(path, np.linspace(0.0, path[-1], count + 1)[1:-1])
+    found: list[Constraint] = []
+    for span in pairwise([0, *edges.tolist(), len(path)]):
+        poses: Poses | None = None
+        known: Sequence[Constraint] = ()
+        if any(c.accepted for c in found):
+            draft = solve_draft_of(store, config, found, loaded[0][span[1] - 1].id)
+            poses, known = draft.poses, draft.closures
+        found += first_closures(loaded, poses, known, span, config, progress)
+    return found
 
 
 def _finders() -> tuple[Finder, ...]:
@@ -76,27 +112,26 @@ def _check_wheels(store: MapStore, progress: Progress) -> None:
 
 def add_closures(
     store: MapStore,
-    poses: Poses | None,
+    draft: Draft,
     config: Config,
     progress: Progress,
     scans: LoadScans,
-    words: Mapping[int, NDArray[np.uint8]] | None = None,
     since: int = 0,
 ) -> int:
-    """Tries what has not been tried, from solved poses where there are some; how many were new.
+    """Tries what has not been tried, from solved poses; how many were new.
 
     Scans of nodes with ids before `since` are not compared with each other.
     """
-    found = []
-    loaded = scans()
+    found, loaded = [], scans()
     if loaded is not None:
         from mapmyworld.places.laser_closures import find_laser_closures
 
-        found += find_laser_closures(store, poses, config, progress, loaded, since)
+        poses, tied = draft.poses, draft.closures
+        found += find_laser_closures(store, poses, config, progress, loaded, tied, since)
     if has_images(store):
         from mapmyworld.places.visual_closures import find_visual_closures
 
-        found += find_visual_closures(store, poses, config, progress, words)
+        found += find_visual_closures(store, draft.poses, config, progress, None)
     store.add_constraints(found)
     return sum(constraint.accepted for constraint in found)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from mapmyworld.config import Config
@@ -11,6 +9,7 @@ from mapmyworld.graph.edits import apply_edits, edits_from_json
 from mapmyworld.graph.pose_graph import told_of_parts
 from mapmyworld.graph.solve import SolvedGraph, solve
 from mapmyworld.mapping.trajectory import pose_every_frame
+from mapmyworld.stages.draft import landmark_guesses, solve_draft_of
 from mapmyworld.stages.recognise import LoadScans, add_closures
 from mapmyworld.types import CLOSURES, Constraint, MapStore, Poses, Progress
 
@@ -25,11 +24,10 @@ def solve_and_judge(
 
     Among nodes with ids before `since` none is tried.
     """
-    quick = replace(config.graph, covariances=False, certify=False, groups=False)
-    draft = replace(config, graph=quick)
     for _ in range(_ROUNDS):
-        poses = _solve(store, draft, progress).poses
-        new = add_closures(store, poses, config, progress, scans, since=since)
+        progress.stage("optimise", len(store.nodes()), "nodes")
+        draft = solve_draft_of(store, config)
+        new = add_closures(store, draft, config, progress, scans, since)
         if new <= _FEW * sum(c.accepted for c in store.constraints() if c.kind in CLOSURES):
             break
     solved = _solve(store, config, progress)
@@ -76,9 +74,7 @@ def _solve(store: MapStore, config: Config, progress: Progress) -> SolvedGraph:
     nodes = store.nodes()
     progress.stage("optimise", len(nodes), "nodes")
     starts = {node.id: node.tracked_from_base for node in nodes}
-    for constraint in store.constraints():
-        if constraint.to_id < 0 and constraint.to_id not in starts:
-            starts[constraint.to_id] = starts[constraint.from_id] @ constraint.from_from_to
+    starts |= landmark_guesses(starts, store.constraints())
     ids, start = np.array(list(starts), np.int64), np.stack(list(starts.values()))
     planar = bool((store.get("plan") or {}).get("planar", False))
     edits = edits_from_json(store.get("edits"))

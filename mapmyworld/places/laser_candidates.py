@@ -1,0 +1,68 @@
+"""Which places may be the same, given where their nodes are thought to be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mapmyworld.config import Config
+from mapmyworld.places.laser_nodes import Index, LaserNodes, calm_spots
+from mapmyworld.types import Constraint
+
+Pairs = list[tuple[int, int]]
+FIRST_WINDOW = 15.0
+"""Metres to each side, at most, of a search from poses that have drifted."""
+_LEAST_PATH = 8.0  # m of path between two visits, below which they are one
+_NEAR = 3.0  # m between two places that see the same
+_TIED = 1.2  # m of path at both ends within which one closure says what another would
+
+
+def candidate_pairs(nodes: LaserNodes, config: Config, *, settled: bool, first: int = 0) -> Pairs:
+    """(earlier, later) indices of visits that may be of the same place, the later from `first`."""
+    places = config.places
+    spacing = places.laser_spacing if settled else places.laser_far_spacing
+    spots = calm_spots(nodes, spacing)
+    tree = cKDTree(nodes.poses[spots, :2])
+    widest = _NEAR + (1.0 if settled else FIRST_WINDOW)
+    pairs: Pairs = []
+    for later in spots[spots >= first]:
+        near = np.array(sorted(tree.query_ball_point(nodes.poses[later, :2], widest)), np.int64)
+        near = near[nodes.path[later] - nodes.path[spots[near]] > _LEAST_PATH]
+        apart = np.hypot(*(nodes.poses[spots[near], :2] - nodes.poses[later, :2]).T)
+        drift = places.laser_drift * drift_between(nodes, spots[near], later)
+        reach = _NEAR + (0.0 if settled else 1.0) * np.minimum(drift, FIRST_WINDOW)
+        best = _nearest_of_visits(near[apart < reach], apart[apart < reach], places.laser_passes)
+        pairs += [(int(spots[k]), int(later)) for k in best]
+    return pairs
+
+
+def _nearest_of_visits(near: Index, apart: NDArray[np.float64], most: int) -> list[int]:
+    """Of each visit, a run of neighbouring spots, the nearest one; of so many visits at most."""
+    if len(near) == 0:
+        return []
+    runs = np.cumsum(np.diff(near, prepend=near[0]) > 2)
+    order = np.lexsort((apart, runs))
+    best = order[np.diff(runs[order], prepend=-1) != 0]
+    chosen = np.argsort(apart[best], kind="stable")[:most]
+    return sorted(near[best[chosen]].tolist())
+
+
+def drift_between(nodes: LaserNodes, a: Index | int, b: Index | int) -> NDArray[np.float64]:
+    """Metres of path that the pose between two nodes may have drifted over."""
+    driven = nodes.path[b] - nodes.path[a]
+    return np.asarray(np.minimum(driven, nodes.loose[a] + nodes.loose[b]))
+
+
+def untied(nodes: LaserNodes, pairs: Pairs, closures: Sequence[Constraint]) -> Pairs:
+    """The pairs whose places no accepted closure by laser joins already, or nearly so."""
+    row = {int(i): k for k, i in enumerate(nodes.ids)}
+    tied = [c for c in closures if c.accepted and "rival" in c.evidence]
+    if not tied or not pairs:
+        return pairs
+    ends = np.array([sorted((row[c.from_id], row[c.to_id])) for c in tied])
+    tree = cKDTree(nodes.path[ends])
+    apart, _ = tree.query(nodes.path[np.array(pairs)], p=np.inf, distance_upper_bound=_TIED)
+    return [pair for pair, free in zip(pairs, np.isinf(apart).tolist(), strict=True) if free]

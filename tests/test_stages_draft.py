@@ -1,0 +1,91 @@
+"""The graph solved roughly says what the whole one says, about."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import GraphConfig
+from mapmyworld.geometry import (
+    between_planar,
+    compose_planar,
+    information_from_planar,
+    matrix_to_planar,
+    planar_to_matrix,
+)
+from mapmyworld.graph.solve import solve
+from mapmyworld.stages.draft import landmark_guesses, solve_draft
+from mapmyworld.types import Constraint, ConstraintKind, Node
+
+SIGMAS = np.array([0.01, 0.01, 0.004])
+
+
+def drive(count: int = 120) -> tuple[NDArray[np.float64], list[Node], list[Constraint]]:
+    """True poses of three rounds on a circle, nodes that drifted, and their motions."""
+    random = np.random.default_rng(3)
+    angle = np.linspace(0, 6 * np.pi, count)
+    truth = np.stack([4 * np.cos(angle), 4 * np.sin(angle), angle + np.pi / 2], axis=-1)
+    steps = between_planar(truth[:-1], truth[1:]) + random.normal(size=(count - 1, 3)) * SIGMAS
+    tracked = [truth[0]]
+    for step in steps:
+        tracked.append(compose_planar(tracked[-1], step))
+    matrices = planar_to_matrix(np.stack(tracked))
+    nodes = [Node(k + 1, 0, k, pose, pose) for k, pose in enumerate(matrices)]
+    information = information_from_planar(np.diag(SIGMAS**-2.0))
+    motions = [
+        Constraint(k + 1, k + 2, ConstraintKind.NEIGHBOUR, planar_to_matrix(step), information)
+        for k, step in enumerate(steps)
+    ]
+    return truth, nodes, motions
+
+
+def closure(truth: NDArray[np.float64], a: int, b: int) -> Constraint:
+    motion = planar_to_matrix(between_planar(truth[a], truth[b]))
+    information = information_from_planar(np.diag([1e4, 1e4, 1e5]))
+    return Constraint(a + 1, b + 1, ConstraintKind.LOOP_CLOSURE, motion, information)
+
+
+def test_a_draft_is_the_solution_but_for_its_linearisation() -> None:
+    truth, nodes, motions = drive()
+    true = [closure(truth, a, a + 80) for a in range(0, 40, 8)]
+    false = replace(closure(truth, 3, 60), from_from_to=planar_to_matrix([2.0, 1.0, 0.3]))
+    ids = [node.id for node in nodes]
+    start = np.stack([node.tracked_from_base for node in nodes])
+    whole = solve(ids, start, [*motions, *true, false], True)
+    draft = solve_draft(nodes, {}, [*motions, *true, false], True, GraphConfig())
+    np.testing.assert_array_equal(draft.poses.ids, whole.poses.ids)
+    assert [c.accepted for c in draft.closures] == [True] * 5 + [False]
+    drift = between_planar(matrix_to_planar(start), matrix_to_planar(whole.poses.map_from_node))
+    miss = between_planar(
+        matrix_to_planar(draft.poses.map_from_node), matrix_to_planar(whole.poses.map_from_node)
+    )
+    missed, drifted = np.hypot(*miss[:, :2].T), np.hypot(*drift[:, :2].T).max()
+    ends = [i for c in true for i in (c.from_id - 1, c.to_id - 1)]
+    assert missed[ends].max() < 0.02 * drifted
+    assert missed.max() < 0.1 * drifted  # between two ends, their movements are shared out
+
+
+def test_what_is_tied_by_motion_alone_keeps_its_place() -> None:
+    _, nodes, motions = drive(40)
+    nodes = [*nodes[:20], *(replace(node, session=1) for node in nodes[20:])]
+    motions = [c for c in motions if c.from_id != 20]
+    draft = solve_draft(nodes, {}, motions, True, GraphConfig())
+    tracked = np.stack([node.tracked_from_base for node in nodes])
+    np.testing.assert_allclose(draft.poses.map_from_node, tracked, atol=1e-9)
+    assert draft.closures == ()
+
+
+def test_landmarks_are_guessed_where_they_are_seen_first() -> None:
+    _, nodes, motions = drive(6)
+    at = planar_to_matrix([1.0, 0.5, 0.0])
+    seen = [
+        Constraint(k, -7, ConstraintKind.LANDMARK, at, information_from_planar(np.eye(3)))
+        for k in (2, 4)
+    ]
+    starts = {node.id: node.tracked_from_base for node in nodes}
+    guesses = landmark_guesses(starts, seen)
+    np.testing.assert_allclose(guesses[-7], nodes[1].tracked_from_base @ at)
+    draft = solve_draft(nodes, guesses, [*motions, *seen], True, GraphConfig())
+    assert draft.poses.ids.tolist() == [1, 2, 3, 4, 5, 6, -7]

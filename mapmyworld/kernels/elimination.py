@@ -6,6 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mapmyworld.kernels.assignment import assign
+
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
 
@@ -25,7 +27,7 @@ def column_structures(first: Index, later: Index) -> tuple[Index, Index]:
     for j in range(count):
         if begins[j] + count - j > len(found):
             longer = np.empty(2 * len(found) + count, np.int64)
-            longer[: begins[j]] = found[: begins[j]]
+            assign(longer, found[: begins[j]])
             found = longer
         end = begins[j]
         for place in range(first[j], first[j + 1]):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -13,7 +14,7 @@ from memory_log import MemoryLog
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.diagnosis import Finding, diagnose
-from mapmyworld.geometry import make_transform, roll_pitch_yaw_to_rotation
+from mapmyworld.geometry import Array, make_transform, roll_pitch_yaw_to_rotation
 from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import build_map
 from mapmyworld.sensing import make_plan, survey_log
@@ -103,9 +104,10 @@ def test_depth_in_another_unit_is_measured(factor: float, word: str) -> None:
             return replace(message, pixels=lambda: cells)
         return message
 
-    found = findings(change)["depth scale"]
-    assert found.value == pytest.approx(factor, rel=0.02)
-    assert word in found.remedy
+    found = findings(change)
+    assert found["depth scale"].value == pytest.approx(factor, rel=0.02)
+    assert word in found["depth scale"].remedy
+    assert [name for name, finding in found.items() if not finding.good] == ["depth scale"]
 
 
 @pytest.mark.slow
@@ -125,6 +127,64 @@ def test_a_camera_tilted_against_its_mount_is_measured() -> None:
     found = findings(change)["floor tilt"]
     assert not found.good
     assert found.value == pytest.approx(4.0, abs=1.0)
+
+
+def mounted_elsewhere(frame: str, pose: Array) -> Change:
+    """By tf the frame is shifted along its parent's axes, and turned about its own place."""
+
+    def moved(before: Array) -> Array:
+        return make_transform(pose[:3, :3] @ before[:3, :3], pose[:3, 3] + before[:3, 3])
+
+    def change(message: Message) -> Message:
+        if not isinstance(message, TransformsMessage) or not message.static:
+            return message
+        turned = tuple(
+            replace(t, parent_from_child=moved(t.parent_from_child)) if t.child == frame else t
+            for t in message.transforms
+        )
+        return replace(message, transforms=turned)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("frame", "shift", "turn_deg", "told"),
+    [
+        ("hokuyo", (0.2, 0.0), 0.0, (-0.2, 0.0, 0.0)),
+        ("hokuyo", (0.0, -0.15), 0.0, (0.0, 0.15, 0.0)),
+        ("hokuyo", (0.0, 0.0), 6.0, (0.0, 0.0, -6.0)),
+        ("camera", (0.0, 0.15), 0.0, (0.0, 0.15, 0.0)),
+    ],
+)
+@pytest.mark.slow
+def test_a_mount_of_laser_or_camera_that_is_wrong_is_measured(
+    frame: str, shift: tuple[float, float], turn_deg: float, told: tuple[float, float, float]
+) -> None:
+    turn = roll_pitch_yaw_to_rotation(0.0, 0.0, float(np.radians(turn_deg)))
+    found = findings(mounted_elsewhere(frame, make_transform(turn, np.array([*shift, 0.0]))))
+    bad = [name for name, finding in found.items() if not finding.good]
+    assert bad == ["scan against depth"]
+    numbers = re.search(
+        r"moved by \((.*), (.*)\) m ahead and left and turned by (.*) deg", found[bad[0]].text
+    )
+    assert numbers is not None
+    assert np.array(numbers.groups(), float) == pytest.approx(np.array(told), abs=0.5)
+    assert np.array(numbers.groups()[:2], float) == pytest.approx(np.array(told[:2]), abs=0.03)
+    assert "scan_mount" in found[bad[0]].remedy
+
+
+@pytest.mark.parametrize("late_s", [0.15, -0.1])
+@pytest.mark.slow
+def test_a_camera_stamped_late_is_measured(late_s: float) -> None:
+    def change(message: Message) -> Message:
+        if isinstance(message, ImageMessage | CameraInfoMessage):
+            return replace(message, stamp_ns=message.stamp_ns + int(late_s * 1e9))
+        return message
+
+    found = findings(change)["time offset of odometry to camera"]
+    assert not found.good
+    assert found.value == pytest.approx(-late_s, abs=0.03)
+    assert "stamps" in found.remedy
 
 
 def test_nothing_is_said_where_nothing_can_be() -> None:

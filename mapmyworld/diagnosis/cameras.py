@@ -9,15 +9,11 @@ import numpy as np
 
 from mapmyworld.diagnosis.alignment import alignment_findings, grey_levels
 from mapmyworld.diagnosis.finding import Finding
+from mapmyworld.diagnosis.mounts import DEPTH_SCALE, mount_findings
 from mapmyworld.diagnosis.rotation import time_offset
 from mapmyworld.diagnosis.sample import Sample, odometry_yaw
-from mapmyworld.geometry import Array, invert, transform_points
-from mapmyworld.registration.camera import (
-    depth_at,
-    depth_grid_points,
-    pixels_of_points,
-    rays_of_pixels,
-)
+from mapmyworld.geometry import Array, transform_points
+from mapmyworld.registration.camera import depth_grid_points, rays_of_pixels
 from mapmyworld.sensing.plan import Plan
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.types import Frame, RgbdImage
@@ -25,8 +21,6 @@ from mapmyworld.types import Frame, RgbdImage
 _IMAGES = 12  # that are looked at closely, spread over the sample
 _PROFILES = 200  # neighbouring images whose columns are compared
 _LEAST_POINTS = 200
-_SCALE_OFF = 0.05  # share by which depth and laser may differ before it is worth a word
-_APART = 0.1  # m by which laser and depth may be apart after their scale is taken out
 _FLOOR_BAND = 0.05  # m about height 0 in which the floor is looked for,
 _FLOOR_SLOPE = 0.12  # and so much more a metre away from the robot
 _FLOOR_SHARE = 0.4  # of the points near height 0 that must lie on one plane
@@ -58,63 +52,22 @@ def image_findings(frames: Sequence[Frame], plan: Plan) -> Iterator[Finding]:
         and image.colour is not None
         and image.depth is not None
     ]
-    yield from _depth_against_laser(chosen, plan)
-    yield from _floor([image for _, image in chosen])
-    yield from alignment_findings([image for _, image in chosen])
+    images = [image for _, image in chosen]
+    beside = list(alignment_findings(images))
+    scale = 1.0
+    if plan.scan is not None:
+        aligned = all(finding.good for finding in beside)
+        for finding in mount_findings(chosen, plan.scan.base_from_lidar, aligned=aligned):
+            scale = finding.value if finding.name == DEPTH_SCALE else scale
+            yield finding
+    yield from _floor(images, scale)
+    yield from beside
 
 
-def _depth_against_laser(chosen: list[tuple[Frame, RgbdImage]], plan: Plan) -> Iterator[Finding]:
-    if plan.scan is None:
-        return
-    height = float(plan.scan.base_from_lidar[2, 3])
-    pairs = [_compared(frame, image, height) for frame, image in chosen if frame.scan is not None]
-    both = np.concatenate([np.zeros((0, 2)), *pairs])
-    if len(both) < _LEAST_POINTS:
-        return
-    scale = float(np.median(both[:, 1] / both[:, 0]))
-    count = f"{len(both)} points of {len(pairs)} images"
-    good = abs(scale - 1.0) < _SCALE_OFF
-    remedy = "" if good else _unit_remedy(scale)
-    yield Finding(
-        "depth scale", scale, "", good, f"depth is {scale:.3f} of the laser's ({count})", remedy
-    )
-    apart = float(np.median(np.abs(both[:, 1] / scale - both[:, 0])))
-    good = apart < _APART
-    remedy = (
-        "" if good else "check the mounts of laser and camera: sensing.scan_mount, camera_mount"
-    )
-    text = f"depth and laser are {apart:.3f} m apart (median, {count})"
-    yield Finding("scan against depth", apart, "m", good, text, remedy)
-
-
-def _unit_remedy(scale: float) -> str:
-    for factor, unit in (
-        (1000.0, "millimetres recorded as metres"),
-        (0.001, "metres as millimetres"),
-    ):
-        if 0.8 < scale / factor < 1.25:
-            return f"depth is in another unit ({unit}): record 16UC1 in mm or 32FC1 in m"
-    return f"correct the driver's depth scale by a factor of {1.0 / scale:.3f}"
-
-
-def _compared(frame: Frame, image: RgbdImage, height: float) -> Array:
-    """Distances along the camera's axis (N, 2) of laser points: by the laser, and by depth."""
-    assert frame.scan is not None
-    assert image.depth is not None
-    points = np.column_stack([frame.scan.points, np.full(len(frame.scan.points), height)])
-    local = transform_points(invert(image.camera.base_from_camera), points.astype(np.float64))
-    local = local[local[:, 2] > 0.3]
-    if not len(local):
-        return np.zeros((0, 2))
-    depth = np.asarray(image.depth.pixels(), np.float32)
-    found = depth_at(image, depth, pixels_of_points(image.camera, local))
-    known = np.isfinite(found)
-    return np.column_stack([local[known, 2], found[known]])
-
-
-def _floor(images: list[RgbdImage]) -> Iterator[Finding]:
-    """Tilt and height of the plane that the points near height 0 lie on."""
-    points = np.concatenate([np.zeros((0, 3)), *[_base_points(image) for image in images]])
+def _floor(images: list[RgbdImage], scale: float) -> Iterator[Finding]:
+    """Tilt and height of the plane that the points near height 0 lie on, of depth so scaled."""
+    parts = [_base_points(image, scale) for image in images]
+    points = np.concatenate([np.zeros((0, 3)), *parts])
     reach = _FLOOR_BAND + _FLOOR_SLOPE * np.hypot(points[:, 0], points[:, 1])
     near = points[np.abs(points[:, 2]) < reach]
     if len(near) < 5 * _LEAST_POINTS:
@@ -131,8 +84,9 @@ def _floor(images: list[RgbdImage]) -> Iterator[Finding]:
     yield Finding("floor tilt", tilt, "deg", good, text, remedy)
 
 
-def _base_points(image: RgbdImage) -> Array:
+def _base_points(image: RgbdImage, scale: float) -> Array:
     pixels, depth = depth_grid_points(image, 8)
+    depth = depth / np.float32(scale)
     known = (depth > 0) & (depth < 5.0)
     rays = rays_of_pixels(image.camera, pixels[known])
     local = np.column_stack([rays[:, :2], np.ones(len(rays))]) * depth[known, None]

@@ -35,9 +35,10 @@ def time_offset(
     sure = errors[len(offsets) // 2] > _BETTER * errors[best]
     good = not sure or abs(offset) < _WORTH_SAYING
     order = "later" if offset > 0 else "earlier"
+    doubt = ", not sure" if not sure and abs(offset) >= _WORTH_SAYING else ""
     text = (
         f"{names[1]} is stamped {abs(offset):.3f} s {order} than the {names[0]}, by how both saw "
-        f"the robot turn ({len(turns)} pairs{'' if sure else ', not sure'})"
+        f"the robot turn ({len(turns)} pairs{doubt})"
     )
     remedy = (
         ""

@@ -1,0 +1,223 @@
+"""Simulated logs, each wrong in one way: does `inspect log` say so, by how much, and what to do?
+
+python benchmarks/diagnosis.py [WORLD...] [--only FAULT]
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from mapmyworld import MemoryLog
+from mapmyworld.config import Config
+from mapmyworld.diagnosis import Finding, diagnose
+from mapmyworld.geometry import make_transform, roll_pitch_yaw_to_rotation
+from mapmyworld.sensing import make_plan, survey_log
+from mapmyworld.simulation import SimulationSettings, simulate
+from mapmyworld.simulation.worlds import find_world
+from mapmyworld.types import (
+    CameraInfoMessage,
+    ImageMessage,
+    ImuMessage,
+    LaserScanMessage,
+    Message,
+    OdometryMessage,
+    TransformsMessage,
+)
+
+Entry = tuple[str, Message, int]
+Fault = Callable[[list[Entry]], Iterator[Entry]]
+ROUTES = {
+    "apartment": "turn:60 0.8,0.2 turn:-90 turn:90 1.6,-0.3 turn:45 turn:-45",
+    "hall": "3,0 turn:60 turn:-60 4,0.5 turn:90 4,2 turn:-40",
+    "office": "3,0 turn:60 turn:-60 6,0.3 turn:-40 turn:40 8,0",
+    "corridor": "3,0 turn:60 turn:-60 6,0.3 turn:-40 turn:40 8,0",
+}
+
+
+def drive(world: str) -> list[Entry]:
+    """A short drive with all sensors; images are small and raw."""
+    settings = SimulationSettings()
+    camera = replace(settings.camera, width=320, height=240, rate=5.0, compressed=False)
+    settings = replace(settings, camera=camera, laser=replace(settings.laser, beams=541))
+    made = simulate(find_world(world), seed=2, route=ROUTES[world], settings=settings)
+    return list(made.messages())
+
+
+def stamped(kind: type[Any], late_s: float) -> Fault:
+    """The header stamps of one kind of message lie so much too late."""
+
+    def change(entries: list[Entry]) -> Iterator[Entry]:
+        for topic, message, time in entries:
+            if isinstance(message, kind):
+                stamp = message.stamp_ns + int(late_s * 1e9)
+                message = replace(message, stamp_ns=stamp)
+            yield topic, message, time
+
+    return change
+
+
+def camera_stamped(late_s: float) -> Fault:
+    return _both(stamped(ImageMessage, late_s), stamped(CameraInfoMessage, late_s))
+
+
+def _both(first: Fault, second: Fault) -> Fault:
+    return lambda entries: second(list(first(entries)))
+
+
+def depth(made: Callable[[Any], Any]) -> Fault:
+    """The depth images are changed."""
+
+    def change(entries: list[Entry]) -> Iterator[Entry]:
+        for topic, message, time in entries:
+            if isinstance(message, ImageMessage) and message.is_depth:
+                message = replace(message, pixels=_given(made(message.pixels())))
+            yield topic, message, time
+
+    return change
+
+
+def _given(cells: Any) -> Callable[[], Any]:
+    return lambda: cells
+
+
+def mounted(sensor: str, shift: tuple[float, float, float], yaw: float = 0.0) -> Fault:
+    """By tf, the LASER or the CAMERA sits elsewhere on its parent than it does."""
+    moved = make_transform(
+        roll_pitch_yaw_to_rotation(0.0, 0.0, float(np.radians(yaw))), np.array(shift)
+    )
+
+    def change(entries: list[Entry]) -> Iterator[Entry]:
+        name = frames_of(entries)[sensor]
+        for topic, message, time in entries:
+            if isinstance(message, TransformsMessage) and message.static:
+                message = replace(
+                    message,
+                    transforms=tuple(
+                        replace(t, parent_from_child=_placed(t.parent_from_child, moved))
+                        if t.child == name
+                        else t
+                        for t in message.transforms
+                    ),
+                )
+            yield topic, message, time
+
+    return change
+
+
+def _placed(pose: Any, moved: Any) -> Any:
+    """Shifted along the parent's axes and turned about the frame's own place."""
+    found = pose.copy()
+    found[:3, 3] += moved[:3, 3]
+    found[:3, :3] = moved[:3, :3] @ found[:3, :3]
+    return found
+
+
+def wheels(factor: float) -> Fault:
+    def change(entries: list[Entry]) -> Iterator[Entry]:
+        for topic, message, time in entries:
+            if isinstance(message, OdometryMessage):
+                pose = message.pose.copy()
+                pose[:3, 3] *= factor
+                message = replace(message, pose=pose)
+            yield topic, message, time
+
+    return change
+
+
+def without(kind: type[Any], first_s: float = 0.0, last_s: float = 1e9) -> Fault:
+    def change(entries: list[Entry]) -> Iterator[Entry]:
+        start = entries[0][2]
+        for topic, message, time in entries:
+            if not (isinstance(message, kind) and first_s <= (time - start) * 1e-9 < last_s):
+                yield topic, message, time
+
+    return change
+
+
+def sound(entries: list[Entry]) -> Iterator[Entry]:
+    yield from entries
+
+
+# Name -> how a log is made wrong, a word of the line that must say so, and its value.
+FAULTS: dict[str, tuple[Fault, str, float | None]] = {
+    "sound": (sound, "", None),
+    "odometry 0.12 s late": (
+        stamped(OdometryMessage, 0.12), "time offset of odometry to laser", 0.12),
+    "gyroscope 0.1 s early": (
+        stamped(ImuMessage, -0.1), "time offset of gyroscope to laser", -0.1),
+    "camera 0.15 s late": (camera_stamped(0.15), "time offset of odometry to camera", -0.15),
+    "laser 40 s ahead": (stamped(LaserScanMessage, 40.0), "clocks disagree", None),
+    "odometry 10 % long": (wheels(1.1), "odometry scale", 1 / 1.1),
+    "depth 1.2 times": (depth(lambda cells: cells * np.float32(1.2)), "depth scale", 1.2),
+    "depth in metres as mm": (
+        depth(lambda cells: cells * np.float32(0.001)), "depth scale", 0.001),
+    "depth in mm as m": (depth(lambda cells: cells * np.float32(1000)), "depth scale", 1000.0),
+    "depth moved 7 pixels": (
+        depth(lambda cells: np.roll(cells, 7, axis=1)), "camera and depth", 7.0),
+    "laser 0.2 m ahead": (mounted("LASER", (0.2, 0.0, 0.0)), "scan against depth", None),
+    "laser turned 6 deg": (mounted("LASER", (0.0, 0.0, 0.0), 6.0), "scan against depth", None),
+    "camera 0.15 m left": (mounted("CAMERA", (0.0, 0.15, 0.0)), "scan against depth", None),
+    "camera 0.1 m high": (mounted("CAMERA", (0.0, 0.0, 0.1)), "floor tilt", None),
+    "no tf": (without(TransformsMessage), "no transform from", None),
+    "laser stops 4 s": (without(LaserScanMessage, 6.0, 10.0), "silent for 4", None),
+}  # fmt: skip
+
+
+def frames_of(entries: list[Entry]) -> dict[str, str]:
+    """LASER and CAMERA -> the frames that carry them on the robot."""
+    scan = next(m for _, m, _ in entries if isinstance(m, LaserScanMessage))
+    image = next(m for _, m, _ in entries if isinstance(m, ImageMessage))
+    parents = {
+        t.child: t.parent
+        for _, m, _ in entries
+        if isinstance(m, TransformsMessage) and m.static
+        for t in m.transforms
+    }
+    return {"LASER": scan.frame_id, "CAMERA": parents.get(image.frame_id, image.frame_id)}
+
+
+def told(entries: list[Entry]) -> tuple[dict[str, Finding], list[str]]:
+    """The comparisons by name, and all other words about the log."""
+    log = MemoryLog(entries)
+    plan = make_plan(survey_log(log), Config().sensing)
+    found = {finding.name: finding for finding in diagnose(log, plan, Config())}
+    return found, [*plan.losses, *plan.warnings]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("worlds", nargs="*", default=list(ROUTES))
+    parser.add_argument("--only", default="", help="faults whose name contains this")
+    options = parser.parse_args()
+    for world in options.worlds:
+        entries = drive(world)
+        for name in FAULTS:
+            if options.only in name:
+                print("\n".join(report(world, name, entries)), flush=True)
+
+
+def report(world: str, name: str, entries: list[Entry]) -> list[str]:
+    """Whether the fault is told, and every line that is no praise."""
+    fault, where, value = FAULTS[name]
+    found, words = told(list(fault(entries)))
+    bad = {key: finding for key, finding in found.items() if not finding.good}
+    lines = [f"    {key}: {one.text} -> {one.remedy}" for key, one in bad.items()]
+    lines += [f"    - {word}" for word in words]
+    if not where:
+        verdict = f"{len(found)} comparisons, {len(bad)} complaints"
+    elif value is None:
+        verdict = "told" if where in bad or any(where in word for word in words) else "NOT TOLD"
+    elif where not in bad:
+        verdict = f"NOT TOLD ({found[where].value:.3f})" if where in found else "NOT COMPARED"
+    else:
+        verdict = f"{bad[where].value:.3f} for {value:.3f}"
+    return [f"{world}: {name}: {verdict}", *lines]
+
+
+if __name__ == "__main__":
+    main()

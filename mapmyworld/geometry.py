@@ -257,8 +257,9 @@ def se3_log(a_from_b: ArrayLike) -> Array:
     half = np.where(small, 1.0, 0.5 * angle)
     series = 1.0 / 12.0 + angle * angle / 720.0
     second = np.where(small, series, (1.0 - half / np.tan(half)) / (4.0 * half * half))
-    across = np.cross(rotation_vector, m[..., :3, 3])
-    translation = m[..., :3, 3] - 0.5 * across + second * np.cross(rotation_vector, across)
+    k, shift = skew(rotation_vector), m[..., :3, 3, None]
+    across = k @ shift
+    translation = (shift - 0.5 * across)[..., 0] + second * (k @ across)[..., 0]
     return np.concatenate([rotation_vector, translation], axis=-1)
 
 

@@ -7,13 +7,13 @@ factorisation shows, no arrangement of the nodes costs less than half of `trace(
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mapmyworld.geometry import Array
-from mapmyworld.graph.cholesky import NotPositiveDefiniteError, factorise
-from mapmyworld.graph.elimination import Symbolic, analyse
+from mapmyworld.graph.block_solver import solver_of
+from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.newton import hessian_blocks, newton_step
 from mapmyworld.graph.system import System, edge_chi2
 from mapmyworld.graph.twin import (
@@ -22,8 +22,8 @@ from mapmyworld.graph.twin import (
     moved,
     multipliers,
     product,
+    slope,
     tangent_bases,
-    twin_cost,
     twin_of,
     twin_poses,
     twin_scale,
@@ -62,76 +62,96 @@ def certify(system: System, poses: Array) -> Certificate:
     if len(system.tails) == 0 or cost < 1e-12:
         return Certificate(0.0, 0.0, True)
     twin = twin_of(system, poses)
-    nodes, size = len(poses), twin.dimension
-    tangents = size * (size + 1) // 2
-    symbolic = analyse(nodes, twin.rows, twin.columns, tangents)
-    x = _settled(twin, symbolic, twin_poses(system.planar, poses))
-    if x is None:
+    found = _settled(twin, twin_poses(system.planar, poses))
+    if found is None:
         return Certificate(0.0, 1.0, False)
-    multiplied = multipliers(twin, x)
-    dual, found = float(np.trace(multiplied, axis1=1, axis2=2).sum()), twin_cost(twin, x)
-    blocks = certificate_blocks(twin, multiplied)
-    blocks[twin.anchors, 0, 0] += np.abs(blocks[:nodes]).max()
-    smaller = analyse(nodes, twin.rows, twin.columns, size + 1)
     for slack in _SLACK:
-        eta = slack * found / (nodes * size)
-        if _is_positive(smaller, blocks, nodes, eta):
-            lower = max(0.0, 0.5 * (dual - eta * nodes * size))
+        if found.proven or _is_positive(twin, found, slack):
+            lower = max(0.0, 0.5 * (found.dual - slack * found.cost))
             return Certificate(lower, max(0.0, 1.0 - lower / cost), slack <= _EXACT)
     return Certificate(0.0, 1.0, False)
 
 
-def _is_positive(symbolic: Symbolic, blocks: Array, nodes: int, eta: float) -> bool:
-    """Whether the matrix with `eta` more on the diagonal of rotations is positive definite."""
-    inner = np.arange(1, blocks.shape[1])
-    raised = blocks.copy()
-    raised[np.arange(nodes)[:, None], inner, inner] += eta
+@dataclass(frozen=True, slots=True, eq=False)
+class _Settled:
+    """The twin at its minimum, or so near to it that this one is proven."""
+
+    multiplied: Array
+    """Lagrange multipliers (N, d, d)."""
+    cost: float
+    dual: float
+    """Twice what the twin costs, and what its dual does."""
+    proven: bool
+    """Whether the certificate matrix is positive definite with the smallest slack."""
+
+
+def _is_positive(twin: Twin, found: _Settled, slack: float) -> bool:
+    """Whether the certificate matrix is positive definite with `eta` more on its rotations."""
+    nodes, size = found.multiplied.shape[:2]
+    blocks, inner = certificate_blocks(twin, found.multiplied), np.arange(1, size + 1)
+    blocks[twin.anchors, 0, 0] += np.abs(blocks[:nodes]).max()
+    blocks[np.arange(nodes)[:, None], inner, inner] += slack * found.cost / (nodes * size)
     try:
-        factorise(symbolic, raised)
+        solver_of(nodes, twin.rows, twin.columns, blocks, positive=True)
     except NotPositiveDefiniteError:
         return False
     return True
 
 
-def _settled(twin: Twin, symbolic: Symbolic, x: Array) -> Array | None:
-    """X at the twin's minimum near X, by damped Newton steps; None where it is not found."""
-    cost, damping, rounding = twin_cost(twin, x), 0.0, _ROUNDING * twin_scale(twin, x)
+def _settled(twin: Twin, x: Array) -> _Settled | None:
+    """The twin's minimum near X, by damped Newton steps; None where it is not found.
+
+    A step that nearly closes the gap to the dual is tried for a proof at once.
+    """
+    pulled = product(twin, twin.blocks, x)
+    cost, damping, rounding = float(np.vdot(pulled, x)), 0.0, _ROUNDING * twin_scale(twin, x)
     for _ in range(_STEPS):
-        gradient, hessian = _derivatives(twin, x)
+        multiplied = multipliers(twin, x, pulled)
+        gradient, hessian = _derivatives(twin, x, slope(x, pulled, multiplied), multiplied)
         while True:
-            step = newton_step(twin, symbolic, gradient, hessian, damping, _FLOOR)
-            trial = None if step is None else moved(x, step)
-            found = np.inf if trial is None else twin_cost(twin, trial)
-            if trial is not None and found <= cost + rounding:
-                break
+            step = newton_step(twin, gradient, hessian, damping, _FLOOR)
+            if step is not None:
+                trial = moved(x, step)
+                pulled = product(twin, twin.blocks, trial)
+                found = float(np.vdot(pulled, trial))
+                if found <= cost + rounding:
+                    break
             damping = max(1e-4, 10.0 * damping)
             if damping > _DAMPED_OUT:
                 return None
         undamped, gain = damping == 0.0, cost - found
         x, cost, damping = trial, found, damping / 10.0 if damping > 1e-4 else 0.0
-        if undamped and gain <= _SETTLED * cost:
-            return x
+        reached = _state(twin, x, cost, pulled)
+        if reached.proven or (undamped and gain <= _SETTLED * cost):
+            return reached
     return None
 
 
-def _derivatives(twin: Twin, x: Array) -> tuple[Array, Array]:
+def _state(twin: Twin, x: Array, cost: float, pulled: Array) -> _Settled:
+    multiplied = multipliers(twin, x, pulled)
+    dual = float(np.trace(multiplied, axis1=1, axis2=2).sum())
+    state = _Settled(multiplied, cost, dual, False)
+    near = abs(cost - dual) <= _EXACT * cost
+    return replace(state, proven=near and _is_positive(twin, state, _SLACK[0]))
+
+
+def _derivatives(twin: Twin, x: Array, slope: Array, multiplied: Array) -> tuple[Array, Array]:
     """Half the gradient (N, m) and half the Hessian's blocks (B, m, m) along the tangents."""
-    blocks = certificate_blocks(twin, multipliers(twin, x))
     bases = tangent_bases(x)
-    gradient = np.einsum("nkxp,nxp->nk", bases, product(twin, blocks, x))
-    return gradient, hessian_blocks(twin, blocks, bases)
+    gradient = np.einsum("nkxp,nxp->nk", bases, slope)
+    return gradient, hessian_blocks(twin, certificate_blocks(twin, multiplied), bases)
 
 
 def certainty_of(
-    system: System, poses: Array, converged: bool, certificate: Certificate | None
+    system: System, cost: float, converged: bool, certificate: Certificate | None
 ) -> str:
-    """A sentence about the minimum: what is proven, else what the residuals say."""
+    """A sentence about a minimum of this cost: what is proven, else what the residuals say."""
     if not converged:
         return "not converged: raise graph.iterations"
     parts = ["converged", proof_of(certificate)]
     freedom = system.dimension * len(system.tails) - system.size
     if freedom > 0:
-        ratio = float(edge_chi2(system, poses).sum()) / freedom
+        ratio = 2.0 * cost / freedom
         parts.append(f"squared sigmas are {ratio:.3g} times what the covariances predict")
     return "; ".join(parts)
 

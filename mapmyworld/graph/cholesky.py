@@ -19,10 +19,6 @@ from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array
 from mapmyworld.graph.elimination import Symbolic
 from mapmyworld.graph.pose_graph import Index
-from mapmyworld.kernels.elimination import add_update
-
-LARGE = 9000
-"""Unknowns from which this factorisation is faster than SuperLU's."""
 
 
 class NotPositiveDefiniteError(GraphError):
@@ -135,6 +131,8 @@ def factorise(symbolic: Symbolic, blocks: Array) -> Factors:
 
     Raises `NotPositiveDefiniteError` when it is not positive definite.
     """
+    from mapmyworld.kernels.elimination import add_update
+
     size = symbolic.size
     ordered = blocks[symbolic.block_order]
     ordered[symbolic.transposed] = np.swapaxes(ordered[symbolic.transposed], 1, 2)

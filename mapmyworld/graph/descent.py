@@ -2,26 +2,45 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from mapmyworld.geometry import Array
+from mapmyworld.graph.block_solver import Solver
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.linear_system import (
     Pattern,
-    Solver,
     damped,
     factorised,
     gradient_of,
     linearise,
     pattern_of,
 )
-from mapmyworld.graph.residuals import retract
-from mapmyworld.graph.system import System, edge_chi2
+from mapmyworld.graph.residuals import retract, squared_sigmas
+from mapmyworld.graph.system import System, residuals_of
 
 _STEPS = 20  # of Gauss-Newton at most
-_DAMPING = 1e-4  # share of the diagonal, at first
+_DAMPING = 1e-6  # share of the diagonal, at first
+_SLIGHT = 1e-8  # share up to which the next step is tried undamped
 _DAMPED_OUT = 1e8  # where no step helps any more
 _NOTHING = 1e-18  # cost of a graph without contradiction
 _NEAR = 0.1  # share of the cost gained by a step, below which its factors serve for the next ones
 _PACE = 0.1  # share of the last step's gain up to which they still do
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Point:
+    """Poses, and what they cost."""
+
+    poses: Array
+    residuals: Array
+    cost: float
+    """The sum of squared sigmas."""
+
+    @staticmethod
+    def of(system: System, poses: Array) -> _Point:
+        residuals = residuals_of(system, poses)
+        cost = float(squared_sigmas(residuals, system.information).sum())
+        return _Point(poses, residuals, cost)
 
 
 def relax(system: System, pattern: Pattern, poses: Array, weights: Array, steps: int) -> Array:
@@ -38,59 +57,54 @@ def settle(system: System, poses: Array, tolerance: float = 1e-3, steps: int = _
 
 
 def descend(system: System, poses: Array, tolerance: float, steps: int) -> tuple[Array, int, bool]:
-    """Poses at the nearby minimum, factorisations made, and whether it was reached.
+    """Poses at the nearby minimum, factorisations that led there, and whether it was reached.
 
     Levenberg-Marquardt that tries the full step first (Marquardt's scaling of the diagonal). Near
     the minimum the matrix hardly changes: further steps are made with the factors at hand.
     """
-    pattern, cost = pattern_of(system), _cost(system, poses)
+    pattern, point = pattern_of(system), _Point.of(system, poses)
     damping = 0.0
     for taken in range(1, steps + 1):
-        blocks, gradient = linearise(system, pattern, poses)
+        blocks, gradient = linearise(system, pattern, point.poses, residuals=point.residuals)
         while True:
-            try:
-                solver = factorised(pattern, damped(pattern, blocks, damping))
-                moved = _stepped(system, solver, poses, gradient)
-                found = _cost(system, moved)
-                if found <= cost:
+            solver = _factors(pattern, blocks, damping)
+            if solver is not None:
+                found = _Point.of(system, _stepped(system, solver, point.poses, gradient))
+                if found.cost <= point.cost:
                     break
-            except NotPositiveDefiniteError:  # the equations leave something undetermined
-                pass
             damping = max(_DAMPING, 10.0 * damping)
             if damping > _DAMPED_OUT:
-                return poses, taken, True
-        gain, poses, cost = cost - found, moved, found
-        if damping == 0.0 and gain < _NEAR * cost:
-            poses, cost, gain = _coasted(system, pattern, solver, poses, cost, gain, tolerance)
-        if gain <= tolerance * cost or cost < _NOTHING:
-            return poses, taken, True
-        damping = damping / 10.0 if damping > _DAMPING else 0.0
-    return poses, steps, False
+                return point.poses, taken, True
+        gain, point = point.cost - found.cost, found
+        if solver is not None and damping == 0.0 and gain < _NEAR * point.cost:
+            point, gain = _coasted(system, pattern, solver, point, gain, tolerance)
+        if gain <= tolerance * point.cost or point.cost < _NOTHING:
+            return point.poses, taken, True
+        damping = damping / 10.0 if damping > _SLIGHT else 0.0
+    return point.poses, steps, False
+
+
+def _factors(pattern: Pattern, blocks: Array, damping: float) -> Solver | None:
+    """None where the equations leave something undetermined."""
+    try:
+        return factorised(pattern, damped(pattern, blocks, damping))
+    except NotPositiveDefiniteError:
+        return None
 
 
 def _coasted(
-    system: System,
-    pattern: Pattern,
-    solver: Solver,
-    poses: Array,
-    cost: float,
-    gain: float,
-    tolerance: float,
-) -> tuple[Array, float, float]:
-    """Poses after more steps with the same factors, their cost, and what the last one gained."""
-    while gain > tolerance * cost and cost >= _NOTHING:
-        moved = _stepped(system, solver, poses, gradient_of(system, pattern, poses))
-        found = _cost(system, moved)
-        if not found <= cost:
+    system: System, pattern: Pattern, solver: Solver, point: _Point, gain: float, tolerance: float
+) -> tuple[_Point, float]:
+    """The point after more steps with the same factors, and what the last of them gained."""
+    while gain > tolerance * point.cost and point.cost >= _NOTHING:
+        gradient = gradient_of(system, pattern, point.poses, point.residuals)
+        found = _Point.of(system, _stepped(system, solver, point.poses, gradient))
+        if not found.cost <= point.cost:
             break
-        before, gain, poses, cost = gain, cost - found, moved, found
+        before, gain, point = gain, point.cost - found.cost, found
         if gain > _PACE * before:
             break
-    return poses, cost, gain
-
-
-def _cost(system: System, poses: Array) -> float:
-    return float(edge_chi2(system, poses).sum())
+    return point, gain
 
 
 def _stepped(system: System, solver: Solver, poses: Array, gradient: Array) -> Array:

@@ -11,11 +11,9 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from mapmyworld.geometry import Array
 from mapmyworld.graph.pose_graph import Index
-from mapmyworld.kernels.elimination import column_structures, gathered_columns
 
 # Nodes of a clique, and the share of zeros up to which it may be joined from smaller ones.
 _RELAXED = ((4, 1.0), (16, 0.6), (40, 0.2), (10**9, 0.05))
@@ -89,10 +87,10 @@ def links(count: int, tails: Index, heads: Index) -> tuple[Index, Index, Index]:
 
 def summed(slots: Index, values: Array, count: int) -> Array:
     """(count, ...) sums of the values (E, ...) that belong to the same slot."""
-    order = np.arange(len(slots) + 1)
-    gather = csr_array((np.ones(len(slots)), slots, order), shape=(len(slots), count))
-    flat = gather.T @ values.reshape(len(values), int(np.prod(values.shape[1:])))
-    return np.asarray(flat).reshape(count, *values.shape[1:])
+    width = int(np.prod(values.shape[1:]))
+    places = (slots[:, None] * width + np.arange(width)).ravel()
+    flat = np.bincount(places, values.ravel(), minlength=count * width)
+    return np.asarray(flat, np.float64).reshape(count, *values.shape[1:])
 
 
 def _dissected(count: int, rows: Index, columns: Index) -> Index:
@@ -140,6 +138,8 @@ class _Tree:
 
 @lru_cache(maxsize=_REMEMBERED)
 def _tree_of(count: int, row_bytes: bytes, column_bytes: bytes) -> _Tree:
+    from mapmyworld.kernels.elimination import column_structures, gathered_columns
+
     rows, columns = np.frombuffer(row_bytes, np.int64), np.frombuffer(column_bytes, np.int64)
     place = np.empty(count, np.int64)
     place[_dissected(count, rows, columns)] = np.arange(count)

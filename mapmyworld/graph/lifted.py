@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 from mapmyworld.geometry import Array, invert, matrix_to_planar, planar_to_matrix
-from mapmyworld.graph.elimination import Symbolic, analyse
 from mapmyworld.graph.newton import hessian_blocks, newton_step
 from mapmyworld.graph.pose_graph import components
 from mapmyworld.graph.starts import nearest_rotations
@@ -20,6 +19,7 @@ from mapmyworld.graph.twin import (
     certificate_blocks,
     multipliers,
     product,
+    slope,
     twin_cost,
     twin_of,
     twin_poses,
@@ -39,9 +39,7 @@ def lifted_start(system: System, poses: Array) -> Array:
     twin = twin_of(system, poses)
     size, p = twin.dimension, twin.dimension + _EXTRA
     x = _raised(twin_poses(system.planar, poses), p)
-    tangents = _bases(x[:1]).shape[1]
-    symbolic = analyse(len(x), twin.rows, twin.columns, tangents)
-    lowered = _lowered(_descended(twin, symbolic, x), twin)
+    lowered = _lowered(_descended(twin, x), twin)
     found = np.tile(np.eye(4), (len(x), 1, 1))
     found[:, :size, 3], found[:, :size, :size] = lowered[:, :, 0], lowered[:, :, 1:]
     full = planar_to_matrix(poses) if system.planar else poses
@@ -91,17 +89,18 @@ def _bases(x: Array) -> Array:
     return bases
 
 
-def _descended(twin: Twin, symbolic: Symbolic, x: Array) -> Array:
+def _descended(twin: Twin, x: Array) -> Array:
     """X near a minimum of the twin, by damped Newton steps."""
     cost, damping = twin_cost(twin, x), 1e-3
     for _ in range(_STEPS):
-        blocks = certificate_blocks(twin, multipliers(twin, x))
-        bases = _bases(x)
+        pulled = product(twin, twin.blocks, x)
+        multiplied = multipliers(twin, x, pulled)
+        blocks, bases = certificate_blocks(twin, multiplied), _bases(x)
         flat = bases.reshape(*bases.shape[:2], -1)
-        gradient = np.einsum("nka,na->nk", flat, product(twin, blocks, x).reshape(len(x), -1))
+        gradient = np.einsum("nka,na->nk", flat, slope(x, pulled, multiplied).reshape(len(x), -1))
         hessian = hessian_blocks(twin, blocks, bases)
         while True:
-            step = newton_step(twin, symbolic, gradient, hessian, damping, _FLOOR, _EXTRA)
+            step = newton_step(twin, gradient, hessian, damping, _FLOOR, _EXTRA)
             trial = x if step is None else _moved(x, bases, step)
             found = twin_cost(twin, trial)
             if step is not None and found <= cost:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mapmyworld.geometry import Array
-from mapmyworld.graph.cholesky import NotPositiveDefiniteError, factorise
-from mapmyworld.graph.elimination import Symbolic
+from mapmyworld.graph.block_solver import solver_of
+from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.twin import Twin
 
 
@@ -19,7 +19,6 @@ def hessian_blocks(twin: Twin, blocks: Array, bases: Array) -> Array:
 
 def newton_step(
     twin: Twin,
-    symbolic: Symbolic,
     gradient: Array,
     hessian: Array,
     damping: float,
@@ -42,6 +41,7 @@ def newton_step(
     right = -gradient
     right[twin.anchors] = 0.0
     try:
-        return np.asarray(factorise(symbolic, blocks).solve(right.ravel()).reshape(nodes, -1))
+        solver = solver_of(nodes, twin.rows, twin.columns, blocks, positive=True)
+        return np.asarray(solver.solve(right.ravel()).reshape(nodes, -1))
     except NotPositiveDefiniteError:
         return None

@@ -148,10 +148,10 @@ def _result(
     chi2[problem.order] = squares[: len(graph.edges)]
     good[problem.order] = accepted[: len(graph.edges)]
     places = poses[count:, :2] if graph.planar else poses[count:, :3, 3]
-    part = chosen_edges(problem.system, accepted)
+    part, cost = chosen_edges(problem.system, accepted), 0.5 * float(squares[accepted].sum())
     return OptimisedGraph(
         replace(graph, map_from_node=poses[: count - 1], landmarks=places),
-        0.5 * float(squares[accepted].sum()),
+        cost,
         best.start,
         costs,
         {descent.start: descent.cost for descent in followed},
@@ -161,5 +161,5 @@ def _result(
         good,
         problem.component,
         certificate,
-        certainty_of(part, poses, best.converged, certificate),
+        certainty_of(part, cost, best.converged, certificate),
     )

@@ -81,13 +81,16 @@ def lower_weights(planar: bool, information: Array, residuals: Array) -> tuple[A
     spin, length = residuals[:, turn], np.sum(residuals[:, shift] ** 2, axis=1)
     by_turn = np.einsum("ei,eij,ej->e", spin, rotation, spin)
     slight[:, shift, shift] = tau[:, None, None] * np.eye(slight[0, shift, shift].shape[0])
+    slight[:, turn, turn] = rotation
+    root = np.linalg.cholesky(slight)
+    covariance = np.swapaxes(root, 1, 2) @ np.linalg.inv(information) @ root
     worth, kept = np.full(len(tau), -1.0), np.zeros((2, len(tau)))
     for ratio in _RATIOS:
         if (worth >= _WHOLE * (by_turn + tau * length)).all():
             break  # nothing couples them: no other pair is worth more
-        slight[:, turn, turn] = ratio * rotation
-        root = np.linalg.inv(np.linalg.cholesky(slight))
-        share = np.linalg.eigvalsh(root @ information @ np.swapaxes(root, 1, 2))[:, 0]
+        scale = np.ones(information.shape[1])
+        scale[turn] = np.sqrt(ratio)
+        share = 1.0 / np.linalg.eigvalsh(scale[:, None] * covariance * scale)[:, -1]
         found = share * (ratio * by_turn + tau * length)
         kept = np.where(found > worth, np.stack([share * ratio, share]), kept)
         worth = np.maximum(found, worth)
@@ -129,7 +132,7 @@ def product(twin: Twin, blocks: Array, x: Array) -> Array:
 
 def twin_cost(twin: Twin, x: Array) -> float:
     """Trace(X M X'): twice what the twin costs at poses X."""
-    return float(np.einsum("nij,nij->", product(twin, twin.blocks, x), x))
+    return float(np.vdot(product(twin, twin.blocks, x), x))
 
 
 def twin_scale(twin: Twin, x: Array) -> float:
@@ -137,12 +140,22 @@ def twin_scale(twin: Twin, x: Array) -> float:
     return float(np.abs(product(twin, np.abs(twin.blocks), np.abs(x)) * x).sum())
 
 
-def multipliers(twin: Twin, x: Array) -> Array:
-    """(N, d, d) symmetric Lagrange multipliers of the rotations' orthogonality at poses X."""
-    there = np.swapaxes(x[:, :, 1:], 1, 2) @ product(twin, twin.blocks, x)[:, :, 1:]
+def multipliers(twin: Twin, x: Array, pulled: Array) -> Array:
+    """(N, d, d) symmetric Lagrange multipliers of the rotations' orthogonality at poses X.
+
+    `pulled` is X M.
+    """
+    there = np.swapaxes(x[:, :, 1:], 1, 2) @ pulled[:, :, 1:]
     there = 0.5 * (there + np.swapaxes(there, 1, 2))
     there[twin.points] = 0.0
     return there
+
+
+def slope(x: Array, pulled: Array, multiplied: Array) -> Array:
+    """X (M - Lambda), from X M; zero where X can cost no less nearby."""
+    found = pulled.copy()
+    found[:, :, 1:] -= x[:, :, 1:] @ multiplied
+    return found
 
 
 def certificate_blocks(twin: Twin, multiplied: Array) -> Array:

@@ -129,6 +129,24 @@ def test_a_camera_tilted_against_its_mount_is_measured() -> None:
     assert found.value == pytest.approx(4.0, abs=1.0)
 
 
+@pytest.mark.parametrize(("world", "compared"), [("corridor", False), ("hall", True)])
+@pytest.mark.slow
+def test_bare_walls_tell_nothing_of_the_wheels(world: str, compared: bool) -> None:
+    """Along a corridor a scan fits anywhere, and its steps say nothing of the odometry's scale."""
+    settings = SimulationSettings()
+    settings = replace(
+        settings,
+        camera=replace(settings.camera, enabled=False),
+        laser=replace(settings.laser, beams=271, noise=0.02),
+    )
+    made = simulate(find_world(world), seed=2, route="6,0", settings=settings)
+    log = MemoryLog(list(made.messages()))
+    plan = make_plan(survey_log(log), Config().sensing)
+    found = {finding.name: finding for finding in diagnose(log, plan, Config())}
+    assert ("odometry scale" in found) == compared
+    assert all(finding.good for finding in found.values())
+
+
 def mounted_elsewhere(frame: str, pose: Array) -> Change:
     """By tf the frame is shifted along its parent's axes, and turned about its own place."""
 

@@ -18,6 +18,7 @@ from mapmyworld.types import Frame
 _LEAST_OVERLAP = 0.6
 _STRAIGHT = 0.02  # rad of turn below which a step tells of distances
 _LEAST_STEP = 0.02  # m
+_TOLD = 0.1  # share of a match's information that lies along the way, for it to tell of distances
 _LEAST_WAY = 0.5  # m in all, from which the scale is worth a word
 _SCALE_OFF = 0.03  # share by which odometry may be wrong before it is worth a word
 
@@ -27,7 +28,7 @@ def laser_findings(sample: Sample, config: RegistrationConfig) -> Iterator[Findi
     pairs = [(a, b) for a, b in pairwise(sample.frames) if a.scan and b.scan]
     if not pairs:
         return
-    moves = _matched(pairs, config)
+    moves, told = _matched(pairs, config)
     good = np.isfinite(moves[:, 0])
     if not good.any():
         return
@@ -35,7 +36,8 @@ def laser_findings(sample: Sample, config: RegistrationConfig) -> Iterator[Findi
     starts = np.array([a.stamp_ns - first_ns for a, _ in pairs])[good] * 1e-9
     ends = np.array([b.stamp_ns - first_ns for _, b in pairs])[good] * 1e-9
     turns = moves[good, 2]
-    yield from distance_scale(_odometry_steps(pairs)[good], moves[good])
+    sure = good & (told > _TOLD)
+    yield from distance_scale(_odometry_steps(pairs)[sure], moves[sure])
     clock = odometry_yaw(sample.plan, first_ns)
     if clock is not None:
         yield from _some(time_offset(("laser", "odometry"), starts, ends, turns, clock))
@@ -49,11 +51,14 @@ def _some(finding: Finding | None) -> Iterator[Finding]:
         yield finding
 
 
-def _matched(pairs: list[tuple[Frame, Frame]], config: RegistrationConfig) -> Array:
-    """Motions (N, 3) by scan matching; NaN where the scans do not overlap enough."""
+def _matched(pairs: list[tuple[Frame, Frame]], config: RegistrationConfig) -> tuple[Array, Array]:
+    """Motions (N, 3) by scan matching, and what it tells along the way (N,), see `_told_along`.
+
+    NaN where the scans do not overlap enough.
+    """
     scans = [pair[0].scan for pair in pairs] + [pairs[-1][1].scan]
     prepared = prepare_scans([scan for scan in scans if scan is not None], config)
-    moves = np.full((len(pairs), 3), np.nan)
+    moves, told = np.full((len(pairs), 3), np.nan), np.zeros(len(pairs))
     guess = np.zeros(3)
     for i, (before, now) in enumerate(pairs):
         if before.odom_from_base is not None and now.odom_from_base is not None:
@@ -64,7 +69,21 @@ def _matched(pairs: list[tuple[Frame, Frame]], config: RegistrationConfig) -> Ar
         )
         if match.overlap > _LEAST_OVERLAP:
             moves[i] = guess = match.pose
-    return moves
+            told[i] = _told_along(match.pose[:2], match.information)
+    return moves, told
+
+
+def _told_along(way: Array, information: Array) -> float:
+    """Share of all that a match tells of the place which it tells along the way.
+
+    Between bare walls it is next to nothing, and the scan stays where noise puts it.
+    """
+    length, whole = float(np.hypot(*way)), float(information[0, 0] + information[1, 1])
+    if length < 1e-6 or whole <= 0.0:
+        return 0.0
+    spread = np.linalg.inv(information + 1e-9 * whole * np.eye(3))[:2, :2]
+    along = way / length
+    return float(1.0 / max(float(along @ spread @ along) * whole, 1.0))
 
 
 def _odometry_steps(pairs: list[tuple[Frame, Frame]]) -> Array:

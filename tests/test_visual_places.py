@@ -226,3 +226,32 @@ def test_results_do_not_depend_on_the_number_of_threads() -> None:
         found = find_visual_closures(store, None, replace(CONFIG, threads=threads), Silent())
         runs.append([(c.from_id, c.to_id, c.reason, c.from_from_to.tobytes()) for c in found])
     assert runs[0] == runs[1]
+
+
+def neighbours(tracked: list[Array], blind_after: int | None) -> list[Constraint]:
+    """Steps of a tracker that knows them to millimetres, but for one through the dark."""
+    found = []
+    for i, (a, b) in enumerate(pairwise(tracked)):
+        sigma = 0.5 if i == blind_after else 0.003
+        information = np.eye(6) / sigma**2
+        found.append(
+            Constraint(
+                i + 1, i + 2, ConstraintKind.NEIGHBOUR, between(a, b), information, True, "", {}
+            )
+        )
+    return found
+
+
+def test_places_are_recognised_again_across_a_stretch_that_says_it_was_blind() -> None:
+    truth = circle((3.0, 2.5), 1.0, 40, 1.6)
+    turn = se3_exp(np.array([0.0, 0.0, 0.9, 0.2, 0.1, 0.0]))
+    tracked = truth[:25] + [truth[25] @ turn @ between(truth[25], pose) for pose in truth[25:]]
+    across = []
+    for blind_after in (24, None):
+        store = store_of(Room(), truth, tracked, 1.0)
+        store.add_constraints(neighbours(tracked, blind_after))
+        found = find_visual_closures(store, None, CONFIG, Silent())
+        across.append([c for c in found if c.accepted and c.from_id <= 25 < c.to_id])
+    assert len(across[0]) >= 5
+    assert max(translation_errors(across[0], truth)) < 0.1
+    assert across[1] == []

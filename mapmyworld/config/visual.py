@@ -8,7 +8,7 @@ from dataclasses import dataclass
 @dataclass(frozen=True, slots=True)
 class VisualConfig:
     cloud_voxel: float = 0.02  # m, edge of the cloud's voxels
-    cloud_spacing: float = 0.2  # m or rad between the nodes whose images make the cloud
+    cloud_spacing: float = 0.25  # m or rad between the nodes whose images make the cloud
     cloud_stride: int = 4  # pixels of the full image between neighbouring points of a view
     depth_min: float = 0.1  # m, nearer depth is ignored
     cloud_range: float = 5.0  # m, farther depth is not mapped

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import between, rotation_angle
-from mapmyworld.types import Node
+from mapmyworld.types import Constraint, ConstraintKind, Node
 
 Array = NDArray[np.float64]
 _BASE_TRANSLATION = 0.05  # m that a closure may be off without any drift
@@ -17,15 +17,22 @@ _BASE_ROTATION = 0.03  # rad
 
 
 class Drift:
-    """Expected error of the tracked motion between any two nodes of a session."""
+    """Expected error of the tracked motion between any two nodes of a session.
 
-    def __init__(self, nodes: Sequence[Node], config: Config) -> None:
+    Grown by path and turn; but where the neighbour constraints say themselves that they know less,
+    as those of a camera that was blind, they are believed.
+    """
+
+    def __init__(
+        self, nodes: Sequence[Node], config: Config, constraints: Sequence[Constraint] = ()
+    ) -> None:
         self._settings = config.visual
         self._poses = np.stack([node.tracked_from_base for node in nodes])
         self._sessions = np.array([node.session for node in nodes])
         steps = between(self._poses[:-1], self._poses[1:])
         self._path = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps[:, :3, 3], axis=1))])
         self._turn = np.concatenate([[0.0], np.cumsum(rotation_angle(steps))])
+        self._stated = _stated_variances(nodes, constraints)
 
     def sigmas(self, i: int, j: int) -> tuple[float, float]:
         """Standard deviations (m, rad) of the tracked motion from node index i to j."""
@@ -34,8 +41,10 @@ class Drift:
         rotation = _BASE_ROTATION + settings.drift_rotation * np.sqrt(path)
         rotation += settings.drift_turn * np.sqrt(turn)
         lever = min(path / 4.0, 10.0)
+        stated = np.sqrt(np.abs(self._stated[i] - self._stated[j]))
+        rotation = max(rotation, stated[0])
         translation = _BASE_TRANSLATION + settings.drift_translation * path + rotation * lever
-        return float(translation), float(rotation)
+        return float(max(translation, stated[1])), float(rotation)
 
     def comparable(self, i: int, j: int) -> bool:
         return bool(self._sessions[i] == self._sessions[j])
@@ -56,3 +65,18 @@ class Drift:
     def tracked(self, i: int, j: int) -> Array:
         """i_from_j (4, 4) by tracking."""
         return between(self._poses[i], self._poses[j])
+
+
+def _stated_variances(nodes: Sequence[Node], constraints: Sequence[Constraint]) -> Array:
+    """(N, 2) rad^2 and m^2 that the neighbour constraints up to each node sum up to."""
+    steps = [c for c in constraints if c.kind is ConstraintKind.NEIGHBOUR]
+    if not steps:
+        return np.zeros((len(nodes), 2))
+    ends = np.array([max(c.from_id, c.to_id) for c in steps])
+    information = np.stack([c.information for c in steps])
+    covariance = np.linalg.inv(information + 1e-9 * np.eye(6))
+    largest = [np.linalg.eigvalsh(covariance[:, k : k + 3, k : k + 3])[:, -1] for k in (0, 3)]
+    order = np.argsort(ends, kind="stable")
+    total = np.cumsum(np.stack(largest, axis=1)[order], axis=0)
+    known = np.searchsorted(ends[order], [node.id for node in nodes], "right")
+    return np.concatenate([np.zeros((1, 2)), total])[known]

@@ -57,7 +57,8 @@ def find_visual_closures(
     known = _pairs(store.constraints())
     ids = [images.nodes[n].id for n in images.node_of]
     fresh = [p for p in proposals if (ids[p.index], ids[p.other]) not in known]
-    return _judge(images, _verify(images, fresh, config, progress), config)
+    drift = Drift(images.nodes, config, store.constraints())
+    return _judge(images, _verify(images, fresh, config, progress), drift, config)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,9 +106,10 @@ def _loaded(
             yield proposal, later, earlier
 
 
-def _judge(images: NodeImages, verified: Sequence[_Verified], config: Config) -> list[Constraint]:
+def _judge(
+    images: NodeImages, verified: Sequence[_Verified], drift: Drift, config: Config
+) -> list[Constraint]:
     """Constraints with their verdicts: geometry, drift of the tracked poses, ambiguity."""
-    drift = Drift(images.nodes, config)
     gate = config.visual.closure_gate
     aliases: dict[int, float] = defaultdict(lambda: np.inf)
     reasons: list[str] = []

@@ -67,19 +67,27 @@ class Renderer:
     def render(self, world_from_optical: NDArray[np.float64]) -> View:
         """What the camera sees from there."""
         ways = self._rays @ world_from_optical[:3, :3].T.astype(np.float32)
+        place = world_from_optical[:3, 3].astype(np.float32)
+        return self.cast(place, ways, (self._height, self._width))
+
+    def cast(
+        self, origins: NDArray[np.floating], ways: NDArray[np.floating], shape: tuple[int, int]
+    ) -> View:
+        """What rays (P, 3) from origins (3,) or (P, 3) meet; `shape` is that of the view.
+
+        Rays have length one along the optical axis, so that the distance to the hit is the depth.
+        """
         rays = np.empty((len(ways), 6), np.float32)
-        rays[:, :3], rays[:, 3:] = world_from_optical[:3, 3], ways
+        rays[:, :3], rays[:, 3:] = origins, ways
         met = self._caster.cast_rays(self._tensor(rays))
-        # Rays have length one along the optical axis, so the hit distance is the depth.
         depth: NDArray[np.float32] = met["t_hit"].numpy()
         triangle: NDArray[np.uint32] = met["primitive_ids"].numpy()
         inside = np.where(np.isfinite(depth), triangle, 0)
-        length = np.linalg.norm(ways, axis=1)
-        slant = np.abs(np.einsum("ij,ij->i", self._normals[inside], ways)) / length
+        length = np.linalg.norm(rays[:, 3:], axis=1)
+        slant = np.abs(np.einsum("ij,ij->i", self._normals[inside], rays[:, 3:])) / length
         colour = np.empty((len(ways), 3), np.uint8)
         uv = met["primitive_uvs"].numpy()
         self._paint.fill(inside, uv, depth, slant, self._pixel_angle, colour)
-        shape = (self._height, self._width)
         return View(colour.reshape(*shape, 3), depth.reshape(shape), slant.reshape(shape))
 
 

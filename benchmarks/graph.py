@@ -157,7 +157,7 @@ def _factors(graph: PoseGraph) -> Any:
     return factors
 
 
-def robust(names: list[str], seeds: int, groups: list[int]) -> None:
+def robust(names: list[str], seeds: int, shares: list[float], groups: list[int]) -> None:
     print(
         f"{'graph':<12}{'false':>7}{'group':>6}{'seed':>5}{'added':>7}{'kept false':>11}"
         f"{'kept true':>10}{'cost, all':>11}{'cost, kept':>11}{'CPU s':>7}"
@@ -165,8 +165,8 @@ def robust(names: list[str], seeds: int, groups: list[int]) -> None:
     for name in names:
         graph = read_graph(DATA / f"{name}.g2o").graph
         clean = optimise(graph, GraphConfig(certify=False))
-        for share, group in ((0.1, 1), (0.3, 1), (0.5, 1), *((0.1, size) for size in groups)):
-            for seed in range(seeds if group == 1 else 1):
+        for share, group in (*((share, 1) for share in shares), *((0.1, size) for size in groups)):
+            for seed in range(seeds):
                 _robust_row(name, graph, clean.squared_sigmas, share, group, seed)
 
 
@@ -230,13 +230,15 @@ def main() -> None:
     parser.add_argument("table", choices=["graphs", "robust", "made", "scale", "marginals"])
     parser.add_argument("--graphs", nargs="*", default=None)
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--shares", type=float, nargs="*", default=[0.1, 0.3, 0.5])
     parser.add_argument("--groups", type=int, nargs="*", default=[2, 3, 5, 10])
     parser.add_argument("--sizes", type=int, nargs="*", default=None)
     chosen = parser.parse_args()
     if chosen.table == "graphs":
         graphs(chosen.graphs or list(OPTIMA))
     elif chosen.table == "robust":
-        robust(chosen.graphs or ["manhattan", "intel", "sphere2500"], chosen.seeds, chosen.groups)
+        names = chosen.graphs or ["manhattan", "intel", "sphere2500"]
+        robust(names, chosen.seeds, chosen.shares, chosen.groups)
     elif chosen.table == "made":
         made(chosen.graphs or list(KINDS), list(range(11, 11 + chosen.seeds)))
     elif chosen.table == "scale":

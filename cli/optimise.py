@@ -15,6 +15,8 @@ from cli.settings import config_options, load_config
 from mapmyworld.errors import GraphError
 
 if TYPE_CHECKING:
+    from mapmyworld.config.graph import GraphConfig
+    from mapmyworld.graph.optimise import OptimisedGraph
     from mapmyworld.types.pose_graph import PoseGraph
 
 _TEXT_GRAPHS = {".g2o", ".graph", ".toro", ".txt"}
@@ -57,19 +59,54 @@ def optimise(
 
     started = time.perf_counter()
     graph, problems, notes = load_graph(path)
-    read_seconds = time.perf_counter() - started
+    seconds = {"read": time.perf_counter() - started}
     if len(graph) == 0:
         raise GraphError(f"{path}: the graph has no nodes: nothing to optimise")
+    solved = _timed(graph, robust, config, seconds)
+    losses = [*problems, *_told_of_parts(solved)]
+    output = output or path.with_name(f"{path.stem}_optimised.g2o")
+    _write(output, path, graph, solved, losses)
+    facts = {
+        "file": str(path),
+        **_facts(graph, solved),
+        "problems": problems,
+        "notes": notes,
+        "seconds": seconds,
+        "output": str(output),
+    }
+    if image is not None:
+        draw(image, solved.graph, solved.accepted)
+    show_json(facts) if style == "json" else click.echo("\n".join(_lines(facts)))
+    for problem in problems:
+        click.echo(f"mapmyworld: {path}: {problem}", err=True)
+    if losses:
+        sys.exit(EXIT_PARTIAL)
+
+
+def _timed(
+    graph: PoseGraph, robust: bool, config: GraphConfig, seconds: dict[str, float]
+) -> OptimisedGraph:
+    """The solved graph; notes how long importing and solving took."""
     started = time.perf_counter()
     from mapmyworld.graph.optimise import optimise as optimise_graph
     from mapmyworld.graph.optimise import optimise_robustly
-    from mapmyworld.graph.pose_graph import told_of_parts
 
-    import_seconds = time.perf_counter() - started
+    seconds["import"] = time.perf_counter() - started
     started = time.perf_counter()
     solved = optimise_robustly(graph, config) if robust else optimise_graph(graph, config)
-    facts: dict[str, Any] = {
-        "file": str(path),
+    seconds["optimise"] = time.perf_counter() - started
+    return solved
+
+
+def _told_of_parts(solved: OptimisedGraph) -> list[str]:
+    from mapmyworld.graph.pose_graph import told_of_parts
+
+    return told_of_parts(solved.component)
+
+
+def _facts(graph: PoseGraph, solved: OptimisedGraph) -> dict[str, Any]:
+    ends = zip(graph.edges.from_ids, graph.edges.to_ids, solved.accepted, strict=True)
+    return {
         "nodes": len(graph),
         "edges": len(graph.edges),
         "landmarks": len(graph.landmark_ids),
@@ -82,23 +119,14 @@ def optimise(
         "certainty": solved.certainty,
         "certificate": None if solved.certificate is None else asdict(solved.certificate),
         "parts": int(solved.component.max()) + 1,
-        "rejected": [
-            [int(a), int(b)]
-            for a, b, good in zip(
-                graph.edges.from_ids, graph.edges.to_ids, solved.accepted, strict=True
-            )
-            if not good
-        ],
-        "problems": problems,
-        "notes": notes,
-        "seconds": {
-            "read": read_seconds,
-            "import": import_seconds,
-            "optimise": time.perf_counter() - started,
-        },
+        "rejected": [[int(a), int(b)] for a, b, good in ends if not good],
     }
-    output = output or path.with_name(f"{path.stem}_optimised.g2o")
-    losses = [*problems, *told_of_parts(solved.component)]
+
+
+def _write(
+    output: Path, path: Path, graph: PoseGraph, solved: OptimisedGraph, losses: list[str]
+) -> None:
+    """The solved graph of `path` as a map or as g2o, as the name's ending says."""
     if output.suffix == ".db":
         from cli.optimise_map import write_map
 
@@ -107,14 +135,6 @@ def optimise(
         from formats.pose_graph import write_graph
 
         write_graph(output, solved.graph)
-    facts["output"] = str(output)
-    if image is not None:
-        draw(image, solved.graph, solved.accepted)
-    show_json(facts) if style == "json" else click.echo("\n".join(_lines(facts)))
-    for problem in problems:
-        click.echo(f"mapmyworld: {path}: {problem}", err=True)
-    if losses:
-        sys.exit(EXIT_PARTIAL)
 
 
 def load_graph(path: Path) -> tuple[PoseGraph, list[str], list[str]]:
@@ -196,5 +216,6 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         lines.insert(1, f"connected   NO: {facts['parts']} parts, each with its own anchor")
     if facts["rejected"]:
         shown = ", ".join(f"{a}-{b}" for a, b in facts["rejected"][:10])
-        lines.append(f"rejected    {len(facts['rejected'])} edges: {shown} ...")
+        more = ", ..." if len(facts["rejected"]) > 10 else ""
+        lines.append(f"rejected    {len(facts['rejected'])} edges: {shown}{more}")
     return lines + [f"note        {note}" for note in facts["notes"]]

@@ -22,7 +22,7 @@ from formats.pose_graph import read_graph
 from formats.report.graph_picture import draw_graph
 from mapmyworld.errors import MapError
 from mapmyworld.graph.solve import solve
-from mapmyworld.types import ConstraintKind, Poses
+from mapmyworld.types import Constraint, ConstraintKind, Poses
 from tests.test_graph_solve import false_closures, noisy_constraints, square_walk
 
 SQUARE = """\
@@ -130,6 +130,17 @@ def test_the_picture_shows_the_path_in_blue_and_closures_in_red():
     blue, green, red = np.moveaxis(picture, -1, 0)
     assert ((blue > red + 100) & (blue > green + 50)).sum() > 2000
     assert picture.shape[0] == pytest.approx(picture.shape[1], rel=0.05)
+
+
+def test_the_legend_shows_rejected_closures_as_they_are_drawn():
+    truth = square_walk(rounds=2)
+    ids, closure = np.arange(1, 81), ConstraintKind.LOOP_CLOSURE
+    red = {}
+    for accepted in (True, False):
+        made = Constraint(1, 21, closure, np.eye(4), np.eye(6), accepted=accepted)
+        legend = draw_graph(Poses(ids, truth), [made])[:60, :50].astype(int)
+        red[accepted] = (legend[..., 2] > legend[..., 0] + 100).sum()
+    assert 0 < red[False] < 0.8 * red[True]  # dotted, and in the colour of its kind
 
 
 def test_a_solved_graph_is_written_as_a_map_and_read_again(tmp_path):

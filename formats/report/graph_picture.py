@@ -26,7 +26,6 @@ _WORDS = {
     ConstraintKind.LANDMARK: "landmark",
     ConstraintKind.USER: "by hand",
 }
-_INK = (60, 60, 60)
 
 
 def draw_graph(
@@ -39,14 +38,14 @@ def draw_graph(
     view = _View(poses, grid, landmarks)
     picture = view.background(grid)
     at = dict(zip(poses.ids.tolist(), view.pixels(poses.map_from_node[:, :2, 3]), strict=True))
-    drawn: set[ConstraintKind] = set()
+    drawn: set[tuple[ConstraintKind, bool]] = set()
     for accepted in (False, True):
         for c in constraints:
             if c.accepted is not accepted or c.from_id not in at or c.to_id not in at:
                 continue
             if c.from_id != c.to_id and c.kind != ConstraintKind.NEIGHBOUR:
                 _line(picture, at[c.from_id], at[c.to_id], _COLOURS[c.kind], dotted=not accepted)
-                drawn.add(c.kind)
+                drawn.add((c.kind, accepted))
     for c in constraints:
         if c.kind == ConstraintKind.NEIGHBOUR and c.accepted and {c.from_id, c.to_id} <= set(at):
             _line(picture, at[c.from_id], at[c.to_id], _COLOURS[c.kind], width=2)
@@ -54,8 +53,7 @@ def draw_graph(
         for point in view.pixels(landmarks):
             cv2.circle(picture, _rounded(point), 4, (30, 130, 30), -1, cv2.LINE_AA)
     _axes(picture, view, poses)
-    rejected = any(not c.accepted for c in constraints)
-    _legend(picture, view, drawn, rejected, landmarks is not None)
+    _legend(picture, view, drawn, landmarks is not None)
     return picture
 
 
@@ -153,20 +151,22 @@ def _axes(picture: NDArray[np.uint8], view: _View, poses: Poses) -> None:
 def _legend(
     picture: NDArray[np.uint8],
     view: _View,
-    drawn: set[ConstraintKind],
-    rejected: bool,
+    drawn: set[tuple[ConstraintKind, bool]],
     landmarks: bool,
 ) -> None:
-    known = [kind for kind in _WORDS if kind in drawn or kind == ConstraintKind.NEIGHBOUR]
-    others = sorted(drawn - _WORDS.keys())
-    words = _WORDS | {kind: kind.replace("_", " ") for kind in others}
-    rows = [(words[kind], _COLOURS[kind], False) for kind in known + others]
-    if rejected:
-        rows.append(("dotted: rejected", _INK, True))
+    """What each line means, as it is drawn; the path first, then every kind, accepted and not."""
+    kinds = [*_WORDS, *sorted({kind for kind, _ in drawn} - _WORDS.keys())]
+    rows = []
+    for kind in kinds:
+        word = _WORDS.get(kind, kind.replace("_", " "))
+        if kind == ConstraintKind.NEIGHBOUR or (kind, True) in drawn:
+            rows.append((word, _COLOURS[kind], False))
+        if (kind, False) in drawn:
+            rows.append((f"{word}, rejected", _COLOURS[kind], True))
     if landmarks:
         rows.append(("landmark", (30, 130, 30), False))
     metres = _round_length(min(0.2 * view.width, 100.0) / view.scale)
-    cv2.rectangle(picture, (6, 6), (190, 34 + 22 * len(rows)), (255, 255, 255), -1)
+    cv2.rectangle(picture, (6, 6), (230, 34 + 22 * len(rows)), (255, 255, 255), -1)
     for n, (word, colour, dotted) in enumerate(rows):
         y = 20.0 + 22 * n
         _line(picture, np.array([14.0, y]), np.array([46.0, y]), colour, dotted=dotted, width=2)

@@ -19,5 +19,8 @@ class SensingConfig:
     frame_tolerance: float = 0.05  # s between the sensors of one frame
     node_distance: float = 0.1  # m of motion that makes a new node
     node_angle: float = 0.1  # rad of rotation that makes a new node
+    cloud_lowest: float = 0.2  # m above the base: the slice of a 3D lidar's points that is a scan
+    cloud_highest: float = 2.0  # m above the base, of the same slice
+    cloud_nearest: float = 0.5  # m from a 3D lidar within which its points are the robot itself
     use_scans: bool = True  # whether laser scans are used
     use_images: bool = True  # whether camera images are used

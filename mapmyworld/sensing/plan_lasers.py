@@ -1,4 +1,4 @@
-"""The part of the plan that chooses the laser scan."""
+"""The part of the plan that chooses the laser scan, or the 3D lidar whose slice serves as one."""
 
 from __future__ import annotations
 
@@ -7,16 +7,19 @@ from numpy.typing import NDArray
 
 from mapmyworld.errors import ConfigError
 from mapmyworld.geometry import make_transform, roll_pitch_yaw_to_rotation
+from mapmyworld.sensing.cloud_scans import scan_from_cloud, view_of
 from mapmyworld.sensing.plan import Draft, ScanSource
 from mapmyworld.sensing.survey import Stream
 from mapmyworld.sensing.transforms import frame_name
-from mapmyworld.types import LaserScanMessage, MessageKind
+from mapmyworld.types import LaserScanMessage, MessageKind, PointCloudMessage
 
 _TILTED = 0.17  # rad from level beyond which a laser does not see walls as walls
+_NARROW = 2.0  # rad that clouds show at least where they are a lidar's and not a camera's
+_AFTER_SCANS = 1e-4  # weight of clouds: any usable laser comes first
 
 
 def choose_scan(draft: Draft, base: str) -> ScanSource | None:
-    """The planar laser with the widest view and the most returns; None without one."""
+    """The planar laser with the widest view and the most returns, else a 3D lidar; or None."""
     if not draft.config.use_scans:
         draft.decide("scan", "", "switched off by sensing.use_scans")
         return None
@@ -27,7 +30,7 @@ def choose_scan(draft: Draft, base: str) -> ScanSource | None:
     ranked = [item for item in ranked if item[0] > 0] or ranked
     if not ranked or ranked[0][0] <= 0:
         draft.problems += [f"{stream.topic}: {why}" for _, why, stream in ranked]
-        draft.problems += [] if ranked else ["no laser scan topic in the log"]
+        draft.problems += [] if ranked else ["no laser scan topic and no 3D lidar in the log"]
         draft.decide("scan", "", ranked[0][1] if ranked else "no laser scan in the log")
         return None
     _, why, stream = ranked[0]
@@ -38,6 +41,7 @@ def choose_scan(draft: Draft, base: str) -> ScanSource | None:
 
 def _streams(draft: Draft) -> list[Stream]:
     streams = draft.survey.of_kind(MessageKind.LASER_SCAN)
+    streams += draft.survey.of_kind(MessageKind.POINT_CLOUD)
     wanted = draft.config.scan_topic
     if wanted and wanted not in {s.topic for s in streams}:
         known = ", ".join(s.topic for s in streams) or "none"
@@ -46,6 +50,8 @@ def _streams(draft: Draft) -> list[Stream]:
 
 
 def _judge(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
+    if stream.kind is MessageKind.POINT_CLOUD:
+        return _judge_clouds(draft, stream, base)
     scans = [m for m in stream.samples if isinstance(m, LaserScanMessage)]
     if not scans:
         return 0.0, "none of its messages can be decoded"
@@ -63,6 +69,22 @@ def _judge(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
     if not returns:
         return 0.01, f"{why}; not one usable range in the sample"
     return field * min(stream.frequency, 10.0) * (0.2 + returns) * (0.5 if assumed else 1.0), why
+
+
+def _judge_clouds(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
+    """A 3D lidar, after every laser; a camera's points are none, its images serve better."""
+    clouds = [m for m in stream.samples if isinstance(m, PointCloudMessage) and len(m.points)]
+    if not clouds:
+        return 0.0, "none of its messages holds a point"
+    mount, assumed = mount_of(draft, base, clouds[0].frame_id, "scan")
+    view = float(np.median([view_of(scan_from_cloud(m, mount, draft.config)) for m in clouds]))
+    why = (
+        f"{stream.count} clouds at {stream.frequency:.1f} Hz; between sensing.cloud_lowest and "
+        f"cloud_highest they show {np.degrees(view):.0f} deg"
+    )
+    if view < _NARROW:
+        return 0.0, f"{why}: too narrow for a lidar's scan"
+    return _AFTER_SCANS * view * min(stream.frequency, 10.0) * (0.5 if assumed else 1.0), why
 
 
 def valid_ranges(scan: LaserScanMessage) -> NDArray[np.bool_]:
@@ -106,14 +128,19 @@ def parse_mount(text: str, name: str) -> NDArray[np.float64]:
 
 
 def _source(draft: Draft, stream: Stream, base: str) -> ScanSource:
-    scan = next(m for m in stream.samples if isinstance(m, LaserScanMessage))
+    scan = next(m for m in stream.samples if isinstance(m, LaserScanMessage | PointCloudMessage))
     mount, assumed = mount_of(draft, base, scan.frame_id, "scan")
     if assumed:
         draft.losses.append(
             f"no transform from {base} to {frame_name(scan.frame_id) or 'the laser'}: the laser is "
             'taken to sit at the base; set sensing.scan_mount = "x y z roll pitch yaw"'
         )
-    if scan.time_increment == 0:
+    if isinstance(scan, PointCloudMessage):
+        draft.warnings.append(
+            f"{stream.topic}: 3D points serve as scans, cut at the heights of sensing.cloud_lowest "
+            "and cloud_highest; they are not corrected for the robot's motion"
+        )
+    elif scan.time_increment == 0:
         draft.warnings.append(
             f"{stream.topic} does not say when each beam was taken (time_increment 0): sweeps are "
             "not corrected for the robot's motion"

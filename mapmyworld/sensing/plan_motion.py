@@ -42,7 +42,12 @@ def choose_base(draft: Draft) -> str:
 
 def sensor_frames(draft: Draft) -> set[str]:
     """Frames of all lasers and cameras in the log."""
-    kinds = (MessageKind.LASER_SCAN, MessageKind.CAMERA_INFO, MessageKind.IMAGE)
+    kinds = (
+        MessageKind.LASER_SCAN,
+        MessageKind.CAMERA_INFO,
+        MessageKind.IMAGE,
+        MessageKind.POINT_CLOUD,
+    )
     return {
         frame_name(sample.frame_id)
         for kind in kinds

@@ -13,6 +13,7 @@ from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
 from mapmyworld.geometry import quaternion_to_rotation, rotation_to_quaternion
 from mapmyworld.sensing.camera_queue import CameraQueue, Pending
+from mapmyworld.sensing.cloud_scans import scan_from_cloud
 from mapmyworld.sensing.plan import Plan
 from mapmyworld.sensing.surroundings import Surroundings
 from mapmyworld.sensing.sweeps import scan_from_message
@@ -22,6 +23,7 @@ from mapmyworld.types import (
     ImuSample,
     LaserScanMessage,
     LogSource,
+    PointCloudMessage,
     PoseMessage,
     RawMessage,
     RgbdImage,
@@ -158,15 +160,19 @@ class _Synchroniser:
     def _observations(self, main: Pending) -> tuple[Scan | None, RgbdImage | None]:
         if self.plan.scan is None:
             return None, self._main_image(main)
-        message = main.raw.decode()
-        assert isinstance(message, LaserScanMessage)
-        odometry = self.plan.odometry
-        motion = odometry.motion if odometry else None
-        if self.plan.use_log_time:
-            message = replace(message, stamp_ns=main.stamp_ns)
-        scan = scan_from_message(message, self.plan.scan.base_from_lidar, motion)
+        scan = self._scan(main, self.plan.scan.base_from_lidar)
         near = [self._image_near(c, main.stamp_ns) for c in self.cameras[:1]]
         return scan, near[0] if near else None
+
+    def _scan(self, main: Pending, base_from_lidar: NDArray[np.float64]) -> Scan:
+        message = main.raw.decode()
+        if isinstance(message, PointCloudMessage):
+            return scan_from_cloud(message, base_from_lidar, self.config)
+        assert isinstance(message, LaserScanMessage)
+        odometry = self.plan.odometry
+        if self.plan.use_log_time:
+            message = replace(message, stamp_ns=main.stamp_ns)
+        return scan_from_message(message, base_from_lidar, odometry.motion if odometry else None)
 
     def _main_image(self, main: Pending) -> RgbdImage | None:
         """The image that a frame begins with; colour alone where only images tell the motion."""

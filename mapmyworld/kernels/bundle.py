@@ -29,6 +29,8 @@ def bundle_normal_equations(
 
     Cameras (K, 4, 4) are map_from_camera, perturbed on the right, rotation first. Blocks:
     (K, 6, 6), (K, 6), (P, 3, 3), (P, 3), and (M, 6, 3) for each of the M observations.
+    An observation is linearised as in `pose_normal_equations`, written out here as well: as a
+    function of its own, shared by both loops, it takes 1.6 times as long.
     """
     camera_blocks[:] = 0.0
     camera_gradients[:] = 0.0

@@ -25,7 +25,8 @@ class GraphTables(Transactions):
 
     def add_constraints(self, constraints: Sequence[Constraint]) -> None:
         self._begin()
-        self._constraints = None
+        if self._constraints is not None:
+            self._constraints += tuple(constraints)
         ranked = [(constraint, self._current_rank()) for constraint in constraints]
         self._db.later(links.INSERT_CONSTRAINT, ranked, links.constraint_rows)
         self._db.later(links.INSERT_LINK, constraints, links.link_rows)
@@ -40,7 +41,7 @@ class GraphTables(Transactions):
         self._db.run_many(links.INSERT_CONSTRAINT, links.constraint_rows(ranked))
         mark = "INSERT OR REPLACE INTO mapmyworld_keys VALUES (?,?,'true')"
         self._db.run(mark, (REPLACED, rank))
-        self._constraints = None
+        self._constraints = tuple(constraints)
         self._rewrite_links()
         self._solved_anew = True
         self._settle()

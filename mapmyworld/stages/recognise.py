@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.heap import give_back
 from mapmyworld.types import Constraint, MapStore, Poses, Progress
 
 if TYPE_CHECKING:
@@ -35,7 +36,9 @@ def scan_loader(store: MapStore, config: Config) -> LoadScans:
             return None
         from mapmyworld.places.laser_nodes import load_node_scans
 
-        return load_node_scans(store, config)
+        loaded = load_node_scans(store, config)
+        give_back()
+        return loaded
 
     return functools.cache(load)
 

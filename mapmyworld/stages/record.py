@@ -9,6 +9,7 @@ from dataclasses import asdict
 from typing import Any
 
 import mapmyworld
+from mapmyworld.heap import give_back
 from mapmyworld.types import MapStore
 
 
@@ -33,6 +34,7 @@ class StageRecord:
             return
         with self._store.write_stage(stage, self._chain):
             work()
+        give_back()
 
 
 def _plain(value: Any) -> Any:

@@ -8,6 +8,7 @@ from mapmyworld.config import Config
 from mapmyworld.graph.edits import apply_edits, edits_from_json
 from mapmyworld.graph.pose_graph import told_of_parts
 from mapmyworld.graph.solve import SolvedGraph, solve
+from mapmyworld.heap import give_back
 from mapmyworld.mapping.trajectory import pose_every_frame
 from mapmyworld.stages.draft import landmark_guesses, solve_draft_of
 from mapmyworld.stages.recognise import LoadScans, add_closures
@@ -30,7 +31,9 @@ def solve_and_judge(
         new = add_closures(store, draft, config, progress, scans, since)
         if new <= _FEW * sum(c.accepted for c in store.constraints() if c.kind in CLOSURES):
             break
+    give_back()
     solved = _solve(store, config, progress)
+    give_back()
     poses, constraints = _refined(store, solved, config, progress, scans)
     store.replace_constraints(constraints)
     if config.visual.adjust_features:

@@ -1,13 +1,17 @@
 """Coverage-guided fuzzing of the parsers, by Atheris (`pip install atheris`).
 
-python benchmarks/fuzz_parsers.py mcap [-max_total_time=3600] [CORPUS_FOLDER]
+python benchmarks/fuzz_parsers.py mcap CORPUS_FOLDER [-max_total_time=3600]
 
-Bytes become a file of the kind; whatever but our own errors gets out is a finding, which Atheris
-writes down and stops at. The options behind the kind are libFuzzer's.
+The folder keeps what reaches new code, and the next run goes on from there; where it is empty it
+is given sound files first. Bytes become a file of the kind; whatever but our own errors gets out
+is a finding, which Atheris writes down and stops at. The options are libFuzzer's.
 """
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
@@ -16,16 +20,34 @@ from pathlib import Path
 
 import atheris
 
+_INTERPRETED = "NUMBA_DISABLE_JIT"
+os.environ[_INTERPRETED] = "1"  # compiled kernels would be blind to it
 with atheris.instrument_imports(include=["formats", "mapmyworld"]):
+    from formats.cloud import read_cloud
     from formats.database import open_store
+    from formats.edits import read_edits
     from formats.grid import read_grid
     from formats.logs import open_log
     from formats.pose_graph import read_graph
     from formats.relations import read_relations
+    from formats.scene_mesh import read_scene_mesh
     from formats.trajectory import read_trajectory
+    from formats.truth import read_loop_pairs
+    from formats.vocabulary import read_vocabulary
     from mapmyworld.errors import LogError, MapMyWorldError
     from mapmyworld.types import ImageMessage
 
+# Run elsewhere: what watches the parsers here cannot be compiled.
+_SOUND = """
+import sys
+from pathlib import Path
+from robust import corpus
+folder, ending = Path(sys.argv[1]), sys.argv[2]
+logs = corpus.make_logs(folder / "logs")
+corpus.make_graphs(folder / "graphs")
+if ending == ".db":
+    corpus.make_maps(folder / "maps", next(log for log in logs if log.name == "a.log"))
+"""
 _MOST_MESSAGES = 2000
 FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
 
@@ -72,9 +94,28 @@ KINDS: dict[str, tuple[str, Callable[[Path], object], bytes]] = {
     "map": (".db", _map, b"SQLite format 3\0"),
     "g2o": (".g2o", read_graph, b""),
     "grid": (".yaml", _grid, b""),
+    "toro": (".graph", read_graph, b""),
     "trajectory": (".tum", read_trajectory, b""),
+    "edits": (".toml", read_edits, b""),
+    "loops": (".txt", read_loop_pairs, b""),
+    "vocabulary": (".txt", read_vocabulary, b""),
+    "cloud": (".ply", read_cloud, b"ply\n"),
+    "obj": (".obj", read_scene_mesh, b""),
+    "glb": (".glb", read_scene_mesh, b"glTF"),
     "relations": (".relations", read_relations, b""),
 }
+
+
+def _give_seeds(folder: Path, ending: str) -> None:
+    """Sound files of that ending, as far as the campaigns with fixed seeds make some."""
+    made = FOLDER / "sound"
+    made.mkdir()
+    environment = {name: value for name, value in os.environ.items() if name != _INTERPRETED}
+    command = [sys.executable, "-c", _SOUND, str(made), ending]
+    subprocess.run(command, cwd=Path(__file__).parent, env=environment, check=True)
+    for number, file in enumerate(sorted(made.rglob(f"*{ending}"))):
+        if file.is_file():
+            shutil.copyfile(file, folder / f"sound-{number}")
 
 
 def main() -> None:
@@ -82,6 +123,9 @@ def main() -> None:
         sys.exit(f"usage: fuzz_parsers.py KIND ...; KIND is one of {', '.join(KINDS)}")
     ending, read, magic = KINDS[sys.argv.pop(1)]
     path = FOLDER / f"case{ending}"
+    folders = [Path(word) for word in sys.argv[1:] if not word.startswith("-")]
+    if folders and folders[0].is_dir() and not any(folders[0].iterdir()):
+        _give_seeds(folders[0], ending)
 
     def one(data: bytes) -> None:
         path.write_bytes(data if data.startswith(magic) else magic + data)

@@ -50,6 +50,8 @@ def export_cloud(store: MapStore, path: Path, config: Config) -> list[Path]:
     if not any(data.cloud is not None or _depth_of(data) for data in kept):
         return []
     thinned = None
+    if not any(_depth_of(data) for data in kept):
+        config = _counting_each_point(config)
     if not any(data.cloud is not None for data in kept):
         poses = solved_poses(store)
         nodes = np.flatnonzero(poses.ids > 0)
@@ -65,9 +67,13 @@ def export_scan_cloud(store: MapStore, path: Path, config: Config) -> list[Path]
     from mapmyworld.mapping.cloud import build_cloud
 
     flat = ((pose, NodeData(cloud=_lifted(data.scan))) for pose, data in nodes_with_poses(store))
-    single = replace(config, visual=replace(config.visual, cloud_views=1))
-    write_cloud(path, build_cloud(flat, single))
+    write_cloud(path, build_cloud(flat, _counting_each_point(config)))
     return [path]
+
+
+def _counting_each_point(config: Config) -> Config:
+    """Lidars see a voxel seldom, and are believed at once."""
+    return replace(config, visual=replace(config.visual, cloud_views=1))
 
 
 def _lifted(scan: Scan | None) -> NDArray[np.float32] | None:

@@ -8,19 +8,21 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from memory_log import MemoryLog
-from room_drive import Drive, drive
+from room_drive import ROOM, Drive, drive
 
 import mapmyworld
 from cli.main import group
+from formats.cloud import read_cloud
 from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
 from mapmyworld.geometry import between_planar, matrix_to_planar
 from mapmyworld.sensing import make_plan, survey_log
-from mapmyworld.sensing.cloud_scans import scan_from_cloud
+from mapmyworld.sensing.cloud_scans import points_of_cloud, scan_of_points, thinned
 from mapmyworld.types import LaserScanMessage, Message, PointCloudMessage
 
 HEIGHTS = (0.5, 1.0, 1.9)  # m, at which the lidar's rings meet a wall
 SETTINGS = SensingConfig()
+NOTHING = np.zeros((0, 3), np.float32)
 
 
 def cloud_of(scan: Message) -> Message:
@@ -49,7 +51,7 @@ def test_the_slice_is_what_a_laser_sees() -> None:
     mount[:3, 3] = 0.15, 0.0, 0.0
     message = cloud_of(sweep)
     assert isinstance(message, PointCloudMessage)
-    scan = scan_from_cloud(message, mount, SETTINGS)
+    scan = scan_of_points(points_of_cloud(message, mount, SETTINGS), mount, SETTINGS)
     away = scan.points - scan.origin[:2]
     bearings = np.arctan2(away[:, 1], away[:, 0])
     angles = sweep.angle_min + sweep.angle_increment * np.arange(len(sweep.ranges))
@@ -62,9 +64,7 @@ def test_the_slice_is_what_a_laser_sees() -> None:
 
 def test_an_empty_cloud_is_refused() -> None:
     with pytest.raises(LogError, match="without points"):
-        scan_from_cloud(
-            PointCloudMessage(0, "", np.zeros((0, 3), np.float32), None), np.eye(4), SETTINGS
-        )
+        points_of_cloud(PointCloudMessage(0, "", NOTHING, None), np.eye(4), SETTINGS)
 
 
 def test_a_map_of_clouds_is_that_of_the_scans(clouds: Drive) -> None:
@@ -78,6 +78,30 @@ def test_a_map_of_clouds_is_that_of_the_scans(clouds: Drive) -> None:
         assert np.hypot(*apart[:, :2].T).max() < 0.03
     walls = [(g.probabilities() > 0.65).sum() for m in made if (g := m.grid()) is not None]
     assert walls[1] == pytest.approx(walls[0], rel=0.2)
+
+
+def test_the_points_become_the_cloud(clouds: Drive, tmp_path: Path) -> None:
+    """Every wall at every height, the floor and the ceiling, where the room is."""
+    clouds.write(tmp_path / "log.mcap")
+    run = CliRunner().invoke(
+        group, ["build", str(tmp_path / "log.mcap"), "-o", str(tmp_path / "map.db"), "-q"]
+    )
+    assert run.exit_code == 0, run.output
+    points = read_cloud(tmp_path / "map.ply").points
+    for height in (0.02, *HEIGHTS, 2.6):
+        assert (np.abs(points[:, 2] - height) < 0.02).sum() > 200
+    walls = points[np.abs(points[:, 2] - 1.0) < 0.02]
+    assert np.ptp(walls[:, :2], axis=0).max() < np.hypot(*ROOM)
+
+
+def test_a_thinned_cloud_keeps_one_point_a_cube() -> None:
+    cloud = np.random.default_rng(0).uniform(-1, 1, (500, 3)).astype(np.float32)
+    kept = thinned(cloud, 0.5)
+    cubes = np.floor(kept / 0.5)
+    assert (
+        len(np.unique(cubes, axis=0)) == len(kept) == len(np.unique(np.floor(cloud / 0.5), axis=0))
+    )
+    assert (kept[:, None] == cloud[None]).all(axis=2).any(axis=1).all()
 
 
 def test_the_plan_says_that_clouds_serve_as_scans(clouds: Drive, tmp_path: Path) -> None:

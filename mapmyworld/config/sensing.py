@@ -22,5 +22,6 @@ class SensingConfig:
     cloud_lowest: float = 0.2  # m above the base: the slice of a 3D lidar's points that is a scan
     cloud_highest: float = 2.0  # m above the base, of the same slice
     cloud_nearest: float = 0.5  # m from a 3D lidar within which its points are the robot itself
+    cloud_spacing: float = 0.1  # m between the points of a 3D lidar that a node keeps
     use_scans: bool = True  # whether laser scans are used
     use_images: bool = True  # whether camera images are used

@@ -15,27 +15,39 @@ _SECTORS = 72
 _FARTHEST = 1e4  # m; no lidar sees farther
 
 
-def scan_from_cloud(
+def points_of_cloud(
     message: PointCloudMessage, base_from_lidar: NDArray[np.float64], settings: SensingConfig
-) -> Scan:
-    """The nearest point of each bearing in the slice of heights, in the base frame.
+) -> Array:
+    """Points (N, 3) of the base frame, the robot's own body left out; `LogError` without any.
 
-    Bearings without one are unknown rather than free: what stands there may be lower or higher.
     Nothing tells when each point was taken, so the sweep keeps the robot's motion.
     """
-    if not message.points.size:
-        raise LogError("a cloud without points")
-    origin = matrix_to_planar(base_from_lidar)
-    points = _slice(message.points, base_from_lidar, settings)
-    away = points[:, :2] - origin[:2]
+    points = transform_points(base_from_lidar, message.points.astype(np.float64))
+    away = points[:, :2] - base_from_lidar[:2, 3]
     ranges = np.hypot(away[:, 0], away[:, 1])
-    kept = (ranges >= settings.cloud_nearest) & (ranges < _FARTHEST)
-    bearings = np.arctan2(away[kept, 1], away[kept, 0]) - origin[2]
+    points = points[(ranges >= settings.cloud_nearest) & (ranges < _FARTHEST)]
+    if not len(points):
+        raise LogError("a cloud without points")
+    return points
+
+
+def scan_of_points(
+    points: Array, base_from_lidar: NDArray[np.float64], settings: SensingConfig
+) -> Scan:
+    """The nearest point of each bearing in the slice of heights; points (N, 3) of the base frame.
+
+    Bearings without one are unknown rather than free: what stands there may be lower or higher.
+    """
+    heights = points[:, 2]
+    points = points[(heights >= settings.cloud_lowest) & (heights <= settings.cloud_highest)]
+    origin = matrix_to_planar(base_from_lidar)
+    away = points[:, :2] - origin[:2]
+    bearings = np.arctan2(away[:, 1], away[:, 0]) - origin[2]
     bins = np.floor(bearings * (_BINS / (2.0 * np.pi))).astype(np.int64) % _BINS
-    order = np.lexsort((ranges[kept], bins))
+    order = np.lexsort((np.hypot(away[:, 0], away[:, 1]), bins))
     _, first = np.unique(bins[order], return_index=True)
     return Scan(
-        points=np.ascontiguousarray(points[kept][order[first], :2], np.float32),
+        points=np.ascontiguousarray(points[order[first], :2], np.float32),
         origin=origin,
         missing=np.zeros(0, np.float32),
         range_max=np.inf,
@@ -43,11 +55,10 @@ def scan_from_cloud(
     )
 
 
-def _slice(cloud: NDArray[np.float32], base_from_lidar: Array, settings: SensingConfig) -> Array:
-    """Points (N, 3) of the base frame whose heights are between the lowest and the highest."""
-    points = transform_points(base_from_lidar, cloud.astype(np.float64))
-    heights = points[:, 2]
-    return points[(heights >= settings.cloud_lowest) & (heights <= settings.cloud_highest)]
+def thinned(cloud: NDArray[np.float32], spacing: float) -> NDArray[np.float32]:
+    """The first of the points (N, 3) in each cube of this edge, metres, in their order."""
+    _, first = np.unique(np.floor(cloud / spacing), axis=0, return_index=True)
+    return cloud[np.sort(first)]
 
 
 def view_of(scan: Scan) -> float:

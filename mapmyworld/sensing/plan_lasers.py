@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.errors import ConfigError
+from mapmyworld.errors import ConfigError, LogError
 from mapmyworld.geometry import make_transform, roll_pitch_yaw_to_rotation
-from mapmyworld.sensing.cloud_scans import scan_from_cloud, view_of
+from mapmyworld.sensing.cloud_scans import points_of_cloud, scan_of_points, view_of
 from mapmyworld.sensing.plan import Draft, ScanSource
 from mapmyworld.sensing.survey import Stream
 from mapmyworld.sensing.transforms import frame_name
@@ -77,7 +77,7 @@ def _judge_clouds(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
     if not clouds:
         return 0.0, "none of its messages holds a point"
     mount, assumed = mount_of(draft, base, clouds[0].frame_id, "scan")
-    view = float(np.median([view_of(scan_from_cloud(m, mount, draft.config)) for m in clouds]))
+    view = max(_view(draft, cloud, mount) for cloud in clouds)
     why = (
         f"{stream.count} clouds at {stream.frequency:.1f} Hz; between sensing.cloud_lowest and "
         f"cloud_highest they show {np.degrees(view):.0f} deg"
@@ -85,6 +85,14 @@ def _judge_clouds(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
     if view < _NARROW:
         return 0.0, f"{why}: too narrow for a lidar's scan"
     return _AFTER_SCANS * view * min(stream.frequency, 10.0) * (0.5 if assumed else 1.0), why
+
+
+def _view(draft: Draft, cloud: PointCloudMessage, mount: NDArray[np.float64]) -> float:
+    try:
+        points = points_of_cloud(cloud, mount, draft.config)
+    except LogError:
+        return 0.0
+    return view_of(scan_of_points(points, mount, draft.config))
 
 
 def valid_ranges(scan: LaserScanMessage) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
 from mapmyworld.geometry import quaternion_to_rotation, rotation_to_quaternion
 from mapmyworld.sensing.camera_queue import CameraQueue, Pending
-from mapmyworld.sensing.cloud_scans import scan_from_cloud
+from mapmyworld.sensing.cloud_scans import points_of_cloud, scan_of_points
 from mapmyworld.sensing.plan import Plan
 from mapmyworld.sensing.surroundings import Surroundings
 from mapmyworld.sensing.sweeps import scan_from_message
@@ -47,6 +47,16 @@ class FrameCounts:
     repeated: int = 0
     unusable: int = 0
     """Inertial samples, true poses and images beside a scan that cannot be decoded."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """What the main sensor, and the camera beside it, show at one moment."""
+
+    scan: Scan | None = None
+    cloud: NDArray[np.float32] | None = None
+    """(N, 3) in the base frame."""
+    image: RgbdImage | None = None
 
 
 @dataclass(slots=True)
@@ -134,14 +144,14 @@ class _Synchroniser:
 
     def _frame(self, main: Pending) -> Frame | None:
         try:
-            scan, image = self._observations(main)
+            seen = self._observations(main)
         except LogError:
             self.counts.undecodable += 1
             return None
-        if scan is None and image is None:
+        if seen.scan is None and seen.image is None:
             self.counts.unpaired_images += 1
             return None
-        images = [image, *(self._image_near(c, main.stamp_ns) for c in self.cameras[1:])]
+        images = [seen.image, *(self._image_near(c, main.stamp_ns) for c in self.cameras[1:])]
         odometry = self.plan.odometry
         pose = odometry.motion.at(main.stamp_ns) if odometry else None
         if odometry is not None and pose is None:
@@ -149,30 +159,35 @@ class _Synchroniser:
         return Frame(
             stamp_ns=main.stamp_ns,
             odom_from_base=pose,
-            scan=scan,
+            scan=seen.scan,
             images=tuple(found for found in images if found is not None),
+            cloud=seen.cloud,
             imu=self._imu_until(main.stamp_ns),
             ground_truth=self._truth_at(main.stamp_ns),
             gps=self.surroundings.fix_at(main.stamp_ns),
             readings=self.surroundings.readings_at(main.stamp_ns),
         )
 
-    def _observations(self, main: Pending) -> tuple[Scan | None, RgbdImage | None]:
+    def _observations(self, main: Pending) -> _Seen:
         if self.plan.scan is None:
-            return None, self._main_image(main)
-        scan = self._scan(main, self.plan.scan.base_from_lidar)
+            return _Seen(image=self._main_image(main))
+        seen = self._by_lidar(main, self.plan.scan.base_from_lidar)
         near = [self._image_near(c, main.stamp_ns) for c in self.cameras[:1]]
-        return scan, near[0] if near else None
+        return replace(seen, image=near[0] if near else None)
 
-    def _scan(self, main: Pending, base_from_lidar: NDArray[np.float64]) -> Scan:
+    def _by_lidar(self, main: Pending, base_from_lidar: NDArray[np.float64]) -> _Seen:
+        """The sweep, and all points of a 3D lidar."""
         message = main.raw.decode()
         if isinstance(message, PointCloudMessage):
-            return scan_from_cloud(message, base_from_lidar, self.config)
+            points = points_of_cloud(message, base_from_lidar, self.config)
+            scan = scan_of_points(points, base_from_lidar, self.config)
+            return _Seen(scan, points.astype(np.float32))
         assert isinstance(message, LaserScanMessage)
         odometry = self.plan.odometry
         if self.plan.use_log_time:
             message = replace(message, stamp_ns=main.stamp_ns)
-        return scan_from_message(message, base_from_lidar, odometry.motion if odometry else None)
+        motion = odometry.motion if odometry else None
+        return _Seen(scan_from_message(message, base_from_lidar, motion))
 
     def _main_image(self, main: Pending) -> RgbdImage | None:
         """The image that a frame begins with; colour alone where only images tell the motion."""

@@ -8,11 +8,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.diagnosis import diagnose_tracked
 from mapmyworld.parallel import batches, done_behind, made_ahead
 from mapmyworld.sensing import Plan, read_frames
+from mapmyworld.sensing.cloud_scans import thinned
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.sensing.synchronise import FrameCounts
 from mapmyworld.stages.nodes import Motion, NodeSelector
@@ -61,6 +63,7 @@ class _Writer:
         self, store: MapStore, config: Config, guard: ImageGuard, *, wants_images: bool
     ) -> None:
         self._store, self._guard = store, guard
+        self._cloud_spacing = config.sensing.cloud_spacing
         self._selector = NodeSelector(config.sensing, wants_images=wants_images)
         self._stamps, self._node_ids, self._is_node = array("q"), array("q"), array("b")
         # Of every frame only numbers are kept, 104 bytes a pose: a drive may last for hours.
@@ -70,11 +73,14 @@ class _Writer:
         for frame, motion in followed:
             self.add(frame, motion)
 
+    def _kept(self, cloud: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
+        return None if cloud is None else thinned(cloud, self._cloud_spacing)
+
     def add(self, frame: Frame, motion: Motion) -> None:
         node, constraint, node_from_frame = self._selector.consider(frame, motion)
         if node is not None:
             images = tuple(i for image in frame.images if (i := self._guard.sound(image)))
-            self._store.add_node(node, NodeData(frame.scan, images, frame.cloud))
+            self._store.add_node(node, NodeData(frame.scan, images, self._kept(frame.cloud)))
         if constraint is not None:
             self._store.add_constraints([constraint])
         last = self._selector.last

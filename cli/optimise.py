@@ -61,7 +61,8 @@ def optimise(
     graph, problems, notes = load_graph(path)
     seconds = {"read": time.perf_counter() - started}
     if len(graph) == 0:
-        raise GraphError(f"{path}: the graph has no nodes: nothing to optimise")
+        why = problems[0] if problems else "nothing to optimise"
+        raise GraphError(f"{path}: the graph has no nodes: {why}")
     solved = _timed(graph, robust, config, seconds)
     losses = [*problems, *_told_of_parts(solved)]
     output = output or path.with_name(f"{path.stem}_optimised.g2o")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 _SHOWN = 5  # line numbers or ids in one message
 _LARGEST = 1e100  # squares and products of such numbers are finite
+_SHORTEST = 1e-12  # square of a quaternion's length, below which it tells no direction
 _LARGEST_ID = 2.0**53  # above it not every whole number is one of double precision
 
 
@@ -29,6 +31,8 @@ class Columns:
 
     count: int
     ids: int
+    quaternion: int | None = None
+    """Where a quaternion's four numbers begin."""
 
 
 def tables_from_text(
@@ -37,8 +41,8 @@ def tables_from_text(
     """Tables of the tags whose `columns` are known, other lines by tag, and problems."""
     texts: dict[str, list[str]] = {}
     numbers: dict[str, list[int]] = {}
-    for number, line in enumerate(text.splitlines(), 1):
-        tag, _, rest = line.strip().partition(" ")
+    for number, line in enumerate(text.removeprefix("\ufeff").splitlines(), 1):
+        tag, rest = [*line.split(None, 1), "", ""][:2]
         if not tag or tag.startswith("#"):
             continue
         if tag in texts:
@@ -63,10 +67,10 @@ def _table(
 ) -> Table:
     """All rows at once; one by one only when something is wrong with any."""
     width = columns.count
-    tokens = " ".join(rows).split()
-    if len(tokens) == width * len(rows):
+    tokens = [row.split() for row in rows]
+    if all(len(row) == width for row in tokens):
         try:
-            values = np.array(tokens, dtype=np.float64).reshape(-1, width)
+            values = np.array(list(chain.from_iterable(tokens)), np.float64).reshape(-1, width)
         except ValueError:
             pass
         else:
@@ -108,6 +112,10 @@ def _fault(values: NDArray[np.float64], columns: Columns) -> str:
     ids = values[..., : columns.ids]
     if (np.abs(ids) > _LARGEST_ID).any() or (ids != np.rint(ids)).any():
         return "an id that is no whole number"
+    if columns.quaternion is not None:
+        quaternion = values[..., columns.quaternion : columns.quaternion + 4]
+        if (np.sum(quaternion * quaternion, axis=-1) < _SHORTEST).any():
+            return "a quaternion that is zero"
     return ""
 
 

@@ -29,22 +29,22 @@ Index = NDArray[np.int64]
 _COLUMNS = {
     "VERTEX_SE2": Columns(4, ids=1),
     "VERTEX2": Columns(4, ids=1),
-    "VERTEX_SE3:QUAT": Columns(8, ids=1),
+    "VERTEX_SE3:QUAT": Columns(8, ids=1, quaternion=4),
     "VERTEX3": Columns(7, ids=1),
     "VERTEX_XY": Columns(3, ids=1),
     "VERTEX_TRACKXYZ": Columns(4, ids=1),
     "EDGE_SE2": Columns(11, ids=2),
     "EDGE2": Columns(11, ids=2),
     "ODOMETRY": Columns(11, ids=2),
-    "EDGE_SE3:QUAT": Columns(30, ids=2),
+    "EDGE_SE3:QUAT": Columns(30, ids=2, quaternion=5),
     "EDGE3": Columns(29, ids=2),
     "EDGE_SE2_XY": Columns(7, ids=2),
     "LANDMARK": Columns(7, ids=2),
     "BR": Columns(6, ids=2),
     "EDGE_SE3_TRACKXYZ": Columns(12, ids=3),
     "EDGE_PRIOR_SE2": Columns(10, ids=1),
-    "EDGE_SE3_PRIOR": Columns(30, ids=2),
-    "PARAMS_SE3OFFSET": Columns(8, ids=1),
+    "EDGE_SE3_PRIOR": Columns(30, ids=2, quaternion=5),
+    "PARAMS_SE3OFFSET": Columns(8, ids=1, quaternion=4),
 }
 _PLANAR = {"VERTEX_SE2", "VERTEX2", "EDGE_SE2", "EDGE2", "ODOMETRY", "EDGE_PRIOR_SE2"}
 _SPATIAL = {"VERTEX_SE3:QUAT", "VERTEX3", "EDGE_SE3:QUAT", "EDGE3", "EDGE_SE3_PRIOR"}

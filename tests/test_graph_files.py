@@ -110,6 +110,27 @@ def test_a_broken_line_is_named_and_the_rest_is_read(line, word):
     assert_same(read.graph, graph_from_text(PLANAR).graph)
 
 
+def test_a_quaternion_that_is_zero_is_named():
+    line = "EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 0 1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1"
+    read = graph_from_text(SPATIAL + line + "\n")
+    where = len(SPATIAL.splitlines()) + 1
+    assert read.problems == (f"line {where}: EDGE_SE3:QUAT holds a quaternion that is zero",)
+    assert_same(read.graph, graph_from_text(SPATIAL).graph)
+
+
+def test_tabs_and_a_byte_order_mark_change_nothing():
+    read = graph_from_text("\ufeff" + PLANAR.replace(" ", "\t"))
+    assert read.problems == ()
+    assert_same(read.graph, graph_from_text(PLANAR).graph)
+
+
+def test_a_number_too_few_and_one_too_many_do_not_make_up_for_each_other():
+    short, long = "EDGE_SE2 0 2 1 0 0 1 0 0 1 0", "EDGE_SE2 0 2 1 0 0 1 0 0 1 0 1 1"
+    read = graph_from_text(f"{PLANAR}{short}\n{long}\n")
+    assert ["10 numbers" in read.problems[0], "12 numbers" in read.problems[1]] == [True, True]
+    assert_same(read.graph, graph_from_text(PLANAR).graph)
+
+
 def test_a_node_without_vertex_is_reported_and_kept():
     read = graph_from_text(PLANAR + "EDGE_SE2 2 8 1 0 0 1 0 0 1 0 1\n")
     assert "1 nodes have edges but no vertex (8)" in read.problems[0]

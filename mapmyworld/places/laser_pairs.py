@@ -76,14 +76,20 @@ def _nearest_of_passes(
     turn = np.abs(wrap_angle(poses[others, 2] - poses[scans, 2]))
     cost = np.hypot(*(poses[others, :2] - poses[scans, :2]).T) + _METRES_PER_RADIAN * turn
     anew = np.diff(scans, prepend=-1) != 0
-    run = np.cumsum(anew | (np.diff(others, prepend=0) > gap))
-    best = _firsts(np.lexsort((cost, run)), run)
+    anew |= np.diff(others, prepend=0) > gap
+    best = _least_of_runs(cost, anew)
     best = best[np.lexsort((cost[best], scans[best]))]
     first = np.searchsorted(scans[best], scans[best], side="left")
     best = best[np.arange(len(best)) - first < passes]
     return np.stack([scans[best], others[best]], axis=1)
 
 
-def _firsts(order: Index, groups: Index) -> Index:
-    """Of an order by groups, the first of every group."""
-    return np.asarray(order[np.diff(groups[order], prepend=-1) != 0])
+def _least_of_runs(cost: NDArray[np.float64], anew: NDArray[np.bool_]) -> Index:
+    """Where each run, begun anew where it says so, has its least cost; the first such place."""
+    starts = np.flatnonzero(anew)
+    if len(starts) == 0:
+        return starts
+    least = np.minimum.reduceat(cost, starts)
+    places = np.flatnonzero(cost == np.repeat(least, np.diff(starts, append=len(cost))))
+    run = np.searchsorted(starts, places, side="right")
+    return np.asarray(places[np.diff(run, prepend=0) != 0])

@@ -38,6 +38,12 @@ _calls = 0
 _working = False
 
 
+class Interrupted(BaseException):
+    """Ctrl-C. Python remembers a KeyboardInterrupt that has passed through code made from text, as
+    of dataclasses and named tuples, and then ends by the signal, not with our exit code.
+    """
+
+
 def ending_with(exception: type[BaseException]) -> Callable[[int, FrameType | None], None]:
     """A signal handler that raises as soon as it may, and keeps the wish until `forget_wish`."""
 
@@ -116,11 +122,11 @@ def heed_interrupts() -> None:
     global _working, _calls
     _working, _calls = True, 0
     if signal.getsignal(signal.SIGINT) in (signal.default_int_handler, signal.SIG_DFL):
-        signal.signal(signal.SIGINT, ending_with(KeyboardInterrupt))
+        signal.signal(signal.SIGINT, ending_with(Interrupted))
 
 
 def forget_interrupts() -> None:
     """The command has ended, and nothing is left to be ended."""
     global _working
     _working = False
-    forget_wish(KeyboardInterrupt)
+    forget_wish(Interrupted)

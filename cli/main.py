@@ -9,7 +9,7 @@ import click
 
 import mapmyworld
 from cli.common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_USAGE
-from cli.interrupts import forget_interrupts, heed_interrupts
+from cli.interrupts import Interrupted, forget_interrupts, heed_interrupts
 from cli.lazy import LazyGroup
 from mapmyworld.errors import MapMyWorldError
 
@@ -70,7 +70,7 @@ def main() -> None:
             "mapmyworld: out of memory: close other programs, or use a larger machine", err=True
         )
         sys.exit(EXIT_BAD_INPUT)
-    except (click.Abort, KeyboardInterrupt):
+    except (click.Abort, KeyboardInterrupt, Interrupted):
         forget_interrupts()
         click.echo("mapmyworld: interrupted; the same command goes on with this stage", err=True)
         sys.exit(EXIT_INTERRUPTED)

@@ -23,7 +23,7 @@ class MemoryLimitError(MapMyWorldError):
 
 
 class _Over(BaseException):
-    """Ends the main thread's work; not a KeyboardInterrupt, for which Python keeps an exit code."""
+    """Ends the main thread's work."""
 
 
 def resident_mb() -> float:

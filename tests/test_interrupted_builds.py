@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from robust import corpus, kills
+from robust import corpus, kills, signals
 from robust.trials import Outcome, try_command
 
 from cli.interrupts import (
@@ -43,6 +43,18 @@ def test_control_c_at_any_moment_leaves_a_map_that_goes_on(
     found = kills.kill_builds(logs["a.log"], options, 4, 1, lambda _: None, signal.SIGINT)
     assert found.faults == []
     assert found.kills == 4
+
+
+@pytest.mark.slow
+def test_commands_that_are_ended_at_random_moments_end_soon_and_in_order(
+    logs: dict[str, Path], tmp_path: Path
+) -> None:
+    """By Ctrl-C and by --max-memory, in their own processes; the benchmark tries all commands."""
+    place = signals.make_place(logs["whole.mcap"], tmp_path)
+    for name, how in (("build", signal.SIGINT), ("build", None), ("convert", signal.SIGINT)):
+        found = signals.end_commands(place, name, how, 3, seed=2)
+        assert found.faults == []
+        assert found.trials == 3
 
 
 @pytest.mark.parametrize("name", ["plain.mcap", "whole.bag", "plain.db3", "a.log", "a.clf.bz2"])
@@ -136,7 +148,7 @@ def ending() -> Iterator[None]:
         signal.signal(signal.SIGUSR1, before)
 
 
-def run_as(module: str, source: str, file: str = "<code>", **names: object) -> None:
+def run_as(module: str, source: str, file: str = "code.py", **names: object) -> None:
     """Runs the source as if it stood in that module."""
     scope = {"raise_signal": signal.raise_signal, "SIGUSR1": signal.SIGUSR1, **names}
     exec(compile(source, file, "exec"), {**scope, "__name__": module})

@@ -209,6 +209,15 @@ def test_damaged_lines_are_skipped_and_counted(tmp_path: Path) -> None:
     assert "line 4" in loss
 
 
+def test_a_log_cut_in_the_first_numbers_of_a_laser_line_is_read(tmp_path: Path) -> None:
+    """Found by a fuzzer: its third field looked like a stamp, and its pose had two numbers."""
+    path = tmp_path / "a.log"
+    path.write_text(SMALL + "ROBOTLASER1 0 -1.2")
+    log = open_log([path])
+    assert all(raw.decode() is not None for raw in log.messages())
+    assert "1 damaged line(s)" in log.losses()[0]
+
+
 @pytest.mark.parametrize("pack", [bz2.compress, gzip.compress])
 def test_a_cut_compressed_log_gives_what_it_has(tmp_path: Path, pack: object) -> None:
     lines = [

@@ -150,6 +150,7 @@ class CarmenLog:
         self._losses = tuple(cut)
 
 
+_LEAST_FIELDS = {b"ODOM": 10, b"TRUEPOS": 10, b"ROBOTLASER1": 24}
 _TF_INFO = (MessageKind.TRANSFORMS, "carmen", 1)
 
 
@@ -163,7 +164,7 @@ def _checked_stamp(kind: bytes, line: bytes) -> int:
         # Counting blanks is enough where single ones part the fields, as they nearly always do.
         if fields != announced and len(line.split()) != announced:
             raise ValueError("wrong number of fields")
-    if kind in {b"ODOM", b"TRUEPOS"} and fields < 10:
+    if fields < _LEAST_FIELDS.get(kind, 0):
         raise ValueError("wrong number of fields")
     return stamp_ns
 

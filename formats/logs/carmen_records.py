@@ -152,8 +152,8 @@ def odometry_from_laser_line(line: bytes, stamp_ns: int) -> OdometryMessage:
     """Where the robot was, by its wheels, when the sweep of this line was taken."""
     # Counted from the end, so that the readings need no parsing.
     last = 9 if line.startswith(b"ROBOTLASER") else 4
-    pose = _finite(_floats(line.rsplit(None, last + 2)[1:4]))
-    return _odometry(stamp_ns, pose, np.zeros(6))
+    x, y, yaw = _finite(_floats(line.rsplit(None, last + 2)[1:4]))
+    return _odometry(stamp_ns, np.array([x, y, yaw]), np.zeros(6))
 
 
 def odometry_from_odom_line(line: bytes, stamp_ns: int) -> OdometryMessage:

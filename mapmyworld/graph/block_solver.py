@@ -1,7 +1,7 @@
 """Sparse symmetric equations whose blocks are nodes, by the factorisation that suits them.
 
-SuperLU for small graphs and for chains with few loops, which fill in hardly at all; clique by
-clique for what is large and dense.
+As one dense matrix where it is tiny; SuperLU for small graphs and for chains with few loops, which
+fill in hardly at all; clique by clique for what is large and has many links.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dpotrs
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import SuperLU, splu
 
@@ -20,6 +21,7 @@ from mapmyworld.graph.cholesky import NotPositiveDefiniteError, factorise
 from mapmyworld.graph.elimination import analyse
 from mapmyworld.graph.pose_graph import Index
 
+_TINY = 150  # unknowns up to which one dense matrix is fastest
 _LARGE = 9000  # unknowns from which cliques are faster
 _DENSE = 1.25  # links between nodes, per node, from which they are
 _REMEMBERED = 2  # layouts that are kept: a graph's, with blocks of two sizes
@@ -43,6 +45,8 @@ def solver_of(
     is asked for.
     """
     size = blocks.shape[1]
+    if count * size <= _TINY:
+        return _Dense.of(count, rows, columns, blocks)
     if count * size >= _LARGE and len(rows) - count > _DENSE * count:
         return factorise(analyse(count, rows, columns, size), blocks)
     layout = _layout_of(count, rows.tobytes(), columns.tobytes(), size)
@@ -51,6 +55,27 @@ def solver_of(
         raise NotPositiveDefiniteError("the matrix is not positive definite")
     solver: Solver = factors
     return solver
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Dense:
+    """The lower Cholesky factor of the whole matrix."""
+
+    triangle: Array
+
+    @staticmethod
+    def of(count: int, rows: Index, columns: Index, blocks: Array) -> _Dense:
+        size = blocks.shape[1]
+        matrix = np.zeros((count, size, count, size))
+        matrix[columns, :, rows] = np.swapaxes(blocks, 1, 2)
+        matrix[rows, :, columns] = blocks
+        triangle, failed = dpotrf(matrix.reshape(count * size, count * size), lower=1)
+        if failed:
+            raise NotPositiveDefiniteError("the edges leave a node undetermined")
+        return _Dense(triangle)
+
+    def solve(self, right: Array) -> Array:
+        return np.asarray(dpotrs(self.triangle, right, lower=1)[0]).reshape(right.shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,6 +122,7 @@ def _superlu(layout: _Layout, blocks: Array) -> SuperLU:
             matrix,
             permc_spec="MMD_AT_PLUS_A",
             diag_pivot_thresh=0.0,
+            panel_size=1,  # columns of such small fronts gain nothing by the panel
             options={"SymmetricMode": True},
         )
     except RuntimeError:  # "Factor is exactly singular"

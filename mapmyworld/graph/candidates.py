@@ -16,20 +16,27 @@ from mapmyworld.graph.starts import chain_start, chordal_start
 
 def starts_of(problem: Problem) -> dict[str, Array]:
     """Name -> poses of nodes, the map's frame and landmarks."""
+    if len(problem.graph.landmark_ids):
+        return _starts_with_landmarks(problem, dead_reckoning(problem))
+    return {**near_start(problem), **plain_starts(problem)}
+
+
+def near_start(problem: Problem) -> dict[str, Array]:
+    """The chordal start, which leads to the global minimum most often; nothing where it fails."""
     graph, system, count = problem.graph, problem.system, problem.nodes
-    poses = len(graph.edges) + len(graph.priors)
-    tails, heads = system.tails[:poses], system.heads[:poses]
-    measured, information = system.measured[:poses], system.information[:poses]
-    guess, anchors, chain = problem.guess[:count], problem.anchors, dead_reckoning(problem)
     if len(graph.landmark_ids):
-        return _starts_with_landmarks(problem, chain)
-    found = {"odometry": chain}
+        return {}
+    guess = problem.guess[:count]
+    ends = problem.anchors, system.tails, system.heads
     with suppress(NotPositiveDefiniteError):  # an edge that weighs nothing holds no node
-        found["chordal"] = chordal_start(
-            graph.planar, guess, anchors, tails, heads, measured, information
-        )
-    found["guess"] = guess
-    return found
+        start = chordal_start(graph.planar, guess, *ends, system.measured, system.information)
+        return {"chordal": start}
+    return {}
+
+
+def plain_starts(problem: Problem) -> dict[str, Array]:
+    """Dead reckoning, and the stored poses."""
+    return {"odometry": dead_reckoning(problem), "guess": problem.guess[: problem.nodes]}
 
 
 def dead_reckoning(problem: Problem) -> Array:

@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 
 from mapmyworld.config.graph import GraphConfig
 from mapmyworld.geometry import Array
-from mapmyworld.graph.candidates import dead_reckoning, starts_of, with_landmarks
+from mapmyworld.graph.candidates import (
+    dead_reckoning,
+    near_start,
+    plain_starts,
+    starts_of,
+    with_landmarks,
+)
 from mapmyworld.graph.certificate import Certificate, certainty_of, certify
 from mapmyworld.graph.descent import descend
 from mapmyworld.graph.growth import grown_start
@@ -34,7 +40,7 @@ class OptimisedGraph:
     start: str
     """The start that led there: "chordal", "odometry", "growing", "guess" or "lifted"."""
     start_costs: dict[str, float]
-    """The cost of every start before optimisation."""
+    """The cost of every start that was made, before optimisation."""
     reached: dict[str, float]
     """The cost that each start which was followed led to."""
     iterations: int
@@ -63,28 +69,37 @@ class _Descent:
 def optimise(graph: PoseGraph, config: GraphConfig | None = None) -> OptimisedGraph:
     """The graph with every node where all edges together want it.
 
-    Followed is the cheapest start; the others as well where its minimum is not proven to be the
-    global one. The result does not depend on the order of nodes and edges, nor on a rigid motion
-    of the world; the first node of every connected part stays at its guess unless priors place it.
+    Followed is the chordal start, or the cheapest one where there is none; the others are made and
+    followed as well where its minimum is not proven to be the global one. The result does not
+    depend on the order of nodes and edges, nor on a rigid motion of the world; the first node of
+    every connected part stays at its guess unless priors place it.
     """
     config = config or GraphConfig()
     problem = problem_of(graph)
-    starts = starts_of(problem)
+    starts = (near_start(problem) if config.certify else {}) or starts_of(problem)
     costs = {name: _cost(problem.system, poses) for name, poses in starts.items()}
     cheapest = min(costs, key=lambda name: costs[name])
     best = _descent(problem, cheapest, starts.pop(cheapest), config)
     followed, certificate = [best], None
     if config.certify:
-        best, certificate, followed = _best_of_all(problem, best, starts, config)
+        certificate = certify(problem.system, best.poses)
+    if certificate is not None and not certificate.trusted:
+        others = starts or plain_starts(problem)
+        costs |= {name: _cost(problem.system, poses) for name, poses in others.items()}
+        best, certificate, followed = _best_of_all(problem, best, certificate, others, config)
     every = np.ones(len(problem.system.tails), np.bool_)
     return _result(problem, every, costs, best, certificate, followed)
 
 
 def _best_of_all(
-    problem: Problem, best: _Descent, others: dict[str, Array], config: GraphConfig
+    problem: Problem,
+    best: _Descent,
+    certificate: Certificate,
+    others: dict[str, Array],
+    config: GraphConfig,
 ) -> tuple[_Descent, Certificate, list[_Descent]]:
     """The cheapest minimum of all starts, looked for until one is proven to be the global one."""
-    certificate, followed = certify(problem.system, best.poses), [best]
+    followed = [best]
     names = ["lifted", *others] if len(problem.graph) <= _LIFTED else [*others]
     if len(problem.graph.sightings):  # no other start comes near that of a growing path
         names = []

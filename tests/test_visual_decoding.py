@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from formats.logs.images import encoded_pixels
+from mapmyworld.config import Config
 from mapmyworld.mapping.voxels import VoxelMap
+from mapmyworld.places.features import extract_features
 from mapmyworld.registration.pictures import colours_at, grey_picture
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.types import CameraModel, ImageMessage, RgbdImage
@@ -129,3 +131,32 @@ def test_a_jpeg_is_tried_at_an_eighth_of_its_size(
     seen = replace(image, colour=replace(image.colour, width=width, pixels=pixels))
     found = guard.sound(guard.guarded(seen))
     assert (found is not None, guard.failures, len(whole)) == (sound, not sound, not sound)
+
+
+@pytest.mark.parametrize("shape", [(240, 320), (301, 417)])
+def test_features_of_a_picture_upside_down_lie_where_they_did(shape: tuple[int, int]) -> None:
+    """What shifts features of a scale to one side shows twice: the pyramid has whole pixels."""
+    height, width = shape
+    random = np.random.default_rng(5)
+    coarse = random.integers(0, 256, (shape[0] // 6, shape[1] // 6)).astype(np.uint8)
+    grey = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
+    camera = CameraModel(width, height, K, "", np.zeros(0), np.eye(4))
+    found = []
+    for pixels in (grey, np.ascontiguousarray(grey[::-1, ::-1])):
+        message = ImageMessage(0, "camera", "mono8", width, height, lambda p=pixels: p)
+        found.append(extract_features(RgbdImage(camera, message, None), Config()))
+    there, turned = found
+    back = np.array([width - 1, height - 1]) - turned.pixels
+    compared = 0
+    for octave in range(8):
+        a, b = there.pixels[there.octaves == octave], back[turned.octaves == octave]
+        if len(a) < 10 or len(b) < 10:
+            continue
+        apart = a[:, None] - b[None]
+        nearest = np.linalg.norm(apart, axis=2).argmin(axis=1)
+        offset = apart[np.arange(len(a)), nearest]
+        close = offset[np.linalg.norm(offset, axis=1) < 1.2**octave]
+        if len(close) >= 10:
+            assert np.abs(np.median(close, axis=0)).max() < 0.05
+            compared += 1
+    assert compared >= 4

@@ -112,24 +112,30 @@ def _describe(
     rows = np.array([(k.size, k.angle, k.response, k.octave & 0xFF) for k in kept], np.float32)
     sizes, angles, strengths, octaves = np.ascontiguousarray(rows.reshape(-1, 4).T)
     keypoints = _Keypoints(
-        _centred(kept, sizes, kind), sizes, angles, strengths, octaves.astype(np.int32)
+        _centred(kept, sizes, kind, grey.shape), sizes, angles, strengths, octaves.astype(np.int32)
     )
     return keypoints, np.ascontiguousarray(descriptors, kind)
 
 
 def _centred(
-    kept: list[cv2.KeyPoint], sizes: NDArray[np.float32], kind: type[np.generic]
+    kept: list[cv2.KeyPoint],
+    sizes: NDArray[np.float32],
+    kind: type[np.generic],
+    shape: tuple[int, ...],
 ) -> NDArray[np.float32]:
-    """Positions (N, 2) with pixel centres at whole numbers.
+    """Positions (N, 2) with pixel centres at whole numbers, in an image of (height, width).
 
-    OpenCV's ORB scales the position found in a smaller image without regard to where that image's
-    first pixel has its centre, which shifts coarse features up and to the left.
+    OpenCV's ORB multiplies the position found in a smaller image by the nominal scale. But that
+    image has a whole number of pixels, and its first one has its centre half a wide pixel from the
+    edge: features shift by up to 1.3 pixels, at each scale to another side.
     """
     pixels = np.asarray(cv2.KeyPoint_convert(kept), np.float32).reshape(-1, 2)
     if kind is not np.uint8:
         return pixels
-    scale = sizes / np.float32(_ORB_PATCH)
-    return np.asarray(pixels + 0.5 * (np.maximum(scale, 1.0) - 1.0)[:, None], np.float32)
+    nominal = np.maximum(sizes.astype(np.float64) / _ORB_PATCH, 1.0)[:, None]
+    size = np.array([shape[1], shape[0]])
+    scale = size / np.rint(size / nominal)
+    return np.asarray((pixels / nominal + 0.5) * scale - 0.5, np.float32)
 
 
 def spread(

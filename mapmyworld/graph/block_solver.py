@@ -17,14 +17,20 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from mapmyworld.geometry import Array
+from mapmyworld.graph import elimination
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError, factorise
-from mapmyworld.graph.elimination import analyse
 from mapmyworld.graph.pose_graph import Index
 
 _TINY = 150  # unknowns up to which one dense matrix is fastest
 _LARGE = 9000  # unknowns from which cliques are faster
 _DENSE = 1.25  # links between nodes, per node, from which they are
 _REMEMBERED = 2  # layouts that are kept: a graph's, with blocks of two sizes
+
+
+def forget_patterns() -> None:
+    """Lets go of what was worked out about the patterns of the last graphs."""
+    _layout_of.cache_clear()
+    elimination.forget_patterns()
 
 
 class Solver(Protocol):
@@ -48,7 +54,7 @@ def solver_of(
     if count * size <= _TINY:
         return _Dense.of(count, rows, columns, blocks)
     if count * size >= _LARGE and len(rows) - count > _DENSE * count:
-        return factorise(analyse(count, rows, columns, size), blocks)
+        return factorise(elimination.analyse(count, rows, columns, size), blocks)
     layout = _layout_of(count, rows.tobytes(), columns.tobytes(), size)
     factors = _superlu(layout, blocks)
     if positive and not _is_positive(factors):

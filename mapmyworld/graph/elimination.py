@@ -70,6 +70,12 @@ def _analysed(count: int, row_bytes: bytes, column_bytes: bytes, size: int) -> S
     return _symbolic(_tree_of(count, row_bytes, column_bytes), size)
 
 
+def forget_patterns() -> None:
+    """Lets go of the eliminations that are remembered."""
+    _analysed.cache_clear()
+    _tree_of.cache_clear()
+
+
 def links(count: int, tails: Index, heads: Index) -> tuple[Index, Index, Index]:
     """Rows and columns of the blocks of edges between nodes, and the block (E,) of each edge.
 

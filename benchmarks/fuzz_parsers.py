@@ -3,8 +3,8 @@
 python benchmarks/fuzz_parsers.py mcap CORPUS_FOLDER [-max_total_time=3600]
 
 The folder keeps what reaches new code, and the next run goes on from there; where it is empty it
-is given sound files first. Bytes become a file of the kind; whatever but our own errors gets out
-is a finding, which Atheris writes down and stops at. The options are libFuzzer's.
+is given sound files first. Bytes become a file of the kind; whatever but our own errors gets out,
+or a warning is a finding, which Atheris writes down and stops at. The options are libFuzzer's.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -132,6 +133,7 @@ def main() -> None:
         with suppress(MapMyWorldError):
             read(path)
 
+    warnings.simplefilter("error")  # which a user would see
     atheris.Setup(sys.argv, one)
     atheris.Fuzz()
 

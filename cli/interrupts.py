@@ -103,6 +103,11 @@ def _package(frame: FrameType) -> str:
     return _module(frame).partition(".")[0]
 
 
+def is_wished(kind: type[BaseException]) -> bool:
+    """Whether it was asked for and has not been seen to: others' code may have made it an error."""
+    return _wish is kind
+
+
 def heed_wish() -> None:
     """Raises what a signal asked for and no one has got yet."""
     if _wish is not None:

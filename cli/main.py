@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import errno
 import sys
+from typing import NoReturn
 
 import click
 
 import mapmyworld
 from cli.common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_USAGE
-from cli.interrupts import Interrupted, forget_interrupts, heed_interrupts
+from cli.interrupts import Interrupted, forget_interrupts, heed_interrupts, is_wished
 from cli.lazy import LazyGroup
 from mapmyworld.errors import MapMyWorldError
 
@@ -52,7 +53,7 @@ def main() -> None:
     """Runs a command; every error of ours becomes one message on stderr and an exit code."""
     heed_interrupts()
     try:
-        sys.exit(group.main(prog_name="mapmyworld", standalone_mode=False))
+        _run()
     except MapMyWorldError as error:
         click.echo(f"mapmyworld: {error}", err=True)
         sys.exit(EXIT_BAD_INPUT)
@@ -76,6 +77,15 @@ def main() -> None:
         sys.exit(EXIT_INTERRUPTED)
     finally:
         forget_interrupts()
+
+
+def _run() -> NoReturn:
+    try:
+        sys.exit(group.main(prog_name="mapmyworld", standalone_mode=False))
+    except Exception as error:
+        if is_wished(Interrupted):
+            raise Interrupted from error
+        raise
 
 
 def _told(error: OSError) -> str:

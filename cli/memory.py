@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import cast
 
-from cli.interrupts import ending_with, forget_wish
+from cli.interrupts import ending_with, forget_wish, is_wished
 from mapmyworld.errors import MapMyWorldError
 
 _LOOK_EVERY_S = 0.1
@@ -71,7 +71,9 @@ def memory_limit(megabytes: int | None) -> Iterator[None]:
     threading.Thread(target=watch, daemon=True).start()
     try:
         yield
-    except _Over:
+    except (Exception, _Over):
+        if not is_wished(_Over):
+            raise
         raise MemoryLimitError(
             f"more than the {megabytes} MB of --max-memory are needed: allow more, and the same "
             "command goes on with this stage; or set sensing.node_distance higher"

@@ -99,7 +99,7 @@ def _parse_lines(lines: list[list[str]], start: int) -> PlyHeader:
             fields[element].append((words[2], _TYPES[words[1]]))
     if kind not in ("ascii", "binary_little_endian"):
         raise ValueError(f"format {kind!r}")
-    if next(iter(counts)) != "vertex" or counts["vertex"] < 0:
+    if next(iter(counts), "") != "vertex" or counts["vertex"] < 0:
         raise ValueError("the first element is not the vertices")
     dtype = np.dtype(fields["vertex"])
     return PlyHeader(kind == "ascii", counts["vertex"], dtype, counts.get("face", 0), start)

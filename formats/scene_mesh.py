@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.scene_claims import check_claims
 from mapmyworld.errors import MapError, MissingDependencyError
 from mapmyworld.types import Mesh
 
@@ -31,6 +32,7 @@ def read_scene_mesh(path: Path) -> Mesh:
         ) from None
     if not path.is_file():
         raise MapError(f"{path}: there is no such file")
+    check_claims(path)
     with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
         mesh = open3d.io.read_triangle_mesh(str(path), enable_post_processing=False)
     vertices = np.asarray(mesh.vertices, np.float64)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 
 _SECOND = 1_000_000_000  # nanoseconds
+_MOST_DIGITS = 19
 _LARGEST = 1 << 63  # nanoseconds: 64 bits with a sign
 
 
@@ -18,8 +19,11 @@ def nanoseconds_from_text(text: str) -> int:
         stamp = int(seconds) * _SECOND + int(fraction[:9].ljust(9, "0"))
     else:
         try:
-            stamp = int(Decimal(text).scaleb(9))
-        except (InvalidOperation, OverflowError, ValueError) as error:
+            value = Decimal(text).scaleb(9)
+            if value.adjusted() > _MOST_DIGITS:  # 1e999999 as an integer takes minutes
+                raise OverflowError
+            stamp = int(value)
+        except (ArithmeticError, ValueError) as error:
             raise ValueError(f"{text!r} is no time") from error
     if abs(stamp) >= _LARGEST:
         raise ValueError(f"{text!r} is no time")

@@ -94,6 +94,13 @@ def test_files_cut_anywhere_are_refused(tmp_path: Path, suffix: str) -> None:
             read_cloud(path)
 
 
+def test_a_header_without_an_element_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.ply"
+    path.write_bytes(b"ply\nformat ascii 1.0\nend_header\n0 0 0\n")  # found by a fuzzer
+    with pytest.raises(MapError, match="PLY header"):
+        read_cloud(path)
+
+
 def test_names_and_contents_that_are_none(tmp_path: Path) -> None:
     with pytest.raises(MapError, match=r"\.ply or \.pcd"):
         write_cloud(tmp_path / "cloud.xyz", PointCloud(POINTS))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import cv2
@@ -42,7 +43,7 @@ def as_ply(path: Path) -> None:
     path.write_text(head + "\n".join(body) + "\n")
 
 
-def as_glb(path: Path) -> None:
+def as_glb(path: Path, claimed: int = 5) -> None:
     """Binary glTF 2.0, y up as its standard says, with colours at the vertices."""
     y_up = np.stack([VERTICES[:, 0], VERTICES[:, 2], -VERTICES[:, 1]], axis=1)
     colours = np.tile(np.array([*RED, 255], np.uint8), (5, 1))
@@ -62,7 +63,7 @@ def as_glb(path: Path) -> None:
             for start, part in zip(starts, parts, strict=False)
         ],
         "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 5, "type": "VEC3",
+            {"bufferView": 0, "componentType": 5126, "count": claimed, "type": "VEC3",
              "min": y_up.min(axis=0).tolist(), "max": y_up.max(axis=0).tolist()},
             {"bufferView": 1, "componentType": 5121, "count": 5, "type": "VEC4",
              "normalized": True},
@@ -83,6 +84,26 @@ def test_every_format_gives_the_same_room_in_its_colours(
     assert np.allclose(corners, VERTICES[TRIANGLES], atol=1e-6)
     assert mesh.colours is not None
     assert (mesh.colours == RED).all()
+
+
+def test_a_mesh_that_claims_more_than_it_holds_is_refused_unread(tmp_path: Path) -> None:
+    """Found by a fuzzer: Open3D took 4 GB for 2 kB."""
+    path = tmp_path / "room.glb"
+    as_glb(path, claimed=99_999_999)
+    with pytest.raises(MapError, match="claims 99999999 elements"):
+        read_scene_mesh(path)
+    ply = tmp_path / "room.ply"
+    as_ply(ply)
+    ply.write_bytes(re.sub(rb"element vertex \d+", b"element vertex 4000000000", ply.read_bytes()))
+    with pytest.raises(MapError, match="claims 4000000000 elements"):
+        read_scene_mesh(ply)
+
+
+def test_a_world_that_names_a_file_outside_its_folder_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "room.gltf"
+    path.write_text('{"buffers": [{"uri": "../secret.bin"}], "accessors": []}')
+    with pytest.raises(MapError, match="outside its folder"):
+        read_scene_mesh(path)
 
 
 def test_what_holds_no_triangles_is_refused(tmp_path: Path) -> None:

@@ -47,7 +47,7 @@ folder, ending = Path(sys.argv[1]), sys.argv[2]
 logs = corpus.make_logs(folder / "logs")
 corpus.make_graphs(folder / "graphs")
 if ending == ".db":
-    corpus.make_maps(folder / "maps", next(log for log in logs if log.name == "a.log"))
+    corpus.make_maps(folder / "maps", next(log for log in logs if log.name == "whole.mcap"))
 """
 _MOST_MESSAGES = 2000
 FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from mapmyworld.config import GraphConfig
@@ -16,6 +17,7 @@ from mapmyworld.geometry import (
     planar_to_matrix,
 )
 from mapmyworld.graph.solve import solve
+from mapmyworld.stages.chains import solve_by_chains
 from mapmyworld.stages.draft import landmark_guesses, solve_draft
 from mapmyworld.types import Constraint, ConstraintKind, Node
 
@@ -89,3 +91,31 @@ def test_landmarks_are_guessed_where_they_are_seen_first() -> None:
     np.testing.assert_allclose(guesses[-7], nodes[1].tracked_from_base @ at)
     draft = solve_draft(nodes, guesses, [*motions, *seen], True, GraphConfig())
     assert draft.poses.ids.tolist() == [1, 2, 3, 4, 5, 6, -7]
+
+
+def test_chains_say_what_the_whole_graph_says() -> None:
+    """Poses, verdicts, reasons and covariances of all nodes; what came rejected stays as it was."""
+    truth, nodes, motions = drive()
+    closures = [closure(truth, a, a + 80) for a in range(0, 40, 8)]
+    false = replace(closure(truth, 3, 60), from_from_to=planar_to_matrix([2.0, 1.0, 0.3]))
+    refused = replace(closure(truth, 9, 66), accepted=False, reason="score below 0.5")
+    strange = replace(motions[0], from_id=900, to_id=901)
+    constraints = [*motions[:50], *closures, refused, *motions[50:], false, strange]
+    ids = [node.id for node in nodes]
+    start = np.stack([node.tracked_from_base for node in nodes])
+    whole = solve(ids, start, constraints, True)
+    chains = solve_by_chains(nodes, {}, constraints, True, GraphConfig())
+    np.testing.assert_array_equal(chains.poses.ids, whole.poses.ids)
+    np.testing.assert_array_equal(chains.component, whole.component)
+    assert [c.accepted for c in chains.constraints] == [c.accepted for c in whole.constraints]
+    assert chains.constraints[55].reason == "score below 0.5"
+    assert chains.constraints[-1].reason == whole.constraints[-1].reason
+    np.testing.assert_allclose(chains.poses.map_from_node, whole.poses.map_from_node, atol=0.01)
+    assert chains.poses.covariances is not None
+    assert whole.poses.covariances is not None
+    sigmas, true = (
+        np.sqrt(np.diagonal(p.covariances, axis1=1, axis2=2)[1:, [3, 4, 2]])
+        for p in (chains.poses, whole.poses)
+    )
+    assert np.median(sigmas / true) == pytest.approx(1.0, abs=0.05)
+    assert (sigmas > 0.95 * true).all()

@@ -16,7 +16,7 @@ from mapmyworld.config import Config, GraphConfig
 from mapmyworld.geometry import between, invert, se3_adjoint
 from mapmyworld.graph.edits import apply_edits, edits_from_json
 from mapmyworld.graph.solve import solve
-from mapmyworld.graph.verdicts import unjudged
+from mapmyworld.graph.verdicts import faults_of, unjudged
 from mapmyworld.mapping.trajectory import pose_every_frame
 from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, Poses, TrackedFrames
 
@@ -69,21 +69,29 @@ def solve_draft(
     """Poses of all nodes, and of landmarks at their guesses (id -> (4, 4)), from few of them."""
     quick = replace(config, covariances=False, certify=False, groups=False)
     constraints = [c for c in map(unjudged, constraints) if c.accepted]
-    motions = [c for c in constraints if c.kind == ConstraintKind.NEIGHBOUR]
-    closures = [c for c in constraints if c.kind != ConstraintKind.NEIGHBOUR]
-    kept = _kept(nodes, motions, closures)
     ids = np.array([node.id for node in nodes], np.int64)
+    usable = are_motions(constraints, set(ids.tolist()))
+    motions = [c for c, own in zip(constraints, usable, strict=True) if own]
+    closures = [c for c, own in zip(constraints, usable, strict=True) if not own]
+    kept = kept_nodes(nodes, motions, closures)
     starts = {n.id: n.tracked_from_base for n, k in zip(nodes, kept, strict=True) if k}
     starts |= landmarks
-    composed = _composed(motions, set(ids[kept].tolist()))
+    composed = composed_motions(motions, set(ids[kept].tolist()))
     solved = solve(
         list(starts), np.stack(list(starts.values())), [*composed, *closures], planar, quick
     )
-    poses = _followed(nodes, kept, solved.poses)
+    poses = followed(nodes, kept, solved.poses)
     return Draft(poses, solved.constraints[len(composed) :])
 
 
-def _kept(
+def are_motions(constraints: Sequence[Constraint], known: set[int]) -> list[bool]:
+    """Which constraints are motions between known nodes that can be used."""
+    motions = [c.accepted and c.kind == ConstraintKind.NEIGHBOUR for c in constraints]
+    faults = iter(faults_of([c for c, own in zip(constraints, motions, strict=True) if own], known))
+    return [own and not next(faults) for own in motions]
+
+
+def kept_nodes(
     nodes: Sequence[Node], motions: Sequence[Constraint], closures: Sequence[Constraint]
 ) -> NDArray[np.bool_]:
     """(N,) the first node of each session, ends of closures, and where no one motion goes on."""
@@ -101,7 +109,7 @@ def _kept(
     return np.asarray(opens | ~through | np.isin(ids, tied) | np.isin(ids, backwards))
 
 
-def _composed(motions: Sequence[Constraint], kept: set[int]) -> list[Constraint]:
+def composed_motions(motions: Sequence[Constraint], kept: set[int]) -> list[Constraint]:
     """One motion from each kept node to the next, with the uncertainty of all those between."""
     onward = {c.from_id: c for c in motions}
     order: list[Constraint] = []
@@ -139,7 +147,7 @@ def _reached(order: Sequence[Constraint], first: Index) -> Array:
     return reached
 
 
-def _followed(nodes: Sequence[Node], kept: NDArray[np.bool_], solved: Poses) -> Poses:
+def followed(nodes: Sequence[Node], kept: NDArray[np.bool_], solved: Poses) -> Poses:
     """All nodes: those left out share out what solving moved the kept ones before and after."""
     ids = np.array([node.id for node in nodes], np.int64)
     before = np.flatnonzero(kept)[np.cumsum(kept) - 1]

@@ -10,6 +10,7 @@ from mapmyworld.graph.pose_graph import told_of_parts
 from mapmyworld.graph.solve import SolvedGraph, solve
 from mapmyworld.heap import give_back
 from mapmyworld.mapping.trajectory import pose_every_frame
+from mapmyworld.stages.chains import solve_by_chains
 from mapmyworld.stages.draft import landmark_guesses, solve_draft_of
 from mapmyworld.stages.recognise import LoadScans, add_closures
 from mapmyworld.types import CLOSURES, Constraint, MapStore, Poses, Progress
@@ -32,7 +33,7 @@ def solve_and_judge(
         if new <= _FEW * sum(c.accepted for c in store.constraints() if c.kind in CLOSURES):
             break
     give_back()
-    solved = _solve(store, config, progress)
+    solved = _solve(store, config, progress, chains=_is_refined(store, config, scans))
     give_back()
     poses, constraints = _refined(store, solved, config, progress, scans)
     store.replace_constraints(constraints)
@@ -51,9 +52,8 @@ def _refined(
 
     Without a laser they stay as they were solved.
     """
-    planar = bool((store.get("plan") or {}).get("planar", False))
     loaded = scans()
-    if not planar or not config.odometry.refine or loaded is None:
+    if loaded is None or not _is_refined(store, config, scans):
         return solved.poses, solved.constraints
     from mapmyworld.odometry.laser_refinement import refine_poses
     from mapmyworld.places.laser_review import review_closures
@@ -73,13 +73,21 @@ def _with_features(store: MapStore, poses: Poses, config: Config, progress: Prog
     return poses if adjusted is None else adjusted.poses
 
 
-def _solve(store: MapStore, config: Config, progress: Progress) -> SolvedGraph:
+def _is_refined(store: MapStore, config: Config, scans: LoadScans) -> bool:
+    """Whether solved poses only begin an alignment of all laser scans."""
+    planar = bool((store.get("plan") or {}).get("planar", False))
+    return planar and config.odometry.refine and scans() is not None
+
+
+def _solve(store: MapStore, config: Config, progress: Progress, *, chains: bool) -> SolvedGraph:
     nodes = store.nodes()
     progress.stage("optimise", len(nodes), "nodes")
     starts = {node.id: node.tracked_from_base for node in nodes}
-    starts |= landmark_guesses(starts, store.constraints())
-    ids, start = np.array(list(starts), np.int64), np.stack(list(starts.values()))
+    landmarks = landmark_guesses(starts, store.constraints())
     planar = bool((store.get("plan") or {}).get("planar", False))
-    edits = edits_from_json(store.get("edits"))
-    constraints = apply_edits(store.constraints(), edits)
+    constraints = apply_edits(store.constraints(), edits_from_json(store.get("edits")))
+    if chains:
+        return solve_by_chains(nodes, landmarks, constraints, planar, config.graph)
+    starts |= landmarks
+    ids, start = np.array(list(starts), np.int64), np.stack(list(starts.values()))
     return solve(ids, start, constraints, planar, config.graph)

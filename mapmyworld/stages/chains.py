@@ -1,0 +1,104 @@
+"""The graph solved over the nodes that more than motion ties, and all others along the chains.
+
+A drive of hours has most of its nodes in chains: they cost memory and time, and say nothing that
+the composed motion does not say (see `draft`). What solving moved is shared out along a chain, and
+the uncertainty of a node in it is that of a Brownian bridge between the chain's two ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import GraphConfig
+from mapmyworld.geometry import between, se3_adjoint
+from mapmyworld.graph.constraint_system import stated_system
+from mapmyworld.graph.residuals import chi_squared_quantile
+from mapmyworld.graph.robust import RobustSolution
+from mapmyworld.graph.solve import SolvedGraph, solve
+from mapmyworld.graph.verdicts import judged, unjudged
+from mapmyworld.stages.draft import are_motions, composed_motions, followed, kept_nodes
+from mapmyworld.types import Constraint, Node, Poses
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+_LONGEST = 16  # nodes of a chain, so that what is shared out along it is little
+
+
+def solve_by_chains(
+    nodes: Sequence[Node],
+    landmarks: Mapping[int, Array],
+    constraints: Sequence[Constraint],
+    planar: bool,
+    config: GraphConfig,
+) -> SolvedGraph:
+    """As `graph.solve`, all nodes and constraints, from the nodes that closures tie."""
+    fresh = [unjudged(c) for c in constraints]
+    ids = np.array([node.id for node in nodes], np.int64)
+    is_motion = are_motions(fresh, set(ids.tolist()))
+    motions = [c for c, own in zip(fresh, is_motion, strict=True) if own]
+    others = [c for c, own in zip(fresh, is_motion, strict=True) if not own]
+    asked = [c for c in others if c.accepted]
+    kept = kept_nodes(nodes, motions, asked)
+    kept[::_LONGEST] = True
+    starts = {n.id: n.tracked_from_base for n, k in zip(nodes, kept, strict=True) if k}
+    starts |= landmarks
+    composed = composed_motions(motions, set(ids[kept].tolist()))
+    guess = np.stack(list(starts.values()))
+    solved = solve(list(starts), guess, [*composed, *asked], planar, config)
+    poses = followed(nodes, kept, solved.poses)
+    if solved.poses.covariances is not None:
+        spread = _bridged(poses.map_from_node, kept, solved.poses, composed)
+        poses = replace(poses, covariances=spread)
+    own = iter(_judged_motions(motions, ids, poses, planar, config))
+    rest = iter(solved.constraints[len(composed) :])
+    verdicts = tuple(
+        next(own) if motion else next(rest) if c.accepted else c
+        for c, motion in zip(fresh, is_motion, strict=True)
+    )
+    before, size = np.cumsum(kept) - 1, int(kept.sum())
+    component = np.concatenate([solved.component[:size][before], solved.component[size:]])
+    return SolvedGraph(poses, verdicts, component, solved.cost, solved.certainty)
+
+
+def _bridged(
+    map_from_node: Array, kept: NDArray[np.bool_], solved: Poses, composed: Sequence[Constraint]
+) -> Array:
+    """Covariances (N, 6, 6) of all nodes and landmarks, each in its own frame."""
+    assert solved.covariances is not None
+    rows, size = np.flatnonzero(kept), int(kept.sum())
+    before = np.cumsum(kept) - 1
+    after = np.minimum(before + 1, size - 1)
+    place = np.arange(len(kept)) - rows[before]
+    share = (place / np.maximum(rows[after] - rows[before], 1))[:, None, None]
+    motion = np.zeros((size, 6, 6))
+    row_of = {int(i): k for k, i in enumerate(solved.ids[:size])}
+    for c in composed:
+        motion[row_of[c.to_id]] = np.linalg.inv(c.information)
+    own = map_from_node[: len(kept)]
+    spread = np.zeros((len(kept), 6, 6))
+    for end, weight in ((before, 1.0 - share), (after, share)):
+        carried = se3_adjoint(between(own, own[rows[end]]))
+        known = weight * solved.covariances[end]
+        if end is after:
+            known = known + share * (1.0 - share) * motion[end]
+        spread += carried @ known @ np.swapaxes(carried, 1, 2)
+    return np.concatenate([spread, solved.covariances[size:]])
+
+
+def _judged_motions(
+    motions: Sequence[Constraint], ids: Index, poses: Poses, planar: bool, config: GraphConfig
+) -> tuple[Constraint, ...]:
+    """The motions, which nobody questions, with what they miss the poses by."""
+    if not motions:
+        return ()
+    stated = stated_system(ids, poses.map_from_node[: len(ids)], motions, planar)
+    system, count = stated.system, len(motions)
+    trusted = np.ones(count, np.bool_)
+    solution = RobustSolution.untouched(system, stated.start, trusted)
+    limit = float(chi_squared_quantile(config.inlier_probability, system.dimension))
+    found = replace(solution, limit=limit)
+    return judged(motions, [""] * count, np.arange(count), found, system)

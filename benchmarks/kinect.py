@@ -62,8 +62,8 @@ class Kinect:
         self, motion: Motion, time: float, gain: float, random: np.random.Generator
     ) -> NDArray[np.uint8]:
         """The picture (H, W, 3) whose middle row is exposed around that time."""
-        picture = self._cast(motion, time, np.eye(4), self._colour_rays)[0]
-        picture = _smeared(picture, motion, time, self._faults.exposure) * gain
+        sharp = self._cast(motion, time, np.eye(4), self._colour_rays)[0]
+        picture = _smeared(sharp, motion, time, self._faults.exposure) * gain
         picture = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), 0.6)
         picture += self._faults.image_noise * random.standard_normal(picture.shape, np.float32)
         return np.asarray(np.clip(np.rint(picture), 0, 255), np.uint8)

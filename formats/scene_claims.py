@@ -14,13 +14,18 @@ _HEAD_BYTES = 1 << 16
 
 
 def check_claims(path: Path) -> None:
-    """Raises `MapError` where the file claims more elements than its bytes could hold."""
+    """Raises `MapError` where the file claims more elements than its bytes could hold.
+
+    And where it names a part or a picture outside its folder.
+    """
     suffix, size = path.suffix.lower(), path.stat().st_size
     claimed = 0
     if suffix in (".glb", ".gltf"):
         claimed, size = _claimed_by_gltf(path, size)
     elif suffix == ".ply":
         claimed = _largest(_head(path).partition(b"end_header")[0], b"element")
+    elif suffix == ".obj":
+        _check_materials(path)
     elif suffix == ".off":
         claimed = max([int(word) for word in _head(path).split()[:4] if word.isdigit()], default=0)
     if claimed > size:
@@ -47,10 +52,26 @@ def _claimed_by_gltf(path: Path, size: int) -> tuple[int, int]:
     try:
         document = json.loads(_json_of(path))
         counts = [int(accessor["count"]) for accessor in document.get("accessors", [])]
-        named = [str(item["uri"]) for item in document.get("buffers", []) if "uri" in item]
+        parts = [*document.get("buffers", []), *document.get("images", [])]
+        named = [str(item["uri"]) for item in parts if "uri" in item]
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise MapError(f"{path}: holds no triangles that could be a world ({error})") from None
     return max(counts, default=0), size + sum(_size_beside(path, uri) for uri in named)
+
+
+def _check_materials(path: Path) -> None:
+    """The files that an OBJ names for its colours, and the pictures that those name."""
+    for name in _named(path, b"mtllib"):
+        if _size_beside(path, name):
+            for picture in _named(path.parent / name, b"map_"):
+                _size_beside(path, picture)
+
+
+def _named(path: Path, keyword: bytes) -> list[str]:
+    """The last word of every line that begins so."""
+    with path.open("rb") as stream:
+        lines = [line.split() for line in stream if line.lstrip().startswith(keyword)]
+    return [words[-1].decode("utf-8", "replace").replace("\\", "/") for words in lines if words[1:]]
 
 
 def _size_beside(path: Path, uri: str) -> int:

@@ -104,6 +104,11 @@ def test_a_world_that_names_a_file_outside_its_folder_is_refused(tmp_path: Path)
     path.write_text('{"buffers": [{"uri": "../secret.bin"}], "accessors": []}')
     with pytest.raises(MapError, match="outside its folder"):
         read_scene_mesh(path)
+    path = tmp_path / "room.obj"
+    as_obj(path)
+    (tmp_path / "red.mtl").write_text("newmtl red\nmap_Kd ../../secret.png\n")
+    with pytest.raises(MapError, match=r"secret\.png, outside its folder"):
+        read_scene_mesh(path)
 
 
 def test_what_holds_no_triangles_is_refused(tmp_path: Path) -> None:

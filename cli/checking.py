@@ -24,6 +24,8 @@ from mapmyworld.types import ConstraintKind, MapStore, OccupancyGrid, Trajectory
 
 @dataclass(frozen=True, slots=True)
 class Sources:
+    """Files that requirements are measured on."""
+
     map_path: Path
     reference: Path | None
     relations: Path | None
@@ -97,6 +99,8 @@ class Facts:
 
 @dataclass(frozen=True, slots=True)
 class Key:
+    """A figure that a requirement can name."""
+
     about: str
     find: Callable[[Facts], float]
     needs: str = ""

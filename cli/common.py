@@ -36,6 +36,7 @@ def map_argument(command: F) -> F:
 
 
 def format_option(command: F) -> F:
+    """Adds --format text|json to a command, as its parameter `style`."""
     return click.option(
         "--format",
         "style",

@@ -21,6 +21,8 @@ _OPEN3D_PACKAGES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libgomp1"
 
 @dataclass(frozen=True, slots=True)
 class Finding:
+    """One thing that was looked at on this machine."""
+
     name: str
     ok: bool
     needed: bool

@@ -48,6 +48,8 @@ BETTER = {
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
+    """A limit that a figure has to keep: `ate<0.1`."""
+
     key: str
     symbol: str
     limit: float

@@ -116,6 +116,7 @@ def _time(stamp_ns: int) -> str:
 
 
 def info_json(info: LogInfo) -> dict[str, Any]:
+    """What `inspect log` says of the file itself, as JSON can hold it."""
     return {
         "paths": list(info.paths),
         "container": info.container,

@@ -41,6 +41,7 @@ def inverted(covariances: Array) -> Array:
 
 
 def rotation_first(information: Array) -> Array:
+    """Information matrices (R, 6, 6) of files that put the translation first."""
     return information[:, SWAP_ROTATION_TRANSLATION[:, None], SWAP_ROTATION_TRANSLATION]
 
 
@@ -49,6 +50,7 @@ def _planar(numbers: Array) -> Array:
 
 
 def from_quaternions(numbers: Array) -> Array:
+    """Poses (R, 4, 4) of x, y, z and a quaternion x y z w (R, 7)."""
     return make_transform(quaternion_to_rotation(numbers[..., 3:7]), numbers[..., :3])
 
 

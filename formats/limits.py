@@ -9,6 +9,8 @@ from mapmyworld.errors import MapMyWorldError
 
 @dataclass(frozen=True, slots=True)
 class Limits:
+    """What a file may claim at most; more is damage."""
+
     chunk_bytes: int = 256 << 20
     """Of a chunk of a log, compressed or not."""
     image_pixels: int = 64_000_000

@@ -22,6 +22,8 @@ _MAX_HEADER = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class PlyHeader:
+    """What a PLY file says that it holds."""
+
     text_format: bool
     vertex_count: int
     vertex_type: np.dtype[np.void]

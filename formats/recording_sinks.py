@@ -53,6 +53,8 @@ _LATCHED_TEXT = (
 
 
 class Sink(Protocol):
+    """A container that messages are written to."""
+
     encoding: str
     """Of the messages it takes: "cdr" or "ros1"."""
 

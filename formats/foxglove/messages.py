@@ -36,15 +36,18 @@ _CELLS = {0: (245, 245, 245, 255), 100: (25, 25, 25, 255), -1: (128, 128, 128, 9
 
 
 def timestamp(stamp_ns: int) -> Timestamp:
+    """Protobuf's time of nanoseconds since 1970."""
     seconds, nanos = divmod(stamp_ns, 1_000_000_000)
     return Timestamp(seconds=seconds, nanos=nanos)
 
 
 def pose(matrix: Floats) -> Pose:
+    """Position and quaternion of a pose (4, 4)."""
     return Pose(position=Vector3(**_xyz(matrix[:3, 3])), orientation=_quaternion(matrix))
 
 
 def transform(stamp_ns: int, parent: str, child: str, parent_from_child: Floats) -> FrameTransform:
+    """The child frame's pose (4, 4) in the parent frame."""
     return FrameTransform(
         timestamp=timestamp(stamp_ns),
         parent_frame_id=parent,
@@ -76,6 +79,7 @@ def grid(stamp_ns: int, frame: str, cells: OccupancyGrid) -> Grid:
 
 
 def cloud(stamp_ns: int, frame: str, points: PointCloud) -> CloudMessage:
+    """Points with the colours they have, in 16 bytes each."""
     colours = points.colours
     row: list[tuple[str, Any]] = [(name, "<f4") for name in "xyz"]
     fields = _fields("xyz", _FLOAT32, 4)
@@ -101,17 +105,20 @@ def cloud(stamp_ns: int, frame: str, points: PointCloud) -> CloudMessage:
 
 
 def path(stamp_ns: int, frame: str, poses: Floats) -> PosesInFrame:
+    """Poses (N, 4, 4) of one frame."""
     return PosesInFrame(
         timestamp=timestamp(stamp_ns), frame_id=frame, poses=[pose(matrix) for matrix in poses]
     )
 
 
 def jpeg(stamp_ns: int, frame: str, data: bytes) -> CompressedImage:
+    """A JPEG file as it is."""
     kind = "png" if data.startswith(b"\x89PNG") else "jpeg"
     return CompressedImage(timestamp=timestamp(stamp_ns), frame_id=frame, data=data, format=kind)
 
 
 def calibration(stamp_ns: int, frame: str, camera: CameraModel) -> CameraCalibration:
+    """The camera's intrinsics and distortion."""
     k = camera.intrinsics
     return CameraCalibration(
         timestamp=timestamp(stamp_ns),
@@ -154,6 +161,7 @@ def lines_entity(
 
 
 def scene(entities: Sequence[SceneEntity]) -> SceneUpdate:
+    """What replaces the entities of the same names."""
     return SceneUpdate(entities=entities)
 
 

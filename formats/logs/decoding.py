@@ -31,6 +31,8 @@ _TF_COUNT_BYTES = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelDecoder:
+    """How the messages of a channel become ours."""
+
     kind: MessageKind
     stamp: Callable[[Payload], int | None]
     decode: Callable[[Payload, int], Message]
@@ -70,6 +72,7 @@ def _ros_decoder(channel: Channel) -> ChannelDecoder | None:
 
 
 def ros_kind(type_name: str) -> MessageKind:
+    """What a ROS type means for mapping."""
     if type_name in TRANSFORMS:
         return MessageKind.TRANSFORMS
     if type_name == TEXT:

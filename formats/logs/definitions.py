@@ -43,6 +43,7 @@ def ros2_store() -> Typestore:
 
 
 def standard_store(encoding: str) -> Typestore:
+    """The types that ROS 1 or 2 itself defines."""
     return ros1_store() if encoding == "ros1" else ros2_store()
 
 

@@ -108,12 +108,14 @@ def laser_scan(value: Any) -> LaserScanMessage:
 
 
 def image_compressed(value: Any) -> ImageMessage:
+    """A JPEG, PNG or WebP file, decoded when asked for."""
     data = _octets(field(value, "data"))
     described = field(value, "format", "")
     return compressed_image(stamp_of(value), field(value, "frame_id", ""), described, data)
 
 
 def image_raw(value: Any) -> ImageMessage:
+    """Pixels as they are, decoded when asked for."""
     return raw_image(
         stamp_of(value),
         field(value, "frame_id", ""),
@@ -126,6 +128,7 @@ def image_raw(value: Any) -> ImageMessage:
 
 
 def camera_calibration(value: Any) -> CameraInfoMessage:
+    """Intrinsics; a model of distortion that nobody here knows is left out."""
     model = str(field(value, "distortion_model", ""))
     return CameraInfoMessage(
         stamp_of(value),
@@ -150,21 +153,25 @@ def _transform(value: Any) -> TransformStamped:
 
 
 def frame_transform(value: Any) -> TransformsMessage:
+    """One transform."""
     return TransformsMessage((_transform(value),), static=False)
 
 
 def frame_transforms(value: Any) -> TransformsMessage:
+    """Several transforms, none of them static."""
     found: Sequence[Any] = field(value, "transforms", ())
     return TransformsMessage(tuple(_transform(item) for item in found), static=False)
 
 
 def pose_in_frame(value: Any) -> PoseMessage:
+    """A pose without covariance."""
     return PoseMessage(
         stamp_of(value), field(value, "frame_id", ""), _pose_of(value), np.zeros((6, 6))
     )
 
 
 def odometry(value: Any) -> OdometryMessage:
+    """A pose with its covariance, and the velocity."""
     velocity = field(value, "linear_velocity"), field(value, "angular_velocity")
     return OdometryMessage(
         stamp_of(value),

@@ -67,12 +67,15 @@ class Cursor:
 
 @dataclass(frozen=True, slots=True)
 class Schema:
+    """A type's definition, as recorded."""
+
     name: str
     encoding: str
     data: bytes
 
 
 def parse_schema(content: bytes) -> tuple[int, Schema]:
+    """The schema and its number."""
     cursor = Cursor(content)
     key, name, encoding = cursor.number(_U16), cursor.text(), cursor.text()
     return key, Schema(name, encoding, cursor.take(cursor.number(_U32)))
@@ -106,6 +109,8 @@ def is_transient_local(profiles: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class ChunkHead:
+    """What stands before a chunk's data."""
+
     start_ns: int
     end_ns: int
     size: int
@@ -127,6 +132,8 @@ def parse_chunk_head(content: bytes) -> ChunkHead:
 
 @dataclass(frozen=True, slots=True)
 class ChunkIndexRecord:
+    """An entry of the summary's list of chunks."""
+
     start_ns: int
     end_ns: int
     offset: int
@@ -137,6 +144,7 @@ class ChunkIndexRecord:
 
 
 def parse_chunk_index(content: bytes) -> ChunkIndexRecord:
+    """Where a chunk is and what it holds; None as channels where it does not say."""
     cursor = Cursor(content)
     start, end, offset, _ = cursor.values(_CHUNK_INDEX)
     offsets = dict(_pairs(cursor))
@@ -154,6 +162,8 @@ def _pairs(cursor: Cursor) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
+    """What a finished file says of itself."""
+
     messages: int
     chunks: int
     start_ns: int
@@ -162,6 +172,7 @@ class Statistics:
 
 
 def parse_statistics(content: bytes) -> Statistics:
+    """The counts that a finished file ends with."""
     cursor = Cursor(content)
     messages, _, _, _, _, chunks, start, end = cursor.values(_STATISTICS)
     return Statistics(messages, chunks, start, end, dict(_pairs(cursor)))

@@ -14,6 +14,8 @@ DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "
 
 @dataclass(frozen=True, slots=True)
 class PointField:
+    """One number of a point."""
+
     name: str
     offset: int  # bytes from the start of a point
     datatype: int

@@ -37,19 +37,23 @@ def parse_fields(header: bytes) -> Fields:
 
 
 def operation(fields: Fields) -> int:
+    """What kind of record this is; -1 where the header does not say."""
     op = fields.get(b"op", b"")
     return op[0] if len(op) == 1 else -1
 
 
 def field_u32(fields: Fields, name: bytes) -> int:
+    """A field of four bytes as a number; `DamagedBlockError` for another size."""
     return int(U32(_sized(fields, name, 4))[0])
 
 
 def field_u64(fields: Fields, name: bytes) -> int:
+    """A field of eight bytes as a number; `DamagedBlockError` for another size."""
     return int(_U64(_sized(fields, name, 8))[0])
 
 
 def field_time(fields: Fields, name: bytes) -> int:
+    """Nanoseconds of a field of seconds and nanoseconds."""
     seconds, nanoseconds = _TIME(_sized(fields, name, 8))
     return int(seconds) * 1_000_000_000 + int(nanoseconds)
 

@@ -50,6 +50,7 @@ def _singles(wire: Wire, data: Payload, position: int) -> tuple[NDArray[np.float
 
 
 def laser_scan(wire: Wire, data: Payload) -> LaserScanMessage:
+    """A planar sweep."""
     stamp, frame, position = wire.header(data, wire.start)
     numbers, position = wire.array(data, wire.align(position, 4), "f4", 7)
     ranges, position = _singles(wire, data, position)
@@ -94,6 +95,7 @@ def _scan(
 
 
 def odometry(wire: Wire, data: Payload) -> OdometryMessage:
+    """A pose with its covariance, and the velocity."""
     stamp, frame, position = wire.header(data, wire.start)
     child, position = wire.string(data, position)
     position = wire.align(position, 8)
@@ -111,6 +113,7 @@ def odometry(wire: Wire, data: Payload) -> OdometryMessage:
 
 
 def imu(wire: Wire, data: Payload) -> ImuMessage:
+    """An inertial sample; its orientation is None where the device says that it has none."""
     stamp, frame, position = wire.header(data, wire.start)
     values, _ = _doubles(wire, data, position, 37)
     # A first covariance of -1 says "no orientation"; so does a quaternion that was never set.
@@ -119,6 +122,7 @@ def imu(wire: Wire, data: Payload) -> ImuMessage:
 
 
 def transforms(wire: Wire, data: Payload, *, static: bool) -> TransformsMessage:
+    """Transforms of tf, static or not by their topic."""
     count, position = wire.u32(data, wire.start)
     if count > _MAX_ITEMS:
         raise ValueError(f"{count} transforms")
@@ -134,6 +138,7 @@ def transforms(wire: Wire, data: Payload, *, static: bool) -> TransformsMessage:
 
 
 def camera_info(wire: Wire, data: Payload) -> CameraInfoMessage:
+    """Intrinsics of a camera."""
     stamp, frame, position = wire.header(data, wire.start)
     height, position = wire.u32(data, position)
     width, position = wire.u32(data, position)
@@ -154,6 +159,7 @@ def camera_info(wire: Wire, data: Payload) -> CameraInfoMessage:
 
 
 def image(wire: Wire, data: Payload) -> ImageMessage:
+    """Pixels as they are, decoded when asked for."""
     stamp, frame, position = wire.header(data, wire.start)
     height, position = wire.u32(data, position)
     width, position = wire.u32(data, position)
@@ -167,6 +173,7 @@ def image(wire: Wire, data: Payload) -> ImageMessage:
 
 
 def image_compressed(wire: Wire, data: Payload) -> ImageMessage:
+    """A JPEG, PNG, WebP or compressedDepth image, decoded when asked for."""
     stamp, frame, position = wire.header(data, wire.start)
     described, position = wire.string(data, position)
     payload, _ = wire.octets(data, position)
@@ -174,6 +181,7 @@ def image_compressed(wire: Wire, data: Payload) -> ImageMessage:
 
 
 def point_cloud(wire: Wire, data: Payload) -> PointCloudMessage:
+    """Points, with their colours where they have some; rows that are not finite left out."""
     stamp, frame, position = wire.header(data, wire.start)
     height, position = wire.u32(data, position)
     width, position = wire.u32(data, position)
@@ -196,18 +204,21 @@ def point_cloud(wire: Wire, data: Payload) -> PointCloudMessage:
 
 
 def pose(wire: Wire, data: Payload) -> PoseMessage:
+    """A pose without covariance."""
     stamp, frame, position = wire.header(data, wire.start)
     values, _ = _doubles(wire, data, position, 7)
     return PoseMessage(stamp, frame, pose_matrix(values.tolist()), np.zeros((6, 6)))
 
 
 def pose_with_covariance(wire: Wire, data: Payload) -> PoseMessage:
+    """A pose with its covariance."""
     stamp, frame, position = wire.header(data, wire.start)
     values, _ = _doubles(wire, data, position, 43)
     return PoseMessage(stamp, frame, pose_matrix(values[:7].tolist()), values[7:].reshape(6, 6))
 
 
 def text(wire: Wire, data: Payload, log_time_ns: int) -> TextMessage:
+    """A string, whose time is that of the log."""
     return TextMessage(log_time_ns, wire.string(data, wire.start)[0])
 
 

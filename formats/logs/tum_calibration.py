@@ -21,6 +21,8 @@ _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
+    """Intrinsics of a TUM camera."""
+
     focal_and_centre: tuple[float, float, float, float]
     """fx fy cx cy, pixels."""
     distortion: tuple[float, ...]

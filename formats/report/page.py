@@ -104,6 +104,7 @@ def notes(lines: Sequence[str]) -> str:
 
 
 def paragraph(text: str) -> str:
+    """A sentence; nothing for an empty one."""
     return f"<p>{escape(text)}</p>" if text else ""
 
 

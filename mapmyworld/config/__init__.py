@@ -19,6 +19,8 @@ from mapmyworld.config.visual import VisualConfig
 
 @dataclass(frozen=True, slots=True)
 class Config:
+    """All settings, by room."""
+
     threads: int = 0  # worker threads; 0 = as many as cores. Results do not depend on it
     seed: int = 0  # of everything random
     sensing: SensingConfig = field(default_factory=SensingConfig)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class GraphConfig:
+    """Settings of optimisation and of believing closures."""
+
     iterations: int = 100  # steps of Levenberg-Marquardt at most, per start
     tolerance: float = 1e-7  # relative decrease of the cost below which a solution stands
     robust: bool = True  # whether closures that contradict odometry and each other are rejected

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class LimitsConfig:
+    """What files may claim."""
+
     chunk_mb: int = 256  # MB of one chunk of a log; a chunk that claims more is damage
     image_megapixels: int = 64  # million pixels of one image; one that claims more is damage
     unpacked_gb: int = 64  # GB that a compressed log may unpack to

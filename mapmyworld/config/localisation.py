@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class LocalisationConfig:
+    """Settings of localisation in a finished map."""
+
     spacing: float = 0.5  # m between the map's scans that new ones are matched with
     targets: int = 4  # scans of the map that each new one is matched with
     fit_distance: float = 0.15  # m from a mapped surface within which a point counts as explained

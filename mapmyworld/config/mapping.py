@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class MappingConfig:
+    """Settings of the occupancy grid."""
+
     resolution: float = 0.05  # m, side of a cell of the grid
     range_max: float = 30.0  # m, beams are drawn up to here
     missing_range: float = 0.0  # m that a beam without return is taken to have passed freely

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class OdometryConfig:
+    """Settings of tracking by laser."""
+
     keyscan_distance: float = 0.15  # m of motion after which a scan joins the local submap
     keyscan_angle: float = 0.2  # rad of rotation after which a scan joins the local submap
     keyscans: int = 16  # scans of the local submap that are kept
@@ -21,4 +23,4 @@ class OdometryConfig:
     refine_angle: float = 0.3  # rad of rotation between scans that are aligned jointly
     refine_radius: float = 4.0  # m within which other visits' scans are aligned with each
     refine_passes: int = 4  # other visits that each scan is aligned with, at most
-    refine_visits: int = 3  # visits of a place that shape the map; later ones follow these
+    refine_visits: int = 2  # visits of a place that shape the map; later ones follow these

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ParticlesConfig:
+    """Settings of FastSLAM."""
+
     count: int = 30  # particles at most
     count_min: int = 10  # particles at least; as many as `count` switches the adaptation off
     resolution: float = 0.05  # m, cells of the particles' maps

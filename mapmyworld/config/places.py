@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class PlacesConfig:
+    """Settings of recognising places."""
+
     vocabulary: str = ""  # file of visual words, or a map that has some; empty = learned anew
     laser_spacing: float = 1.0  # m of path between two scans that look for known places nearby
     laser_far_spacing: float = 2.0  # m of path between two scans that look as far as drift goes

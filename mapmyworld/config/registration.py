@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class RegistrationConfig:
+    """Settings of aligning two scans."""
+
     matcher: str = "point_to_line"  # that aligns laser scans: a name of registration/matchers.py
     point_spacing: float = 0.04  # m between neighbouring points of a scan that are matched
     point_count: int = 220  # points of a scan that are matched, about; more are thinned

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class SensingConfig:
+    """Settings of the plan, of frames and of nodes."""
+
     scan_topic: str = ""  # empty = chosen by the plan
     colour_topic: str = ""  # empty = chosen by the plan
     depth_topic: str = ""  # empty = chosen by the plan

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class StorageConfig:
+    """Settings of what map.db keeps, and how."""
+
     store_images: bool = True  # keep colour and depth images of the nodes
     image_codec: str = "jpeg"  # "jpeg" or "png"; recorded JPEG files are kept as they are
     image_quality: int = 95  # JPEG quality, 1 to 100

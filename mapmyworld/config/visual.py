@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class VisualConfig:
+    """Settings of all that is made of images."""
+
     cloud_voxel: float = 0.02  # m, edge of the cloud's voxels
     cloud_spacing: float = 0.25  # m or rad between the nodes whose images make the cloud
     cloud_stride: int = 4  # pixels of the full image between neighbouring points of a view

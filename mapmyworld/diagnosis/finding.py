@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Finding:
+    """What comparing two sensors showed, and what to do about it."""
+
     name: str
     """What was compared: "odometry scale", ..."""
     value: float

@@ -39,6 +39,8 @@ class GridAgreement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GridScore:
+    """How well a grid agrees with a reference, as it lies and best aligned."""
+
     unaligned: GridAgreement
     aligned: GridAgreement
     reference_from_grid: NDArray[np.float64]

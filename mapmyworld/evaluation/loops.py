@@ -18,6 +18,8 @@ _NEAR_S = 3.0  # s around a true loop's moments in which a closure finds it
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoopScore:
+    """How many accepted closures are right, and how many were missed."""
+
     count: int
     precision: float
     """Share of the closures that are right; 1 without any closure."""

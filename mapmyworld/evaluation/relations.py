@@ -23,6 +23,8 @@ _SAME_STAMP_NS = 500  # two stamps written with six decimals are the same within
 
 @dataclass(frozen=True, slots=True)
 class MeanStd:
+    """A mean and its sample's standard deviation."""
+
     mean: float
     std: float
     """Of the sample (divided by the count less one), as in the papers' tables."""

@@ -28,6 +28,8 @@ _RETRIES = 3  # times that left-out closures are tried again on a better solutio
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobustSolution:
+    """Poses, and the edges that were believed."""
+
     poses: Array
     inliers: NDArray[np.bool_]
     """(E,) edges that were believed in the end; trusted ones always."""

@@ -21,6 +21,8 @@ _FEWEST = 12  # points of a scan below which it says nothing
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moment:
+    """One frame of the log that is localised."""
+
     index: int
     """Of the frame in the log."""
     scan: PreparedScan

@@ -247,6 +247,7 @@ def view_of_frame(frame: Frame, config: Config) -> View | None:
 
 
 def first_image(frame: Frame) -> RgbdImage | None:
+    """The frame's first image with colours, one with depth if there is any."""
     seen = [image for image in frame.images if image.colour is not None]
     return min(seen, key=lambda image: image.depth is None, default=None)
 

@@ -31,6 +31,7 @@ class Proposal:
 
 
 def by_words(images: NodeImages, size: int, config: Config) -> list[Proposal]:
+    """Pairs of images that have many rare words in common, over the whole log."""
     settings = config.visual
     candidates = find_candidates(
         images.words(),

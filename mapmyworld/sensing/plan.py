@@ -28,6 +28,8 @@ class Decision:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanSource:
+    """The lidar that the map is made with."""
+
     topic: str
     frame_id: str
     base_from_lidar: NDArray[np.float64]
@@ -38,6 +40,8 @@ class ScanSource:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraSource:
+    """A camera: colour, depth and its model."""
+
     colour_topic: str
     depth_topic: str
     info_topic: str
@@ -47,6 +51,8 @@ class CameraSource:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OdometrySource:
+    """Where the motion comes from."""
+
     name: str
     """The topic, or "tf odom -> base"."""
     motion: RecordedMotion
@@ -55,6 +61,8 @@ class OdometrySource:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuSource:
+    """The inertial unit."""
+
     topic: str
     base_from_imu: NDArray[np.float64]
     """(4, 4); only its rotation is used."""
@@ -62,6 +70,8 @@ class ImuSource:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
+    """What building takes from the log, and why."""
+
     scan: ScanSource | None
     camera: CameraSource | None
     odometry: OdometrySource | None

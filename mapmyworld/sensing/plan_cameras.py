@@ -65,6 +65,7 @@ def infos_of(draft: Draft) -> list[Stream]:
 
 
 def look_at(stream: Stream) -> Images | None:
+    """A stream of images and their size; None where none of the sample can be decoded."""
     sample = next((m for m in stream.samples if isinstance(m, ImageMessage)), None)
     if sample is None:
         return None
@@ -170,6 +171,7 @@ def source_of(
     info_stream: Stream,
     info: CameraInfoMessage,
 ) -> CameraSource | None:
+    """The camera of these topics; None, and why in the draft's losses, where it cannot serve."""
     fault = _fault_of(info)
     if fault:
         draft.losses.append(f"the camera is not used: {info_stream.topic} holds {fault}")

@@ -14,15 +14,18 @@ LEFT_WHEEL, RIGHT_WHEEL = "left_wheel", "right_wheel"
 
 
 def base_from_chassis(settings: SimulationSettings) -> NDArray[np.float64]:
+    """Pose (4, 4) of the chassis' centre."""
     body = settings.body
     return make_transform(np.eye(3), [0.0, 0.0, body.ground_clearance + body.height / 2.0])
 
 
 def chassis_from_laser(settings: SimulationSettings) -> NDArray[np.float64]:
+    """Pose (4, 4) of the laser."""
     return make_transform(np.eye(3), [settings.laser.mount_x, 0.0, settings.laser.mount_z])
 
 
 def chassis_from_camera(settings: SimulationSettings) -> NDArray[np.float64]:
+    """Pose (4, 4) of the camera's body, x forward."""
     pitch = np.radians(settings.camera.mount_pitch)
     place = [settings.camera.mount_x, 0.0, settings.camera.mount_z]
     return make_transform(roll_pitch_yaw_to_rotation(0.0, pitch, 0.0), place)
@@ -35,11 +38,13 @@ def camera_from_optical() -> NDArray[np.float64]:
 
 
 def base_from_optical(settings: SimulationSettings) -> NDArray[np.float64]:
+    """Pose (4, 4) of the camera's optical frame."""
     mount = base_from_chassis(settings) @ chassis_from_camera(settings)
     return np.asarray(mount @ camera_from_optical())
 
 
 def base_from_laser(settings: SimulationSettings) -> NDArray[np.float64]:
+    """Pose (4, 4) of the laser on the base."""
     return np.asarray(base_from_chassis(settings) @ chassis_from_laser(settings))
 
 

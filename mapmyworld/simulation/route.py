@@ -17,6 +17,8 @@ from mapmyworld.errors import WorldError
 
 @dataclass(frozen=True, slots=True)
 class Step:
+    """One order to the driver."""
+
     kind: str
     """"drive", "back", "turn", "wait", "start" or "kidnap"."""
     values: tuple[float, ...]

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True)
 class BodySettings:
+    """The robot's body."""
+
     length: float = 0.40  # m, of the chassis
     width: float = 0.30  # m, of the chassis
     height: float = 0.15  # m, of the chassis
@@ -17,6 +19,8 @@ class BodySettings:
 
 @dataclass(frozen=True, slots=True)
 class DriverSettings:
+    """How it is driven."""
+
     speed: float = 0.6  # m/s when driving straight
     turn_rate: float = 0.9  # rad/s when turning on the spot
     acceleration: float = 0.6  # m/s^2, at most
@@ -27,6 +31,8 @@ class DriverSettings:
 
 @dataclass(frozen=True, slots=True)
 class LaserSettings:
+    """The laser and its faults."""
+
     enabled: bool = True  # whether the laser records
     rate: float = 10.0  # Hz
     beams: int = 1081  # a sweep
@@ -43,6 +49,8 @@ class LaserSettings:
 
 @dataclass(frozen=True, slots=True)
 class CameraSettings:
+    """The depth camera and its faults."""
+
     enabled: bool = True  # whether the camera records
     rate: float = 10.0  # Hz
     width: int = 640  # pixels
@@ -66,6 +74,8 @@ class CameraSettings:
 
 @dataclass(frozen=True, slots=True)
 class OdometrySettings:
+    """The wheels and their faults."""
+
     rate: float = 30.0  # Hz
     radius_error: float = 0.003  # share by which the wheels' radii differ from what is believed
     imbalance: float = 0.0006  # share by which the right wheel's radius exceeds the left's
@@ -78,6 +88,8 @@ class OdometrySettings:
 
 @dataclass(frozen=True, slots=True)
 class ImuSettings:
+    """The inertial unit and its faults."""
+
     enabled: bool = True  # whether the inertial unit records
     rate: float = 100.0  # Hz
     gyro_noise: float = 0.002  # rad/s, standard deviation
@@ -88,6 +100,8 @@ class ImuSettings:
 
 @dataclass(frozen=True, slots=True)
 class ClockSettings:
+    """The log's clock and its delays."""
+
     start: float = 1_700_000_000.0  # s since 1970 at which the log begins
     stamp_jitter: float = 0.0005  # s, standard deviation of a sensor's trigger
     latency_jitter: float = 0.002  # s, mean of the exponential delay on top of each latency
@@ -95,6 +109,8 @@ class ClockSettings:
 
 @dataclass(frozen=True, slots=True)
 class SimulationSettings:
+    """All settings of a simulated recording."""
+
     body: BodySettings = field(default_factory=BodySettings)
     driver: DriverSettings = field(default_factory=DriverSettings)
     laser: LaserSettings = field(default_factory=LaserSettings)

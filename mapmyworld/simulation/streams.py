@@ -59,6 +59,8 @@ def static_messages(settings: SimulationSettings, stamp_ns: int) -> Messages:
 
 
 def laser_stream(laser: Laser, drive: Drive, schedule: Schedule, seed: int) -> Stream:
+    """The laser's sweeps."""
+
     def messages(index: int) -> Messages:
         s = laser.settings
         sweep = laser.sweep(drive, float(schedule.times[index]))
@@ -83,6 +85,8 @@ def laser_stream(laser: Laser, drive: Drive, schedule: Schedule, seed: int) -> S
 def odometry_stream(
     odometry: WheelOdometry, schedule: Schedule, settings: SimulationSettings
 ) -> Stream:
+    """The wheels' odometry, and the same with the wheels' turns on tf."""
+
     def messages(index: int) -> Messages:
         stamp_ns = int(schedule.stamps_ns[index])
         pose = planar_to_matrix(odometry.poses[index])
@@ -110,6 +114,7 @@ def odometry_stream(
 
 
 def imu_stream(drive: Drive, schedule: Schedule, settings: SimulationSettings, seed: int) -> Stream:
+    """The inertial unit's samples, with gravity and a constant error of the gyroscope."""
     s = settings.imu
     bias = random_of(seed, "imu bias").normal(size=3) * s.gyro_bias
     rates, forward = _inertial(drive, schedule.times)

@@ -24,6 +24,8 @@ _PLAIN = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Texture:
+    """A picture that covers a surface again and again."""
+
     pixels: NDArray[np.uint8]
     """(EDGE, EDGE, 3) RGB, row 0 at the bottom."""
     width: float

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 
 class EditAction(StrEnum):
+    """What an edit does to the graph."""
+
     ACCEPT = "accept"
     REJECT = "reject"
     ADD = "add"

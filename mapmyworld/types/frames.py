@@ -55,6 +55,8 @@ class RgbdImage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuSample:
+    """What the inertial unit says at one moment."""
+
     stamp_ns: int
     angular_velocity: NDArray[np.float64]
     """(3,) rad/s, base frame."""

@@ -38,6 +38,8 @@ class OccupancyGrid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointCloud:
+    """Points of the map frame."""
+
     points: NDArray[np.float32]
     """(N, 3) metres."""
     colours: NDArray[np.uint8] | None = None
@@ -48,6 +50,8 @@ class PointCloud:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
+    """Triangles of the map frame."""
+
     vertices: NDArray[np.float32]
     """(V, 3) metres."""
     triangles: NDArray[np.int32]

@@ -117,6 +117,8 @@ class OdometryMessage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuMessage:
+    """Turning rates and accelerations."""
+
     stamp_ns: int
     frame_id: str
     orientation: NDArray[np.float64] | None
@@ -139,6 +141,8 @@ class TransformStamped:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TransformsMessage:
+    """Poses of frames in frames, as tf has them."""
+
     transforms: tuple[TransformStamped, ...]
     static: bool
 
@@ -181,6 +185,8 @@ class Quantity(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReadingMessage:
+    """A measured quantity of the surroundings."""
+
     stamp_ns: int
     frame_id: str
     quantity: Quantity
@@ -189,6 +195,8 @@ class ReadingMessage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TextMessage:
+    """A text."""
+
     stamp_ns: int
     text: str
 
@@ -223,6 +231,8 @@ class RawMessage:
 
 @dataclass(frozen=True, slots=True)
 class TopicInfo:
+    """What a log says of one of its topics."""
+
     topic: str
     type_name: str
     kind: MessageKind

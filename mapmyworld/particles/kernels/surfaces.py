@@ -80,6 +80,7 @@ def moved(
 
 @jit
 def slot_of(maps: Any, particle: int, ix: int, iy: int) -> int:
+    """The tile of a particle's map that holds a cell; 0, the empty one, outside."""
     ty = (iy >> TILE_SHIFT) - maps.base[0]
     tx = (ix >> TILE_SHIFT) - maps.base[1]
     if ty < 0 or tx < 0 or ty >= maps.tables.shape[1] or tx >= maps.tables.shape[2]:

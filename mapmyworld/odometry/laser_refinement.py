@@ -19,6 +19,7 @@ from mapmyworld.geometry import (
     matrix_to_planar,
     planar_to_matrix,
 )
+from mapmyworld.heap import give_back
 from mapmyworld.places.laser_nodes import NodeScans, load_node_scans
 from mapmyworld.places.laser_pairs import first_visits, neighbour_pairs
 from mapmyworld.registration.joint_alignment import align_jointly
@@ -64,7 +65,7 @@ def refine_poses(
     solved = matrix_to_planar(np.stack([poses.map_from_node[rows[n.id]] for n in nodes]))
     drives = _drives(nodes)
     chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in drives])
-    task = _Task(nodes, chosen, _subset(scans, chosen), store.constraints(), config)
+    task = _Task(nodes, chosen, scans, store.constraints(), config)
     refined, moved, residual = _aligned(task, solved[chosen], progress)
     every = np.concatenate(
         [
@@ -86,13 +87,9 @@ class _Task:
     chosen: Index
     """(S,) the nodes they were taken at."""
     scans: ScanSet
+    """Of all nodes."""
     constraints: Sequence[Constraint]
     config: Config
-
-    def part(self, rows: Index) -> _Task:
-        """The task of some of the scans."""
-        scans = _subset(self.scans, rows)
-        return replace(self, chosen=self.chosen[rows], scans=scans)
 
 
 def _aligned(
@@ -107,8 +104,9 @@ def _aligned(
         return _rounds(task, poses, np.arange(len(poses)) == 0, progress)
     rows = np.flatnonzero(first)
     shaped, moved, residual = _rounds(
-        task.part(rows), poses[rows], np.arange(len(rows)) == 0, progress
+        replace(task, chosen=task.chosen[rows]), poses[rows], np.arange(len(rows)) == 0, progress
     )
+    give_back()
     followed, later, _ = _rounds(task, carry_along(poses, rows, shaped), first, progress)
     return followed, moved + later, residual
 
@@ -121,12 +119,13 @@ def _rounds(
     residual = 0.0
     settings, config = task.config.odometry, task.config
     motions = node_motions(task.nodes, task.chosen, task.constraints)
+    scans = _subset(task.scans, task.chosen)
     among = held if np.count_nonzero(held) > 1 else None
     for reaches in (_REACHES[:_ANEW], _REACHES[_ANEW:]):
         pairs = neighbour_pairs(poses, settings.refine_radius, settings.refine_passes, among=among)
         pairs = pairs[~held[pairs].all(axis=1)]
         found = align_jointly(
-            task.scans, poses, pairs, motions, reaches, config.registration, config.threads,
+            scans, poses, pairs, motions, reaches, config.registration, config.threads,
             _NOTHING, held,
         )  # fmt: skip
         poses, residual = found.poses, found.residual

@@ -14,7 +14,7 @@ from mapmyworld.geometry import wrap_angle
 Index = NDArray[np.int64]
 _IN_TIME = (1, 2, 4, 8)  # scans ahead that each scan is compared with
 _METRES_PER_RADIAN = 1.5  # how much farther a scan counts for looking elsewhere
-_BLOCK = 512  # scans whose surroundings are held in memory together
+_BLOCK = 128  # scans whose surroundings are held in memory together
 _SAME_PLACE, _SAME_HEADING = 0.5, 0.5  # m and rad within which a place is visited again
 _AROUND = tuple(itertools.product((-1, 0, 1), repeat=2))
 

@@ -40,25 +40,30 @@ class Facts:
 
     @cached_property
     def trajectory(self) -> Trajectory:
+        """Where the robot was, by the map."""
         from cli.exporting import trajectory_of
 
         return trajectory_of(self.store)
 
     @cached_property
     def reference(self) -> Trajectory:
+        """Where it was in truth."""
         assert self.sources.reference is not None
         return read_any_trajectory(self.sources.reference)
 
     @cached_property
     def absolute(self) -> TrajectoryScore:
+        """ATE against the reference."""
         return ate(self.trajectory, self.reference)
 
     @cached_property
     def relative(self) -> TrajectoryScore:
+        """RPE over each metre of the reference."""
         return rpe(self.trajectory, self.reference, distance=1.0)
 
     @cached_property
     def related(self) -> RelationsScore:
+        """Errors of the map's relations."""
         from formats.relations import read_relations
 
         assert self.sources.relations is not None
@@ -66,12 +71,14 @@ class Facts:
 
     @cached_property
     def loops(self) -> LoopScore:
+        """How many closures are right."""
         assert self.sources.reference is not None
         pairs = truth_beside(self.sources.reference)
         return score_loops(self.store, self.reference, pairs)
 
     @cached_property
     def grid(self) -> OccupancyGrid:
+        """The map's grid; `MapError` where it has none."""
         grid = self.store.grid()
         if grid is None:
             raise ConfigError(f"{self.sources.map_path} has no grid to check: build it with scans")
@@ -79,17 +86,20 @@ class Facts:
 
     @cached_property
     def agreement(self) -> GridScore:
+        """How the grid agrees with the reference's."""
         from formats.grid import read_grid
 
         assert self.sources.grid is not None
         return grid_score(self.grid, read_grid(self.sources.grid))
 
     def count(self, kind: ConstraintKind, *, accepted: bool = True) -> float:
+        """Constraints of a kind with this verdict."""
         return float(
             sum(c.kind == kind and c.accepted == accepted for c in self.store.constraints())
         )
 
     def largest_sigma(self) -> float:
+        """Metres of the least certain node."""
         poses = self.store.poses()
         if poses is None or poses.covariances is None or len(poses.covariances) == 0:
             raise ConfigError(f"{self.sources.map_path} has no covariances to check")

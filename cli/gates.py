@@ -55,6 +55,7 @@ class Requirement:
     limit: float
 
     def holds(self, value: float) -> bool:
+        """Whether a value keeps the limit."""
         return _OPERATORS[self.symbol](value, self.limit)
 
     def __str__(self) -> str:

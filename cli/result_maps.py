@@ -30,6 +30,7 @@ class ResultMaps:
         self.discard()
 
     def discard(self) -> None:
+        """Removes what was written."""
         for path in self._written:
             path.unlink(missing_ok=True)
         self._written = []
@@ -60,6 +61,7 @@ class ResultMaps:
         return self._written[-1]
 
     def put_in_place(self) -> None:
+        """Gives the finished files their names."""
         for number, path in enumerate(self._written):
             os.replace(path, numbered(self._output, number))
 

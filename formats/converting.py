@@ -132,6 +132,7 @@ class Copier:
             yield raw.log_time_ns, write
 
     def losses(self) -> tuple[str, ...]:
+        """What could not be read or written, for people."""
         return tuple(
             f"{reason}: {count} message(s) left out" for reason, count in sorted(self._lost.items())
         )

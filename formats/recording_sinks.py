@@ -58,11 +58,14 @@ class Sink(Protocol):
     encoding: str
     """Of the messages it takes: "cdr" or "ros1"."""
 
-    def add(self, channel: Channel) -> Handle: ...
+    def add(self, channel: Channel) -> Handle:
+        """Makes a topic known; what it gives stands for the topic in `write`."""
 
-    def write(self, handle: Handle, log_time_ns: int, data: bytes) -> None: ...
+    def write(self, handle: Handle, log_time_ns: int, data: bytes) -> None:
+        """One serialised message."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Finishes the file: it can be read from now on."""
 
     def abort(self) -> None:
         """Removes what was written."""

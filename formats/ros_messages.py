@@ -47,14 +47,17 @@ class RosMessages:
         return _BUILDERS[type(message)][1](self, message)
 
     def make(self, type_name: str, *values: Any) -> Any:
+        """A message object of this version of ROS."""
         return self._store.types[type_name](*values)
 
     def header(self, stamp_ns: int, frame_id: str) -> Any:
+        """A std_msgs/Header."""
         stamp = self.make("builtin_interfaces/msg/Time", *divmod(stamp_ns, 1_000_000_000))
         sequence = (0,) if self._is_ros1 else ()
         return self.make("std_msgs/msg/Header", *sequence, stamp, frame_id)
 
     def pose(self, matrix: NDArray[np.float64]) -> Any:
+        """A geometry_msgs/Pose."""
         return self.make(
             "geometry_msgs/msg/Pose",
             self.make("geometry_msgs/msg/Point", *matrix[:3, 3].tolist()),
@@ -62,14 +65,17 @@ class RosMessages:
         )
 
     def quaternion(self, matrix: NDArray[np.float64]) -> Any:
+        """The rotation of a pose (4, 4)."""
         return self.make("geometry_msgs/msg/Quaternion", *exact_quaternion(matrix[:3, :3]))
 
     def vector(self, values: NDArray[np.float64]) -> Any:
+        """A geometry_msgs/Vector3."""
         return self.make("geometry_msgs/msg/Vector3", *values.tolist())
 
     def pose_with_covariance(
         self, matrix: NDArray[np.float64], covariance: NDArray[np.float64]
     ) -> Any:
+        """A pose and its covariance (6, 6), translation first."""
         return self.make(
             "geometry_msgs/msg/PoseWithCovariance", self.pose(matrix), _flat(covariance)
         )

@@ -40,6 +40,7 @@ class BuildResult:
     """What the map lacks, one line each; empty for a complete map."""
 
     def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
         return {name: getattr(self, name) for name in self.__slots__}
 
 

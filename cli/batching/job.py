@@ -48,6 +48,7 @@ class Result:
 
     @property
     def passed(self) -> bool:
+        """Whether every requirement was met."""
         return all(check["passed"] for check in self.checks)
 
 

@@ -83,10 +83,12 @@ class Connection:
             yield from self._sqlite.execute(sql, parameters)
 
     def run(self, sql: str, parameters: Sequence[Any] = ()) -> None:
+        """One statement; `MapError` tells of a file that cannot be written."""
         with self._ready():
             self._sqlite.execute(sql, parameters)
 
     def run_many(self, sql: str, rows: Iterable[Sequence[Any]]) -> None:
+        """One statement for each row."""
         with self._ready():
             self._sqlite.executemany(sql, rows)
 
@@ -118,6 +120,7 @@ class Connection:
             self.run("BEGIN IMMEDIATE")
 
     def commit(self) -> None:
+        """Ends the transaction, where there is one."""
         if self._sqlite.in_transaction:
             self.run("COMMIT")
 
@@ -127,6 +130,7 @@ class Connection:
         return frozenset(name for (name,) in found)
 
     def close(self) -> None:
+        """Gives the file back."""
         self._sqlite.close()
 
     @contextmanager

@@ -18,6 +18,7 @@ class FoxgloveSink:
         self._handles: dict[str, Any] = {}
 
     def write(self, topic: str, message: Any, log_time_ns: int) -> None:
+        """One message, whose topic is announced with its first."""
         if topic not in self._handles:
             name, schema = message.DESCRIPTOR.full_name, definition(message)
             self._handles[topic] = self._sink.add(

@@ -34,18 +34,22 @@ class BlockFile:
         self._checked: set[int] = set()
 
     def index(self) -> Index:
+        """Blocks and channels; read from the file's summary, or by looking through all of it."""
         if self._index is None:
             with open_binary(self.path) as stream:
                 self._index = self._read_index(stream, self.path)
         return self._index
 
     def files(self) -> tuple[Path, ...]:
+        """The file itself."""
         return (self.path,)
 
     def losses(self) -> tuple[str, ...]:
+        """Of the index, and of what was read since."""
         return (*self.index().problems, *self._losses)
 
     def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
+        """Records in log-time order, block by block."""
         index = self.index()
         wanted = {
             key: channel

@@ -35,6 +35,7 @@ class Survey:
     problems: list[str] = field(default_factory=list)
 
     def count(self, topic: str, log_time_ns: int) -> None:
+        """One more message of a topic."""
         self.counts[topic] += 1
         self.first_ns.setdefault(topic, log_time_ns)
         self.last_ns[topic] = log_time_ns
@@ -50,6 +51,7 @@ class LaserSurvey:
         self._pending: list[NDArray[np.float64]] = []
 
     def add(self, record: LaserRecord) -> None:
+        """One more record of a laser."""
         self._pending.append(record.ranges)
         if len(self._pending) >= _TOGETHER:
             self.count()

@@ -81,7 +81,8 @@ class Container(Protocol):
     def name(self) -> str:
         """Of the format, for people."""
 
-    def index(self) -> Index: ...
+    def index(self) -> Index:
+        """Channels, counts and times, read once."""
 
     def files(self) -> tuple[Path, ...]:
         """The files that hold the bytes, in order."""
@@ -89,7 +90,8 @@ class Container(Protocol):
     def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
         """Records in log-time order, ties in file order."""
 
-    def losses(self) -> tuple[str, ...]: ...
+    def losses(self) -> tuple[str, ...]:
+        """What could not be read so far, for people."""
 
 
 def normalised_type(name: str) -> str:

@@ -37,6 +37,7 @@ class Cursor:
         self.data, self.position = data, 0
 
     def values(self, layout: Struct) -> tuple[int, ...]:
+        """The next numbers."""
         try:
             found = layout.unpack_from(self.data, self.position)
         except struct.error as error:
@@ -45,18 +46,22 @@ class Cursor:
         return found
 
     def number(self, layout: Struct) -> int:
+        """The next number."""
         return self.values(layout)[0]
 
     def take(self, size: int) -> bytes:
+        """The next bytes."""
         if self.position + size > len(self.data):
             raise DamagedBlockError("a record is cut")
         self.position += size
         return self.data[self.position - size : self.position]
 
     def text(self) -> str:
+        """A string with its length before it."""
         return self.take(self.number(_U32)).decode("utf-8", "replace")
 
     def text_map(self) -> dict[str, str]:
+        """Pairs of strings with their length in bytes before them."""
         end = self.number(_U32) + self.position
         found: dict[str, str] = {}
         while self.position < end:
@@ -192,6 +197,7 @@ class Definitions:
         self.channels: dict[int, Channel] = {}
 
     def take(self, opcode: int, content: bytes) -> None:
+        """The next bytes."""
         if opcode == SCHEMA:
             key, schema = parse_schema(content)
             self.schemas[key] = schema

@@ -28,6 +28,7 @@ class Ros1Wire:
         self.unpack_pose = Struct(order + "7d").unpack_from  # x y z qx qy qz qw
 
     def align(self, position: int, size: int) -> int:
+        """Where a number of so many bytes begins, at this place or after it."""
         return position
 
     def header(self, data: Payload, position: int) -> tuple[int, str, int]:
@@ -38,11 +39,13 @@ class Ros1Wire:
         return seconds * 1_000_000_000 + nanoseconds, frame, end
 
     def string(self, data: Payload, position: int) -> tuple[str, int]:
+        """Text with its length before it, and the place behind it."""
         length, position = self.u32(data, position)
         _check(data, position, length)
         return str(data[position : position + length], "utf-8"), position + length
 
     def u32(self, data: Payload, position: int) -> tuple[int, int]:
+        """A number of four bytes, and the place behind it."""
         return self._u32(data, position)[0], position + 4
 
     def octets(self, data: Payload, position: int) -> tuple[bytes, int]:
@@ -73,6 +76,7 @@ class CdrWire(Ros1Wire):
     start = 4
 
     def align(self, position: int, size: int) -> int:
+        """Where a number of so many bytes begins, at this place or after it."""
         return position + (4 - position) % size
 
     def header(self, data: Payload, position: int) -> tuple[int, str, int]:
@@ -83,17 +87,20 @@ class CdrWire(Ros1Wire):
         return seconds * 1_000_000_000 + nanoseconds, frame, end
 
     def string(self, data: Payload, position: int) -> tuple[str, int]:
+        """Text with its length before it, and the place behind it."""
         length, position = self.u32(data, position)
         _check(data, position, length)
         return str(data[position : position + max(length - 1, 0)], "utf-8"), position + length
 
     def u32(self, data: Payload, position: int) -> tuple[int, int]:
+        """A number of four bytes, and the place behind it."""
         position += -position % 4
         return self._u32(data, position)[0], position + 4
 
     def array(
         self, data: Payload, position: int, kind: str, length: int
     ) -> tuple[NDArray[np.generic], int]:
+        """So many numbers of a numpy kind, and the place behind them."""
         found, end = super().array(data, position, kind, length)
         if self.order == ">" and length:
             found = np.frombuffer(data, ">" + kind, length, end - found.nbytes).astype(kind)

@@ -52,9 +52,11 @@ class View:
 
     @property
     def size(self) -> Floats:
+        """Width and height in pixels."""
         return (self.high - self.low) * self.scale
 
     def pixels(self, points: Floats) -> Floats:
+        """Where points (N, 2) in metres are on the picture."""
         moved = (points - self.low) * self.scale
         return np.stack([moved[..., 0], self.size[1] - moved[..., 1]], axis=-1)
 

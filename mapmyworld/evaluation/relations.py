@@ -52,10 +52,12 @@ class RelationsScore:
 
     @property
     def translation_mean(self) -> float:
+        """Metres."""
         return self.translation.mean
 
     @property
     def rotation_mean_deg(self) -> float:
+        """Degrees."""
         return self.rotation_deg.mean
 
 

@@ -39,6 +39,7 @@ class Moment:
 
     @property
     def is_blind(self) -> bool:
+        """Whether the scan shows too little to tell anything."""
         return len(self.scan.rows) < _FEWEST
 
 

@@ -47,6 +47,7 @@ class Drift:
         return float(max(translation, stated[1])), float(rotation)
 
     def comparable(self, i: int, j: int) -> bool:
+        """Whether tracking connects two nodes at all: it does within a session."""
         return bool(self._sessions[i] == self._sessions[j])
 
     def excess(

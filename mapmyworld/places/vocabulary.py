@@ -31,6 +31,7 @@ class Vocabulary:
 
     @property
     def size(self) -> int:
+        """The largest number of a word."""
         return int(self.word.max(initial=0))
 
     def words(self, descriptors: Binary) -> NDArray[np.int32]:

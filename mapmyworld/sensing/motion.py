@@ -20,6 +20,7 @@ class MotionRecorder:
         self._values = array("d")
 
     def add(self, stamp_ns: int, pose: NDArray[np.float64]) -> None:
+        """One more pose, in the order of the log."""
         self._stamps.append(stamp_ns)
         self._values.extend(pose[:3].ravel().tolist())
 

@@ -117,7 +117,9 @@ class Draft:
 
     @property
     def tree(self) -> TransformTree:
+        """All transforms of the log."""
         return self.survey.tree
 
     def decide(self, role: str, choice: str, reason: str, others: tuple[str, ...] = ()) -> None:
+        """Notes what was chosen for a role, and why."""
         self.decisions.append(Decision(role, choice, reason, others))

@@ -27,6 +27,7 @@ class Images:
 
     @property
     def topic(self) -> str:
+        """The stream's."""
         return self.stream.topic
 
 

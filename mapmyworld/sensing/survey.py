@@ -48,6 +48,7 @@ class Stream:
     _stride: int = 1
 
     def add(self, raw: RawMessage) -> None:
+        """One more message, in the order of the log."""
         if self.count == 0:
             self.first_log_ns = raw.log_time_ns
         if raw.stamp_ns is not None:

@@ -35,9 +35,11 @@ class Edge:
 
     @property
     def is_fixed(self) -> bool:
+        """Whether it has never moved."""
         return self.recorder is None and self.motion is None
 
     def at(self, stamp_ns: int) -> NDArray[np.float64] | None:
+        """The child's pose in the parent at a time; None where it is not known."""
         return self.first if self.motion is None else self.motion.at(stamp_ns)
 
 
@@ -52,6 +54,7 @@ class TransformTree:
         """Child frame -> why one of its parents was ignored."""
 
     def add(self, message: TransformsMessage) -> None:
+        """What a message says of frames."""
         for transform in message.transforms:
             parent, child = frame_name(transform.parent), frame_name(transform.child)
             slashes = transform.parent.startswith("/") or transform.child.startswith("/")
@@ -99,9 +102,11 @@ class TransformTree:
                 )
 
     def frames(self) -> set[str]:
+        """Names of all frames."""
         return {name for edge in self._edges.values() for name in (edge.parent, edge.child)}
 
     def edges(self) -> tuple[Edge, ...]:
+        """Each frame with its parent."""
         return tuple(self._parents.values())
 
     def edge_to(self, child: str) -> Edge | None:

@@ -58,10 +58,12 @@ class Truth:
 
     @property
     def mesh(self) -> Mesh:
+        """The world's surfaces."""
         return self.scene.mesh()
 
     @cached_property
     def loop_pairs(self) -> LoopPairs:
+        """Moments at which the robot was back at a place."""
         return _true_loops(self)
 
     @property

@@ -45,6 +45,7 @@ class ImageMessage:
 
     @property
     def is_depth(self) -> bool:
+        """By the encoding."""
         return self.encoding.upper() in {"16UC1", "32FC1", "MONO16", "Z16"}
 
 
@@ -148,6 +149,7 @@ class TransformsMessage:
 
     @property
     def stamp_ns(self) -> int:
+        """Of the first transform; 0 without any."""
         return self.transforms[0].stamp_ns if self.transforms else 0
 
 
@@ -272,4 +274,5 @@ class LogInfo:
 
     @property
     def duration_s(self) -> float:
+        """From the first message to the last."""
         return (self.end_ns - self.start_ns) * 1e-9

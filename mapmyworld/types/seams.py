@@ -68,7 +68,8 @@ class MapStore(Protocol):
     def put(self, key: str, value: Any) -> None:
         """Keeps a JSON value: plan, summary, diagnosis, versions, ..."""
 
-    def add_node(self, node: Node, data: NodeData) -> None: ...
+    def add_node(self, node: Node, data: NodeData) -> None:
+        """A node and its raw material; nodes come in the order of their ids."""
 
     def nodes(self) -> tuple[Node, ...]:
         """All nodes by id."""
@@ -82,11 +83,14 @@ class MapStore(Protocol):
     def scans(self, frames: Sequence[int] | NDArray[np.int64]) -> Iterator[tuple[int, Scan]]:
         """The scans of these frames, ascending; frames without a scan are passed over."""
 
-    def set_tracked_frames(self, frames: TrackedFrames) -> None: ...
+    def set_tracked_frames(self, frames: TrackedFrames) -> None:
+        """Every tracked moment at once, when tracking has ended."""
 
-    def tracked_frames(self) -> TrackedFrames: ...
+    def tracked_frames(self) -> TrackedFrames:
+        """Every tracked moment; none before tracking has ended."""
 
-    def add_constraints(self, constraints: Sequence[Constraint]) -> None: ...
+    def add_constraints(self, constraints: Sequence[Constraint]) -> None:
+        """Constraints that were tried, after those that are there."""
 
     def replace_constraints(self, constraints: Sequence[Constraint]) -> None:
         """All constraints at once: verdicts change when the graph is judged."""
@@ -94,14 +98,17 @@ class MapStore(Protocol):
     def constraints(self) -> tuple[Constraint, ...]:
         """Every constraint that was tried, in the order in which it was added."""
 
-    def set_features(self, node_id: int, features: Features) -> None: ...
+    def set_features(self, node_id: int, features: Features) -> None:
+        """The features of a node's images."""
 
     def set_words(self, words: Mapping[int, NDArray[Any]]) -> None:
         """The vocabulary: word id -> descriptor."""
 
-    def words(self) -> dict[int, NDArray[Any]]: ...
+    def words(self) -> dict[int, NDArray[Any]]:
+        """The vocabulary, as `set_words` took it; empty without one."""
 
-    def set_poses(self, poses: Poses) -> None: ...
+    def set_poses(self, poses: Poses) -> None:
+        """The optimised poses of nodes and landmarks."""
 
     def poses(self) -> Poses | None:
         """The optimised poses; None before the graph was solved."""
@@ -109,8 +116,11 @@ class MapStore(Protocol):
     def set_frame_poses(self, map_from_frame: NDArray[np.float64]) -> None:
         """Final pose (F, 4, 4) of every tracked frame."""
 
-    def frame_poses(self) -> NDArray[np.float64] | None: ...
+    def frame_poses(self) -> NDArray[np.float64] | None:
+        """Final pose (F, 4, 4) of every tracked frame; None before the graph was solved."""
 
-    def set_grid(self, grid: OccupancyGrid) -> None: ...
+    def set_grid(self, grid: OccupancyGrid) -> None:
+        """The occupancy grid."""
 
-    def grid(self) -> OccupancyGrid | None: ...
+    def grid(self) -> OccupancyGrid | None:
+        """The occupancy grid; None before it was drawn."""

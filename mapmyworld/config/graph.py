@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class GraphConfig:
     """Settings of optimisation and of believing closures."""
 
-    iterations: int = 100  # steps of Levenberg-Marquardt at most, per start
+    iterations: int = 300  # steps of Levenberg-Marquardt at most, per start
     tolerance: float = 1e-7  # relative decrease of the cost below which a solution stands
     robust: bool = True  # whether closures that contradict odometry and each other are rejected
     inlier_probability: float = 0.9999  # of a true constraint to pass a chi-square test

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from mapmyworld.geometry import Array
 from mapmyworld.graph.block_solver import Solver
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError
@@ -19,8 +21,10 @@ from mapmyworld.graph.residuals import retract, squared_sigmas
 from mapmyworld.graph.system import System, residuals_of
 
 _STEPS = 20  # of Gauss-Newton at most
-_DAMPING = 1e-6  # share of the diagonal, at first
-_SLIGHT = 1e-8  # share up to which the next step is tried undamped
+_DAMPING = 1e-8  # share of the diagonal, at first
+_SLIGHT = 1e-12  # share up to which the next step is tried undamped
+_GROWTH = 4.0  # of the damping where a step is taken back; twice as much with every further one
+_POOR, _GOOD = 0.1, 0.75  # of the promised gain: taken back up to here, damped less from there
 _DAMPED_OUT = 1e8  # where no step helps any more
 _NOTHING = 1e-18  # cost of a graph without contradiction
 _NEAR = 0.1  # share of the cost gained by a step, below which its factors serve for the next ones
@@ -59,29 +63,46 @@ def settle(system: System, poses: Array, tolerance: float = 1e-3, steps: int = _
 def descend(system: System, poses: Array, tolerance: float, steps: int) -> tuple[Array, int, bool]:
     """Poses at the nearby minimum, factorisations that led there, and whether it was reached.
 
-    Levenberg-Marquardt that tries the full step first (Marquardt's scaling of the diagonal). Near
-    the minimum the matrix hardly changes: further steps are made with the factors at hand.
+    Levenberg-Marquardt that tries the full step first (Marquardt's scaling of the diagonal), and
+    damps by how much of what the linear equations promise a step keeps (Nielsen, "Damping
+    parameter in Marquardt's method", 1999). Near the minimum the matrix hardly changes: further
+    steps are made with the factors at hand.
     """
     pattern, point = pattern_of(system), _Point.of(system, poses)
     damping = 0.0
     for taken in range(1, steps + 1):
         blocks, gradient = linearise(system, pattern, point.poses, residuals=point.residuals)
+        growth = _GROWTH
         while True:
             solver = _factors(pattern, blocks, damping)
             if solver is not None:
-                found = _Point.of(system, _stepped(system, solver, point.poses, gradient))
-                if found.cost <= point.cost:
+                step = solver.solve(-gradient.ravel()).reshape(gradient.shape)
+                found = _Point.of(system, retract(system.planar, point.poses, step))
+                gain = point.cost - found.cost
+                kept = gain / _promised(pattern, blocks, gradient, step, damping)
+                if gain >= 0.0 and (kept > _POOR or gain <= tolerance * point.cost):
                     break
-            damping = max(_DAMPING, 10.0 * damping)
+            damping, growth = max(_DAMPING, growth * damping), 2.0 * growth
             if damping > _DAMPED_OUT:
                 return point.poses, taken, True
-        gain, point = point.cost - found.cost, found
+        point = found
         if solver is not None and damping == 0.0 and gain < _NEAR * point.cost:
             point, gain = _coasted(system, pattern, solver, point, gain, tolerance)
         if gain <= tolerance * point.cost or point.cost < _NOTHING:
             return point.poses, taken, True
-        damping = damping / 10.0 if damping > _SLIGHT else 0.0
+        if kept > _GOOD:
+            damping = damping / 3.0 if damping > _SLIGHT else 0.0
     return point.poses, steps, False
+
+
+def _promised(
+    pattern: Pattern, blocks: Array, gradient: Array, step: Array, damping: float
+) -> float:
+    """What the linear equations say that a step gains."""
+    inner = np.arange(blocks.shape[1])
+    diagonal = blocks[: len(pattern.stays), inner, inner]
+    gain = damping * float(np.sum(diagonal * step * step)) - float(np.vdot(gradient, step))
+    return max(gain, _NOTHING)
 
 
 def _factors(pattern: Pattern, blocks: Array, damping: float) -> Solver | None:

@@ -1,7 +1,7 @@
 """The command line: parse, call, show."""
 
+import _signal as signal  # type: ignore[import-not-found]  # loads at once, `signal` does not
 import os
-import signal
 import sys
 
 # Before numpy loads. The matrices here are small: more threads of linear algebra cost two to ten

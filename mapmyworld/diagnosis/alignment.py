@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.geometry import Array
@@ -128,9 +128,10 @@ def image_edges(image: RgbdImage) -> tuple[Edges, Edges] | None:
         return None
     step = max(1, round(grey.shape[1] / _WIDTH))
     height, width = (side // step for side in grey.shape)
-    cells = grey[: height * step, : width * step].reshape(height, step, width, step)
-    grey, depth = cells.mean(axis=(1, 3)), depth[: height * step : step, : width * step : step]
-    near = median_filter(np.where(depth > 0, 1.0 / np.maximum(depth, 1e-3), 0.0), 3)
+    whole = np.asarray(grey[: height * step, : width * step], np.float32)
+    grey = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
+    depth = depth[: height * step : step, : width * step : step]
+    near = cv2.medianBlur(np.where(depth > 0, 1.0 / np.maximum(depth, 1e-3), 0.0), 3)
     found = tuple(_edges(near, grey, axis) for axis in (0, 1))
     return (found[0], found[1]) if sum(len(e.rows) for e in found) >= _LEAST_EDGES else None
 

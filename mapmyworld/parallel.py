@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import os
 import threading
@@ -10,12 +11,16 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from queue import Full, Queue
-from typing import TypeVar
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 _AHEAD = 3  # items per thread that are prepared before they are asked for
 
 In = TypeVar("In")
 Out = TypeVar("Out")
+Given = ParamSpec("Given")
 
 
 def batches(items: Iterable[In], size: int) -> Iterator[list[In]]:
@@ -121,3 +126,26 @@ def in_threads(work: Callable[[In], Out], items: Iterable[In], threads: int) -> 
         finally:
             for future in waiting:
                 future.cancel()
+
+
+def on_one_thread(work: Callable[Given, Out]) -> Callable[Given, Out]:
+    """`work`, during which linear algebra keeps to the thread that asks for it.
+
+    The matrices here are small: more threads of OpenBLAS cost up to ten times the processor's time
+    and gain none, and sums would depend on their number.
+    """
+
+    @functools.wraps(work)
+    def limited(*args: Given.args, **kwargs: Given.kwargs) -> Out:
+        with _linear_algebra().limit(limits=1, user_api="blas"):
+            return work(*args, **kwargs)
+
+    return limited
+
+
+@functools.cache
+def _linear_algebra() -> ThreadpoolController:
+    import scipy.linalg  # noqa: F401  has a library of its own, which must be there to be found
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()

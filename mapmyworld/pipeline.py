@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config, VisualConfig
 from mapmyworld.errors import ConfigError, MapError
+from mapmyworld.parallel import on_one_thread
 from mapmyworld.sensing import Plan, make_plan, survey_log
 from mapmyworld.stages.maps import draw_maps
 from mapmyworld.stages.recognise import recognise, scan_loader
@@ -44,6 +45,7 @@ class BuildResult:
         return {name: getattr(self, name) for name in self.__slots__}
 
 
+@on_one_thread
 def build_map(
     log: LogSource,
     store: MapStore,

@@ -23,6 +23,7 @@ from mapmyworld.graph.lifted import lifted_start
 from mapmyworld.graph.problem import Problem, problem_of
 from mapmyworld.graph.robust import solve_robustly
 from mapmyworld.graph.system import System, chosen_edges, edge_chi2
+from mapmyworld.parallel import on_one_thread
 from mapmyworld.types.pose_graph import PoseGraph
 
 # Nodes up to which a start from more dimensions is worth its minutes.
@@ -66,6 +67,7 @@ class _Descent:
     converged: bool
 
 
+@on_one_thread
 def optimise(graph: PoseGraph, config: GraphConfig | None = None) -> OptimisedGraph:
     """The graph with every node where all edges together want it.
 
@@ -114,6 +116,7 @@ def _best_of_all(
     return best, certificate, followed
 
 
+@on_one_thread
 def optimise_robustly(graph: PoseGraph, config: GraphConfig | None = None) -> OptimisedGraph:
     """The graph solved without the edges that contradict odometry and each other."""
     config = config or GraphConfig()

@@ -21,6 +21,7 @@ from mapmyworld.graph.pose_graph import Index, components
 from mapmyworld.graph.robust import RobustSolution, solve_robustly
 from mapmyworld.graph.system import System, believed_edges, edge_chi2
 from mapmyworld.graph.verdicts import faults_of, judged, unjudged
+from mapmyworld.parallel import on_one_thread
 from mapmyworld.types import Constraint, Poses
 
 
@@ -39,6 +40,7 @@ class SolvedGraph:
     """What is known about the solution: connection, consistency, global minimum."""
 
 
+@on_one_thread
 def solve(
     ids: Sequence[int] | Index,
     initial: Array,

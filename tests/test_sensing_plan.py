@@ -154,6 +154,15 @@ def test_settings_override_and_unknown_topics_are_refused() -> None:
         plan_of(with_mount(drive()), scan_topic="/nowhere")
 
 
+@pytest.mark.parametrize("metres", [np.nan, np.inf, 1e39])
+def test_a_transform_to_no_place_on_earth_is_left_out(metres: float) -> None:
+    """Also one that is finite: single precision cannot hold it."""
+    broken = ("/tf_static", transform("base_link", "laser", (metres, 0.0, 0.0)), 1)
+    plan = plan_of([*with_mount(drive()), broken])
+    assert plan.scan is not None
+    assert matrix_to_planar(plan.scan.base_from_lidar) == pytest.approx([0.2, 0.0, 0.1])
+
+
 def test_a_tilted_laser_is_not_taken_for_a_level_one() -> None:
     entries = drive()
     with pytest.raises(LogError, match="tilted by 90 deg"):

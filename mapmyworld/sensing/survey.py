@@ -10,7 +10,7 @@ import numpy as np
 
 from mapmyworld.errors import LogError
 from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion
-from mapmyworld.sensing.transforms import TransformTree
+from mapmyworld.sensing.transforms import FARTHEST, TransformTree
 from mapmyworld.types import (
     LogInfo,
     LogSource,
@@ -22,7 +22,6 @@ from mapmyworld.types import (
 )
 
 _SAMPLES = 5  # messages of a stream that are decoded to see what it carries
-_FARTHEST = 1e9  # m from the origin beyond which a pose is no place on earth
 _OFFSETS = 256  # messages whose clocks are compared, spread by doubling the stride
 
 
@@ -135,7 +134,7 @@ class _Surveyor:
         if isinstance(message, TransformsMessage):
             self.tree.add(message)
         elif isinstance(message, OdometryMessage):
-            if not np.all(np.abs(message.pose) < _FARTHEST):  # NaN is not
+            if not np.all(np.abs(message.pose) < FARTHEST):  # NaN is not
                 stream.undecodable += 1
                 return
             self.frames[raw.topic] = (message.frame_id, message.child_frame_id)

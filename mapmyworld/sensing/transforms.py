@@ -11,6 +11,7 @@ from mapmyworld.geometry import invert
 from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion
 from mapmyworld.types import TransformsMessage
 
+FARTHEST = 1e9  # m from the origin beyond which a pose is no place on earth
 _CONSTANT = 1e-6  # metres and radians within which a transform on /tf counts as fixed
 
 
@@ -59,7 +60,8 @@ class TransformTree:
             parent, child = frame_name(transform.parent), frame_name(transform.child)
             slashes = transform.parent.startswith("/") or transform.child.startswith("/")
             self.had_leading_slashes = self.had_leading_slashes or slashes
-            if parent == child or not np.all(np.isfinite(transform.parent_from_child)):
+            plausible = np.all(np.abs(transform.parent_from_child) < FARTHEST)  # NaN is not
+            if parent == child or not plausible:
                 continue
             self._add_one(parent, child, transform.stamp_ns, transform.parent_from_child, message)
 

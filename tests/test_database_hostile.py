@@ -160,7 +160,7 @@ def test_arrays_of_another_shape_are_damage(tmp_path: Path, array: NDArray[Any])
 
 
 @given(st.binary(max_size=200))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_no_bytes_at_all_bring_a_decoder_down(data: bytes) -> None:
     """Whatever the bytes, the answer is a value or a MapError."""
     decoders = (

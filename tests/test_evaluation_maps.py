@@ -121,7 +121,7 @@ def test_without_closures_nothing_is_wrong_and_nothing_is_found() -> None:
     assert (score.count, score.precision, score.recall) == (0, 1.0, 0.0)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.tuples(*[st.floats(-3, 3)] * 3))
 def test_distance_to_a_box_is_the_analytic_one(point: tuple[float, float, float]) -> None:
     """A unit cube centred on the origin, seen from outside and from inside."""

@@ -86,7 +86,7 @@ def test_relative_error_is_evos(frames: int, distance: float) -> None:
         assert ours.count == len(judge.error)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 1000), st.floats(-50, 50), st.floats(-3, 3))
 def test_moving_the_estimate_as_a_whole_changes_no_aligned_score(
     seed: int, shift: float, turn: float

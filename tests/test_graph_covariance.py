@@ -74,7 +74,7 @@ def dense_information(system: System, poses: np.ndarray) -> np.ndarray:
     return total[system.dimension :, system.dimension :]
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.booleans(), st.integers(2, 60), st.integers(0, 80), st.integers(0, 10**6))
 def test_groups_of_edges_vary_together_as_the_dense_inverse_says(planar, count, extra, seed):
     """Also edges that the solution has not seen, and groups that span the whole graph."""
@@ -93,7 +93,7 @@ def test_groups_of_edges_vary_together_as_the_dense_inverse_says(planar, count, 
         assert np.allclose(covariance, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.booleans(), st.integers(2, 60), st.integers(0, 80), st.integers(0, 10**6))
 def test_solutions_and_marginals_are_those_of_the_dense_matrix(planar, count, extra, seed):
     system, poses = random_system(planar, count, extra, seed)

@@ -31,7 +31,7 @@ def structures(own: list[set[int]]) -> list[set[int]]:
     return found
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.integers(1, 30), st.integers(0, 60), st.integers(0, 1000))
 def test_structures_are_those_of_the_definition(count: int, number: int, seed: int) -> None:
     own = later_links(count, number, seed)
@@ -44,7 +44,7 @@ def test_structures_are_those_of_the_definition(count: int, number: int, seed: i
     assert all(c[0] == min(c) for c in columns if c)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.integers(1, 30), st.integers(0, 60), st.integers(0, 1000))
 def test_gathered_columns_are_chains_of_the_tree(count: int, number: int, seed: int) -> None:
     below = structures(later_links(count, number, seed))
@@ -72,7 +72,7 @@ def test_an_update_is_added_where_it_belongs() -> None:
     assert np.allclose(np.tril(front), np.tril(wanted), atol=0, rtol=1e-15)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(2, 40), st.integers(0, 80), st.sampled_from([1, 3]), st.integers(0, 1000))
 def test_factors_solve_what_numpy_solves(count: int, number: int, size: int, seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -53,7 +53,7 @@ def test_a_robot_loads_the_cells_that_we_hold(tmp_path: Path) -> None:
     st.floats(0.001, 1.0),
     st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4)),
 )
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_every_mode_reads_back(
     tmp_path_factory: pytest.TempPathFactory,
     log_odds: np.ndarray,

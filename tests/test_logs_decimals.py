@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from formats.logs.decimal_text import read_decimals
@@ -14,7 +14,6 @@ from formats.logs.decimal_text import read_decimals
 PLAIN = st.from_regex(r"-?[0-9]{1,8}(\.[0-9]{0,7})?", fullmatch=True)
 
 
-@settings(deadline=None)  # the first example waits for a compiler
 @given(st.lists(PLAIN, min_size=1, max_size=8))
 def test_plain_decimals_are_read_to_the_last_bit(words: list[str]) -> None:
     line = "  ".join(words) + " host\n"

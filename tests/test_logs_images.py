@@ -217,7 +217,7 @@ def encode_rvl(depth: NDArray[np.uint16]) -> bytes:
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.tuples(st.integers(1, 9), st.integers(1, 9)).flatmap(
         lambda size: st.lists(
@@ -236,7 +236,7 @@ def test_rvl_message() -> None:
     np.testing.assert_allclose(message.pixels(), DEPTH_MM / 1000.0, rtol=1e-6)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.sampled_from(["png", "jpg", "rvl", "depth"]), changes(), st.floats(0.0, 1.0))
 def test_damaged_pictures_raise_log_errors_only(
     kind: str, wrong: list[tuple[float, int]], kept: float

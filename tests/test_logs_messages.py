@@ -307,7 +307,7 @@ SAMPLES = [
 
 @pytest.mark.parametrize("ros", [1, 2])
 @pytest.mark.parametrize(("name", "build"), SAMPLES)
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(wrong=changes(), kept=st.floats(0.0, 1.0))
 def test_damaged_messages_raise_log_errors_only(
     ros: int, name: str, build: Any, wrong: list[tuple[float, int]], kept: float

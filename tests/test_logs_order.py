@@ -16,7 +16,7 @@ from mapmyworld.types import TextMessage
 CHANNEL = Channel("/t", "", "")
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     st.lists(st.lists(st.integers(0, 30), min_size=1, max_size=8), max_size=8),
     st.sampled_from([0, 10, 30, 10**6]),

@@ -156,7 +156,7 @@ def test_a_bad_chunk_is_skipped_and_told(
 
 
 @pytest.mark.parametrize("name", FILES)
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, suppress_health_check=list(HealthCheck))
 @given(flips=changes(least=1))
 def test_flipped_bytes_never_raise_anything_else(
     files: dict[str, bytes], name: str, tmp_path: Path, flips: list[tuple[float, int]]
@@ -173,7 +173,7 @@ def test_flipped_bytes_never_raise_anything_else(
 
 
 @pytest.mark.parametrize("name", ["a.mcap", "a.bag", "a.log", "a.db3"])
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, suppress_health_check=list(HealthCheck))
 @given(content=st.binary(max_size=600))
 def test_noise_behind_a_good_start_is_survived(name: str, tmp_path: Path, content: bytes) -> None:
     start = {

@@ -61,7 +61,7 @@ def passed_cells(x0: float, y0: float, x1: float, y1: float) -> set[tuple[int, i
 coordinates = st.floats(0.01, 19.99)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(coordinates, coordinates, coordinates, coordinates)
 def test_a_ray_visits_the_cells_that_it_crosses(x0: float, y0: float, x1: float, y1: float) -> None:
     """Cells whose corner the ray only grazes, closer than the sampling, may differ."""

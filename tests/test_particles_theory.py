@@ -119,7 +119,7 @@ def test_driving_backwards_is_no_pair_of_half_turns() -> None:
 weights = st.lists(st.floats(1e-3, 1.0), min_size=1, max_size=12)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(weights, st.integers(1, 40))
 def test_low_variance_sampling_keeps_expectations(values: list[float], count: int) -> None:
     """Averaged over the one random number, particle k is drawn count * w_k times exactly;

@@ -160,7 +160,7 @@ def test_ros1_definitions_have_the_known_hashes(tmp_path: Path) -> None:
     assert digests["sensor_msgs/msg/PointCloud2"] == "1158d486dd51d683ce2f1be655c3c181"
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.floats(-np.pi, np.pi))
 def test_planar_rotations_survive_to_the_last_bit(yaw: float) -> None:
     matrix = pose_matrix((0, 0, 0, 0, 0, np.sin(yaw / 2), np.cos(yaw / 2)))

@@ -99,7 +99,7 @@ def test_a_scan_without_returns_is_empty() -> None:
     assert len(prepare_scan(nans, CONFIG).rows) == 0
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(-6, 6), st.floats(-6, 6), st.floats(0.05, 1.0), st.floats(-0.01, 0.99))
 def test_nearest_agrees_with_trying_every_point(
     x: float, y: float, reach: float, start: float
@@ -116,7 +116,7 @@ def test_nearest_agrees_with_trying_every_point(
 
 
 @pytest.mark.parametrize("matcher", MATCHERS)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(-0.15, 0.15))
 def test_a_match_finds_the_true_motion(matcher: str, x: float, y: float, yaw: float) -> None:
     config = replace(CONFIG, matcher=matcher)
@@ -274,7 +274,7 @@ def test_joint_alignment_brings_scattered_scans_home(threads: int) -> None:
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.005
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10_000))
 def test_small_systems_are_solved_as_numpy_does(seed: int) -> None:
     factor = np.random.default_rng(seed).normal(size=(3, 3))

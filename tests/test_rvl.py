@@ -22,7 +22,7 @@ DEPTHS = arrays(
 
 
 @given(DEPTHS)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_round_trip_and_independent_decoder(depth: np.ndarray) -> None:
     words = rvl_encode(depth)
     assert len(words) % 4 == 0
@@ -31,7 +31,7 @@ def test_round_trip_and_independent_decoder(depth: np.ndarray) -> None:
 
 
 @given(st.binary(max_size=64), st.integers(1, 40))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_any_bytes_give_an_image_or_an_error(words: bytes, width: int) -> None:
     with contextlib.suppress(ValueError):
         assert rvl_decode(words, 3, width).shape == (3, width)

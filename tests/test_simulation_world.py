@@ -55,7 +55,7 @@ def analytic_range(x: float, y: float, angle: float, width: float, depth: float)
     return float(min(along_x, along_y))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.floats(-2.9, 2.9), st.floats(-1.9, 1.9), st.floats(-np.pi, np.pi))
 def test_rays_in_a_box_room_are_right_to_a_tenth_of_a_millimetre(
     x: float, y: float, angle: float

@@ -21,7 +21,7 @@ def sample(count: int = 20, first_ns: int = 1_305_031_229_528_748_123) -> Trajec
 
 
 @given(st.lists(st.integers(-(1 << 62), 1 << 62), min_size=1, max_size=5))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_stamps_are_exact_to_the_nanosecond(
     tmp_path_factory: pytest.TempPathFactory, stamps: list[int]
 ) -> None:

@@ -66,7 +66,7 @@ def test_a_damaged_jpeg_is_left_to_the_reader_that_can_tell() -> None:
     assert np.array_equal(colours_at(broken, np.array([[5.0, 6.0]]), 4)[0], picture[6, 5])
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 1000), count=st.integers(1, 400))
 def test_voxels_hold_the_means_of_their_points(seed: int, count: int) -> None:
     random = np.random.default_rng(seed)

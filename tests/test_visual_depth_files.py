@@ -50,7 +50,7 @@ def test_recorded_depth_comes_back_from_the_map_whatever_it_is_kept_as(
         assert (back.depth.encoded == depth_file()) == (codec == "rvl")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(at=st.integers(0, len(depth_file()) - 1), flip=st.integers(1, 255))
 def test_no_damaged_byte_of_a_file_is_believed(at: int, flip: int) -> None:
     data = bytearray(depth_file())
@@ -79,7 +79,7 @@ def test_damaged_depth_is_left_out_and_counted() -> None:
     assert guard.failures == 1
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 999), spacing=st.floats(0.05, 2.0))
 def test_poses_chosen_along_a_path_leave_no_gap_beyond_the_spacing(
     seed: int, spacing: float

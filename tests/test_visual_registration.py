@@ -61,7 +61,7 @@ def scene(seed: int, count: int, noise: float) -> tuple[Array, Sightings]:
     return pose, Sightings(transform_points(pose, local), seen, sigmas)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000))
 def test_a_pose_is_found_among_forty_percent_of_wrong_matches(seed: int) -> None:
     pose, sightings = scene(seed, 200, 1.0)

@@ -20,7 +20,7 @@ def some_words(seed: int, count: int) -> dict[int, np.ndarray]:
     return {int(n): random.integers(0, 256, 32).astype(np.uint8) for n in numbers}
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 1000), count=st.integers(1, 300))
 def test_a_given_vocabulary_knows_its_own_words(seed: int, count: int) -> None:
     words = some_words(seed, count)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.types import ConstraintKind, MapStore, Poses
 
 _NO_FIGURES = (
@@ -43,7 +44,7 @@ def figures_of(store: MapStore) -> dict[str, float]:
             np.array([node.id for node in nodes], np.int64),
             np.array([node.tracked_from_base for node in nodes]).reshape(-1, 4, 4),
         )
-        planar = bool((store.get("plan") or {}).get("planar", False))
+        planar = moves_in_plane(store)
         facts = graph_facts(poses, constraints, start, planar, None, 10)
         found |= flattened({"graph": facts})
     return found

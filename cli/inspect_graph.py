@@ -10,6 +10,7 @@ import click
 
 from cli.common import format_option, map_argument, show_json
 from mapmyworld.errors import MapError
+from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.types import Constraint, ConstraintKind, Poses
 
 
@@ -62,7 +63,7 @@ def graph(
         poses, constraints = store.poses(), store.constraints()
         grid = store.grid() if image is not None else None
         nodes = store.nodes()
-        planar = bool((store.get("plan") or {}).get("planar", False))
+        planar = moves_in_plane(store)
         solved = store.get("solve") or {}
         relative = None if between is None or poses is None else _relative(store, *between)
     if poses is None:

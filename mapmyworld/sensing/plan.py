@@ -11,7 +11,7 @@ from mapmyworld.config import SensingConfig
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.sensing.survey import Survey
 from mapmyworld.sensing.transforms import TransformTree
-from mapmyworld.types import CameraModel
+from mapmyworld.types import CameraModel, MapStore
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,3 +123,8 @@ class Draft:
     def decide(self, role: str, choice: str, reason: str, others: tuple[str, ...] = ()) -> None:
         """Notes what was chosen for a role, and why."""
         self.decisions.append(Decision(role, choice, reason, others))
+
+
+def moves_in_plane(store: MapStore) -> bool:
+    """Whether the plan that a map keeps says so; not where a map keeps none."""
+    return bool((store.get("plan") or {}).get("planar", False))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.errors import MapError
 from mapmyworld.geometry import matrix_to_planar
+from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.types import MapStore, Node
 
 Array = NDArray[np.float64]
@@ -50,7 +51,7 @@ def load_unit(name: str, store: MapStore) -> Unit:
         raise MapError(f"{name}: is not finished: build it to its end before it is merged")
     at = {int(i): row for row, i in enumerate(poses.ids)}
     solved = np.stack([poses.map_from_node[at[node.id]] for node in nodes])
-    planar = bool((store.get("plan") or {}).get("planar", False))
+    planar = moves_in_plane(store)
     return Unit(name, store, nodes, solved, planar)
 
 

@@ -18,6 +18,7 @@ from mapmyworld.graph.edits import apply_edits, edits_from_json
 from mapmyworld.graph.solve import solve
 from mapmyworld.graph.verdicts import faults_of, unjudged
 from mapmyworld.mapping.trajectory import pose_every_frame
+from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, Poses, TrackedFrames
 
 Array = NDArray[np.float64]
@@ -43,7 +44,7 @@ def solve_draft_of(
     if until is not None:
         constraints = [c for c in constraints if max(c.from_id, c.to_id) <= until]
     starts = {node.id: node.tracked_from_base for node in nodes}
-    planar = bool((store.get("plan") or {}).get("planar", False))
+    planar = moves_in_plane(store)
     landmarks = landmark_guesses(starts, constraints)
     return solve_draft(nodes, landmarks, constraints, planar, config.graph)
 

@@ -10,6 +10,7 @@ from mapmyworld.graph.pose_graph import told_of_parts
 from mapmyworld.graph.solve import SolvedGraph, solve
 from mapmyworld.heap import give_back
 from mapmyworld.mapping.trajectory import pose_every_frame
+from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.stages.chains import solve_by_chains
 from mapmyworld.stages.draft import landmark_guesses, solve_draft_of
 from mapmyworld.stages.recognise import LoadScans, add_closures
@@ -68,15 +69,14 @@ def _with_features(store: MapStore, poses: Poses, config: Config, progress: Prog
     """The poses after an adjustment together with the features of all images, if there are any."""
     from mapmyworld.places.feature_tracks import adjust_map
 
-    planar = bool((store.get("plan") or {}).get("planar", False))
+    planar = moves_in_plane(store)
     adjusted = adjust_map(store, poses, config, progress, planar=planar)
     return poses if adjusted is None else adjusted.poses
 
 
 def _is_refined(store: MapStore, config: Config, scans: LoadScans) -> bool:
     """Whether solved poses only begin an alignment of all laser scans."""
-    planar = bool((store.get("plan") or {}).get("planar", False))
-    return planar and config.odometry.refine and scans() is not None
+    return moves_in_plane(store) and config.odometry.refine and scans() is not None
 
 
 def _solve(store: MapStore, config: Config, progress: Progress, *, chains: bool) -> SolvedGraph:
@@ -84,7 +84,7 @@ def _solve(store: MapStore, config: Config, progress: Progress, *, chains: bool)
     progress.stage("optimise", len(nodes), "nodes")
     starts = {node.id: node.tracked_from_base for node in nodes}
     landmarks = landmark_guesses(starts, store.constraints())
-    planar = bool((store.get("plan") or {}).get("planar", False))
+    planar = moves_in_plane(store)
     constraints = apply_edits(store.constraints(), edits_from_json(store.get("edits")))
     if chains:
         return solve_by_chains(nodes, landmarks, constraints, planar, config.graph)

@@ -106,14 +106,15 @@ def _write_lists(
         (folder / f"{name}.txt").write_text("\n".join(["# timestamp filename", *lines, ""]))
     truth = ["# timestamp tx ty tz qx qy qz qw"]
     moments = np.arange(stamps[0], stamps[-1], 0.01).tolist()
-    truth += [_truth_line(t, hand.pose(t - 1000.0, seconds)) for t in moments]
+    truth += [truth_line(t, hand.pose(t - 1000.0, seconds)) for t in moments]
     (folder / "groundtruth.txt").write_text("\n".join([*truth, ""]))
     k = intrinsics(settings)
     numbers = [k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
     (folder / "camera.txt").write_text(" ".join(f"{n:.6f}" for n in numbers) + "\n")
 
 
-def _truth_line(t: float, pose: Array) -> str:
+def truth_line(t: float, pose: Array) -> str:
+    """A line of TUM's: seconds, place and quaternion."""
     numbers = [*pose[:3, 3], *rotation_to_quaternion(pose[:3, :3])]
     return " ".join([f"{t:.6f}", *(f"{n:.6f}" for n in numbers)])
 

@@ -18,10 +18,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from handheld import truth_line
 from kinect import BENT, COLOUR, Faults, Kinect
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import make_transform, rotation_to_quaternion, so3_exp
+from mapmyworld.geometry import make_transform, so3_exp
 from mapmyworld.simulation.solids import Box, Post, wall
 from mapmyworld.simulation.world import Ground, World, build_scene
 
@@ -157,7 +158,7 @@ def record(path: Path3, folder: Path, seconds: float, rate: float, lag: float, s
     for name, suffix, late in (("rgb", "jpg", 0.0), ("depth", "png", lag)):
         lines = [f"{t:.6f} {name}/{t:.6f}.{suffix}" for t in 1000 + times + late]
         (folder / f"{name}.txt").write_text("\n".join(["# timestamp filename", *lines, ""]))
-    truth = [_truth_line(t, motion(t)) for t in np.arange(0.0, seconds, 0.01).tolist()]
+    truth = [truth_line(1000.0 + t, motion(t)) for t in np.arange(0.0, seconds, 0.01).tolist()]
     (folder / "groundtruth.txt").write_text("\n".join(["# stamp, place, turn", *truth, ""]))
     numbers = [COLOUR[0, 0], COLOUR[1, 1], COLOUR[0, 2], COLOUR[1, 2], *BENT]
     (folder / "camera.txt").write_text(" ".join(str(n) for n in numbers) + "\n")
@@ -168,11 +169,6 @@ def _exposures(count: int, random: np.random.Generator) -> Array:
     jumps = np.cumsum((random.uniform(size=count) < 0.02) * random.normal(0.0, 0.12, count))
     wander = 0.08 * np.sin(np.arange(count) / 40.0 + random.uniform(0, 6))
     return np.asarray(np.clip(0.95 + wander + jumps - jumps.mean(), 0.5, 1.5))
-
-
-def _truth_line(t: float, pose: Array) -> str:
-    numbers = [*pose[:3, 3], *rotation_to_quaternion(pose[:3, :3])]
-    return " ".join([f"{1000 + t:.6f}", *(f"{n:.6f}" for n in numbers)])
 
 
 def main() -> None:

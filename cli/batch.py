@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -77,11 +78,12 @@ def batch(
     waiting = [job for job in jobs if job.name not in known]
     if known and not quiet:
         click.echo(f"{len(known)} of {len(jobs)} logs are finished already", err=True)
-    for result in _run(waiting, place, at_once, scheduler):
-        known[result.name] = result
-        if not quiet:
-            told = result.message.splitlines()[0] if result.message else result.status
-            click.echo(f"[{len(known)}/{len(jobs)}] {result.name}: {told}", err=True)
+    with closing(_run(waiting, place, at_once, scheduler)) as running:
+        for result in running:
+            known[result.name] = result
+            if not quiet:
+                told = result.message.splitlines()[0] if result.message else result.status
+                click.echo(f"[{len(known)}/{len(jobs)}] {result.name}: {told}", err=True)
     results = [known[job.name] for job in jobs]
     _write_summaries(results, place)
     if style == "json":
@@ -104,7 +106,7 @@ def _place(output: str) -> str:
     return str(folder)
 
 
-def _run(jobs: Sequence[Job], place: str, at_once: int, scheduler: str | None) -> Iterator[Result]:
+def _run(jobs: Sequence[Job], place: str, at_once: int, scheduler: str | None) -> Generator[Result]:
     from cli.batching.runners import run_here, run_on_cluster
 
     if scheduler is not None:

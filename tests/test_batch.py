@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -96,6 +101,38 @@ def test_a_killed_build_and_a_killed_batch_change_no_byte(
     assert ran.exit_code == 2
     assert "1 of 5 logs are finished already" in ran.stderr
     assert batches.differences(expected, batches.products(output)) == []
+
+
+@pytest.mark.slow
+def test_ctrl_c_to_the_batch_alone_ends_its_builds_in_order(tmp_path: Path) -> None:
+    drive(900).write(tmp_path / "long.mcap")
+    (tmp_path / "logs.toml").write_text('[[log]]\nlog = "long.mcap"\n')
+    map_db = tmp_path / "batch" / "long" / "map.db"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cli.main", "batch", str(tmp_path / "logs.toml")],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parent.parent)},
+        stderr=subprocess.PIPE,
+        text=True,
+        # What a script starts in the background has Ctrl-C ignored, its children too.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    deadline = time.monotonic() + 120.0
+    while not map_db.exists() and process.poll() is None:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    build = _child_of(process.pid)
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=60)
+    assert (process.returncode, "interrupted" in told) == (130, True)
+    assert not Path(f"/proc/{build}").exists()
+    assert not (map_db.parent / "map.pgm").exists(), "the build was waited for"
+    assert try_command(["inspect", "map", str(map_db)]).exit_code == 0
+
+
+def _child_of(process: int) -> int:
+    children = Path(f"/proc/{process}/task").glob("*/children")
+    return int(next(word for file in children for word in file.read_text().split()))
 
 
 @pytest.mark.slow

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import ctypes
 import hashlib
 import json
-import signal
 import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -15,20 +12,17 @@ from pathlib import Path
 from typing import Any, Literal
 
 import mapmyworld
+from cli.batching.commands import run_command, why
 from cli.batching.manifest import Job
 from cli.batching.places import delivered, fetched, is_url, mark_of, read_text
-from cli.common import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PARTIAL
+from cli.common import EXIT_BAD_INPUT
 from cli.repeating import REPEATED
 from formats.whole_files import write_whole
-from mapmyworld.errors import MapError, MapMyWorldError
+from mapmyworld.errors import MapMyWorldError
 
 Status = Literal["built", "partial", "failed"]
 _NOTE = "result.json"
 _KEPT = ("nodes", "frames", "distance_m", "duration_s", "constraints", "losses")
-_TRIES = 2  # of a process that something killed
-_ANSWERS = {0, EXIT_BAD_INPUT, EXIT_PARTIAL, EXIT_CHECK_FAILED}  # else a command did not end well
-_PR_SET_PDEATHSIG = 1
-_LIBC = ctypes.CDLL(None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +92,7 @@ def _result(job: Job, folder: Path, scratch: Path, threads: int) -> Result:
     _forget_another_job(job, folder)
     done = _build(job, logs, folder, threads)
     if done.returncode == EXIT_BAD_INPUT:
-        return failure(job, _why(done))
+        return failure(job, why(done))
     summary = json.loads(done.stdout)
     checks, problem = _checks(job, folder / "map.db", truths)
     return Result(
@@ -133,7 +127,7 @@ def _build(
         settings = (*settings, f"threads={threads}")
     options = [word for setting in settings for word in ("--set", setting)]
     command = ["build", *logs, "-o", str(folder / "map.db"), "--method", job.method, "--quiet"]
-    return _run([*command, "--format", "json", *options])
+    return run_command([*command, "--format", "json", *options])
 
 
 def _checks(
@@ -144,41 +138,14 @@ def _checks(
         return [], ""
     options = [word for text in job.requirements for word in ("--require", text)]
     options += [word for option, place in truths for word in (f"--{option}", place)]
-    done = _run(["check", str(path), "--format", "json", *options])
+    done = run_command(["check", str(path), "--format", "json", *options])
     if done.returncode == EXIT_BAD_INPUT:
-        return _unmet(job), _why(done)
+        return _unmet(job), why(done)
     return list(json.loads(done.stdout)["requirements"]), ""
 
 
 def _unmet(job: Job) -> list[dict[str, Any]]:
     return [{"require": text, "value": None, "passed": False} for text in job.requirements]
-
-
-def _run(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
-    """A command of the program; raises `MapError` where it was killed every time, or crashed."""
-    command = [sys.executable, "-m", "cli.main", *arguments]
-    for _ in range(_TRIES):
-        done = subprocess.run(
-            command, capture_output=True, text=True, check=False, preexec_fn=_die_with_parent
-        )
-        if done.returncode in _ANSWERS:
-            return done
-        if done.returncode > 0:
-            raise MapError(_why(done))
-    raise MapError(
-        f"the process was killed by signal {-done.returncode}, {_TRIES} times: if memory is short, "
-        "give fewer --jobs at a time"
-    )
-
-
-def _die_with_parent() -> None:
-    """So that a killed batch leaves no build behind that writes the maps it will go on with."""
-    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-
-
-def _why(done: subprocess.CompletedProcess[str]) -> str:
-    told = done.stderr.strip().removeprefix("mapmyworld: ")
-    return told or f"exit code {done.returncode} without a word"
 
 
 def _digest(path: Path) -> str:

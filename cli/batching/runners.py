@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 
+from cli.batching.commands import begin_commands, end_commands
 from cli.batching.job import Result, failure, run_job
 from cli.batching.manifest import Job
 from mapmyworld.errors import MissingDependencyError
 
 
-def run_here(jobs: Sequence[Job], output: str, at_once: int) -> Iterator[Result]:
-    """Results as they come, `at_once` builds at a time; 0 = as many as cores."""
+def run_here(jobs: Sequence[Job], output: str, at_once: int) -> Generator[Result]:
+    """Results as they come, `at_once` builds at a time; 0 = as many as cores.
+
+    What runs is ended when the iterator is closed or interrupted.
+    """
+    begin_commands()
     cores = os.cpu_count() or 1
     count = min(at_once or cores, max(len(jobs), 1))
     pool = ThreadPoolExecutor(count)
@@ -22,10 +27,11 @@ def run_here(jobs: Sequence[Job], output: str, at_once: int) -> Iterator[Result]
         for done in as_completed(waiting):
             yield done.result()
     finally:
+        end_commands()
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def run_on_cluster(jobs: Sequence[Job], output: str, scheduler: str) -> Iterator[Result]:
+def run_on_cluster(jobs: Sequence[Job], output: str, scheduler: str) -> Generator[Result]:
     """Results as they come from a Dask scheduler's workers, which must see the same files."""
     try:
         from distributed import Client

@@ -66,7 +66,7 @@ coordinates = st.floats(0.01, 19.99)
 def test_a_ray_visits_the_cells_that_it_crosses(x0: float, y0: float, x1: float, y1: float) -> None:
     """Cells whose corner the ray only grazes, closer than the sampling, may differ."""
     hits, passes = np.zeros((20, 20), np.uint16), np.zeros((20, 20), np.uint16)
-    marks = np.zeros((20, 20), np.int32)
+    marks = np.zeros((20, 20), np.uint8)
     count_rays(hits, passes, marks, 1, x0, y0, np.array([[x1, y1]]), np.array([True]))
     found = set(zip(*(axis.tolist() for axis in np.nonzero(passes)), strict=True))
     wanted = passed_cells(x0, y0, x1, y1)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 def count_rays(
     hits: NDArray[np.uint16],
     passes: NDArray[np.uint16],
-    marks: NDArray[np.int32],
+    marks: NDArray[np.uint8],
     mark: int,
     x0: float,
     y0: float,
@@ -22,9 +22,9 @@ def count_rays(
 ) -> None:
     """One scan from (x0, y0) to `ends` (N, 2), all in cells; each cell counts once, hits first.
 
-    Grids (H, W); `marks` remembers the last scan that a cell counted, `mark` is this one. A ray
-    visits every cell it touches (Amanatides and Woo, 1987) and stops before the one it ends in.
-    All coordinates must lie inside the grid.
+    Grids (H, W); `marks` remembers the last scan that a cell counted, `mark` is this one, 255
+    at most. A ray visits every cell it touches (Amanatides and Woo, 1987) and stops before the one
+    it ends in. All coordinates must lie inside the grid.
     """
     for k in range(len(ends)):
         if is_hit[k]:
@@ -41,7 +41,7 @@ def count_rays(
 def count_scans(
     hits: NDArray[np.uint16],
     passes: NDArray[np.uint16],
-    marks: NDArray[np.int32],
+    marks: NDArray[np.uint8],
     mark: int,
     starts: NDArray[np.float64],
     ends: NDArray[np.float64],
@@ -63,7 +63,7 @@ def count_scans(
 @njit(cache=True, nogil=True)
 def _pass_through(
     passes: NDArray[np.uint16],
-    marks: NDArray[np.int32],
+    marks: NDArray[np.uint8],
     mark: int,
     x0: float,
     y0: float,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
-from contextlib import closing
 from dataclasses import dataclass
+from queue import SimpleQueue
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +13,15 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config, MappingConfig
 from mapmyworld.errors import MapError
 from mapmyworld.kernels.rays import count_scans
-from mapmyworld.parallel import batches, made_ahead
+from mapmyworld.parallel import batches, in_threads
 from mapmyworld.types import OccupancyGrid, Scan
 
 Array = NDArray[np.float64]
 _MARGIN = 64  # cells by which the canvas outgrows what is needed, so that it seldom grows
 _TOGETHER = 128  # scans that are drawn in one go
-_AHEAD = 2  # such groups that wait to be drawn, at most
+_MOST_MARKS = 255  # scans that a cell's mark tells apart
+_MOST_COUNTED = 65535  # scans that a cell counts
+_CANVASES = 2  # drawn on at the same time, at most: they take memory, and share its bandwidth
 _MOST_CELLS = 400_000_000  # of the canvas; beyond, some range or pose is nonsense
 
 
@@ -30,23 +33,36 @@ def build_grid(scans: Iterable[tuple[Array, Scan]], config: Config) -> Occupancy
     depend on the order of the scans.
     """
     settings = config.mapping
-    canvas = _Canvas(settings.resolution)
-    rays = (_rays(some, settings) for some in batches(scans, _TOGETHER))
-    with closing(made_ahead(rays, _AHEAD)) as ready:
-        for some in ready:
-            canvas.add(some)
-    return canvas.finish(settings)
+    count = min(config.threads or os.cpu_count() or 1, _CANVASES)
+    canvases = [_Canvas() for _ in range(count)]
+    free: SimpleQueue[_Canvas] = SimpleQueue()
+    for canvas in canvases:
+        free.put(canvas)
+
+    def draw(some: Sequence[tuple[Array, Scan]]) -> None:
+        canvas = free.get()
+        try:
+            canvas.add(_rays(some, settings))
+        finally:
+            free.put(canvas)
+
+    for _ in in_threads(draw, batches(scans, _TOGETHER), count):
+        pass  # what is drawn on which canvas changes nothing: they are added up
+    parts = [part for canvas in canvases if (part := canvas.seen()) is not None]
+    canvases.clear()
+    if not parts:
+        raise MapError("no scan has a return in range: there is nothing to draw a grid of")
+    return _grid_of(_together(parts), settings)
 
 
 class _Canvas:
     """Counts of hits and passes on a lattice through the map's origin; grows as scans come."""
 
-    def __init__(self, resolution: float) -> None:
-        self._resolution = resolution
+    def __init__(self) -> None:
         self._corner = np.zeros(2, np.int64)  # lattice cell of the canvas's cell (0, 0)
         self._hits = np.zeros((0, 0), np.uint16)
         self._passes = np.zeros((0, 0), np.uint16)
-        self._marks = np.zeros((0, 0), np.int32)
+        self._marks = np.zeros((0, 0), np.uint8)
         self._mark = 0
 
     def add(self, rays: _Rays) -> None:
@@ -57,6 +73,8 @@ class _Canvas:
         low = np.floor(np.minimum(ends.min(axis=0), used.min(axis=0))).astype(np.int64)
         high = np.floor(np.maximum(ends.max(axis=0), used.max(axis=0))).astype(np.int64)
         self._cover(low, high)
+        if self._mark + len(starts) > _MOST_MARKS:
+            self._marks[:], self._mark = 0, 0
         count_scans(
             self._hits, self._passes, self._marks, self._mark,
             starts - self._corner, ends - self._corner, rays.is_hit, rays.bounds,
@@ -74,12 +92,7 @@ class _Canvas:
             old_top = self._corner + size
             corner = np.where(low < self._corner, low - margin, self._corner)
             top = np.where(high >= old_top, high + margin + 1, old_top)
-        width, height = (top - corner).tolist()
-        if width * height > _MOST_CELLS:
-            raise MapError(
-                f"the grid would be {width} x {height} cells: raise mapping.resolution or lower "
-                "mapping.range_max"
-            )
+        width, height = _checked_size(top - corner)
         x, y = (self._corner - corner).tolist()
         place = np.s_[y : y + size[1], x : x + size[0]]
         for name in ("_hits", "_passes", "_marks"):
@@ -90,19 +103,58 @@ class _Canvas:
             setattr(self, name, grown)
         self._corner = corner
 
-    def finish(self, settings: MappingConfig) -> OccupancyGrid:
-        """The log-odds of the part that was seen, one cell of margin around."""
+    def seen(self) -> _Counts | None:
+        """The part that was seen; None for nothing."""
         seen = (self._hits > 0) | (self._passes > 0)
-        if not seen.any():
-            raise MapError("no scan has a return in range: there is nothing to draw a grid of")
         rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
-        part = np.s_[
-            max(rows[0] - 1, 0) : rows[-1] + 2,
-            max(columns[0] - 1, 0) : columns[-1] + 2,
-        ]
-        log_odds = log_odds_of(self._hits[part], self._passes[part], settings)
-        corner = self._corner + np.array([max(columns[0] - 1, 0), max(rows[0] - 1, 0)])
-        return OccupancyGrid(log_odds, self._resolution, np.round(corner * self._resolution, 9))
+        if not len(rows):
+            return None
+        part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        corner = self._corner + np.array([columns[0], rows[0]])
+        return _Counts(corner, self._hits[part], self._passes[part])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Counts:
+    """Of each cell, how many scans ended in it and how many passed."""
+
+    corner: NDArray[np.int64]
+    """(2,) lattice cell of the first one."""
+    hits: NDArray[np.uint16]
+    """(H, W)."""
+    passes: NDArray[np.uint16]
+    """(H, W)."""
+
+
+def _together(parts: Sequence[_Counts]) -> _Counts:
+    """The counts of all parts, one cell of margin around."""
+    corner = np.min([part.corner for part in parts], axis=0) - 1
+    tops = [part.corner + part.hits.shape[::-1] for part in parts]
+    width, height = _checked_size(np.max(tops, axis=0) + 1 - corner)
+    hits, passes = np.zeros((height, width), np.uint16), np.zeros((height, width), np.uint16)
+    for part in parts:
+        x, y = (part.corner - corner).tolist()
+        place = np.s_[y : y + part.hits.shape[0], x : x + part.hits.shape[1]]
+        for sums, more in ((hits[place], part.hits), (passes[place], part.passes)):
+            sums += np.minimum(more, _MOST_COUNTED - sums)
+    return _Counts(corner, hits, passes)
+
+
+def _checked_size(size: NDArray[np.int64]) -> tuple[int, int]:
+    """Width and height of a canvas, unless they are nonsense."""
+    width, height = size.tolist()
+    if width * height > _MOST_CELLS:
+        raise MapError(
+            f"the grid would be {width} x {height} cells: raise mapping.resolution or lower "
+            "mapping.range_max"
+        )
+    return width, height
+
+
+def _grid_of(counts: _Counts, settings: MappingConfig) -> OccupancyGrid:
+    log_odds = log_odds_of(counts.hits, counts.passes, settings)
+    origin = np.round(counts.corner * settings.resolution, 9)
+    return OccupancyGrid(log_odds, settings.resolution, origin)
 
 
 def log_odds_of(
@@ -114,9 +166,10 @@ def log_odds_of(
     """
     occupied = np.float32(_log_odds(settings.hit_probability))
     free = np.float32(_log_odds(settings.miss_probability))
-    log_odds = hits * occupied + passes * free
+    log_odds = hits * occupied
+    log_odds += passes * free
     limit = np.float32(_log_odds(settings.clamp_probability))
-    log_odds = np.clip(log_odds, -limit, limit).astype(np.float32)
+    np.clip(log_odds, -limit, limit, out=log_odds)
     log_odds[(hits == 0) & (passes == 0)] = np.nan
     return np.asarray(log_odds, np.float32)
 

@@ -132,7 +132,6 @@ class NodeTables(Transactions):
 
     def _restore_session(self) -> None:
         """Takes up where the file stands: the last node of each session, the log's clock."""
-        self._nodes = None
         last = "(SELECT MAX(id) FROM mapmyworld_nodes GROUP BY session)"
         found = self._db.rows(f"{rows.SELECT_OWN} WHERE own.id IN {last}")
         self._previous = {row[1]: rows.node_from_own_row(row) for row in found}

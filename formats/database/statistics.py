@@ -5,6 +5,7 @@ Timings only on request: they differ from build to build, and the same log must 
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -38,21 +39,23 @@ def statistics_rows(
     for constraint in constraints:
         if constraint.kind in _CLOSURES:
             closures[max(constraint.from_id, constraint.to_id)].append(constraint)
-    map_from_odom = _corrections(nodes, place)
+    at_base = _pose_figures("Loop/MapToBase", place)
+    at_odom = _pose_figures("Loop/MapToOdom", _corrections(nodes, place))
+    none = _closure_figures(0, (), place)
     for number, (node, travelled) in enumerate(zip(nodes, _travelled(nodes), strict=True)):
+        tried = closures.get(node.id)
         figures = {
             "Loop/Map_id/": node.session,
             "Memory/Distance_travelled/m": travelled,
             "Memory/Working_memory_size/": number + 1,
             "Keypoint/Current_frame/words": feature_counts.get(node.id, 0),
             "Keypoint/Dictionary_size/words": word_count,
-            **_closure_figures(node.id, closures[node.id], place),
+            **(_closure_figures(node.id, tried, place) if tried else none),
+            **at_base.get(node.id, {}),
+            **at_odom.get(node.id, {}),
         }
         if seconds is not None and len(seconds) == len(nodes):
             figures["Timing/Total/ms"] = float(seconds[number]) * 1e3
-        if node.id in place:
-            figures |= _pose_figures("Loop/MapToBase", place[node.id])
-            figures |= _pose_figures("Loop/MapToOdom", map_from_odom[node.id])
         yield node.id, node.stamp_ns * 1e-9, text_to_blob(_text(figures))
 
 
@@ -119,14 +122,31 @@ def _misfit(constraint: Constraint, place: Mapping[int, NDArray[np.float64]]) ->
     return float(np.linalg.norm(solved[:3, 3] - constraint.from_from_to[:3, 3]))
 
 
-def _pose_figures(name: str, pose: NDArray[np.float64]) -> dict[str, float]:
-    r = pose[:3, :3]
-    roll, yaw = math.atan2(r[2, 1], r[2, 2]), math.atan2(r[1, 0], r[0, 0])
-    angles = {"roll": roll, "pitch": math.atan2(-r[2, 0], math.hypot(r[0, 0], r[1, 0])), "yaw": yaw}
-    figures = {f"{name}_{axis}/m": float(pose[i, 3]) for i, axis in enumerate("xyz")}
-    return figures | {f"{name}_{axis}/deg": math.degrees(a) for axis, a in angles.items()}
+def _pose_figures(
+    name: str, place: Mapping[int, NDArray[np.float64]]
+) -> dict[int, dict[str, float]]:
+    """Position and angles of each of the poses, id -> (4, 4)."""
+    if not place:
+        return {}
+    poses = np.array(list(place.values()))
+    r = poses[:, :3, :3]
+    pitch = np.arctan2(-r[:, 2, 0], np.hypot(r[:, 0, 0], r[:, 1, 0]))
+    roll, yaw = np.arctan2(r[:, 2, 1], r[:, 2, 2]), np.arctan2(r[:, 1, 0], r[:, 0, 0])
+    columns = np.column_stack([poses[:, :3, 3], np.degrees(np.stack([roll, pitch, yaw], axis=1))])
+    names = [f"{name}_{axis}/m" for axis in "xyz"]
+    names += [f"{name}_{axis}/deg" for axis in ("roll", "pitch", "yaw")]
+    return {
+        i: dict(zip(names, row, strict=True))
+        for i, row in zip(place, columns.tolist(), strict=True)
+    }
 
 
 def _text(figures: Mapping[str, Any]) -> str:
     finite = {name: value for name, value in figures.items() if math.isfinite(value)}
-    return ";".join(f"{name}:{finite[name]:.6g}" for name in sorted(finite)) + ";"
+    return _template(tuple(finite)) % finite
+
+
+@functools.cache
+def _template(names: tuple[str, ...]) -> str:
+    """Figures of these names, six digits each, to be filled in."""
+    return ";".join(f"{name}:%({name}).6g" for name in sorted(names)) + ";"

@@ -48,9 +48,12 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
 
     @contextmanager
     def write_stage(self, stage: str, inputs: str) -> Iterator[None]:
+        rank = rank_of(stage)
         self._begin()
-        self._constraints = None
-        if clear_from(self._db, rank_of(stage)):
+        if rank <= STAGE_RANKS["track"]:
+            self._nodes = None
+        if clear_from(self._db, rank):
+            self._constraints = None
             self._rewrite_links()
         with self.extend_stage(stage, inputs):
             yield

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config, VisualConfig
 from mapmyworld.errors import ConfigError, MapError
 from mapmyworld.parallel import on_one_thread
+from mapmyworld.places.features_ahead import FeaturesAhead
 from mapmyworld.sensing import Plan, make_plan, survey_log
 from mapmyworld.stages.maps import draw_maps
 from mapmyworld.stages.recognise import recognise, scan_loader
@@ -74,10 +75,15 @@ def build_map(
         record.run("track", particles, lambda: track_particles(log, plan(), store, cfg, progress))
         record.run("fastslam", (), lambda: settle_particles(store))
     else:
-        record.run("track", motion, lambda: track(log, plan(), store, cfg, progress))
+        ahead = FeaturesAhead(cfg)
+        record.run(
+            "track", motion, lambda: track(log, plan(), store, cfg, progress, features=ahead)
+        )
         scans, edits = scan_loader(store, cfg), store.get("edits")
         places = (cfg.places, seed, _digest(words))
-        record.run("recognise", places, lambda: recognise(store, cfg, progress, scans, words))
+        record.run(
+            "recognise", places, lambda: recognise(store, cfg, progress, scans, words, ahead)
+        )
         solving = (cfg.graph, edits, cfg.visual.adjust_features)
         record.run("optimise", solving, lambda: solve_and_judge(store, cfg, progress, scans))
     record.run("map", (cfg.mapping, cfg.visual), lambda: draw_maps(store, cfg, progress))

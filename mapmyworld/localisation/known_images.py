@@ -14,7 +14,7 @@ from mapmyworld.geometry import between, rotation_angle
 from mapmyworld.places.appearance import weigh_words
 from mapmyworld.places.camera_features import features_of_camera
 from mapmyworld.places.features import extract_features
-from mapmyworld.places.node_images import best_features
+from mapmyworld.places.node_features import best_features
 from mapmyworld.places.vocabulary import Vocabulary, vocabulary_of_words
 from mapmyworld.registration.image_pairs import register_images
 from mapmyworld.registration.views import View, binary_words, make_view

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -12,12 +13,9 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry import evenly_along
 from mapmyworld.parallel import in_threads
-from mapmyworld.places.camera_features import (
-    features_of_camera,
-    joined_features,
-    select_features,
-)
-from mapmyworld.places.features import extract_features, spread
+from mapmyworld.places.camera_features import features_of_camera, joined_features
+from mapmyworld.places.features_ahead import FeaturesAhead
+from mapmyworld.places.node_features import Prepared, prepared_image, usable_images
 from mapmyworld.places.vocabulary import Vocabulary, train_vocabulary, vocabulary_of_words
 from mapmyworld.registration.views import View, binary_words, make_view
 from mapmyworld.types import (
@@ -41,9 +39,15 @@ class NodeImages:
     An image is a row: first camera 0 of all nodes, then camera 1, and so on, each in time.
     """
 
-    def __init__(self, store: MapStore, config: Config, progress: Progress) -> None:
+    def __init__(
+        self,
+        store: MapStore,
+        config: Config,
+        progress: Progress,
+        ahead: FeaturesAhead | None = None,
+    ) -> None:
         """Reads features from the store where an earlier round left them, as they are asked for."""
-        self._store, self._config = store, config
+        self._store, self._config, self._ahead = store, config, ahead
         self._views: dict[int, View | None] = {}
         self._features: list[Features] = []
         nodes = _compared(store, config)
@@ -51,7 +55,9 @@ class NodeImages:
         self.nodes: list[Node] = list(nodes[::every])
         self.have_words = bool(store.words())
         if self.have_words:
-            cameras = max((len(_usable(self._data(n, False))) for n in self.nodes[:20]), default=0)
+            cameras = max(
+                (len(usable_images(self._data(n, False))) for n in self.nodes[:20]), default=0
+            )
             self._set_rows([(k, n) for k in range(cameras) for n in range(len(self.nodes))])
         else:
             self._extract(progress)
@@ -71,9 +77,10 @@ class NodeImages:
         progress.stage("features", len(self.nodes), "nodes")
         cv2.setNumThreads(1)
         found: list[tuple[int, int, Features, CameraModel]] = []
-        for k, n, item in in_threads(self._prepared, self._images(), self._config.threads):
+        images = in_threads(lambda i: (i[0], i[1], i[2]()), self._images(), self._config.threads)
+        for k, n, prepared in images:
             progress.update(n)
-            found.append((k, n, *item))
+            found.append((k, n, *prepared))
         found.sort(key=lambda row: row[:2])
         seen = sorted({n for _, n, _, _ in found})
         place = {n: index for index, n in enumerate(seen)}
@@ -82,21 +89,18 @@ class NodeImages:
         self._features = [features for _, _, features, _ in found]
         self._cameras = [camera for _, _, _, camera in found]
 
-    def _images(self) -> Iterator[tuple[int, int, RgbdImage, Features | None]]:
-        """Camera, node, image, and features where the store has them already."""
+    def _images(self) -> Iterator[tuple[int, int, Callable[[], Prepared]]]:
+        """Camera, node, and what gives its features: left to other threads."""
         for n, node in enumerate(self.nodes):
-            data = self._data(node)
-            for k, image in enumerate(_usable(data)):
-                yield k, n, image, _own(data.features, k, image)
+            ahead = self._ahead.take(node.id) if self._ahead is not None else None
+            for k, make in enumerate(self._makers(node) if ahead is None else ahead):
+                yield k, n, make
 
-    def _prepared(
-        self, item: tuple[int, int, RgbdImage, Features | None]
-    ) -> tuple[int, int, tuple[Features, CameraModel]]:
-        k, n, image, features = item
-        features = features or extract_features(
-            image, self._config, self._config.visual.place_features
-        )
-        return k, n, (best_features(features, image.camera, self._config), image.camera)
+    def _makers(self, node: Node) -> Iterator[Callable[[], Prepared]]:
+        """One for each usable image of a node; features that the store has are not found again."""
+        data = self._data(node)
+        for k, image in enumerate(usable_images(data)):
+            yield partial(prepared_image, image, _own(data.features, k, image), self._config)
 
     def stamps(self) -> NDArray[np.int64]:
         """Of each row."""
@@ -122,12 +126,8 @@ class NodeImages:
         if self._features:
             return make_view(self._features[row], self._cameras[row], self._config)
         k, node = int(self.camera_of[row]), self.nodes[self.node_of[row]]
-        data = self._data(node)
-        images = _usable(data)
-        if k >= len(images):
-            return None
-        _, _, item = self._prepared((k, row, images[k], _own(data.features, k, images[k])))
-        return make_view(*item, self._config)
+        makers = list(self._makers(node))
+        return make_view(*makers[k](), self._config) if k < len(makers) else None
 
     def learn_words(self, given: Mapping[int, NDArray[np.uint8]] | None = None) -> Vocabulary:
         """A vocabulary of these images, or the given one; their features then carry its words."""
@@ -163,11 +163,6 @@ class NodeImages:
             store.set_features(node.id, joined_features(parts, self._cameras[rows[0]].width))
 
 
-def _usable(data: NodeData) -> list[RgbdImage]:
-    """The images that have colour and depth."""
-    return [image for image in data.images if image.colour is not None and image.depth is not None]
-
-
 def _own(features: Features | None, number: int, image: RgbdImage) -> Features | None:
     return None if features is None else features_of_camera(features, number, image.camera.width)
 
@@ -185,15 +180,6 @@ def _compared(store: MapStore, config: Config) -> list[Node]:
         own = np.flatnonzero(sessions == session)
         chosen += own[evenly_along(poses[own], spacing)].tolist()
     return [nodes[k] for k in sorted(chosen)]
-
-
-def best_features(features: Features, camera: CameraModel, config: Config) -> Features:
-    """The features that closures use: at most `visual.place_features`, spread over the image."""
-    wanted = config.visual.place_features
-    if len(features.pixels) <= wanted:
-        return features
-    chosen = spread(features.pixels, features.responses, camera.width, camera.height, wanted)
-    return select_features(features, chosen)
 
 
 def _sample(features: Features, count: int) -> NDArray[np.uint64]:

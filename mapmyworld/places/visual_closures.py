@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.drift import Drift
+from mapmyworld.places.features_ahead import FeaturesAhead
 from mapmyworld.places.image_proposals import Proposal, by_poses, by_succession, by_words
 from mapmyworld.places.node_images import NodeImages
 from mapmyworld.registration.image_pairs import ImagePair, register_images
@@ -34,15 +35,16 @@ def find_visual_closures(
     config: Config,
     progress: Progress,
     given_words: Mapping[int, NDArray[np.uint8]] | None = None,
+    ahead: FeaturesAhead | None = None,
 ) -> list[Constraint]:
     """Every pair of nodes that was tried, as a constraint with verdict, reason and evidence.
 
     Loop closures are proposed by words; with solved `poses` also proximity constraints, between
     nodes that these bring together. Pairs that the store holds already are not tried again.
     Features, words and the vocabulary (learned, unless words are given: number -> descriptor) are
-    kept in the store, and words are asked once only.
+    kept in the store, and words are asked once only. `ahead`: features found while tracking.
     """
-    images = NodeImages(store, config, progress)
+    images = NodeImages(store, config, progress, ahead)
     if len(images) < 3:
         return []
     proposals: list[Proposal] = []

@@ -6,6 +6,7 @@ import itertools
 from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.trackers import Tracker, make_tracker, needs_inertial
 from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
 
+if TYPE_CHECKING:
+    from mapmyworld.places.features_ahead import FeaturesAhead
+
 _TOGETHER = 8  # frames that pass from thread to thread at once
 _AHEAD = 4  # such groups that wait for the next thread, at most
 
@@ -32,8 +36,12 @@ def track(
     config: Config,
     progress: Progress,
     tracker: Tracker | None = None,
+    features: FeaturesAhead | None = None,
 ) -> None:
-    """Follows the robot through the log; leaves nodes, scans and neighbour constraints."""
+    """Follows the robot through the log; leaves nodes, scans and neighbour constraints.
+
+    `features` is told of the nodes, to find their images' features in the meantime.
+    """
     info = log.info()
     progress.stage("track", max(info.duration_s, 1e-9), "s")
     counts, guard = FrameCounts(), ImageGuard()
@@ -42,7 +50,7 @@ def track(
         inertial=tracker is None and needs_inertial(plan),
     )  # fmt: skip
     tracker = tracker or make_tracker(plan, config)
-    writer = _Writer(store, config, guard, wants_images=plan.camera is not None)
+    writer = _Writer(store, config, guard, features, wants_images=plan.camera is not None)
     frames = (_guarded(frame, guard) for frame in frames)
     ahead = itertools.chain.from_iterable(made_ahead(batches(frames, _TOGETHER), _AHEAD))
     with done_behind(writer.add_all, _AHEAD) as write:
@@ -60,9 +68,15 @@ class _Writer:
     """Puts frames and nodes into the store as they come."""
 
     def __init__(
-        self, store: MapStore, config: Config, guard: ImageGuard, *, wants_images: bool
+        self,
+        store: MapStore,
+        config: Config,
+        guard: ImageGuard,
+        features: FeaturesAhead | None,
+        *,
+        wants_images: bool,
     ) -> None:
-        self._store, self._guard = store, guard
+        self._store, self._guard, self._features = store, guard, features
         self._cloud_spacing = config.sensing.cloud_spacing
         self._selector = NodeSelector(config.sensing, wants_images=wants_images)
         self._stamps, self._node_ids, self._is_node = array("q"), array("q"), array("b")
@@ -80,7 +94,10 @@ class _Writer:
         node, constraint, node_from_frame = self._selector.consider(frame, motion)
         if node is not None:
             images = tuple(i for image in frame.images if (i := self._guard.sound(image)))
-            self._store.add_node(node, NodeData(frame.scan, images, self._kept(frame.cloud)))
+            data = NodeData(frame.scan, images, self._kept(frame.cloud))
+            self._store.add_node(node, data)
+            if self._features is not None and images:
+                self._features.note(self._store, node, data)
         if constraint is not None:
             self._store.add_constraints([constraint])
         last = self._selector.last

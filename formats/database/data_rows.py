@@ -6,7 +6,7 @@ Imported when data are touched: what only looks at the graph needs no image code
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any
@@ -25,10 +25,10 @@ from formats.database.calibration import (
 from formats.database.cells import local_cells
 from formats.database.depth_cells import depth_cells
 from formats.database.node_rows import StorageOptions
-from formats.database.scans import cloud_to_columns, columns_to_observation, scan_to_columns
+from formats.database.scans import cloud_to_columns, columns_to_observation, scans_to_columns
 from formats.picture_files import is_16_bit_png
 from mapmyworld.errors import MapError
-from mapmyworld.types import CameraModel, ImageMessage, NodeData, RgbdImage
+from mapmyworld.types import CameraModel, ImageMessage, NodeData, RgbdImage, Scan
 
 INSERT_DATA = (
     "INSERT INTO Data (id, image, depth, calibration, scan, scan_info, ground_cells,"
@@ -41,17 +41,25 @@ _SIXTEEN_BITS = frozenset({"16UC1", "MONO16", "Z16"})
 _NO_CELLS: Row = (None, None, None, 0.0, 0.0, 0.0, 0.0)
 
 
-def data_row(
+def data_item(
     node_id: int, data: NodeData, options: StorageOptions, *, with_cells: bool
 ) -> Row | None:
-    """RTAB-Map's row of a node's data; None where there are none."""
+    """What `data_rows` makes RTAB-Map's row of a node's data of; None where there are none."""
     images = data.images if options.store_images else ()
     if not images and data.scan is None and data.cloud is None:
         return None
-    colour, depth, calibration = _image_columns(images, options)
-    scan, scan_info = _scan_columns(data)
+    scan: tuple[Any, Any] = (data.scan, None)
+    if data.scan is None and data.cloud is not None:
+        scan = cloud_to_columns(data.cloud)
     cells = _cell_columns(data, options) if with_cells else _NO_CELLS
-    return (node_id, colour, depth, calibration, scan, scan_info, *cells)
+    return (node_id, *_image_columns(images, options), *scan, *cells)
+
+
+def data_rows(items: Sequence[Row]) -> Iterator[Row]:
+    """RTAB-Map's rows of items, whose planar scans become columns all at once."""
+    columns = scans_to_columns([item[4] for item in items if isinstance(item[4], Scan)])
+    for item in items:
+        yield (*item[:4], *next(columns), *item[6:]) if isinstance(item[4], Scan) else item
 
 
 def _image_columns(
@@ -101,12 +109,6 @@ def _side_by_side(images: list[NDArray[np.generic] | None], what: str) -> NDArra
         raise MapError(f"{what} of one node differ in size: RTAB-Map's database keeps equal ones")
     black = np.zeros_like(there[0])
     return np.concatenate([black if image is None else image for image in images], axis=1)
-
-
-def _scan_columns(data: NodeData) -> tuple[bytes | None, bytes | None]:
-    if data.scan is not None:
-        return scan_to_columns(data.scan)
-    return (None, None) if data.cloud is None else cloud_to_columns(data.cloud)
 
 
 def _cell_columns(data: NodeData, options: StorageOptions) -> Row:

@@ -68,7 +68,7 @@ def constraint_rows(ranked: Iterable[tuple[Constraint, int]]) -> Iterator[Row]:
             np.asarray(c.information, "<f8").tobytes(),
             int(c.accepted),
             c.reason,
-            json.dumps(dict(c.evidence), default=float),
+            json.dumps(dict(c.evidence), default=float) if c.evidence else "{}",
         )
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,32 +55,37 @@ class StorageOptions:
     timings: bool = False
 
 
-def node_row(node: Node, before: Node | None) -> Row:
-    """RTAB-Map's row; `before` is the previous node of the same session."""
-    truth = None if node.ground_truth is None else pose_to_blob(node.ground_truth)
-    label = f"map{node.session}" if before is None else None
-    stamp = node.stamp_ns * 1e-9
-    pose = pose_to_blob(node.odom_from_base)
-    velocity = None if before is None else _velocity(before, node)
-    around = (gps_to_blob(node.gps), readings_to_blob(node.readings))
-    return (node.id, node.session, node.weight, stamp, pose, truth, velocity, label, *around)
+def node_rows(items: Sequence[tuple[Node, Node | None]]) -> Iterator[Row]:
+    """RTAB-Map's rows of nodes, each with the previous node of the same session."""
+    for (node, before), velocity in zip(items, _velocities(items), strict=True):
+        truth = None if node.ground_truth is None else pose_to_blob(node.ground_truth)
+        label = f"map{node.session}" if before is None else None
+        stamp = node.stamp_ns * 1e-9
+        pose = pose_to_blob(node.odom_from_base)
+        around = (gps_to_blob(node.gps), readings_to_blob(node.readings))
+        yield (
+            node.id, node.session, node.weight, stamp, pose, truth, velocity, label, *around
+        )  # fmt: skip
 
 
-def _velocity(before: Node, node: Node) -> bytes | None:
+def _velocities(items: Sequence[tuple[Node, Node | None]]) -> Iterator[bytes | None]:
     """Mean velocity since the previous node: m/s and rad/s (roll, pitch, yaw), base frame."""
-    seconds = (node.stamp_ns - before.stamp_ns) * 1e-9
-    if seconds <= 0:
-        return None
-    motion = between(before.odom_from_base, node.odom_from_base)
-    turn = _roll_pitch_yaw(motion[:3, :3])
-    velocity = np.concatenate([motion[:3, 3], turn]) / seconds
-    return velocity.astype("<f4").tobytes()
+    nodes = np.stack([node.odom_from_base for node, _ in items])
+    befores = np.stack([(before or node).odom_from_base for node, before in items])
+    since = [0 if before is None else node.stamp_ns - before.stamp_ns for node, before in items]
+    seconds = np.maximum(since, 1) * 1e-9
+    motions = between(befores, nodes)
+    turns = _roll_pitch_yaw(motions[:, :3, :3])
+    velocities = (np.column_stack([motions[:, :3, 3], turns]) / seconds[:, None]).astype("<f4")
+    for velocity, passed in zip(velocities, since, strict=True):
+        yield velocity.tobytes() if passed > 0 else None
 
 
-def _roll_pitch_yaw(r: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Angles about the fixed axes x, then y, then z."""
-    pitch = math.atan2(-r[2, 0], math.hypot(r[0, 0], r[1, 0]))
-    return math.atan2(r[2, 1], r[2, 2]), pitch, math.atan2(r[1, 0], r[0, 0])
+def _roll_pitch_yaw(r: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Angles (N, 3) of rotations (N, 3, 3) about the fixed axes x, then y, then z."""
+    pitch = np.arctan2(-r[:, 2, 0], np.hypot(r[:, 0, 0], r[:, 1, 0]))
+    roll, yaw = np.arctan2(r[:, 2, 1], r[:, 2, 2]), np.arctan2(r[:, 1, 0], r[:, 0, 0])
+    return np.stack([roll, pitch, yaw], axis=-1)
 
 
 def wants_cells(node: Node, last: Node | None, options: StorageOptions) -> bool:
@@ -100,9 +107,9 @@ def wants_cells(node: Node, last: Node | None, options: StorageOptions) -> bool:
 def own_row(node: Node, data: NodeData) -> Row:
     """Our row: double precision, and what RTAB-Map's columns have no place for."""
     truth = None if node.ground_truth is None else _doubles(node.ground_truth)
-    contents = {"images": sum(image.colour is not None for image in data.images)}
-    contents["depth"] = sum(image.depth is not None for image in data.images)
-    contents |= {"scan": int(data.scan is not None), "cloud": int(data.cloud is not None)}
+    images = sum(image.colour is not None for image in data.images)
+    depths = sum(image.depth is not None for image in data.images)
+    contents = _contents(images, depths, data.scan is not None, data.cloud is not None)
     rest = None if data.scan is None else scan_without_points(data.scan)
     both = data.scan is not None and data.cloud is not None
     return (
@@ -113,11 +120,17 @@ def own_row(node: Node, data: NodeData) -> Row:
         _doubles(node.tracked_from_base),
         node.weight,
         truth,
-        json.dumps(contents),
+        contents,
         rest,
         json.dumps([_stamp(image, node) for image in data.images]) if data.images else None,
         matrix_to_blob(data.cloud[None]) if both and data.cloud is not None else None,
     )
+
+
+@functools.cache
+def _contents(images: int, depths: int, scan: bool, cloud: bool) -> str:
+    """How much of what a node keeps."""
+    return json.dumps({"images": images, "depth": depths, "scan": int(scan), "cloud": int(cloud)})
 
 
 def _stamp(image: RgbdImage, node: Node) -> int:

@@ -45,13 +45,14 @@ class NodeTables(Transactions):
         self._nodes = None
         if not self._previous:
             self._db.set_clock(node.stamp_ns)
-        self._db.later(rows.INSERT_NODE, [rows.node_row(node, self._previous.get(node.session))])
+        before = self._previous.get(node.session)
+        self._db.later(rows.INSERT_NODE, [(node, before)], rows.node_rows)
         self._db.later(rows.INSERT_OWN, [rows.own_row(node, data)])
         with_cells = rows.wants_cells(node, self._last_with_cells, self._options)
         self._last_with_cells = node if with_cells else self._last_with_cells
-        data_row = data_rows.data_row(node.id, data, self._options, with_cells=with_cells)
-        if data_row is not None:
-            self._db.later(data_rows.INSERT_DATA, [data_row])
+        item = data_rows.data_item(node.id, data, self._options, with_cells=with_cells)
+        if item is not None:
+            self._db.later(data_rows.INSERT_DATA, [item], data_rows.data_rows)
         if data.features is not None:
             # At once: put off, they might come before the next node that has some, whose they are.
             for statement, written in self._feature_statements(node.id, data.features):

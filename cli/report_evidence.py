@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +13,11 @@ from numpy.typing import NDArray
 from formats.report.contents import Evidence, ImageMatches, NodePicture, ScanOverlay
 from mapmyworld.errors import MapMyWorldError
 from mapmyworld.geometry import between, matrix_to_planar
-from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, NodeData
+from mapmyworld.parallel import in_threads
+from mapmyworld.types import Constraint, ConstraintKind, ImageMessage, MapStore, Node, NodeData
+
+if TYPE_CHECKING:
+    from mapmyworld.places.node_pairs import NodePair
 
 _LOOPS = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.USER, ConstraintKind.PROXIMITY)
 _ACCEPTED = 400  # shown closely; the rest of a large map stand on the map only
@@ -40,23 +46,17 @@ def fetch_evidence(
     wanted = {i for k in chosen for i in (constraints[k].from_id, constraints[k].to_id)}
     along = np.linspace(0, len(nodes) - 1, min(_ALONG, len(nodes))).astype(int)
     ids = list(nodes)
-    data = {i: store.node_data(i) for i in sorted(wanted | {ids[k] for k in along.tolist()})}
+    asked = sorted(wanted | {ids[k] for k in along.tolist()})
+    data = {i: store.node_data(i, features=False) for i in asked}
     seen = ((i, d.scan) for i, d in data.items() if i in wanted)
     scans = {i: scan.points for i, scan in seen if scan is not None and len(scan.points)}
-    compared = 0
+    most = None if every_match else _COMPARED
+    matches = _matches(store, {k: constraints[k] for k in chosen}, scans, most)
     evidence = []
     for k in chosen:
-        c, matches = constraints[k], None
-        by_images = "matches" in c.evidence or not {c.from_id, c.to_id} <= scans.keys()
-        if (
-            by_images
-            and (every_match or compared < _COMPARED)
-            and {c.from_id, c.to_id} <= nodes.keys()
-        ):
-            matches = _matches(store, c)
-            compared += matches is not None
+        c = constraints[k]
         overlay = _overlay(c, nodes) if {c.from_id, c.to_id} <= scans.keys() else None
-        evidence.append(Evidence(k, overlay, matches))
+        evidence.append(Evidence(k, overlay, matches.get(k)))
     return Fetched(tuple(evidence), left_out, _pictures(data), scans)
 
 
@@ -102,15 +102,27 @@ def _overlay(c: Constraint, nodes: Mapping[int, Node]) -> ScanOverlay:
     return ScanOverlay(matrix_to_planar(start), matrix_to_planar(c.from_from_to))
 
 
-def _matches(store: MapStore, c: Constraint) -> ImageMatches | None:
-    """What the two images share, looked at once more; None where a node has no image."""
+def _matches(
+    store: MapStore,
+    shown: Mapping[int, Constraint],
+    scans: Container[int],
+    most: int | None,
+) -> dict[int, ImageMatches]:
+    """What the two images of those found by images share, looked at once more, `most` of them."""
     from mapmyworld.config import Config
-    from mapmyworld.places.node_pairs import compare_nodes
+    from mapmyworld.places.node_pairs import compare_pairs
 
-    try:
-        found = compare_nodes(store, c.from_id, c.to_id, Config())
-    except MapMyWorldError:
-        return None
+    by_images = {
+        k: (c.from_id, c.to_id)
+        for k, c in shown.items()
+        if "matches" in c.evidence or c.from_id not in scans or c.to_id not in scans
+    }
+    found = zip(by_images, compare_pairs(store, by_images.values(), Config()), strict=True)
+    compared = ((k, _shared(pair)) for k, pair in found if pair is not None)
+    return dict(itertools.islice(compared, most))
+
+
+def _shared(found: NodePair) -> ImageMatches:
     a, b, pair = found.features_a, found.features_b, found.pair
     common = 0
     if a.words is not None and b.words is not None:
@@ -133,10 +145,12 @@ def _pictures(data: Mapping[int, NodeData]) -> dict[int, NodePicture]:
         if d.images and d.images[0].colour is not None
     }
     width = next(width for count, width in _WIDTHS if len(seen) <= count)
-    pictures = {}
-    for i, image in seen.items():
+
+    def small(item: tuple[int, ImageMessage]) -> tuple[int, NodePicture | None]:
         try:
-            pictures[i] = node_picture(image, width)
+            return item[0], node_picture(item[1], width)
         except (MapMyWorldError, ValueError):
-            continue  # a damaged image: the page says so by leaving it out
-    return pictures
+            return item[0], None  # a damaged image: the page says so by leaving it out
+
+    made = in_threads(small, seen.items(), 0)
+    return {i: picture for i, picture in made if picture is not None}

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.errors import MapError
+from mapmyworld.errors import MapError, MapMyWorldError
+from mapmyworld.parallel import in_threads
 from mapmyworld.places.camera_features import features_of_camera
 from mapmyworld.places.features import extract_features
 from mapmyworld.registration.image_pairs import ImagePair, register_images
 from mapmyworld.registration.views import View, make_view
-from mapmyworld.types import Features, MapStore
+from mapmyworld.types import Features, ImageMessage, MapStore, RgbdImage
+
+_REMEMBERED = 100  # nodes kept at hand while pairs are compared
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,9 +28,26 @@ class NodePair:
     pair: ImagePair
     features_a: Features
     features_b: Features
-    picture_a: NDArray[np.uint8]
-    """(H, W, 3) RGB or (H, W)."""
-    picture_b: NDArray[np.uint8]
+    colour_a: ImageMessage
+    colour_b: ImageMessage
+
+    @property
+    def picture_a(self) -> NDArray[np.uint8]:
+        """(H, W, 3) RGB or (H, W), decoded when asked for."""
+        return np.asarray(self.colour_a.pixels(), np.uint8)
+
+    @property
+    def picture_b(self) -> NDArray[np.uint8]:
+        """As `picture_a`."""
+        return np.asarray(self.colour_b.pixels(), np.uint8)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """A node's first image, and its features where the map keeps them."""
+
+    image: RgbdImage
+    kept: Features | None
 
 
 def compare_nodes(store: MapStore, a: int, b: int, config: Config) -> NodePair:
@@ -33,20 +55,54 @@ def compare_nodes(store: MapStore, a: int, b: int, config: Config) -> NodePair:
 
     Raises `MapError` where a node does not exist or has no image.
     """
-    (view_a, picture_a), (view_b, picture_b) = (_seen(store, n, config) for n in (a, b))
+    return _compared(_seen(store, a), _seen(store, b), config)
+
+
+def compare_pairs(
+    store: MapStore, pairs: Iterable[tuple[int, int]], config: Config
+) -> Iterator[NodePair | None]:
+    """`compare_nodes` of many pairs in turn, on all cores; None where one cannot be compared."""
+    known = {node.id for node in store.nodes()}
+
+    @functools.lru_cache(maxsize=_REMEMBERED)
+    def seen(node_id: int) -> _Seen:
+        return _seen(store, node_id, known)
+
+    def asked() -> Iterator[tuple[_Seen, _Seen] | None]:
+        for a, b in pairs:
+            try:
+                yield seen(a), seen(b)
+            except MapMyWorldError:
+                yield None
+
+    def compare(item: tuple[_Seen, _Seen] | None) -> NodePair | None:
+        try:
+            return None if item is None else _compared(*item, config)
+        except MapMyWorldError:
+            return None
+
+    yield from in_threads(compare, asked(), config.threads)
+
+
+def _compared(a: _Seen, b: _Seen, config: Config) -> NodePair:
+    view_a, view_b = _view(a, config), _view(b, config)
+    assert a.image.colour is not None
+    assert b.image.colour is not None
     pair = register_images(view_a, view_b, config)
-    return NodePair(pair, view_a.features, view_b.features, picture_a, picture_b)
+    return NodePair(pair, view_a.features, view_b.features, a.image.colour, b.image.colour)
 
 
-def _seen(store: MapStore, node_id: int, config: Config) -> tuple[View, NDArray[np.uint8]]:
-    if all(node.id != node_id for node in store.nodes()):
+def _view(seen: _Seen, config: Config) -> View:
+    features = seen.kept or extract_features(seen.image, config)
+    return make_view(features, seen.image.camera, config)
+
+
+def _seen(store: MapStore, node_id: int, known: Container[int] | None = None) -> _Seen:
+    if node_id not in ({node.id for node in store.nodes()} if known is None else known):
         raise MapError(f"there is no node {node_id} in this map")
     data = store.node_data(node_id)
     for number, image in enumerate(data.images):
         if image.colour is not None:
             kept = data.features
-            own = kept and features_of_camera(kept, number, image.camera.width)
-            features = own or extract_features(image, config)
-            picture = np.asarray(image.colour.pixels(), np.uint8)
-            return make_view(features, image.camera, config), picture
+            return _Seen(image, kept and features_of_camera(kept, number, image.camera.width))
     raise MapError(f"node {node_id} has no image: only nodes seen by a camera can be compared")

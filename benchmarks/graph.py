@@ -23,9 +23,9 @@ from graph_worlds import KINDS, world
 
 from formats.pose_graph import read_graph
 from mapmyworld.config.graph import GraphConfig
-from mapmyworld.graph.block_solver import forget_patterns
 from mapmyworld.graph.covariance import marginal_covariances
 from mapmyworld.graph.descent import descend
+from mapmyworld.graph.elimination import forget_patterns
 from mapmyworld.graph.optimise import OptimisedGraph, optimise, optimise_robustly
 from mapmyworld.graph.problem import problem_of
 from mapmyworld.graph.system import edge_chi2

@@ -92,7 +92,7 @@ def _is_positive(twin: Twin, found: _Settled, slack: float) -> bool:
     blocks[twin.anchors, 0, 0] += np.abs(blocks[:nodes]).max()
     blocks[np.arange(nodes)[:, None], inner, inner] += slack * found.cost / (nodes * size)
     try:
-        solver_of(nodes, twin.rows, twin.columns, blocks, positive=True)
+        solver_of(nodes, twin.rows, twin.columns, blocks)
     except NotPositiveDefiniteError:
         return False
     return True

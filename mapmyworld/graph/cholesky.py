@@ -30,6 +30,8 @@ class Factors:
     """The Cholesky factor, clique by clique."""
 
     symbolic: Symbolic
+    values: Array
+    """All numbers of the factor, clique by clique, column by column."""
     triangles: tuple[Array, ...]
     """(p, p) lower factor of a clique's own unknowns."""
     below: tuple[Array, ...]
@@ -37,30 +39,16 @@ class Factors:
 
     def solve(self, right: Array) -> Array:
         """The solution (N * d, K) or (N * d,) of the factorised system."""
+        from mapmyworld.kernels.elimination import solve_in_place
+
         symbolic = self.symbolic
-        size, columns = symbolic.size, right.reshape(len(right), -1)
-        x = columns.reshape(-1, size, columns.shape[1])[symbolic.order]
-        for clique, triangle, below in zip(
-            symbolic.cliques, self.triangles, self.below, strict=True
-        ):
-            own = x[clique.first : clique.last]
-            part = dtrsm(1.0, triangle, own.reshape(-1, x.shape[2]), lower=1)
-            own[:] = part.reshape(own.shape)
-            if len(clique.rows):
-                x[clique.rows] -= (below @ part).reshape(-1, size, x.shape[2])
-        for clique, triangle, below in zip(
-            reversed(symbolic.cliques),
-            reversed(self.triangles),
-            reversed(self.below),
-            strict=True,
-        ):
-            own = x[clique.first : clique.last]
-            part = own.reshape(-1, x.shape[2])
-            if len(clique.rows):
-                part = part - below.T @ x[clique.rows].reshape(-1, x.shape[2])
-            own[:] = dtrsm(1.0, triangle, part, lower=1, trans_a=1).reshape(own.shape)
-        result = np.empty_like(x)
-        result[symbolic.order] = x
+        size, result = symbolic.size, np.empty((len(right), right[:1].size))
+        places = (symbolic.order[:, None] * size + np.arange(size)).ravel()
+        layout = symbolic.bounds, symbolic.begins, symbolic.rows, symbolic.starts
+        for k, column in enumerate(right.reshape(result.shape).T):
+            x = np.asarray(column[places], np.float64)
+            solve_in_place(size, *layout, self.values, x)
+            result[places, k] = x
         return result.reshape(right.shape)
 
     def marginals(self) -> Array:
@@ -137,25 +125,33 @@ def factorise(symbolic: Symbolic, blocks: Array) -> Factors:
     ordered = blocks[symbolic.block_order]
     ordered[symbolic.transposed] = np.swapaxes(ordered[symbolic.transposed], 1, 2)
     updates: dict[int, list[tuple[Index, Array, Array]]] = {}
+    values = np.empty(symbolic.starts[-1])
     triangles: list[Array] = []
     below: list[Array] = []
-    for number, clique in enumerate(symbolic.cliques):
-        width = (clique.last - clique.first) * size
-        front = width + len(clique.rows) * size
+    for number, (clique, start) in enumerate(
+        zip(symbolic.cliques, symbolic.starts.tolist(), strict=False)
+    ):
+        width, height = (clique.last - clique.first) * size, len(clique.rows) * size
+        front = width + height
         flat = np.zeros(front * front)
         flat[clique.places] = ordered[clique.blocks].ravel()
         matrix = flat.reshape((front, front), order="F")
         for update in updates.pop(number, ()):
             add_update(matrix, *update)
-        triangle, failed = dpotrf(matrix[:width, :width], lower=1)
-        if failed:
+        middle, end = start + width * width, start + width * front
+        triangle = values[start:middle].reshape((width, width), order="F")
+        triangle[:] = matrix[:width, :width]
+        if dpotrf(triangle, lower=1, overwrite_a=1)[1]:
             raise NotPositiveDefiniteError(
                 "the graph's information matrix is not positive definite"
             )
+        rows = values[middle:end].reshape((height, width), order="F")
+        rows[:] = matrix[width:, :width]
+        if height:
+            dtrsm(1.0, triangle, rows, side=1, lower=1, trans_a=1, overwrite_b=1)
         triangles.append(triangle)
-        rows = dtrsm(1.0, triangle, matrix[width:, :width], side=1, lower=1, trans_a=1)
         below.append(rows)
         if clique.parent >= 0:
             update = clique.into_parent, matrix[width:, width:], rows @ rows.T
             updates.setdefault(clique.parent, []).append(update)
-    return Factors(symbolic, tuple(triangles), tuple(below))
+    return Factors(symbolic, values, tuple(triangles), tuple(below))

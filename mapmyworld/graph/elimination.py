@@ -54,6 +54,13 @@ class Symbolic:
     transposed: Index
     """(T,) which of these, in their new order, stand above the diagonal and are turned."""
     cliques: tuple[Clique, ...]
+    bounds: Index
+    """(C + 1,) where the nodes of each clique begin."""
+    rows: Index
+    begins: Index
+    """(C + 1,) where those of each clique begin among the later nodes `rows` of all."""
+    starts: Index
+    """(C + 1,) where the numbers of each clique begin in the factor."""
 
 
 def analyse(count: int, rows: Index, columns: Index, size: int) -> Symbolic:
@@ -216,7 +223,7 @@ def _symbolic(tree: _Tree, size: int) -> Symbolic:
     height = np.repeat(fronts, np.diff(ends))[:, None, None]
     row, column = ((k * size)[:, None] + inner for k in (tree.tall, tree.wide))
     places = (column[:, None, :] * height + row[:, :, None]).reshape(-1)
-    bounds = zip(
+    ranges = zip(
         tree.first.tolist(),
         tree.last.tolist(),
         tree.parents.tolist(),
@@ -234,6 +241,10 @@ def _symbolic(tree: _Tree, size: int) -> Symbolic:
             slice(start, end),
             places[start * size * size : end * size * size],
         )
-        for first, last, parent, (a, b), (start, end) in bounds
+        for first, last, parent, (a, b), (start, end) in ranges
     ]
-    return Symbolic(size, tree.order, tree.block_order, tree.transposed, tuple(cliques))
+    bounds = np.append(tree.first, len(tree.order))
+    widths, heights = np.diff(bounds) * size, np.diff(begins) * size
+    starts = np.concatenate([[0], np.cumsum(widths * (widths + heights))])
+    orders = tree.order, tree.block_order, tree.transposed
+    return Symbolic(size, *orders, tuple(cliques), bounds, tree.rows, begins, starts)

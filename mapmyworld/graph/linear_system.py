@@ -26,35 +26,20 @@ class Pattern:
     rows: Index
     columns: Index
     """(B,) nodes of the blocks: every node's diagonal first."""
-    slots: tuple[Index, Index, Index]
-    """Scalars (E, d, d) of the blocks to which an edge adds: at its tail, at its head, between."""
+    between: Index
+    """(E,) the block of both ends of each edge."""
     stays: NDArray[np.bool_]
     """(N,) nodes that do not move."""
+    held: Index
+    """Blocks between two nodes of which one does not move."""
 
 
 def pattern_of(system: System) -> Pattern:
     """The pattern of the system's matrix."""
-    rows, columns, block = links(len(system.free), system.tails, system.heads)
-    slots = _slots(system, block, len(rows))
-    return Pattern(rows, columns, slots, system.free < 0)
-
-
-def _slots(system: System, block: Index, blocks: int) -> tuple[Index, Index, Index]:
-    """What belongs to nodes that stay goes to a place behind the last block."""
-    size, inner = system.dimension, np.arange(system.dimension)
-    here = inner[:, None] * size + inner
-    turned = (system.tails > system.heads)[:, None, None]
-    within = np.where(turned, here.T, here)
-    places = []
-    for at, inside, ends in (
-        (system.tails, here, (system.tails,)),
-        (system.heads, here, (system.heads,)),
-        (block, within, (system.tails, system.heads)),
-    ):
-        place = at[:, None, None] * size * size + inside
-        stays = np.any([system.free[e] < 0 for e in ends], axis=0)
-        places.append(np.where(stays[:, None, None], blocks * size * size, place).ravel())
-    return places[0], places[1], places[2]
+    rows, columns, between = links(len(system.free), system.tails, system.heads)
+    stays = system.free < 0
+    held = len(stays) + np.flatnonzero((stays[rows] | stays[columns])[len(stays) :])
+    return Pattern(rows, columns, between, stays, held)
 
 
 def linearise(
@@ -69,45 +54,42 @@ def linearise(
     `weights` (E,) scale information; `residuals` (E, d) are those at `poses`, where known.
     """
     residuals = residuals_of(system, poses) if residuals is None else residuals
-    by_tail, by_head, left, right = _weighted(system, poses, residuals, weights)
-    values = [left @ by_tail, right @ by_head, left @ by_head]
-    size, count = system.dimension, len(pattern.rows)
-    flat = np.bincount(
-        np.concatenate(pattern.slots),
-        np.concatenate([v.ravel() for v in values]),
-        minlength=count * size * size + 1,
-    )
-    blocks = np.asarray(flat[:-1], np.float64).reshape(count, size, size)
+    size = system.dimension
+    blocks = np.zeros((len(pattern.rows), size, size))
+    gradient = _added(system, pattern, poses, residuals, blocks, weights)
+    blocks[pattern.held] = 0.0
     blocks[np.flatnonzero(pattern.stays)] = np.eye(size)
-    return blocks, _gradient(system, pattern, left, right, residuals)
+    return blocks, gradient
 
 
 def gradient_of(system: System, pattern: Pattern, poses: Array, residuals: Array) -> Array:
     """(N, d) of half the cost at `poses`, where edges have these residuals (E, d)."""
-    _, _, left, right = _weighted(system, poses, residuals)
-    return _gradient(system, pattern, left, right, residuals)
+    return _added(system, pattern, poses, residuals, np.empty((0, 1, 1)))
 
 
-def _weighted(
-    system: System, poses: Array, residuals: Array, weights: Array | None = None
-) -> tuple[Array, ...]:
-    """Derivatives of the residuals by tail and head, and these transposed times information."""
-    jacobians = jacobians_of(system, poses, residuals)
-    information = system.information
-    if weights is not None:
-        information = information * weights[:, None, None]
-    left, right = (np.swapaxes(j, 1, 2) @ information for j in jacobians)
-    return *jacobians, left, right
-
-
-def _gradient(
-    system: System, pattern: Pattern, left: Array, right: Array, residuals: Array
+def _added(
+    system: System,
+    pattern: Pattern,
+    poses: Array,
+    residuals: Array,
+    blocks: Array,
+    weights: Array | None = None,
 ) -> Array:
+    """The gradient (N, d); what edges add to the blocks is added to these."""
+    from mapmyworld.kernels.normal_equations import add_edges
+
     gradient = np.zeros((len(system.free), system.dimension))
-    for ends, jacobian in ((system.tails, left), (system.heads, right)):
-        part = (jacobian @ residuals[..., None])[..., 0]
-        for column in range(system.dimension):
-            gradient[:, column] += np.bincount(ends, part[:, column], minlength=len(gradient))
+    add_edges(
+        system.tails,
+        system.heads,
+        pattern.between,
+        *jacobians_of(system, poses, residuals),
+        np.ascontiguousarray(system.information, np.float64),
+        residuals,
+        np.empty(0) if weights is None else weights,
+        blocks,
+        gradient,
+    )
     gradient[pattern.stays] = 0.0
     return gradient
 

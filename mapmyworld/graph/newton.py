@@ -41,7 +41,7 @@ def newton_step(
     right = -gradient
     right[twin.anchors] = 0.0
     try:
-        solver = solver_of(nodes, twin.rows, twin.columns, blocks, positive=True)
+        solver = solver_of(nodes, twin.rows, twin.columns, blocks)
         return np.asarray(solver.solve(right.ravel()).reshape(nodes, -1))
     except NotPositiveDefiniteError:
         return None

@@ -12,17 +12,9 @@ from scipy.special import gammaincinv
 
 from mapmyworld.geometry import (
     Array,
-    between,
-    between_planar,
     compose_planar,
-    se3_adjoint,
     se3_exp,
-    se3_log,
-    skew,
 )
-
-# Bernoulli numbers over factorials: the series of the inverse Jacobian of the exponential map.
-_SERIES = (1 / 12, -1 / 720, 1 / 30240, -1 / 1209600, 1 / 47900160)
 
 
 def planar_log(motion: Array) -> Array:
@@ -58,35 +50,26 @@ def edge_residuals(
     planar: bool, map_from_tail: Array, map_from_head: Array, measured: Array
 ) -> Array:
     """Residuals (E, 3 or 6) of measured motions between pairs of poses."""
-    if planar:
-        return planar_log(between_planar(measured, between_planar(map_from_tail, map_from_head)))
-    return se3_log(between(measured, between(map_from_tail, map_from_head)))
+    from mapmyworld.kernels.pose_edges import planar_residuals, spatial_residuals
+
+    kernel = planar_residuals if planar else spatial_residuals
+    return np.asarray(kernel(*map(_plain, (map_from_tail, map_from_head, measured))))
 
 
 def edge_jacobians(
     planar: bool, map_from_tail: Array, map_from_head: Array, residuals: Array
 ) -> tuple[Array, Array]:
     """Derivatives (E, d, d) of residuals by tangents of the tail and of the head."""
-    by_head = inverse_right_jacobian(planar, residuals)
-    if planar:
-        adjoint = planar_adjoint(between_planar(map_from_head, map_from_tail))
-    else:
-        adjoint = se3_adjoint(between(map_from_head, map_from_tail))
-    return -by_head @ adjoint, by_head
+    from mapmyworld.kernels.pose_edges import planar_jacobians, spatial_jacobians
+
+    kernel = planar_jacobians if planar else spatial_jacobians
+    by_tail, by_head = kernel(*map(_plain, (map_from_tail, map_from_head, residuals)))
+    return by_tail, by_head
 
 
-def inverse_right_jacobian(planar: bool, tangents: Array) -> Array:
-    """(E, d, d): how the logarithm changes with a right perturbation, by its series.
-
-    Exact to 1e-9 up to a radian; a residual near pi has no useful derivative anyway.
-    """
-    small = planar_small_adjoint(tangents) if planar else small_adjoint(tangents)
-    square = small @ small
-    power, total = square, np.eye(small.shape[-1]) + 0.5 * small
-    for factor in _SERIES:
-        total = total + factor * power
-        power = power @ square
-    return np.asarray(total)
+def _plain(array: Array) -> Array:
+    """The array as kernels take it."""
+    return np.ascontiguousarray(array, np.float64)
 
 
 def planar_adjoint(a_from_b: Array) -> Array:
@@ -96,22 +79,6 @@ def planar_adjoint(a_from_b: Array) -> Array:
     matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2] = cos, -sin, a_from_b[..., 1]
     matrix[..., 1, 0], matrix[..., 1, 1], matrix[..., 1, 2] = sin, cos, -a_from_b[..., 0]
     matrix[..., 2, 2] = 1.0
-    return matrix
-
-
-def planar_small_adjoint(tangents: Array) -> Array:
-    """The derivative (..., 3, 3) of the adjoint along tangents (..., 3)."""
-    matrix = np.zeros((*tangents.shape, 3))
-    matrix[..., 0, 1], matrix[..., 0, 2] = -tangents[..., 2], tangents[..., 1]
-    matrix[..., 1, 0], matrix[..., 1, 2] = tangents[..., 2], -tangents[..., 0]
-    return matrix
-
-
-def small_adjoint(tangents: Array) -> Array:
-    """The derivative (..., 6, 6) of the adjoint along tangents (..., 6), rotation first."""
-    matrix = np.zeros((*tangents.shape, 6))
-    matrix[..., :3, :3] = matrix[..., 3:, 3:] = skew(tangents[..., :3])
-    matrix[..., 3:, :3] = skew(tangents[..., 3:])
     return matrix
 
 

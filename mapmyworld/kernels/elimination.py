@@ -103,3 +103,47 @@ def add_update(front: Floats, into: Index, below: Floats, product: Floats) -> No
     for j in range(len(into)):
         for i in range(j, len(into)):
             front[into[i], into[j]] += below[i, j] - product[i, j]
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+def solve_in_place(
+    size: int, bounds: Index, begins: Index, rows: Index, starts: Index, values: Floats, x: Floats
+) -> None:
+    """Solves with the factor of all cliques for x (N * size,), which is in the factor's order.
+
+    Clique `c` eliminates nodes `bounds[c]` to `bounds[c + 1] - 1` and is linked to
+    `rows[begins[c]:begins[c + 1]]`. At `values[starts[c]]` its triangle begins, column by column,
+    and behind that what the factor holds below it.
+    """
+    count = len(starts) - 1
+    linked = np.empty(len(rows) * size)
+    for c in range(count):
+        first, width = bounds[c] * size, (bounds[c + 1] - bounds[c]) * size
+        height = (begins[c + 1] - begins[c]) * size
+        for k in range(height):
+            linked[k] = 0.0
+        for j in range(width):
+            place = starts[c] + j * width
+            below = starts[c] + width * width + j * height
+            known = x[first + j] / values[place + j]
+            x[first + j] = known
+            for i in range(j + 1, width):
+                x[first + i] -= values[place + i] * known
+            for i in range(height):
+                linked[i] += values[below + i] * known
+        for k in range(height):
+            x[rows[begins[c] + k // size] * size + k % size] -= linked[k]
+    for c in range(count - 1, -1, -1):
+        first, width = bounds[c] * size, (bounds[c + 1] - bounds[c]) * size
+        height = (begins[c + 1] - begins[c]) * size
+        for k in range(height):
+            linked[k] = x[rows[begins[c] + k // size] * size + k % size]
+        for j in range(width - 1, -1, -1):
+            place = starts[c] + j * width
+            below = starts[c] + width * width + j * height
+            left = 0.0
+            for i in range(j + 1, width):
+                left += values[place + i] * x[first + i]
+            for i in range(height):
+                left += values[below + i] * linked[i]
+            x[first + j] = (x[first + j] - left) / values[place + j]

@@ -1,0 +1,64 @@
+"""Edges' linear equations, added up block by block."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@njit(cache=True, nogil=True)
+def add_edges(
+    tails: Index,
+    heads: Index,
+    between: Index,
+    by_tail: Floats,
+    by_head: Floats,
+    information: Floats,
+    residuals: Floats,
+    weights: Floats,
+    blocks: Floats,
+    gradient: Floats,
+) -> None:
+    """Adds the normal equations of edges to blocks (B, d, d) and gradient (N, d).
+
+    The derivatives (E, d, d) of residuals (E, d) belong to the nodes `tails` and `heads`, whose
+    diagonal blocks come first; `between` (E,) is the block of both, the lower node's rows first.
+    `weights` are of all edges where there are any. Without blocks only the gradient is added up.
+    """
+    size = gradient.shape[1]
+    left, pull = np.empty((2, size, size)), np.empty(size)
+    for e in range(len(tails)):
+        share = weights[e] if len(weights) else 1.0
+        tail, head = tails[e], heads[e]
+        for i in range(size):
+            pull[i] = 0.0
+            for k in range(size):
+                pull[i] += share * information[e, i, k] * residuals[e, k]
+        for i in range(size):
+            for k in range(size):
+                gradient[tail, i] += by_tail[e, k, i] * pull[k]
+                gradient[head, i] += by_head[e, k, i] * pull[k]
+        if len(blocks) == 0:
+            continue
+        for i in range(size):
+            for j in range(size):
+                left[0, i, j] = left[1, i, j] = 0.0
+            for k in range(size):
+                a, b = share * by_tail[e, k, i], share * by_head[e, k, i]
+                for j in range(size):
+                    left[0, i, j] += a * information[e, k, j]
+                    left[1, i, j] += b * information[e, k, j]
+        for i in range(size):
+            for k in range(size):
+                a, b = left[0, i, k], left[1, i, k]
+                for j in range(size):
+                    blocks[tail, i, j] += a * by_tail[e, k, j]
+                    blocks[head, i, j] += b * by_head[e, k, j]
+                    if tail < head:
+                        blocks[between[e], i, j] += a * by_head[e, k, j]
+                    else:
+                        blocks[between[e], i, j] += b * by_tail[e, k, j]

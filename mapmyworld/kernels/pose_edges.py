@@ -1,0 +1,188 @@
+"""Errors of motions measured between poses, and their derivatives by right perturbations.
+
+Tangents of the plane are x, y, yaw; of space rotation first. The formulas are those of Sola,
+Deray, Atchuthan, "A micro Lie theory" (2018).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True)
+def planar_residuals(tail: Floats, head: Floats, measured: Floats) -> Floats:
+    """(E, 3): `log(measured^-1 * tail^-1 * head)` of poses (E, 3)."""
+    found = np.empty((len(tail), 3))
+    for e in range(len(tail)):
+        angle, turn = tail[e, 2], measured[e, 2]
+        c, s = math.cos(angle), math.sin(angle)
+        dx, dy = head[e, 0] - tail[e, 0], head[e, 1] - tail[e, 1]
+        x, y = c * dx + s * dy - measured[e, 0], c * dy - s * dx - measured[e, 1]
+        c, s = math.cos(turn), math.sin(turn)
+        x, y = c * x + s * y, c * y - s * x
+        yaw = head[e, 2] - angle - turn
+        yaw = math.pi - (math.pi - yaw) % (2.0 * math.pi)
+        half = 0.5 * yaw
+        factor = half / math.tan(half) if abs(yaw) > 1e-5 else 1.0 - half * half / 3.0
+        found[e, 0], found[e, 1], found[e, 2] = factor * x + half * y, factor * y - half * x, yaw
+    return found
+
+
+@njit(cache=True, nogil=True)
+def planar_jacobians(tail: Floats, head: Floats, residuals: Floats) -> tuple[Floats, Floats]:
+    """Derivatives (E, 3, 3) of residuals (E, 3) by tangents of the tail and of the head.
+
+    Of the inverse right Jacobian of the exponential map only the column of the angle is not that
+    of a rotation and a scale.
+    """
+    by_tail, by_head = np.zeros((len(tail), 3, 3)), np.zeros((len(tail), 3, 3))
+    for e in range(len(tail)):
+        x, y, yaw = residuals[e, 0], residuals[e, 1], residuals[e, 2]
+        half, square = 0.5 * yaw, yaw * yaw
+        if abs(yaw) > 1e-2:
+            second = 1.0 / square - 0.5 / (yaw * math.tan(half))
+        else:
+            second = 1.0 / 12.0 + square / 720.0
+        first = 1.0 - second * square
+        across, along = second * yaw * x, second * yaw * y
+        head_x, head_y = across + 0.5 * y, along - 0.5 * x
+        by_head[e, 0, 0] = by_head[e, 1, 1] = first
+        by_head[e, 0, 1], by_head[e, 1, 0] = -half, half
+        by_head[e, 0, 2], by_head[e, 1, 2], by_head[e, 2, 2] = head_x, head_y, 1.0
+        turn = tail[e, 2] - head[e, 2]
+        c, s = math.cos(turn), math.sin(turn)
+        a, b = math.cos(head[e, 2]), math.sin(head[e, 2])
+        dx, dy = tail[e, 0] - head[e, 0], tail[e, 1] - head[e, 1]
+        px, py = a * dx + b * dy, a * dy - b * dx
+        for row in range(3):
+            u, v, w = by_head[e, row, 0], by_head[e, row, 1], by_head[e, row, 2]
+            by_tail[e, row, 0] = -(u * c + v * s)
+            by_tail[e, row, 1] = u * s - v * c
+            by_tail[e, row, 2] = v * px - u * py - w
+    return by_tail, by_head
+
+
+@njit(cache=True, nogil=True)
+def _vector_of(r: Floats, w: Floats) -> None:
+    """The rotation vector w of a rotation r, also near half a turn."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        w[i] = 0.5 * (r[k, j] - r[j, k])
+    length = math.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
+    trace = r[0, 0] + r[1, 1] + r[2, 2]
+    angle = math.atan2(length, 0.5 * (trace - 1.0))
+    if trace < 0.0:  # towards half a turn the sine tells ever less of the axis: by the quaternion
+        i = 0
+        for j in range(1, 3):
+            if r[j, j] > r[i, i]:
+                i = j
+        j, k = (i + 1) % 3, (i + 2) % 3
+        double = math.sqrt(1.0 + r[i, i] - r[j, j] - r[k, k])
+        double = double if w[i] >= 0.0 else -double
+        scalar = w[i] / double
+        w[i] = 0.5 * double
+        w[j], w[k] = 0.5 * (r[i, j] + r[j, i]) / double, 0.5 * (r[i, k] + r[k, i]) / double
+        length = math.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
+        angle = 2.0 * math.atan2(length, scalar)
+    if length > 1e-8:
+        for i in range(3):
+            w[i] *= angle / length
+
+
+@njit(cache=True, nogil=True)
+def spatial_residuals(tail: Floats, head: Floats, measured: Floats) -> Floats:
+    """(E, 6): `log(measured^-1 * tail^-1 * head)` of poses (E, 4, 4)."""
+    found = np.empty((len(tail), 6))
+    turn, error = np.empty((3, 3)), np.empty((3, 3))
+    shift, w, u = np.empty(3), np.empty(3), np.empty(3)
+    for e in range(len(tail)):
+        for i in range(3):
+            shift[i] = -measured[e, i, 3]
+            for k in range(3):
+                shift[i] += tail[e, k, i] * (head[e, k, 3] - tail[e, k, 3])
+            for j in range(3):
+                turn[i, j] = 0.0
+                for k in range(3):
+                    turn[i, j] += tail[e, k, i] * head[e, k, j]
+        for i in range(3):
+            u[i] = 0.0
+            for k in range(3):
+                u[i] += measured[e, k, i] * shift[k]
+            for j in range(3):
+                error[i, j] = 0.0
+                for k in range(3):
+                    error[i, j] += measured[e, k, i] * turn[k, j]
+        _vector_of(error, w)
+        square = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
+        second = 1.0 / 12.0 + square / 720.0
+        if square > 1e-6:
+            half = 0.5 * math.sqrt(square)
+            second = (1.0 - half / math.tan(half)) / square
+        for i in range(3):  # shift = w x u
+            j, k = (i + 1) % 3, (i + 2) % 3
+            shift[i] = w[j] * u[k] - w[k] * u[j]
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            found[e, i] = w[i]
+            found[e, 3 + i] = u[i] - 0.5 * shift[i] + second * (w[j] * shift[k] - w[k] * shift[j])
+    return found
+
+
+@njit(cache=True, nogil=True)
+def spatial_jacobians(tail: Floats, head: Floats, residuals: Floats) -> tuple[Floats, Floats]:
+    """Derivatives (E, 6, 6) of residuals (E, 6) by tangents of the tail and of the head.
+
+    The inverse right Jacobian [A 0; B A] is `A = I + W / 2 + c W^2` with c a function of the
+    angle's square, and B is how A changes with the rotation along the translation.
+    """
+    by_tail, by_head = np.zeros((len(tail), 6, 6)), np.zeros((len(tail), 6, 6))
+    turn, shift, mixed = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    for e in range(len(tail)):
+        w, u = residuals[e, :3], residuals[e, 3:]
+        s = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
+        along = w[0] * u[0] + w[1] * u[1] + w[2] * u[2]
+        c, slope = 1 / 12 + s / 720 + s * s / 30240, 1 / 720 + s / 15120 + s * s / 403200
+        if s > 0.01:
+            angle = math.sqrt(s)
+            cotangent = 1.0 / math.tan(0.5 * angle)
+            c = 1.0 / s - 0.5 * cotangent / angle
+            slope = 0.25 * (cotangent / angle + 0.5 * (1.0 + cotangent**2)) / s - 1.0 / (s * s)
+        for i in range(3):
+            shift[i] = 0.0
+            for k in range(3):
+                shift[i] += head[e, k, i] * (tail[e, k, 3] - head[e, k, 3])
+            for j in range(3):
+                turn[i, j] = 0.0
+                for k in range(3):
+                    turn[i, j] += head[e, k, i] * tail[e, k, j]
+                same = 1.0 if i == j else 0.0
+                a = same + c * (w[i] * w[j] - s * same)
+                b = c * (w[i] * u[j] + u[i] * w[j] - 2.0 * along * same)
+                b += 2.0 * slope * along * (w[i] * w[j] - s * same)
+                if i != j:
+                    k = 3 - i - j
+                    half = 0.5 if (j - i) % 3 == 2 else -0.5
+                    a += half * w[k]
+                    b += half * u[k]
+                by_head[e, i, j] = by_head[e, 3 + i, 3 + j] = a
+                by_head[e, 3 + i, j] = b
+        for i in range(3):  # B + A [shift]
+            for j in range(3):
+                k, m = (j + 1) % 3, (j + 2) % 3
+                mixed[i, j] = by_head[e, 3 + i, j]
+                mixed[i, j] += by_head[e, i, k] * shift[m] - by_head[e, i, m] * shift[k]
+        for i in range(3):
+            for j in range(3):
+                a, b = 0.0, 0.0
+                for k in range(3):
+                    a -= by_head[e, i, k] * turn[k, j]
+                    b -= mixed[i, k] * turn[k, j]
+                by_tail[e, i, j] = by_tail[e, 3 + i, 3 + j] = a
+                by_tail[e, 3 + i, j] = b
+    return by_tail, by_head

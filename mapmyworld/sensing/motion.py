@@ -43,7 +43,7 @@ class RecordedMotion:
     def __init__(self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> None:
         """`values` (N, 3, 4): the upper rows of the poses."""
         self.stamps_ns = stamps_ns
-        self._values = values
+        self._values = np.ascontiguousarray(values)
         self.is_sorted = bool(np.all(np.diff(stamps_ns) >= 0)) if len(stamps_ns) else True
         self._last = 0
 
@@ -66,6 +66,9 @@ class RecordedMotion:
             if end == first + 1:  # one sample at that very time: as nearly always
                 self._last = first
                 return np.asarray(self.poses_at(slice(first, end))[0])
+            if end == first and len(self):
+                between = self._between_samples(np.array([stamp_ns], np.int64), tolerance_ns)
+                return None if between is None else between[0]
         found = self.at_many(np.array([stamp_ns], np.int64), tolerance_ns)
         # A copy: a view would keep the whole window of samples alive with every frame.
         return None if found is None else np.array(found[0])
@@ -76,6 +79,8 @@ class RecordedMotion:
         """Poses (N, 4, 4) at stamps close to one another; None unless all are covered."""
         if not len(self.stamps_ns):
             return None
+        if self.is_sorted and len(stamps_ns) > 1:
+            return self._between_samples(stamps_ns, tolerance_ns)
         if self.is_sorted:
             low = int(np.searchsorted(self.stamps_ns, stamps_ns[0], "left")) - 1
             high = int(np.searchsorted(self.stamps_ns, stamps_ns[-1], "right")) + 1
@@ -91,6 +96,21 @@ class RecordedMotion:
         order = np.argsort(stamps, kind="stable")
         stamps, poses = stamps[order], poses[order]
         return _interpolate_sorted(stamps, poses, stamps_ns, tolerance_ns)
+
+    def _between_samples(
+        self, stamps_ns: NDArray[np.int64], tolerance_ns: int
+    ) -> NDArray[np.float64] | None:
+        """As `_interpolate_sorted` of all samples, compiled: every sweep and image asks."""
+        from mapmyworld.kernels.recorded_motion import FOUND, NOT_COVERED, interpolate_poses
+
+        poses = np.zeros((len(stamps_ns), 4, 4))
+        verdict = interpolate_poses(self.stamps_ns, self._values, stamps_ns, tolerance_ns, poses)
+        if verdict == FOUND:
+            return poses
+        if verdict == NOT_COVERED:
+            return None
+        everything = self.poses_at(slice(None))
+        return _interpolate_sorted(self.stamps_ns, everything, stamps_ns, tolerance_ns)
 
     def poses_at(self, indices: NDArray[np.int64] | slice) -> NDArray[np.float64]:
         """Poses (N, 4, 4) of chosen samples, counted in the order of the log."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.errors import LogError
 from mapmyworld.geometry import Array, between, matrix_to_planar
+from mapmyworld.kernels.recorded_motion import move_beams
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.sensing.plan_lasers import valid_ranges
 from mapmyworld.types import LaserScanMessage, Scan
@@ -89,11 +90,7 @@ def _without_motion(
     poses = motion.at_many(message.stamp_ns + (np.arange(_KNOTS) * step_ns).astype(np.int64))
     if poses is None:
         return points
-    moved = between(poses[0], poses)
-    place = np.clip(beams * (message.time_increment * 1e9 / step_ns), 0.0, _KNOTS - 1.0)
-    lower = np.minimum(place.astype(np.int64), _KNOTS - 2)
-    share = (place - lower)[:, None]
-    rotation, translation = moved[:, :3, :3], moved[:, :3, 3]
-    at_lower = np.einsum("nij,nj->ni", rotation[lower], points) + translation[lower]
-    at_upper = np.einsum("nij,nj->ni", rotation[lower + 1], points) + translation[lower + 1]
-    return np.asarray((1.0 - share) * at_lower + share * at_upper)
+    freed = np.ascontiguousarray(points)
+    knots_a_beam = message.time_increment * 1e9 / step_ns
+    move_beams(freed, beams, knots_a_beam, between(poses[0], poses))
+    return freed

@@ -41,3 +41,33 @@ def test_no_kernel_assigns_an_array_to_a_slice() -> None:
     found = list(kernels())
     assert len(found) > 100
     assert {path.name: copied_slices(f) for path, f in found if copied_slices(f)} == {}
+
+
+def test_no_inner_kernel_is_called_from_python() -> None:
+    """It has no way in: the call would end the process."""
+    inner: dict[str, set[Path]] = {}
+    for path, function in kernels():
+        if "inner_jit" in map(ast.unparse, function.decorator_list):
+            inner.setdefault(function.name, set()).add(path)
+    assert len(inner) > 30
+    for folder in ("mapmyworld", "formats", "cli", "tests", "benchmarks"):
+        for path in sorted((ROOT.parent / folder).rglob("*.py")):
+            tree = ast.parse(path.read_text("utf-8"))
+            own, imported = {n for n in inner if path in inner[n]}, imported_by(tree) & set(inner)
+            if own or imported:
+                assert not (own | imported) & set(used_by_python(tree)), path
+
+
+def imported_by(tree: ast.Module) -> set[str]:
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    return {a.name for node in imports if "kernels" in (node.module or "") for a in node.names}
+
+
+def used_by_python(node: ast.AST) -> Iterator[str]:
+    """Names that anything but a kernel's body uses."""
+    if isinstance(node, ast.Name):
+        yield node.id
+    decorators = node.decorator_list if isinstance(node, ast.FunctionDef) else []
+    if not any("jit" in ast.unparse(decorator) for decorator in decorators):
+        for child in ast.iter_child_nodes(node):
+            yield from used_by_python(child)

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba import njit
 from numpy.typing import NDArray
 
+from mapmyworld.kernels.compiling import inner_jit
 
-@njit(cache=True, nogil=True)
+
+@inner_jit
 def assign(target: NDArray[Any], source: NDArray[Any]) -> None:
     """Copies all of `source` into the first elements of `target`, in the order of rows."""
     for i in range(source.size):

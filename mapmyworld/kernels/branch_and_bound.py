@@ -9,13 +9,14 @@ is given up as soon as the points to come cannot save it.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapmyworld.kernels.compiling import inner_jit, jit
 
 FULL = 255  # likelihood of a cell that holds a surface
 
 
-@njit(cache=True, nogil=True)
+@jit
 def fill_pyramid(pyramid: NDArray[np.uint8], near: int) -> None:
     """From the surfaces in level 0, a ring of `near` around them, and all higher levels."""
     levels, height, width = pyramid.shape
@@ -38,7 +39,7 @@ def fill_pyramid(pyramid: NDArray[np.uint8], near: int) -> None:
                 )
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def _exceeds(
     level: NDArray[np.uint8],
     cells: NDArray[np.int32],
@@ -65,7 +66,7 @@ def _exceeds(
     return total
 
 
-@njit(cache=True, nogil=True)
+@jit
 def best_shift(
     pyramid: NDArray[np.uint8],
     margin: int,
@@ -146,7 +147,7 @@ def best_shift(
                     depth += 1
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def _highest_first(values: NDArray[np.int64], order: NDArray[np.int64]) -> None:
     """Fills `order` with the places of its length's first values, equal ones as they come.
 
@@ -165,7 +166,7 @@ def _highest_first(values: NDArray[np.int64], order: NDArray[np.int64]) -> None:
         ends[most - values[i]] += 1
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def _place(
     points: NDArray[np.float64],
     guess: NDArray[np.float64],

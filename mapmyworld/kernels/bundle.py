@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapmyworld.kernels.compiling import jit
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-@njit(cache=True, nogil=True)
+@jit
 def bundle_normal_equations(
     cameras: Array,
     points: Array,
@@ -103,7 +104,7 @@ def bundle_normal_equations(
     return cost
 
 
-@njit(cache=True, nogil=True)
+@jit
 def eliminate_points(
     point_blocks: Array,
     damping: float,
@@ -134,7 +135,7 @@ def eliminate_points(
                 scaled[i, m, n] = x * q[0, n] + y * q[1, n] + z * q[2, n]
 
 
-@njit(cache=True, nogil=True)
+@jit
 def subtract_gradients(
     scaled: Array, point_gradients: Array, point_of: Indices, slot_of: Indices, gradient: Array
 ) -> None:
@@ -147,7 +148,7 @@ def subtract_gradients(
                 gradient[slot_of[i], m] -= explained
 
 
-@njit(cache=True, nogil=True)
+@jit
 def move_points(
     inverse: Array,
     cross_blocks: Array,
@@ -173,7 +174,7 @@ def move_points(
                 points[p, m] -= inverse[p, m, n] * right[p, n]
 
 
-@njit(cache=True, nogil=True)
+@jit
 def subtract_points(
     starts: Indices,
     slot_of: Indices,
@@ -205,7 +206,7 @@ def subtract_points(
                         )
 
 
-@njit(cache=True, nogil=True)
+@jit
 def link_cameras(starts: Indices, slot_of: Indices, linked: NDArray[np.bool_]) -> None:
     """Marks, on and below the diagonal (F, F), cameras that saw a point together."""
     for p in range(len(starts) - 1):
@@ -215,7 +216,7 @@ def link_cameras(starts: Indices, slot_of: Indices, linked: NDArray[np.bool_]) -
                     linked[slot_of[a], slot_of[b]] = True
 
 
-@njit(cache=True, nogil=True)
+@jit
 def subtract_points_sparsely(
     starts: Indices,
     slot_of: Indices,

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mapmyworld.kernels.assignment import assign
+from mapmyworld.kernels.compiling import jit
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
-@njit(cache=True, nogil=True)
+@jit
 def column_structures(first: Index, later: Index) -> tuple[Index, Index]:
     """Where each column's structure begins (N + 1,), and all structures one after the other.
 
@@ -52,7 +52,7 @@ def column_structures(first: Index, later: Index) -> tuple[Index, Index]:
     return begins, found[: begins[count]]
 
 
-@njit(cache=True, nogil=True)
+@jit
 def gathered_columns(
     parents: Index, heights: Index, widths: Index, shares: Floats
 ) -> tuple[Index, Index]:
@@ -97,7 +97,7 @@ def gathered_columns(
     return order, ends[:groups]
 
 
-@njit(cache=True, nogil=True)
+@jit
 def add_update(front: Floats, into: Index, below: Floats, product: Floats) -> None:
     """Adds `below - product` (r, r) to the scalars `into` (r,) of a front; lower halves only."""
     for j in range(len(into)):
@@ -105,7 +105,7 @@ def add_update(front: Floats, into: Index, below: Floats, product: Floats) -> No
             front[into[i], into[j]] += below[i, j] - product[i, j]
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+@jit
 def solve_in_place(
     size: int, bounds: Index, begins: Index, rows: Index, starts: Index, values: Floats, x: Floats
 ) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapmyworld.kernels.compiling import inner_jit, jit
 
 _M1 = np.uint64(0x5555555555555555)
 _M2 = np.uint64(0x3333333333333333)
@@ -12,7 +13,7 @@ _M4 = np.uint64(0x0F0F0F0F0F0F0F0F)
 _H01 = np.uint64(0x0101010101010101)
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def _bits(x: np.uint64) -> np.uint64:
     """Set bits of a 64-bit integer; compilers make one instruction of it where there is one."""
     x = x - ((x >> np.uint64(1)) & _M1)
@@ -21,7 +22,7 @@ def _bits(x: np.uint64) -> np.uint64:
     return (x * _H01) >> np.uint64(56)
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def _distance(a: NDArray[np.uint64], b: NDArray[np.uint64]) -> int:
     """Bits in which two words of four 64-bit integers differ."""
     total = 0
@@ -30,7 +31,7 @@ def _distance(a: NDArray[np.uint64], b: NDArray[np.uint64]) -> int:
     return total
 
 
-@njit(cache=True, nogil=True)
+@jit
 def match_projected(
     projected: NDArray[np.float32],
     radii: NDArray[np.float32],
@@ -85,7 +86,7 @@ def match_projected(
     return matches
 
 
-@njit(cache=True, nogil=True)
+@jit
 def match_all(
     a: NDArray[np.uint64], b: NDArray[np.uint64], limit: int, ratio: float
 ) -> NDArray[np.int32]:
@@ -112,7 +113,7 @@ def match_all(
     return matches
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def _distances(
     word: NDArray[np.uint64], by_word: NDArray[np.uint64], distances: NDArray[np.int32]
 ) -> None:
@@ -124,7 +125,7 @@ def _distances(
         distances[j] = np.int32(total)
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def _clear_best(distances: NDArray[np.int32], limit: int, ratio: float) -> int:
     """The first least distance, -1 where it is above `limit` or too near the second least."""
     best = np.int32(1 << 20)
@@ -141,7 +142,7 @@ def _clear_best(distances: NDArray[np.int32], limit: int, ratio: float) -> int:
     return found if best <= ratio * second else -1
 
 
-@njit(cache=True, nogil=True)
+@jit
 def nearest_leaves(
     words: NDArray[np.uint64],
     centres: NDArray[np.uint64],
@@ -164,7 +165,7 @@ def nearest_leaves(
     return leaves
 
 
-@njit(cache=True, nogil=True)
+@jit
 def nearest_and_votes(
     words: NDArray[np.uint64],
     centres: NDArray[np.uint64],

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.kernels.scan_alignment import invert3, relative
 
 Array = NDArray[np.float64]
@@ -16,13 +16,13 @@ _LEAST_SHARE = 0.01  # of a match's covariance that every step adds
 _STEP_VARIANCE = 1e-8  # m^2 and rad^2, at least, of any step
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def wrapped(angle: float) -> float:
     """The same angle in (-pi, pi]."""
     return float(np.pi - (np.pi - angle) % (2.0 * np.pi))
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def between_poses(a: Array, b: Array) -> Array:
     """`a_from_b` (3,) of two planar poses, its yaw wrapped."""
     result: Array = relative(a, b)
@@ -30,7 +30,7 @@ def between_poses(a: Array, b: Array) -> Array:
     return result
 
 
-@njit(cache=True, nogil=True)
+@jit
 def motion_variances(step: Array, share: float, floor: float, scale: float) -> Array:
     """Variances (3,) of a recorded motion (x, y, yaw): a share of it, and a floor."""
     distance, angle = np.hypot(step[0], step[1]), abs(step[2])
@@ -39,7 +39,7 @@ def motion_variances(step: Array, share: float, floor: float, scale: float) -> A
     return np.array([along * along * scale, along * along * scale, turn * turn * scale])
 
 
-@njit(cache=True, nogil=True)
+@jit
 def surprise_of(predicted: Array, pose: Array, information: Array, variances: Array) -> float:
     """Squared sigmas between prediction and match, the prior's pull on the match undone.
 
@@ -63,7 +63,7 @@ def surprise_of(predicted: Array, pose: Array, information: Array, variances: Ar
     return result
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def position_variances(information: Array) -> Array:
     """The smallest and the largest variance of the position, m^2, over all directions."""
     known = information.copy()
@@ -75,14 +75,14 @@ def position_variances(information: Array) -> Array:
     return np.array([half - root, half + root])
 
 
-@njit(cache=True, nogil=True)
+@jit
 def leaves_open(information: Array) -> bool:
     """Whether a match (3, 3) knows one direction of the plane far worse than the other."""
     variances = position_variances(information)
     return bool(variances[1] > _RATIO * _RATIO * max(variances[0], 1e-12))
 
 
-@njit(cache=True, nogil=True)
+@jit
 def step_covariance(
     step: Array,
     information: Array,

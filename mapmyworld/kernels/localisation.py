@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mapmyworld.kernels.compiling import jit
 
-@njit(cache=True, nogil=True)
+
+@jit
 def cast_rays(
     occupied: NDArray[np.bool_],
     known: NDArray[np.bool_],
@@ -40,7 +41,7 @@ def cast_rays(
     return count
 
 
-@njit(cache=True, nogil=True)
+@jit
 def field_scores(
     first: int,
     last: int,
@@ -75,7 +76,7 @@ def field_scores(
         scores[p] = total
 
 
-@njit(cache=True, nogil=True)
+@jit
 def explain_points(
     distance: NDArray[np.float32],
     state: NDArray[np.int8],
@@ -118,7 +119,7 @@ def explain_points(
         counts[1 if crossed else 2] += 1
 
 
-@njit(cache=True, nogil=True)
+@jit
 def block_bounds(
     first: int,
     last: int,
@@ -151,7 +152,7 @@ def block_bounds(
             bounds[turn, b] = total / len(points)
 
 
-@njit(cache=True, nogil=True)
+@jit
 def best_in_blocks(
     first: int,
     last: int,

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapmyworld.kernels.compiling import jit
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
-@njit(cache=True, nogil=True)
+@jit
 def add_edges(
     tails: Index,
     heads: Index,

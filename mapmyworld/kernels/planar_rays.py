@@ -5,14 +5,17 @@ Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing", Eurograp
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapmyworld.kernels.compiling import inner_jit, jit
 
 _EPSILON = 1e-12
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def _hit_distance(x: float, y: float, dx: float, dy: float, segment: NDArray[np.float64]) -> float:
     """Distance along the unit ray to a segment; infinite where it misses."""
     ex, ey = segment[2] - segment[0], segment[3] - segment[1]
@@ -27,14 +30,14 @@ def _hit_distance(x: float, y: float, dx: float, dy: float, segment: NDArray[np.
     return float(distance)
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def _entry(
     x: float,
     y: float,
     dx: float,
     dy: float,
     corner: NDArray[np.float64],
-    size: NDArray[np.float64],
+    size: NDArray[Any],
 ) -> float:
     """Distance at which a ray comes, by a hair, into the rectangle of cells; 0 if it is inside."""
     enter = 0.0
@@ -46,7 +49,7 @@ def _entry(
     return enter
 
 
-@njit(cache=True, nogil=True)
+@jit
 def cast_planar_rays(
     rays: NDArray[np.float64],
     segments: NDArray[np.float64],
@@ -90,7 +93,7 @@ def cast_planar_rays(
                 next_y += per_y
 
 
-@njit(cache=True, nogil=True)
+@jit
 def mark_passed_cells(
     cells: NDArray[np.float32],
     eye: NDArray[np.float64],

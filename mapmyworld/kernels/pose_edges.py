@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapmyworld.kernels.compiling import inner_jit, jit
 
 Floats = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True)
+@jit
 def planar_residuals(tail: Floats, head: Floats, measured: Floats) -> Floats:
     """(E, 3): `log(measured^-1 * tail^-1 * head)` of poses (E, 3)."""
     found = np.empty((len(tail), 3))
@@ -34,7 +35,7 @@ def planar_residuals(tail: Floats, head: Floats, measured: Floats) -> Floats:
     return found
 
 
-@njit(cache=True, nogil=True)
+@jit
 def planar_jacobians(tail: Floats, head: Floats, residuals: Floats) -> tuple[Floats, Floats]:
     """Derivatives (E, 3, 3) of residuals (E, 3) by tangents of the tail and of the head.
 
@@ -68,7 +69,7 @@ def planar_jacobians(tail: Floats, head: Floats, residuals: Floats) -> tuple[Flo
     return by_tail, by_head
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def _vector_of(r: Floats, w: Floats) -> None:
     """The rotation vector w of a rotation r, also near half a turn."""
     for i in range(3):
@@ -95,7 +96,7 @@ def _vector_of(r: Floats, w: Floats) -> None:
             w[i] *= angle / length
 
 
-@njit(cache=True, nogil=True)
+@jit
 def spatial_residuals(tail: Floats, head: Floats, measured: Floats) -> Floats:
     """(E, 6): `log(measured^-1 * tail^-1 * head)` of poses (E, 4, 4)."""
     found = np.empty((len(tail), 6))
@@ -134,7 +135,7 @@ def spatial_residuals(tail: Floats, head: Floats, measured: Floats) -> Floats:
     return found
 
 
-@njit(cache=True, nogil=True)
+@jit
 def spatial_jacobians(tail: Floats, head: Floats, residuals: Floats) -> tuple[Floats, Floats]:
     """Derivatives (E, 6, 6) of residuals (E, 6) by tangents of the tail and of the head.
 

@@ -8,16 +8,16 @@ deviations of x and y, and of q, and the deviation of q beyond which it is an ou
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mapmyworld.kernels.assignment import assign
+from mapmyworld.kernels.compiling import inner_jit, jit
 
 Array = NDArray[np.float64]
 BEHIND = 1e12  # squared error of a point behind the camera
 
 
-@njit(cache=True, nogil=True)
+@jit
 def squared_errors(pose: Array, points: Array, seen: Array, sigmas: Array, errors: Array) -> None:
     """Squared residuals (N, 2) in units of sigma: image position, inverse depth (0 without)."""
     for i in range(len(points)):
@@ -35,7 +35,7 @@ def squared_errors(pose: Array, points: Array, seen: Array, sigmas: Array, error
             errors[i, 1] = q * q
 
 
-@njit(cache=True, nogil=True)
+@jit
 def score_poses(
     poses: Array, points: Array, seen: Array, sigmas: Array, limit: float, counts: NDArray[np.int64]
 ) -> None:
@@ -59,7 +59,7 @@ def score_poses(
             counts[k] += 1
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def pose_normal_equations(
     pose: Array,
     points: Array,
@@ -125,7 +125,7 @@ def pose_normal_equations(
     return cost
 
 
-@njit(cache=True, nogil=True)
+@jit
 def refine(
     pose: Array,
     points: Array,
@@ -155,7 +155,7 @@ def refine(
         move_by_tangent(trial, tangent)
 
 
-@njit(cache=True, nogil=True)
+@jit
 def solve_damped(matrix: Array, right: Array, found: Array) -> None:
     """The (6,) that the symmetric matrix (6, 6), a little damped, takes to -right (Cholesky)."""
     n = len(right)
@@ -181,7 +181,7 @@ def solve_damped(matrix: Array, right: Array, found: Array) -> None:
         found[i] = total / lower[i, i]
 
 
-@njit(cache=True, nogil=True)
+@jit
 def move_by_tangent(pose: Array, tangent: Array) -> None:
     """`pose @ se3_exp(tangent)` (4, 4) in place; the tangent (6,) has its rotation first."""
     x, y, z = tangent[0], tangent[1], tangent[2]

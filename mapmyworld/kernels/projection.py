@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapmyworld.kernels.compiling import inner_jit, jit
 
 Array = NDArray[np.float64]
 STRAIGHT, PLUMB_BOB, EQUIDISTANT = 0, 1, 2
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def project(
     x: float, y: float, intrinsics: Array, bent: int, distortion: Array
 ) -> tuple[float, float]:
@@ -23,7 +24,7 @@ def project(
     return u, y * intrinsics[1, 1] + intrinsics[1, 2]
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def _plumb_bob(x: float, y: float, d: Array) -> tuple[float, float]:
     """With the rational model's denominator and thin prisms, whose coefficients may be 0."""
     r2 = x * x + y * y
@@ -34,7 +35,7 @@ def _plumb_bob(x: float, y: float, d: Array) -> tuple[float, float]:
     return u, v
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def _equidistant(x: float, y: float, d: Array) -> tuple[float, float]:
     r = np.sqrt(x * x + y * y)
     if r <= 1e-9:
@@ -45,7 +46,7 @@ def _equidistant(x: float, y: float, d: Array) -> tuple[float, float]:
     return x * angle * scale / r, y * angle * scale / r
 
 
-@njit(cache=True, nogil=True)
+@jit
 def project_points(
     points: Array, intrinsics: Array, bent: int, distortion: Array, pixels: Array
 ) -> None:

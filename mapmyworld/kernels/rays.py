@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mapmyworld.kernels.compiling import inner_jit, jit
 
-@njit(cache=True, nogil=True)
+
+@jit
 def count_rays(
     hits: NDArray[np.uint16],
     passes: NDArray[np.uint16],
@@ -37,7 +38,7 @@ def count_rays(
         _pass_through(passes, marks, mark, x0, y0, ends[k, 0], ends[k, 1])
 
 
-@njit(cache=True, nogil=True)
+@jit
 def count_scans(
     hits: NDArray[np.uint16],
     passes: NDArray[np.uint16],
@@ -60,7 +61,7 @@ def count_scans(
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def _pass_through(
     passes: NDArray[np.uint16],
     marks: NDArray[np.uint8],

@@ -7,9 +7,12 @@ best point found. Tangents are (x, y, yaw) and perturb on the right.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapmyworld.kernels.compiling import inner_jit, jit
 
 _PATIENCE = 12  # rows walked from the last point's place before the bearing is looked up
 
@@ -17,7 +20,7 @@ Rows = NDArray[np.float32]
 """(N, 5): x, y, normal x, normal y, bearing about the lidar, sorted by bearing."""
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def first_beyond(rows: Rows, first: int, last: int, bearing: float) -> int:
     """The first of `rows[first:last]` whose bearing is not below the given one; `last` if none."""
     low, high = first, last
@@ -30,7 +33,7 @@ def first_beyond(rows: Rows, first: int, last: int, bearing: float) -> int:
     return low
 
 
-@njit(cache=True, nogil=True)
+@jit
 def nearest(rows: Rows, first: int, last: int, x: float, y: float, ox: float, oy: float,
             reach: float, start: int) -> tuple[int, int]:  # fmt: skip
     """Row of `rows[first:last]` nearest to (x, y) within `reach` metres; -1 if there is none.
@@ -77,7 +80,7 @@ def nearest(rows: Rows, first: int, last: int, x: float, y: float, ox: float, oy
     return found, start
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def add_target(
     source: Rows,
     s_first: int,
@@ -99,7 +102,7 @@ def add_target(
     """
     c, s = np.cos(target_from_source[2]), np.sin(target_from_source[2])
     tx, ty = target_from_source[0], target_from_source[1]
-    start = np.int64(-1)  # a bare -1 is a type of its own: the search would be compiled twice
+    start: Any = np.int64(-1)  # a bare -1 is a type of its own: the search would be compiled twice
     for i in range(s_first, s_last):
         px, py = np.float64(source[i, 0]), np.float64(source[i, 1])
         x, y = c * px - s * py + tx, s * px + c * py + ty
@@ -133,7 +136,7 @@ def add_target(
             hit[i - s_first] = True
 
 
-@njit(cache=True, nogil=True)
+@jit
 def solve3(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """The solution of a symmetric positive definite 3x3 system, by Cholesky's factors."""
     l00 = np.sqrt(a[0, 0])
@@ -150,7 +153,7 @@ def solve3(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
     return np.array([x0, x1, x2])
 
 
-@njit(cache=True, nogil=True)
+@jit
 def invert3(a: NDArray[np.float64]) -> NDArray[np.float64]:
     """The inverse of an invertible 3x3 matrix, by cofactors: numpy's costs twenty times as much."""
     result = np.empty((3, 3))
@@ -165,7 +168,7 @@ def invert3(a: NDArray[np.float64]) -> NDArray[np.float64]:
     return result
 
 
-@njit(cache=True, nogil=True)
+@jit
 def relative(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """`a_from_b` of two planar poses."""
     c, s = np.cos(a[2]), np.sin(a[2])
@@ -173,7 +176,7 @@ def relative(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float
     return np.array([c * dx + s * dy, c * dy - s * dx, b[2] - a[2]])
 
 
-@njit(cache=True, nogil=True)
+@jit
 def align(
     source: Rows,
     s_first: int,
@@ -252,7 +255,7 @@ def align(
     out[13] = system[9]
 
 
-@njit(cache=True, nogil=True)
+@jit
 def pair_systems(
     first: int,
     last: int,
@@ -285,7 +288,7 @@ def pair_systems(
         add_seen_from_target(back, adjoint, out[k])
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def adjoint_of_inverse(pose: NDArray[np.float64], adjoint: NDArray[np.float64]) -> None:
     """Fills the adjoint (3, 3) of the inverse of a planar pose."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
@@ -295,7 +298,7 @@ def adjoint_of_inverse(pose: NDArray[np.float64], adjoint: NDArray[np.float64]) 
     adjoint[2, 0], adjoint[2, 1], adjoint[2, 2] = 0.0, 0.0, 1.0
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def add_seen_from_target(
     back: NDArray[np.float64], adjoint: NDArray[np.float64], system: NDArray[np.float64]
 ) -> None:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapmyworld.kernels.compiling import inner_jit, jit
 
 _GAP = 6.0  # beam spacings between neighbours beyond which a surface is taken to end
 _LEAST_GAP = 0.08  # m, gaps that never end a surface
 _SPAN = 2.3  # beam spacings to each side that a line's support reaches at least
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def sort_by_bearing(
     points: NDArray[np.float32], origin: NDArray[np.float64], order: NDArray[np.int64]
 ) -> NDArray[np.float64]:
@@ -45,7 +46,7 @@ def sort_by_bearing(
     return bearings
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def prepare_points(
     points: NDArray[np.float32],
     origin: NDArray[np.float64],
@@ -110,7 +111,7 @@ def prepare_points(
     return kept
 
 
-@njit(cache=True, nogil=True)
+@jit
 def prepare_many(
     points: NDArray[np.float32],
     bounds: NDArray[np.int64],

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.kernels.laser_motion import (
     between_poses,
     leaves_open,
@@ -24,7 +24,7 @@ _LARGEST = 400.0  # squared sigmas that one step may teach
 _WELL_EXPLAINED = 0.75  # overlap below which a scan joins the submap even if near the last one
 
 
-@njit(cache=True, nogil=True)
+@jit
 def learnt_scale(scale: float, recorded: Array, moved: Array, surprise: float) -> float:
     """The factor on the odometry's variances after one more surprise (squared sigmas)."""
     squared = min(surprise / 3.0 * scale, _LARGEST)
@@ -34,7 +34,7 @@ def learnt_scale(scale: float, recorded: Array, moved: Array, surprise: float) -
     return scale
 
 
-@njit(cache=True, nogil=True)
+@jit
 def remember_scan(
     rows: Rows, origin: Array, pose: Array, overlap: float, distance: float, angle: float,
     key_rows: NDArray[np.float32], key_counts: Index, key_origins: Array, key_poses: Array,
@@ -61,7 +61,7 @@ def remember_scan(
     keys[0], keys[1] = slot, min(keys[1] + 1, slots)
 
 
-@njit(cache=True, nogil=True)
+@jit
 def chosen_keyscans(back: Index, keys: Index, slots: int) -> Index:
     """Slots of the keyscans that lie so many places back in the ring."""
     found = np.empty(len(back), np.int64)
@@ -73,7 +73,7 @@ def chosen_keyscans(back: Index, keys: Index, slots: int) -> Index:
     return found[:count]
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def match_keyscans(
     rows: Rows, first: int, last: int,
     key_rows: NDArray[np.float32], key_counts: Index, key_origins: Array, key_poses: Array,
@@ -102,7 +102,7 @@ def match_keyscans(
             slot += 1
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def gone_on(state: Array, step: Array, predicted: Array) -> None:
     """Fills where a step from the state's pose leads to."""
     c, s = np.cos(state[2]), np.sin(state[2])
@@ -111,7 +111,7 @@ def gone_on(state: Array, step: Array, predicted: Array) -> None:
     predicted[2] = wrapped(state[2] + step[2])
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def weigh_step(
     state: Array, step: Array, predicted: Array, pose: Array, moved: Array, surprise: float,
     information: Array, variances: Array, settings: Array, covariance: Array,
@@ -133,7 +133,7 @@ def weigh_step(
             covariance[i, j] = found[i, j]
 
 
-@njit(cache=True, nogil=True)
+@jit
 def track_scans(
     start: int,
     rows: Rows,

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mapmyworld.kernels.compiling import jit
 from mapmyworld.kernels.projection import project
 
 Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]
 
 
-@njit(cache=True, nogil=True)
+@jit
 def surface_normals(points: Array32, normals: Array32, cosines: Array32) -> None:
     """Normals (h, w, 3) and cosines (h, w) of `organised_normals`; both come as zeros."""
     height, width = points.shape[:2]
@@ -36,7 +36,7 @@ def surface_normals(points: Array32, normals: Array32, cosines: Array32) -> None
             cosines[v, u] = abs(cosine)
 
 
-@njit(cache=True, nogil=True)
+@jit
 def compare_with_depth(
     points: Array,
     camera_from_points: Array,

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mapmyworld.kernels.compiling import jit
 
-@njit(cache=True, nogil=True)
+
+@jit
 def shade_pixels(
     triangles: NDArray[np.uint32],
     barycentric: NDArray[np.float32],

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapmyworld.kernels.compiling import inner_jit, jit
 
 BITS = 21  # of a voxel index along each axis: a million voxels either way
 OFFSET = 1 << (BITS - 1)
@@ -14,7 +15,7 @@ TURNS = 127  # in which a normal's component is told
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # Fibonacci hashing: the golden ratio of 64 bits
 
 
-@njit(cache=True, nogil=True)
+@inner_jit
 def row_of_key(
     key: int, table: NDArray[np.int32], keys: NDArray[np.int64], count: int
 ) -> tuple[int, int]:
@@ -36,14 +37,14 @@ def row_of_key(
         slot = (slot + np.uint64(1)) & mask
 
 
-@njit(cache=True, nogil=True)
+@jit
 def fill_table(table: NDArray[np.int32], keys: NDArray[np.int64], count: int) -> None:
     """Spreads the first `count` keys, all different, over an empty table."""
     for row in range(count):
         row_of_key(keys[row], table, keys, row)
 
 
-@njit(cache=True, nogil=True)
+@jit
 def add_points(
     points: NDArray[np.float64],
     colours: NDArray[np.uint8],

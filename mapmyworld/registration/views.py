@@ -92,7 +92,8 @@ def binary_words(features: Features) -> NDArray[np.uint64]:
         roots = np.sqrt(np.maximum(descriptors, 0.0))
         centred = roots - roots.mean(axis=1, keepdims=True)
         descriptors = np.packbits(centred @ _projections(descriptors.shape[1]) > 0, axis=1)
-    return np.ascontiguousarray(descriptors).view(np.uint64).reshape(-1, 4)
+    writable = np.require(descriptors, requirements=("C", "W"))  # or kernels are compiled twice
+    return writable.view(np.uint64).reshape(-1, 4)
 
 
 @lru_cache(maxsize=2)

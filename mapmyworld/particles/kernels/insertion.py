@@ -8,20 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.particles.kernels.surfaces import (
     FULL,
     MASK,
     MEMORY,
     TILE,
     TILE_SHIFT,
-    jit,
     moved,
     slot_of,
     turned,
 )
 
 
-@jit
+@inner_jit
 def _mark_line(
     tiles: NDArray[np.int32], ox: float, oy: float, x: float, y: float, out: NDArray[np.bool_]
 ) -> None:
@@ -74,7 +74,7 @@ def touched_tiles(
             out[particle, math.floor(y), math.floor(x)] = True
 
 
-@jit
+@inner_jit
 def _visit(maps: Any, slot: int, cell: int) -> None:
     if maps.visits[slot, cell] == FULL:
         maps.visits[slot, cell] = FULL >> 1
@@ -82,7 +82,7 @@ def _visit(maps: Any, slot: int, cell: int) -> None:
     maps.visits[slot, cell] += 1
 
 
-@jit
+@inner_jit
 def _cross(
     maps: Any, particle: int, ox: float, oy: float, x: float, y: float, own: NDArray[np.int32]
 ) -> None:
@@ -120,7 +120,7 @@ def _cross(
             iy += sy
 
 
-@jit
+@inner_jit
 def _hit(
     maps: Any,
     particle: int,

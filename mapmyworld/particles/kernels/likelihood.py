@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.particles.kernels.surfaces import (
     MASK,
     PLANAR,
     TILE_SHIFT,
-    jit,
     moved,
     nearest,
     slot_of,
@@ -85,7 +85,7 @@ def beam_log_likelihoods(
         out[particle] = total
 
 
-@jit
+@inner_jit
 def _ray_error(
     maps: Any, particle: int, ox: float, oy: float, x: float, y: float, beyond: float
 ) -> float:

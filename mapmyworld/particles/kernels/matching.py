@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.kernels.assignment import assign
+from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.particles.kernels.likelihood import log_likelihood
-from mapmyworld.particles.kernels.surfaces import PLANAR, Beams, jit, nearest, turned
+from mapmyworld.particles.kernels.surfaces import PLANAR, Beams, nearest, turned
 
 STEP, TURN = 1e-3, 2e-4  # m, rad: steps that change no cell and end the search
 POINT = 0.1  # weight of an end point at a cell that is no line: it may lie beside the true one
@@ -75,7 +76,7 @@ def linearise(
     return float(matched / max(beams.points.shape[0], 1))
 
 
-@jit
+@inner_jit
 def _solve(H: NDArray[np.float64], g: NDArray[np.float64], out: NDArray[np.float64]) -> None:
     """`out = -H^-1 g` of a positive definite 3x3 system, by Cramer's rule."""
     a, b, c = H[0, 0], H[0, 1], H[0, 2]
@@ -88,7 +89,7 @@ def _solve(H: NDArray[np.float64], g: NDArray[np.float64], out: NDArray[np.float
     out[2] = -(C * g[0] + E * g[1] + F * g[2]) / determinant
 
 
-@jit
+@inner_jit
 def _turn_information(prior: NDArray[np.float64], yaw: float, P: NDArray[np.float64]) -> None:
     """The information of a body-frame increment in the map frame's axes."""
     c, s = math.cos(yaw), math.sin(yaw)
@@ -101,7 +102,7 @@ def _turn_information(prior: NDArray[np.float64], yaw: float, P: NDArray[np.floa
     P[2, 2] = prior[2, 2]
 
 
-@jit
+@inner_jit
 def _deviation(
     pose: NDArray[np.float64],
     mean: NDArray[np.float64],

@@ -9,12 +9,12 @@ over threads gives the same bytes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapmyworld.kernels.compiling import inner_jit, jit
 
 TILE_SHIFT = 5
 TILE = 1 << TILE_SHIFT  # cells a side
@@ -23,15 +23,6 @@ MEMORY = 40  # hits after which a cell's mean forgets as fast as it learns
 FULL = 255  # counts are halved when they reach this: old beliefs fade, and a byte is enough
 OCCUPIED = 6  # a cell is a surface when at least one in so many visits was a hit
 PLANAR = 0.6  # length of the mean normal from which end points count as a line
-
-
-Kernel = TypeVar("Kernel", bound=Callable[..., Any])
-
-
-def jit(kernel: Kernel) -> Kernel:
-    """The kernel compiled: kept on disk, and run without the interpreter's lock."""
-    compiled: Kernel = njit(cache=True, nogil=True)(kernel)
-    return compiled
 
 
 class Surfaces(NamedTuple):
@@ -64,13 +55,13 @@ class Beams(NamedTuple):
     """(2,) the lidar, base frame."""
 
 
-@jit
+@inner_jit
 def turned(cos: float, sin: float, v: NDArray[np.float64]) -> tuple[float, float]:
     """A vector (2,) turned by the angle of this cosine and sine."""
     return cos * v[0] - sin * v[1], sin * v[0] + cos * v[1]
 
 
-@jit
+@inner_jit
 def moved(
     pose: NDArray[np.float64], cos: float, sin: float, v: NDArray[np.float64]
 ) -> tuple[float, float]:
@@ -78,7 +69,7 @@ def moved(
     return pose[0] + cos * v[0] - sin * v[1], pose[1] + sin * v[0] + cos * v[1]
 
 
-@jit
+@inner_jit
 def slot_of(maps: Any, particle: int, ix: int, iy: int) -> int:
     """The tile of a particle's map that holds a cell; 0, the empty one, outside."""
     ty = (iy >> TILE_SHIFT) - maps.base[0]

@@ -1,0 +1,36 @@
+"""How kernels are compiled: once, kept on disk, run without the interpreter's lock.
+
+What no kernel needs is left out, for a first start waits for it: a way in from C, errors of
+division by zero (a quotient is infinite or no number, as numpy's), and for a kernel that only
+kernels call the way in from Python.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from numba import njit
+
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+
+
+def jit(kernel: Kernel) -> Kernel:
+    """A kernel that Python calls."""
+    return _compiled(kernel, no_cpython_wrapper=False)
+
+
+def inner_jit(kernel: Kernel) -> Kernel:
+    """A kernel that only kernels may call: from Python, the call would end the process."""
+    return _compiled(kernel, no_cpython_wrapper=True)
+
+
+def _compiled(kernel: Kernel, *, no_cpython_wrapper: bool) -> Kernel:
+    compiled: Kernel = njit(
+        cache=True,
+        nogil=True,
+        error_model="numpy",
+        no_cfunc_wrapper=True,
+        no_cpython_wrapper=no_cpython_wrapper,
+    )(kernel)
+    return compiled

@@ -22,9 +22,9 @@ from mapmyworld.geometry import (
 from mapmyworld.heap import give_back
 from mapmyworld.places.laser_nodes import NodeScans, load_node_scans
 from mapmyworld.places.laser_pairs import first_visits, neighbour_pairs
+from mapmyworld.places.stored_scans import Scans
 from mapmyworld.registration.joint_alignment import align_jointly
 from mapmyworld.registration.joint_equations import Motions
-from mapmyworld.registration.scan_matching import ScanSet, scan_set
 from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, Poses, Progress
 
 Array = NDArray[np.float64]
@@ -86,7 +86,7 @@ class _Task:
     nodes: Sequence[Node]
     chosen: Index
     """(S,) the nodes they were taken at."""
-    scans: ScanSet
+    scans: Scans
     """Of all nodes."""
     constraints: Sequence[Constraint]
     config: Config
@@ -119,7 +119,7 @@ def _rounds(
     residual = 0.0
     settings, config = task.config.odometry, task.config
     motions = node_motions(task.nodes, task.chosen, task.constraints)
-    scans = _subset(task.scans, task.chosen)
+    scans = task.scans.some(task.chosen)
     among = held if np.count_nonzero(held) > 1 else None
     for reaches in (_REACHES[:_ANEW], _REACHES[_ANEW:]):
         pairs = neighbour_pairs(poses, settings.refine_radius, settings.refine_passes, among=among)
@@ -196,10 +196,6 @@ def carry_along(solved: Array, chosen: Index, refined: Array) -> Array:
 
 def _moved_with(solved: Array, reference: Index, refined: Array) -> Array:
     return compose_planar(refined, between_planar(solved[reference], solved))
-
-
-def _subset(scans: ScanSet, chosen: Index) -> ScanSet:
-    return scan_set([scans.one(int(k)) for k in chosen])
 
 
 def _replace_planar(matrices: Array, planar: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -119,12 +119,17 @@ def compare_places(
     for k, (a, _) in enumerate(pairs):
         by_target.setdefault(a, []).append(k)
 
-    def compare(target: tuple[int, list[int]]) -> list[Constraint]:
-        a, rows = target
-        grid = likelihood_grid(_surroundings(nodes, a, config))  # large: one a thread is held
-        return [_compare(nodes, grid, *pairs[k], config, settled, widest) for k in rows]
+    def compare(target: tuple[LaserNodes, int, list[int]]) -> list[Constraint]:
+        held, a, rows = target
+        grid = likelihood_grid(_surroundings(held, a, config))  # large: one a thread is held
+        return [_compare(held, grid, *pairs[k], config, settled, widest) for k in rows]
 
-    found = in_threads(compare, by_target.items(), config.threads)
+    def targets() -> Iterator[tuple[LaserNodes, int, list[int]]]:
+        for a, rows in by_target.items():
+            ends = [_members(nodes, node, config) for node in (a, *(pairs[k][1] for k in rows))]
+            yield replace(nodes, scans=nodes.scans.hold(np.concatenate(ends))), a, rows
+
+    found = in_threads(compare, targets(), config.threads)
     places = [k for rows in by_target.values() for k in rows]
     by_place = dict(zip(places, (c for some in found for c in some), strict=True))
     return [by_place[k] for k in range(len(pairs))]
@@ -143,9 +148,8 @@ def _members(nodes: LaserNodes, middle: int, config: Config) -> Index:
 def _surroundings(nodes: LaserNodes, middle: int, config: Config) -> Array:
     """Points (N, 2) of the submap around a node, in that node's frame."""
     members = _members(nodes, middle, config)
-    return submap_points(
-        nodes.scans, members, between_planar(nodes.poses[middle], nodes.poses[members])
-    )
+    poses = between_planar(nodes.poses[middle], nodes.poses[members])
+    return submap_points(nodes.scans.some(members), np.arange(len(members)), poses)
 
 
 def _compare(
@@ -175,31 +179,25 @@ def _compare(
 
 def match_submaps(nodes: LaserNodes, a: int, b: int, guess: Array, config: Config) -> Match:
     """The scans around b, as one, aligned with those around a."""
-    targets, members = _members(nodes, a, config), _members(nodes, b, config)
-    source = _joined(nodes, b, members)
+    targets = _members(nodes, a, config)
     return match_scan(
-        source, nodes.scans, targets, between_padded(nodes, a, targets), guess,
+        _joined(nodes, b, _members(nodes, b, config)), nodes.scans.some(targets),
+        np.arange(len(targets)), between_planar(nodes.poses[a], nodes.poses[targets]), guess,
         config.registration, prior=guess, prior_information=_NO_PRIOR,
         reaches=np.concatenate([[0.4, 0.3], FINE]),
     )  # fmt: skip
 
 
-def between_padded(nodes: LaserNodes, a: int, targets: Index) -> Array:
-    """(N, 3) poses in a's frame, filled in for the targets only: the kernel looks no further."""
-    poses = np.zeros_like(nodes.poses)
-    poses[targets] = between_planar(nodes.poses[a], nodes.poses[targets])
-    return poses
-
-
 def _joined(nodes: LaserNodes, b: int, members: Index) -> PreparedScan:
     """Some of the members' points, in b's frame; their bearings serve no search."""
-    rows, of = rows_of(nodes.scans, members, 2)
+    scans = nodes.scans.some(members)
+    rows, of = rows_of(scans, np.arange(len(members)), 2)
     b_from_m = between_planar(nodes.poses[b], nodes.poses[members])
     c, s = np.cos(b_from_m[:, 2])[of], np.sin(b_from_m[:, 2])[of]
     x, y, nx, ny = rows[:, :4].T.astype(np.float64)
     rows[:, 0], rows[:, 1] = b_from_m[of, 0] + c * x - s * y, b_from_m[of, 1] + s * x + c * y
     rows[:, 2], rows[:, 3] = c * nx - s * ny, s * nx + c * ny
-    return PreparedScan(rows, nodes.scans.origins[b])
+    return PreparedScan(rows, scans.origins[int(np.searchsorted(members, b))])
 
 
 def _verdict(

@@ -9,13 +9,11 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import between_planar, matrix_to_planar, wrap_angle
-from mapmyworld.parallel import batches
-from mapmyworld.registration.scan_matching import ScanSet, joined, prepare_scans
+from mapmyworld.places.stored_scans import Scans, StoredScans
 from mapmyworld.types import MapStore, Node, Poses
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_SCANS = 256  # made ready at a time
 _ASIDE = np.array([0, -1, 1, -2, 2])  # nodes from a spot, nearest first, that may stand for it
 _EVEN = 0.02  # rad that turns from node to node differ by in any case
 
@@ -25,7 +23,7 @@ class LaserNodes:
     """The nodes that have scans, their scans, and where they are thought to be."""
 
     ids: Index
-    scans: ScanSet
+    scans: Scans
     poses: Array
     """(N, 3)."""
     path: Array
@@ -34,25 +32,19 @@ class LaserNodes:
     """(N,) metres driven since or until something holds the pose; infinite where nothing does."""
 
 
-NodeScans = tuple[list[Node], ScanSet]
+NodeScans = tuple[list[Node], Scans]
 """Nodes that have a scan, and their scans made ready."""
 
 
 def load_node_scans(store: MapStore, config: Config) -> NodeScans:
     """The nodes that have a scan, with their scans made ready."""
     frames = store.tracked_frames()
-    at_nodes = np.flatnonzero(frames.is_node)
-    node_of = dict(zip(at_nodes.tolist(), frames.node_ids[at_nodes].tolist(), strict=True))
+    scans = StoredScans(store, np.flatnonzero(frames.is_node), config.registration)
     known = {node.id: node for node in store.nodes()}
-    nodes: list[Node] = []
-    sets: list[ScanSet] = []
-    for some in batches(store.scans(at_nodes), _SCANS):
-        nodes += [known[node_of[frame]] for frame, _ in some]
-        sets.append(prepare_scans([scan for _, scan in some], config.registration))
-    return nodes, joined(sets)
+    return [known[i] for i in frames.node_ids[scans.frames].tolist()], scans
 
 
-def laser_nodes(ids: Index, scans: ScanSet, poses: Array) -> LaserNodes:
+def laser_nodes(ids: Index, scans: Scans, poses: Array) -> LaserNodes:
     """Nodes with the length of path up to each; nothing holds them."""
     steps = between_planar(poses[:-1], poses[1:])
     lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.2 * np.abs(steps[:, 2])
@@ -69,8 +61,7 @@ def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -
     else:
         row = {int(i): k for k, i in enumerate(poses.ids)}
         matrices = poses.map_from_node[[row[int(i)] for i in ids]]
-    kept = ScanSet(scans.rows, scans.bounds[: len(ids) + 1], scans.origins[: len(ids)])
-    return laser_nodes(ids, kept, matrix_to_planar(matrices))
+    return laser_nodes(ids, scans, matrix_to_planar(matrices))
 
 
 def spaced(path: Array, spacing: float) -> Index:

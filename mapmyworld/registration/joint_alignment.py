@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import RegistrationConfig
 from mapmyworld.geometry import compose_planar
+from mapmyworld.graph.elimination import forget_patterns
 from mapmyworld.kernels.scan_alignment import pair_systems
 from mapmyworld.registration.joint_equations import Motions, equations_of, factors_of, step_of
 from mapmyworld.registration.scan_matching import ScanSet
@@ -59,17 +60,21 @@ def align_jointly(
     moved: list[float] = []
     factors, factored = None, 0.0
     for reach in reaches:
+        if reach != factored:
+            factors = None  # large, and gone before the next ones are made
         _associate(scans, poses, pairs, reach, config, threads, systems)
         equations = equations_of(poses, pairs, systems, motions, config)
-        if factors is None or reach != factored:
+        if factors is None:
             # Rounds of the same reach differ little: the last factors do for them.
             factors, factored = factors_of(equations, held), reach
         step = step_of(equations, factors, held)
+        del equations
         poses = compose_planar(poses, step)
         squares = np.sum(step[~held, :2] ** 2, axis=1)
         moved.append(float(np.sqrt(squares.sum() / max(len(squares), 1))))
         if moved[-1] < enough:
             break
+    forget_patterns()  # nobody aligns the same pairs again
     weights = max(float(systems[:, 9].sum()), 1e-9)
     return JointAlignment(
         poses, tuple(moved), float(np.sqrt(systems[:, 10].sum() / weights)), systems

@@ -78,6 +78,12 @@ def adjoint_planar(a_from_b: Array) -> Array:
 
 def factors_of(equations: Equations, held: NDArray[np.bool_]) -> Factors:
     """The factorised system over all scans (S,); those that are held link to none."""
+    rows, columns, blocks = _blocks_of(equations, held)
+    return factorise(analyse(len(held), rows, columns, 3), blocks)
+
+
+def _blocks_of(equations: Equations, held: NDArray[np.bool_]) -> tuple[Index, Index, Array]:
+    """Rows, columns and blocks (B, 3, 3) of the system, as `analyse` wants them."""
     tails, heads, hessians = equations.tails, equations.heads, equations.hessians
     free = ~(held[tails] | held[heads])
     rows, columns, link = links(len(held), tails[free], heads[free])
@@ -90,7 +96,7 @@ def factors_of(equations: Equations, held: NDArray[np.bool_]) -> Factors:
     blocks = summed(places, np.concatenate([hessians, at_tail, between]), len(rows))
     blocks[: len(held)][held] = 0.0
     blocks[: len(held)] += np.where(held, 1.0, _DAMPING)[:, None, None] * np.eye(3)
-    return factorise(analyse(len(held), rows, columns, 3), blocks)
+    return rows, columns, blocks
 
 
 def step_of(equations: Equations, factors: Factors, held: NDArray[np.bool_]) -> Array:

@@ -47,6 +47,14 @@ class ScanSet:
         rows = self.rows[self.bounds[index] : self.bounds[index + 1]]
         return PreparedScan(rows, self.origins[index])
 
+    def some(self, which: NDArray[np.int64]) -> ScanSet:
+        """Some scans of the set, in this order."""
+        return scan_set([self.one(k) for k in which.tolist()])
+
+    def hold(self, which: NDArray[np.int64]) -> ScanSet:
+        """A set that has at least these scans, under the same numbers."""
+        return self
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Match:

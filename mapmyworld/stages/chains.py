@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import GraphConfig
 from mapmyworld.geometry import between, se3_adjoint
 from mapmyworld.graph.constraint_system import stated_system
+from mapmyworld.graph.elimination import forget_patterns
 from mapmyworld.graph.residuals import chi_squared_quantile
 from mapmyworld.graph.robust import RobustSolution
 from mapmyworld.graph.solve import SolvedGraph, solve
@@ -49,6 +50,7 @@ def solve_by_chains(
     composed = composed_motions(motions, set(ids[kept].tolist()))
     guess = np.stack(list(starts.values()))
     solved = solve(list(starts), guess, [*composed, *asked], planar, config)
+    forget_patterns()
     poses = followed(nodes, kept, solved.poses)
     if solved.poses.covariances is not None:
         spread = _bridged(poses.map_from_node, kept, solved.poses, composed)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config, GraphConfig
 from mapmyworld.geometry import between, invert, se3_adjoint
 from mapmyworld.graph.edits import apply_edits, edits_from_json
+from mapmyworld.graph.elimination import forget_patterns
 from mapmyworld.graph.solve import solve
 from mapmyworld.graph.verdicts import faults_of, unjudged
 from mapmyworld.mapping.trajectory import pose_every_frame
@@ -81,6 +82,7 @@ def solve_draft(
     solved = solve(
         list(starts), np.stack(list(starts.values())), [*composed, *closures], planar, quick
     )
+    forget_patterns()  # the next draft has more closures
     poses = followed(nodes, kept, solved.poses)
     return Draft(poses, solved.constraints[len(composed) :])
 

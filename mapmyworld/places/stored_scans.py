@@ -1,0 +1,89 @@
+"""Scans made ready for matching, of which only those that are in use are held in memory.
+
+After hours of driving they would be most of what a build holds, and they are soon made again.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import RegistrationConfig
+from mapmyworld.parallel import batches
+from mapmyworld.registration.scan_matching import ScanSet, joined, prepare_scans, scan_set
+from mapmyworld.types import MapStore
+
+Index = NDArray[np.int64]
+_BLOCK = 256  # scans that are made ready together
+_HELD = 32  # blocks that are held, about an hour of driving
+
+
+class Scans(Protocol):
+    """Scans by number, made ready."""
+
+    def some(self, which: Index) -> ScanSet:
+        """Some of them, in this order."""
+
+    def hold(self, which: Index) -> Scans:
+        """At least these, under the same numbers, for other threads to read."""
+
+
+class StoredScans:
+    """The scans of a store, block by block; for one thread."""
+
+    def __init__(self, store: MapStore, frames: Index, config: RegistrationConfig) -> None:
+        """Those of `frames` (N,), as far as they have one."""
+        self._store, self._config = store, config
+        self._blocks: OrderedDict[int, ScanSet] = OrderedDict()
+        found: list[int] = []
+        for number, some in enumerate(batches(store.scans(frames), _BLOCK)):
+            found += [frame for frame, _ in some]
+            self._keep(number, prepare_scans([scan for _, scan in some], config))
+        self.frames = np.array(found, np.int64)
+        """(S,) of each scan."""
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def some(self, which: Index) -> ScanSet:
+        """Some of them, in this order: a copy, for which only a block at a time is held."""
+        edges = np.flatnonzero(np.diff(which // _BLOCK)) + 1
+        return joined([self.hold(part).some(part) for part in np.split(which, edges)])
+
+    def hold(self, which: Index) -> HeldScans:
+        """At least these; they stay in memory as long as the result."""
+        return HeldScans({k: self._block(k) for k in np.unique(which // _BLOCK).tolist()})
+
+    def _block(self, number: int) -> ScanSet:
+        found = self._blocks.get(number)
+        if found is None:
+            frames = self.frames[number * _BLOCK : (number + 1) * _BLOCK]
+            found = prepare_scans([s for _, s in self._store.scans(frames)], self._config)
+            self._keep(number, found)
+        self._blocks.move_to_end(number)
+        return found
+
+    def _keep(self, number: int, scans: ScanSet) -> None:
+        self._blocks[number] = scans
+        if len(self._blocks) > _HELD:
+            self._blocks.popitem(last=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldScans:
+    """Some blocks of stored scans, which any thread may read."""
+
+    blocks: Mapping[int, ScanSet]
+
+    def some(self, which: Index) -> ScanSet:
+        """Some of their scans, in this order."""
+        return scan_set([self.blocks[k // _BLOCK].one(k % _BLOCK) for k in which.tolist()])
+
+    def hold(self, which: Index) -> HeldScans:
+        """They are held already."""
+        return self

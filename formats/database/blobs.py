@@ -118,6 +118,17 @@ def blobs_to_poses(blobs: Sequence[Any]) -> NDArray[np.float64]:
     return poses
 
 
+def stacked_doubles(blobs: Sequence[Any], side: int) -> NDArray[np.float64] | None:
+    """Square matrices (N, side, side) of many blobs; None where one is damaged or not finite.
+
+    Together they take half of the memory that they would take one by one.
+    """
+    if not all(isinstance(blob, bytes) and len(blob) == 8 * side * side for blob in blobs):
+        return None
+    found = np.frombuffer(b"".join(blobs), "<f8").reshape(-1, side, side)
+    return found if np.isfinite(found).all() else None
+
+
 def matrices_from_floats(rows: NDArray[np.float32]) -> NDArray[np.float64]:
     """Motions (N, 4, 4) of rows of 12 floats."""
     poses = np.zeros((len(rows), 4, 4))

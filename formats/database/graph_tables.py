@@ -51,7 +51,7 @@ class GraphTables(Transactions):
             newest = "SELECT MAX(rank) FROM mapmyworld_keys WHERE key = ?"
             (rank,) = self._db.row(newest, (REPLACED,))
             found = self._db.rows(links.SELECT_CONSTRAINTS, (-1 if rank is None else rank,))
-            self._constraints = tuple(links.constraint_from_row(row) for row in found)
+            self._constraints = tuple(links.constraints_from_rows(found))
         return self._constraints
 
     def _rewrite_links(self) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+import sys
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from formats.database.blobs import information_to_blob, pose_to_blob
+from formats.database.blobs import information_to_blob, pose_to_blob, stacked_doubles
 from mapmyworld.errors import MapError
 from mapmyworld.geometry import invert
 from mapmyworld.types import Constraint, ConstraintKind
@@ -72,19 +74,44 @@ def constraint_rows(ranked: Iterable[tuple[Constraint, int]]) -> Iterator[Row]:
         )
 
 
+def constraints_from_rows(rows: Sequence[Row]) -> Iterator[Constraint]:
+    """The constraints of rows of `SELECT_CONSTRAINTS`."""
+    transforms = stacked_doubles([row[3] for row in rows], 4)
+    informations = stacked_doubles([row[4] for row in rows], 6)
+    if transforms is None or informations is None:
+        yield from map(constraint_from_row, rows)
+        return
+    for row, transform, information in zip(rows, transforms, informations, strict=True):
+        yield _constraint(row, transform, information)
+
+
 def constraint_from_row(row: Row) -> Constraint:
     """The constraint of a row of `SELECT_CONSTRAINTS`."""
-    from_id, to_id, kind, transform, information, accepted, reason, evidence = row
+    try:
+        transform = np.frombuffer(row[3], "<f8").reshape(4, 4)
+        return _constraint(row, transform, np.frombuffer(row[4], "<f8").reshape(6, 6))
+    except (ValueError, TypeError) as error:
+        raise MapError(f"constraint {row[0]} to {row[1]}: a damaged row ({error})") from None
+
+
+def _constraint(
+    row: Row, transform: NDArray[np.float64], information: NDArray[np.float64]
+) -> Constraint:
+    from_id, to_id, kind, _, _, accepted, reason, evidence = row
     try:
         return Constraint(
             from_id,
             to_id,
             ConstraintKind(kind),
-            np.frombuffer(transform, "<f8").reshape(4, 4),
-            np.frombuffer(information, "<f8").reshape(6, 6),
+            transform,
+            information,
             bool(accepted),
-            reason,
-            json.loads(evidence),
+            sys.intern(reason),  # most are alike
+            {} if evidence == "{}" else json.loads(evidence, object_pairs_hook=_figures),
         )
     except (ValueError, TypeError) as error:
         raise MapError(f"constraint {from_id} to {to_id}: a damaged row ({error})") from None
+
+
+def _figures(pairs: Sequence[tuple[str, float]]) -> dict[str, float]:
+    return {sys.intern(name): value for name, value in pairs}

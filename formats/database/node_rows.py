@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.database.blobs import matrix_to_blob, pose_to_blob
+from formats.database.blobs import matrix_to_blob, pose_to_blob, stacked_doubles
 from formats.database.scans import scan_without_points
 from formats.database.surroundings import (
     blob_to_gps,
@@ -142,16 +142,33 @@ def _doubles(pose: NDArray[np.float64]) -> bytes:
     return np.asarray(pose, "<f8").tobytes()
 
 
+def nodes_from_own_rows(rows: Sequence[Row]) -> Iterator[Node]:
+    """The nodes of rows of `SELECT_OWN`."""
+    odom, tracked = (stacked_doubles([row[k] for row in rows], 4) for k in (3, 4))
+    if odom is None or tracked is None:
+        yield from map(node_from_own_row, rows)
+        return
+    for row, odom_from_base, tracked_from_base in zip(rows, odom, tracked, strict=True):
+        yield _node(row, odom_from_base, tracked_from_base)
+
+
 def node_from_own_row(row: Row) -> Node:
     """The node of a row of `SELECT_OWN`."""
-    node_id, session, stamp_ns, odom, tracked, weight, truth, gps, readings = row
+    try:
+        return _node(row, _pose(row[3]), _pose(row[4]))
+    except (ValueError, TypeError) as error:
+        raise MapError(f"node {row[0]}: a damaged row ({error})") from None
+
+
+def _node(row: Row, odom: NDArray[np.float64], tracked: NDArray[np.float64]) -> Node:
+    node_id, session, stamp_ns, _, _, weight, truth, gps, readings = row
     try:
         return Node(
             id=int(node_id),
             session=int(session),
             stamp_ns=int(stamp_ns),
-            odom_from_base=_pose(odom),
-            tracked_from_base=_pose(tracked),
+            odom_from_base=odom,
+            tracked_from_base=tracked,
             weight=int(weight),
             ground_truth=None if truth is None else _pose(truth),
             gps=blob_to_gps(gps, f"node {node_id}'s gps"),

@@ -65,7 +65,7 @@ class NodeTables(Transactions):
     def nodes(self) -> tuple[Node, ...]:
         if self._nodes is None:
             found = self._db.rows(f"{rows.SELECT_OWN} ORDER BY own.id")
-            self._nodes = tuple(rows.node_from_own_row(row) for row in found)
+            self._nodes = tuple(rows.nodes_from_own_rows(found))
         return self._nodes
 
     def node_data(self, node_id: int, *, features: bool = True) -> NodeData:

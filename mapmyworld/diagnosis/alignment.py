@@ -66,7 +66,9 @@ def alignment_findings(images: Sequence[RgbdImage]) -> Iterator[Finding]:
     seen = [edges for image in images if (edges := image_edges(image)) is not None]
     if len(seen) < _LEAST_IMAGES:
         return
-    found, *halves = (displacement(part) for part in (seen, seen[::2], seen[1::2]))
+    coarse = coarse_overlaps(seen)
+    parts = (slice(None), slice(0, None, 2), slice(1, None, 2))
+    found, *halves = (displacement(seen[part], coarse[part]) for part in parts)
     allowed = max(_DISAGREE, _DISAGREE_SHARE * found.size)
     if halves[0].differs(halves[1]) > allowed:
         return
@@ -81,28 +83,29 @@ def alignment_findings(images: Sequence[RgbdImage]) -> Iterator[Finding]:
     yield Finding("camera and depth", size, "pixels", good, text, remedy)
 
 
-def displacement(images: Sequence[tuple[Edges, Edges]]) -> Displacement:
+def coarse_overlaps(images: Sequence[tuple[Edges, Edges]]) -> Array:
+    """Overlaps (N, K, S, S) of each image at every scale, looked at by all and by halves."""
+    tried = [[_overlap(axes, scale, _COARSE) for scale in (*_SCALES, 1.0)] for axes in images]
+    return np.array(tried)
+
+
+def displacement(images: Sequence[tuple[Edges, Edges]], coarse: Array) -> Displacement:
     """That at which most change of grey lies on the jumps of depth of all images."""
-    best = max(_SCALES, key=lambda scale: float(_overlap(images, scale, _COARSE).max()))
-    if _overlap(images, best, _COARSE).max() < _SCALE_GAIN * _overlap(images, 1.0, _COARSE).max():
-        best = 1.0
+    *scaled, unscaled = coarse.sum(axis=0).max(axis=(1, 2)).tolist()
+    chosen = int(np.argmax(scaled))
+    best = float(_SCALES[chosen]) if scaled[chosen] >= _SCALE_GAIN * unscaled else 1.0
     shifts = np.arange(-_REACH, _REACH + 1)
-    window = _overlap(images, float(best), shifts)
+    window = np.sum([_overlap(axes, best, shifts) for axes in images], axis=0)
     row, column = np.unravel_index(int(window.argmax()), window.shape)
     half = images[0][0].change.shape[1] / 2.0
     across, down = float(-shifts[column]), float(-shifts[row])
-    return Displacement(1.0 / float(best), across / best, down / best, half)
+    return Displacement(1.0 / best, across / best, down / best, half)
 
 
-def _overlap(
-    images: Sequence[tuple[Edges, Edges]], scale: float, shifts: NDArray[np.int64]
-) -> Array:
-    """Mean change of grey (S, S) at jumps of depth scaled about the middle, then shifted."""
-    total = np.zeros((len(shifts), len(shifts)))
-    for axes in images:
-        count = sum(len(edges.rows) for edges in axes)
-        total += sum(_change_at(edges, scale, shifts) for edges in axes) / np.sqrt(count)
-    return total
+def _overlap(axes: tuple[Edges, Edges], scale: float, shifts: NDArray[np.int64]) -> Array:
+    """Change of grey (S, S) at jumps of depth scaled about the middle, then shifted."""
+    count = sum(len(edges.rows) for edges in axes)
+    return np.asarray(sum(_change_at(edges, scale, shifts) for edges in axes) / np.sqrt(count))
 
 
 def _change_at(edges: Edges, scale: float, shifts: NDArray[np.int64]) -> Array:
@@ -155,5 +158,9 @@ def _edges(near: Array, grey: Array, axis: int) -> Edges:
 
 def grey_levels(picture: NDArray[np.generic]) -> Array:
     """(H, W) of a grey image, or the mean of its colours."""
-    cells = np.asarray(picture, np.float64)
-    return cells if cells.ndim == 2 else cells.mean(axis=2)
+    if picture.ndim == 2:
+        return np.asarray(picture, np.float64)
+    summed = picture[..., 0].astype(np.float64)
+    for channel in range(1, picture.shape[2]):  # `mean` takes eight times as long
+        np.add(summed, picture[..., channel], out=summed)
+    return np.asarray(summed / picture.shape[2])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,10 +14,11 @@ from mapmyworld.diagnosis.mounts import DEPTH_SCALE, mount_findings
 from mapmyworld.diagnosis.rotation import time_offset
 from mapmyworld.diagnosis.sample import Sample, odometry_yaw
 from mapmyworld.geometry import Array, transform_points
+from mapmyworld.parallel import in_threads
 from mapmyworld.registration.camera import depth_grid_points, rays_of_pixels
 from mapmyworld.sensing.plan import Plan
 from mapmyworld.sensing.sound_images import ImageGuard
-from mapmyworld.types import Frame, RgbdImage
+from mapmyworld.types import Frame, ImageMessage, RgbdImage
 
 _IMAGES = 12  # that are looked at closely, spread over the sample
 _PROFILES = 200  # neighbouring images whose columns are compared
@@ -45,12 +47,15 @@ def camera_findings(sample: Sample) -> Iterator[Finding]:
 def image_findings(frames: Sequence[Frame], plan: Plan) -> Iterator[Finding]:
     """What the first image of each of these frames says by itself and beside its scan."""
     guard = ImageGuard()
+
+    def look(frame: Frame) -> tuple[Frame, RgbdImage | None]:
+        image = guard.sound(guard.guarded(frame.images[0]))
+        return frame, None if image is None else _decoded_once(image)
+
     chosen = [
         (frame, image)
-        for frame in frames
-        if (image := guard.sound(guard.guarded(frame.images[0]))) is not None
-        and image.colour is not None
-        and image.depth is not None
+        for frame, image in in_threads(look, frames, 0)
+        if image is not None and image.colour is not None and image.depth is not None
     ]
     images = [image for _, image in chosen]
     beside = list(alignment_findings(images))
@@ -62,6 +67,18 @@ def image_findings(frames: Sequence[Frame], plan: Plan) -> Iterator[Finding]:
             yield finding
     yield from _floor(images, scale)
     yield from beside
+
+
+def _decoded_once(image: RgbdImage) -> RgbdImage:
+    """The image, its parts decoded now: every comparison asks for them again."""
+
+    def decoded(part: ImageMessage | None) -> ImageMessage | None:
+        if part is None:
+            return None
+        cells = part.pixels()
+        return replace(part, pixels=lambda: cells)
+
+    return replace(image, colour=decoded(image.colour), depth=decoded(image.depth))
 
 
 def _floor(images: list[RgbdImage], scale: float) -> Iterator[Finding]:
@@ -106,9 +123,11 @@ def _plane(points: Array) -> tuple[Array, float, float]:
         length = float(np.linalg.norm(normal))
         if length < 1e-6 or abs(normal[2]) < _LEVEL * length:
             continue
-        close = np.abs((points - a) @ (normal / length)) < _NEAR
-        if close.sum() > most:
-            most, near = int(close.sum()), close
+        unit = normal / length
+        close = np.abs(points @ unit - a @ unit) < _NEAR
+        count = int(np.count_nonzero(close))
+        if count > most:
+            most, near = count, close
     if most < 3:
         return np.array([0.0, 0.0, 1.0]), 0.0, 0.0
     centre = points[near].mean(axis=0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,20 +48,27 @@ def find_visual_closures(
     images = NodeImages(store, config, progress, ahead)
     if len(images) < 3:
         return []
+    first_look, known = not images.have_words, store.constraints()
+    with_laser = store.node_data(images.nodes[0].id, features=False).scan is not None
     proposals: list[Proposal] = []
-    if not images.have_words:
+    if first_look:
         vocabulary = images.learn_words(given_words)
-        images.keep(store, vocabulary)
         proposals += by_words(images, vocabulary.size, config)
-        if config.visual.succession and store.node_data(images.nodes[0].id).scan is None:
+        if config.visual.succession and not with_laser:
             proposals += by_succession(images, config)
     if poses is not None:
         proposals += by_poses(images, poses, proposals, config)
-    known = _pairs(store.constraints())
+    tried = _pairs(known)
     ids = [images.nodes[n].id for n in images.node_of]
-    fresh = [p for p in proposals if (ids[p.index], ids[p.other]) not in known]
-    drift = Drift(images.nodes, config, store.constraints())
-    return _judge(images, _verify(images, fresh, config, progress), drift, config)
+    fresh = [p for p in proposals if (ids[p.index], ids[p.other]) not in tried]
+    with ThreadPoolExecutor(1) as aside:
+        kept = [aside.submit(images.keep, store, vocabulary)] if first_look else []
+        if config.visual.closure_scans:  # they are in the store, which one thread asks at a time
+            wait(kept)
+        verified = _verify(images, fresh, config, progress)
+        for written in kept:
+            written.result()
+    return _judge(images, verified, Drift(images.nodes, config, known), config)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

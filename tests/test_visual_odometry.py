@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from visual_rooms import Room, circle
 
@@ -116,6 +117,24 @@ def test_a_gyroscope_carries_a_turn_through_the_dark() -> None:
     error = rotation_angle(between(between(truth[0], truth[19]), motions[19].tracker_from_base))
     assert error < 0.03
     assert motions[20].verdict == "tracked"
+
+
+def test_dead_reckoning_does_not_depend_on_the_rate_of_frames() -> None:
+    """A second in the dark at 5, 10 and 20 frames a second, by constant velocity alone."""
+    frames = frames_of(Room(), circle((3.0, 2.5), 1.0, 41, 0.2))  # 20 a second
+    for i, frame in enumerate(frames[20:], start=20):
+        frames[i] = replace(frame, images=(covered(frame.images[0]),))
+    ends, doubts = list[float](), list[float]()
+    for every in (4, 2, 1):
+        tracker = VisualTracker(Config())
+        motions = [tracker.track(frame) for frame in frames[:20] + frames[20::every]]
+        blind = [m for m in motions if m.verdict == "dead reckoning"]
+        step = between(motions[19].tracker_from_base, motions[-1].tracker_from_base)
+        ends.append(float(np.linalg.norm(step[:3, 3])))
+        doubts.append(sum(float(np.linalg.inv(m.information)[3, 3]) for m in blind))
+    assert ends[2] > 0.05
+    assert max(ends) < 1.35 * min(ends)
+    assert doubts == pytest.approx([doubts[0]] * 3, rel=0.05)
 
 
 def test_a_frame_without_images_is_no_disaster() -> None:

@@ -30,7 +30,9 @@ from mapmyworld.types import Frame, RgbdImage
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _NARROW = 6.0  # pixels around a refined pose in which points are looked for again
-_BLIND_SIGMAS = (0.1, 0.1)  # rad and m per frame of dead reckoning without odometry
+_BLIND_SIGMAS = (0.4, 0.4)  # rad and m after a second of dead reckoning, growing as its root
+_LEAST_STEP = 1e-3  # s that a step takes, at least
+_FADING = 0.3  # s in which the velocity of a blind camera falls to a third
 _FLOOR = (1e-3, 1e-3)  # rad and m: no motion between two frames is known better
 _DEEP = 100  # features with depth from which a new local map is begun
 _RELOCALISE_AFTER = 1.0  # s of blindness after which a new local map is begun
@@ -87,7 +89,7 @@ class VisualTracker:
 
     def _follow(self, frame: Frame, view: View | None, predicted: Array, how: str) -> VisualMotion:
         if view is None or len(view) == 0:
-            return self._blind(predicted, how, "no image with features")
+            return self._blind(frame, predicted, how, "no image with features")
         base_from_camera = view.camera.base_from_camera
         least = self._config.visual.least_inliers
         if self._reference is None and deep_features(view) >= least:
@@ -98,7 +100,7 @@ class VisualTracker:
             if blind_s > _RELOCALISE_AFTER and deep_features(view) > _DEEP:
                 note = f"lost for {blind_s:.1f} s: a new local map begins by {how}"
                 return self._start(frame, view, predicted, "restarted", (note,))
-            return self._blind(predicted, how, "too few known points in view")
+            return self._blind(frame, predicted, how, "too few known points in view")
         map_from_camera, information, point_of = found
         count = int(np.count_nonzero(point_of >= 0))
         if deep_features(view) >= least and self._is_keyframe(map_from_camera, count):
@@ -118,12 +120,20 @@ class VisualTracker:
         self._reference = self._map.add_keyframe(map_from_camera, view, empty)
         self._reference_inliers = int(np.count_nonzero(self._reference.point_of >= 0))
         self._seen_ns = frame.stamp_ns
-        return VisualMotion(pose, _blind_information(), verdict, notes)
+        return VisualMotion(pose, self._blind_information(frame), verdict, notes)
 
-    def _blind(self, predicted: Array, how: str, why: str) -> VisualMotion:
-        return VisualMotion(
-            predicted, _blind_information(), "dead reckoning", (f"{why}: by {how}",)
-        )
+    def _blind(self, frame: Frame, predicted: Array, how: str, why: str) -> VisualMotion:
+        information = self._blind_information(frame)
+        return VisualMotion(predicted, information, "dead reckoning", (f"{why}: by {how}",))
+
+    def _blind_information(self, frame: Frame) -> Array:
+        """(6, 6): as uncertain after a second at 30 frames as at 5."""
+        seconds = max(self._seconds_to(frame), _LEAST_STEP)
+        return np.diag(np.repeat(1.0 / np.square(_BLIND_SIGMAS) / seconds, 3))
+
+    def _seconds_to(self, frame: Frame) -> float:
+        """Since the frame before; 0 for the first one."""
+        return (frame.stamp_ns - self._stamp_ns) * 1e-9 if self._frames else 0.0
 
     def _predict(self, frame: Frame) -> tuple[Array, str]:
         """tracker_from_base (4, 4) expected before looking, and what it is based on."""
@@ -131,19 +141,18 @@ class VisualTracker:
             return np.eye(4), "start"
         if frame.odom_from_base is not None and self._odometry is not None:
             return self._pose @ between(self._odometry, frame.odom_from_base), "odometry"
-        seconds = (frame.stamp_ns - self._stamp_ns) * 1e-9
-        motion = se3_exp(self._velocity * seconds)
+        motion = se3_exp(self._velocity * self._seconds_to(frame))
         if frame.imu:
             motion[:3, :3] = _gyro_rotation(frame, self._stamp_ns)
             return self._pose @ motion, "gyroscope"
         return self._pose @ motion, "constant velocity"
 
     def _remember(self, frame: Frame, motion: VisualMotion) -> None:
-        seconds = (frame.stamp_ns - self._stamp_ns) * 1e-9
-        if self._frames > 0 and seconds > 0 and motion.verdict == "tracked":
+        seconds = self._seconds_to(frame)
+        if seconds > 0 and motion.verdict == "tracked":
             self._velocity = se3_log(between(self._pose, motion.tracker_from_base)) / seconds
         elif motion.verdict != "tracked":
-            self._velocity = self._velocity * 0.8
+            self._velocity = self._velocity * np.exp(-max(seconds, 0.0) / _FADING)
         self._pose, self._stamp_ns = motion.tracker_from_base, frame.stamp_ns
         self._odometry = frame.odom_from_base
         self._frames += 1
@@ -260,10 +269,6 @@ def _gyro_rotation(frame: Frame, since_ns: int) -> Array:
         rotation = rotation @ so3_exp(sample.angular_velocity * max(until - stamp, 0) * 1e-9)
         stamp = max(until, stamp)
     return rotation
-
-
-def _blind_information() -> Array:
-    return np.diag(np.repeat(1.0 / np.square(_BLIND_SIGMAS), 3))
 
 
 def _capped(information: Array, base_from_camera: Array) -> Array:

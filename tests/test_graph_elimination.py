@@ -64,11 +64,11 @@ def test_gathered_columns_are_chains_of_the_tree(count: int, number: int, seed: 
 
 def test_an_update_is_added_where_it_belongs() -> None:
     rng = np.random.default_rng(0)
-    front, below, product = (rng.normal(size=(n, n)) for n in (6, 3, 3))
+    front, update = (rng.normal(size=(n, n)) for n in (6, 3))
     into = np.array([1, 2, 5])
     wanted = front.copy()
-    wanted[np.ix_(into, into)] += below - product
-    add_update(front, into, below, product)
+    wanted[np.ix_(into, into)] += update
+    add_update(front, into, update)
     assert np.allclose(np.tril(front), np.tril(wanted), atol=0, rtol=1e-15)
 
 

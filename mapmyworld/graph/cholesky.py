@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dtrsm
+from scipy.linalg.blas import dsyrk, dtrsm
 from scipy.linalg.lapack import dpotrf
 
 from mapmyworld.errors import GraphError
@@ -124,7 +124,7 @@ def factorise(symbolic: Symbolic, blocks: Array) -> Factors:
     size = symbolic.size
     ordered = blocks[symbolic.block_order]
     ordered[symbolic.transposed] = np.swapaxes(ordered[symbolic.transposed], 1, 2)
-    updates: dict[int, list[tuple[Index, Array, Array]]] = {}
+    updates: dict[int, list[tuple[Index, Array]]] = {}
     values = np.empty(symbolic.starts[-1])
     triangles: list[Array] = []
     below: list[Array] = []
@@ -147,11 +147,13 @@ def factorise(symbolic: Symbolic, blocks: Array) -> Factors:
             )
         rows = values[middle:end].reshape((height, width), order="F")
         rows[:] = matrix[width:, :width]
+        left = matrix[width:, width:].copy(order="F")
+        del flat, matrix  # children wait for their parent without their fronts
         if height:
             dtrsm(1.0, triangle, rows, side=1, lower=1, trans_a=1, overwrite_b=1)
+            dsyrk(-1.0, rows, beta=1.0, c=left, lower=1, overwrite_c=1)
         triangles.append(triangle)
         below.append(rows)
         if clique.parent >= 0:
-            update = clique.into_parent, matrix[width:, width:], rows @ rows.T
-            updates.setdefault(clique.parent, []).append(update)
+            updates.setdefault(clique.parent, []).append((clique.into_parent, left))
     return Factors(symbolic, values, tuple(triangles), tuple(below))

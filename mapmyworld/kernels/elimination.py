@@ -98,11 +98,11 @@ def gathered_columns(
 
 
 @jit
-def add_update(front: Floats, into: Index, below: Floats, product: Floats) -> None:
-    """Adds `below - product` (r, r) to the scalars `into` (r,) of a front; lower halves only."""
+def add_update(front: Floats, into: Index, update: Floats) -> None:
+    """Adds `update` (r, r) to the scalars `into` (r,) of a front; lower halves only."""
     for j in range(len(into)):
         for i in range(j, len(into)):
-            front[into[i], into[j]] += below[i, j] - product[i, j]
+            front[into[i], into[j]] += update[i, j]
 
 
 @jit

@@ -3,6 +3,7 @@
 python benchmarks/graph.py graphs     cost and time beside plain gtsam
 python benchmarks/graph.py robust     random and consistent false closures
 python benchmarks/graph.py made       simulated graphs of eleven kinds, beside gtsam and the truth
+python benchmarks/graph.py hard       graphs with many minima, beside the best of many restarts
 python benchmarks/graph.py scale      cost against size, to 100,000 poses
 python benchmarks/graph.py marginals  covariances of all nodes
 """
@@ -19,7 +20,8 @@ from typing import Any
 
 import numpy as np
 from graph_false import with_false
-from graph_worlds import KINDS, world
+from graph_restarts import random_starts
+from graph_worlds import HARD, KINDS, world
 
 from formats.pose_graph import read_graph
 from mapmyworld.config.graph import GraphConfig
@@ -28,7 +30,7 @@ from mapmyworld.graph.descent import descend
 from mapmyworld.graph.elimination import forget_patterns
 from mapmyworld.graph.optimise import OptimisedGraph, optimise, optimise_robustly
 from mapmyworld.graph.problem import problem_of
-from mapmyworld.graph.system import edge_chi2
+from mapmyworld.graph.system import System, edge_chi2
 from mapmyworld.types.pose_graph import PoseGraph
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -160,6 +162,38 @@ def made(kinds: list[str], seeds: list[int]) -> None:
             )
 
 
+def hard(kinds: list[str], seeds: list[int], restarts: int) -> None:
+    """Graphs with many minima: ours beside gtsam's, the truth's, and the best of many restarts."""
+    print(
+        f"{'graph':<18}{'seed':>5}{'ours':>11}{'gtsam':>11}{'from truth':>11}{'restarts':>11}"
+        f"{'start':>10}{'gap':>8}{'twin':>6}{'CPU s':>7}"
+    )
+    for kind in kinds:
+        for seed in seeds:
+            truth, graph = HARD[kind](np.random.default_rng(seed))
+            started = time.process_time()
+            solved = optimise(graph)
+            seconds = time.process_time() - started
+            problem = problem_of(graph)
+            world = np.zeros((1, 3)) if graph.planar else np.eye(4)[None]
+            true = _settled(problem.system, np.concatenate([truth, world]))
+            best = min(_settled(problem.system, s) for s in random_starts(problem, restarts))
+            plain = _examples_cost(_factors(graph), graph.planar)
+            found = solved.certificate
+            assert found is not None
+            worse = "  worse" if solved.cost > 1.0001 * min(true, best, plain) else ""
+            print(
+                f"{kind:<18}{seed:>5}{solved.cost:>11.6g}{plain:>11.6g}{true:>11.6g}{best:>11.6g}"
+                f"{solved.start:>10}{found.gap:>8.1%}{found.twin_is_global!s:>6}"
+                f"{seconds:>7.1f}{worse}",
+                flush=True,
+            )
+
+
+def _settled(system: System, start: np.ndarray) -> float:
+    return 0.5 * float(edge_chi2(system, descend(system, start, 1e-7, 300)[0]).sum())
+
+
 def _factors(graph: PoseGraph) -> Any:
     import gtsam
 
@@ -253,10 +287,11 @@ def marginals(sizes: list[int]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("table", choices=["graphs", "robust", "made", "scale", "marginals"])
+    parser.add_argument("table", choices=["graphs", "robust", "made", "hard", "scale", "marginals"])
     parser.add_argument("--graphs", nargs="*", default=None)
     parser.add_argument("--runs", type=int, default=5, help="of `graphs`: medians are shown")
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--restarts", type=int, default=20, help="of `hard`")
     parser.add_argument("--shares", type=float, nargs="*", default=[0.1, 0.3, 0.5])
     parser.add_argument("--groups", type=int, nargs="*", default=[2, 3, 5, 10])
     parser.add_argument("--sizes", type=int, nargs="*", default=None)
@@ -268,6 +303,8 @@ def main() -> None:
         robust(names, chosen.seeds, chosen.shares, chosen.groups)
     elif chosen.table == "made":
         made(chosen.graphs or list(KINDS), list(range(11, 11 + chosen.seeds)))
+    elif chosen.table == "hard":
+        hard(chosen.graphs or list(HARD), list(range(21, 21 + chosen.seeds)), chosen.restarts)
     elif chosen.table == "scale":
         scale(chosen.sizes or [1000, 10_000, 100_000])
     else:

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from mapmyworld.geometry import (
     between,
     between_planar,
+    compose_planar,
     planar_to_matrix,
     se3_exp,
     so3_exp,
@@ -191,6 +192,55 @@ def garage(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
     return truth, drive(truth, pairs, _sigma(False, 0.05, 0.15), rng)
 
 
+def _circle(count: int, per: int) -> np.ndarray:
+    """Planar poses around a circle of `per` metres, a metre a step."""
+    angle = np.arange(count) * 2.0 * np.pi / per
+    radius = per / (2.0 * np.pi)
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), angle + np.pi / 2])
+
+
+def long_ring(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
+    """600 poses, 0.2 rad of noise a step, three closures at its end."""
+    pairs = np.array([(0, 599), (1, 598), (2, 597)])
+    return _circle(600, 600), drive(_circle(600, 600), pairs, _sigma(True, 0.1, 0.2), rng)
+
+
+def laps(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
+    """Three rounds of 200 poses, 0.2 rad of noise a step, a closure to the last round every 20."""
+    truth = _circle(600, 200)
+    pairs = np.array([(k, k + 200) for k in range(0, 400, 20)])
+    return truth, drive(truth, pairs, _sigma(True, 0.1, 0.2), rng)
+
+
+def rings(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
+    """Four rings of 150 poses that touch, as a clover; one closure where each begins and ends."""
+    truth, pairs = [], []
+    for k in range(4):
+        ring = _circle(151, 150) - [150 / (2.0 * np.pi), 0.0, 0.0]
+        turn = np.array([0.0, 0.0, k * np.pi / 2])
+        truth.append(compose_planar(turn, ring))
+        pairs += [(151 * k, 151 * k + 150), (0, 151 * k + 150)]
+    poses = np.concatenate(truth)
+    return poses, drive(poses, np.array(pairs), _sigma(True, 0.1, 0.2), rng)
+
+
+def ladder(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
+    """Up one lane and down the other, 250 metres, a rung every 25; 0.2 rad of noise a step."""
+    up = np.column_stack([np.arange(250.0), np.zeros(250), np.zeros(250)])
+    down = np.column_stack([np.arange(249.0, -1.0, -1.0), np.full(250, 5.0), np.full(250, np.pi)])
+    pairs = np.array([(k, 499 - k) for k in range(0, 250, 25)])
+    truth = np.concatenate([up, down])
+    return truth, drive(truth, pairs, _sigma(True, 0.1, 0.2), rng)
+
+
+def ring_in_space(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
+    """A ring of 400 poses that rises and falls, 0.15 rad of noise a step about every axis."""
+    truth = planar_to_matrix(_circle(400, 400))
+    truth[:, 2, 3] = 3.0 * np.sin(np.arange(400) * 2.0 * np.pi / 100)
+    pairs = np.array([(0, 399), (1, 398), (2, 397)])
+    return truth, drive(truth, pairs, _sigma(False, 0.1, 0.15), rng)
+
+
 Maker = Callable[[np.random.Generator], tuple[np.ndarray, PoseGraph]]
 KINDS: dict[str, Maker] = {
     "ring": ring,
@@ -204,4 +254,19 @@ KINDS: dict[str, Maker] = {
     "sphere, 0.3 rad": lambda rng: sphere(rng, 0.3),
     "cubicle": cubicle,
     "garage, 0.15 rad": garage,
+}
+
+# Where odometry and LAGO lead to minima that cost a multiple of the best.
+HARD: dict[str, Maker] = {
+    "long ring": long_ring,
+    "laps": laps,
+    "clover": rings,
+    "ladder": ladder,
+    "ring in space": ring_in_space,
+    "few closures": few_closures,
+    "streets": streets,
+    "garage, 0.15 rad": garage,
+    "sphere, 0.3 rad": lambda rng: sphere(rng, 0.3),
+    "grid3D, 0.3 rad": lambda rng: grid(rng, 0.3),
+    "torus3D, 0.3 rad": lambda rng: torus(rng, 0.3),
 }

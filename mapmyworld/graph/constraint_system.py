@@ -51,5 +51,6 @@ def stated_system(
     first = np.unique(part, return_index=True)[1]
     anchors = np.array([world, *(k for k in first if part[k] != part[world])], np.int64)
     free = number_free(world + 1, anchors)
-    system = System(planar, tails, places[:, 1], measured, information, free)
+    heads = np.ascontiguousarray(places[:, 1])  # or a kernel is compiled twice
+    system = System(planar, tails, heads, measured, information, free)
     return StatedSystem(system, start, trusted, anchors)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,11 +24,15 @@ from mapmyworld.graph.lifted import lifted_start
 from mapmyworld.graph.problem import Problem, problem_of
 from mapmyworld.graph.robust import solve_robustly
 from mapmyworld.graph.system import System, chosen_edges, edge_chi2
+from mapmyworld.graph.windings import wound_starts
 from mapmyworld.parallel import on_one_thread
 from mapmyworld.types.pose_graph import PoseGraph
 
 # Nodes up to which a start from more dimensions is worth its minutes.
 _LIFTED = 10_000
+_WOUND = 12  # starts with other turns that are followed from one minimum
+_TOGETHER = 6000  # nodes of all of them together, of large graphs
+_ROUNDS = 4  # minima from which they are
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +44,7 @@ class OptimisedGraph:
     cost: float
     """Half the sum of squared sigmas of what was accepted."""
     start: str
-    """The start that led there: "chordal", "odometry", "growing", "guess" or "lifted"."""
+    """The start that led there: "chordal", "odometry", "growing", "guess", "winding", "lifted"."""
     start_costs: dict[str, float]
     """The cost of every start that was made, before optimisation."""
     reached: dict[str, float]
@@ -102,18 +107,38 @@ def _best_of_all(
 ) -> tuple[_Descent, Certificate, list[_Descent]]:
     """The cheapest minimum of all starts, looked for until one is proven to be the global one."""
     followed = [best]
-    names = ["lifted", *others] if len(problem.graph) <= _LIFTED else [*others]
-    if len(problem.graph.sightings):  # no other start comes near that of a growing path
-        names = []
-    for name in names:
-        if certificate.trusted:
-            break
-        start = lifted_start(problem.system, best.poses) if name == "lifted" else others[name]
+    for name, start in _other_starts(problem, followed, others):
         followed.append(_descent(problem, name, start, config))
         if followed[-1].cost < (1.0 - config.tolerance) * best.cost:
             best = followed[-1]
             certificate = certify(problem.system, best.poses)
+            if certificate.trusted:
+                break
     return best, certificate, followed
+
+
+def _other_starts(
+    problem: Problem, followed: list[_Descent], others: dict[str, Array]
+) -> Iterator[tuple[str, Array]]:
+    """Starts by name, made when they are asked for; `followed` grows meanwhile."""
+    system = problem.system
+    if len(problem.graph.sightings):  # no other start comes near that of a growing path
+        return
+    if len(problem.graph) <= _LIFTED:
+        count = min(_WOUND, 1 + _TOGETHER // len(problem.graph))
+        for _ in range(_ROUNDS):
+            before = _cheapest(followed)
+            for start in wound_starts(system, before.poses, count):
+                yield "winding", start
+            if _cheapest(followed) is before:
+                break
+    if len(problem.graph) <= _LIFTED:
+        yield "lifted", lifted_start(system, _cheapest(followed).poses)
+    yield from others.items()
+
+
+def _cheapest(followed: list[_Descent]) -> _Descent:
+    return min(followed, key=lambda descent: descent.cost)
 
 
 @on_one_thread
@@ -152,6 +177,14 @@ def _descent(problem: Problem, name: str, start: Array, config: GraphConfig) -> 
     return _Descent(name, poses, _cost(system, poses), iterations, converged)
 
 
+def _reached(followed: list[_Descent]) -> dict[str, float]:
+    """The cheapest cost by start, in the order in which they were followed."""
+    found: dict[str, float] = {}
+    for descent in followed:
+        found[descent.start] = min(descent.cost, found.get(descent.start, descent.cost))
+    return found
+
+
 def _result(
     problem: Problem,
     accepted: NDArray[np.bool_],
@@ -172,7 +205,7 @@ def _result(
         cost,
         best.start,
         costs,
-        {descent.start: descent.cost for descent in followed},
+        _reached(followed),
         best.iterations,
         best.converged,
         chi2,

@@ -19,6 +19,7 @@ from mapmyworld.geometry import (
 )
 from mapmyworld.graph.normal_equations import solve_blocks
 from mapmyworld.graph.pose_graph import Index
+from mapmyworld.graph.system import System
 
 # Weight of the anchors against the largest weight of an edge: they stay where they are.
 _ANCHOR = 1e3
@@ -178,3 +179,17 @@ def _positions(
     np.add.at(right, tails, -tau[:, None] * step)
     right[anchors] += anchor * guess[anchors]
     return solve_blocks(count, tails, heads, weight, -weight, anchors, anchor * np.eye(1), right)
+
+
+def with_places(system: System, poses: Array) -> Array:
+    """Poses of these rotations where edges want them; nodes that stay, stay."""
+    planar, held = system.planar, np.flatnonzero(system.free < 0)
+    where = np.s_[:, :2] if planar else np.s_[:, :3, 3]
+    turned, diagonal = poses[system.tails], np.einsum("eii->ei", system.information)
+    turned[where] = 0.0
+    step = (compose_planar if planar else np.matmul)(turned, system.measured)[where]
+    tau = diagonal[:, slice(0, 2) if planar else slice(3, 6)].mean(axis=1)
+    found = poses.copy()
+    found[where] = _positions(poses[where], held, system.tails, system.heads, step, tau)
+    found[held] = poses[held]
+    return found

@@ -1,0 +1,102 @@
+"""Starts whose headings make one turn more or less somewhere: the other minima of long loops.
+
+An angle is known but for whole turns, and where noise adds up to half a turn around a loop, how
+often it turns is a question of cost. Headings alone are a linear problem for every choice, so the
+cheapest other choices are found exactly. Carlone and Censi, "From angular manifolds to the integer
+lattice" (2014).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mapmyworld.geometry import Array, so3_exp, wrap_angle
+from mapmyworld.graph.block_solver import Solver, solver_of
+from mapmyworld.graph.elimination import links, summed
+from mapmyworld.graph.pose_graph import Index
+from mapmyworld.graph.starts import with_places
+from mapmyworld.graph.system import System, residuals_of
+
+_TURN = 2.0 * np.pi
+_WORTH = 60.0  # squared sigmas of headings up to which another turn is tried
+_LOOSE = 1e-9  # share of an edge's weight below which it closes no loop
+_ASKED = 1500  # edges that are asked what a turn more would cost, at most
+
+
+def wound_starts(system: System, poses: Array, count: int) -> Iterator[Array]:
+    """Poses near those of a minimum with a turn more or less, the likeliest first.
+
+    In space, where a heading is not a number, loops are wound about three axes, both ways.
+    """
+    weights = system.information[:, 2, 2] if system.planar else _spins(system.information)
+    solver, edges = _headings(system, weights), _asked(system)
+    answers = [_solved(system, solver, _at(e, weights)) for e in edges]
+    settled, left = np.zeros(len(poses)), np.zeros(len(weights))
+    if system.planar:
+        left = residuals_of(system, poses)[:, 2]
+        settled = _solved(system, solver, -weights * left)
+        left = left + settled[system.heads] - settled[system.tails]
+    gained = [a[system.heads[e]] - a[system.tails[e]] for e, a in zip(edges, answers, strict=True)]
+    stiff = weights[edges] * (1.0 - np.array(gained))
+    change = np.array([1.0, -1.0])[:, None] * 2.0 * _TURN * weights[edges] * left[edges]
+    cost = np.where(stiff > _LOOSE * weights[edges], _TURN**2 * stiff, np.inf) + change
+    for place in np.argsort(cost, axis=None, kind="stable")[:count].tolist():
+        sign, k = divmod(place, len(edges))
+        if cost[sign, k] > _WORTH:
+            return
+        for turned in _turned(system, poses, settled - (1 - 2 * sign) * _TURN * answers[k]):
+            yield with_places(system, turned)
+
+
+def _spins(information: Array) -> Array:
+    """(E,) what the rotations of edges weigh, as one number each."""
+    return np.asarray(np.trace(information[:, :3, :3], axis1=1, axis2=2) / 3.0)
+
+
+def _turned(system: System, poses: Array, angles: Array) -> Iterator[Array]:
+    """Poses turned by angles (N,): in space about the axes of the first node that stays."""
+    if system.planar:
+        turned = poses.copy()
+        turned[:, 2] = wrap_angle(poses[:, 2] + angles)
+        yield turned
+        return
+    for axis in poses[np.flatnonzero(system.free < 0)[0], :3, :3].T:
+        turned = poses.copy()
+        turned[:, :3, :3] = so3_exp(angles[:, None] * axis) @ poses[:, :3, :3]
+        yield turned
+
+
+def _asked(system: System) -> Index:
+    """Edges (A,) that stand for all: of edges one behind the other, which share every loop, one."""
+    links_of = np.bincount(np.concatenate([system.tails, system.heads]))
+    alike = (links_of[system.tails] == 2) & (system.heads == system.tails + 1)
+    return np.flatnonzero(~alike)[:_ASKED]
+
+
+def _at(edge: int, weights: Array) -> Array:
+    found = np.zeros(len(weights))
+    found[edge] = weights[edge]
+    return found
+
+
+def _headings(system: System, weights: Array) -> Solver:
+    """The equations of all headings; those of nodes that stay are held."""
+    count = len(system.free)
+    rows, columns, between = links(count, system.tails, system.heads)
+    blocks = summed(between, -weights[:, None], len(rows))
+    blocks[:count] += summed(system.tails, weights[:, None], count)
+    blocks[:count] += summed(system.heads, weights[:, None], count)
+    stays = system.free < 0
+    blocks[(stays[rows] | stays[columns])] = 0.0
+    blocks[:count][stays] = 1.0
+    return solver_of(count, rows, columns, blocks[:, None])
+
+
+def _solved(system: System, solver: Solver, pull: Array) -> Array:
+    """Headings (N,) for which edges pull (E,) at their heads, and as much against their tails."""
+    count = len(system.free)
+    right = np.bincount(system.heads, pull, count) - np.bincount(system.tails, pull, count)
+    right[system.free < 0] = 0.0
+    return solver.solve(np.asarray(right, np.float64))

@@ -18,6 +18,7 @@ from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.sensing.cloud_scans import thinned
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.sensing.synchronise import FrameCounts
+from mapmyworld.stages.compiling import compile_ahead
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.trackers import Tracker, make_tracker, needs_inertial
 from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
@@ -42,6 +43,8 @@ def track(
 
     `features` is told of the nodes, to find their images' features in the meantime.
     """
+    if tracker is None:
+        compile_ahead(plan, config.threads, progress)
     info = log.info()
     progress.stage("track", max(info.duration_s, 1e-9), "s")
     counts, guard = FrameCounts(), ImageGuard()

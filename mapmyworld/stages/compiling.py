@@ -1,0 +1,26 @@
+"""What a first start compiles before it needs it: the kernels for what the plan has found."""
+
+from __future__ import annotations
+
+from mapmyworld.kernels.first_start import compile_missing
+from mapmyworld.sensing import Plan
+from mapmyworld.types import Progress
+
+
+def compile_ahead(plan: Plan, threads: int, progress: Progress) -> None:
+    """Compiles by several processes what the stages after the plan will call."""
+    compile_missing(needs_of(plan), threads, progress)
+
+
+def needs_of(plan: Plan) -> frozenset[str]:
+    """The words of `kernels.first_kernels` that hold for a plan."""
+    holds = {
+        "log": True,
+        "scan": plan.scan is not None,
+        "camera": plan.camera is not None,
+        "odometry": plan.odometry is not None,
+        "sight": plan.scan is None and plan.odometry is None,
+        "plane": plan.planar,
+        "space": not plan.planar,
+    }
+    return frozenset(word for word, true in holds.items() if true)

@@ -20,6 +20,7 @@ _PAGE_SIZE = 4096
 _EPOCH = "1970-01-01 00:00:00"
 _LAST_SECOND = 253402300799  # 9999-12-31 23:59:59 UTC
 _QUEUE_BYTES = 4 << 20  # of rows that wait to be written together
+_CHUNK = 512  # rows that are made something of together
 _ROW_BYTES = 1024  # of a row apart from its blobs, roughly
 Rows = Callable[[Sequence[Any]], Iterable[Sequence[Any]]]
 
@@ -81,6 +82,13 @@ class Connection:
         """Rows of a query, as they are asked for."""
         with self._ready():
             yield from self._sqlite.execute(sql, parameters)
+
+    def in_chunks(self, sql: str, parameters: Sequence[Any] = ()) -> Iterator[list[Any]]:
+        """Rows of a query, some hundreds at a time, so that few are held at once."""
+        with self._ready():
+            cursor = self._sqlite.execute(sql, parameters)
+            while some := cursor.fetchmany(_CHUNK):
+                yield some
 
     def run(self, sql: str, parameters: Sequence[Any] = ()) -> None:
         """One statement; `MapError` tells of a file that cannot be written."""

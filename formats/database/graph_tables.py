@@ -50,8 +50,11 @@ class GraphTables(Transactions):
         if self._constraints is None:
             newest = "SELECT MAX(rank) FROM mapmyworld_keys WHERE key = ?"
             (rank,) = self._db.row(newest, (REPLACED,))
-            found = self._db.rows(links.SELECT_CONSTRAINTS, (-1 if rank is None else rank,))
-            self._constraints = tuple(links.constraints_from_rows(found))
+            first = -1 if rank is None else rank
+            found = self._db.in_chunks(links.SELECT_CONSTRAINTS, (first,))
+            self._constraints = tuple(
+                c for some in found for c in links.constraints_from_rows(some)
+            )
         return self._constraints
 
     def _rewrite_links(self) -> None:

@@ -64,8 +64,8 @@ class NodeTables(Transactions):
 
     def nodes(self) -> tuple[Node, ...]:
         if self._nodes is None:
-            found = self._db.rows(f"{rows.SELECT_OWN} ORDER BY own.id")
-            self._nodes = tuple(rows.nodes_from_own_rows(found))
+            found = self._db.in_chunks(f"{rows.SELECT_OWN} ORDER BY own.id")
+            self._nodes = tuple(n for some in found for n in rows.nodes_from_own_rows(some))
         return self._nodes
 
     def node_data(self, node_id: int, *, features: bool = True) -> NodeData:

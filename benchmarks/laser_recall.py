@@ -6,7 +6,8 @@ A relation whose moments lie 8 m of path apart or more is recalled by an accepte
 ends of which lie within 2 m of path of the relation's: as far as the scans reach that a closure
 compares. Counted apart by how the robot was turned, since a laser that sees half a turn sees other
 walls on the way back. Printed as well are the moments at which the robot is within 1 m and 30
-degrees of where it was.
+degrees of where it was, and what the joint alignment of all scans joins: pairs of scans of
+different visits, in which a third of all points lie on lines of the other scan.
 """
 
 from __future__ import annotations
@@ -20,12 +21,18 @@ from scipy.spatial import cKDTree
 
 from formats.database import open_store
 from formats.relations import read_relations
+from mapmyworld.config import Config
 from mapmyworld.geometry import matrix_to_planar, wrap_angle
+from mapmyworld.kernels.scan_alignment import pair_systems
+from mapmyworld.odometry.laser_refinement import spaced_nodes
+from mapmyworld.places.laser_nodes import load_node_scans
+from mapmyworld.places.laser_pairs import neighbour_pairs
 from mapmyworld.types import CLOSURES, MapStore
 
 Array = NDArray[np.float64]
 _APART, _REACH = 8.0, 2.0  # m of path between two visits, and around a closure's ends
 _NEAR, _TURNED = 1.0, 30.0  # m and degrees within which the robot is back
+_ON_LINES, _AT = 1.0 / 3.0, 0.12  # share of points that join two scans, and m from a line
 
 
 def main() -> None:
@@ -42,10 +49,12 @@ def main() -> None:
     ends = np.sort(np.interp(relations.stamps_ns, stamps, path), axis=1)
     turned = np.degrees(np.abs(wrap_angle(matrix_to_planar(relations.first_from_second)[:, 2])))
     apart = ends[:, 1] - ends[:, 0] >= _APART
-    print(f"{len(closures)} closures; relations between visits:")
+    joined = joined_scans(store, poses, path)
+    print(f"{len(closures)} closures, {len(joined)} pairs of scans; relations between visits:")
     for name, low, high in (("the same way", 0, 30), ("across", 30, 150), ("opposite", 150, 181)):
         asked = ends[apart & (turned >= low) & (turned < high)]
-        print(f"  {name:<14}{recalled(closures, asked).mean():7.1%} of {len(asked)}")
+        by_closures, by_scans = (recalled(found, asked).mean() for found in (closures, joined))
+        print(f"  {name:<14}{by_closures:7.1%} and {by_scans:7.1%} of {len(asked)}")
     pairs = returns(poses, path)
     found = recalled(closures, path[pairs])
     moments = len(np.unique(pairs[:, 1]))
@@ -66,6 +75,23 @@ def closures_of(store: MapStore, path: Array) -> Array:
     """(K, 2) metres of path at which accepted closures end, the lesser first."""
     kept = [c for c in store.constraints() if c.kind in CLOSURES and c.accepted]
     return np.sort(path[np.array([(c.from_id - 1, c.to_id - 1) for c in kept])], axis=1)
+
+
+def joined_scans(store: MapStore, poses: Array, path: Array) -> Array:
+    """(K, 2) metres of path at which scans of two visits lie that joint alignment joins."""
+    config = Config()
+    settings, chosen = config.odometry, spaced_nodes(poses, config)
+    scans, at = load_node_scans(store, config)[1].some(chosen), poses[chosen]
+    pairs = neighbour_pairs(at, settings.refine_radius, settings.refine_passes)
+    driven = path[chosen[pairs]]
+    pairs = pairs[driven[:, 1] - driven[:, 0] >= _APART]
+    systems = np.zeros((len(pairs), 12))
+    scale = config.registration.residual_scale
+    pair_systems(
+        0, len(pairs), scans.rows, scans.bounds, scans.origins, pairs, at, _AT, scale, systems
+    )
+    points = np.diff(scans.bounds)[pairs].sum(axis=1)
+    return np.asarray(path[chosen[pairs[systems[:, 11] >= _ON_LINES * points]]])
 
 
 def recalled(closures: Array, ends: Array) -> NDArray[np.bool_]:

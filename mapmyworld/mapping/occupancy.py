@@ -32,8 +32,15 @@ def build_grid(scans: Iterable[tuple[Array, Scan]], config: Config) -> Occupancy
     A scan sees a cell once, as occupied if one of its beams ended there; so the result does not
     depend on the order of the scans.
     """
-    settings = config.mapping
     count = min(config.threads or os.cpu_count() or 1, _CANVASES)
+    counts = _together(_drawn(scans, config.mapping, count))
+    return _grid_of(counts, config.mapping)
+
+
+def _drawn(
+    scans: Iterable[tuple[Array, Scan]], settings: MappingConfig, count: int
+) -> list[_Counts]:
+    """What is counted on each of `count` canvases: which scan comes on which changes nothing."""
     canvases = [_Canvas() for _ in range(count)]
     free: SimpleQueue[_Canvas] = SimpleQueue()
     for canvas in canvases:
@@ -47,12 +54,8 @@ def build_grid(scans: Iterable[tuple[Array, Scan]], config: Config) -> Occupancy
             free.put(canvas)
 
     for _ in in_threads(draw, batches(scans, _TOGETHER), count):
-        pass  # what is drawn on which canvas changes nothing: they are added up
-    parts = [part for canvas in canvases if (part := canvas.seen()) is not None]
-    canvases.clear()
-    if not parts:
-        raise MapError("no scan has a return in range: there is nothing to draw a grid of")
-    return _grid_of(_together(parts), settings)
+        pass
+    return [part for canvas in canvases if (part := canvas.seen()) is not None]
 
 
 class _Canvas:
@@ -105,8 +108,10 @@ class _Canvas:
 
     def seen(self) -> _Counts | None:
         """The part that was seen; None for nothing."""
-        seen = (self._hits > 0) | (self._passes > 0)
-        rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+        rows, columns = (
+            np.flatnonzero(self._hits.any(axis=axis) | self._passes.any(axis=axis))
+            for axis in (1, 0)
+        )
         if not len(rows):
             return None
         part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
@@ -128,6 +133,8 @@ class _Counts:
 
 def _together(parts: Sequence[_Counts]) -> _Counts:
     """The counts of all parts, one cell of margin around."""
+    if not parts:
+        raise MapError("no scan has a return in range: there is nothing to draw a grid of")
     corner = np.min([part.corner for part in parts], axis=0) - 1
     tops = [part.corner + part.hits.shape[::-1] for part in parts]
     width, height = _checked_size(np.max(tops, axis=0) + 1 - corner)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from formats.report.contents import Evidence, ImageMatches, NodePicture, ScanOve
 from mapmyworld.errors import MapMyWorldError
 from mapmyworld.geometry import between, matrix_to_planar
 from mapmyworld.parallel import in_threads
-from mapmyworld.types import Constraint, ConstraintKind, ImageMessage, MapStore, Node, NodeData
+from mapmyworld.types import Constraint, ConstraintKind, ImageMessage, MapStore, Node
 
 if TYPE_CHECKING:
     from mapmyworld.places.node_pairs import NodePair
@@ -47,9 +47,8 @@ def fetch_evidence(
     along = np.linspace(0, len(nodes) - 1, min(_ALONG, len(nodes))).astype(int)
     ids = list(nodes)
     asked = sorted(wanted | {ids[k] for k in along.tolist()})
-    data = {i: store.node_data(i, features=False) for i in asked}
-    seen = ((i, d.scan) for i, d in data.items() if i in wanted)
-    scans = {i: scan.points for i, scan in seen if scan is not None and len(scan.points)}
+    scans: dict[int, NDArray[np.float32]] = {}
+    pictures = _pictures(_images(store, asked, wanted, scans), len(asked))
     most = None if every_match else _COMPARED
     matches = _matches(store, {k: constraints[k] for k in chosen}, scans, most)
     evidence = []
@@ -57,7 +56,25 @@ def fetch_evidence(
         c = constraints[k]
         overlay = _overlay(c, nodes) if {c.from_id, c.to_id} <= scans.keys() else None
         evidence.append(Evidence(k, overlay, matches.get(k)))
-    return Fetched(tuple(evidence), left_out, _pictures(data), scans)
+    return Fetched(tuple(evidence), left_out, pictures, scans)
+
+
+def _images(
+    store: MapStore,
+    asked: Iterable[int],
+    wanted: Container[int],
+    scans: dict[int, NDArray[np.float32]],
+) -> Iterator[tuple[int, ImageMessage]]:
+    """Images of nodes, one after the other: together they would fill the memory.
+
+    The scans of the `wanted` nodes are put into `scans` on the way.
+    """
+    for i in asked:
+        data = store.node_data(i, features=False)
+        if i in wanted and data.scan is not None and len(data.scan.points):
+            scans[i] = data.scan.points
+        if data.images and data.images[0].colour is not None:
+            yield i, data.images[0].colour
 
 
 def _chosen(constraints: Sequence[Constraint], nodes: Mapping[int, Node]) -> tuple[list[int], int]:
@@ -136,15 +153,11 @@ def _shared(found: NodePair) -> ImageMatches:
     )
 
 
-def _pictures(data: Mapping[int, NodeData]) -> dict[int, NodePicture]:
+def _pictures(images: Iterable[tuple[int, ImageMessage]], count: int) -> dict[int, NodePicture]:
+    """Small pictures of the nodes' images, about `count`."""
     from formats.report.node_picture import node_picture
 
-    seen = {
-        i: d.images[0].colour
-        for i, d in data.items()
-        if d.images and d.images[0].colour is not None
-    }
-    width = next(width for count, width in _WIDTHS if len(seen) <= count)
+    width = next(width for most, width in _WIDTHS if count <= most)
 
     def small(item: tuple[int, ImageMessage]) -> tuple[int, NodePicture | None]:
         try:
@@ -152,5 +165,5 @@ def _pictures(data: Mapping[int, NodeData]) -> dict[int, NodePicture]:
         except (MapMyWorldError, ValueError):
             return item[0], None  # a damaged image: the page says so by leaving it out
 
-    made = in_threads(small, seen.items(), 0)
+    made = in_threads(small, images, 0)
     return {i: picture for i, picture in made if picture is not None}

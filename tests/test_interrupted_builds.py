@@ -67,13 +67,13 @@ def test_a_log_that_vanishes_during_a_build(
     log.write_bytes(logs[name].read_bytes())
     follow = pipeline.track
 
-    def late(*arguments: object) -> object:
+    def late(*arguments: object, **named: object) -> object:
         if fate == "removed":
             log.unlink()
         else:
             data = logs[name].read_bytes()
             log.write_bytes(data[: len(data) // 2] if fate == "cut" else data[::-1])
-        return follow(*arguments)  # type: ignore[arg-type]
+        return follow(*arguments, **named)  # type: ignore[arg-type]
 
     monkeypatch.setattr(pipeline, "track", late)
     command = ["build", str(log), "-o", str(path), "-q", "--no-export"]

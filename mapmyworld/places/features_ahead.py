@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import between, rotation_angle
+from mapmyworld.parallel import Aside
 from mapmyworld.types import MapStore, Node, NodeData, RgbdImage
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ class FeaturesAhead:
 
     def __init__(self, config: Config) -> None:
         self._config = config
-        self._pool: ThreadPoolExecutor | None = None
+        self._aside = Aside()
         self._found: dict[int, Future[list[Prepared]]] = {}
         self._due: list[int] = []
         self._last: NDArray[np.float64] | None = None
@@ -76,13 +77,11 @@ class FeaturesAhead:
         from mapmyworld.places.node_features import usable_images
 
         due, self._due = self._due, []
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(1)
         waiting = sum(not found.done() for found in self._found.values())
         for node_id in due:
             images = usable_images(store.node_data(node_id, features=False))
             if waiting < _MOST_WAITING:
-                self._found[node_id] = self._pool.submit(self._prepared, images)
+                self._found[node_id] = self._aside.begin(self._prepared, images)
 
     def _prepared(self, images: list[RgbdImage]) -> list[Prepared]:
         import cv2

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import wait
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.parallel import in_threads
+from mapmyworld.parallel import Aside, in_threads
 from mapmyworld.places.drift import Drift
 from mapmyworld.places.features_ahead import FeaturesAhead
 from mapmyworld.places.image_proposals import Proposal, by_poses, by_succession, by_words
@@ -61,8 +61,8 @@ def find_visual_closures(
     tried = _pairs(known)
     ids = [images.nodes[n].id for n in images.node_of]
     fresh = [p for p in proposals if (ids[p.index], ids[p.other]) not in tried]
-    with ThreadPoolExecutor(1) as aside:
-        kept = [aside.submit(images.keep, store, vocabulary)] if first_look else []
+    with Aside() as aside:
+        kept = [aside.begin(images.keep, store, vocabulary)] if first_look else []
         if config.visual.closure_scans:  # they are in the store, which one thread asks at a time
             wait(kept)
         verified = _verify(images, fresh, config, progress)

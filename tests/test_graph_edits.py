@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -86,6 +87,23 @@ def test_the_solver_obeys_a_rejection_an_acceptance_and_a_prior(tmp_path):
     restored = solve(ids, truth, apply_edits(solved.constraints, ()), planar=True)
     assert [c.accepted for c in restored.constraints] == [c.accepted for c in first.constraints]
     assert [c.reason for c in restored.constraints] == [c.reason for c in first.constraints]
+
+
+def test_what_was_measured_to_be_false_is_so_again_when_its_acceptance_is_undone(tmp_path):
+    truth, constraints = world()
+    ids, reason = np.arange(1, 81), "overlap 12 %, 30 % needed"
+    doubtful = replace(constraints[-1], accepted=False, reason=reason)
+    measured = [*constraints[:-1], doubtful]
+    first = solve(ids, truth, measured, planar=True)
+    ends = f"from = {doubtful.from_id}\nto = {doubtful.to_id}\n"
+    edits = edits_from(f'[[accept]]\n{ends}reason = "I was there"\n', tmp_path)
+    found = first
+    for _ in range(2):  # by the edit, and by the next build
+        found = solve(ids, truth, apply_edits(found.constraints, edits), planar=True)
+        assert found.constraints[-1].accepted
+    restored = solve(ids, truth, apply_edits(found.constraints, ()), planar=True)
+    assert not restored.constraints[-1].accepted
+    assert restored.constraints[-1].reason == first.constraints[-1].reason
 
 
 def test_an_edit_of_nothing_is_refused(tmp_path):

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array, information_to_planar, matrix_to_planar
-from mapmyworld.graph.edits import BY_HAND
 from mapmyworld.graph.pose_graph import Index, components, positions
 from mapmyworld.graph.system import System, number_free
 from mapmyworld.types import TRUSTED, Constraint
+from mapmyworld.types.edits import BY_HAND
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from mapmyworld.errors import GraphError
+from mapmyworld.graph.verdicts import unjudged
 from mapmyworld.types import Constraint, ConstraintKind, Poses
-from mapmyworld.types.edits import Edit, EditAction
+from mapmyworld.types.edits import BY_HAND, Edit, EditAction
 
-BY_HAND = "by_hand"
-"""Evidence of a constraint that a person has judged (1) or made (2)."""
 _BEFORE = "accepted_before_edit"
 _MARK = "by hand: "
 _PIN_SIGMA = (1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3)  # rad, m
@@ -115,8 +114,10 @@ def _stated(constraint: Constraint, edit: Edit) -> Constraint:
 
 
 def _unedited(constraint: Constraint) -> Constraint:
+    """The constraint as it was measured, and judged by nobody, where a person had judged it."""
     if constraint.evidence.get(BY_HAND) != 1.0:
         return constraint
+    constraint = unjudged(constraint)  # else what was measured to be false passes for judged so
     kept = {k: v for k, v in constraint.evidence.items() if k not in (BY_HAND, _BEFORE)}
     return replace(
         constraint,

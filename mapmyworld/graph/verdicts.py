@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from mapmyworld.geometry import Array, rotation_angle, se3_exp
-from mapmyworld.graph.edits import BY_HAND
 from mapmyworld.graph.pose_graph import Index
 from mapmyworld.graph.residuals import edge_residuals, planar_exp
 from mapmyworld.graph.robust import RobustSolution
 from mapmyworld.graph.system import System
 from mapmyworld.types import Constraint
+from mapmyworld.types.edits import BY_HAND
 
 _MARK = "graph: "
 _UNUSABLE = "cannot be used: "

@@ -20,6 +20,7 @@ from mapmyworld.geometry import (
 )
 from mapmyworld.kernels.branch_and_bound import best_shift
 from mapmyworld.kernels.scan_alignment import invert3, nearest, pair_systems, solve3
+from mapmyworld.kernels.scan_preparation import range_noise
 from mapmyworld.registration.joint_alignment import align_jointly
 from mapmyworld.registration.joint_equations import Motions, adjoint_planar
 from mapmyworld.registration.matchers import MATCHERS, find_matcher
@@ -43,10 +44,12 @@ def room_scan(
     room: tuple[tuple[float, float], tuple[float, float]] = BOX,
     *,
     seed: int | None = None,
+    noise: float = 0.01,
     reach: float = 20.0,
+    step: float = 1.0,
 ) -> Scan:
-    """A full turn of 1 degree beams in an empty rectangular room, computed in closed form."""
-    angles = np.radians(np.arange(-180.0, 180.0))
+    """A full turn of beams every `step` degrees in an empty rectangular room, in closed form."""
+    angles = np.radians(np.arange(-180.0, 180.0, step))
     directions = np.stack([np.cos(angles + map_from_base[2]), np.sin(angles + map_from_base[2])])
     low, high = np.array(room[0]), np.array(room[1])
     with np.errstate(divide="ignore"):
@@ -57,11 +60,11 @@ def room_scan(
         )
     ranges = np.nanmin(np.where(np.abs(directions.T) < 1e-9, np.inf, exits), axis=1)
     if seed is not None:
-        ranges = ranges + np.random.default_rng(seed).normal(size=len(ranges)) * 0.01
+        ranges = ranges + np.random.default_rng(seed).normal(size=len(ranges)) * noise
     seen = ranges < reach
     points = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=-1)[seen]
     return Scan(
-        points.astype(np.float32), np.zeros(3), np.zeros(0, np.float32), reach, np.radians(1.0)
+        points.astype(np.float32), np.zeros(3), np.zeros(0, np.float32), reach, np.radians(step)
     )
 
 
@@ -79,6 +82,30 @@ def test_points_lie_on_their_walls_with_normals_towards_the_lidar() -> None:
     walls = transform_points_planar(np.array([0.5, 0.2, 0.3]), scan.rows[straight, :2])
     gaps = np.abs(walls[:, [0, 1, 0, 1]] - np.array([*BOX[0], *BOX[1]])).min(axis=1)
     assert gaps.max() < 0.02
+
+
+@pytest.mark.parametrize("noise", [0.005, 0.01, 0.03, 0.05])
+@pytest.mark.parametrize("step", [0.25, 1.0])
+def test_the_noise_of_a_sweep_is_measured_at_any_angle_to_the_walls(
+    noise: float, step: float
+) -> None:
+    scan = room_scan(np.array([0.5, 0.2, 0.3]), seed=2, noise=noise, step=step)
+    x, y = scan.points.T.astype(np.float64)
+    measured = range_noise(x, y, np.zeros(2))
+    assert measured == pytest.approx(noise, rel=0.3)
+
+
+def test_walls_keep_their_direction_when_ranges_are_noisier_than_points_are_apart() -> None:
+    """A wall at 1 m, beams 4 mm apart, noise of 30 mm: neighbours alone tell nothing."""
+    pose = np.array([0.5, 0.0, 0.0])
+    scan = room_scan(pose, CORRIDOR, seed=3, noise=0.03, step=0.25)
+    rows = prepare_scan(scan, CONFIG).rows
+    near = rows[np.abs(rows[:, 0]) < 2.0]
+    straight = np.hypot(near[:, 2], near[:, 3]) > 0.5
+    assert straight.mean() > 0.95
+    turned = np.degrees(np.arctan2(near[straight, 2], np.abs(near[straight, 3])))
+    assert np.sqrt(np.mean(turned**2)) < 2.0
+    assert np.abs(np.abs(near[straight, 1]) - 1.0).mean() < 0.006
 
 
 @pytest.mark.parametrize("start", [0, 90, 200])

@@ -10,6 +10,13 @@ from mapmyworld.kernels.compiling import inner_jit, jit
 _GAP = 6.0  # beam spacings between neighbours beyond which a surface is taken to end
 _LEAST_GAP = 0.08  # m, gaps that never end a surface
 _SPAN = 2.3  # beam spacings to each side that a line's support reaches at least
+_STRAIGHT = 9.0  # times its variance across a line, that along it is at least
+_THICK = 0.05  # m, standard deviation across a line, at most
+_NOISE_SPAN = 12.0  # standard deviations of a range to each side that a line's support reaches
+_NOISE_GAP = 6.0  # standard deviations of a range between neighbours that never end a surface
+_NOISE_BIN = 0.001  # m
+_NOISE_BINS = 100
+_LOWER_QUARTILE = 0.3186  # of a normal distribution's distances from its mean, in sigmas
 
 
 @inner_jit
@@ -46,6 +53,35 @@ def sort_by_bearing(
     return bearings
 
 
+@jit
+def range_noise(
+    xs: NDArray[np.float64], ys: NDArray[np.float64], origin: NDArray[np.float64]
+) -> float:
+    """Standard deviation (m) of the ranges of a sweep, its points sorted by bearing.
+
+    A range is compared with where its ray meets the line through its two neighbours, which is
+    right at any angle to a wall; the difference has 1.5 times a range's variance. By their
+    lower quartile, which corners, edges and clutter hardly move.
+    """
+    counts = np.zeros(_NOISE_BINS, np.int64)
+    total = 0
+    for i in range(1, len(xs) - 1):
+        ax, ay = xs[i - 1] - origin[0], ys[i - 1] - origin[1]
+        dx, dy = xs[i + 1] - xs[i - 1], ys[i + 1] - ys[i - 1]
+        px, py = xs[i] - origin[0], ys[i] - origin[1]
+        across = px * dy - py * dx
+        if abs(across) < 1e-12:
+            continue
+        off = abs(1.0 - (ax * dy - ay * dx) / across) * np.sqrt(px * px + py * py)
+        counts[min(int(off / _NOISE_BIN), _NOISE_BINS - 1)] += 1
+        total += 1
+    seen, low = 0, 0
+    while low < _NOISE_BINS - 1 and 4 * (seen + counts[low]) < total:
+        seen += counts[low]
+        low += 1
+    return float(_NOISE_BIN * (low + 0.5) / (_LOWER_QUARTILE * np.sqrt(1.5)))
+
+
 @inner_jit
 def prepare_points(
     points: NDArray[np.float32],
@@ -70,6 +106,10 @@ def prepare_points(
     for i in range(1, count):
         dx, dy = xs[i] - xs[i - 1], ys[i] - ys[i - 1]
         steps[i] = np.sqrt(dx * dx + dy * dy)
+    noise = range_noise(xs, ys, origin)
+    radius = max(radius, _NOISE_SPAN * noise)
+    thickest = max(_THICK, 2.0 * noise)
+    least_gap = max(_LEAST_GAP, _NOISE_GAP * noise)
     kept, travelled = 0, np.inf
     for i in range(count):
         travelled += steps[i]
@@ -78,7 +118,7 @@ def prepare_points(
         travelled = 0.0
         dx, dy = xs[i] - origin[0], ys[i] - origin[1]
         distance = np.sqrt(dx * dx + dy * dy)
-        gap = max(_LEAST_GAP, _GAP * distance * increment)
+        gap = max(least_gap, _GAP * distance * increment)
         reach = max(radius, _SPAN * distance * increment)
         n, sx, sy, sxx, sxy, syy = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for side in (-1, 1):
@@ -99,7 +139,7 @@ def prepare_points(
             cxx, cxy, cyy = sxx / n - mx * mx, sxy / n - mx * my, syy / n - my * my
             half, root = 0.5 * (cxx + cyy), np.hypot(0.5 * (cxx - cyy), cxy)
             thick, long = max(half - root, 0.0), half + root
-            if long > 9.0 * thick and thick < 0.0025:
+            if long > _STRAIGHT * thick and thick < thickest * thickest:
                 angle = 0.5 * np.arctan2(2.0 * cxy, cxx - cyy) + 0.5 * np.pi
                 nx, ny = np.cos(angle), np.sin(angle)
                 if nx * (origin[0] - xs[i]) + ny * (origin[1] - ys[i]) < 0.0:

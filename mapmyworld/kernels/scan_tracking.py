@@ -21,7 +21,8 @@ Index = NDArray[np.int64]
 _MEMORY = 0.95  # weight of the past in the running mean of squared surprises
 _MOVES = 0.01  # m and rad from which a frame's motion tells about odometry
 _LARGEST = 400.0  # squared sigmas that one step may teach
-_WELL_EXPLAINED = 0.75  # overlap below which a scan joins the submap even if near the last one
+_WELL_EXPLAINED = 0.75  # overlap below which a scan joins the submap sooner
+_SOONER = 0.3  # of the motion after which others do
 
 
 @jit
@@ -45,9 +46,10 @@ def remember_scan(
     `keys` holds the slot of the newest keyscan and how many there are.
     """
     slots = len(key_counts)
-    if keys[1] > 0 and overlap > _WELL_EXPLAINED:
+    if keys[1] > 0:
         step = between_poses(key_poses[keys[0]], pose)
-        if np.hypot(step[0], step[1]) < distance and abs(step[2]) < angle:
+        near = 1.0 if overlap > _WELL_EXPLAINED else _SOONER
+        if np.hypot(step[0], step[1]) < near * distance and abs(step[2]) < near * angle:
             return
     slot = (keys[0] + 1) % slots
     # Number by number: numba's assignment of slices takes seconds to compile.

@@ -68,31 +68,62 @@ def descend(system: System, poses: Array, tolerance: float, steps: int) -> tuple
     parameter in Marquardt's method", 1999). Near the minimum the matrix hardly changes: further
     steps are made with the factors at hand.
     """
-    pattern, point = pattern_of(system), _Point.of(system, poses)
-    damping = 0.0
+    pattern, point, damping = pattern_of(system), _Point.of(system, poses), 0.0
     for taken in range(1, steps + 1):
-        blocks, gradient = linearise(system, pattern, point.poses, residuals=point.residuals)
-        growth = _GROWTH
-        while True:
-            solver = _factors(pattern, blocks, damping)
-            if solver is not None:
-                step = solver.solve(-gradient.ravel()).reshape(gradient.shape)
-                found = _Point.of(system, retract(system.planar, point.poses, step))
-                gain = point.cost - found.cost
-                kept = gain / _promised(pattern, blocks, gradient, step, damping)
-                if gain >= 0.0 and (kept > _POOR or gain <= tolerance * point.cost):
-                    break
-            damping, growth = max(_DAMPING, growth * damping), 2.0 * growth
-            if damping > _DAMPED_OUT:
-                return point.poses, taken, True
-        point = found
-        if solver is not None and damping == 0.0 and gain < _NEAR * point.cost:
-            point, gain = _coasted(system, pattern, solver, point, gain, tolerance)
+        step = _downhill(system, pattern, point, damping, tolerance)
+        if step is None:
+            return point.poses, taken, True
+        point, gain, damping = step.point, step.gain, step.damping
+        if damping == 0.0 and gain < _NEAR * point.cost:
+            point, gain = _coasted(system, pattern, step.solver, point, gain, tolerance)
         if gain <= tolerance * point.cost or point.cost < _NOTHING:
             return point.poses, taken, True
-        if kept > _GOOD:
+        if step.kept > _GOOD:
             damping = damping / 3.0 if damping > _SLIGHT else 0.0
     return point.poses, steps, False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Step:
+    """Where a step leads, and what it was made with."""
+
+    point: _Point
+    solver: Solver
+    damping: float
+    gain: float
+    """What it takes off the cost."""
+    kept: float
+    """The share of what the linear equations promised."""
+
+
+def _downhill(
+    system: System, pattern: Pattern, point: _Point, damping: float, tolerance: float
+) -> _Step | None:
+    """The first step that keeps its promise, ever more damped; None where none helps."""
+    blocks, gradient = linearise(system, pattern, point.poses, residuals=point.residuals)
+    growth = _GROWTH
+    while damping <= _DAMPED_OUT:
+        step = _tried(system, pattern, point, blocks, gradient, damping)
+        enough = tolerance * point.cost
+        if step is not None and step.gain >= 0.0 and (step.kept > _POOR or step.gain <= enough):
+            return step
+        damping, growth = max(_DAMPING, growth * damping), 2.0 * growth
+    return None
+
+
+def _tried(
+    system: System, pattern: Pattern, point: _Point, blocks: Array, gradient: Array, damping: float
+) -> _Step | None:
+    """The step that is damped so much; None where the equations leave something undetermined."""
+    try:
+        solver = factorised(pattern, damped(pattern, blocks, damping))
+    except NotPositiveDefiniteError:
+        return None
+    step = solver.solve(-gradient.ravel()).reshape(gradient.shape)
+    found = _Point.of(system, retract(system.planar, point.poses, step))
+    gain = point.cost - found.cost
+    kept = gain / _promised(pattern, blocks, gradient, step, damping)
+    return _Step(found, solver, damping, gain, kept)
 
 
 def _promised(
@@ -103,14 +134,6 @@ def _promised(
     diagonal = blocks[: len(pattern.stays), inner, inner]
     gain = damping * float(np.sum(diagonal * step * step)) - float(np.vdot(gradient, step))
     return max(gain, _NOTHING)
-
-
-def _factors(pattern: Pattern, blocks: Array, damping: float) -> Solver | None:
-    """None where the equations leave something undetermined."""
-    try:
-        return factorised(pattern, damped(pattern, blocks, damping))
-    except NotPositiveDefiniteError:
-        return None
 
 
 def _coasted(

@@ -38,7 +38,9 @@ def solve_and_judge(
     give_back()
     poses, constraints = _refined(store, solved, config, progress, scans)
     store.replace_constraints(constraints)
-    if config.visual.adjust_features:
+    if config.visual.adjust_features and _is_refined(store, config, scans):
+        progress.note("features become no nodes: all scans, aligned jointly, tell the poses better")
+    elif config.visual.adjust_features:
         poses = _with_features(store, poses, config, progress)
     store.set_poses(poses)
     frames = store.tracked_frames()

@@ -21,7 +21,6 @@ from cli.storing import storage_arguments
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
-    from cli.report_evidence import Fetched
     from mapmyworld.config import Config
     from mapmyworld.types import LogSource
 
@@ -161,7 +160,6 @@ def _build(
         from formats.database import open_store
         from formats.database.lock import only_writer
         from formats.logs.steady import SteadyLog
-    from mapmyworld.parallel import Aside
     from mapmyworld.pipeline import build_map
 
     stored = storage_arguments(config)
@@ -171,10 +169,8 @@ def _build(
         words = _given_words(config.places.vocabulary)
         result = build_map(SteadyLog(log), store, config, progress, method=method, words=words)
         written = [str(map_path)]
-        with Aside() as aside:
-            evidence = aside.begin(_evidence, map_path) if export else None
-            if export:
-                written += _export_all(store, map_path, config, progress)
+        if export:
+            written += _export_all(store, map_path, config, progress)
         progress.finish()
         wall = time.monotonic() - started
         cost = {
@@ -184,9 +180,8 @@ def _build(
             "real_time_factor": result.duration_s / max(wall, 1e-9),
             "peak_memory_mb": peak_memory_mb(),
         }
-        if evidence is not None:
-            continued = bool(result.reused_stages)
-            written += _report(store, map_path, cost, progress, continued, evidence.result())
+        if export:
+            written += _report(store, map_path, cost, progress, bool(result.reused_stages))
     return {**result.as_dict(), "files": written, **cost}
 
 
@@ -211,22 +206,8 @@ def _export_all(store: Any, map_path: Path, config: Config, progress: StderrProg
     return [str(path) for path in written]
 
 
-def _evidence(map_path: Path) -> Fetched:
-    """What the page shows closely, fetched while the cloud is made; each reads for itself."""
-    from cli.report_evidence import fetch_evidence
-    from formats.database import open_store
-
-    with open_store(map_path, read_only=True) as store:
-        return fetch_evidence(store, store.constraints())
-
-
 def _report(
-    store: Any,
-    map_path: Path,
-    cost: dict[str, Any],
-    progress: StderrProgress,
-    continued: bool,
-    evidence: Fetched,
+    store: Any, map_path: Path, cost: dict[str, Any], progress: StderrProgress, continued: bool
 ) -> list[str]:
     """The page about the map, and what its stages took, which the page shows apart."""
     from cli.report import note_timing, write_report
@@ -234,7 +215,7 @@ def _report(
     progress.stage("report")
     page = map_path.with_suffix(".html")
     timing = note_timing(map_path, cost, progress.costs, continued=continued)
-    write_report(store, page, timing, fetched=evidence)
+    write_report(store, page, timing)
     progress.finish()
     return [str(page)]
 

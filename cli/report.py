@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import mapmyworld
 from cli.exporting import frame_poses, grid_at, is_planar
 from cli.figures import problems_of
-from cli.report_evidence import Fetched, fetch_evidence
+from cli.report_evidence import fetch_evidence
 from formats.report.contents import ReportContents, ShownConstraint, ShownNodes
 from formats.report.report import ellipses_of, report_html
 from formats.whole_files import write_whole
@@ -35,15 +35,10 @@ def write_report(
     timing: Mapping[str, Any] | None = None,
     *,
     every_match: bool = False,
-    fetched: Fetched | None = None,
 ) -> None:
-    """The page as a file; with what the build took, where a file beside the map tells.
-
-    `fetched`: the evidence, where somebody has fetched it already.
-    """
-    timing = timing or timing_beside(store)
-    contents = report_contents(store, timing, every_match=every_match, fetched=fetched)
-    write_whole(path, report_html(contents))
+    """The page as a file; with what the build took, where a file beside the map tells."""
+    page = report_page(store, timing or timing_beside(store), every_match=every_match)
+    write_whole(path, page)
 
 
 def timing_file(map_path: Path) -> Path:
@@ -99,11 +94,7 @@ def report_page(
 
 
 def report_contents(
-    store: MapStore,
-    timing: Mapping[str, Any] | None = None,
-    *,
-    every_match: bool = False,
-    fetched: Fetched | None = None,
+    store: MapStore, timing: Mapping[str, Any] | None = None, *, every_match: bool = False
 ) -> ReportContents:
     """Everything that the page shows; raises `MapError` where the map holds no nodes."""
     nodes, constraints = store.nodes(), store.constraints()
@@ -114,8 +105,7 @@ def report_contents(
     )
     misfits = audit.misfits_of(constraints, solved, is_planar(solved.map_from_node))
     shown = _shown_constraints(constraints, misfits, nodes)
-    path = _path(store, nodes)
-    fetched = fetched or fetch_evidence(store, constraints, every_match=every_match)
+    path, fetched = _path(store, nodes), fetch_evidence(store, constraints, every_match=every_match)
     problems = problems_of(store)
     return ReportContents(
         name=Path(_name(store)).name,

@@ -80,10 +80,10 @@ def ring_in_space(seed: int) -> tuple[Array, PoseGraph]:
 
 
 def other_starts(problem: Problem, truth: Array) -> Iterator[Array]:
-    """The truth, wound up to thrice more or less; odometry; random trees."""
+    """The truth, wound up to twice more or less; odometry; random trees."""
     planar, count = problem.graph.planar, len(truth)
     world = np.zeros((1, 3)) if planar else np.eye(4)[None]
-    for turns in range(-3, 4):
+    for turns in range(-2, 3):
         wound, angle = truth.copy(), turns * 2.0 * np.pi * np.arange(count) / count
         if planar:
             wound[:, 2] += angle
@@ -92,7 +92,7 @@ def other_starts(problem: Problem, truth: Array) -> Iterator[Array]:
         yield np.concatenate([wound, world])
     yield dead_reckoning(problem)
     system, rng = problem.system, np.random.default_rng(0)
-    for _ in range(5):
+    for _ in range(3):
         lot = rng.permutation(len(system.tails)) * 1000
         ends = len(problem.guess), system.tails, system.heads, system.measured
         tree = spanning_tree(planar, *ends, lot)

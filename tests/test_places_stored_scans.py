@@ -69,3 +69,12 @@ def test_what_is_held_stays_when_the_shelf_lets_go(shelf: Shelf) -> None:
     before = shelf.read
     assert_same(held.some(which), whole.some(which))
     assert shelf.read == before
+
+
+def test_what_was_let_go_is_read_again_alike(shelf: Shelf, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stored_scans, "_IDLE", 0)
+    scans, whole = stored(shelf), prepare_scans(list(shelf.all.values()), REGISTRATION)
+    read = shelf.read
+    scans.let_go()
+    assert_same(scans.some(np.arange(22, 26)), whole.some(np.arange(22, 26)))
+    assert shelf.read > read

@@ -120,6 +120,7 @@ def _rounds(
     settings, config = task.config.odometry, task.config
     motions = node_motions(task.nodes, task.chosen, task.constraints)
     scans = task.scans.some(task.chosen)
+    task.scans.let_go()
     among = held if np.count_nonzero(held) > 1 else None
     for reaches in (_REACHES[:_ANEW], _REACHES[_ANEW:]):
         pairs = neighbour_pairs(poses, settings.refine_radius, settings.refine_passes, among=among)

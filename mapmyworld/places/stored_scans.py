@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import RegistrationConfig
+from mapmyworld.heap import give_back
 from mapmyworld.parallel import batches
 from mapmyworld.registration.scan_matching import ScanSet, joined, prepare_scans, scan_set
 from mapmyworld.types import MapStore
@@ -21,6 +22,7 @@ from mapmyworld.types import MapStore
 Index = NDArray[np.int64]
 _BLOCK = 256  # scans that are made ready together
 _HELD = 32  # blocks that are held, about an hour of driving
+_IDLE = 8  # blocks that are held while nobody asks
 
 
 class Scans(Protocol):
@@ -31,6 +33,9 @@ class Scans(Protocol):
 
     def hold(self, which: Index) -> Scans:
         """At least these, under the same numbers, for other threads to read."""
+
+    def let_go(self) -> None:
+        """Gives memory back: for a while nobody will ask."""
 
 
 class StoredScans:
@@ -58,6 +63,12 @@ class StoredScans:
     def hold(self, which: Index) -> HeldScans:
         """At least these; they stay in memory as long as the result."""
         return HeldScans({k: self._block(k) for k in np.unique(which // _BLOCK).tolist()})
+
+    def let_go(self) -> None:
+        """Holds the latest blocks only."""
+        while len(self._blocks) > _IDLE:
+            self._blocks.popitem(last=False)
+        give_back()
 
     def _block(self, number: int) -> ScanSet:
         found = self._blocks.get(number)
@@ -87,3 +98,6 @@ class HeldScans:
     def hold(self, which: Index) -> HeldScans:
         """They are held already."""
         return self
+
+    def let_go(self) -> None:
+        """They stay."""

@@ -55,6 +55,9 @@ class ScanSet:
         """A set that has at least these scans, under the same numbers."""
         return self
 
+    def let_go(self) -> None:
+        """All scans stay: see `places.stored_scans` for others."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Match:

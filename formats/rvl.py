@@ -86,8 +86,9 @@ def _decode(words, pixels):  # type: ignore[no-untyped-def]
 
 
 # Called, not decorated, so that the type checker sees them.
-_encode_words = njit("int64(uint16[::1], uint32[::1])", cache=True, nogil=True)(_encode)
-_decode_words = njit("boolean(uint32[::1], uint16[::1])", cache=True, nogil=True)(_decode)
+_options = {"cache": True, "nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy"}
+_encode_words = njit("int64(uint16[::1], uint32[::1])", **_options)(_encode)
+_decode_words = njit("boolean(uint32[::1], uint16[::1])", **_options)(_decode)
 
 
 def rvl_encode(depth: NDArray[np.uint16]) -> bytes:

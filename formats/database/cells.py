@@ -39,6 +39,8 @@ _trace_beams = njit(
     "void(float32[:, ::1], float64, float64, float64, float64, uint8[:, ::1])",
     cache=True,
     nogil=True,
+    no_cfunc_wrapper=True,
+    error_model="numpy",
 )(_trace)
 
 
@@ -58,6 +60,8 @@ _list_centres = njit(
     "int64(uint8[:, ::1], int64, float64, float64, float64, float32[:, ::1])",
     cache=True,
     nogil=True,
+    no_cfunc_wrapper=True,
+    error_model="numpy",
 )(_list)
 
 

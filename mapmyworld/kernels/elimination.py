@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.kernels.assignment import assign
 from mapmyworld.kernels.compiling import jit
+from mapmyworld.kernels.searching import first_not_below
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -45,7 +46,10 @@ def column_structures(first: Index, later: Index) -> tuple[Index, Index]:
             c = sibling[c]
         begins[j + 1] = end
         if end > begins[j]:
-            lowest = begins[j] + np.argmin(found[begins[j] : end])
+            lowest = begins[j]
+            for place in range(begins[j] + 1, end):
+                if found[place] < found[lowest]:
+                    lowest = place
             parent = found[lowest]
             found[lowest], found[begins[j]] = found[begins[j]], parent
             sibling[j], child[parent] = child[parent], j
@@ -64,18 +68,19 @@ def gathered_columns(
     """
     count = len(parents)
     child, last_child, sibling = np.full(count, -1), np.full(count, -1), np.full(count, -1)
-    head, after = np.arange(count), np.full(count, -1)
-    columns, entries = np.ones(count, np.int64), heights + 1
-    taken = np.zeros(count, np.bool_)
+    head, after, columns = np.full(count, -1), np.full(count, -1), np.full(count, 1)
+    entries, taken = np.full(count, 0), np.full(count, 0)
+    for j in range(count):
+        head[j], entries[j] = j, heights[j] + 1
     for j in range(count):
         c = child[j]
         while c >= 0:
             width, both = columns[j] + columns[c], entries[j] + entries[c]
             dense = width * (width + 1) // 2 + width * heights[j]
-            allowed = shares[np.searchsorted(widths, width)]
+            allowed = shares[first_not_below(widths, width)]
             if 1.0 - both / dense <= allowed:
                 after[c], head[j] = head[j], head[c]
-                columns[j], entries[j], taken[c] = width, both, True
+                columns[j], entries[j], taken[c] = width, both, 1
             c = sibling[c]
         parent = parents[j]
         if parent >= 0:
@@ -86,7 +91,7 @@ def gathered_columns(
             last_child[parent] = j
     order, ends, placed, groups = np.empty(count, np.int64), np.empty(count, np.int64), 0, 0
     for top in range(count):
-        if not taken[top]:
+        if taken[top] == 0:
             column = head[top]
             for _ in range(columns[top]):
                 order[placed] = column

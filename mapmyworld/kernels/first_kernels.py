@@ -106,7 +106,7 @@ def _read(table: str) -> tuple[FirstKernel, ...]:
         needed_by, place, *types = entry.split(" ")
         found.setdefault((needed_by, place), []).append(", ".join(types) + ",")
     return tuple(
-        FirstKernel(needed_by, *place.split("."), tuple(signatures))
+        FirstKernel(needed_by, place.split(".")[0], place.split(".")[1], tuple(signatures))
         for (needed_by, place), signatures in found.items()
     )
 

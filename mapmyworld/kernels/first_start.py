@@ -9,6 +9,7 @@ kernels are compiled when they are called first, as ever.
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -45,6 +46,7 @@ def compile_missing(needs: frozenset[str], threads: int, progress: Progress) -> 
 
 def help_compiling(queue: int, master: int) -> None:
     """What a helper does: takes from the same queue until it is empty or the `master` has gone."""
+    gc.disable()  # a search for garbage would take more time than it is worth here
     for number in _taken(queue):
         if os.getppid() != master:
             return

@@ -194,17 +194,17 @@ def move_by_tangent(pose: Array, tangent: Array) -> None:
         third = (1.0 - first) / squared
         if angle < 1e-4:
             second, third = 0.5, 1.0 / 6.0
-    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    square = np.empty((3, 3))
+    turn, shift = np.zeros((3, 3)), np.zeros((3, 3))  # first what is skew of them
+    turn[0, 1], turn[0, 2], turn[1, 2] = -z, y, -x
+    turn[1, 0], turn[2, 0], turn[2, 1] = z, -y, x
     for i in range(3):
         for j in range(3):
-            square[i, j] = tangent[i] * tangent[j] - (squared if i == j else 0.0)
-    turn = first * k + second * square
-    shift = second * k + third * square
-    for i in range(3):
+            square = tangent[i] * tangent[j] - (squared if i == j else 0.0)
+            shift[i, j] = second * turn[i, j] + third * square
+            turn[i, j] = first * turn[i, j] + second * square
         turn[i, i] += 1.0
         shift[i, i] += 1.0
-    moved = np.empty((3, 4))
+    moved = np.zeros((3, 4))
     for i in range(3):
         for j in range(3):
             moved[i, j] = (

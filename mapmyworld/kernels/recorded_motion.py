@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.kernels.compiling import inner_jit, jit
+from mapmyworld.kernels.searching import first_not_below
 
 Array = NDArray[np.float64]
 FOUND, NOT_COVERED, TOO_FAR_APART = 0, 1, 2
@@ -29,7 +30,7 @@ def interpolate_poses(
     turn = np.empty((3, 3))
     for i in range(len(wanted)):
         stamp = wanted[i]
-        after = min(np.searchsorted(stamps, stamp), count - 1)
+        after = min(first_not_below(stamps, stamp), count - 1)
         before = max(after - 1 if stamps[after] > stamp else after, 0)
         if min(abs(stamps[before] - stamp), abs(stamps[after] - stamp)) > tolerance:
             return NOT_COVERED

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from mapmyworld.graph.candidates import (
     with_landmarks,
 )
 from mapmyworld.graph.certificate import Certificate, certainty_of, certify
+from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.descent import descend
 from mapmyworld.graph.growth import grown_start
 from mapmyworld.graph.lifted import lifted_start
@@ -128,8 +130,9 @@ def _other_starts(
         count = min(_WOUND, 1 + _TOGETHER // len(problem.graph))
         for _ in range(_ROUNDS):
             before = _cheapest(followed)
-            for start in wound_starts(system, before.poses, count):
-                yield "winding", start
+            with suppress(NotPositiveDefiniteError):  # an edge that weighs nothing holds no node
+                for start in wound_starts(system, before.poses, count):
+                    yield "winding", start
             if _cheapest(followed) is before:
                 break
     if len(problem.graph) <= _LIFTED:

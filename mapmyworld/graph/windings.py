@@ -22,7 +22,7 @@ from mapmyworld.graph.system import System, residuals_of
 _TURN = 2.0 * np.pi
 _WORTH = 60.0  # squared sigmas of headings up to which another turn is tried
 _LOOSE = 1e-9  # share of an edge's weight below which it closes no loop
-_ASKED = 1500  # edges that are asked what a turn more would cost, at most
+_ASKED = 10_000_000  # numbers of answers that are held, which are as many as nodes per edge
 
 
 def wound_starts(system: System, poses: Array, count: int) -> Iterator[Array]:
@@ -42,7 +42,8 @@ def wound_starts(system: System, poses: Array, count: int) -> Iterator[Array]:
     stiff = weights[edges] * (1.0 - np.array(gained))
     change = np.array([1.0, -1.0])[:, None] * 2.0 * _TURN * weights[edges] * left[edges]
     cost = np.where(stiff > _LOOSE * weights[edges], _TURN**2 * stiff, np.inf) + change
-    for place in np.argsort(cost, axis=None, kind="stable")[:count].tolist():
+    ways = 1 if system.planar else 3
+    for place in np.argsort(cost, axis=None, kind="stable")[: -(-count // ways)].tolist():
         sign, k = divmod(place, len(edges))
         if cost[sign, k] > _WORTH:
             return
@@ -69,10 +70,15 @@ def _turned(system: System, poses: Array, angles: Array) -> Iterator[Array]:
 
 
 def _asked(system: System) -> Index:
-    """Edges (A,) that stand for all: of edges one behind the other, which share every loop, one."""
+    """Edges (A,) that stand for all: of edges one behind the other, which share every loop, one.
+
+    Of a very large graph only some.
+    """
     links_of = np.bincount(np.concatenate([system.tails, system.heads]))
     alike = (links_of[system.tails] == 2) & (system.heads == system.tails + 1)
-    return np.flatnonzero(~alike)[:_ASKED]
+    found = np.flatnonzero(~alike)
+    every = -(-len(found) * len(system.free) // _ASKED)
+    return found[:: max(1, every)]
 
 
 def _at(edge: int, weights: Array) -> Array:

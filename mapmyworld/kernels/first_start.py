@@ -14,7 +14,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from typing import Any
 
@@ -78,8 +78,10 @@ def _taken(queue: int) -> Iterator[int]:
 @contextmanager
 def _helpers(queue: int, count: int) -> Iterator[None]:
     """So many processes that work off the queue; waits for the last kernel they have taken."""
-    started = [_helper(queue) for _ in range(count)]
+    started: list[subprocess.Popen[bytes]] = []
     try:
+        with suppress(OSError):  # no more processes, no memory: the others do it
+            started.extend(_helper(queue) for _ in range(count))
         yield
         for helper in started:
             helper.wait()

@@ -74,6 +74,49 @@ def test_a_corridor_closes_nothing() -> None:
     assert not [c for c in closures(walls, two_visits()) if c.accepted]
 
 
+def corridor_with_doors(*more: list[float]) -> NDArray[np.float64]:
+    """40 m of corridor with a recess every 4 m on the left, and more walls."""
+    walls = [[-20.0, -1.0, 20.0, -1.0], *more]
+    for x in np.arange(-20.0, 20.0, 4.0):
+        walls += [[x, 1.0, x + 3.0, 1.0], [x + 3.0, 1.0, x + 3.0, 1.4]]
+        walls += [[x + 3.0, 1.4, x + 4.0, 1.4], [x + 4.0, 1.4, x + 4.0, 1.0]]
+    return np.array(walls)
+
+
+def second_drive_along_it(
+    walls: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], list[Constraint]]:
+    """True poses, and closures tried after 150 m that drifted by about a door's distance."""
+    there = np.stack([np.linspace(-8.0, 8.0, 81), np.zeros(81), np.zeros(81)], axis=-1)
+    truth = np.concatenate([there, there])
+    believed = truth.copy()
+    believed[81:, 0] -= 3.6
+    scans = scan_set(
+        [prepare_scan(cast(p, walls, k), CONFIG.registration) for k, p in enumerate(truth)]
+    )
+    nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, believed)
+    nodes = replace(nodes, path=nodes.path + 150.0 * (np.arange(len(truth)) >= 81))
+    pairs = candidate_pairs(nodes, CONFIG, settled=False)
+    return truth, compare_places(nodes, pairs, CONFIG, settled=False)
+
+
+def test_one_of_many_equal_doors_is_not_taken_for_another() -> None:
+    _, tried = second_drive_along_it(corridor_with_doors())
+    assert [c for c in tried if "another place near by" in c.reason]
+    assert not [c for c in tried if c.accepted and c.to_id >= 81 > c.from_id]
+
+
+def test_a_place_like_no_other_is_recognised_between_equal_doors() -> None:
+    cupboard = [[1.0, -1.0, 1.0, 0.3], [1.0, 0.3, 3.0, 0.3], [3.0, 0.3, 3.0, -1.0]]
+    truth, tried = second_drive_along_it(corridor_with_doors(*cupboard))
+    accepted = [c for c in tried if c.accepted and c.to_id >= 81 > c.from_id]
+    assert accepted
+    for c in accepted:
+        apart = between_planar(truth[c.from_id], truth[c.to_id])
+        error = between_planar(apart, matrix_to_planar(c.from_from_to))
+        assert np.hypot(*error[:2]) < 0.05
+
+
 @pytest.mark.parametrize("settled", [False, True])
 def test_the_result_does_not_depend_on_threads(settled: bool) -> None:
     first = closures(WALLS, two_visits(), settled=settled, threads=1)

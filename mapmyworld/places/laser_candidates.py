@@ -56,6 +56,15 @@ def drift_between(nodes: LaserNodes, a: Index | int, b: Index | int) -> NDArray[
     return np.asarray(np.minimum(driven, nodes.loose[a] + nodes.loose[b]))
 
 
+def drift_window(
+    nodes: LaserNodes, a: int, b: int, config: Config, widest: float
+) -> tuple[float, float]:
+    """Metres, `widest` at most, and radians to each side that the drift between two nodes spans."""
+    drifted = float(drift_between(nodes, a, b))
+    distance = min(1.0 + config.places.laser_drift * drifted, widest)
+    return distance, min(0.2 + config.places.laser_drift_angle * drifted, np.pi)
+
+
 def untied(nodes: LaserNodes, pairs: Pairs, closures: Sequence[Constraint]) -> Pairs:
     """The pairs whose places no accepted closure by laser joins already, or nearly so."""
     row = {int(i): k for k, i in enumerate(nodes.ids)}

@@ -19,24 +19,21 @@ from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_candidates import (
     FIRST_WINDOW,
     candidate_pairs,
-    drift_between,
+    drift_window,
     untied,
 )
+from mapmyworld.places.laser_lookalikes import doubt_lookalikes
 from mapmyworld.places.laser_lost import loose_way, lost_pairs
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
+from mapmyworld.places.laser_submaps import match_submaps, submap_around, submap_members
 from mapmyworld.registration.scan_matching import (
-    FINE,
     Match,
-    PreparedScan,
-    match_scan,
 )
 from mapmyworld.registration.scan_search import (
     Found,
     LikelihoodGrid,
     likelihood_grid,
-    rows_of,
     search_grid,
-    submap_points,
 )
 from mapmyworld.types import Constraint, ConstraintKind, MapStore, Poses, Progress
 
@@ -45,7 +42,6 @@ Index = NDArray[np.int64]
 _SETTLED_WINDOW = 1.0  # m to each side that is searched once the graph is optimised
 _SETTLED_ANGLE = 0.2  # rad, the same
 _AGREEMENT = np.diag([0.02**2, 0.02**2, 0.005**2])  # m^2 and rad^2 that two maps may differ by
-_NO_PRIOR = np.diag([1e-3, 1e-3, 1e-3])
 
 
 def first_closures(
@@ -121,35 +117,21 @@ def compare_places(
 
     def compare(target: tuple[LaserNodes, int, list[int]]) -> list[Constraint]:
         held, a, rows = target
-        grid = likelihood_grid(_surroundings(held, a, config))  # large: one a thread is held
+        grid = likelihood_grid(submap_around(held, a, config))  # large: one a thread is held
         return [_compare(held, grid, *pairs[k], config, settled, widest) for k in rows]
 
     def targets() -> Iterator[tuple[LaserNodes, int, list[int]]]:
         for a, rows in by_target.items():
-            ends = [_members(nodes, node, config) for node in (a, *(pairs[k][1] for k in rows))]
+            ends = [
+                submap_members(nodes, node, config) for node in (a, *(pairs[k][1] for k in rows))
+            ]
             yield replace(nodes, scans=nodes.scans.hold(np.concatenate(ends))), a, rows
 
     found = in_threads(compare, targets(), config.threads)
     places = [k for rows in by_target.values() for k in rows]
     by_place = dict(zip(places, (c for some in found for c in some), strict=True))
-    return [by_place[k] for k in range(len(pairs))]
-
-
-def _members(nodes: LaserNodes, middle: int, config: Config) -> Index:
-    """Nodes around one along the path, at most nine."""
-    half, path = config.places.laser_submap, nodes.path
-    first = int(np.searchsorted(path, path[middle] - half))
-    last = int(np.searchsorted(path, path[middle] + half, side="right")) - 1
-    before = {first + k * (middle - first) // 4 for k in range(5)}
-    after = {middle + k * (last - middle) // 4 for k in range(5)}
-    return np.array(sorted(before | after), np.int64)
-
-
-def _surroundings(nodes: LaserNodes, middle: int, config: Config) -> Array:
-    """Points (N, 2) of the submap around a node, in that node's frame."""
-    members = _members(nodes, middle, config)
-    poses = between_planar(nodes.poses[middle], nodes.poses[members])
-    return submap_points(nodes.scans.some(members), np.arange(len(members)), poses)
+    closures = [by_place[k] for k in range(len(pairs))]
+    return closures if settled else doubt_lookalikes(nodes, pairs, closures, config, widest)
 
 
 def _compare(
@@ -163,41 +145,15 @@ def _compare(
 ) -> Constraint:
     places = config.places
     guess = between_planar(nodes.poses[a], nodes.poses[b])
-    drifted = float(drift_between(nodes, a, b))
-    if settled:
-        distance, angle = _SETTLED_WINDOW, _SETTLED_ANGLE
-    else:
-        distance = min(1.0 + places.laser_drift * drifted, widest)
-        angle = min(0.2 + places.laser_drift_angle * drifted, np.pi)
-    points = _surroundings(nodes, b, config)
+    distance, angle = _SETTLED_WINDOW, _SETTLED_ANGLE
+    if not settled:
+        distance, angle = drift_window(nodes, a, b, config, widest)
+    points = submap_around(nodes, b, config)
     found = search_grid(points, grid, guess, distance, angle, places.laser_score)
     if found is None:
         return _rejected(nodes, a, b, settled, guess, f"score below {places.laser_score}", {})
     match = match_submaps(nodes, a, b, found.pose, config)
     return _verdict(nodes, a, b, guess, found, match, config, settled)
-
-
-def match_submaps(nodes: LaserNodes, a: int, b: int, guess: Array, config: Config) -> Match:
-    """The scans around b, as one, aligned with those around a."""
-    targets = _members(nodes, a, config)
-    return match_scan(
-        _joined(nodes, b, _members(nodes, b, config)), nodes.scans.some(targets),
-        np.arange(len(targets)), between_planar(nodes.poses[a], nodes.poses[targets]), guess,
-        config.registration, prior=guess, prior_information=_NO_PRIOR,
-        reaches=np.concatenate([[0.4, 0.3], FINE]),
-    )  # fmt: skip
-
-
-def _joined(nodes: LaserNodes, b: int, members: Index) -> PreparedScan:
-    """Some of the members' points, in b's frame; their bearings serve no search."""
-    scans = nodes.scans.some(members)
-    rows, of = rows_of(scans, np.arange(len(members)), 2)
-    b_from_m = between_planar(nodes.poses[b], nodes.poses[members])
-    c, s = np.cos(b_from_m[:, 2])[of], np.sin(b_from_m[:, 2])[of]
-    x, y, nx, ny = rows[:, :4].T.astype(np.float64)
-    rows[:, 0], rows[:, 1] = b_from_m[of, 0] + c * x - s * y, b_from_m[of, 1] + s * x + c * y
-    rows[:, 2], rows[:, 3] = c * nx - s * ny, s * nx + c * ny
-    return PreparedScan(rows, scans.origins[int(np.searchsorted(members, b))])
 
 
 def _verdict(

@@ -20,8 +20,9 @@ from mapmyworld.geometry import (
     planar_to_matrix,
 )
 from mapmyworld.odometry.laser_stretches import is_weak
-from mapmyworld.places.laser_closures import closure_information, match_submaps
+from mapmyworld.places.laser_closures import closure_information
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
+from mapmyworld.places.laser_submaps import match_submaps
 from mapmyworld.types import CLOSURES, Constraint, Poses
 
 _METRES, _RADIANS = 0.2, np.radians(1.0)  # by which no true closure misses the final poses

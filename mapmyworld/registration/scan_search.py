@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,21 +66,39 @@ def search_grid(
     """The best pose of points (N, 2) in a window about `guess`; None if none exceeds `least`."""
     if len(points) == 0:
         return None
+    fixed = _window(points, grid, guess, distance, angle)
+    best = np.zeros(4)
+    best_shift(*fixed, least, _NOWHERE, best)
+    if best[0] <= least:
+        return None
+    rival = _best_elsewhere(fixed, best[1:], max(least, 0.8 * best[0]))
+    return Found(best[1:].copy(), float(best[0]), rival)
+
+
+def score_elsewhere(
+    points: Array, grid: LikelihoodGrid, pose: Array, distance: float, angle: float, least: float
+) -> float:
+    """The best score in a window about `pose` but not at it; 0 if none exceeds `least`."""
+    return _best_elsewhere(_window(points, grid, pose, distance, angle), pose, least)
+
+
+def _window(
+    points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float
+) -> tuple[Any, ...]:
+    """What the kernel is given of points, grid and window."""
     used = _spread(points, grid.resolution)
     far = float(np.percentile(np.hypot(*used.T), 80))
     step = float(np.clip(grid.resolution / max(far, 1.0), 0.01, 0.05))
     count = int(np.ceil(angle / step))
     angles = np.arange(-count, count + 1) * step
     reach = int(np.ceil(distance / grid.resolution))
+    return grid.pyramid, grid.margin, used, grid.corner, grid.resolution, guess, reach, angles
+
+
+def _best_elsewhere(window: tuple[Any, ...], pose: Array, least: float) -> float:
     best = np.zeros(4)
-    fixed = (grid.pyramid, grid.margin, used, grid.corner, grid.resolution, guess, reach, angles)
-    best_shift(*fixed, least, _NOWHERE, best)
-    if best[0] <= least:
-        return None
-    rival = np.zeros(4)
-    floor = max(least, 0.8 * best[0])
-    best_shift(*fixed, floor, np.concatenate([best[1:], _ELSEWHERE]), rival)
-    return Found(best[1:].copy(), float(best[0]), float(rival[0]) if rival[0] > floor else 0.0)
+    best_shift(*window, least, np.concatenate([pose, _ELSEWHERE]), best)
+    return float(best[0]) if best[0] > least else 0.0
 
 
 def _spread(points: Array, spacing: float) -> Array:

@@ -1,0 +1,95 @@
+"""Closures doubted that other places near by would give as well.
+
+Where equal doors follow each other, the next one lies beyond the submap that a scan was found in,
+and no rival shows. So it is looked for in the places along the path as well, as far as the drift
+may reach.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import between_planar, compose_planar, matrix_to_planar
+from mapmyworld.parallel import in_threads
+from mapmyworld.places.laser_candidates import drift_window
+from mapmyworld.places.laser_nodes import LaserNodes, spaced
+from mapmyworld.places.laser_submaps import submap_around, submap_members
+from mapmyworld.registration.scan_search import LikelihoodGrid, likelihood_grid, score_elsewhere
+from mapmyworld.types import Constraint
+
+_SPACING = 4.0  # m of path between places that are looked at: what a submap covers
+_SAME = 1.0  # m of path around the place that was found, whose own rivals are known
+_AS_GOOD = 0.9  # share of the score from which a place is as good: no two submaps show as much
+_OTHER_VISIT = 8.0  # m of path before the later place, of which the rest is that place itself
+
+Pairs = Sequence[tuple[int, int]]
+Look = tuple[LaserNodes, int, list[int]]
+"""Nodes with the scans that are needed, a place along the path, closures to look for there."""
+
+
+def doubt_lookalikes(
+    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Constraint], config: Config, widest: float
+) -> list[Constraint]:
+    """The closures of these pairs, those rejected for which another place scores as well."""
+    wanted = _places_to_look_at(nodes, pairs, closures, config, widest)
+
+    def looks() -> Iterator[Look]:
+        for spot, which in wanted.items():
+            ends = [submap_members(nodes, k, config) for k in (spot, *(pairs[w][1] for w in which))]
+            yield replace(nodes, scans=nodes.scans.hold(np.concatenate(ends))), spot, which
+
+    def look(at: Look) -> list[tuple[int, float]]:
+        held, spot, which = at
+        grid = likelihood_grid(submap_around(held, spot, config))
+        return [(k, _score(held, grid, spot, pairs[k], closures[k], config, widest)) for k in which]
+
+    rivals = np.zeros(len(closures))
+    for scores in in_threads(look, looks(), config.threads):
+        for k, score in scores:
+            rivals[k] = max(rivals[k], score)
+    return [
+        _doubted(c, rival) if rival > 0 else c for c, rival in zip(closures, rivals, strict=True)
+    ]
+
+
+def _places_to_look_at(
+    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Constraint], config: Config, widest: float
+) -> dict[int, list[int]]:
+    """Place along the path -> closures that it may rival."""
+    spots, path = spaced(nodes.path, _SPACING), nodes.path
+    found: dict[int, list[int]] = {}
+    for k, (a, b) in enumerate(pairs):
+        if closures[k].accepted:
+            reach, _ = drift_window(nodes, a, b, config, widest)
+            apart = np.abs(path[spots] - path[a])
+            near = (apart > _SAME) & (apart <= reach) & (path[spots] < path[b] - _OTHER_VISIT)
+            for spot in spots[near].tolist():
+                found.setdefault(spot, []).append(k)
+    return found
+
+
+def _score(
+    nodes: LaserNodes, grid: LikelihoodGrid, spot: int, pair: tuple[int, int],
+    closure: Constraint, config: Config, widest: float,
+) -> float:  # fmt: skip
+    """How well what was seen around the later node fits around `spot`; 0 if not well enough."""
+    a, b = pair
+    found = compose_planar(nodes.poses[a], matrix_to_planar(closure.from_from_to))
+    distance, angle = drift_window(nodes, a, b, config, widest)
+    least = _AS_GOOD * closure.evidence["score"]
+    here, points = between_planar(nodes.poses[spot], found), submap_around(nodes, b, config)
+    return score_elsewhere(points, grid, here, distance, angle, least)
+
+
+def _doubted(closure: Constraint, rival: float) -> Constraint:
+    score = closure.evidence["score"]
+    return replace(
+        closure,
+        accepted=False,
+        reason=f"ambiguous: another place near by scores {rival:.2f} against {score:.2f}",
+        evidence={**closure.evidence, "rival": rival},
+    )

@@ -1,0 +1,56 @@
+"""The submap around a node: what the laser saw along a stretch of the path, as if from there."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry import between_planar
+from mapmyworld.places.laser_nodes import LaserNodes
+from mapmyworld.registration.scan_matching import FINE, Match, PreparedScan, match_scan
+from mapmyworld.registration.scan_search import rows_of, submap_points
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+_NO_PRIOR = np.diag([1e-3, 1e-3, 1e-3])
+
+
+def submap_members(nodes: LaserNodes, middle: int, config: Config) -> Index:
+    """Nodes around one along the path, at most nine."""
+    half, path = config.places.laser_submap, nodes.path
+    first = int(np.searchsorted(path, path[middle] - half))
+    last = int(np.searchsorted(path, path[middle] + half, side="right")) - 1
+    before = {first + k * (middle - first) // 4 for k in range(5)}
+    after = {middle + k * (last - middle) // 4 for k in range(5)}
+    return np.array(sorted(before | after), np.int64)
+
+
+def submap_around(nodes: LaserNodes, middle: int, config: Config) -> Array:
+    """Points (N, 2) of the submap around a node, in that node's frame."""
+    members = submap_members(nodes, middle, config)
+    poses = between_planar(nodes.poses[middle], nodes.poses[members])
+    return submap_points(nodes.scans.some(members), np.arange(len(members)), poses)
+
+
+def match_submaps(nodes: LaserNodes, a: int, b: int, guess: Array, config: Config) -> Match:
+    """The scans around b, as one, aligned with those around a."""
+    targets = submap_members(nodes, a, config)
+    return match_scan(
+        _joined(nodes, b, submap_members(nodes, b, config)), nodes.scans.some(targets),
+        np.arange(len(targets)), between_planar(nodes.poses[a], nodes.poses[targets]), guess,
+        config.registration, prior=guess, prior_information=_NO_PRIOR,
+        reaches=np.concatenate([[0.4, 0.3], FINE]),
+    )  # fmt: skip
+
+
+def _joined(nodes: LaserNodes, b: int, members: Index) -> PreparedScan:
+    """Some of the members' points, in b's frame; their bearings serve no search."""
+    scans = nodes.scans.some(members)
+    rows, of = rows_of(scans, np.arange(len(members)), 2)
+    b_from_m = between_planar(nodes.poses[b], nodes.poses[members])
+    c, s = np.cos(b_from_m[:, 2])[of], np.sin(b_from_m[:, 2])[of]
+    x, y, nx, ny = rows[:, :4].T.astype(np.float64)
+    rows[:, 0], rows[:, 1] = b_from_m[of, 0] + c * x - s * y, b_from_m[of, 1] + s * x + c * y
+    rows[:, 2], rows[:, 3] = c * nx - s * ny, s * nx + c * ny
+    return PreparedScan(rows, scans.origins[int(np.searchsorted(members, b))])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.kernels.assignment import assign
 from mapmyworld.kernels.compiling import jit
 from mapmyworld.kernels.searching import first_not_below
 
@@ -28,7 +27,8 @@ def column_structures(first: Index, later: Index) -> tuple[Index, Index]:
     for j in range(count):
         if begins[j] + count - j > len(found):
             longer = np.empty(2 * len(found) + count, np.int64)
-            assign(longer, found[: begins[j]])
+            for place in range(begins[j]):
+                longer[place] = found[place]
             found = longer
         end = begins[j]
         for place in range(first[j], first[j + 1]):

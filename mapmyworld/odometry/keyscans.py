@@ -16,6 +16,9 @@ from mapmyworld.registration.scan_matching import (
 )
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Ring = tuple[NDArray[np.float32], Index, Array, Array, Index, Index]
+"""Rows, counts, origins, poses, newest and places of keyscans."""
 _BACK = np.array([1, 3, 8])  # how many keyscans back the targets of a match lie
 
 
@@ -36,7 +39,7 @@ class Keyscans:
         return int(self._newest[1])
 
     @property
-    def ring(self) -> tuple[NDArray[np.generic], ...]:
+    def ring(self) -> Ring:
         """Rows, counts, origins, poses, newest and places: arguments of `track_scans`."""
         return self._rows, self._counts, self._origins, self._poses, self._newest, _BACK
 

@@ -33,10 +33,10 @@ def pixels_of_points(camera: CameraModel, points: NDArray[np.floating]) -> Array
 
     Points at or behind the camera's plane give NaN.
     """
-    points = np.ascontiguousarray(points, np.float64)
     pixels = np.empty((len(points), 2))
     bent, distortion = bending(camera)
-    project_points(points, np.ascontiguousarray(camera.intrinsics), bent, distortion, pixels)
+    plain: Array = np.ascontiguousarray(points, np.float64)
+    project_points(plain, np.ascontiguousarray(camera.intrinsics), bent, distortion, pixels)
     return pixels
 
 

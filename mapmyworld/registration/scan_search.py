@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,8 @@ from mapmyworld.kernels.branch_and_bound import FULL, best_shift, fill_pyramid
 from mapmyworld.registration.scan_matching import PreparedScan, ScanSet
 
 Array = NDArray[np.float64]
+Window = tuple[NDArray[np.uint8], int, Array, Array, float, Array, int, Array]
+"""What `best_shift` is given of grid, points and window."""
 _RESOLUTION = 0.1  # m, cells of the likelihood grid
 _LEVELS = 6  # of the pyramid: the coarsest bounds 3.2 m x 3.2 m of shifts
 _NEAR = 0.6  # likelihood of a point one cell beside a surface
@@ -84,18 +85,18 @@ def score_elsewhere(
 
 def _window(
     points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float
-) -> tuple[Any, ...]:
-    """What the kernel is given of points, grid and window."""
+) -> Window:
+    """The window about a guess in which the points are looked for."""
     used = _spread(points, grid.resolution)
     far = float(np.percentile(np.hypot(*used.T), 80))
     step = float(np.clip(grid.resolution / max(far, 1.0), 0.01, 0.05))
     count = int(np.ceil(angle / step))
-    angles = np.arange(-count, count + 1) * step
+    angles = np.arange(-count, count + 1, dtype=np.float64) * step
     reach = int(np.ceil(distance / grid.resolution))
     return grid.pyramid, grid.margin, used, grid.corner, grid.resolution, guess, reach, angles
 
 
-def _best_elsewhere(window: tuple[Any, ...], pose: Array, least: float) -> float:
+def _best_elsewhere(window: Window, pose: Array, least: float) -> float:
     best = np.zeros(4)
     best_shift(*window, least, np.concatenate([pose, _ELSEWHERE]), best)
     return float(best[0]) if best[0] > least else 0.0

@@ -106,8 +106,8 @@ class _Paint:
         self._texture = np.array([number[scene.faces.texture[t]] for t in solid], np.int32)
         sizes = np.array([[t.width, t.height] for t in self._set.textures])[self._texture]
         stretched = scene.faces.stretched[solid]
-        self._uv = scene.faces.uv[solid] / np.where(stretched[:, None], 1.0, sizes)[:, None, :]
-        self._uv = self._uv.astype(np.float32)
+        uv = scene.faces.uv[solid] / np.where(stretched[:, None], 1.0, sizes)[:, None, :]
+        self._uv = uv.astype(np.float32)
         self._texel_metres = (sizes.min(axis=1) / EDGE).astype(np.float32)
 
     def fill(

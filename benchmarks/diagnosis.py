@@ -15,7 +15,8 @@ import numpy as np
 from mapmyworld import MemoryLog
 from mapmyworld.config import Config
 from mapmyworld.diagnosis import Finding, diagnose
-from mapmyworld.geometry import make_transform, roll_pitch_yaw_to_rotation
+from mapmyworld.geometry.rigid import make_transform
+from mapmyworld.geometry.rotations import roll_pitch_yaw_to_rotation
 from mapmyworld.sensing import make_plan, survey_log
 from mapmyworld.simulation import SimulationSettings, simulate
 from mapmyworld.simulation.worlds import find_world

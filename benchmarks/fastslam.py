@@ -111,7 +111,7 @@ def scores(result: object, reference: Path | None) -> dict[str, float]:
     from formats.relations import read_relations
     from formats.trajectory import read_trajectory
     from mapmyworld.evaluation import ate, relations_score
-    from mapmyworld.geometry import planar_to_matrix
+    from mapmyworld.geometry.planar import planar_to_matrix
     from mapmyworld.types import Trajectory
 
     path = Trajectory(result.stamps_ns, planar_to_matrix(result.path))  # type: ignore[attr-defined]

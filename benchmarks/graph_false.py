@@ -7,13 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from mapmyworld.config.graph import GraphConfig
-from mapmyworld.geometry import (
-    between,
-    between_planar,
-    compose_planar,
-    make_transform,
-    quaternion_to_rotation,
-)
+from mapmyworld.geometry.planar import between_planar, compose_planar
+from mapmyworld.geometry.rigid import between, make_transform
+from mapmyworld.geometry.rotations import quaternion_to_rotation
 from mapmyworld.graph.optimise import optimise
 from mapmyworld.types.pose_graph import Edges, PoseGraph
 

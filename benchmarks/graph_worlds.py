@@ -7,14 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial import cKDTree
 
-from mapmyworld.geometry import (
-    between,
-    between_planar,
-    compose_planar,
-    planar_to_matrix,
-    se3_exp,
-    so3_exp,
-)
+from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
+from mapmyworld.geometry.rigid import between, se3_exp
+from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.graph.residuals import retract
 from mapmyworld.types.pose_graph import Edges, PoseGraph, no_priors, no_sightings
 

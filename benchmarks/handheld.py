@@ -19,7 +19,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import make_transform, rotation_to_quaternion, so3_exp
+from mapmyworld.geometry.rigid import make_transform
+from mapmyworld.geometry.rotations import rotation_to_quaternion, so3_exp
 from mapmyworld.simulation import SimulationSettings
 from mapmyworld.simulation.camera import Renderer
 from mapmyworld.simulation.camera_noise import disturb_colour, disturb_depth, exposure_at

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import transform_points
+from mapmyworld.geometry.rigid import transform_points
 from mapmyworld.registration.camera import pixels_of_points
 from mapmyworld.simulation.camera import Renderer
 from mapmyworld.simulation.settings import SimulationSettings

@@ -27,7 +27,8 @@ from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings
 from mapmyworld.evaluation.loops import MAX_ANGLE_DEG, MAX_DISTANCE
 from mapmyworld.evaluation.relations import relations_score
-from mapmyworld.geometry import between, rotation_angle
+from mapmyworld.geometry.rigid import between
+from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph.solve import solve
 from mapmyworld.mapping.trajectory import pose_every_frame
 from mapmyworld.pipeline import build_map

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 
 from formats.database import open_store
 from mapmyworld.config import Config
-from mapmyworld.geometry import (
-    between,
+from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
     matrix_to_planar,
     planar_to_matrix,
-    rotation_angle,
 )
+from mapmyworld.geometry.rigid import between
+from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph.solve import solve
 from mapmyworld.places.laser_closures import find_laser_closures
 from mapmyworld.places.laser_nodes import load_node_scans

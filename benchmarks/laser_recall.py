@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 from formats.database import open_store
 from formats.relations import read_relations
 from mapmyworld.config import Config
-from mapmyworld.geometry import matrix_to_planar, wrap_angle
+from mapmyworld.geometry.planar import matrix_to_planar, wrap_angle
 from mapmyworld.kernels.scan_alignment import pair_systems
 from mapmyworld.odometry.laser_refinement import spaced_nodes
 from mapmyworld.places.laser_nodes import load_node_scans

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapmyworld.geometry import between, interpolate, matrix_to_planar, rotation_angle
+from mapmyworld.geometry.planar import matrix_to_planar
+from mapmyworld.geometry.rigid import between, interpolate
+from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.types import Trajectory
 from mapmyworld.types.localisation import Localisation, State
 

@@ -32,7 +32,7 @@ from formats.database import open_store
 from formats.logs import open_log
 from formats.logs.recorded import RecordedLog
 from mapmyworld.config import Config
-from mapmyworld.geometry import matrix_to_planar
+from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.mapping.occupancy import build_grid
 from mapmyworld.types import ConstraintKind, ImageMessage, MapStore
 

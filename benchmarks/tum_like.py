@@ -22,7 +22,8 @@ from handheld import truth_line
 from kinect import BENT, COLOUR, Faults, Kinect
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import make_transform, so3_exp
+from mapmyworld.geometry.rigid import make_transform
+from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.simulation.solids import Box, Post, wall
 from mapmyworld.simulation.world import Ground, World, build_scene
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cli.exporting import trajectory_of
 from mapmyworld.errors import MapError
-from mapmyworld.geometry import matrix_to_planar
+from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.types import MapStore, OccupancyGrid, Trajectory
 
 if TYPE_CHECKING:

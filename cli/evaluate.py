@@ -174,7 +174,7 @@ def cloud(cloud: Path, mesh: Path, est: Path | None, reference: Path | None, sty
     from formats.cloud import read_cloud
     from formats.mesh import read_mesh
     from mapmyworld.evaluation import cloud_score
-    from mapmyworld.geometry import transform_points
+    from mapmyworld.geometry.rigid import transform_points
     from mapmyworld.types import PointCloud
 
     points = read_cloud(cloud)

@@ -125,7 +125,7 @@ def solved_poses(store: MapStore) -> Poses:
     if poses is not None:
         return poses
     from mapmyworld.config import GraphConfig
-    from mapmyworld.geometry import planar_to_matrix
+    from mapmyworld.geometry.planar import planar_to_matrix
     from mapmyworld.graph.optimise import optimise
     from mapmyworld.graph.pose_graph import graph_from_constraints
 
@@ -192,7 +192,7 @@ def grid_at(store: MapStore, config: Config, resolution: float | None) -> Occupa
 
 def _planar_scans(store: MapStore, config: Config) -> Iterator[tuple[Array, Scan]]:
     """All scans at their places; made from depth where there is no laser."""
-    from mapmyworld.geometry import matrix_to_planar
+    from mapmyworld.geometry.planar import matrix_to_planar
     from mapmyworld.mapping.depth_grid import scan_from_depth
 
     indices, poses = frame_poses(store)

@@ -119,7 +119,7 @@ def _relative(store: Any, from_id: int, to_id: int) -> dict[str, Any]:
     import numpy as np
 
     from cli.exporting import graph_of
-    from mapmyworld.geometry import rotation_angle
+    from mapmyworld.geometry.rotations import rotation_angle
     from mapmyworld.graph.covariance import relative_pose
 
     motion, covariance = relative_pose(graph_of(store), from_id, to_id)

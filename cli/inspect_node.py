@@ -10,7 +10,7 @@ import numpy as np
 
 from cli.common import default_map, format_option, show_json
 from mapmyworld.errors import MapError
-from mapmyworld.geometry import matrix_to_planar
+from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.types import Constraint, MapStore, Node, NodeData
 
 

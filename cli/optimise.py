@@ -171,7 +171,7 @@ def draw(image: Path, graph: PoseGraph, accepted: Any) -> None:
     import numpy as np
 
     from formats.report.graph_picture import write_graph_picture
-    from mapmyworld.geometry import planar_to_matrix
+    from mapmyworld.geometry.planar import planar_to_matrix
     from mapmyworld.types import Constraint, ConstraintKind, Poses
 
     poses = planar_to_matrix(graph.map_from_node) if graph.planar else graph.map_from_node

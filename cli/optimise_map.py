@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mapmyworld.geometry import information_from_planar, planar_to_matrix
+from mapmyworld.geometry.planar import information_from_planar, planar_to_matrix
 from mapmyworld.types import Constraint, ConstraintKind, Node, NodeData, Poses
 
 if TYPE_CHECKING:

@@ -20,7 +20,9 @@ from formats.report.report import ellipses_of, report_html
 from formats.whole_files import write_whole
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError, MapMyWorldError
-from mapmyworld.geometry import between, invert, matrix_to_planar, rotation_angle
+from mapmyworld.geometry.planar import matrix_to_planar
+from mapmyworld.geometry.rigid import between, invert
+from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph import audit
 from mapmyworld.graph.variance import variance_factors
 from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, OccupancyGrid, Poses

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from formats.report.contents import Evidence, ImageMatches, NodePicture, ScanOverlay
 from mapmyworld.errors import MapMyWorldError
-from mapmyworld.geometry import between, matrix_to_planar
+from mapmyworld.geometry.planar import matrix_to_planar
+from mapmyworld.geometry.rigid import between
 from mapmyworld.parallel import in_threads
 from mapmyworld.types import Constraint, ConstraintKind, ImageMessage, MapStore, Node
 

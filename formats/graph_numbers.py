@@ -6,13 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mapmyworld.geometry import (
-    SWAP_ROTATION_TRANSLATION,
-    Array,
-    make_transform,
-    quaternion_to_rotation,
-    so3_exp,
-)
+from mapmyworld.geometry.rigid import SWAP_ROTATION_TRANSLATION, Array, make_transform
+from mapmyworld.geometry.rotations import quaternion_to_rotation, so3_exp
 
 LEAST_VARIANCE = 1e-30  # m^2 or rad^2
 TRIANGLE = {size: np.triu_indices(size) for size in (2, 3, 6)}

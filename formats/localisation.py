@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from formats.recording import LogWriter
 from formats.stamps import seconds_text
 from formats.whole_files import write_whole
-from mapmyworld.geometry import SWAP_ROTATION_TRANSLATION, rotation_to_quaternion
+from mapmyworld.geometry.rigid import SWAP_ROTATION_TRANSLATION
+from mapmyworld.geometry.rotations import rotation_to_quaternion
 from mapmyworld.types import PoseMessage, TextMessage, TransformsMessage, TransformStamped
 from mapmyworld.types.localisation import Estimate, Localisation
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from formats.stamps import nanoseconds_from_text
 from mapmyworld.errors import MapError
-from mapmyworld.geometry import make_transform, roll_pitch_yaw_to_rotation
+from mapmyworld.geometry.rigid import make_transform
+from mapmyworld.geometry.rotations import roll_pitch_yaw_to_rotation
 from mapmyworld.types.relations import Relations
 
 _FIELDS = 8

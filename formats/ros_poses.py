@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import rotation_to_quaternion
+from mapmyworld.geometry.rotations import rotation_to_quaternion
 
 _STEPS = np.arange(-4, 5)  # units in the last place around the first guess
 

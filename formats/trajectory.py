@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from formats.stamps import nanoseconds_from_text, seconds_text
 from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
-from mapmyworld.geometry import make_transform, quaternion_to_rotation, rotation_to_quaternion
+from mapmyworld.geometry.rigid import make_transform
+from mapmyworld.geometry.rotations import quaternion_to_rotation, rotation_to_quaternion
 from mapmyworld.types import Trajectory
 
 Style = Literal["tum", "kitti", "csv"]

@@ -8,7 +8,8 @@ import numpy as np
 from memory_log import MemoryLog, odometry_at
 from visual_rooms import FOCAL, HEIGHT, WIDTH, Room, planar_pose
 
-from mapmyworld.geometry import between, compose_planar, matrix_to_planar
+from mapmyworld.geometry.planar import compose_planar, matrix_to_planar
+from mapmyworld.geometry.rigid import between
 from mapmyworld.types import (
     CameraInfoMessage,
     Message,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import se3_exp
+from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.types import (
     CameraModel,
     Constraint,

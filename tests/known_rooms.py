@@ -10,7 +10,7 @@ from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between_planar, compose_planar, planar_to_matrix
+from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
 from mapmyworld.mapping.occupancy import build_grid
 from mapmyworld.types import Frame, OccupancyGrid
 

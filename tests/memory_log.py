@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mapmyworld.geometry import planar_to_matrix
+from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.memory_log import MemoryLog as MemoryLog
 from mapmyworld.types import (
     CameraInfoMessage,

@@ -9,7 +9,7 @@ import numpy as np
 from memory_log import odometry_at, scan_at, transform
 
 from formats.recording import LogWriter
-from mapmyworld.geometry import compose_planar
+from mapmyworld.geometry.planar import compose_planar
 from mapmyworld.types import LaserScanMessage, Message
 
 START_NS = 1_700_000_000_000_000_000

@@ -23,7 +23,8 @@ from formats.database import open_store
 from formats.grid import read_grid, same_grid
 from formats.trajectory import read_trajectory
 from mapmyworld.errors import MapMyWorldError
-from mapmyworld.geometry import between, matrix_to_planar, planar_to_matrix
+from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
+from mapmyworld.geometry.rigid import between
 from mapmyworld.types import LaserScanMessage
 
 

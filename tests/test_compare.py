@@ -20,7 +20,7 @@ from formats.report.particle_picture import particle_picture
 from formats.trajectory import write_trajectory
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation.sharpness import grid_sharpness
-from mapmyworld.geometry import compose_planar, planar_to_matrix
+from mapmyworld.geometry.planar import compose_planar, planar_to_matrix
 from mapmyworld.types import Node, NodeData, OccupancyGrid, Poses, TrackedFrames, Trajectory
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from formats.database.log_source import open_database_log
 from formats.database.sweeps import message_from_scan
 from formats.logs import open_log
 from mapmyworld.errors import LogError
-from mapmyworld.geometry import planar_to_matrix
+from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.sensing.sweeps import scan_from_message
 from mapmyworld.types import (
     CameraInfoMessage,

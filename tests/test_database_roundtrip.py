@@ -15,7 +15,7 @@ from cli.storing import storage_arguments
 from formats.database import RtabmapStore, open_store
 from formats.logs import open_log
 from mapmyworld.config import Config, GraphConfig
-from mapmyworld.geometry import between_planar
+from mapmyworld.geometry.planar import between_planar
 from mapmyworld.graph.optimise import optimise
 from mapmyworld.graph.pose_graph import graph_from_constraints
 from mapmyworld.pipeline import build_map

@@ -14,7 +14,7 @@ from formats.database import open_store
 from formats.grid import write_grid
 from formats.trajectory import write_trajectory
 from mapmyworld.errors import ConfigError
-from mapmyworld.geometry import planar_to_matrix
+from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.types import (
     Constraint,
     ConstraintKind,

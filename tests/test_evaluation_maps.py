@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation import cloud_distances, grid_score, loop_closure_score
-from mapmyworld.geometry import between, planar_to_matrix, transform_points_planar
+from mapmyworld.geometry.planar import planar_to_matrix, transform_points_planar
+from mapmyworld.geometry.rigid import between
 from mapmyworld.types import Mesh, OccupancyGrid, PointCloud, Trajectory
 
 

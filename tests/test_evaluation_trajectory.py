@@ -13,7 +13,8 @@ from formats.relations import read_relations
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation import ate, relations_score, rpe
 from mapmyworld.evaluation.relations import poses_at
-from mapmyworld.geometry import between, planar_to_matrix, se3_exp
+from mapmyworld.geometry.planar import planar_to_matrix
+from mapmyworld.geometry.rigid import between, se3_exp
 from mapmyworld.types import Trajectory
 from mapmyworld.types.relations import Relations
 

@@ -9,7 +9,8 @@ import pytest
 
 from formats.pose_graph import read_graph
 from mapmyworld.config.graph import GraphConfig
-from mapmyworld.geometry import between_planar, planar_to_matrix, se3_exp
+from mapmyworld.geometry.planar import between_planar, planar_to_matrix
+from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.graph.certificate import certify
 from mapmyworld.graph.descent import descend
 from mapmyworld.graph.optimise import optimise

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapmyworld.errors import GraphError
-from mapmyworld.geometry import information_from_planar, planar_to_matrix, se3_exp
+from mapmyworld.geometry.planar import information_from_planar, planar_to_matrix
+from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError, factorise
 from mapmyworld.graph.covariance import (
     marginal_covariances,
@@ -42,9 +43,9 @@ def random_system(planar: bool, count: int, extra: int, seed: int) -> tuple[Syst
     heads = np.concatenate([chain + 1, more[:, 1]])
     noise = rng.normal(size=(len(tails), size)) * 0.05
     if planar:
-        from mapmyworld.geometry import between_planar as between
+        from mapmyworld.geometry.planar import between_planar as between
     else:
-        from mapmyworld.geometry import between
+        from mapmyworld.geometry.rigid import between
     measured = retract(planar, between(poses[tails], poses[heads]), noise)
     root = rng.normal(size=(len(tails), size, size))
     information = root @ np.swapaxes(root, 1, 2) + np.eye(size)
@@ -150,7 +151,7 @@ def test_a_relative_covariance_of_neighbours_in_a_chain_is_the_edges_own():
     motion = system.measured.copy()
     for k in range(29):
         poses[k + 1] = retract(True, poses[k : k + 1], np.zeros((1, 3)))[0]
-        from mapmyworld.geometry import compose_planar
+        from mapmyworld.geometry.planar import compose_planar
 
         poses[k + 1] = compose_planar(poses[k], motion[k])
     found = relative_covariances(system, poses, np.array([4, 20]), np.array([5, 21]))

@@ -11,7 +11,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from mapmyworld.geometry import Array, between, between_planar, planar_to_matrix, so3_exp
+from mapmyworld.geometry.planar import between_planar, planar_to_matrix
+from mapmyworld.geometry.rigid import Array, between
+from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.graph.candidates import dead_reckoning
 from mapmyworld.graph.descent import descend
 from mapmyworld.graph.optimise import optimise

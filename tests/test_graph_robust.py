@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mapmyworld.config.graph import GraphConfig
-from mapmyworld.geometry import between_planar, compose_planar
+from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.graph.admission import expected_below
 from mapmyworld.graph.clusters import chance_of
 from mapmyworld.graph.optimise import optimise, optimise_robustly

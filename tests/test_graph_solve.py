@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mapmyworld.geometry import between, information_from_planar, planar_to_matrix, se3_exp
+from mapmyworld.geometry.planar import information_from_planar, planar_to_matrix
+from mapmyworld.geometry.rigid import between, se3_exp
 from mapmyworld.graph.solve import solve
 from mapmyworld.types import Constraint, ConstraintKind
 

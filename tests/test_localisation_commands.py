@@ -19,7 +19,7 @@ from formats.localisation import CSV_COLUMNS
 from formats.logs import open_log
 from formats.trajectory import read_trajectory
 from mapmyworld.errors import MapMyWorldError
-from mapmyworld.geometry import between_planar, matrix_to_planar, planar_to_matrix
+from mapmyworld.geometry.planar import between_planar, matrix_to_planar, planar_to_matrix
 from mapmyworld.types import LaserScanMessage, PoseMessage, TransformsMessage
 
 

@@ -18,7 +18,8 @@ from formats.trajectory import read_trajectory
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.evaluation.relations import relations_score
-from mapmyworld.geometry import between, interpolate, matrix_to_planar
+from mapmyworld.geometry.planar import matrix_to_planar
+from mapmyworld.geometry.rigid import between, interpolate
 from mapmyworld.localisation import localise_log, plan_log
 from mapmyworld.types import MapStore, OccupancyGrid, Trajectory
 from mapmyworld.types.localisation import Localisation, State

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError
-from mapmyworld.geometry import matrix_to_planar, wrap_angle
+from mapmyworld.geometry.planar import matrix_to_planar, wrap_angle
 from mapmyworld.kernels.localisation import cast_rays, explain_points
 from mapmyworld.localisation.known_place import KnownPlace, known_place_from_grid
 from mapmyworld.localisation.laser import LaserLocaliser

@@ -19,7 +19,7 @@ from formats.logs import open_log
 from formats.logs.carmen_records import flaser_angles
 from formats.logs.carmen_survey import longest_return
 from formats.logs.stamps import stamp_from_text
-from mapmyworld.geometry import matrix_to_planar
+from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.types import (
     LaserScanMessage,
     MessageKind,

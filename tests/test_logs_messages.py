@@ -16,7 +16,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from formats.logs.channels import Channel
 from formats.logs.decoding import decoder_for
 from mapmyworld.errors import LogError
-from mapmyworld.geometry import make_transform, quaternion_to_rotation
+from mapmyworld.geometry.rigid import make_transform
+from mapmyworld.geometry.rotations import quaternion_to_rotation
 from mapmyworld.types import (
     CameraInfoMessage,
     ImuMessage,

@@ -10,7 +10,8 @@ import pytest
 
 from formats.logs import open_log
 from mapmyworld.errors import LogError
-from mapmyworld.geometry import make_transform, quaternion_to_rotation
+from mapmyworld.geometry.rigid import make_transform
+from mapmyworld.geometry.rotations import quaternion_to_rotation
 from mapmyworld.types import CameraInfoMessage, ImageMessage, MessageKind, PoseMessage
 
 RGB = np.random.default_rng(5).integers(0, 256, (6, 8, 3), np.uint8)

@@ -8,7 +8,7 @@ from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config, RegistrationConfig
-from mapmyworld.geometry import between_planar, compose_planar, planar_to_matrix
+from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
 from mapmyworld.odometry.laser import LaserTracker, Tracked
 from mapmyworld.odometry.laser_stretches import WeakStretches, is_weak
 from mapmyworld.registration.matchers import MATCHERS, find_matcher

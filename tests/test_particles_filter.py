@@ -14,7 +14,7 @@ from formats.relations import read_relations
 from mapmyworld.config import Config, MappingConfig, ParticlesConfig
 from mapmyworld.errors import ConfigError, LogError
 from mapmyworld.evaluation import ate, relations_score
-from mapmyworld.geometry import between_planar, compose_planar, planar_to_matrix
+from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
 from mapmyworld.mapping.occupancy import build_grid
 from mapmyworld.particles import kernels
 from mapmyworld.particles.fastslam import run_fastslam

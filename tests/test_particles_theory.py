@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapmyworld.geometry import between_planar, compose_planar
+from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.particles.measurement_model import (
     MeasurementNoise,
     beam_range_finder_model,

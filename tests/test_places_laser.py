@@ -10,7 +10,7 @@ from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import (
+from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
     information_from_planar,

@@ -19,7 +19,7 @@ from mapmyworld.config import Config
 from mapmyworld.evaluation.relations import relations_score
 from mapmyworld.evaluation.sharpness import grid_sharpness
 from mapmyworld.evaluation.trajectory import ate
-from mapmyworld.geometry import matrix_to_planar
+from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.mapping.occupancy import build_grid
 
 pytestmark = [pytest.mark.slow, pytest.mark.real_log]

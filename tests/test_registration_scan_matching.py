@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.errors import ConfigError
-from mapmyworld.geometry import (
+from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
     invert_planar,

@@ -15,7 +15,7 @@ from cli.main import group
 from formats.cloud import read_cloud
 from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
-from mapmyworld.geometry import between_planar, matrix_to_planar
+from mapmyworld.geometry.planar import between_planar, matrix_to_planar
 from mapmyworld.sensing import make_plan, survey_log
 from mapmyworld.sensing.cloud_scans import points_of_cloud, scan_of_points, thinned
 from mapmyworld.types import LaserScanMessage, Message, PointCloudMessage

@@ -7,7 +7,7 @@ import pytest
 from memory_log import MemoryLog, camera_info_at, image_at, odometry_at, scan_at, transform
 
 from mapmyworld.config import SensingConfig
-from mapmyworld.geometry import matrix_to_planar, planar_to_matrix
+from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.sensing import make_plan, read_frames, survey_log
 from mapmyworld.sensing.motion import MotionRecorder
 from mapmyworld.sensing.sweeps import scan_from_message

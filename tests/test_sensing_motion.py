@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapmyworld.geometry import matrix_to_planar, planar_to_matrix
+from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion
 
 

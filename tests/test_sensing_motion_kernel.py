@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies
 
-from mapmyworld.geometry import between, interpolate, invert, se3_exp, transform_points
+from mapmyworld.geometry.rigid import between, interpolate, invert, se3_exp, transform_points
 from mapmyworld.kernels.recorded_motion import move_beams
 from mapmyworld.sensing.motion import RecordedMotion
 

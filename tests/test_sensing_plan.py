@@ -8,7 +8,7 @@ from memory_log import MemoryLog, camera_info_at, image_at, odometry_at, scan_at
 
 from mapmyworld.config import SensingConfig
 from mapmyworld.errors import ConfigError, LogError
-from mapmyworld.geometry import matrix_to_planar
+from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.sensing import Plan, make_plan, survey_log
 from mapmyworld.types import Message
 

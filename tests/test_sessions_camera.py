@@ -9,7 +9,8 @@ from visual_rooms import Room
 
 from mapmyworld.api import Silent, build
 from mapmyworld.config import Config
-from mapmyworld.geometry import between, rotation_angle
+from mapmyworld.geometry.rigid import between
+from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.localisation import localise_log, plan_log
 from mapmyworld.memory_map import MemoryMap
 from mapmyworld.sessions import MergedMap, load_unit, merge_maps

@@ -16,7 +16,7 @@ from test_localisation_commands import later
 from formats.database import connection, open_store
 from mapmyworld.api import Silent, build
 from mapmyworld.config import Config
-from mapmyworld.geometry import between_planar, matrix_to_planar
+from mapmyworld.geometry.planar import between_planar, matrix_to_planar
 from mapmyworld.mapping.added_grid import added_grid
 from mapmyworld.memory_map import MemoryMap
 from mapmyworld.sessions import extend_map, load_unit, merge_maps

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mapmyworld.geometry import planar_to_matrix
+from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.simulation import SimulationSettings, find_world
 from mapmyworld.simulation.camera_noise import disturb_colour, disturb_depth
 from mapmyworld.simulation.robot import base_from_optical, intrinsics

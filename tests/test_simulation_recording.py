@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from formats.trajectory import read_trajectory
 from formats.truth import read_loop_pairs
 from mapmyworld.evaluation.relations import poses_at
-from mapmyworld.geometry import (
+from mapmyworld.geometry.planar import (
     between_planar,
     matrix_to_planar,
     transform_points_planar,

@@ -7,7 +7,7 @@ import pytest
 from memory_store import MemoryStore
 
 from mapmyworld.config import SensingConfig
-from mapmyworld.geometry import matrix_to_planar, planar_to_matrix
+from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.mapping.trajectory import pose_every_frame
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.record import StageRecord

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mapmyworld.config import GraphConfig
-from mapmyworld.geometry import (
+from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
     information_from_planar,

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from formats.trajectory import read_trajectory, write_trajectory
 from mapmyworld.errors import MapError
-from mapmyworld.geometry import se3_exp
+from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.types import Trajectory
 
 

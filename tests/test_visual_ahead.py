@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from visual_rooms import Room, circle
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import evenly_along, planar_to_matrix
+from mapmyworld.geometry.planar import planar_to_matrix
+from mapmyworld.geometry.rigid import evenly_along
 from mapmyworld.places.features_ahead import FeaturesAhead
 from mapmyworld.places.node_images import NodeImages
 from mapmyworld.types import Node, NodeData, Scan

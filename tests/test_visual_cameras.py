@@ -17,7 +17,7 @@ from visual_rooms import HEIGHT, WIDTH, Room, planar_pose
 
 from formats.database import open_store
 from mapmyworld.config import Config, SensingConfig
-from mapmyworld.geometry import matrix_to_planar
+from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.pipeline import build_map
 from mapmyworld.places.camera_features import features_of_camera, joined_features
 from mapmyworld.places.features import extract_features

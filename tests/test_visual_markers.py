@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config, VisualConfig
 from mapmyworld.errors import ConfigError
-from mapmyworld.geometry import between, make_transform, se3_exp, se3_log
+from mapmyworld.geometry.rigid import between, make_transform, se3_exp, se3_log
 from mapmyworld.places.markers import find_markers
 from mapmyworld.types import CameraModel, ImageMessage, Node, NodeData, RgbdImage
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from visual_rooms import Room, circle
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between, rotation_angle
+from mapmyworld.geometry.rigid import between
+from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.odometry.visual import VisualMotion, VisualTracker
 from mapmyworld.types import Frame, ImageMessage, ImuSample, RgbdImage
 

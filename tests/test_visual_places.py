@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from visual_rooms import Room, circle, planar_pose
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between, se3_exp
+from mapmyworld.geometry.rigid import between, se3_exp
 from mapmyworld.kernels.image_matching import match_all
 from mapmyworld.places.appearance import Candidate, find_candidates
 from mapmyworld.places.features import extract_features, spread

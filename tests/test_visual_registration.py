@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import between, invert, se3_exp, se3_log, transform_points
+from mapmyworld.geometry.rigid import between, invert, se3_exp, se3_log, transform_points
 from mapmyworld.graph.bundle import Bundle, RelativePoses, adjust_bundle
 from mapmyworld.graph.feature_graph import adjust_features
 from mapmyworld.kernels.pose_refinement import move_by_tangent, solve_damped

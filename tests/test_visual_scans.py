@@ -8,7 +8,8 @@ from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between, matrix_to_planar, planar_to_matrix, se3_exp
+from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
+from mapmyworld.geometry.rigid import between, se3_exp
 from mapmyworld.places.scan_check import refine_by_scans
 from mapmyworld.registration.image_pairs import ImagePair
 from mapmyworld.types import Registration, Scan

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mapmyworld.geometry import between, planar_to_matrix
+from mapmyworld.geometry.planar import planar_to_matrix
+from mapmyworld.geometry.rigid import between
 from mapmyworld.places.wheel_check import check_wheels
 from mapmyworld.types import Constraint, ConstraintKind, Node
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import make_transform
+from mapmyworld.geometry.rigid import make_transform
 from mapmyworld.types import CameraModel, ImageMessage, RgbdImage
 
 Array = NDArray[np.float64]

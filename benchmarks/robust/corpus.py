@@ -18,7 +18,7 @@ from mcap.writer import CompressionType, Writer
 from cli.main import group
 from formats.logs import open_log
 from formats.recording import LogWriter
-from mapmyworld.geometry import matrix_to_planar
+from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.simulation import SimulationSettings, simulate
 from mapmyworld.simulation.worlds import find_world
 from mapmyworld.types import LaserScanMessage, Message, OdometryMessage

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.errors import MapError
-from mapmyworld.geometry import SWAP_ROTATION_TRANSLATION
+from mapmyworld.geometry.rigid import SWAP_ROTATION_TRANSLATION
 
 # Between RTAB-Map's order of a tangent (translation first) and ours.
 _SWAP = np.ix_(SWAP_ROTATION_TRANSLATION, SWAP_ROTATION_TRANSLATION)

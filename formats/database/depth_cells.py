@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.database.node_rows import StorageOptions
-from mapmyworld.geometry import transform_points
+from mapmyworld.geometry.rigid import transform_points
 from mapmyworld.types import CameraModel, RgbdImage
 
 _COLUMNS = 160  # pixels across that are looked at, about

@@ -18,7 +18,7 @@ from formats.database.blobs import (
 )
 from formats.database.links import KINDS
 from mapmyworld.errors import MapError
-from mapmyworld.geometry import invert
+from mapmyworld.geometry.rigid import invert
 from mapmyworld.types import Constraint, ConstraintKind, Poses
 
 SELECT_LINKS = "SELECT from_id, to_id, type, information_matrix, transform FROM Link ORDER BY rowid"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from formats.database.blobs import information_to_blob, pose_to_blob, stacked_doubles
 from mapmyworld.errors import MapError
-from mapmyworld.geometry import invert
+from mapmyworld.geometry.rigid import invert
 from mapmyworld.types import Constraint, ConstraintKind
 
 INSERT_LINK = (

@@ -21,7 +21,7 @@ from formats.database.surroundings import (
     readings_to_blob,
 )
 from mapmyworld.errors import MapError
-from mapmyworld.geometry import between
+from mapmyworld.geometry.rigid import between
 from mapmyworld.types import Node, NodeData, RgbdImage
 
 INSERT_NODE = (

@@ -19,11 +19,8 @@ from formats.database.blobs import (
     pose_to_blob,
 )
 from mapmyworld.errors import MapError
-from mapmyworld.geometry import (
-    matrix_to_planar,
-    transform_points,
-    transform_points_planar,
-)
+from mapmyworld.geometry.planar import matrix_to_planar, transform_points_planar
+from mapmyworld.geometry.rigid import transform_points
 from mapmyworld.types import Scan
 
 # counts of points and missing beams, range_max, angle_increment, origin x, y, yaw

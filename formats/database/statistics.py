@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.database.blobs import text_to_blob
-from mapmyworld.geometry import between, invert
+from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.types import Constraint, ConstraintKind, Node, Poses
 
 INSERT_STATISTICS = "INSERT INTO Statistics (id, stamp, data) VALUES (?,?,?)"

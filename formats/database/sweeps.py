@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import invert_planar, transform_points_planar
+from mapmyworld.geometry.planar import invert_planar, transform_points_planar
 from mapmyworld.types import LaserScanMessage, Scan
 
 # Bearings that stray further from the lattice of beams than this share of a step were moved by

@@ -26,7 +26,7 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import rotation_to_quaternion
+from mapmyworld.geometry.rotations import rotation_to_quaternion
 from mapmyworld.types import CameraModel, OccupancyGrid, PointCloud
 
 Floats = NDArray[np.float64]

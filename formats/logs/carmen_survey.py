@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.logs.carmen_records import LASER_FRAMES, LASER_TOPICS, LaserRecord, parse_laser
-from mapmyworld.geometry import between_planar, wrap_angle
+from mapmyworld.geometry.planar import between_planar, wrap_angle
 
 _BINS = 1024  # of one metre each
 _REPEATED = 10  # times a value must occur before it can mean "no return"

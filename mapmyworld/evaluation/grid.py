@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation.grid_alignment import align_cells
-from mapmyworld.geometry import invert_planar, transform_points_planar
+from mapmyworld.geometry.planar import invert_planar, transform_points_planar
 from mapmyworld.types import OccupancyGrid
 
 _ROUNDING = 1e-6  # cells

@@ -10,7 +10,7 @@ from scipy.fft import irfft2, rfft2
 from scipy.spatial import cKDTree
 
 from mapmyworld.evaluation.alignment import rigid_alignment
-from mapmyworld.geometry import transform_points_planar
+from mapmyworld.geometry.planar import transform_points_planar
 
 _COARSE = 0.2  # m, cell of the search over all rotations and shifts
 _TURNS = 180  # rotations tried, over the full circle

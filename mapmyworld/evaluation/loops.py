@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.evaluation.relations import poses_at
-from mapmyworld.geometry import between, rotation_angle
+from mapmyworld.geometry.rigid import between
+from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.types import Trajectory
 
 MAX_DISTANCE = 0.20  # m by which a true closure may be off (Hess et al., ICRA 2016, table IV)

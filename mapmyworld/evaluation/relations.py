@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation.association import nearest_stamps
-from mapmyworld.geometry import between, interpolate, invert, rotation_angle
+from mapmyworld.geometry.rigid import between, interpolate, invert
+from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.types import Trajectory
 from mapmyworld.types.relations import Relations
 

@@ -14,7 +14,8 @@ from mapmyworld.errors import MapError
 from mapmyworld.evaluation.alignment import rigid_alignment
 from mapmyworld.evaluation.association import MAX_DIFFERENCE_S, associate
 from mapmyworld.evaluation.statistics import ErrorStatistics, summarise
-from mapmyworld.geometry import between, rotation_angle
+from mapmyworld.geometry.rigid import between
+from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.types import Trajectory
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import between, se3_adjoint, se3_exp, se3_log
+from mapmyworld.geometry.rigid import between, se3_adjoint, se3_exp, se3_log
 from mapmyworld.kernels.bundle import (
     bundle_normal_equations,
     eliminate_points,

@@ -8,13 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.errors import GraphError
-from mapmyworld.geometry import (
-    PLANAR_IN_TANGENT,
-    Array,
-    between,
-    between_planar,
-    planar_to_matrix,
-)
+from mapmyworld.geometry.planar import PLANAR_IN_TANGENT, between_planar, planar_to_matrix
+from mapmyworld.geometry.rigid import Array, between
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.joint_covariance import predicted_covariances
 from mapmyworld.graph.linear_system import information_factors

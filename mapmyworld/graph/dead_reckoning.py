@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapmyworld.geometry import Array, se3_adjoint
+from mapmyworld.geometry.rigid import Array, se3_adjoint
 from mapmyworld.graph.consistency import Odometry
 from mapmyworld.graph.pose_graph import Index, components
 from mapmyworld.graph.residuals import planar_adjoint

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import se3_exp
+from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.graph.bundle import (
     Array,
     Blocks,

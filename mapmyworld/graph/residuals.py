@@ -10,11 +10,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import gammaincinv
 
-from mapmyworld.geometry import (
-    Array,
-    compose_planar,
-    se3_exp,
-)
+from mapmyworld.geometry.planar import compose_planar
+from mapmyworld.geometry.rigid import Array, se3_exp
 
 
 def planar_log(motion: Array) -> Array:

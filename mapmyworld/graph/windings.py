@@ -12,7 +12,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mapmyworld.geometry import Array, so3_exp, wrap_angle
+from mapmyworld.geometry.planar import wrap_angle
+from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.graph.block_solver import Solver, solver_of
 from mapmyworld.graph.elimination import links, summed
 from mapmyworld.graph.pose_graph import Index

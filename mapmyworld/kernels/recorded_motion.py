@@ -10,7 +10,7 @@ from mapmyworld.kernels.searching import first_not_below
 
 Array = NDArray[np.float64]
 FOUND, NOT_COVERED, TOO_FAR_APART = 0, 1, 2
-_SMALL_ANGLE = 1e-9  # rad, as in `geometry`
+_SMALL_ANGLE = 1e-9  # rad, as in `geometry.rotations`
 
 
 @jit
@@ -23,7 +23,7 @@ def interpolate_poses(
 ) -> int:
     """Poses (M, 4, 4) at stamps (M,) into `poses`, which are zeros; samples (N, 3, 4) are sorted.
 
-    As `geometry.interpolate`: `NOT_COVERED` where no sample lies within the tolerance,
+    As `geometry.rigid.interpolate`: `NOT_COVERED` where no sample lies within the tolerance,
     `TOO_FAR_APART` where samples around one are turned by more than 120 degrees.
     """
     count = len(stamps)

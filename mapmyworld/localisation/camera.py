@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between, invert, rotation_angle, se3_adjoint, se3_exp, se3_log
+from mapmyworld.geometry.rigid import between, invert, se3_adjoint, se3_exp, se3_log
+from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.localisation.known_images import KnownImages, Sighting
 from mapmyworld.registration.views import View
 from mapmyworld.sensing import Plan

@@ -10,7 +10,8 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between, rotation_angle
+from mapmyworld.geometry.rigid import between
+from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.places.appearance import weigh_words
 from mapmyworld.places.camera_features import features_of_camera
 from mapmyworld.places.features import extract_features

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import (
+from mapmyworld.geometry.planar import (
     PLANAR_IN_TANGENT,
-    between,
     between_planar,
     compose_planar,
     matrix_to_planar,
     planar_to_matrix,
 )
+from mapmyworld.geometry.rigid import between
 from mapmyworld.kernels.scan_alignment import invert3
 from mapmyworld.localisation.known_place import Fit, KnownPlace
 from mapmyworld.localisation.observation import (

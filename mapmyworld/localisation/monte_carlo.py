@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import wrap_angle
+from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.kernels.localisation import field_scores
 from mapmyworld.localisation.known_place import KnownPlace
 from mapmyworld.localisation.search import search_map

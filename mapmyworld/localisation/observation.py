@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between_planar
+from mapmyworld.geometry.planar import between_planar
 from mapmyworld.localisation.known_place import Fit, KnownPlace
 from mapmyworld.odometry.laser import Tracked
 from mapmyworld.registration.scan_matching import Match, PreparedScan, match_scan, prepare_scan

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import compose_planar, invert_planar
+from mapmyworld.geometry.planar import compose_planar, invert_planar
 
 Array = NDArray[np.float64]
 LogLikelihood = Callable[[Array, Array], Array]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import wrap_angle
+from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.kernels.localisation import best_in_blocks, block_bounds
 from mapmyworld.localisation.known_place import KnownPlace
 from mapmyworld.registration.threads import run_in_chunks

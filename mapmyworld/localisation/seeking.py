@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between_planar, compose_planar
+from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.kernels.scan_alignment import invert3
 from mapmyworld.localisation.known_place import Fit, KnownPlace
 from mapmyworld.localisation.monte_carlo import MonteCarlo

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import evenly_along, invert, transform_points
+from mapmyworld.geometry.rigid import evenly_along, invert, transform_points
 from mapmyworld.kernels.surfaces import compare_with_depth, surface_normals
 from mapmyworld.mapping.voxels import VoxelMap
 from mapmyworld.parallel import in_threads

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import transform_points
+from mapmyworld.geometry.rigid import transform_points
 from mapmyworld.mapping.cloud import organised_normals, organised_points
 from mapmyworld.registration.camera import depth_grid_points
 from mapmyworld.types import RgbdImage, Scan

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError, MissingDependencyError
-from mapmyworld.geometry import invert
+from mapmyworld.geometry.rigid import invert
 from mapmyworld.types import CameraModel, Mesh, NodeData, RgbdImage
 
 Array = NDArray[np.float64]

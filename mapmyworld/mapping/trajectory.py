@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import between, interpolate, invert
+from mapmyworld.geometry.rigid import between, interpolate, invert
 from mapmyworld.types import Node, Poses, TrackedFrames
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between_planar, compose_planar, matrix_to_planar
+from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
 from mapmyworld.kernels.laser_motion import motion_variances, step_covariance, surprise_of
 from mapmyworld.kernels.scan_tracking import learnt_scale, track_scans
 from mapmyworld.odometry.keyscans import Keyscans

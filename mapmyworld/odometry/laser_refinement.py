@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import (
-    between,
+from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
     information_to_planar,
@@ -19,6 +18,7 @@ from mapmyworld.geometry import (
     matrix_to_planar,
     planar_to_matrix,
 )
+from mapmyworld.geometry.rigid import between
 from mapmyworld.heap import give_back
 from mapmyworld.places.laser_nodes import NodeScans, load_node_scans
 from mapmyworld.places.laser_pairs import first_visits, neighbour_pairs

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between, rotation_angle, transform_points
+from mapmyworld.geometry.rigid import between, transform_points
+from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph.bundle import Bundle, adjust_bundle
 from mapmyworld.registration.views import View
 from mapmyworld.registration.visual import Sightings, inliers

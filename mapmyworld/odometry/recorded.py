@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import between, so3_log
+from mapmyworld.geometry.rigid import between
+from mapmyworld.geometry.rotations import so3_log
 
 # Standard deviations of wheel odometry, after the motion model of Probabilistic Robotics,
 # table 5.6: metres a metre, radians a metre, radians a radian, metres a radian.

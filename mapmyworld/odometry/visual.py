@@ -10,16 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import (
+from mapmyworld.geometry.rigid import (
     between,
     invert,
-    rotation_angle,
     se3_adjoint,
     se3_exp,
     se3_log,
-    so3_exp,
     transform_points,
 )
+from mapmyworld.geometry.rotations import rotation_angle, so3_exp
 from mapmyworld.odometry.local_map import Keyframe, LocalMap
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.features import extract_features

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config, ParticlesConfig
 from mapmyworld.errors import ConfigError, LogError
-from mapmyworld.geometry import (
+from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
     interpolate_planar,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config.particles import ParticlesConfig
-from mapmyworld.geometry import wrap_angle
+from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.proposal import Proposal, improved_proposal
 from mapmyworld.particles.resampling import (

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from mapmyworld.geometry import compose_planar, transform_points_planar
+from mapmyworld.geometry.planar import compose_planar, transform_points_planar
 from mapmyworld.types import OccupancyGrid, Scan
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import wrap_angle
+from mapmyworld.geometry.planar import wrap_angle
 
 
 @dataclass(frozen=True, slots=True)

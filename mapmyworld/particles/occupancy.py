@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import compose_planar, transform_points_planar
+from mapmyworld.geometry.planar import compose_planar, transform_points_planar
 from mapmyworld.types import OccupancyGrid, Scan
 
 

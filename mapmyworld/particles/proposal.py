@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config.particles import ParticlesConfig
-from mapmyworld.geometry import compose_planar, wrap_angle
+from mapmyworld.geometry.planar import compose_planar, wrap_angle
 from mapmyworld.particles import kernels
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.threads import Workers

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from mapmyworld.config.particles import ParticlesConfig
-from mapmyworld.geometry import between_planar, wrap_angle
+from mapmyworld.geometry.planar import between_planar, wrap_angle
 from mapmyworld.particles import kernels
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.threads import Workers

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config.particles import ParticlesConfig
-from mapmyworld.geometry import between_planar, compose_planar
+from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.particles import kernels
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.threads import Workers

@@ -10,14 +10,8 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import (
-    between,
-    invert,
-    matrix_to_planar,
-    planar_to_matrix,
-    se3_adjoint,
-    transform_points,
-)
+from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
+from mapmyworld.geometry.rigid import between, invert, se3_adjoint, transform_points
 from mapmyworld.graph.bundle import Bundle, RelativePoses
 from mapmyworld.graph.feature_graph import Adjusted, adjust_features
 from mapmyworld.parallel import in_threads

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.errors import ConfigError
-from mapmyworld.geometry import transform_points
+from mapmyworld.geometry.rigid import transform_points
 from mapmyworld.registration.camera import depth_at, rays_of_pixels
 from mapmyworld.registration.pictures import grey_picture
 from mapmyworld.types import Features, RgbdImage

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between, rotation_angle
+from mapmyworld.geometry.rigid import between
+from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.parallel import Aside
 from mapmyworld.types import MapStore, Node, NodeData, RgbdImage
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between
+from mapmyworld.geometry.rigid import between
 from mapmyworld.places.appearance import Candidate, find_candidates
 from mapmyworld.places.node_images import NodeImages
 from mapmyworld.types import ConstraintKind, Poses

@@ -9,11 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import (
-    between_planar,
-    information_from_planar,
-    planar_to_matrix,
-)
+from mapmyworld.geometry.planar import between_planar, information_from_planar, planar_to_matrix
 from mapmyworld.odometry.laser_stretches import is_weak
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_candidates import (

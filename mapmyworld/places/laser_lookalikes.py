@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between_planar, compose_planar, matrix_to_planar
+from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_candidates import drift_window
 from mapmyworld.places.laser_nodes import LaserNodes, spaced

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between_planar, matrix_to_planar, wrap_angle
+from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
 from mapmyworld.places.stored_scans import Scans, StoredScans
 from mapmyworld.types import MapStore, Node, Poses
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import (
+from mapmyworld.geometry.planar import (
     between_planar,
     information_from_planar,
     matrix_to_planar,

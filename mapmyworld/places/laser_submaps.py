@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between_planar
+from mapmyworld.geometry.planar import between_planar
 from mapmyworld.places.laser_nodes import LaserNodes
 from mapmyworld.registration.scan_matching import FINE, Match, PreparedScan, match_scan
 from mapmyworld.registration.scan_search import rows_of, submap_points

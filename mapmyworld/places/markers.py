@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.errors import ConfigError
-from mapmyworld.geometry import invert, make_transform, se3_adjoint
+from mapmyworld.geometry.rigid import invert, make_transform, se3_adjoint
 from mapmyworld.parallel import in_threads
 from mapmyworld.registration.camera import depth_at, rays_of_pixels
 from mapmyworld.registration.pictures import grey_picture

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import evenly_along
+from mapmyworld.geometry.rigid import evenly_along
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.camera_features import features_of_camera, joined_features
 from mapmyworld.places.features_ahead import FeaturesAhead

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import (
+from mapmyworld.geometry.planar import (
     between_planar,
     information_from_planar,
     information_to_planar,

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import between, so3_log
+from mapmyworld.geometry.rigid import between
+from mapmyworld.geometry.rotations import so3_log
 from mapmyworld.types import Constraint, Node
 
 Array = NDArray[np.float64]

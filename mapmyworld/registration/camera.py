@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import invert, make_transform, so3_exp
+from mapmyworld.geometry.rigid import invert, make_transform
+from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.kernels.projection import EQUIDISTANT, PLUMB_BOB, STRAIGHT, project_points
 from mapmyworld.types import CameraModel, RgbdImage
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import invert, se3_adjoint, transform_points
+from mapmyworld.geometry.rigid import invert, se3_adjoint, transform_points
 from mapmyworld.registration.views import View, match_around, match_views
 from mapmyworld.registration.visual import Sightings, errors, inliers, ransac_pose, refine_pose
 from mapmyworld.types import Registration

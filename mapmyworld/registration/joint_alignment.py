@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import RegistrationConfig
-from mapmyworld.geometry import compose_planar
+from mapmyworld.geometry.planar import compose_planar
 from mapmyworld.graph.elimination import forget_patterns
 from mapmyworld.kernels.scan_alignment import pair_systems
 from mapmyworld.registration.joint_equations import Motions, equations_of, factors_of, step_of

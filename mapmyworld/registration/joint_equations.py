@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import RegistrationConfig
-from mapmyworld.geometry import between_planar, wrap_angle
+from mapmyworld.geometry.planar import between_planar, wrap_angle
 from mapmyworld.graph.cholesky import Factors, factorise
 from mapmyworld.graph.elimination import analyse, links, summed
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import invert, transform_points
+from mapmyworld.geometry.rigid import invert, transform_points
 from mapmyworld.kernels.image_matching import match_all, match_projected
 from mapmyworld.registration.camera import rays_of_pixels
 from mapmyworld.registration.visual import Sightings

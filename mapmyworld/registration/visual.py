@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import make_transform
+from mapmyworld.geometry.rigid import make_transform
 from mapmyworld.kernels.pose_refinement import refine, score_poses, squared_errors
 from mapmyworld.registration.camera import pose_of_rays
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import SensingConfig
-from mapmyworld.geometry import between
+from mapmyworld.geometry.rigid import between
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.sensing.plan import CameraSource
 from mapmyworld.types import ImageMessage, RawMessage, RgbdImage

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
-from mapmyworld.geometry import Array, matrix_to_planar, transform_points
+from mapmyworld.geometry.planar import matrix_to_planar
+from mapmyworld.geometry.rigid import Array, transform_points
 from mapmyworld.types import PointCloudMessage, Scan
 
 _BINS = 720  # of half a degree around the lidar: what such lidars resolve

@@ -7,7 +7,7 @@ from array import array
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import interpolate
+from mapmyworld.geometry.rigid import interpolate
 
 _NEARBY = 64  # samples around the last look-up that are searched in an unsorted stream
 

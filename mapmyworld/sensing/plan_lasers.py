@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.errors import ConfigError, LogError
-from mapmyworld.geometry import make_transform, roll_pitch_yaw_to_rotation
+from mapmyworld.geometry.rigid import make_transform
+from mapmyworld.geometry.rotations import roll_pitch_yaw_to_rotation
 from mapmyworld.sensing.cloud_scans import points_of_cloud, scan_of_points, view_of
 from mapmyworld.sensing.plan import Draft, ScanSource
 from mapmyworld.sensing.survey import Stream

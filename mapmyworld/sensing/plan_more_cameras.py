@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import between, rotation_angle
+from mapmyworld.geometry.rigid import between
+from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.sensing.plan import CameraSource, Draft
 from mapmyworld.sensing.plan_cameras import (
     Images,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapmyworld.geometry import between
+from mapmyworld.geometry.rigid import between
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.sensing.plan import Draft, ImuSource, OdometrySource, ScanSource
 from mapmyworld.sensing.transforms import frame_name

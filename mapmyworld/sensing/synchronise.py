@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
-from mapmyworld.geometry import quaternion_to_rotation, rotation_to_quaternion
+from mapmyworld.geometry.rotations import quaternion_to_rotation, rotation_to_quaternion
 from mapmyworld.sensing.camera_queue import CameraQueue, Pending
 from mapmyworld.sensing.cloud_scans import points_of_cloud, scan_of_points
 from mapmyworld.sensing.plan import Plan

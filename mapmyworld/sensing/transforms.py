@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import invert
+from mapmyworld.geometry.rigid import invert
 from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion
 from mapmyworld.types import TransformsMessage
 

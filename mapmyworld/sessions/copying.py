@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import invert
+from mapmyworld.geometry.rigid import invert
 from mapmyworld.sessions.units import Unit
 from mapmyworld.types import Constraint, MapStore, Node, TrackedFrames
 

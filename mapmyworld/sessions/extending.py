@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between, invert, matrix_to_planar, se3_adjoint
+from mapmyworld.geometry.planar import matrix_to_planar
+from mapmyworld.geometry.rigid import between, invert, se3_adjoint
 from mapmyworld.localisation.known_place import known_place_from_store
 from mapmyworld.mapping.added_grid import added_grid
 from mapmyworld.mapping.occupancy import build_grid

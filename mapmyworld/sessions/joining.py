@@ -8,7 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between_planar, compose_planar, invert_planar, planar_to_matrix
+from mapmyworld.geometry.planar import (
+    between_planar,
+    compose_planar,
+    invert_planar,
+    planar_to_matrix,
+)
 from mapmyworld.localisation.known_place import Fit, KnownPlace, known_place_from_store
 from mapmyworld.localisation.observation import (
     Moment,

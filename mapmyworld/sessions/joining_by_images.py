@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between, invert, rotation_angle
+from mapmyworld.geometry.rigid import between, invert
+from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.localisation.known_images import KnownImages
 from mapmyworld.registration.views import View
 from mapmyworld.sessions.units import Joint, Unit

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import invert
+from mapmyworld.geometry.rigid import invert
 from mapmyworld.sessions.copying import copied_constraints, copy_drives, copy_plan, place_units
 from mapmyworld.sessions.joining import find_joints
 from mapmyworld.sessions.notes import digest_of, note_sessions

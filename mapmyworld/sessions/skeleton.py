@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import between, information_from_planar, matrix_to_planar, wrap_angle
+from mapmyworld.geometry.planar import information_from_planar, matrix_to_planar, wrap_angle
+from mapmyworld.geometry.rigid import between
 from mapmyworld.memory_map import MemoryMap
 from mapmyworld.sessions.units import Unit
 from mapmyworld.types import Constraint, ConstraintKind, Node, NodeData, TrackedFrames

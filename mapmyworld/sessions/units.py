@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.errors import MapError
-from mapmyworld.geometry import matrix_to_planar
+from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.types import MapStore, Node
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.errors import MissingDependencyError
-from mapmyworld.geometry import planar_to_matrix
+from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.kernels.texture_lookup import shade_pixels
 from mapmyworld.simulation import robot
 from mapmyworld.simulation.camera_noise import disturb_colour, disturb_depth, exposure_at

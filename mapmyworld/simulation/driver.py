@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapmyworld.errors import WorldError
-from mapmyworld.geometry import interpolate_planar
+from mapmyworld.geometry.planar import interpolate_planar
 from mapmyworld.simulation.route import Step
 from mapmyworld.simulation.settings import DriverSettings
 

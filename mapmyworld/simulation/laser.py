@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import compose_planar
+from mapmyworld.geometry.planar import compose_planar
 from mapmyworld.simulation.driver import Drive
 from mapmyworld.simulation.plan import Plan
 from mapmyworld.simulation.settings import LaserSettings

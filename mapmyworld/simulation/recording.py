@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mapmyworld.errors import WorldError
-from mapmyworld.geometry import matrix_to_planar
+from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.simulation import robot
 from mapmyworld.simulation.clocks import Schedule, make_schedule, random_of
 from mapmyworld.simulation.driver import Drive, drive_route

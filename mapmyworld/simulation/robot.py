@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import make_transform, roll_pitch_yaw_to_rotation
+from mapmyworld.geometry.rigid import make_transform
+from mapmyworld.geometry.rotations import roll_pitch_yaw_to_rotation
 from mapmyworld.simulation.settings import SimulationSettings
 
 BASE, ODOM, CHASSIS = "robot_footprint", "odom", "chassis"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import planar_to_matrix
+from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.simulation import robot
 from mapmyworld.simulation.clocks import Schedule, random_of
 from mapmyworld.simulation.driver import TICK, Drive

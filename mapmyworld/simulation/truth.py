@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry import between_planar, planar_to_matrix, wrap_angle
+from mapmyworld.geometry.planar import between_planar, planar_to_matrix, wrap_angle
 from mapmyworld.kernels.planar_rays import mark_passed_cells
 from mapmyworld.simulation import robot
 from mapmyworld.simulation.driver import TICK, Drive

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import GraphConfig
-from mapmyworld.geometry import between, se3_adjoint
+from mapmyworld.geometry.rigid import between, se3_adjoint
 from mapmyworld.graph.constraint_system import stated_system
 from mapmyworld.graph.elimination import forget_patterns
 from mapmyworld.graph.residuals import chi_squared_quantile

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config, GraphConfig
-from mapmyworld.geometry import between, invert, se3_adjoint
+from mapmyworld.geometry.rigid import between, invert, se3_adjoint
 from mapmyworld.graph.edits import apply_edits, edits_from_json
 from mapmyworld.graph.elimination import forget_patterns
 from mapmyworld.graph.solve import solve

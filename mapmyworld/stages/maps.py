@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import matrix_to_planar
+from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.parallel import in_threads
 from mapmyworld.stages.recognise import has_images, has_scans
 from mapmyworld.types import MapStore, Progress, RgbdImage, Scan

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import SensingConfig
-from mapmyworld.geometry import between, rotation_angle, se3_adjoint
+from mapmyworld.geometry.rigid import between, se3_adjoint
+from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.types import Constraint, ConstraintKind, Frame, Node
 
 _ROUNDING = 1e-6  # share of the distance, so that ten steps of a centimetre are ten

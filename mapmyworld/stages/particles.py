@@ -8,7 +8,7 @@ import numpy as np
 
 from mapmyworld.config import Config
 from mapmyworld.errors import LogError
-from mapmyworld.geometry import planar_to_matrix
+from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.mapping.trajectory import pose_every_frame
 from mapmyworld.particles.fastslam import FastSlamResult, run_fastslam
 from mapmyworld.sensing import Plan, read_frames

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry import PLANAR_IN_TANGENT, planar_to_matrix
+from mapmyworld.geometry.planar import PLANAR_IN_TANGENT, planar_to_matrix
 from mapmyworld.odometry.recorded import RecordedMotionModel
 from mapmyworld.parallel import batches
 from mapmyworld.sensing import Plan

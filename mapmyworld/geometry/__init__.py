@@ -1,0 +1,4 @@
+"""Rotations and rigid motions as arrays; every function broadcasts over leading axes.
+
+Formulas: Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (2018).
+"""

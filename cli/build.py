@@ -156,10 +156,9 @@ def _build(
     started = time.monotonic()
     cpu = time.process_time()
     with ThreadPoolExecutor(1) as aside:
-        aside.submit(log.info)  # reads while the rest is imported; its errors come again, below
+        looked_at = aside.submit(_looked_at, log)  # while the rest is imported
         from formats.database import open_store
         from formats.database.lock import only_writer
-        from formats.logs.steady import SteadyLog
     from mapmyworld.pipeline import build_map
 
     stored = storage_arguments(config)
@@ -167,7 +166,7 @@ def _build(
     with only_writer(map_path), opening() as store:
         store.put("settings", settings_that_differ(config))
         words = _given_words(config.places.vocabulary)
-        result = build_map(SteadyLog(log), store, config, progress, method=method, words=words)
+        result = build_map(looked_at.result(), store, config, progress, method=method, words=words)
         written = [str(map_path)]
         if export:
             written += _export_all(store, map_path, config, progress)
@@ -183,6 +182,15 @@ def _build(
         if export:
             written += _report(store, map_path, cost, progress, bool(result.reused_stages))
     return {**result.as_dict(), "files": written, **cost}
+
+
+def _looked_at(log: LogSource) -> LogSource:
+    """The log, of which every byte was read once: what it holds and its hash are known."""
+    from formats.logs.steady import SteadyLog
+
+    steady = SteadyLog(log)
+    steady.content_hash()
+    return steady
 
 
 def _given_words(path: str) -> dict[int, Any] | None:

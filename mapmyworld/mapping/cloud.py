@@ -13,7 +13,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import evenly_along, invert, transform_points
 from mapmyworld.kernels.surfaces import compare_with_depth, surface_normals
 from mapmyworld.mapping.voxels import VoxelMap
-from mapmyworld.parallel import in_threads
+from mapmyworld.parallel import done_behind, in_threads
 from mapmyworld.registration.camera import bending, depth_grid_points, grid_rays
 from mapmyworld.registration.pictures import colours_at
 from mapmyworld.types import NodeData, PointCloud, RgbdImage
@@ -25,17 +25,23 @@ Posed = tuple[Array, NodeData]
 def build_cloud(items: Iterable[Posed], config: Config) -> PointCloud:
     """The cloud of all nodes given as (map_from_base (4, 4), data), in the order of motion.
 
-    Streams: three views and the voxels of the map are all that is held. A point counts when its
+    Streams: a few views and the voxels of the map are all that is held. A point counts when its
     surface is not seen too flat and the views before and after do not look through it.
     3D scans of nodes without a depth image are added as they are, without colour.
     """
     settings = config.visual
     voxels = VoxelMap(settings.cloud_voxel)
-    views = in_threads(lambda make: make(), _views(items, config), config.threads)
-    for before, view, after in _with_neighbours(views):
+
+    def add(seen: tuple[_View | None, _View, _View | None]) -> None:
+        before, view, after = seen
         others = [other for other in (before, after) if other is not None]
         kept = _agreeing(view, others, settings.cloud_agreement)
         voxels.add(view.points[kept], view.colours[kept], view.normals[kept])
+
+    views = in_threads(lambda make: make(), _views(items, config), config.threads)
+    with done_behind(add, 1) as hand_over:  # while the next nodes are read
+        for seen in _with_neighbours(views):
+            hand_over(seen)
     return voxels.to_cloud(settings.cloud_views)
 
 

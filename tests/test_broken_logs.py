@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -13,14 +14,22 @@ from formats.recording import LogWriter
 
 
 @pytest.fixture(scope="module")
-def entries() -> list[Entry]:
-    return list(drive_entries())
+def entries(tmp_path_factory: pytest.TempPathFactory) -> list[Entry]:
+    """A sound drive, looked at once: compiling kernels may take longer than a hang."""
+    entries = list(drive_entries())
+    sound = written(entries, tmp_path_factory.mktemp("sound"))
+    assert not try_command(["inspect", "log", sound], seconds=300.0).fault
+    return entries
 
 
 def spoiled(ailment: Ailment, entries: list[Entry], folder: Path) -> str:
-    path = folder / "spoiled.mcap"
+    return written(ailment.spoil(list(entries)), folder)
+
+
+def written(entries: Iterable[Entry], folder: Path) -> str:
+    path = folder / "log.mcap"
     with LogWriter(path) as writer:
-        for topic, message, time in ailment.spoil(list(entries)):
+        for topic, message, time in entries:
             writer.write(topic, message, time)
     return str(path)
 

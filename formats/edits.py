@@ -34,7 +34,8 @@ from typing import Any
 import numpy as np
 
 from mapmyworld.errors import MapError
-from mapmyworld.geometry.rigid import Array, make_transform
+from mapmyworld.geometry import Array
+from mapmyworld.geometry.rigid import make_transform
 from mapmyworld.geometry.rotations import roll_pitch_yaw_to_rotation
 from mapmyworld.types import ConstraintKind
 from mapmyworld.types.edits import Edit, EditAction

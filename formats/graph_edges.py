@@ -16,7 +16,8 @@ from formats.graph_numbers import (
     rotation_first,
     symmetric,
 )
-from mapmyworld.geometry.rigid import Array, invert
+from mapmyworld.geometry import Array
+from mapmyworld.geometry.rigid import invert
 from mapmyworld.types.pose_graph import Edges, Priors, Sightings
 
 Index = NDArray[np.int64]

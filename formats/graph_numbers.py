@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mapmyworld.geometry.rigid import SWAP_ROTATION_TRANSLATION, Array, make_transform
+from mapmyworld.geometry import Array
+from mapmyworld.geometry.rigid import SWAP_ROTATION_TRANSLATION, make_transform
 from mapmyworld.geometry.rotations import quaternion_to_rotation, so3_exp
 
 LEAST_VARIANCE = 1e-30  # m^2 or rad^2

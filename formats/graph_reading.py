@@ -19,7 +19,7 @@ from formats.graph_edges import edges_of, priors_of, sightings_of
 from formats.graph_lines import Columns, Table, listed, tables_from_text
 from formats.graph_numbers import POSES
 from mapmyworld.errors import MapError
-from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry import Array
 from mapmyworld.types.pose_graph import PoseGraph
 
 Index = NDArray[np.int64]

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from formats.graph_reading import GraphFile, graph_from_text, read_graph
 from formats.whole_files import write_whole
-from mapmyworld.geometry.rigid import SWAP_ROTATION_TRANSLATION, Array
+from mapmyworld.geometry import Array
+from mapmyworld.geometry.rigid import SWAP_ROTATION_TRANSLATION
 from mapmyworld.geometry.rotations import rotation_to_quaternion
 from mapmyworld.types.pose_graph import PoseGraph, Sightings
 

@@ -14,7 +14,8 @@ from memory_log import MemoryLog
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.diagnosis import Finding, diagnose
-from mapmyworld.geometry.rigid import Array, make_transform
+from mapmyworld.geometry import Array
+from mapmyworld.geometry.rigid import make_transform
 from mapmyworld.geometry.rotations import roll_pitch_yaw_to_rotation
 from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import build_map

@@ -11,8 +11,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, planar_to_matrix
-from mapmyworld.geometry.rigid import Array, between
+from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.graph.candidates import dead_reckoning
 from mapmyworld.graph.descent import descend

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar
-from mapmyworld.geometry.rigid import Array, between, se3_adjoint, se3_exp, se3_log
+from mapmyworld.geometry.rigid import between, se3_adjoint, se3_exp, se3_log
 from mapmyworld.geometry.rotations import skew
 from mapmyworld.graph.elimination import links
 from mapmyworld.graph.residuals import (

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from formats.constraint_kinds import COLOURS, rgb
 from formats.report.picture_file import write_picture
-from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry import Array
 from mapmyworld.types import Constraint, ConstraintKind, OccupancyGrid, Poses
 
 _SIZE = 1400  # pixels of the longer side

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.diagnosis.finding import Finding
-from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry import Array
 from mapmyworld.types import RgbdImage
 
 _WIDTH = 320  # pixels to which images are reduced

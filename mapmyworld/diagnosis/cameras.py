@@ -13,7 +13,8 @@ from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.diagnosis.mounts import DEPTH_SCALE, mount_findings
 from mapmyworld.diagnosis.rotation import time_offset
 from mapmyworld.diagnosis.sample import Sample, odometry_yaw
-from mapmyworld.geometry.rigid import Array, transform_points
+from mapmyworld.geometry import Array
+from mapmyworld.geometry.rigid import transform_points
 from mapmyworld.parallel import in_threads
 from mapmyworld.registration.camera import depth_grid_points, rays_of_pixels
 from mapmyworld.sensing.plan import Plan

@@ -11,8 +11,9 @@ from mapmyworld.config import RegistrationConfig
 from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.diagnosis.rotation import time_offset
 from mapmyworld.diagnosis.sample import Sample, odometry_yaw
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
-from mapmyworld.geometry.rigid import Array, between
+from mapmyworld.geometry.rigid import between
 from mapmyworld.registration.scan_matching import COARSE, match_scan, prepare_scans
 from mapmyworld.types import Frame
 

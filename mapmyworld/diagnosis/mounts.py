@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.diagnosis.finding import Finding
-from mapmyworld.geometry.rigid import Array, invert, transform_points
+from mapmyworld.geometry import Array
+from mapmyworld.geometry.rigid import invert, transform_points
 from mapmyworld.registration.camera import depth_at, pixels_of_points, rays_of_pixels
 from mapmyworld.types import Frame, RgbdImage
 

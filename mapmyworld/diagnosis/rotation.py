@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mapmyworld.diagnosis.finding import Finding
-from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry import Array
 
 _REACH = 0.4  # s, offsets that are tried to both sides
 _STEP = 0.01  # s

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mapmyworld.config import SensingConfig
-from mapmyworld.geometry.rigid import Array, between
+from mapmyworld.geometry import Array
+from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.sensing.plan import Plan
 from mapmyworld.sensing.synchronise import read_frames

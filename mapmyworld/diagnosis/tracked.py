@@ -11,8 +11,9 @@ from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.diagnosis.lasers import distance_scale
 from mapmyworld.diagnosis.rotation import time_offset
 from mapmyworld.diagnosis.sample import odometry_yaw
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
-from mapmyworld.geometry.rigid import Array, between
+from mapmyworld.geometry.rigid import between
 from mapmyworld.sensing.plan import Plan
 from mapmyworld.types import Frame, MapStore, Node, TrackedFrames
 

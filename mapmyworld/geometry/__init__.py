@@ -2,3 +2,8 @@
 
 Formulas: Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (2018).
 """
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]

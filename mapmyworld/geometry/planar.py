@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from mapmyworld.geometry import Array
 
 # Rows of a rotation-first SE(3) tangent that a planar motion uses, in the order x, y, yaw.
 PLANAR_IN_TANGENT = np.array([3, 4, 2])

@@ -9,9 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rotations import rotation_angle, skew, so3_exp, so3_log
-
-Array = NDArray[np.float64]
 
 # Takes a translation-first tangent (g2o, RTAB-Map) to a rotation-first one, and back.
 SWAP_ROTATION_TRANSLATION = np.array([3, 4, 5, 0, 1, 2])

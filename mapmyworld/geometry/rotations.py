@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from mapmyworld.geometry import Array
 
 _SMALL_ANGLE = 1e-9  # rad, below which the series replaces the quotient
 

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import information_to_planar
-from mapmyworld.geometry.rigid import Array, between
+from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph.pose_graph import components, positions
 from mapmyworld.graph.residuals import edge_residuals, squared_sigmas

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotrs
 
-from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry import Array
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError, factorise
 from mapmyworld.graph.elimination import analyse
 from mapmyworld.graph.pose_graph import Index

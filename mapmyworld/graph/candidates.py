@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry import Array
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.growth import grown_start
 from mapmyworld.graph.landmarks import first_places

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry import Array
 from mapmyworld.graph.block_solver import solver_of
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.newton import hessian_blocks, newton_step

@@ -16,7 +16,7 @@ from scipy.linalg.blas import dsyrk, dtrsm
 from scipy.linalg.lapack import dpotrf
 
 from mapmyworld.errors import GraphError
-from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry import Array
 from mapmyworld.graph.elimination import Symbolic
 from mapmyworld.graph.pose_graph import Index
 

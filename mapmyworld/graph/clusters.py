@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry import Array
 from mapmyworld.graph.consistency import Consistency, alternatives
 from mapmyworld.graph.joint_covariance import joint_covariances
 from mapmyworld.graph.linear_system import information_factors

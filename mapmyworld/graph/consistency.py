@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import compose_planar, invert_planar
-from mapmyworld.geometry.rigid import Array, invert, se3_adjoint, se3_log
+from mapmyworld.geometry.rigid import invert, se3_adjoint, se3_log
 from mapmyworld.graph.pose_graph import Index
 from mapmyworld.graph.residuals import planar_adjoint, planar_log
 

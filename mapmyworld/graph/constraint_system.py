@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import information_to_planar, matrix_to_planar
-from mapmyworld.geometry.rigid import Array
 from mapmyworld.graph.pose_graph import Index, components, positions
 from mapmyworld.graph.system import System, number_free
 from mapmyworld.types import TRUSTED, Constraint

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.errors import GraphError
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import PLANAR_IN_TANGENT, between_planar, planar_to_matrix
-from mapmyworld.geometry.rigid import Array, between
+from mapmyworld.geometry.rigid import between
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.joint_covariance import predicted_covariances
 from mapmyworld.graph.linear_system import information_factors

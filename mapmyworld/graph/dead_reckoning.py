@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapmyworld.geometry.rigid import Array, se3_adjoint
+from mapmyworld.geometry import Array
+from mapmyworld.geometry.rigid import se3_adjoint
 from mapmyworld.graph.consistency import Odometry
 from mapmyworld.graph.pose_graph import Index, components
 from mapmyworld.graph.residuals import planar_adjoint

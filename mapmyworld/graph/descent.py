@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry import Array
 from mapmyworld.graph.block_solver import Solver
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.linear_system import (

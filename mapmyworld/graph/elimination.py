@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry import Array
 from mapmyworld.graph.pose_graph import Index
 
 # Nodes of a clique, and the share of zeros up to which it may be joined from smaller ones.

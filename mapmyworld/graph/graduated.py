@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry import Array
 from mapmyworld.graph.descent import relax
 from mapmyworld.graph.linear_system import pattern_of
 from mapmyworld.graph.system import System, believed_edges, edge_chi2

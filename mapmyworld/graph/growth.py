@@ -11,8 +11,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, compose_planar
-from mapmyworld.geometry.rigid import Array, between
+from mapmyworld.geometry.rigid import between
 from mapmyworld.graph.descent import settle
 from mapmyworld.graph.landmarks import first_places
 from mapmyworld.graph.system import System, chosen_edges, number_free

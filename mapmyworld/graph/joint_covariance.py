@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.blas import dtrsm
 
-from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry import Array
 from mapmyworld.graph.cholesky import Factors
 from mapmyworld.graph.pose_graph import Index
 from mapmyworld.graph.system import System, chosen_edges, jacobians_of, residuals_of

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix, wrap_angle
-from mapmyworld.geometry.rigid import Array
 from mapmyworld.geometry.rotations import skew, so3_log
 from mapmyworld.graph.pose_graph import Index, positions
 from mapmyworld.types.pose_graph import Sightings

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
-from mapmyworld.geometry.rigid import Array, invert
+from mapmyworld.geometry.rigid import invert
 from mapmyworld.graph.newton import hessian_blocks, newton_step
 from mapmyworld.graph.pose_graph import components
 from mapmyworld.graph.starts import nearest_rotations

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry import Array
 from mapmyworld.graph.block_solver import Solver, solver_of
 from mapmyworld.graph.cholesky import Factors, factorise
 from mapmyworld.graph.elimination import analyse, links

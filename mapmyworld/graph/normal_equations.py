@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry import Array
 from mapmyworld.graph.block_solver import solver_of
 from mapmyworld.graph.elimination import links, summed
 from mapmyworld.graph.pose_graph import Index

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import information_to_planar, matrix_to_planar
-from mapmyworld.geometry.rigid import Array
 from mapmyworld.types import TRUSTED, Constraint
 from mapmyworld.types.pose_graph import Edges, PoseGraph, Priors, no_sightings
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mapmyworld.errors import GraphError
-from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry import Array
 from mapmyworld.graph.landmarks import as_edges
 from mapmyworld.graph.pose_graph import Index, canonical_order, components, positions
 from mapmyworld.graph.system import System, number_free

@@ -10,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import gammaincinv
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import compose_planar
-from mapmyworld.geometry.rigid import Array, se3_exp
+from mapmyworld.geometry.rigid import se3_exp
 
 
 def planar_log(motion: Array) -> Array:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config.graph import GraphConfig
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
-from mapmyworld.geometry.rigid import Array
 from mapmyworld.graph.certificate import certify, proof_of
 from mapmyworld.graph.constraint_system import StatedSystem, stated_system
 from mapmyworld.graph.covariance import marginal_covariances, spatial_covariances

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import (
     compose_planar,
     invert_planar,
     matrix_to_planar,
     planar_to_matrix,
 )
-from mapmyworld.geometry.rigid import Array, invert
+from mapmyworld.geometry.rigid import invert
 from mapmyworld.graph.normal_equations import solve_blocks
 from mapmyworld.graph.pose_graph import Index
 from mapmyworld.graph.system import System

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry.rigid import Array
+from mapmyworld.geometry import Array
 from mapmyworld.graph.landmarks import sighting_jacobians, sighting_residuals
 from mapmyworld.graph.pose_graph import Index, components
 from mapmyworld.graph.residuals import edge_jacobians, edge_residuals, squared_sigmas

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
-from mapmyworld.geometry.rigid import Array, se3_exp
+from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.geometry.rotations import skew
 from mapmyworld.graph.elimination import links, summed
 from mapmyworld.graph.landmarks import POINT, POLAR

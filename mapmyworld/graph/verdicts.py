@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mapmyworld.geometry.rigid import Array, se3_exp
+from mapmyworld.geometry import Array
+from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph.pose_graph import Index
 from mapmyworld.graph.residuals import edge_residuals, planar_exp

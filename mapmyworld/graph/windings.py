@@ -12,8 +12,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import wrap_angle
-from mapmyworld.geometry.rigid import Array
 from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.graph.block_solver import Solver, solver_of
 from mapmyworld.graph.elimination import links, summed

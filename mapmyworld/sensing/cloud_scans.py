@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
-from mapmyworld.geometry.rigid import Array, transform_points
+from mapmyworld.geometry.rigid import transform_points
 from mapmyworld.types import PointCloudMessage, Scan
 
 _BINS = 720  # of half a degree around the lidar: what such lidars resolve

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.errors import LogError
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
-from mapmyworld.geometry.rigid import Array, between
+from mapmyworld.geometry.rigid import between
 from mapmyworld.kernels.recorded_motion import move_beams
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.sensing.plan_lasers import valid_ranges

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -155,10 +156,9 @@ def _build(
 ) -> dict[str, Any]:
     started = time.monotonic()
     cpu = time.process_time()
-    with ThreadPoolExecutor(1) as aside:
-        looked_at = aside.submit(_looked_at, log)  # while the rest is imported
-        from formats.database import open_store
-        from formats.database.lock import only_writer
+    looked_at = _looked_at(log)  # while the rest is imported
+    from formats.database import open_store
+    from formats.database.lock import only_writer
     from mapmyworld.pipeline import build_map
 
     stored = storage_arguments(config)
@@ -184,13 +184,25 @@ def _build(
     return {**result.as_dict(), "files": written, **cost}
 
 
-def _looked_at(log: LogSource) -> LogSource:
-    """The log, of which every byte was read once: what it holds and its hash are known."""
+def _looked_at(log: LogSource) -> Future[LogSource]:
+    """The log, once every byte of it was read: what it holds and its hash are known then.
+
+    By a thread that an interrupted program does not wait for.
+    """
     from formats.logs.steady import SteadyLog
 
-    steady = SteadyLog(log)
-    steady.content_hash()
-    return steady
+    looked_at: Future[LogSource] = Future()
+
+    def look() -> None:
+        try:
+            steady = SteadyLog(log)
+            steady.content_hash()
+            looked_at.set_result(steady)
+        except BaseException as error:  # raised where the log is asked for
+            looked_at.set_exception(error)
+
+    threading.Thread(target=look, daemon=True).start()
+    return looked_at
 
 
 def _given_words(path: str) -> dict[int, Any] | None:

@@ -91,6 +91,33 @@ def test_a_log_that_vanishes_during_a_build(
     assert path.read_bytes() == whole.read_bytes()
 
 
+_LONG_HASH = """
+import time
+from formats.logs.carmen import CarmenLog
+def content_hash(log):
+    print("reading", flush=True)
+    time.sleep(300.0)
+CarmenLog.content_hash = content_hash
+from cli.main import main
+main()
+"""
+
+
+def test_control_c_does_not_wait_for_the_hash_of_a_long_log(
+    logs: dict[str, Path], tmp_path: Path
+) -> None:
+    command = [sys.executable, "-c", _LONG_HASH, "build", str(logs["a.log"]), "-q"]
+    with subprocess.Popen(
+        [*command, "-o", str(tmp_path / "map.db")], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as build:
+        assert build.stdout is not None
+        assert build.stdout.readline() == b"reading\n"
+        build.send_signal(signal.SIGINT)
+        _, stderr = build.communicate(timeout=90)
+    assert build.returncode == 130
+    assert len(stderr.strip().splitlines()) == 1
+
+
 def test_a_read_only_folder_is_one_line(logs: dict[str, Path]) -> None:
     with tempfile.TemporaryDirectory(prefix="read-only-") as name:  # pytest's own is nobody else's
         place = Path(name)

@@ -20,16 +20,13 @@ class SteadyLog:
 
     def __init__(self, log: LogSource) -> None:
         self._log = log
-        self._hash: str | None = None
         self._looks = {path: _look(Path(path)) for path in log.info().paths}
 
     def info(self) -> LogInfo:
         return self._log.info()
 
     def content_hash(self) -> str:
-        if self._hash is None:
-            self._hash = self._log.content_hash()
-        return self._hash
+        return self._log.content_hash()
 
     def losses(self) -> tuple[str, ...]:
         return self._log.losses()

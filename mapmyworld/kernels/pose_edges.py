@@ -96,6 +96,18 @@ def _vector_of(r: Floats, w: Floats) -> None:
             w[i] *= angle / length
 
 
+@inner_jit
+def _add_seen(viewer: Floats, seen: Floats, turn: Floats, shift: Floats) -> None:
+    """Sets the seen pose's rotation in the viewer's frame, and adds its position to the shift."""
+    for i in range(3):
+        for k in range(3):
+            shift[i] += viewer[k, i] * (seen[k, 3] - viewer[k, 3])
+        for j in range(3):
+            turn[i, j] = 0.0
+            for k in range(3):
+                turn[i, j] += viewer[k, i] * seen[k, j]
+
+
 @jit
 def spatial_residuals(tail: Floats, head: Floats, measured: Floats) -> Floats:
     """(E, 6): `log(measured^-1 * tail^-1 * head)` of poses (E, 4, 4)."""
@@ -105,12 +117,7 @@ def spatial_residuals(tail: Floats, head: Floats, measured: Floats) -> Floats:
     for e in range(len(tail)):
         for i in range(3):
             shift[i] = -measured[e, i, 3]
-            for k in range(3):
-                shift[i] += tail[e, k, i] * (head[e, k, 3] - tail[e, k, 3])
-            for j in range(3):
-                turn[i, j] = 0.0
-                for k in range(3):
-                    turn[i, j] += tail[e, k, i] * head[e, k, j]
+        _add_seen(tail[e], head[e], turn, shift)
         for i in range(3):
             u[i] = 0.0
             for k in range(3):
@@ -154,14 +161,10 @@ def spatial_jacobians(tail: Floats, head: Floats, residuals: Floats) -> tuple[Fl
             cotangent = 1.0 / math.tan(0.5 * angle)
             c = 1.0 / s - 0.5 * cotangent / angle
             slope = 0.25 * (cotangent / angle + 0.5 * (1.0 + cotangent**2)) / s - 1.0 / (s * s)
+        shift[0] = shift[1] = shift[2] = 0.0
+        _add_seen(head[e], tail[e], turn, shift)
         for i in range(3):
-            shift[i] = 0.0
-            for k in range(3):
-                shift[i] += head[e, k, i] * (tail[e, k, 3] - head[e, k, 3])
             for j in range(3):
-                turn[i, j] = 0.0
-                for k in range(3):
-                    turn[i, j] += head[e, k, i] * tail[e, k, j]
                 same = 1.0 if i == j else 0.0
                 a = same + c * (w[i] * w[j] - s * same)
                 b = c * (w[i] * u[j] + u[i] * w[j] - 2.0 * along * same)

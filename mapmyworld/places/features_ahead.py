@@ -58,7 +58,7 @@ class FeaturesAhead:
         return [partial(_itself, prepared) for prepared in found.result()]
 
     def _is_compared(self, node: Node, data: NodeData) -> bool:
-        """As `geometry.evenly_along` chooses where a laser tracks; all nodes otherwise."""
+        """As `evenly_along` chooses where a laser tracks; all nodes otherwise."""
         spacing = self._config.visual.place_spacing
         if spacing <= 0.0 or data.scan is None:
             return True

@@ -47,7 +47,7 @@ def doubt_lookalikes(
         grid = likelihood_grid(submap_around(held, spot, config))
         return [(k, _score(held, grid, spot, pairs[k], closures[k], config, widest)) for k in which]
 
-    rivals = np.zeros(len(closures))
+    rivals = [0.0] * len(closures)
     for scores in in_threads(look, looks(), config.threads):
         for k, score in scores:
             rivals[k] = max(rivals[k], score)

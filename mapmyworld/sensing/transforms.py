@@ -60,7 +60,7 @@ class TransformTree:
             parent, child = frame_name(transform.parent), frame_name(transform.child)
             slashes = transform.parent.startswith("/") or transform.child.startswith("/")
             self.had_leading_slashes = self.had_leading_slashes or slashes
-            plausible = np.all(np.abs(transform.parent_from_child) < FARTHEST)  # NaN is not
+            plausible = np.abs(transform.parent_from_child).max() < FARTHEST  # NaN is not
             if parent == child or not plausible:
                 continue
             self._add_one(parent, child, transform.stamp_ns, transform.parent_from_child, message)
@@ -81,8 +81,7 @@ class TransformTree:
         if edge.static:
             edge.first = parent_from_child
             return
-        moved = np.abs(parent_from_child - edge.first).max() > _CONSTANT
-        if edge.recorder is None and moved:
+        if edge.recorder is None and np.abs(parent_from_child - edge.first).max() > _CONSTANT:
             edge.recorder = MotionRecorder()
             edge.recorder.add(stamp_ns - 1, edge.first)
         if edge.recorder is not None:

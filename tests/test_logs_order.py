@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_builders import Make, write_mcap, write_ros1, write_rosbag2
@@ -37,7 +39,7 @@ def test_blocks_merge_as_one_stable_sort_would(times: list[list[int]], limit: in
 
 
 def test_only_overlapping_blocks_are_open_together() -> None:
-    """A block is read when its time comes, not before: memory does not grow with the log."""
+    """A block is read one ahead of its time, no earlier: memory does not grow with the log."""
     blocks = [Block(i, 0, 10 * i, 10 * i + 12, None) for i in range(50)]
     opened: list[int] = []
 
@@ -46,8 +48,41 @@ def test_only_overlapping_blocks_are_open_together() -> None:
         return [(t, CHANNEL, b"") for t in range(block.start_ns, block.end_ns + 1)]
 
     for time, _, _ in in_time_order(blocks, read):
-        assert opened[-1] <= time // 10
+        assert opened[-1] <= time // 10 + 1
         assert time // 10 - 1 <= opened[-1]
+
+
+@pytest.mark.parametrize(("size", "begun"), [(1000, [0, 1]), (20_000_000, [0])])
+def test_the_next_block_is_read_while_this_one_is_used_but_beside_a_large_one(
+    size: int, begun: list[int]
+) -> None:
+    blocks = [Block(i, 0, 10 * i, 10 * i + 5, None) for i in range(9)]
+    payload, opened, second = bytes(size), list[int](), threading.Event()
+
+    def read(block: Block) -> list[Record]:
+        opened.append(block.offset)
+        if block.offset == 1:
+            second.set()
+        return [(block.start_ns, CHANNEL, payload)]
+
+    records = in_time_order(blocks, read)
+    assert next(records)[0] == 0
+    assert second.wait(10.0 if len(begun) > 1 else 0.2) == (len(begun) > 1)
+    assert opened == begun
+    assert [time for time, _, _ in records] == [10 * i for i in range(1, 9)]
+    assert opened == list(range(9))
+
+
+def test_what_reading_a_block_raises_comes_where_its_records_would_have_come() -> None:
+    def read(block: Block) -> list[Record]:
+        if block.offset == 2:
+            raise OSError("gone")
+        return [(block.start_ns, CHANNEL, b"")]
+
+    records = in_time_order([Block(i, 0, i, i, None) for i in range(9)], read)
+    assert [next(records)[0], next(records)[0]] == [0, 1]
+    with pytest.raises(OSError, match="gone"):
+        next(records)
 
 
 def test_chunks_that_all_start_with_a_wrong_time_do_not_all_stay_in_memory() -> None:

@@ -14,14 +14,15 @@ import argparse
 import os
 import resource
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from graph_false import with_false
+from graph_gtsam import examples_cost, plain_gtsam
 from graph_restarts import random_starts
-from graph_worlds import HARD, KINDS, world
+from graph_worlds import HARD, KINDS, Maker, world
 
 from formats.pose_graph import read_graph
 from mapmyworld.config.graph import GraphConfig
@@ -29,8 +30,8 @@ from mapmyworld.graph.covariance import marginal_covariances
 from mapmyworld.graph.descent import descend
 from mapmyworld.graph.elimination import forget_patterns
 from mapmyworld.graph.optimise import OptimisedGraph, optimise, optimise_robustly
-from mapmyworld.graph.problem import problem_of
-from mapmyworld.graph.system import System, edge_chi2
+from mapmyworld.graph.problem import Problem, problem_of
+from mapmyworld.graph.system import System, fit_of
 from mapmyworld.types.pose_graph import PoseGraph
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -80,7 +81,7 @@ def _timed_run(path: Path) -> tuple[OptimisedGraph, float, tuple[float, float, f
     blind = replace(graph, map_from_node=np.tile(origin, (len(graph), *[1] * origin.ndim)))
     solved, proven = _timed(blind, GraphConfig())
     _, unproven = _timed(blind, GraphConfig(certify=False))
-    cost, plain = _plain_gtsam(path, graph.planar)
+    cost, plain = plain_gtsam(path, graph.planar)
     return solved, cost, (read, proven, unproven, plain)
 
 
@@ -92,49 +93,35 @@ def _timed(graph: PoseGraph, config: GraphConfig) -> tuple[OptimisedGraph, float
     return solved, time.process_time() - started
 
 
-def _plain_gtsam(path: Path, planar: bool) -> tuple[float, float]:
-    """Cost and CPU seconds of gtsam as its examples use it: read, one start, one optimiser."""
-    import gtsam
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tried:
+    """A made graph as we solve it, and what it costs elsewhere."""
 
+    problem: Problem
+    solved: OptimisedGraph
+    seconds: float
+    by_gtsam: float
+    from_truth: float
+
+    def told(self, best: float) -> str:
+        """How it ends a row of a table: worse than the best of the others?"""
+        return f"{self.seconds:>7.1f}{'  worse' if self.solved.cost > 1.0001 * best else ''}"
+
+
+def _tried(maker: Maker, seed: int) -> _Tried:
+    truth, graph = maker(np.random.default_rng(seed))
     started = time.process_time()
-    factors, _ = gtsam.readG2o(str(path), not planar)
-    read = time.process_time() - started
-    anchored = _anchored(factors, planar)  # Python's loop over factors is not gtsam's
-    started = time.process_time()
-    cost = _solved_by_gtsam(factors, anchored, planar)
-    return cost, read + time.process_time() - started
+    solved = optimise(graph)
+    seconds = time.process_time() - started
+    problem = problem_of(graph)
+    world = np.zeros((1, 3)) if graph.planar else np.eye(4)[None]
+    plain = examples_cost(graph)
+    true = _settled(problem.system, np.concatenate([truth, world]))
+    return _Tried(problem, solved, seconds, plain, true)
 
 
-def _anchored(factors: Any, planar: bool) -> Any:
-    """The graph from which a start is made; LAGO takes diagonal noise alone."""
-    import gtsam
-
-    if not planar:
-        unit = gtsam.noiseModel.Unit.Create(6)
-        factors.add(gtsam.PriorFactorPose3(0, gtsam.Pose3(), unit))
-        return factors
-    diagonal = gtsam.NonlinearFactorGraph()
-    for k in range(factors.size()):
-        factor = factors.at(k)
-        noise = gtsam.noiseModel.Diagonal.Variances(np.diag(factor.noiseModel().covariance()))
-        a, b = factor.keys()
-        diagonal.add(gtsam.BetweenFactorPose2(a, b, factor.measured(), noise))
-    anchor = gtsam.PriorFactorPose2(0, gtsam.Pose2(), gtsam.noiseModel.Unit.Create(3))
-    diagonal.add(anchor)
-    factors.add(anchor)
-    return diagonal
-
-
-def _solved_by_gtsam(factors: Any, anchored: Any, planar: bool) -> float:
-    import gtsam
-
-    initialise = gtsam.lago.initialize if planar else gtsam.InitializePose3.initialize
-    optimiser = gtsam.LevenbergMarquardtOptimizer(factors, initialise(anchored))
-    return float(factors.error(optimiser.optimize()))
-
-
-def _examples_cost(factors: Any, planar: bool) -> float:
-    return _solved_by_gtsam(factors, _anchored(factors, planar), planar)
+def _settled(system: System, start: np.ndarray) -> float:
+    return descend(system, fit_of(system, start), 1e-7, 300).fit.cost
 
 
 def made(kinds: list[str], seeds: list[int]) -> None:
@@ -142,24 +129,15 @@ def made(kinds: list[str], seeds: list[int]) -> None:
         f"{'graph':<18}{'seed':>5}{'ours':>11}{'gtsam':>11}{'from truth':>11}{'start':>10}"
         f"{'proven':>8}{'CPU s':>7}"
     )
-    for kind in kinds:
-        for seed in seeds:
-            truth, graph = KINDS[kind](np.random.default_rng(seed))
-            started = time.process_time()
-            solved = optimise(graph)
-            seconds = time.process_time() - started
-            problem = problem_of(graph)
-            world = np.zeros((1, 3)) if graph.planar else np.eye(4)[None]
-            true = descend(problem.system, np.concatenate([truth, world]), 1e-7, 100)[0]
-            best = 0.5 * float(edge_chi2(problem.system, true).sum())
-            plain = _examples_cost(_factors(graph), graph.planar)
-            worse = "  worse" if solved.cost > 1.0001 * min(best, plain) else ""
-            proven = solved.certificate is not None and solved.certificate.trusted
-            print(
-                f"{kind:<18}{seed:>5}{solved.cost:>11.6g}{plain:>11.6g}{best:>11.6g}"
-                f"{solved.start:>10}{proven!s:>8}{seconds:>7.1f}{worse}",
-                flush=True,
-            )
+    for kind, seed in product(kinds, seeds):
+        tried = _tried(KINDS[kind], seed)
+        solved, plain, true = tried.solved, tried.by_gtsam, tried.from_truth
+        proven = solved.certificate is not None and solved.certificate.trusted
+        print(
+            f"{kind:<18}{seed:>5}{solved.cost:>11.6g}{plain:>11.6g}{true:>11.6g}"
+            f"{solved.start:>10}{proven!s:>8}{tried.told(min(true, plain))}",
+            flush=True,
+        )
 
 
 def hard(kinds: list[str], seeds: list[int], restarts: int) -> None:
@@ -168,53 +146,19 @@ def hard(kinds: list[str], seeds: list[int], restarts: int) -> None:
         f"{'graph':<18}{'seed':>5}{'ours':>11}{'gtsam':>11}{'from truth':>11}{'restarts':>11}"
         f"{'start':>10}{'gap':>8}{'twin':>6}{'CPU s':>7}"
     )
-    for kind in kinds:
-        for seed in seeds:
-            truth, graph = HARD[kind](np.random.default_rng(seed))
-            started = time.process_time()
-            solved = optimise(graph)
-            seconds = time.process_time() - started
-            problem = problem_of(graph)
-            world = np.zeros((1, 3)) if graph.planar else np.eye(4)[None]
-            true = _settled(problem.system, np.concatenate([truth, world]))
-            best = min(_settled(problem.system, s) for s in random_starts(problem, restarts))
-            plain = _examples_cost(_factors(graph), graph.planar)
-            found = solved.certificate
-            assert found is not None
-            worse = "  worse" if solved.cost > 1.0001 * min(true, best, plain) else ""
-            print(
-                f"{kind:<18}{seed:>5}{solved.cost:>11.6g}{plain:>11.6g}{true:>11.6g}{best:>11.6g}"
-                f"{solved.start:>10}{found.gap:>8.1%}{found.twin_is_global!s:>6}"
-                f"{seconds:>7.1f}{worse}",
-                flush=True,
-            )
-
-
-def _settled(system: System, start: np.ndarray) -> float:
-    return 0.5 * float(edge_chi2(system, descend(system, start, 1e-7, 300)[0]).sum())
-
-
-def _factors(graph: PoseGraph) -> Any:
-    import gtsam
-
-    noise = gtsam.noiseModel.Gaussian.Information
-    pose, factor = (
-        (gtsam.Pose2, gtsam.BetweenFactorPose2)
-        if graph.planar
-        else (gtsam.Pose3, gtsam.BetweenFactorPose3)
-    )
-    edges, factors = graph.edges, gtsam.NonlinearFactorGraph()
-    rows = zip(
-        edges.from_ids.tolist(),
-        edges.to_ids.tolist(),
-        edges.from_from_to,
-        edges.information,
-        strict=True,
-    )
-    for a, b, motion, information in rows:
-        measured = pose(*motion) if graph.planar else pose(motion)
-        factors.add(factor(a, b, measured, noise(information)))
-    return factors
+    for kind, seed in product(kinds, seeds):
+        tried = _tried(HARD[kind], seed)
+        solved, plain, true = tried.solved, tried.by_gtsam, tried.from_truth
+        starts = random_starts(tried.problem, restarts)
+        best = min(_settled(tried.problem.system, start) for start in starts)
+        found = solved.certificate
+        assert found is not None
+        print(
+            f"{kind:<18}{seed:>5}{solved.cost:>11.6g}{plain:>11.6g}{true:>11.6g}{best:>11.6g}"
+            f"{solved.start:>10}{found.gap:>8.1%}{found.twin_is_global!s:>6}"
+            f"{tried.told(min(true, best, plain))}",
+            flush=True,
+        )
 
 
 def robust(names: list[str], seeds: int, shares: list[float], groups: list[int]) -> None:

@@ -16,7 +16,7 @@ from mapmyworld.graph.descent import descend
 from mapmyworld.graph.optimise import optimise
 from mapmyworld.graph.problem import Problem, problem_of
 from mapmyworld.graph.residuals import retract
-from mapmyworld.graph.system import edge_chi2
+from mapmyworld.graph.system import edge_chi2, fit_of
 from mapmyworld.graph.twin import lower_weights, product, twin_of, twin_poses
 from mapmyworld.types.pose_graph import Edges, PoseGraph, no_priors, no_sightings
 from tests.test_graph_optimise import ring
@@ -61,7 +61,7 @@ def test_no_arrangement_of_the_nodes_costs_less_than_the_bound(planar):
     """Random arrangements, far and near, of a graph with full information matrices."""
     solved = optimise(mild(planar), ALONE)
     problem = problem_of(solved.graph)
-    bound = certify(problem.system, problem.guess).lower_bound
+    bound = certify(problem.system, fit_of(problem.system, problem.guess)).lower_bound
     assert 0.0 < bound <= solved.cost * (1 + 1e-9)
     rng = np.random.default_rng(0)
     for size in (1e-3, 1e-2, 0.1, 1.0, 3.0):
@@ -72,7 +72,7 @@ def test_no_arrangement_of_the_nodes_costs_less_than_the_bound(planar):
 @pytest.mark.parametrize("planar", [True, False])
 def test_the_twin_never_costs_more_than_the_graph(planar):
     problem = problem_of(optimise(ring(planar), ALONE).graph)
-    twin = twin_of(problem.system, problem.guess)
+    twin = twin_of(problem.system, fit_of(problem.system, problem.guess).residuals)
     rng = np.random.default_rng(1)
     for size in (0.0, 0.01, 0.3, 2.0):
         step = size * rng.normal(size=(len(problem.guess), 3 if planar else 6))
@@ -98,11 +98,11 @@ def test_a_wrong_minimum_is_never_certified():
     problem = problem_of(graph)
     wound = np.zeros((41, 3))
     wound[:40, 2] = np.arange(40) * 4 * np.pi / 40
-    poses, _, converged = descend(problem.system, wound, 1e-9, 200)
+    end = descend(problem.system, fit_of(problem.system, wound), 1e-9, 200)
     right = optimise(graph)
-    assert converged
-    assert cost_at(problem, poses) > 2 * right.cost
-    assert not certify(problem.system, poses).trusted
+    assert end.converged
+    assert end.fit.cost > 2 * right.cost
+    assert not certify(problem.system, end.fit).trusted
     assert right.certificate is not None
     assert right.certificate.gap < 1e-2
     assert "proven" in right.certainty

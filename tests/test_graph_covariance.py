@@ -49,7 +49,7 @@ def random_system(planar: bool, count: int, extra: int, seed: int) -> tuple[Syst
     measured = retract(planar, between(poses[tails], poses[heads]), noise)
     root = rng.normal(size=(len(tails), size, size))
     information = root @ np.swapaxes(root, 1, 2) + np.eye(size)
-    free = number_free(count, np.array([0]))
+    free = number_free(np.arange(count) == 0)
     return System(planar, tails, heads, measured, information, free), poses
 
 

@@ -21,7 +21,7 @@ from mapmyworld.graph.optimise import optimise
 from mapmyworld.graph.problem import Problem, problem_of
 from mapmyworld.graph.residuals import retract
 from mapmyworld.graph.starts import along_tree, spanning_tree
-from mapmyworld.graph.system import edge_chi2
+from mapmyworld.graph.system import fit_of
 from mapmyworld.types.pose_graph import Edges, PoseGraph, no_priors, no_sightings
 
 
@@ -103,8 +103,7 @@ def other_starts(problem: Problem, truth: Array) -> Iterator[Array]:
 
 
 def end_of(problem: Problem, start: Array) -> float:
-    poses = descend(problem.system, start, 1e-7, 300)[0]
-    return 0.5 * float(edge_chi2(problem.system, poses).sum())
+    return descend(problem.system, fit_of(problem.system, start), 1e-7, 300).fit.cost
 
 
 Maker = Callable[[int], tuple[Array, PoseGraph]]

@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.planar import between_planar
+from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.geometry.rigid import between, se3_adjoint, se3_exp, se3_log
 from mapmyworld.geometry.rotations import skew
 from mapmyworld.graph.elimination import links
+from mapmyworld.graph.normal_equations import edge_blocks
 from mapmyworld.graph.residuals import (
     edge_jacobians,
     edge_residuals,
@@ -20,7 +21,7 @@ from mapmyworld.graph.residuals import (
     planar_log,
     retract,
 )
-from mapmyworld.kernels.normal_equations import add_edges
+from mapmyworld.kernels.normal_equations import add_edges, multiplied
 
 # Bernoulli numbers over factorials: the inverse Jacobian of the exponential map as a series.
 SERIES = (1 / 12, -1 / 720, 1 / 30240, -1 / 1209600, 1 / 47900160, -691 / 1307674368000)
@@ -70,6 +71,14 @@ def small_adjoint(planar: bool, tangents: Array) -> Array:
     found[:, :3, :3] = found[:, 3:, 3:] = skew(tangents[:, :3])
     found[:, 3:, :3] = skew(tangents[:, 3:])
     return found
+
+
+@pytest.mark.parametrize("planar", [True, False])
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 5e-5, 2e-4, 0.01, 1.0, 3.1, 6.0])
+def test_poses_move_by_the_exponential(planar: bool, angle: float) -> None:
+    poses, _, _, tangents = edges(planar, angle, 5)
+    wanted = compose_planar(poses, planar_exp(tangents)) if planar else poses @ se3_exp(tangents)
+    assert np.allclose(retract(planar, poses, tangents), wanted, atol=2e-12)
 
 
 @settings(max_examples=60)
@@ -137,3 +146,25 @@ def test_normal_equations_are_those_of_the_dense_jacobian(
     alone = np.zeros((nodes, size))
     add_edges(*given_arrays, np.empty((0, size, size)), alone)
     assert np.array_equal(alone, found)
+
+
+@settings(max_examples=30)
+@given(st.sampled_from([1, 3, 4]), st.integers(0, 1000))
+def test_blocks_of_edges_are_those_of_the_dense_matrix(size: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    nodes, count = 5, 9
+    tails = rng.integers(0, nodes, count)
+    heads = (tails + rng.integers(1, nodes, count)) % nodes
+    at_tail, at_head, across = rng.normal(size=(3, count, size, size))
+    at_tail, at_head = (b + np.swapaxes(b, 1, 2) for b in (at_tail, at_head))
+    dense = np.zeros((nodes, size, nodes, size))
+    for e in range(count):
+        dense[tails[e], :, tails[e]] += at_tail[e]
+        dense[heads[e], :, heads[e]] += at_head[e]
+        dense[tails[e], :, heads[e]] += across[e]
+        dense[heads[e], :, tails[e]] += across[e].T
+    rows, columns, blocks = edge_blocks(nodes, tails, heads, at_tail, at_head, across)
+    assert np.allclose(blocks, dense[rows, :, columns])
+    x = rng.normal(size=(nodes, 2, size))
+    product = np.einsum("npi,nimj->mpj", x, dense)
+    assert np.allclose(multiplied(x, rows, columns, blocks), product)

@@ -48,10 +48,10 @@ class _Dense:
     @staticmethod
     def of(count: int, rows: Index, columns: Index, blocks: Array) -> _Dense:
         size = blocks.shape[1]
-        matrix = np.zeros((count, size, count, size))
-        matrix[columns, :, rows] = np.swapaxes(blocks, 1, 2)
-        matrix[rows, :, columns] = blocks
-        triangle, failed = dpotrf(matrix.reshape(count * size, count * size), lower=1)
+        upper = np.zeros((count, size, count, size))
+        upper[rows, :, columns] = blocks
+        lower = upper.reshape(count * size, count * size).T  # as LAPACK lays it out
+        triangle, failed = dpotrf(lower, lower=1, clean=0, overwrite_a=1)
         if failed:
             raise NotPositiveDefiniteError("the edges leave a node undetermined")
         return _Dense(triangle)

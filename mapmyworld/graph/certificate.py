@@ -15,7 +15,7 @@ from mapmyworld.geometry import Array
 from mapmyworld.graph.block_solver import solver_of
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.newton import hessian_blocks, newton_step
-from mapmyworld.graph.system import System, edge_chi2
+from mapmyworld.graph.system import Fit, System
 from mapmyworld.graph.twin import (
     Twin,
     certificate_blocks,
@@ -56,13 +56,13 @@ class Certificate:
         return self.twin_is_global or self.gap <= _PROVEN
 
 
-def certify(system: System, poses: Array) -> Certificate:
+def certify(system: System, solved: Fit) -> Certificate:
     """The certificate of a solution; linear algebra of a few steps of the optimiser."""
-    cost = 0.5 * float(edge_chi2(system, poses).sum())
+    cost = solved.cost
     if len(system.tails) == 0 or cost < 1e-12:
         return Certificate(0.0, 0.0, True)
-    twin = twin_of(system, poses)
-    found = _settled(twin, twin_poses(system.planar, poses))
+    twin = twin_of(system, solved.residuals)
+    found = _settled(twin, twin_poses(system.planar, solved.poses))
     if found is None:
         return Certificate(0.0, 1.0, False)
     for slack in _SLACK:

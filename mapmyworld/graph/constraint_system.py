@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import information_to_planar, matrix_to_planar
-from mapmyworld.graph.pose_graph import Index, components, positions
+from mapmyworld.graph.pose_graph import Index, held_nodes, positions
 from mapmyworld.graph.system import System, number_free
 from mapmyworld.types import TRUSTED, Constraint
 from mapmyworld.types.edits import BY_HAND
@@ -48,10 +48,7 @@ def stated_system(
     places = by_id[positions(known[by_id], ends.ravel())].reshape(-1, 2)
     tails = np.where(ends[:, 0] == ends[:, 1], world, places[:, 0])
     trusted = np.array([c.kind in TRUSTED or BY_HAND in c.evidence for c in constraints], np.bool_)
-    part = components(world + 1, tails, places[:, 1])
-    first = np.unique(part, return_index=True)[1]
-    anchors = np.array([world, *(k for k in first if part[k] != part[world])], np.int64)
-    free = number_free(world + 1, anchors)
     heads = np.ascontiguousarray(places[:, 1])  # or a kernel is compiled twice
-    system = System(planar, tails, heads, measured, information, free)
-    return StatedSystem(system, start, trusted, anchors)
+    stays = held_nodes(world + 1, tails, heads, np.array([world]))
+    system = System(planar, tails, heads, measured, information, number_free(stays))
+    return StatedSystem(system, start, trusted, np.flatnonzero(stays))

@@ -17,8 +17,8 @@ from mapmyworld.graph.linear_system import (
     linearise,
     pattern_of,
 )
-from mapmyworld.graph.residuals import retract, squared_sigmas
-from mapmyworld.graph.system import System, residuals_of
+from mapmyworld.graph.residuals import retract
+from mapmyworld.graph.system import Fit, System, fit_of
 
 _STEPS = 20  # of Gauss-Newton at most
 _DAMPING = 1e-8  # share of the diagonal, at first
@@ -32,19 +32,13 @@ _PACE = 0.1  # share of the last step's gain up to which they still do
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Point:
-    """Poses, and what they cost."""
+class Descent:
+    """Where a descent ended."""
 
-    poses: Array
-    residuals: Array
-    cost: float
-    """The sum of squared sigmas."""
-
-    @staticmethod
-    def of(system: System, poses: Array) -> _Point:
-        residuals = residuals_of(system, poses)
-        cost = float(squared_sigmas(residuals, system.information).sum())
-        return _Point(poses, residuals, cost)
+    fit: Fit
+    iterations: int
+    """Factorisations that led there."""
+    converged: bool
 
 
 def relax(system: System, pattern: Pattern, poses: Array, weights: Array, steps: int) -> Array:
@@ -57,37 +51,37 @@ def relax(system: System, pattern: Pattern, poses: Array, weights: Array, steps:
 
 def settle(system: System, poses: Array, tolerance: float = 1e-3, steps: int = _STEPS) -> Array:
     """Poses at the nearby minimum: Gauss-Newton, damped where that makes things worse."""
-    return descend(system, poses, tolerance, steps)[0]
+    return descend(system, fit_of(system, poses), tolerance, steps).fit.poses
 
 
-def descend(system: System, poses: Array, tolerance: float, steps: int) -> tuple[Array, int, bool]:
-    """Poses at the nearby minimum, factorisations that led there, and whether it was reached.
+def descend(system: System, start: Fit, tolerance: float, steps: int) -> Descent:
+    """The nearby minimum.
 
     Levenberg-Marquardt that tries the full step first (Marquardt's scaling of the diagonal), and
     damps by how much of what the linear equations promise a step keeps (Nielsen, "Damping
     parameter in Marquardt's method", 1999). Near the minimum the matrix hardly changes: further
     steps are made with the factors at hand.
     """
-    pattern, point, damping = pattern_of(system), _Point.of(system, poses), 0.0
+    pattern, fit, damping = pattern_of(system), start, 0.0
     for taken in range(1, steps + 1):
-        step = _downhill(system, pattern, point, damping, tolerance)
+        step = _downhill(system, pattern, fit, damping, tolerance)
         if step is None:
-            return point.poses, taken, True
-        point, gain, damping = step.point, step.gain, step.damping
-        if damping == 0.0 and gain < _NEAR * point.cost:
-            point, gain = _coasted(system, pattern, step.solver, point, gain, tolerance)
-        if gain <= tolerance * point.cost or point.cost < _NOTHING:
-            return point.poses, taken, True
+            return Descent(fit, taken, True)
+        fit, gain, damping = step.fit, step.gain, step.damping
+        if damping == 0.0 and gain < _NEAR * fit.chi2:
+            fit, gain = _coasted(system, pattern, step.solver, fit, gain, tolerance)
+        if gain <= tolerance * fit.chi2 or fit.chi2 < _NOTHING:
+            return Descent(fit, taken, True)
         if step.kept > _GOOD:
             damping = damping / 3.0 if damping > _SLIGHT else 0.0
-    return point.poses, steps, False
+    return Descent(fit, steps, False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Step:
     """Where a step leads, and what it was made with."""
 
-    point: _Point
+    fit: Fit
     solver: Solver
     damping: float
     gain: float
@@ -97,14 +91,14 @@ class _Step:
 
 
 def _downhill(
-    system: System, pattern: Pattern, point: _Point, damping: float, tolerance: float
+    system: System, pattern: Pattern, fit: Fit, damping: float, tolerance: float
 ) -> _Step | None:
     """The first step that keeps its promise, ever more damped; None where none helps."""
-    blocks, gradient = linearise(system, pattern, point.poses, residuals=point.residuals)
+    blocks, gradient = linearise(system, pattern, fit.poses, residuals=fit.residuals)
     growth = _GROWTH
     while damping <= _DAMPED_OUT:
-        step = _tried(system, pattern, point, blocks, gradient, damping)
-        enough = tolerance * point.cost
+        step = _tried(system, pattern, fit, blocks, gradient, damping)
+        enough = tolerance * fit.chi2
         if step is not None and step.gain >= 0.0 and (step.kept > _POOR or step.gain <= enough):
             return step
         damping, growth = max(_DAMPING, growth * damping), 2.0 * growth
@@ -112,7 +106,7 @@ def _downhill(
 
 
 def _tried(
-    system: System, pattern: Pattern, point: _Point, blocks: Array, gradient: Array, damping: float
+    system: System, pattern: Pattern, fit: Fit, blocks: Array, gradient: Array, damping: float
 ) -> _Step | None:
     """The step that is damped so much; None where the equations leave something undetermined."""
     try:
@@ -120,8 +114,8 @@ def _tried(
     except NotPositiveDefiniteError:
         return None
     step = solver.solve(-gradient.ravel()).reshape(gradient.shape)
-    found = _Point.of(system, retract(system.planar, point.poses, step))
-    gain = point.cost - found.cost
+    found = fit_of(system, retract(system.planar, fit.poses, step))
+    gain = fit.chi2 - found.chi2
     kept = gain / _promised(pattern, blocks, gradient, step, damping)
     return _Step(found, solver, damping, gain, kept)
 
@@ -130,25 +124,27 @@ def _promised(
     pattern: Pattern, blocks: Array, gradient: Array, step: Array, damping: float
 ) -> float:
     """What the linear equations say that a step gains."""
-    inner = np.arange(blocks.shape[1])
-    diagonal = blocks[: len(pattern.stays), inner, inner]
-    gain = damping * float(np.sum(diagonal * step * step)) - float(np.vdot(gradient, step))
+    gain = -float(np.vdot(gradient, step))
+    if damping:
+        inner = np.arange(blocks.shape[1])
+        diagonal = blocks[: pattern.nodes, inner, inner]
+        gain += damping * float(np.sum(diagonal * step * step))
     return max(gain, _NOTHING)
 
 
 def _coasted(
-    system: System, pattern: Pattern, solver: Solver, point: _Point, gain: float, tolerance: float
-) -> tuple[_Point, float]:
-    """The point after more steps with the same factors, and what the last of them gained."""
-    while gain > tolerance * point.cost and point.cost >= _NOTHING:
-        gradient = gradient_of(system, pattern, point.poses, point.residuals)
-        found = _Point.of(system, _stepped(system, solver, point.poses, gradient))
-        if not found.cost <= point.cost:
+    system: System, pattern: Pattern, solver: Solver, fit: Fit, gain: float, tolerance: float
+) -> tuple[Fit, float]:
+    """The fit after more steps with the same factors, and what the last of them gained."""
+    while gain > tolerance * fit.chi2 and fit.chi2 >= _NOTHING:
+        gradient = gradient_of(system, pattern, fit.poses, fit.residuals)
+        found = fit_of(system, _stepped(system, solver, fit.poses, gradient))
+        if not found.chi2 <= fit.chi2:
             break
-        before, gain, point = gain, point.cost - found.cost, found
+        before, gain, fit = gain, fit.chi2 - found.chi2, found
         if gain > _PACE * before:
             break
-    return point, gain
+    return fit, gain
 
 
 def _stepped(system: System, solver: Solver, poses: Array, gradient: Array) -> Array:

@@ -6,6 +6,7 @@ Davis, "Direct methods for sparse linear systems" (2006), chapters 4 to 7.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -79,6 +80,7 @@ def _analysed(count: int, row_bytes: bytes, column_bytes: bytes, size: int) -> S
 
 def forget_patterns() -> None:
     """Lets go of the eliminations that are remembered."""
+    _linked.cache_clear()
     _analysed.cache_clear()
     _tree_of.cache_clear()
 
@@ -88,19 +90,22 @@ def links(count: int, tails: Index, heads: Index) -> tuple[Index, Index, Index]:
 
     Every node's diagonal comes first, then each linked pair once, the lower node first.
     """
+    return _linked(count, tails.astype(np.int64).tobytes(), heads.astype(np.int64).tobytes())
+
+
+@lru_cache(maxsize=_REMEMBERED)
+def _linked(count: int, tail_bytes: bytes, head_bytes: bytes) -> tuple[Index, Index, Index]:
+    tails, heads = np.frombuffer(tail_bytes, np.int64), np.frombuffer(head_bytes, np.int64)
     keys = np.minimum(tails, heads) * count + np.maximum(tails, heads)
     linked, slot = np.unique(keys, return_inverse=True)
     nodes = np.arange(count)
-    rows, columns = (
-        np.concatenate([nodes, linked // count]),
-        np.concatenate([nodes, linked % count]),
-    )
+    rows, columns = np.concatenate([[nodes, nodes], np.divmod(linked, count)], axis=1)
     return rows, columns, count + slot
 
 
 def summed(slots: Index, values: Array, count: int) -> Array:
     """(count, ...) sums of the values (E, ...) that belong to the same slot."""
-    width = int(np.prod(values.shape[1:]))
+    width = math.prod(values.shape[1:])
     places = (slots[:, None] * width + np.arange(width)).ravel()
     flat = np.bincount(places, values.ravel(), minlength=count * width)
     return np.asarray(flat, np.float64).reshape(count, *values.shape[1:])

@@ -44,8 +44,8 @@ def grown_start(graph: PoseGraph, system: System, chain: Array) -> Array:
         known[system.heads[inside & (system.heads > count)]] = True
         seen = known[count + 1 :]
         used = inside & known[system.heads]
-        held = np.flatnonzero(~known | (system.free < 0))
-        part = replace(chosen_edges(system, used), free=number_free(len(poses), held))
+        free = number_free(~known | (system.free < 0))
+        part = replace(chosen_edges(system, used), free=free)
         poses = settle(part, poses)
         nodes, places = poses[: count + 1], poses[count + 1 :]
     return np.concatenate([nodes, places])

@@ -15,7 +15,7 @@ from mapmyworld.geometry.rigid import invert
 from mapmyworld.graph.newton import hessian_blocks, newton_step
 from mapmyworld.graph.pose_graph import components
 from mapmyworld.graph.starts import nearest_rotations
-from mapmyworld.graph.system import System
+from mapmyworld.graph.system import Fit, System
 from mapmyworld.graph.twin import (
     Twin,
     certificate_blocks,
@@ -36,9 +36,9 @@ _FLOOR = 1e-9  # share of the largest diagonal that every step is damped by
 _LARGEST = 1e8  # share of the diagonal at which no step helps any more
 
 
-def lifted_start(system: System, poses: Array) -> Array:
-    """Poses near the minimum that the twin has in more dimensions; at `poses` if none is found."""
-    twin = twin_of(system, poses)
+def lifted_start(system: System, near: Fit) -> Array:
+    """Poses near the minimum that the twin has in more dimensions; those given if none is found."""
+    poses, twin = near.poses, twin_of(system, near.residuals)
     size, p = twin.dimension, twin.dimension + _EXTRA
     x = _raised(twin_poses(system.planar, poses), p)
     lowered = _lowered(_descended(twin, x), twin)

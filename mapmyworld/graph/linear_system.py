@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array
 from mapmyworld.graph.block_solver import Solver, solver_of
@@ -23,13 +22,14 @@ from mapmyworld.graph.system import System, jacobians_of, residuals_of
 class Pattern:
     """Where edges add to the symmetric matrix; depends on the edges alone."""
 
+    nodes: int
     rows: Index
     columns: Index
     """(B,) nodes of the blocks: every node's diagonal first."""
     between: Index
     """(E,) the block of both ends of each edge."""
-    stays: NDArray[np.bool_]
-    """(N,) nodes that do not move."""
+    stays: Index
+    """Nodes that do not move."""
     held: Index
     """Blocks between two nodes of which one does not move."""
 
@@ -37,9 +37,9 @@ class Pattern:
 def pattern_of(system: System) -> Pattern:
     """The pattern of the system's matrix."""
     rows, columns, between = links(len(system.free), system.tails, system.heads)
-    stays = system.free < 0
-    held = len(stays) + np.flatnonzero((stays[rows] | stays[columns])[len(stays) :])
-    return Pattern(rows, columns, between, stays, held)
+    count, stays = len(system.free), system.free < 0
+    held = count + np.flatnonzero(stays[rows[count:]] | stays[columns[count:]])
+    return Pattern(count, rows, columns, between, np.flatnonzero(stays), held)
 
 
 def linearise(
@@ -58,7 +58,7 @@ def linearise(
     blocks = np.zeros((len(pattern.rows), size, size))
     gradient = _added(system, pattern, poses, residuals, blocks, weights)
     blocks[pattern.held] = 0.0
-    blocks[np.flatnonzero(pattern.stays)] = np.eye(size)
+    blocks[pattern.stays] = np.eye(size)
     return blocks, gradient
 
 
@@ -96,8 +96,10 @@ def _added(
 
 def damped(pattern: Pattern, blocks: Array, damping: float) -> Array:
     """The blocks with so much of the diagonal on top of it."""
+    if damping == 0.0:
+        return blocks
     raised, inner = blocks.copy(), np.arange(blocks.shape[1])
-    raised[: len(pattern.stays), inner, inner] *= 1.0 + damping
+    raised[: pattern.nodes, inner, inner] *= 1.0 + damping
     return raised
 
 
@@ -106,7 +108,7 @@ def factorised(pattern: Pattern, blocks: Array) -> Solver:
 
     Raises `NotPositiveDefiniteError` when the edges leave nodes undetermined.
     """
-    return solver_of(len(pattern.stays), pattern.rows, pattern.columns, blocks)
+    return solver_of(pattern.nodes, pattern.rows, pattern.columns, blocks)
 
 
 def information_factors(system: System, poses: Array) -> Factors:
@@ -116,5 +118,5 @@ def information_factors(system: System, poses: Array) -> Factors:
     leave a node undetermined.
     """
     pattern = pattern_of(system)
-    symbolic = analyse(len(pattern.stays), pattern.rows, pattern.columns, system.dimension)
+    symbolic = analyse(pattern.nodes, pattern.rows, pattern.columns, system.dimension)
     return factorise(symbolic, linearise(system, pattern, poses)[0])

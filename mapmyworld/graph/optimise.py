@@ -20,12 +20,12 @@ from mapmyworld.graph.candidates import (
 )
 from mapmyworld.graph.certificate import Certificate, certainty_of, certify
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError
-from mapmyworld.graph.descent import descend
+from mapmyworld.graph.descent import Descent, descend
 from mapmyworld.graph.growth import grown_start
 from mapmyworld.graph.lifted import lifted_start
 from mapmyworld.graph.problem import Problem, problem_of
 from mapmyworld.graph.robust import solve_robustly
-from mapmyworld.graph.system import System, chosen_edges, edge_chi2
+from mapmyworld.graph.system import Fit, System, chosen_edges, fit_of
 from mapmyworld.graph.windings import wound_starts
 from mapmyworld.parallel import on_one_thread
 from mapmyworld.types.pose_graph import PoseGraph
@@ -66,12 +66,15 @@ class OptimisedGraph:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Descent:
+class _Followed:
+    """A start, and where it led."""
+
     start: str
-    poses: Array
-    cost: float
-    iterations: int
-    converged: bool
+    end: Descent
+
+    @property
+    def cost(self) -> float:
+        return self.end.fit.cost
 
 
 @on_one_thread
@@ -85,43 +88,54 @@ def optimise(graph: PoseGraph, config: GraphConfig | None = None) -> OptimisedGr
     """
     config = config or GraphConfig()
     problem = problem_of(graph)
-    starts = (near_start(problem) if config.certify else {}) or starts_of(problem)
-    costs = {name: _cost(problem.system, poses) for name, poses in starts.items()}
+    system = problem.system
+    starts = _fits(system, (near_start(problem) if config.certify else {}) or starts_of(problem))
+    costs = {name: fit.cost for name, fit in starts.items()}
     cheapest = min(costs, key=lambda name: costs[name])
-    best = _descent(problem, cheapest, starts.pop(cheapest), config)
+    best = _descended(system, cheapest, starts.pop(cheapest), config)
     followed, certificate = [best], None
     if config.certify:
-        certificate = certify(problem.system, best.poses)
+        certificate = certify(system, best.end.fit)
     if certificate is not None and not certificate.trusted:
-        others = starts or plain_starts(problem)
-        costs |= {name: _cost(problem.system, poses) for name, poses in others.items()}
+        others = starts or _fits(system, plain_starts(problem))
+        costs |= {name: fit.cost for name, fit in others.items()}
         best, certificate, followed = _best_of_all(problem, best, certificate, others, config)
-    every = np.ones(len(problem.system.tails), np.bool_)
+    every = np.ones(len(system.tails), np.bool_)
     return _result(problem, every, costs, best, certificate, followed)
+
+
+def _fits(system: System, starts: dict[str, Array]) -> dict[str, Fit]:
+    return {name: fit_of(system, poses) for name, poses in starts.items()}
+
+
+def _descended(system: System, name: str, start: Fit, config: GraphConfig) -> _Followed:
+    if system.size == 0:
+        return _Followed(name, Descent(start, 0, True))
+    return _Followed(name, descend(system, start, config.tolerance, config.iterations))
 
 
 def _best_of_all(
     problem: Problem,
-    best: _Descent,
+    best: _Followed,
     certificate: Certificate,
-    others: dict[str, Array],
+    others: dict[str, Fit],
     config: GraphConfig,
-) -> tuple[_Descent, Certificate, list[_Descent]]:
+) -> tuple[_Followed, Certificate, list[_Followed]]:
     """The cheapest minimum of all starts, looked for until one is proven to be the global one."""
     followed = [best]
     for name, start in _other_starts(problem, followed, others):
-        followed.append(_descent(problem, name, start, config))
+        followed.append(_descended(problem.system, name, start, config))
         if followed[-1].cost < (1.0 - config.tolerance) * best.cost:
             best = followed[-1]
-            certificate = certify(problem.system, best.poses)
+            certificate = certify(problem.system, best.end.fit)
             if certificate.trusted:
                 break
     return best, certificate, followed
 
 
 def _other_starts(
-    problem: Problem, followed: list[_Descent], others: dict[str, Array]
-) -> Iterator[tuple[str, Array]]:
+    problem: Problem, followed: list[_Followed], others: dict[str, Fit]
+) -> Iterator[tuple[str, Fit]]:
     """Starts by name, made when they are asked for; `followed` grows meanwhile."""
     system = problem.system
     if len(problem.graph.sightings):  # no other start comes near that of a growing path
@@ -131,17 +145,17 @@ def _other_starts(
         for _ in range(_ROUNDS):
             before = _cheapest(followed)
             with suppress(NotPositiveDefiniteError):  # an edge that weighs nothing holds no node
-                for start in wound_starts(system, before.poses, count):
-                    yield "winding", start
+                for start in wound_starts(system, before.end.fit.poses, count):
+                    yield "winding", fit_of(system, start)
             if _cheapest(followed) is before:
                 break
     if len(problem.graph) <= _LIFTED:
-        yield "lifted", lifted_start(system, _cheapest(followed).poses)
+        yield "lifted", fit_of(system, lifted_start(system, _cheapest(followed).end.fit))
     yield from others.items()
 
 
-def _cheapest(followed: list[_Descent]) -> _Descent:
-    return min(followed, key=lambda descent: descent.cost)
+def _cheapest(followed: list[_Followed]) -> _Followed:
+    return min(followed, key=lambda one: one.cost)
 
 
 @on_one_thread
@@ -159,32 +173,20 @@ def optimise_robustly(graph: PoseGraph, config: GraphConfig | None = None) -> Op
         start = with_landmarks(problem, start)
     solution = solve_robustly(system, start, problem.anchors, trusted, config)
     part = chosen_edges(system, solution.inliers)
-    poses, iterations, converged = descend(
-        part, solution.poses, config.tolerance, config.iterations
+    end = descend(part, fit_of(part, solution.poses), config.tolerance, config.iterations)
+    certificate = certify(part, end.fit) if config.certify else None
+    costs = {"odometry": fit_of(system, start).cost}
+    found = _Followed(
+        "odometry", Descent(fit_of(system, end.fit.poses), end.iterations, end.converged)
     )
-    found = _Descent("odometry", poses, _cost(part, poses), iterations, converged)
-    certificate = certify(part, poses) if config.certify else None
-    costs = {"odometry": _cost(system, start)}
     return _result(problem, solution.inliers, costs, found, certificate, [found])
 
 
-def _cost(system: System, poses: Array) -> float:
-    return 0.5 * float(edge_chi2(system, poses).sum())
-
-
-def _descent(problem: Problem, name: str, start: Array, config: GraphConfig) -> _Descent:
-    system = problem.system
-    if system.size == 0:
-        return _Descent(name, start, _cost(system, start), 0, True)
-    poses, iterations, converged = descend(system, start, config.tolerance, config.iterations)
-    return _Descent(name, poses, _cost(system, poses), iterations, converged)
-
-
-def _reached(followed: list[_Descent]) -> dict[str, float]:
+def _reached(followed: list[_Followed]) -> dict[str, float]:
     """The cheapest cost by start, in the order in which they were followed."""
     found: dict[str, float] = {}
-    for descent in followed:
-        found[descent.start] = min(descent.cost, found.get(descent.start, descent.cost))
+    for one in followed:
+        found[one.start] = min(one.cost, found.get(one.start, one.cost))
     return found
 
 
@@ -192,12 +194,12 @@ def _result(
     problem: Problem,
     accepted: NDArray[np.bool_],
     costs: dict[str, float],
-    best: _Descent,
+    best: _Followed,
     certificate: Certificate | None,
-    followed: list[_Descent],
+    followed: list[_Followed],
 ) -> OptimisedGraph:
-    graph, count, poses = problem.graph, problem.nodes, best.poses
-    squares = edge_chi2(problem.system, poses)
+    graph, count, end = problem.graph, problem.nodes, best.end
+    poses, squares = end.fit.poses, end.fit.squares
     chi2, good = np.empty(len(graph.edges)), np.empty(len(graph.edges), np.bool_)
     chi2[problem.order] = squares[: len(graph.edges)]
     good[problem.order] = accepted[: len(graph.edges)]
@@ -209,11 +211,11 @@ def _result(
         best.start,
         costs,
         _reached(followed),
-        best.iterations,
-        best.converged,
+        end.iterations,
+        end.converged,
         chi2,
         good,
         problem.component,
         certificate,
-        certainty_of(part, cost, best.converged, certificate),
+        certainty_of(part, cost, end.converged, certificate),
     )

@@ -64,26 +64,40 @@ def canonical_order(edges: Edges) -> Index:
 
 def positions(known: Index, wanted: Index) -> Index:
     """Where `wanted` ids stand in the ascending `known`; -1 for those that do not."""
-    if len(known) == 0:
+    if len(known) == 0 or len(wanted) == 0:
         return np.full(len(wanted), -1, np.int64)
-    found = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
-    return np.where(known[found] == wanted, found, -1).astype(np.int64)
+    found = np.minimum(known.searchsorted(wanted), len(known) - 1)
+    return np.where(known[found] == wanted, found, -1)
 
 
 def components(node_count: int, tails: Index, heads: Index) -> Index:
     """(N,) number of the connected part of every node; parts are numbered by their first node."""
+    first = first_nodes(node_count, tails, heads)
+    number = np.cumsum(first == np.arange(node_count)) - 1
+    return np.asarray(number[first])
+
+
+def first_nodes(node_count: int, tails: Index, heads: Index) -> Index:
+    """(N,) the first node of the connected part of every node."""
     label = np.arange(node_count)
-    while True:
-        # Both ends of a link take the smaller label, then every node its label's own label.
-        a, b = label[tails], label[heads]
-        if np.array_equal(a, b):
-            break
+    # Both ends of a link take the smaller label, then every node its label's own label.
+    while ((a := label[tails]) != (b := label[heads])).any():
         low = np.minimum(a, b)
         np.minimum.at(label, a, low)
         np.minimum.at(label, b, low)
-        while not np.array_equal(label, jumped := label[label]):
+        while (label != (jumped := label[label])).any():
             label = jumped
-    return np.unique(label, return_inverse=True)[1].astype(np.int64)
+    return label
+
+
+def held_nodes(node_count: int, tails: Index, heads: Index, held: Index) -> NDArray[np.bool_]:
+    """(N,) nodes that are `held`, and the first node of every connected part without any."""
+    first = first_nodes(node_count, tails, heads)
+    found, placed = np.zeros((2, node_count), np.bool_)
+    placed[first[held]] = True
+    found[first[~placed[first]]] = True
+    found[held] = True
+    return found
 
 
 def told_of_parts(component: Index) -> list[str]:

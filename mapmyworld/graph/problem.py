@@ -9,7 +9,7 @@ import numpy as np
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array
 from mapmyworld.graph.landmarks import as_edges
-from mapmyworld.graph.pose_graph import Index, canonical_order, components, positions
+from mapmyworld.graph.pose_graph import Index, canonical_order, components, held_nodes, positions
 from mapmyworld.graph.system import System, number_free
 from mapmyworld.types.pose_graph import PoseGraph
 
@@ -24,6 +24,7 @@ class Problem:
     guess: Array
     """Poses of all, landmarks at zero."""
     anchors: Index
+    """The map's frame, fixed nodes, and the first node of every part that has neither."""
     order: Index
     """(E,) the graph's edges in canonical order."""
     component: Index
@@ -54,16 +55,18 @@ def problem_of(graph: PoseGraph) -> Problem:
     world = np.zeros(3) if graph.planar else np.eye(4)
     total = count + 1 + len(graph.landmark_ids)
     component = components(count, at[0], at[1])
-    anchors = _anchors(total, count, tails, heads, positions(graph.ids, graph.fixed_ids))
-    free = number_free(total, anchors)
-    unseen = np.setdiff1d(np.arange(count + 1, total), heads)
+    held = np.append(positions(graph.ids, graph.fixed_ids), count)
+    stays = held_nodes(total, tails, heads, held)
+    stays[count + 1 :] = False
+    anchors = np.flatnonzero(stays)
+    stays[count + 1 :] = np.bincount(heads, minlength=total)[count + 1 :] == 0  # never seen
     system = System(
         graph.planar,
         tails,
         heads,
         np.concatenate([edges.from_from_to, prior_poses, measured]),
         np.concatenate([edges.information, prior_information, information]),
-        number_free(total, np.concatenate([anchors, unseen])) if len(unseen) else free,
+        number_free(stays),
         np.concatenate([np.zeros(len(edges) + len(priors), np.int64), kinds])
         if len(kinds)
         else None,
@@ -71,12 +74,3 @@ def problem_of(graph: PoseGraph) -> Problem:
     extra = np.broadcast_to(world, (total - count, *world.shape))
     guess = np.concatenate([graph.map_from_node, extra])
     return Problem(graph, system, guess, anchors, order, component)
-
-
-def _anchors(total: int, world: int, tails: Index, heads: Index, fixed: Index) -> Index:
-    """The map's frame, fixed nodes, and the first node of every part that has neither."""
-    held = np.concatenate([[world], fixed]).astype(np.int64)
-    part = components(total, tails, heads)
-    first = np.unique(part, return_index=True)[1]
-    loose = first[~np.isin(part[first], part[held])]
-    return np.unique(np.concatenate([held, loose[loose < world]])).astype(np.int64)

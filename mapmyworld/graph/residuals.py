@@ -11,8 +11,6 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.planar import compose_planar
-from mapmyworld.geometry.rigid import se3_exp
 
 
 def planar_log(motion: Array) -> Array:
@@ -39,9 +37,10 @@ def planar_exp(tangent: Array) -> Array:
 
 def retract(planar: bool, poses: Array, tangents: Array) -> Array:
     """Poses moved by tangents (N, 3 or 6) in their own frames."""
-    if planar:
-        return compose_planar(poses, planar_exp(tangents))
-    return np.asarray(poses @ se3_exp(tangents))
+    from mapmyworld.kernels.pose_moves import planar_moved, spatial_moved
+
+    kernel = planar_moved if planar else spatial_moved
+    return np.asarray(kernel(_plain(poses), _plain(tangents)))
 
 
 def edge_residuals(
@@ -87,8 +86,6 @@ def chi_squared_quantile(probability: float, freedom: Array | int) -> Array:
 
 def squared_sigmas(residuals: Array, information: Array) -> Array:
     """(E,) chi-squared values `r' I r`."""
-    return np.asarray(np.einsum("ei,ei->e", residuals, _times(information, residuals)))
-
-
-def _times(matrices: Array, vectors: Array) -> Array:
-    return np.asarray((matrices @ vectors[..., None])[..., 0])
+    return np.asarray(
+        np.einsum("ei,ei->e", residuals, np.einsum("eij,ej->ei", information, residuals))
+    )

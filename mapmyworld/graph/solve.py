@@ -17,7 +17,7 @@ from mapmyworld.graph.covariance import marginal_covariances, spatial_covariance
 from mapmyworld.graph.descent import settle
 from mapmyworld.graph.pose_graph import Index, components
 from mapmyworld.graph.robust import RobustSolution, solve_robustly
-from mapmyworld.graph.system import System, believed_edges, edge_chi2
+from mapmyworld.graph.system import System, believed_edges, edge_chi2, fit_of
 from mapmyworld.graph.verdicts import faults_of, judged, unjudged
 from mapmyworld.parallel import on_one_thread
 from mapmyworld.types import Constraint, Poses
@@ -72,7 +72,7 @@ def solve(
     statement = _certainty(part, solution)
     if config.certify and config.covariances:  # a draft needs neither
         believed = believed_edges(system, solution.inliers)
-        statement += f"; {proof_of(certify(believed, solution.poses))}"
+        statement += f"; {proof_of(certify(believed, fit_of(believed, solution.poses)))}"
     spread = _covariances(system, solution, len(known)) if config.covariances else None
     return SolvedGraph(Poses(known, matrices, spread), verdicts, part, cost, statement)
 

@@ -141,22 +141,12 @@ def _relaxed_rotations(
 ) -> Array:
     """Rotations (N, d, d) minimising the sum of `kappa |X_j - M' X_i|^2` over `X = R'`."""
     count, size = len(guess), guess.shape[1]
-    eye = np.broadcast_to(np.eye(size), measured.shape)
-    weight = kappa[:, None, None]
     anchor = _ANCHOR * kappa.max(initial=1.0)
     right = np.zeros((count, size, size))
-    right[anchors] = anchor * np.swapaxes(guess[anchors], 1, 2)
-    solution = solve_blocks(
-        count,
-        tails,
-        heads,
-        weight * eye,
-        -weight * measured,
-        anchors,
-        anchor * np.eye(size),
-        right.reshape(count * size, size),
-    )
-    return nearest_rotations(np.swapaxes(solution.reshape(count, size, size), 1, 2))
+    right[anchors] = anchor * guess[anchors].swapaxes(1, 2)
+    across = -kappa[:, None, None] * measured
+    solution = solve_blocks(count, tails, heads, kappa, across, anchors, anchor, right)
+    return nearest_rotations(solution.swapaxes(1, 2))
 
 
 def nearest_rotations(matrices: Array) -> Array:
@@ -172,13 +162,13 @@ def _positions(
 ) -> Array:
     """Positions (N, d) minimising the sum of `tau |t_j - t_i - step|^2`."""
     count = len(guess)
-    weight = tau[:, None, None]
-    anchor = _ANCHOR * tau.max(initial=1.0)
+    anchor, pull = _ANCHOR * tau.max(initial=1.0), tau[:, None] * step
     right = np.zeros_like(guess)
-    np.add.at(right, heads, tau[:, None] * step)
-    np.add.at(right, tails, -tau[:, None] * step)
+    np.add.at(right, heads, pull)
+    np.subtract.at(right, tails, pull)
     right[anchors] += anchor * guess[anchors]
-    return solve_blocks(count, tails, heads, weight, -weight, anchors, anchor * np.eye(1), right)
+    across = -tau[:, None, None]
+    return solve_blocks(count, tails, heads, tau, across, anchors, anchor, right)
 
 
 def with_places(system: System, poses: Array) -> Array:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array
 from mapmyworld.graph.landmarks import sighting_jacobians, sighting_residuals
-from mapmyworld.graph.pose_graph import Index, components
+from mapmyworld.graph.pose_graph import Index, held_nodes
 from mapmyworld.graph.residuals import edge_jacobians, edge_residuals, squared_sigmas
 
 
@@ -40,16 +40,32 @@ class System:
         return self.dimension * int(self.free.max(initial=-1) + 1)
 
 
-def number_free(node_count: int, fixed: Index) -> Index:
-    """(N,) 0, 1, ... over the nodes that are not fixed, and -1 for those that are."""
-    is_free = np.ones(node_count, np.bool_)
-    is_free[fixed] = False
-    return np.where(is_free, np.cumsum(is_free) - 1, -1).astype(np.int64)
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """Poses of all nodes, and how they fit the edges."""
+
+    poses: Array
+    residuals: Array
+    """(E, d)."""
+    squares: Array
+    """(E,) squared sigmas."""
+    chi2: float
+    """Their sum."""
+
+    @property
+    def cost(self) -> float:
+        """Half the sum of squared sigmas."""
+        return 0.5 * self.chi2
+
+
+def number_free(stays: NDArray[np.bool_]) -> Index:
+    """(N,) 0, 1, ... over the nodes that do not stay, and -1 for those that do."""
+    return np.where(stays, -1, np.cumsum(~stays) - 1)
 
 
 def residuals_of(system: System, poses: Array) -> Array:
     """(E, d) residuals of edges and sightings."""
-    tails, heads = poses[system.tails], poses[system.heads]
+    tails, heads = poses.take(system.tails, axis=0), poses.take(system.heads, axis=0)
     residuals = edge_residuals(system.planar, tails, heads, system.measured)
     if system.kinds is not None:
         k = np.flatnonzero(system.kinds)
@@ -61,7 +77,7 @@ def residuals_of(system: System, poses: Array) -> Array:
 
 def jacobians_of(system: System, poses: Array, residuals: Array) -> tuple[Array, Array]:
     """Derivatives (E, d, d) of these residuals by tangents of tails and heads."""
-    tails, heads = poses[system.tails], poses[system.heads]
+    tails, heads = poses.take(system.tails, axis=0), poses.take(system.heads, axis=0)
     by_tail, by_head = edge_jacobians(system.planar, tails, heads, residuals)
     if system.kinds is not None:
         k = np.flatnonzero(system.kinds)
@@ -84,16 +100,18 @@ def chosen_edges(system: System, which: NDArray[np.bool_] | Index) -> System:
 
 def believed_edges(system: System, which: NDArray[np.bool_]) -> System:
     """The system with some of its edges; the first node of every part they leave loose stays."""
-    part = chosen_edges(system, which)
-    number = components(len(system.free), part.tails, part.heads)
-    held = np.flatnonzero(system.free < 0)
-    first = np.unique(number, return_index=True)[1]
-    loose = first[~np.isin(number[first], number[held])]
-    if len(loose) == 0:
-        return part
-    return replace(part, free=number_free(len(system.free), np.concatenate([held, loose])))
+    part, held = chosen_edges(system, which), np.flatnonzero(system.free < 0)
+    stays = held_nodes(len(system.free), part.tails, part.heads, held)
+    return replace(part, free=number_free(stays))
+
+
+def fit_of(system: System, poses: Array) -> Fit:
+    """How poses fit the edges of a system."""
+    residuals = residuals_of(system, poses)
+    squares = squared_sigmas(residuals, system.information)
+    return Fit(poses, residuals, squares, float(squares.sum()))
 
 
 def edge_chi2(system: System, poses: Array) -> Array:
     """(E,) squared sigmas of every edge at `poses`."""
-    return squared_sigmas(residuals_of(system, poses), system.information)
+    return fit_of(system, poses).squares

@@ -15,13 +15,11 @@ import numpy as np
 
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
-from mapmyworld.geometry.rigid import se3_exp
-from mapmyworld.geometry.rotations import skew
-from mapmyworld.graph.elimination import links, summed
+from mapmyworld.geometry.rotations import skew, so3_exp
 from mapmyworld.graph.landmarks import POINT, POLAR
-from mapmyworld.graph.pose_graph import Index, components
-from mapmyworld.graph.residuals import planar_exp
-from mapmyworld.graph.system import System, residuals_of
+from mapmyworld.graph.normal_equations import edge_blocks
+from mapmyworld.graph.pose_graph import Index, first_nodes
+from mapmyworld.graph.system import System, chosen_edges
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,29 +39,28 @@ class Twin:
     """Nodes without a rotation: landmarks."""
 
 
-def twin_of(system: System, poses: Array) -> Twin:
-    """The twin of a system, closest at `poses`; bearings and ranges play no part in it."""
-    count = len(poses)
-    kinds = np.zeros(len(system.tails), np.int64) if system.kinds is None else system.kinds
-    used = kinds != POLAR
-    tails, heads, kinds = system.tails[used], system.heads[used], kinds[used]
-    residuals = residuals_of(system, poses)[used]
-    weights, tau = lower_weights(system.planar, system.information[used], residuals)
-    weights[kinds == POINT] = 0.0
-    motion = planar_to_matrix(system.measured[used]) if system.planar else system.measured[used]
+def twin_of(system: System, residuals: Array) -> Twin:
+    """The twin of a system, closest where edges have these residuals (E, d).
+
+    Bearings and ranges play no part in it.
+    """
+    count, points = len(system.free), np.zeros(0, np.int64)
+    if system.kinds is not None:
+        points = np.unique(system.heads[system.kinds > 0])
+        used = system.kinds != POLAR
+        system, residuals = chosen_edges(system, used), residuals[used]
+    tails, heads = system.tails, system.heads
+    weights, tau = lower_weights(system.planar, system.information, residuals)
+    if system.kinds is not None:
+        weights = np.where((system.kinds == POINT)[:, None, None], 0.0, weights)
+    motion = planar_to_matrix(system.measured) if system.planar else system.measured
     size = 2 if system.planar else 3
-    at_tail, at_head, cross = _edge_blocks(
+    at_ends = _edge_blocks(
         motion[:, :size, :size], motion[:, :size, 3], _for_matrices(system.planar, weights), tau
     )
-    turned = tails > heads
-    cross[turned] = np.swapaxes(cross[turned], 1, 2)
-    rows, columns, slot = links(count, tails, heads)
-    blocks = summed(slot, cross, len(rows))
-    blocks[:count] += summed(tails, at_tail, count) + summed(heads, at_head, count)
-    part = components(count, tails, heads)
-    anchors = np.unique(part, return_index=True)[1].astype(np.int64)
-    points = np.unique(system.heads[(system.kinds if system.kinds is not None else kinds) > 0])
-    return Twin(size, rows, columns, blocks, anchors, points)
+    laid = edge_blocks(count, tails, heads, *at_ends)
+    anchors = np.flatnonzero(first_nodes(count, tails, heads) == np.arange(count))
+    return Twin(size, *laid, anchors, points)
 
 
 # Weights of rotation against translation that are tried: where the information couples them, what
@@ -80,7 +77,9 @@ def lower_weights(planar: bool, information: Array, residuals: Array) -> tuple[A
     """
     turn, shift = (slice(2, 3), slice(0, 2)) if planar else (slice(0, 3), slice(3, 6))
     rotation, slight = information[:, turn, turn], np.zeros_like(information)
-    tau = np.linalg.eigvalsh(information[:, shift, shift])[:, 0]
+    tau = np.asarray(np.linalg.eigvalsh(information[:, shift, shift])[:, 0], np.float64)
+    if not information[:, turn, shift].any():
+        return rotation, tau
     spin, length = residuals[:, turn], np.sum(residuals[:, shift] ** 2, axis=1)
     by_turn = np.einsum("ei,eij,ej->e", spin, rotation, spin)
     slight[:, shift, shift] = tau[:, None, None] * np.eye(slight[0, shift, shift].shape[0])
@@ -125,12 +124,9 @@ def _edge_blocks(turn: Array, shift: Array, weights: Array, tau: Array) -> tuple
 
 def product(twin: Twin, blocks: Array, x: Array) -> Array:
     """(N, d, d + 1): X times a matrix with the twin's pattern, of poses X (N, d, d + 1)."""
-    count = len(x)
-    rows, columns, off = twin.rows[count:], twin.columns[count:], blocks[count:]
-    found = x @ blocks[:count]
-    found += summed(columns, x[rows] @ off, count)
-    found += summed(rows, x[columns] @ np.swapaxes(off, 1, 2), count)
-    return found
+    from mapmyworld.kernels.normal_equations import multiplied
+
+    return np.asarray(multiplied(x, twin.rows, twin.columns, blocks))
 
 
 def twin_cost(twin: Twin, x: Array) -> float:
@@ -188,14 +184,15 @@ def moved(x: Array, step: Array) -> Array:
     """X after steps (N, m) along the tangents."""
     size = x.shape[1]
     spin = step.shape[1] - size
-    found = x.copy()
-    found[:, :, 0] += step[:, spin:]
-    tangent = np.zeros((len(x), 3 if size == 2 else 6))
-    if size == 2:
-        tangent[:, 2] = step[:, 0]
-        turn = planar_to_matrix(planar_exp(tangent))[:, :2, :2]
-    else:
-        tangent[:, :3] = step[:, :3]
-        turn = se3_exp(tangent)[:, :3, :3]
-    found[:, :, 1:] = x[:, :, 1:] @ turn
+    found = np.empty(x.shape)
+    found[:, :, 0] = x[:, :, 0] + step[:, spin:]
+    found[:, :, 1:] = x[:, :, 1:] @ _turns(step[:, :spin])
     return found
+
+
+def _turns(angles: Array) -> Array:
+    """Rotations (N, d, d) by angles (N, 1) of the plane or rotation vectors (N, 3)."""
+    if angles.shape[1] == 3:
+        return so3_exp(angles)
+    cos, sin = np.cos(angles[:, 0]), np.sin(angles[:, 0])
+    return np.array([[cos, -sin], [sin, cos]]).transpose(2, 0, 1)

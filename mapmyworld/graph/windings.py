@@ -16,7 +16,7 @@ from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.graph.block_solver import Solver, solver_of
-from mapmyworld.graph.elimination import links, summed
+from mapmyworld.graph.normal_equations import edge_blocks
 from mapmyworld.graph.pose_graph import Index
 from mapmyworld.graph.starts import with_places
 from mapmyworld.graph.system import System, residuals_of
@@ -92,14 +92,12 @@ def _at(edge: int, weights: Array) -> Array:
 def _headings(system: System, weights: Array) -> Solver:
     """The equations of all headings; those of nodes that stay are held."""
     count = len(system.free)
-    rows, columns, between = links(count, system.tails, system.heads)
-    blocks = summed(between, -weights[:, None], len(rows))
-    blocks[:count] += summed(system.tails, weights[:, None], count)
-    blocks[:count] += summed(system.heads, weights[:, None], count)
+    own = np.ascontiguousarray(weights)[:, None, None]
+    rows, columns, blocks = edge_blocks(count, system.tails, system.heads, own, own, -own)
     stays = system.free < 0
     blocks[(stays[rows] | stays[columns])] = 0.0
     blocks[:count][stays] = 1.0
-    return solver_of(count, rows, columns, blocks[:, None])
+    return solver_of(count, rows, columns, blocks)
 
 
 def _solved(system: System, solver: Solver, pull: Array) -> Array:

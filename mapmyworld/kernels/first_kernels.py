@@ -53,6 +53,8 @@ camera projection.project_points
     f8[:,::1] f8[:,::1] i8 f8[::1] f8[:,::1]
 camera voxels.add_points
     f8[:,::1] u1[:,::1] f4[:,::1] f8 i4[::1] i8[::1] u2[:,::1] i8
+space pose_moves.spatial_moved
+    f8[:,:,::1] f8[:,::1]
 sight bundle.subtract_points
     i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[:,::1]
 camera image_matching.nearest_and_votes
@@ -69,6 +71,12 @@ scan branch_and_bound.fill_pyramid
     u1[:,:,::1] i8
 scan recorded_motion.move_beams
     f8[:,::1] i8[::1] f8 f8[:,:,::1]
+log normal_equations.multiplied
+    f8[:,:,::1] i8[::1] i8[::1] f8[:,:,::1]
+plane pose_moves.planar_moved
+    f8[:,::1] f8[:,::1]
+log normal_equations.add_blocks
+    i8[::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[:,:,::1] f8[:,:,::1]
 camera image_matching.nearest_leaves
     u8[:,::1] u8[:,::1] i4[::1] i4[::1]
 sight bundle.move_points

@@ -63,3 +63,42 @@ def add_edges(
                         blocks[between[e], i, j] += a * by_head[e, k, j]
                     else:
                         blocks[between[e], i, j] += b * by_tail[e, k, j]
+
+
+@jit
+def add_blocks(
+    tails: Index,
+    heads: Index,
+    between: Index,
+    at_tail: Floats,
+    at_head: Floats,
+    across: Floats,
+    blocks: Floats,
+) -> None:
+    """Adds what edges have at both ends and across (E, d, d) to blocks laid out the same way."""
+    size = blocks.shape[1]
+    for e in range(len(tails)):
+        tail, head = tails[e], heads[e]
+        for i in range(size):
+            for j in range(size):
+                blocks[tail, i, j] += at_tail[e, i, j]
+                blocks[head, i, j] += at_head[e, i, j]
+                if tail < head:
+                    blocks[between[e], i, j] += across[e, i, j]
+                else:
+                    blocks[between[e], j, i] += across[e, i, j]
+
+
+@jit
+def multiplied(x: Floats, rows: Index, columns: Index, blocks: Floats) -> Floats:
+    """(N, p, d): X (N, p, d) times a symmetric matrix of blocks (B, d, d), one of each pair."""
+    found = np.zeros(x.shape)
+    for b in range(len(rows)):
+        row, column = rows[b], columns[b]
+        for i in range(x.shape[1]):
+            for j in range(x.shape[2]):
+                for k in range(x.shape[2]):
+                    found[column, i, j] += x[row, i, k] * blocks[b, k, j]
+                    if row != column:
+                        found[row, i, j] += x[column, i, k] * blocks[b, j, k]
+    return found

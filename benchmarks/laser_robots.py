@@ -68,11 +68,7 @@ def row(number: int, changes: dict[str, str], folder: Path) -> str:
     built = tool("build", log, "-o", made, "--overwrite", "-q", "--format", "json")
     if built.returncode:
         return f"{head} | exit code {built.returncode}: {built.stderr.strip()[-200:]} |"
-    truth = f"{log}.truth/trajectory.tum"
-    scores = {
-        what: json.loads(tool("evaluate", what, made, truth, "--format", "json").stdout)
-        for what in ("trajectory", "loops")
-    }
+    scores = scores_of(made, Path(f"{log}.truth/trajectory.tum"))
     ate, turned = scores["trajectory"]["ate"], scores["trajectory"]["ate_rotation_deg"]
     closures = scores["loops"]["count"]
     wrong = round(closures * (1.0 - scores["loops"]["precision"]))
@@ -87,6 +83,14 @@ def robot(number: int) -> tuple[str, int, dict[str, Any]]:
     world = draw.choice(WORLDS)
     settings = {name: draw.choice(values) for name, values in DRAWN.items()}
     return world, draw.choice([1, 2]), settings
+
+
+def scores_of(made: Path, truth: Path) -> dict[str, Any]:
+    """How near a map's trajectory is to the truth, and how right its closures are."""
+    return {
+        what: json.loads(tool("evaluate", what, made, truth, "--format", "json").stdout)
+        for what in ("trajectory", "loops")
+    }
 
 
 def tool(*words: object) -> subprocess.CompletedProcess[str]:

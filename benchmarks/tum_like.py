@@ -136,9 +136,20 @@ PATHS = {
 }  # fmt: skip
 
 
-def record(path: Path3, folder: Path, seconds: float, rate: float, lag: float, seed: int) -> None:
+def record(
+    path: Path3,
+    folder: Path,
+    seconds: float,
+    rate: float,
+    lag: float,
+    seed: int,
+    faults: Faults | None = None,
+) -> None:
     """Writes the folder: images, lists, truth and calibration."""
-    camera, random = Kinect(build_scene(path.world), Faults()), np.random.default_rng(seed)
+    camera, random = (
+        Kinect(build_scene(path.world), faults or Faults()),
+        np.random.default_rng(seed),
+    )
     motion = partial(path.pose, length=seconds)
     times = 0.1 + np.arange(round((seconds - 0.2) * rate)) / rate
     gains = _exposures(len(times), random)

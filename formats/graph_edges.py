@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 from formats.graph_lines import Table, listed
 from formats.graph_numbers import (
     LEAST_VARIANCE,
-    ORDER,
     POSES,
-    TRIANGLE,
+    ROTATION_FIRST,
+    ROW_BY_ROW,
+    TORO,
     from_quaternions,
     inverted,
-    rotation_first,
     symmetric,
 )
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import invert
-from mapmyworld.types.pose_graph import Edges, Priors, Sightings
+from mapmyworld.types.pose_graph import Edges, Priors, Sightings, no_priors, no_sightings
 
 Index = NDArray[np.int64]
 Tables = dict[str, Table]
@@ -27,35 +27,33 @@ Tables = dict[str, Table]
 def edges_of(tables: Tables, planar: bool, problems: list[str]) -> Edges:
     """Constraints between poses; faults are told in `problems`."""
     tags = ("EDGE_SE2", "EDGE2", "ODOMETRY") if planar else ("EDGE_SE3:QUAT", "EDGE3")
-    width = 3 if planar else 6
-    found = [_no_edges(planar)]
-    for tag in tags:
-        if tag not in tables:
-            continue
-        table = tables[tag]
-        ends = table.numbers[:, :2].astype(np.int64)
-        entries = len(TRIANGLE[width][0])
-        information = symmetric(table.numbers[:, -entries:], ORDER.get(tag, slice(None)))
-        if tag == "ODOMETRY":
-            information = inverted(information)
-        if not planar:
-            information = rotation_first(information)
-        poses = POSES[tag](table.numbers[:, 2:-entries])
-        good = _sound(problems, tag, table.lines, information)
-        loop = ends[:, 0] == ends[:, 1]
-        if loop.any():
-            where = listed(table.lines[loop])
-            problems.append(f"{tag} from a node to itself (line {where})")
-        good &= ~loop
-        nothing = np.zeros(len(ends), np.bool_)
-        found.append(Edges(ends[:, 0], ends[:, 1], poses, information, nothing).chosen(good))
-    return _joined(found)
+    found = [_edges_of(tag, tables[tag], planar, problems) for tag in tags if tag in tables]
+    return found[0] if len(found) == 1 else _joined([_no_edges(planar), *found])
+
+
+def _edges_of(tag: str, table: Table, planar: bool, problems: list[str]) -> Edges:
+    tails, heads = np.ascontiguousarray(table.numbers[:, :2].astype(np.int64).T)
+    layout = TORO if tag == "EDGE2" else ROW_BY_ROW[3] if planar else ROTATION_FIRST
+    information = symmetric(table.numbers, layout)
+    if tag == "ODOMETRY":
+        information = inverted(information)
+    poses = POSES[tag](table.numbers[:, 2:])
+    good, loop = _sound(problems, tag, table.lines, information), tails == heads
+    if loop.any():
+        problems.append(f"{tag} from a node to itself (line {listed(table.lines[loop])})")
+    edges = Edges(tails, heads, poses, information, np.zeros(len(tails), np.bool_))
+    good &= ~loop
+    return edges if good.all() else edges.chosen(good)
 
 
 def _sound(problems: list[str], tag: str, lines: Index, information: Array) -> NDArray[np.bool_]:
-    lowest = np.linalg.eigvalsh(information)[:, 0]
-    scale = np.abs(information).max(axis=(1, 2), initial=0.0)
-    good = lowest > 1e-14 * scale
+    """Which matrices (R, d, d) are positive definite; the others are told."""
+    least = 1e-14 * np.abs(information).max(axis=(1, 2), initial=0.0)
+    try:  # a fraction of what eigenvalues cost
+        np.linalg.cholesky(information - least[:, None, None] * np.eye(information.shape[1]))
+        good = least > 0.0
+    except np.linalg.LinAlgError:
+        good = np.linalg.eigvalsh(information)[:, 0] > least
     if not good.all():
         problems.append(
             f"{np.count_nonzero(~good)} {tag} whose information is not positive definite "
@@ -84,7 +82,7 @@ def sightings_of(tables: Tables, planar: bool, problems: list[str]) -> Sightings
         else:
             skip = 2 if planar else 3
             measured = values[:, skip : skip + size]
-            information = symmetric(values[:, skip + size :], slice(None))
+            information = symmetric(values, ROW_BY_ROW[size])
         if tag == "LANDMARK":
             information = inverted(information)
         if tag == "EDGE_SE3_TRACKXYZ":
@@ -92,7 +90,7 @@ def sightings_of(tables: Tables, planar: bool, problems: list[str]) -> Sightings
         polar = np.full(len(values), tag == "BR")
         good = _sound(problems, tag, table.lines, information)
         parts.append(Sightings(ids[:, 0], ids[:, 1], measured, information, polar).chosen(good))
-    return _joined_sightings(parts, size)
+    return _joined_sightings(parts, size) if parts else no_sightings(planar)
 
 
 def _at_node(
@@ -112,18 +110,11 @@ def _at_node(
 def priors_of(tables: Tables, planar: bool, problems: list[str]) -> Priors:
     """Poses that are known of themselves; faults are told in `problems`."""
     tag = "EDGE_PRIOR_SE2" if planar else "EDGE_SE3_PRIOR"
-    width = 3 if planar else 6
     if tag not in tables:
-        shape = (0, 3) if planar else (0, 4, 4)
-        return Priors(np.zeros(0, np.int64), np.zeros(shape), np.zeros((0, width, width)))
+        return no_priors(planar)
     table = tables[tag]
-    entries = len(TRIANGLE[width][0])
-    information = symmetric(table.numbers[:, -entries:], slice(None))
-    if planar:
-        poses = table.numbers[:, 1:4]
-    else:
-        information = rotation_first(information)
-        poses = _without_offset(tables, table)
+    information = symmetric(table.numbers, ROW_BY_ROW[3] if planar else ROTATION_FIRST)
+    poses = table.numbers[:, 1:4] if planar else _without_offset(tables, table)
     good = _sound(problems, tag, table.lines, information)
     return Priors(table.numbers[:, 0].astype(np.int64), poses, information).chosen(good)
 

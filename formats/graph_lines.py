@@ -70,7 +70,7 @@ def _table(
     tokens = [row.split() for row in rows]
     if all(len(row) == width for row in tokens):
         try:
-            values = np.array(list(chain.from_iterable(tokens)), np.float64).reshape(-1, width)
+            values = np.array(list(map(float, chain.from_iterable(tokens)))).reshape(-1, width)
         except ValueError:
             pass
         else:
@@ -105,16 +105,17 @@ def _row(
 
 def _fault(values: NDArray[np.float64], columns: Columns) -> str:
     """What is wrong with some of the numbers (..., columns); empty where nothing is."""
-    if not np.isfinite(values).all():
+    sizes = np.abs(values)
+    if not (sizes <= _LARGEST).all():  # nor is what is no number
+        if np.isfinite(values).all():
+            return f"a value beyond {_LARGEST:.0e}"
         return "a value that is not finite"
-    if (np.abs(values) > _LARGEST).any():
-        return f"a value beyond {_LARGEST:.0e}"
-    ids = values[..., : columns.ids]
-    if (np.abs(ids) > _LARGEST_ID).any() or (ids != np.rint(ids)).any():
+    ids = sizes[..., : columns.ids]
+    if ((ids > _LARGEST_ID) | (ids != np.rint(ids))).any():
         return "an id that is no whole number"
     if columns.quaternion is not None:
         quaternion = values[..., columns.quaternion : columns.quaternion + 4]
-        if (np.sum(quaternion * quaternion, axis=-1) < _SHORTEST).any():
+        if (np.einsum("...i,...i->...", quaternion, quaternion) < _SHORTEST).any():
             return "a quaternion that is zero"
     return ""
 

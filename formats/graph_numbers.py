@@ -5,26 +5,36 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import SWAP_ROTATION_TRANSLATION, make_transform
 from mapmyworld.geometry.rotations import quaternion_to_rotation, so3_exp
 
+Index = NDArray[np.int64]
+
 LEAST_VARIANCE = 1e-30  # m^2 or rad^2
-TRIANGLE = {size: np.triu_indices(size) for size in (2, 3, 6)}
+
+
+def _layout(size: int) -> Index:
+    layout = np.zeros((size, size), np.int64)
+    rows, columns = np.triu_indices(size)
+    layout[rows, columns] = layout[columns, rows] = np.arange(len(rows))
+    return layout
+
+
+ROW_BY_ROW = {size: _layout(size) for size in (2, 3, 6)}
+"""Size d -> where in an upper triangle each entry (d, d) of its matrix stands."""
 # TORO's order of the six entries of a planar information: ff, fs, ss, rr, fr, sr.
-ORDER: dict[str, list[int] | slice] = {"EDGE2": [0, 1, 4, 2, 5, 3]}
+TORO = np.array([0, 1, 4, 2, 5, 3])[ROW_BY_ROW[3]]
+# For a matrix (6, 6) with rotation first, of files that put the translation first.
+ROTATION_FIRST = ROW_BY_ROW[6][SWAP_ROTATION_TRANSLATION[:, None], SWAP_ROTATION_TRANSLATION]
 
 
-def symmetric(entries: Array, order: list[int] | slice) -> Array:
-    """Matrices (R, d, d) of upper triangles (R, d (d + 1) / 2)."""
-    values = entries[:, order]
-    size = {3: 2, 6: 3, 21: 6}[values.shape[1]]
-    rows, columns = TRIANGLE[size]
-    matrices = np.zeros((len(values), size, size))
-    matrices[:, rows, columns] = values
-    matrices[:, columns, rows] = values
-    return matrices
+def symmetric(numbers: Array, layout: Index) -> Array:
+    """Matrices (R, d, d) of the upper triangles at the ends of rows (R, ...)."""
+    entries = int(layout.max()) + 1
+    return numbers[:, -entries:].take(layout, axis=1)
 
 
 def inverted(covariances: Array) -> Array:
@@ -34,11 +44,6 @@ def inverted(covariances: Array) -> Array:
     found = np.zeros(covariances.shape)
     found[good] = np.linalg.inv(covariances[good])
     return found
-
-
-def rotation_first(information: Array) -> Array:
-    """Information matrices (R, 6, 6) of files that put the translation first."""
-    return information[:, SWAP_ROTATION_TRANSLATION[:, None], SWAP_ROTATION_TRANSLATION]
 
 
 def _planar(numbers: Array) -> Array:

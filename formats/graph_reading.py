@@ -108,13 +108,14 @@ class _Reader:
             self.problems.append(f"{len(lines)} lines of unknown kind {tag!r} (line {where})")
         known = self.tables, self.planar, self.problems
         edges, sightings, priors = edges_of(*known), sightings_of(*known), priors_of(*known)
-        named = np.unique(np.concatenate([edges.from_ids, edges.to_ids, sightings.node_ids]))
+        named = np.concatenate([edges.from_ids, edges.to_ids, sightings.node_ids])
         ids, poses = self._nodes(named)
         landmark_ids, landmarks = self._landmarks(sightings.landmark_ids)
-        placed = np.isin(priors.ids, ids)
+        placed = _among(priors.ids, ids)
         if not placed.all():
             self.problems.append(f"priors of unknown nodes {listed(priors.ids[~placed])}")
-        step = np.searchsorted(ids, edges.to_ids) - np.searchsorted(ids, edges.from_ids)
+            priors = priors.chosen(placed)
+        step = ids.searchsorted(edges.to_ids) - ids.searchsorted(edges.from_ids)
         graph = PoseGraph(
             self.planar,
             ids,
@@ -123,7 +124,7 @@ class _Reader:
             landmark_ids,
             landmarks,
             sightings,
-            priors.chosen(placed),
+            priors,
             self._known_fixed(fixed, ids),
         )
         return GraphFile(graph, tuple(self.problems), tuple(self.notes))
@@ -138,7 +139,7 @@ class _Reader:
         return np.unique(np.array(found, np.int64))
 
     def _known_fixed(self, fixed: Index, ids: Index) -> Index:
-        known = np.isin(fixed, ids)
+        known = _among(fixed, ids)
         if not known.all():
             self.problems.append(f"FIX of unknown nodes {listed(fixed[~known])}")
         return fixed[known]
@@ -147,8 +148,8 @@ class _Reader:
         """Ids and poses of the vertices, and of nodes that only edges name."""
         tags = ("VERTEX_SE2", "VERTEX2") if self.planar else ("VERTEX_SE3:QUAT", "VERTEX3")
         parts = [(tag, self.tables[tag]) for tag in tags if tag in self.tables]
-        size = (3,) if self.planar else (4, 4)
-        numbers = [np.zeros((0, *size))]
+        origin = np.zeros(3) if self.planar else np.eye(4)
+        numbers = [np.zeros((0, *origin.shape))]
         ids, lines = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
         for tag, table in parts:
             ids.append(table.numbers[:, 0].astype(np.int64))
@@ -157,21 +158,25 @@ class _Reader:
         unique, poses = self._without_duplicates(
             np.concatenate(ids), np.concatenate(lines), np.concatenate(numbers)
         )
-        missing = np.setdiff1d(named, unique)
-        if len(missing) and len(unique):
+        missing = np.unique(named[~_among(named, unique)])
+        if len(missing) == 0:
+            return unique, poses
+        if len(unique):
             self.problems.append(
                 f"{len(missing)} nodes have edges but no vertex ({listed(missing)}): "
                 "placed by their edges"
             )
-        elif len(missing):
+        else:
             self.notes.append(f"no vertices: {len(missing)} nodes are placed by their edges")
-        origin = np.zeros(3) if self.planar else np.eye(4)
         every = np.concatenate([unique, missing])
-        poses = np.concatenate([poses, np.broadcast_to(origin, (len(missing), *size))])
+        poses = np.concatenate([poses, np.broadcast_to(origin, (len(missing), *origin.shape))])
         order = np.argsort(every)
         return every[order], poses[order]
 
     def _without_duplicates(self, ids: Index, lines: Index, values: Array) -> tuple[Index, Array]:
+        """Ids in ascending order, each once, and what belongs to them."""
+        if (ids[1:] > ids[:-1]).all():
+            return ids, values
         unique, first = np.unique(ids, return_index=True)
         if len(unique) < len(ids):
             again = np.setdiff1d(np.arange(len(ids)), first)
@@ -189,9 +194,16 @@ class _Reader:
             ids, points = self._without_duplicates(
                 table.numbers[:, 0].astype(np.int64), table.lines, table.numbers[:, 1:]
             )
-        missing = np.setdiff1d(seen, ids)
+        missing = np.unique(seen[~_among(seen, ids)])
         if len(missing) and len(ids):
             self.problems.append(f"landmarks without a vertex ({listed(missing)})")
         every = np.concatenate([ids, missing])
         order = np.argsort(every)
         return every[order], np.concatenate([points, np.zeros((len(missing), size))])[order]
+
+
+def _among(wanted: Index, known: Index) -> NDArray[np.bool_]:
+    """Which of these ids are among the ascending `known`."""
+    if len(known) == 0 or len(wanted) == 0:
+        return np.zeros(len(wanted), np.bool_)
+    return np.asarray(known[np.minimum(known.searchsorted(wanted), len(known) - 1)] == wanted)

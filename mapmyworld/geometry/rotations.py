@@ -19,7 +19,11 @@ def quaternion_to_rotation(quaternion_xyzw: ArrayLike) -> Array:
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    rotation = np.empty((*q.shape[:-1], 3, 3))
+    for i, row in enumerate(rows):
+        for j, entry in enumerate(row):
+            rotation[..., i, j] = entry
+    return rotation
 
 
 def rotation_to_quaternion(rotation: ArrayLike) -> Array:

@@ -101,12 +101,15 @@ def _is_positive(twin: Twin, found: _Settled, slack: float) -> bool:
 def _settled(twin: Twin, x: Array) -> _Settled | None:
     """The twin's minimum near X, by damped Newton steps; None where it is not found.
 
-    A step that nearly closes the gap to the dual is tried for a proof at once.
+    Where X nearly closes the gap to the dual, before the first step or after any, a proof is tried.
     """
-    pulled = product(twin, twin.blocks, x)
+    pulled, settled = product(twin, twin.blocks, x), False
     cost, damping, rounding = float(np.vdot(pulled, x)), 0.0, _ROUNDING * twin_scale(twin, x)
-    for _ in range(_STEPS):
-        multiplied = multipliers(twin, x, pulled)
+    for _ in range(_STEPS + 1):
+        reached = _state(twin, x, cost, pulled)
+        if reached.proven or settled:
+            return reached
+        multiplied = reached.multiplied
         gradient, hessian = _derivatives(twin, x, slope(x, pulled, multiplied), multiplied)
         while True:
             step = newton_step(twin, gradient, hessian, damping, _FLOOR)
@@ -119,11 +122,8 @@ def _settled(twin: Twin, x: Array) -> _Settled | None:
             damping = max(1e-4, 10.0 * damping)
             if damping > _DAMPED_OUT:
                 return None
-        undamped, gain = damping == 0.0, cost - found
+        settled = damping == 0.0 and cost - found <= _SETTLED * found
         x, cost, damping = trial, found, damping / 10.0 if damping > 1e-4 else 0.0
-        reached = _state(twin, x, cost, pulled)
-        if reached.proven or (undamped and gain <= _SETTLED * cost):
-            return reached
     return None
 
 

@@ -39,8 +39,9 @@ def retract(planar: bool, poses: Array, tangents: Array) -> Array:
     """Poses moved by tangents (N, 3 or 6) in their own frames."""
     from mapmyworld.kernels.pose_moves import planar_moved, spatial_moved
 
-    kernel = planar_moved if planar else spatial_moved
-    return np.asarray(kernel(_plain(poses), _plain(tangents)))
+    found = np.zeros(poses.shape)
+    (planar_moved if planar else spatial_moved)(_plain(poses), _plain(tangents), found)
+    return found
 
 
 def edge_residuals(
@@ -49,8 +50,10 @@ def edge_residuals(
     """Residuals (E, 3 or 6) of measured motions between pairs of poses."""
     from mapmyworld.kernels.pose_edges import planar_residuals, spatial_residuals
 
+    found = np.empty((len(measured), 3 if planar else 6))
     kernel = planar_residuals if planar else spatial_residuals
-    return np.asarray(kernel(*map(_plain, (map_from_tail, map_from_head, measured))))
+    kernel(_plain(map_from_tail), _plain(map_from_head), _plain(measured), found)
+    return found
 
 
 def edge_jacobians(
@@ -59,8 +62,10 @@ def edge_jacobians(
     """Derivatives (E, d, d) of residuals by tangents of the tail and of the head."""
     from mapmyworld.kernels.pose_edges import planar_jacobians, spatial_jacobians
 
+    shape = (*residuals.shape, residuals.shape[1])
+    by_tail, by_head = np.zeros(shape), np.zeros(shape)
     kernel = planar_jacobians if planar else spatial_jacobians
-    by_tail, by_head = kernel(*map(_plain, (map_from_tail, map_from_head, residuals)))
+    kernel(_plain(map_from_tail), _plain(map_from_head), _plain(residuals), by_tail, by_head)
     return by_tail, by_head
 
 

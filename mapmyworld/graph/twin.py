@@ -124,9 +124,11 @@ def _edge_blocks(turn: Array, shift: Array, weights: Array, tau: Array) -> tuple
 
 def product(twin: Twin, blocks: Array, x: Array) -> Array:
     """(N, d, d + 1): X times a matrix with the twin's pattern, of poses X (N, d, d + 1)."""
-    from mapmyworld.kernels.normal_equations import multiplied
+    from mapmyworld.kernels.normal_equations import add_product
 
-    return np.asarray(multiplied(x, twin.rows, twin.columns, blocks))
+    found = np.zeros(x.shape)
+    add_product(x, twin.rows, twin.columns, blocks, found)
+    return found
 
 
 def twin_cost(twin: Twin, x: Array) -> float:

@@ -27,7 +27,7 @@ sight bundle.bundle_normal_equations
     f8[:,:,::1] f8[:,::1] i8[::1] i8[::1] f8[:,::1] f8[:,::1] f8 f8[:,:,::1] f8[:,::1] f8[:,:,::1]
     f8[:,::1] f8[:,:,::1]
 log pose_edges.spatial_residuals
-    f8[:,:,::1] f8[:,:,::1] f8[:,:,::1]
+    f8[:,:,::1] f8[:,:,::1] f8[:,:,::1] f8[:,::1]
 log elimination.gathered_columns
     i8[::1] i8[::1] i8[::1] f8[::1]
 log elimination.column_structures
@@ -39,14 +39,14 @@ camera image_matching.match_projected
 camera surfaces.compare_with_depth
     f8[:,::1] f8[:,::1] f8[:,::1] i8 f8[::1] f4[:,::1] f8 f8 i4[::1] i4[::1]
 space pose_edges.spatial_jacobians
-    f8[:,:,::1] f8[:,:,::1] f8[:,::1]
+    f8[:,:,::1] f8[:,:,::1] f8[:,::1] f8[:,:,::1] f8[:,:,::1]
 log normal_equations.add_edges
     i8[::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[:,:,::1] f8[:,::1] f8[::1] f8[:,:,::1]
     f8[:,::1]
 log elimination.solve_in_place
     i8 i8[::1] i8[::1] i8[::1] i8[::1] f8[::1] f8[::1]
 plane pose_edges.planar_jacobians
-    f8[:,::1] f8[:,::1] f8[:,::1]
+    f8[:,::1] f8[:,::1] f8[:,::1] f8[:,:,::1] f8[:,:,::1]
 camera surfaces.surface_normals
     f4[:,:,::1] f4[:,:,::1] f4[:,::1]
 camera projection.project_points
@@ -54,7 +54,7 @@ camera projection.project_points
 camera voxels.add_points
     f8[:,::1] u1[:,::1] f4[:,::1] f8 i4[::1] i8[::1] u2[:,::1] i8
 space pose_moves.spatial_moved
-    f8[:,:,::1] f8[:,::1]
+    f8[:,:,::1] f8[:,::1] f8[:,:,::1]
 sight bundle.subtract_points
     i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[:,::1]
 camera image_matching.nearest_and_votes
@@ -64,17 +64,17 @@ camera pose_refinement.score_poses
 sight bundle.eliminate_points
     f8[:,:,::1] f8 f8[:,:,::1] i8[::1] f8[:,:,::1] f8[:,:,::1]
 plane pose_edges.planar_residuals
-    f8[:,::1] f8[:,::1] f8[:,::1]
+    f8[:,::1] f8[:,::1] f8[:,::1] f8[:,::1]
 camera pose_refinement.squared_errors
     f8[:,::1] f8[:,::1] f8[:,::1] f8[:,::1] f8[:,::1]
 scan branch_and_bound.fill_pyramid
     u1[:,:,::1] i8
 scan recorded_motion.move_beams
     f8[:,::1] i8[::1] f8 f8[:,:,::1]
-log normal_equations.multiplied
-    f8[:,:,::1] i8[::1] i8[::1] f8[:,:,::1]
+log normal_equations.add_product
+    f8[:,:,::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1]
 plane pose_moves.planar_moved
-    f8[:,::1] f8[:,::1]
+    f8[:,::1] f8[:,::1] f8[:,::1]
 log normal_equations.add_blocks
     i8[::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[:,:,::1] f8[:,:,::1]
 camera image_matching.nearest_leaves

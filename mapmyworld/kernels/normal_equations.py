@@ -90,9 +90,8 @@ def add_blocks(
 
 
 @jit
-def multiplied(x: Floats, rows: Index, columns: Index, blocks: Floats) -> Floats:
-    """(N, p, d): X (N, p, d) times a symmetric matrix of blocks (B, d, d), one of each pair."""
-    found = np.zeros(x.shape)
+def add_product(x: Floats, rows: Index, columns: Index, blocks: Floats, found: Floats) -> None:
+    """Adds X (N, p, d) times a symmetric matrix of blocks (B, d, d), one of each pair."""
     for b in range(len(rows)):
         row, column = rows[b], columns[b]
         for i in range(x.shape[1]):
@@ -101,4 +100,3 @@ def multiplied(x: Floats, rows: Index, columns: Index, blocks: Floats) -> Floats
                     found[column, i, j] += x[row, i, k] * blocks[b, k, j]
                     if row != column:
                         found[row, i, j] += x[column, i, k] * blocks[b, j, k]
-    return found

@@ -1,7 +1,8 @@
 """Errors of motions measured between poses, and their derivatives by right perturbations.
 
 Tangents of the plane are x, y, yaw; of space rotation first. The formulas are those of Sola,
-Deray, Atchuthan, "A micro Lie theory" (2018).
+Deray, Atchuthan, "A micro Lie theory" (2018). Results are filled in: handing over an array that a
+kernel has made takes numba as long as a small graph's residuals.
 """
 
 from __future__ import annotations
@@ -17,9 +18,8 @@ Floats = NDArray[np.float64]
 
 
 @jit
-def planar_residuals(tail: Floats, head: Floats, measured: Floats) -> Floats:
-    """(E, 3): `log(measured^-1 * tail^-1 * head)` of poses (E, 3)."""
-    found = np.empty((len(tail), 3))
+def planar_residuals(tail: Floats, head: Floats, measured: Floats, found: Floats) -> None:
+    """Sets (E, 3) to `log(measured^-1 * tail^-1 * head)` of poses (E, 3)."""
     for e in range(len(tail)):
         angle, turn = tail[e, 2], measured[e, 2]
         c, s = math.cos(angle), math.sin(angle)
@@ -32,17 +32,17 @@ def planar_residuals(tail: Floats, head: Floats, measured: Floats) -> Floats:
         half = 0.5 * yaw
         factor = half / math.tan(half) if abs(yaw) > 1e-5 else 1.0 - half * half / 3.0
         found[e, 0], found[e, 1], found[e, 2] = factor * x + half * y, factor * y - half * x, yaw
-    return found
 
 
 @jit
-def planar_jacobians(tail: Floats, head: Floats, residuals: Floats) -> tuple[Floats, Floats]:
+def planar_jacobians(
+    tail: Floats, head: Floats, residuals: Floats, by_tail: Floats, by_head: Floats
+) -> None:
     """Derivatives (E, 3, 3) of residuals (E, 3) by tangents of the tail and of the head.
 
-    Of the inverse right Jacobian of the exponential map only the column of the angle is not that
-    of a rotation and a scale.
+    They are filled into zeros. Of the inverse right Jacobian of the exponential map only the
+    column of the angle is not that of a rotation and a scale.
     """
-    by_tail, by_head = np.zeros((len(tail), 3, 3)), np.zeros((len(tail), 3, 3))
     for e in range(len(tail)):
         x, y, yaw = residuals[e, 0], residuals[e, 1], residuals[e, 2]
         half, square = 0.5 * yaw, yaw * yaw
@@ -66,7 +66,6 @@ def planar_jacobians(tail: Floats, head: Floats, residuals: Floats) -> tuple[Flo
             by_tail[e, row, 0] = -(u * c + v * s)
             by_tail[e, row, 1] = u * s - v * c
             by_tail[e, row, 2] = v * px - u * py - w
-    return by_tail, by_head
 
 
 @inner_jit
@@ -109,9 +108,8 @@ def _add_seen(viewer: Floats, seen: Floats, turn: Floats, shift: Floats) -> None
 
 
 @jit
-def spatial_residuals(tail: Floats, head: Floats, measured: Floats) -> Floats:
-    """(E, 6): `log(measured^-1 * tail^-1 * head)` of poses (E, 4, 4)."""
-    found = np.empty((len(tail), 6))
+def spatial_residuals(tail: Floats, head: Floats, measured: Floats, found: Floats) -> None:
+    """Sets (E, 6) to `log(measured^-1 * tail^-1 * head)` of poses (E, 4, 4)."""
     turn, error = np.empty((3, 3)), np.empty((3, 3))
     shift, w, u = np.empty(3), np.empty(3), np.empty(3)
     for e in range(len(tail)):
@@ -139,17 +137,18 @@ def spatial_residuals(tail: Floats, head: Floats, measured: Floats) -> Floats:
             j, k = (i + 1) % 3, (i + 2) % 3
             found[e, i] = w[i]
             found[e, 3 + i] = u[i] - 0.5 * shift[i] + second * (w[j] * shift[k] - w[k] * shift[j])
-    return found
 
 
 @jit
-def spatial_jacobians(tail: Floats, head: Floats, residuals: Floats) -> tuple[Floats, Floats]:
+def spatial_jacobians(
+    tail: Floats, head: Floats, residuals: Floats, by_tail: Floats, by_head: Floats
+) -> None:
     """Derivatives (E, 6, 6) of residuals (E, 6) by tangents of the tail and of the head.
 
-    The inverse right Jacobian [A 0; B A] is `A = I + W / 2 + c W^2` with c a function of the
-    angle's square, and B is how A changes with the rotation along the translation.
+    They are filled into zeros. The inverse right Jacobian [A 0; B A] is `A = I + W / 2 + c W^2`
+    with c a function of the angle's square, and B is how A changes with the rotation along the
+    translation.
     """
-    by_tail, by_head = np.zeros((len(tail), 6, 6)), np.zeros((len(tail), 6, 6))
     turn, shift, mixed = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
     for e in range(len(tail)):
         w, u = residuals[e, :3], residuals[e, 3:]
@@ -189,4 +188,3 @@ def spatial_jacobians(tail: Floats, head: Floats, residuals: Floats) -> tuple[Fl
                     b -= mixed[i, k] * turn[k, j]
                 by_tail[e, i, j] = by_tail[e, 3 + i, 3 + j] = a
                 by_tail[e, 3 + i, j] = b
-    return by_tail, by_head

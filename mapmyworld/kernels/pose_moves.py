@@ -16,9 +16,8 @@ Floats = NDArray[np.float64]
 
 
 @jit
-def planar_moved(poses: Floats, tangents: Floats) -> Floats:
-    """(N, 3): `pose * exp(tangent)` of poses and tangents (N, 3) over x, y, yaw."""
-    found = np.empty((len(poses), 3))
+def planar_moved(poses: Floats, tangents: Floats, found: Floats) -> None:
+    """Sets (N, 3) to `pose * exp(tangent)` of poses and tangents (N, 3) over x, y, yaw."""
     for n in range(len(poses)):
         x, y, yaw = tangents[n, 0], tangents[n, 1], tangents[n, 2]
         along, across = 1.0 - yaw * yaw / 6.0, 0.5 * yaw
@@ -30,13 +29,11 @@ def planar_moved(poses: Floats, tangents: Floats) -> Floats:
         found[n, 1] = poses[n, 1] + s * x + c * y
         turn = poses[n, 2] + yaw
         found[n, 2] = math.pi - (math.pi - turn) % (2.0 * math.pi)
-    return found
 
 
 @jit
-def spatial_moved(poses: Floats, tangents: Floats) -> Floats:
-    """(N, 4, 4): `pose * exp(tangent)` of poses and tangents (N, 6), rotation first."""
-    found = np.zeros((len(poses), 4, 4))
+def spatial_moved(poses: Floats, tangents: Floats, found: Floats) -> None:
+    """Adds `pose * exp(tangent)` of poses and tangents (N, 6), rotation first, to (N, 4, 4)."""
     move = np.empty((3, 4))
     for n in range(len(poses)):
         square = tangents[n, 0] ** 2 + tangents[n, 1] ** 2 + tangents[n, 2] ** 2
@@ -59,4 +56,3 @@ def spatial_moved(poses: Floats, tangents: Floats) -> Floats:
                     found[n, i, j] += poses[n, i, k] * move[k, j]
             found[n, i, 3] += poses[n, i, 3]
         found[n, 3, 3] = 1.0
-    return found

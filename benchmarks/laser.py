@@ -30,7 +30,7 @@ from mapmyworld.evaluation.relations import relations_score
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph.solve import solve
-from mapmyworld.mapping.trajectory import pose_every_frame
+from mapmyworld.graph.trajectory import pose_every_frame
 from mapmyworld.pipeline import build_map
 from mapmyworld.types import ConstraintKind, MapStore, Poses, Trajectory
 from mapmyworld.types.relations import Relations

@@ -8,7 +8,7 @@ from memory_store import MemoryStore
 
 from mapmyworld.config import SensingConfig
 from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
-from mapmyworld.mapping.trajectory import pose_every_frame
+from mapmyworld.graph.trajectory import pose_every_frame
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.record import StageRecord
 from mapmyworld.types import Constraint, Frame, Node, Poses, TrackedFrames

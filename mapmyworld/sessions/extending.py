@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint
+from mapmyworld.graph.trajectory import pose_every_frame
 from mapmyworld.localisation.known_place import known_place_from_store
 from mapmyworld.mapping.added_grid import added_grid
 from mapmyworld.mapping.occupancy import build_grid
-from mapmyworld.mapping.trajectory import pose_every_frame
 from mapmyworld.memory_map import MemoryMap
 from mapmyworld.sessions.copying import (
     Placed,

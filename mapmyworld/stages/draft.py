@@ -1,38 +1,14 @@
-"""The graph solved roughly: enough to look again from its poses, at a fraction of the cost.
-
-Nodes that only motion ties to others are left out: the motions along such a chain are composed to
-one, which loses nothing but the linearisation (Lu and Milios 1997). They follow afterwards.
-"""
+"""The graph of a map so far, solved roughly."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mapmyworld.config import Config, GraphConfig
-from mapmyworld.geometry.rigid import between, invert, se3_adjoint
+from mapmyworld.config import Config
+from mapmyworld.graph.draft import Draft, landmark_guesses, solve_draft
 from mapmyworld.graph.edits import apply_edits, edits_from_json
-from mapmyworld.graph.elimination import forget_patterns
-from mapmyworld.graph.solve import solve
-from mapmyworld.graph.verdicts import faults_of, unjudged
-from mapmyworld.mapping.trajectory import pose_every_frame
 from mapmyworld.sensing.plan import moves_in_plane
-from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, Poses, TrackedFrames
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Draft:
-    """Where all nodes are, about."""
-
-    poses: Poses
-    closures: tuple[Constraint, ...]
-    """All constraints but the motions, those that contradict the rest rejected."""
+from mapmyworld.types import Constraint, MapStore
 
 
 def solve_draft_of(
@@ -48,123 +24,3 @@ def solve_draft_of(
     planar = moves_in_plane(store)
     landmarks = landmark_guesses(starts, constraints)
     return solve_draft(nodes, landmarks, constraints, planar, config.graph)
-
-
-def landmark_guesses(
-    starts: Mapping[int, Array], constraints: Iterable[Constraint]
-) -> dict[int, Array]:
-    """Where landmarks, id -> (4, 4), are seen first by nodes that start at these poses."""
-    guesses: dict[int, Array] = {}
-    for c in constraints:
-        if c.to_id < 0 and c.to_id not in guesses:
-            guesses[c.to_id] = starts[c.from_id] @ c.from_from_to
-    return guesses
-
-
-def solve_draft(
-    nodes: Sequence[Node],
-    landmarks: Mapping[int, Array],
-    constraints: Sequence[Constraint],
-    planar: bool,
-    config: GraphConfig,
-) -> Draft:
-    """Poses of all nodes, and of landmarks at their guesses (id -> (4, 4)), from few of them."""
-    quick = replace(config, covariances=False, certify=False, groups=False)
-    constraints = [c for c in map(unjudged, constraints) if c.accepted]
-    ids = np.array([node.id for node in nodes], np.int64)
-    usable = are_motions(constraints, set(ids.tolist()))
-    motions = [c for c, own in zip(constraints, usable, strict=True) if own]
-    closures = [c for c, own in zip(constraints, usable, strict=True) if not own]
-    kept = kept_nodes(nodes, motions, closures)
-    starts = {n.id: n.tracked_from_base for n, k in zip(nodes, kept, strict=True) if k}
-    starts |= landmarks
-    composed = composed_motions(motions, set(ids[kept].tolist()))
-    solved = solve(
-        list(starts), np.stack(list(starts.values())), [*composed, *closures], planar, quick
-    )
-    forget_patterns()  # the next draft has more closures
-    poses = followed(nodes, kept, solved.poses)
-    return Draft(poses, solved.constraints[len(composed) :])
-
-
-def are_motions(constraints: Sequence[Constraint], known: set[int]) -> list[bool]:
-    """Which constraints are motions between known nodes that can be used."""
-    motions = [c.accepted and c.kind == ConstraintKind.NEIGHBOUR for c in constraints]
-    faults = iter(faults_of([c for c, own in zip(constraints, motions, strict=True) if own], known))
-    return [own and not next(faults) for own in motions]
-
-
-def kept_nodes(
-    nodes: Sequence[Node], motions: Sequence[Constraint], closures: Sequence[Constraint]
-) -> NDArray[np.bool_]:
-    """(N,) the first node of each session, ends of closures, and where no one motion goes on."""
-    ids = np.array([node.id for node in nodes], np.int64)
-    tied = [i for c in closures for i in (c.from_id, c.to_id)]
-    arrivals = np.array([c.to_id for c in motions], np.int64)
-    departures = np.array([c.from_id for c in motions], np.int64)
-    through = np.ones(len(ids), np.bool_)
-    for ends in (arrivals, departures):
-        once, counts = np.unique(ends, return_counts=True)
-        through &= np.isin(ids, once[counts == 1])
-    sessions = np.array([node.session for node in nodes])
-    opens = np.diff(sessions, prepend=sessions[0] - 1) != 0
-    backwards = np.concatenate([arrivals, departures])[np.tile(arrivals <= departures, 2)]
-    return np.asarray(opens | ~through | np.isin(ids, tied) | np.isin(ids, backwards))
-
-
-def composed_motions(motions: Sequence[Constraint], kept: set[int]) -> list[Constraint]:
-    """One motion from each kept node to the next, with the uncertainty of all those between."""
-    onward = {c.from_id: c for c in motions}
-    order: list[Constraint] = []
-    firsts: list[int] = []
-    for start in (c for c in motions if c.from_id in kept):
-        firsts.append(len(order))
-        link = start
-        while True:
-            order.append(link)
-            if link.to_id in kept:
-                break
-            link = onward[link.to_id]
-    if not order:
-        return []
-    first = np.array(firsts)
-    last = np.append(first[1:], len(order)) - 1
-    reached = _reached(order, first)
-    chain = np.repeat(np.arange(len(first)), last - first + 1)
-    carried = se3_adjoint(between(reached[last][chain], reached))
-    spread = np.linalg.inv(np.stack([c.information for c in order]))
-    summed = np.add.reduceat(carried @ spread @ np.swapaxes(carried, 1, 2), first, axis=0)
-    information = np.linalg.inv(summed)
-    return [
-        replace(order[a], to_id=order[b].to_id, from_from_to=reached[b], information=known)
-        for a, b, known in zip(firsts, last.tolist(), information, strict=True)
-    ]
-
-
-def _reached(order: Sequence[Constraint], first: Index) -> Array:
-    """(K, 4, 4) where each motion ends, seen from where its chain begins."""
-    begins = set(first.tolist())
-    reached = np.empty((len(order), 4, 4))
-    for k, link in enumerate(order):
-        reached[k] = link.from_from_to if k in begins else reached[k - 1] @ link.from_from_to
-    return reached
-
-
-def followed(nodes: Sequence[Node], kept: NDArray[np.bool_], solved: Poses) -> Poses:
-    """All nodes: those left out share out what solving moved the kept ones before and after."""
-    ids = np.array([node.id for node in nodes], np.int64)
-    before = np.flatnonzero(kept)[np.cumsum(kept) - 1]
-    tracked = np.stack([node.tracked_from_base for node in nodes])
-    moments = TrackedFrames(
-        np.array([node.stamp_ns for node in nodes], np.int64),
-        ids[before],
-        invert(tracked[before]) @ tracked,
-        kept,
-    )
-    held = [nodes[k] for k in np.flatnonzero(kept).tolist()]
-    poses = pose_every_frame(held, solved, moments)
-    others = solved.ids < 0
-    return Poses(
-        np.concatenate([ids, solved.ids[others]]),
-        np.concatenate([poses, solved.map_from_node[others]]),
-    )

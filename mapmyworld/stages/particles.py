@@ -9,7 +9,7 @@ import numpy as np
 from mapmyworld.config import Config
 from mapmyworld.errors import LogError
 from mapmyworld.geometry.planar import planar_to_matrix
-from mapmyworld.mapping.trajectory import pose_every_frame
+from mapmyworld.graph.trajectory import pose_every_frame
 from mapmyworld.particles.fastslam import FastSlamResult, run_fastslam
 from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.stages.nodes import Motion

@@ -15,9 +15,9 @@ from mapmyworld.heap import give_back
 from mapmyworld.types import Constraint, MapStore, Poses, Progress
 
 if TYPE_CHECKING:
+    from mapmyworld.graph.draft import Draft
     from mapmyworld.places.features_ahead import FeaturesAhead
     from mapmyworld.places.laser_nodes import NodeScans
-    from mapmyworld.stages.draft import Draft
 
 _STRETCH = 200.0  # m of path, about, that are searched before what was found is solved
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from mapmyworld.config import Config
+from mapmyworld.graph.chains import solve_by_chains
+from mapmyworld.graph.draft import landmark_guesses
 from mapmyworld.graph.edits import apply_edits, edits_from_json
 from mapmyworld.graph.pose_graph import told_of_parts
 from mapmyworld.graph.solve import SolvedGraph, solve
+from mapmyworld.graph.trajectory import pose_every_frame
 from mapmyworld.heap import give_back
-from mapmyworld.mapping.trajectory import pose_every_frame
 from mapmyworld.sensing.plan import moves_in_plane
-from mapmyworld.stages.chains import solve_by_chains
-from mapmyworld.stages.draft import landmark_guesses, solve_draft_of
+from mapmyworld.stages.draft import solve_draft_of
 from mapmyworld.stages.recognise import LoadScans, add_closures
 from mapmyworld.types import CLOSURES, Constraint, MapStore, Poses, Progress
 

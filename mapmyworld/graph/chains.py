@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from mapmyworld.config import GraphConfig
 from mapmyworld.geometry.rigid import between, se3_adjoint
 from mapmyworld.graph.constraint_system import stated_system
+from mapmyworld.graph.draft import are_motions, composed_motions, followed, kept_nodes
 from mapmyworld.graph.elimination import forget_patterns
 from mapmyworld.graph.residuals import chi_squared_quantile
 from mapmyworld.graph.robust import RobustSolution
 from mapmyworld.graph.solve import SolvedGraph, solve
 from mapmyworld.graph.verdicts import judged, unjudged
-from mapmyworld.stages.draft import are_motions, composed_motions, followed, kept_nodes
 from mapmyworld.types import Constraint, Node, Poses
 
 Array = NDArray[np.float64]

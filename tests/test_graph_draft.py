@@ -16,9 +16,9 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     planar_to_matrix,
 )
+from mapmyworld.graph.chains import solve_by_chains
+from mapmyworld.graph.draft import landmark_guesses, solve_draft
 from mapmyworld.graph.solve import solve
-from mapmyworld.stages.chains import solve_by_chains
-from mapmyworld.stages.draft import landmark_guesses, solve_draft
 from mapmyworld.types import Constraint, ConstraintKind, Node
 
 SIGMAS = np.array([0.01, 0.01, 0.004])

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.common import EXIT_PARTIAL, default_map, format_option, show_json
-from cli.memory import memory_limit
-from cli.plan_text import plan_json, plan_lines
+from cli.memory import memory_limit, no_search_for_garbage
 from cli.progress import StderrProgress, peak_memory_mb
 from cli.repeating import given_options, repeat_and_compare
 from cli.settings import config_options, load_config, settings_that_differ
@@ -24,6 +23,8 @@ from mapmyworld.errors import MapError
 if TYPE_CHECKING:
     from mapmyworld.config import Config
     from mapmyworld.types import LogSource
+
+_LATER = ("cli.exporting", "cli.report", "formats.grid")  # imported while the log is tracked
 
 
 @click.command()
@@ -136,6 +137,7 @@ def _append(
 
 
 def _show_plan(log: LogSource, config: Config, style: str) -> None:
+    from cli.plan_text import plan_json, plan_lines
     from mapmyworld.sensing import make_plan, survey_log
 
     plan = make_plan(survey_log(log), config.sensing)
@@ -157,16 +159,20 @@ def _build(
     started = time.monotonic()
     cpu = time.process_time()
     looked_at = _looked_at(log)  # while the rest is imported
-    from formats.database import open_store
-    from formats.database.lock import only_writer
-    from mapmyworld.pipeline import build_map
+    with no_search_for_garbage():
+        from formats.database import open_store
+        from formats.database.lock import only_writer
+        from mapmyworld.pipeline import build_map
 
     stored = storage_arguments(config)
     opening = partial(open_store, map_path, create=True, overwrite=overwrite, **stored)
     with only_writer(map_path), opening() as store:
         store.put("settings", settings_that_differ(config))
         words = _given_words(config.places.vocabulary)
-        result = build_map(looked_at.result(), store, config, progress, method=method, words=words)
+        same_log = looked_at.result()
+        result = build_map(
+            same_log, store, config, progress, method=method, words=words, later=_LATER
+        )
         written = [str(map_path)]
         if export:
             written += _export_all(store, map_path, config, progress)

@@ -7,8 +7,9 @@ latter as zigzag differences, all numbers in groups of three bits per nibble.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from formats.kernels import compiled
 
 
 def _encode(pixels, out):  # type: ignore[no-untyped-def]
@@ -86,9 +87,8 @@ def _decode(words, pixels):  # type: ignore[no-untyped-def]
 
 
 # Called, not decorated, so that the type checker sees them.
-_options = {"cache": True, "nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy"}
-_encode_words = njit("int64(uint16[::1], uint32[::1])", **_options)(_encode)
-_decode_words = njit("boolean(uint32[::1], uint16[::1])", **_options)(_decode)
+_encode_words = compiled(_encode)
+_decode_words = compiled(_decode)
 
 
 def rvl_encode(depth: NDArray[np.uint16]) -> bytes:

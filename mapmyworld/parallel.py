@@ -9,12 +9,9 @@ import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from queue import Full, Queue
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
-
-if TYPE_CHECKING:
-    from threadpoolctl import ThreadpoolController
+from typing import Any, ParamSpec, TypeVar
 
 _AHEAD = 3  # items per thread that are prepared before they are asked for
 
@@ -160,15 +157,17 @@ def on_one_thread(work: Callable[Given, Out]) -> Callable[Given, Out]:
 
     @functools.wraps(work)
     def limited(*args: Given.args, **kwargs: Given.kwargs) -> Out:
-        with _linear_algebra().limit(limits=1, user_api="blas"):
+        import scipy.linalg  # noqa: F401  has a library of its own, which must be there to be held
+
+        with algebra_on_one_thread():
             return work(*args, **kwargs)
 
     return limited
 
 
-@functools.cache
-def _linear_algebra() -> ThreadpoolController:
-    import scipy.linalg  # noqa: F401  has a library of its own, which must be there to be found
+def algebra_on_one_thread() -> AbstractContextManager[Any]:
+    """As `on_one_thread`, for the libraries that are there by now: numpy's, and maybe scipy's."""
     from threadpoolctl import ThreadpoolController
 
-    return ThreadpoolController()
+    held: AbstractContextManager[Any] = ThreadpoolController().limit(limits=1, user_api="blas")
+    return held

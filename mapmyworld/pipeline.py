@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -18,9 +18,8 @@ from mapmyworld.parallel import on_one_thread
 from mapmyworld.places.features_ahead import FeaturesAhead
 from mapmyworld.sensing import Plan, make_plan, survey_log
 from mapmyworld.stages.maps import draw_maps
-from mapmyworld.stages.recognise import recognise, scan_loader
+from mapmyworld.stages.recognise import LoadScans, recognise, scan_loader
 from mapmyworld.stages.record import StageRecord
-from mapmyworld.stages.solve import solve_and_judge
 from mapmyworld.stages.track import track
 from mapmyworld.types import LogSource, MapStore, Progress
 
@@ -46,7 +45,6 @@ class BuildResult:
         return {name: getattr(self, name) for name in self.__slots__}
 
 
-@on_one_thread
 def build_map(
     log: LogSource,
     store: MapStore,
@@ -55,10 +53,12 @@ def build_map(
     *,
     method: str = "graph",
     words: Mapping[int, NDArray[np.uint8]] | None = None,
+    later: Sequence[str] = (),
 ) -> BuildResult:
     """Builds the map of a log into the store; stages done with the same inputs are not redone.
 
     `words`: the vocabulary that `places.vocabulary` names, number -> descriptor.
+    `later`: modules that the caller will use then; imported while the log is tracked.
     """
     if config.places.vocabulary and words is None:
         raise ConfigError("places.vocabulary names a file, but its words were not given")
@@ -72,22 +72,31 @@ def build_map(
         from mapmyworld.stages.particles import settle_particles, track_particles
 
         particles = (method, cfg.particles, cfg.storage, seed)
-        record.run("track", particles, lambda: track_particles(log, plan(), store, cfg, progress))
-        record.run("fastslam", (), lambda: settle_particles(store))
+        follow_all, settle = on_one_thread(track_particles), on_one_thread(settle_particles)
+        record.run("track", particles, lambda: follow_all(log, plan(), store, cfg, progress))
+        record.run("fastslam", (), lambda: settle(store))
     else:
         ahead = FeaturesAhead(cfg)
+
         record.run(
-            "track", motion, lambda: track(log, plan(), store, cfg, progress, features=ahead)
+            "track", motion, lambda: track(log, plan(), store, cfg, progress, None, ahead, later)
         )
         scans, edits = scan_loader(store, cfg), store.get("edits")
         places = (cfg.places, seed, _digest(words))
-        record.run(
-            "recognise", places, lambda: recognise(store, cfg, progress, scans, words, ahead)
-        )
+        look = on_one_thread(recognise)
+        record.run("recognise", places, lambda: look(store, cfg, progress, scans, words, ahead))
         solving = (cfg.graph, edits, cfg.visual.adjust_features)
-        record.run("optimise", solving, lambda: solve_and_judge(store, cfg, progress, scans))
-    record.run("map", (cfg.mapping, cfg.visual), lambda: draw_maps(store, cfg, progress))
+        record.run("optimise", solving, lambda: _solve(store, cfg, progress, scans))
+    draw = on_one_thread(draw_maps)
+    record.run("map", (cfg.mapping, cfg.visual), lambda: draw(store, cfg, progress))
     return _result(store, log, record)
+
+
+@on_one_thread
+def _solve(store: MapStore, config: Config, progress: Progress, scans: LoadScans) -> None:
+    from mapmyworld.stages.solve import solve_and_judge
+
+    solve_and_judge(store, config, progress, scans)
 
 
 def _seeing(visual: VisualConfig) -> dict[str, Any]:

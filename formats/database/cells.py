@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from formats.kernels import compiled
 from mapmyworld.types import Scan
 
 _EMPTY, _OBSTACLE = 1, 2
@@ -35,13 +35,7 @@ def _trace(points, x0, y0, cell, reach, grid):  # type: ignore[no-untyped-def]
             grid[int(dy + centre), int(dx + centre)] = 2
 
 
-_trace_beams = njit(
-    "void(float32[:, ::1], float64, float64, float64, float64, uint8[:, ::1])",
-    cache=True,
-    nogil=True,
-    no_cfunc_wrapper=True,
-    error_model="numpy",
-)(_trace)
+_trace_beams = compiled(_trace)
 
 
 def _list(grid, kind, x0, y0, cell, centres):  # type: ignore[no-untyped-def]
@@ -56,13 +50,7 @@ def _list(grid, kind, x0, y0, cell, centres):  # type: ignore[no-untyped-def]
     return count
 
 
-_list_centres = njit(
-    "int64(uint8[:, ::1], int64, float64, float64, float64, float32[:, ::1])",
-    cache=True,
-    nogil=True,
-    no_cfunc_wrapper=True,
-    error_model="numpy",
-)(_list)
+_list_centres = compiled(_list)
 
 
 def local_cells(

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from formats.kernels import compiled
 
 _SPACE, _NEWLINE, _RETURN, _TAB, _MINUS, _POINT, _ZERO, _NINE = 32, 10, 13, 9, 45, 46, 48, 57
 _EXACT = 1 << 53  # digits make an integer below: it and the power of ten are exact, so is the rest
 _MOST_DECIMALS = 22
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@compiled
 def read_decimals(text: NDArray[np.uint8], start: int, values: NDArray[np.float64]) -> int:
     """Fills `values` with the numbers from `start` on; the place behind the last one.
 

@@ -12,6 +12,8 @@ from typing import Any, TypeVar
 
 from numba import njit
 
+from mapmyworld.kept_kernels import keep
+
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
@@ -27,10 +29,9 @@ def inner_jit(kernel: Kernel) -> Kernel:
 
 def _compiled(kernel: Kernel, *, no_cpython_wrapper: bool) -> Kernel:
     compiled: Kernel = njit(
-        cache=True,
         nogil=True,
         error_model="numpy",
         no_cfunc_wrapper=True,
         no_cpython_wrapper=no_cpython_wrapper,
     )(kernel)
-    return compiled
+    return keep(compiled)

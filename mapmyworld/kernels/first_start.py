@@ -30,7 +30,7 @@ def compile_missing(needs: frozenset[str], threads: int, progress: Progress) -> 
 
     `threads`: processes at once, 0 = as many as cores.
     """
-    wanted = [number for number, kernel in enumerate(KERNELS) if kernel.needed_by in needs]
+    wanted = _wanted(needs)
     helpers = min(threads or os.cpu_count() or 1, _MOST) - 1
     if not _can_help() or helpers < 1:
         return
@@ -44,6 +44,13 @@ def compile_missing(needs: frozenset[str], threads: int, progress: Progress) -> 
         progress.update(len(missing))
 
 
+def load_kept(needs: frozenset[str]) -> None:
+    """Loads from the cache what logs with these `needs` use, as far as it is there."""
+    for number in _wanted(needs):
+        if _is_kept(KERNELS[number]):
+            _compile(KERNELS[number])
+
+
 def help_compiling(queue: int, master: int) -> None:
     """What a helper does: takes from the same queue until it is empty or the `master` has gone."""
     gc.disable()  # a search for garbage would take more time than it is worth here
@@ -51,6 +58,10 @@ def help_compiling(queue: int, master: int) -> None:
         if os.getppid() != master:
             return
         _compile(KERNELS[number])
+
+
+def _wanted(needs: frozenset[str]) -> list[int]:
+    return [number for number, kernel in enumerate(KERNELS) if kernel.needed_by in needs]
 
 
 def _can_help() -> bool:

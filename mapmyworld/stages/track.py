@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.diagnosis import diagnose_tracked
-from mapmyworld.parallel import batches, done_behind, made_ahead
+from mapmyworld.parallel import algebra_on_one_thread, batches, done_behind, made_ahead
 from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.sensing.cloud_scans import thinned
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.sensing.synchronise import FrameCounts
-from mapmyworld.stages.compiling import compile_ahead
+from mapmyworld.stages.compiling import compile_ahead, needs_of
+from mapmyworld.stages.later import made_ready
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.trackers import Tracker, make_tracker, needs_inertial
 from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
@@ -38,10 +38,12 @@ def track(
     progress: Progress,
     tracker: Tracker | None = None,
     features: FeaturesAhead | None = None,
+    later: Sequence[str] = (),
 ) -> None:
     """Follows the robot through the log; leaves nodes, scans and neighbour constraints.
 
     `features` is told of the nodes, to find their images' features in the meantime.
+    `later`: modules that will be used then, to be imported in the meantime.
     """
     if tracker is None:
         compile_ahead(plan, config.threads, progress)
@@ -56,12 +58,18 @@ def track(
     writer = _Writer(store, config, guard, features, wants_images=plan.camera is not None)
     frames = (_guarded(frame, guard) for frame in frames)
     ahead = itertools.chain.from_iterable(made_ahead(batches(frames, _TOGETHER), _AHEAD))
-    with done_behind(writer.add_all, _AHEAD) as write:
+    with (
+        algebra_on_one_thread(),
+        made_ready(needs_of(plan), later),
+        done_behind(writer.add_all, _AHEAD) as write,
+    ):
         for some in batches(tracker.follow(ahead), _TOGETHER):
             write(some)
     writer.finish()
     for note in tracker.notes():
         progress.note(note)
+    from mapmyworld.diagnosis import diagnose_tracked
+
     losses = [*log.losses(), *tracker.losses(), *_count_losses(counts, guard)]
     store.put("track", {"frames": counts.frames, "losses": losses, "notes": tracker.notes()})
     store.put("diagnosis", [asdict(finding) for finding in diagnose_tracked(store, plan)])

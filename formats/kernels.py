@@ -1,0 +1,28 @@
+"""Loops of readers and writers, compiled by numba; to open a log takes no numba."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+Loop = Callable[..., Any]
+
+
+def compiled(loop: Loop) -> Loop:
+    """The same function, compiled when it is called first and kept on disk from then on."""
+
+    @functools.cache
+    def kernel() -> Loop:
+        from numba import njit
+
+        from mapmyworld.kept_kernels import keep
+
+        made: Loop = njit(nogil=True, no_cfunc_wrapper=True, error_model="numpy")(loop)
+        return keep(made)
+
+    @functools.wraps(loop)
+    def call(*arguments: Any) -> Any:
+        return kernel()(*arguments)
+
+    return call

@@ -1,0 +1,30 @@
+"""Compiled kernels, loaded from numba's cache without what only compiling needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from numba.core.caching import FunctionCache
+from numba.core.runtime import rtsys
+
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+
+
+def keep(compiled: Kernel) -> Kernel:
+    """The same numba kernel, kept on disk once it was compiled, as `cache=True` has it."""
+    compiled._cache = _Cache(compiled.py_func)  # type: ignore[attr-defined]
+    return compiled
+
+
+class _Cache(FunctionCache):  # type: ignore[misc]
+    """numba's own, which would first learn all it can compile: 0.3 s for a program's start.
+
+    What a kernel compiled now needs, numba learns when it compiles.
+    """
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The kernel for arguments of these types; None where it is not kept."""
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)

@@ -1,0 +1,75 @@
+"""How a program starts: what is imported and loaded when."""
+
+from __future__ import annotations
+
+import gc
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from cli.memory import no_search_for_garbage
+from mapmyworld.stages.later import made_ready
+
+ROOT = Path(__file__).parents[1]
+
+KERNEL = """
+import sys
+import numpy as np
+from formats.rvl import rvl_decode, rvl_encode
+depth = np.arange(24, dtype=np.uint16).reshape(4, 6) % 5
+assert np.array_equal(rvl_decode(rvl_encode(depth), 4, 6), depth)
+print("numba.np.linalg" in sys.modules)
+"""
+
+
+def printed_by(script: str, cache: Path) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=ROOT,
+        env={"NUMBA_CACHE_DIR": str(cache), "PATH": "/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.strip()
+
+
+def test_to_open_a_log_takes_no_numba(tmp_path: Path) -> None:
+    script = "import sys, cli.build, formats.logs, formats.database; print('numba' in sys.modules)"
+    assert printed_by(script, tmp_path) == "False"
+
+
+def test_what_is_kept_is_loaded_without_what_compiles(tmp_path: Path) -> None:
+    assert printed_by(KERNEL, tmp_path) == "True"  # compiles
+    assert printed_by(KERNEL, tmp_path) == "False"
+
+
+def test_what_is_tracked_first_takes_no_solver(tmp_path: Path) -> None:
+    script = "import sys, mapmyworld.pipeline, mapmyworld.odometry.laser\n"
+    script += "print({'scipy.linalg', 'cv2', 'gtsam'} & set(sys.modules))"
+    assert printed_by(script, tmp_path) == "set()"
+
+
+def test_modules_are_imported_meanwhile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "needed_later.py").write_text("import threading\nby = threading.get_ident()\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with made_ready(frozenset(), ("no_such_module", "broken")):
+        pass  # is told where they are used
+    with made_ready(frozenset(), ("needed_later",)):
+        pass
+    assert sys.modules.pop("needed_later").by != threading.get_ident()
+
+
+def test_garbage_is_looked_for_again() -> None:
+    with no_search_for_garbage():
+        assert not gc.isenabled()
+    assert gc.isenabled()
+    spared = gc.get_freeze_count()
+    assert spared > 0
+    with no_search_for_garbage():
+        pass
+    assert gc.get_freeze_count() <= spared  # what came since may be garbage
+    gc.unfreeze()

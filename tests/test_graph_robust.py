@@ -11,7 +11,11 @@ from mapmyworld.config.graph import GraphConfig
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.graph.admission import expected_below
 from mapmyworld.graph.clusters import chance_of
+from mapmyworld.graph.descent import settle
 from mapmyworld.graph.optimise import optimise, optimise_robustly
+from mapmyworld.graph.problem import problem_of
+from mapmyworld.graph.robust import _afresh, _Question
+from mapmyworld.graph.system import edge_chi2
 from mapmyworld.types.pose_graph import Edges, PoseGraph, Sightings, no_priors, no_sightings
 
 SIGMA = np.array([0.03, 0.03, 0.01])
@@ -168,3 +172,25 @@ def test_a_landmark_seen_once_by_bearing_alone_stops_nothing():
     solved = optimise_robustly(seen, PLAIN)
     assert solved.accepted.mean() > 0.9
     assert np.isfinite(solved.graph.map_from_node).all()
+
+
+def test_what_false_closures_have_bent_does_not_stay_bent() -> None:
+    """A ring wound once too often is a minimum; that of a fresh start costs a fraction."""
+    angle = 2 * np.pi * np.arange(40) / 40
+    truth = np.column_stack([np.cos(angle) * 6, np.sin(angle) * 6, angle])
+    graph = drive(truth, np.array([[39, 0]]))
+    problem = problem_of(graph)
+    system, every = problem.system, np.ones(len(graph.edges), np.bool_)
+    trusted = graph.edges.odometry[problem.order]
+    closures = np.flatnonzero(~trusted)
+    question = _Question(system, trusted, closures, np.zeros(1, np.int64), 30.0, PLAIN)
+    wound = np.zeros((41, 3))
+    wound[:40, 2] = 2 * angle
+    bent = settle(system, wound, 1e-9, 100)
+    best = optimise(graph).cost
+    assert edge_chi2(system, bent).sum() > 10 * best
+    poses, inliers = _afresh(question, problem.guess, problem.anchors, bent, every)
+    assert inliers.all()
+    assert 0.5 * edge_chi2(system, poses).sum() == pytest.approx(best, rel=1e-3)
+    again, _ = _afresh(question, problem.guess, problem.anchors, poses, every)
+    assert np.array_equal(again, poses)

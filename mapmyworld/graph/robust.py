@@ -23,6 +23,7 @@ from mapmyworld.graph.system import System, believed_edges, chosen_edges, edge_c
 
 _GROUP_ROUNDS = 12  # at most, of leaving the worst groups out
 _GROWTH_ROUNDS = 30  # at most, of growing from odometry
+_BETTER = 0.99  # share of the cost below which another minimum is taken for a better one
 _RETRIES = 3  # times that left-out closures are tried again on a better solution
 
 
@@ -63,7 +64,8 @@ def solve_robustly(
     """Poses and inliers of a graph whose untrusted edges may be wrong.
 
     Believed at first are the closures that agree with each other; where the solution of these
-    leaves some of them out, another one grows from odometry alone, and the cheaper one stands.
+    leaves some of them out, another one grows from odometry alone, and the cheaper one is solved
+    afresh.
     """
     limit = float(chi_squared_quantile(config.inlier_probability, system.dimension))
     closures = np.flatnonzero(~trusted).astype(np.int64)
@@ -77,6 +79,7 @@ def solve_robustly(
     if (agreeing & ~best[1]).any():
         other = _refined(question, *_grown(question, guess))
         best = min(best, other, key=lambda found: _truncated_cost(question, *found))
+        best = _afresh(question, guess, anchors, *best)
     poses, inliers = best
     return RobustSolution(poses, inliers, edge_chi2(system, poses), limit, closures, consistency)
 
@@ -91,6 +94,20 @@ class _Question:
     groups: Index
     limit: float
     config: GraphConfig
+
+
+def _afresh(
+    question: _Question, guess: Array, anchors: Index, poses: Array, inliers: NDArray[np.bool_]
+) -> tuple[Array, NDArray[np.bool_]]:
+    """The solution from a start that knows nothing of what was left out, where that fits better.
+
+    What false closures have bent too far stays bent when they leave: a minimum of its own.
+    """
+    system = question.system
+    start = _fresh_start(system, guess, anchors, inliers)
+    fresh = settle(believed_edges(system, inliers), start)
+    costs = [edge_chi2(system, found)[inliers].sum() for found in (fresh, poses)]
+    return _refined(question, fresh, inliers) if costs[0] < _BETTER * costs[1] else (poses, inliers)
 
 
 def _truncated_cost(question: _Question, poses: Array, inliers: NDArray[np.bool_]) -> float:

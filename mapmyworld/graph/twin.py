@@ -15,10 +15,11 @@ import numpy as np
 
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
-from mapmyworld.geometry.rotations import skew, so3_exp
+from mapmyworld.geometry.rotations import skew
 from mapmyworld.graph.landmarks import POINT, POLAR
 from mapmyworld.graph.normal_equations import edge_blocks
 from mapmyworld.graph.pose_graph import Index, first_nodes
+from mapmyworld.graph.residuals import retract
 from mapmyworld.graph.system import System, chosen_edges
 
 
@@ -76,12 +77,13 @@ def lower_weights(planar: bool, information: Array, residuals: Array) -> tuple[A
     that are tried, the one that is worth most at these residuals.
     """
     turn, shift = (slice(2, 3), slice(0, 2)) if planar else (slice(0, 3), slice(3, 6))
-    rotation, slight = information[:, turn, turn], np.zeros_like(information)
+    rotation = information[:, turn, turn]
     tau = np.asarray(np.linalg.eigvalsh(information[:, shift, shift])[:, 0], np.float64)
     if not information[:, turn, shift].any():
         return rotation, tau
     spin, length = residuals[:, turn], np.sum(residuals[:, shift] ** 2, axis=1)
     by_turn = np.einsum("ei,eij,ej->e", spin, rotation, spin)
+    slight = np.zeros_like(information)
     slight[:, shift, shift] = tau[:, None, None] * np.eye(slight[0, shift, shift].shape[0])
     slight[:, turn, turn] = rotation
     root = np.linalg.cholesky(slight)
@@ -195,6 +197,7 @@ def moved(x: Array, step: Array) -> Array:
 def _turns(angles: Array) -> Array:
     """Rotations (N, d, d) by angles (N, 1) of the plane or rotation vectors (N, 3)."""
     if angles.shape[1] == 3:
-        return so3_exp(angles)
+        still = np.broadcast_to(np.eye(4), (len(angles), 4, 4))
+        return retract(False, still, np.hstack([angles, np.zeros_like(angles)]))[:, :3, :3]
     cos, sin = np.cos(angles[:, 0]), np.sin(angles[:, 0])
     return np.array([[cos, -sin], [sin, cos]]).transpose(2, 0, 1)

@@ -11,7 +11,10 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from queue import Full, Queue
-from typing import Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 _AHEAD = 3  # items per thread that are prepared before they are asked for
 
@@ -157,17 +160,27 @@ def on_one_thread(work: Callable[Given, Out]) -> Callable[Given, Out]:
 
     @functools.wraps(work)
     def limited(*args: Given.args, **kwargs: Given.kwargs) -> Out:
-        import scipy.linalg  # noqa: F401  has a library of its own, which must be there to be held
-
-        with algebra_on_one_thread():
+        with _every_library().limit(limits=1, user_api="blas"):
             return work(*args, **kwargs)
 
     return limited
 
 
-def algebra_on_one_thread() -> AbstractContextManager[Any]:
-    """As `on_one_thread`, for the libraries that are there by now: numpy's, and maybe scipy's."""
+@functools.cache
+def _every_library() -> ThreadpoolController:
+    """Found once, which takes as long as a small graph."""
+    import scipy.linalg  # noqa: F401  has a library of its own, which must be there to be found
+
+    return _present_libraries()
+
+
+def _present_libraries() -> ThreadpoolController:
     from threadpoolctl import ThreadpoolController
 
-    held: AbstractContextManager[Any] = ThreadpoolController().limit(limits=1, user_api="blas")
+    return ThreadpoolController()
+
+
+def algebra_on_one_thread() -> AbstractContextManager[Any]:
+    """As `on_one_thread`, for the libraries that are there by now: numpy's, and maybe scipy's."""
+    held: AbstractContextManager[Any] = _present_libraries().limit(limits=1, user_api="blas")
     return held

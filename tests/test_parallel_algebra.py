@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg  # noqa: F401  has a library of its own, which must be there to be held
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from mapmyworld.parallel import on_one_thread

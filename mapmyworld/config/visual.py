@@ -32,6 +32,8 @@ class VisualConfig:
     least_inliers: int = 25  # sightings that agree on a pose, at least
     inlier_sigmas: float = 3.0  # a sighting agrees within so many standard deviations
     ransac_rounds: int = 512  # hypotheses tried for a pose, at most
+    unrest_translation: float = 1.0  # m/s per root of a second by which a camera's speed wanders
+    unrest_rotation: float = 3.0  # rad/s per root of a second by which its turning wanders
     keyframe_share: float = 0.7  # of the last keyframe's points; fewer seen make a new one
     keyframe_distance: float = 0.15  # m of motion that makes a keyframe
     keyframe_angle: float = 0.2  # rad of rotation that makes a keyframe

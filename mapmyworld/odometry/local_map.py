@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between, transform_points
 from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.graph.bundle import Bundle, adjust_bundle
+from mapmyworld.graph.bundle import Bundle, RelativePoses, adjust_bundle
 from mapmyworld.registration.views import View
 from mapmyworld.registration.visual import Sightings, inliers
 
@@ -21,6 +21,16 @@ _BUNDLE_ROUNDS = 5
 _FIXED = 12  # keyframes outside the window that hold it in place
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Expectation:
+    """Where a camera was expected before its image was looked at."""
+
+    map_from_camera: Array
+    """(4, 4)."""
+    information: Array
+    """(6, 6), rotation first."""
+
+
 @dataclass(slots=True, eq=False)
 class Keyframe:
     """A remembered view: where it was taken, and which map point each feature is (-1 = none)."""
@@ -29,6 +39,8 @@ class Keyframe:
     map_from_camera: Array
     view: View
     point_of: Indices
+    motion: Expectation | None = None
+    """What was expected, in the frame of the keyframe before."""
 
 
 class LocalMap:
@@ -56,12 +68,22 @@ class LocalMap:
             seen[self.keyframes[k].point_of] = True
         return np.flatnonzero(seen[:-1])
 
-    def add_keyframe(self, map_from_camera: Array, view: View, point_of: Indices) -> Keyframe:
+    def add_keyframe(
+        self,
+        map_from_camera: Array,
+        view: View,
+        point_of: Indices,
+        expected: Expectation | None = None,
+    ) -> Keyframe:
         """A new keyframe with the points its features were matched to; others with depth are new.
 
-        The window around it is adjusted, and sightings that then disagree are forgotten.
+        The window around it is adjusted, and sightings that then disagree are forgotten. Where the
+        camera was `expected` holds it in directions that images leave open.
         """
         keyframe = Keyframe(self._made, map_from_camera.copy(), view, point_of.copy())
+        if expected is not None and self.keyframes:
+            before = between(self.keyframes[-1].map_from_camera, expected.map_from_camera)
+            keyframe.motion = Expectation(before, expected.information)
         self._made += 1
         matched = np.flatnonzero(point_of >= 0)
         np.add.at(self._sightings, point_of[matched], 1)
@@ -161,7 +183,8 @@ class LocalMap:
             sigmas[mine] = frame.view.sigmas[feature[mine]]
         fixed = np.arange(len(frames)) >= free
         poses = np.stack([frame.map_from_camera for frame in frames])
-        bundle = Bundle(poses, fixed, self.points[ids], camera, local, seen, sigmas)
+        motions = _motions_between(frames)
+        bundle = Bundle(poses, fixed, self.points[ids], camera, local, seen, sigmas, motions)
         return bundle, ids, feature
 
     def _drop_outliers(self, frames: list[Keyframe], bundle: Bundle, feature_of: Indices) -> None:
@@ -175,6 +198,24 @@ class LocalMap:
             features = feature_of[mine][bad]
             np.subtract.at(self._sightings, frame.point_of[features], 1)
             frame.point_of[features] = -1
+
+
+def _motions_between(frames: list[Keyframe]) -> RelativePoses | None:
+    """What was expected of the motions between those that followed each other."""
+    places = {frame.number: k for k, frame in enumerate(frames)}
+    known = [
+        (places[frame.number - 1], k, frame.motion)
+        for k, frame in enumerate(frames)
+        if frame.motion is not None and frame.number - 1 in places
+    ]
+    if not known:
+        return None
+    return RelativePoses(
+        np.array([first for first, _, _ in known]),
+        np.array([second for _, second, _ in known]),
+        np.stack([motion.map_from_camera for _, _, motion in known]),
+        np.stack([motion.information for _, _, motion in known]),
+    )
 
 
 def _count_seen(keyframe: Keyframe, seen: NDArray[np.bool_]) -> int:

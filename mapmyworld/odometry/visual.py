@@ -10,16 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.rigid import (
-    between,
-    invert,
-    se3_adjoint,
-    se3_exp,
-    se3_log,
-    transform_points,
-)
+from mapmyworld.geometry.rigid import between, invert, se3_adjoint, transform_points
 from mapmyworld.geometry.rotations import rotation_angle, so3_exp
-from mapmyworld.odometry.local_map import Keyframe, LocalMap
+from mapmyworld.odometry.local_map import Expectation, Keyframe, LocalMap
+from mapmyworld.odometry.motion_filter import (
+    FLOOR,
+    MotionFilter,
+    covariance_of_base,
+    motion_information,
+)
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.features import extract_features
 from mapmyworld.registration.views import View, make_view, match_around, match_views, sightings_of
@@ -30,9 +29,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _NARROW = 6.0  # pixels around a refined pose in which points are looked for again
 _BLIND_SIGMAS = (0.4, 0.4)  # rad and m after a second of dead reckoning, growing as its root
+_GYRO_SIGMA = 0.05  # rad after a second by gyroscope, growing as the root
 _LEAST_STEP = 1e-3  # s that a step takes, at least
-_FADING = 0.3  # s in which the velocity of a blind camera falls to a third
-_FLOOR = (1e-3, 1e-3)  # rad and m: no motion between two frames is known better
 _DEEP = 100  # features with depth from which a new local map is begun
 _RELOCALISE_AFTER = 1.0  # s of blindness after which a new local map is begun
 
@@ -49,6 +47,8 @@ class VisualMotion:
     """"first", "tracked", "dead reckoning" or "restarted"."""
     notes: tuple[str, ...] = ()
     inliers: int = 0
+    sigma_m: float = 0.0
+    """m by which the image left the place open, along the worst axis; 0 where there was none."""
 
 
 class VisualTracker:
@@ -59,8 +59,7 @@ class VisualTracker:
         self._map = LocalMap(config)
         self._reference: Keyframe | None = None
         self._reference_inliers = 0
-        self._pose = np.eye(4)  # tracker_from_base
-        self._velocity = np.zeros(6)  # tangent per second, in the base's frame
+        self._filter = MotionFilter(config)  # tracker_from_base
         self._stamp_ns = 0
         self._odometry: Array | None = None
         self._seen_ns = 0
@@ -83,7 +82,7 @@ class VisualTracker:
     def _tracked(self, frame: Frame, view: View | None) -> VisualMotion:
         predicted, how = self._predict(frame)
         motion = self._follow(frame, view, predicted, how)
-        self._remember(frame, motion)
+        self._remember(frame)
         return motion
 
     def _follow(self, frame: Frame, view: View | None, predicted: Array, how: str) -> VisualMotion:
@@ -100,15 +99,26 @@ class VisualTracker:
                 note = f"lost for {blind_s:.1f} s: a new local map begins by {how}"
                 return self._start(frame, view, predicted, "restarted", (note,))
             return self._blind(frame, predicted, how, "too few known points in view")
-        map_from_camera, information, point_of = found
+        seen, information, point_of = found
         count = int(np.count_nonzero(point_of >= 0))
+        measured = covariance_of_base(information, base_from_camera)
+        expected = Expectation(predicted @ base_from_camera, self._expected(base_from_camera))
+        pose = self._filter.correct(seen @ invert(base_from_camera), measured)
+        map_from_camera = pose @ base_from_camera
         if deep_features(view) >= least and self._is_keyframe(map_from_camera, count):
-            keyframe = self._map.add_keyframe(map_from_camera, view, point_of)
-            map_from_camera = keyframe.map_from_camera
+            keyframe = self._map.add_keyframe(map_from_camera, view, point_of, expected)
+            self._filter.move_to(keyframe.map_from_camera @ invert(base_from_camera))
             self._reference, self._reference_inliers = keyframe, count
-        pose = map_from_camera @ invert(base_from_camera)
         self._seen_ns = frame.stamp_ns
-        return VisualMotion(pose, _capped(information, base_from_camera), "tracked", (), count)
+        known = motion_information(measured, self._filter.step_covariance, self._filter.slip)
+        sigma = float(np.sqrt(np.linalg.eigvalsh(measured[3:, 3:])[-1]))
+        return VisualMotion(self._filter.pose, known, "tracked", (), count, sigma)
+
+    def _expected(self, base_from_camera: Array) -> Array:
+        """Information (6, 6) of the predicted pose of the camera."""
+        adjoint = se3_adjoint(invert(base_from_camera))
+        covariance = adjoint @ self._filter.pose_covariance() @ adjoint.T
+        return np.asarray(np.linalg.inv(covariance + FLOOR))
 
     def _start(
         self, frame: Frame, view: View, pose: Array, verdict: str, notes: tuple[str, ...]
@@ -119,16 +129,20 @@ class VisualTracker:
         self._reference = self._map.add_keyframe(map_from_camera, view, empty)
         self._reference_inliers = int(np.count_nonzero(self._reference.point_of >= 0))
         self._seen_ns = frame.stamp_ns
+        self._filter.restart()
         return VisualMotion(pose, self._blind_information(frame), verdict, notes)
 
     def _blind(self, frame: Frame, predicted: Array, how: str, why: str) -> VisualMotion:
         information = self._blind_information(frame)
+        self._filter.coast(self._seconds_to(frame))
         return VisualMotion(predicted, information, "dead reckoning", (f"{why}: by {how}",))
 
     def _blind_information(self, frame: Frame) -> Array:
         """(6, 6): as uncertain after a second at 30 frames as at 5."""
         seconds = max(self._seconds_to(frame), _LEAST_STEP)
-        return np.diag(np.repeat(1.0 / np.square(_BLIND_SIGMAS) / seconds, 3))
+        turn, way = _BLIND_SIGMAS
+        sigmas = _GYRO_SIGMA if frame.imu else turn, way
+        return np.diag(np.repeat(1.0 / np.square(sigmas) / seconds, 3))
 
     def _seconds_to(self, frame: Frame) -> float:
         """Since the frame before; 0 for the first one."""
@@ -138,22 +152,17 @@ class VisualTracker:
         """tracker_from_base (4, 4) expected before looking, and what it is based on."""
         if self._frames == 0:
             return np.eye(4), "start"
-        if frame.odom_from_base is not None and self._odometry is not None:
-            return self._pose @ between(self._odometry, frame.odom_from_base), "odometry"
-        motion = se3_exp(self._velocity * self._seconds_to(frame))
-        if frame.imu:
-            motion[:3, :3] = _gyro_rotation(frame, self._stamp_ns)
-            return self._pose @ motion, "gyroscope"
-        return self._pose @ motion, "constant velocity"
-
-    def _remember(self, frame: Frame, motion: VisualMotion) -> None:
         seconds = self._seconds_to(frame)
-        if seconds > 0 and motion.verdict == "tracked":
-            self._velocity = se3_log(between(self._pose, motion.tracker_from_base)) / seconds
-        elif motion.verdict != "tracked":
-            self._velocity = self._velocity * np.exp(-max(seconds, 0.0) / _FADING)
-        self._pose, self._stamp_ns = motion.tracker_from_base, frame.stamp_ns
-        self._odometry = frame.odom_from_base
+        if frame.odom_from_base is not None and self._odometry is not None:
+            motion = between(self._odometry, frame.odom_from_base)
+            return self._filter.predict(seconds, motion=motion), "odometry"
+        if frame.imu:
+            turn = _gyro_rotation(frame, self._stamp_ns)
+            return self._filter.predict(seconds, turn), "gyroscope"
+        return self._filter.predict(seconds), "constant velocity"
+
+    def _remember(self, frame: Frame) -> None:
+        self._stamp_ns, self._odometry = frame.stamp_ns, frame.odom_from_base
         self._frames += 1
 
     def _locate(self, view: View, predicted: Array) -> tuple[Array, Array, Indices] | None:
@@ -268,11 +277,3 @@ def _gyro_rotation(frame: Frame, since_ns: int) -> Array:
         rotation = rotation @ so3_exp(sample.angular_velocity * max(until - stamp, 0) * 1e-9)
         stamp = max(until, stamp)
     return rotation
-
-
-def _capped(information: Array, base_from_camera: Array) -> Array:
-    """Information of the base's motion: two poses' noise, and never better than the floor."""
-    covariance = np.linalg.inv(information + 1e-6 * np.eye(6)) * 2.0
-    adjoint = se3_adjoint(base_from_camera)
-    moved = adjoint @ covariance @ adjoint.T + np.diag(np.repeat(np.square(_FLOOR), 3))
-    return np.asarray(np.linalg.inv(moved))

@@ -74,21 +74,18 @@ class CameraFollower:
 
     def __init__(self, plan: Plan, config: Config) -> None:
         from mapmyworld.odometry.visual import VisualTracker
+        from mapmyworld.odometry.visual_doubts import Doubts
 
         self._start = plan.map_from_first
         self._tracker = VisualTracker(config)
-        self._frames = self._blind = 0
-        self._notes: list[str] = []
+        self._doubts = Doubts()
 
     def follow(self, frames: Iterable[Frame]) -> Followed:
         for frame, motion in self._tracker.track_all(frames):
             yield frame, self._motion(frame, motion)
 
     def _motion(self, frame: Frame, motion: VisualMotion) -> Motion:
-        self._frames += 1
-        if motion.verdict in {"dead reckoning", "restarted"}:
-            self._blind += 1
-            self._notes += [f"at {frame.stamp_ns * 1e-9:.2f} s: {note}" for note in motion.notes]
+        self._doubts.add(frame.stamp_ns, motion)
         covariance = np.linalg.inv(motion.information)
         return Motion(
             self._start @ motion.tracker_from_base,
@@ -97,11 +94,7 @@ class CameraFollower:
         )
 
     def notes(self) -> tuple[str, ...]:
-        if not self._blind:
-            return ()
-        share = self._blind / max(self._frames, 1)
-        head = f"the camera was blind in {self._blind} frames ({share:.1%}): dead reckoning there"
-        return (head, *self._notes[:5])
+        return self._doubts.lines()
 
     def losses(self) -> tuple[str, ...]:
         return ()

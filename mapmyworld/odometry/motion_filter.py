@@ -1,0 +1,130 @@
+"""What a camera's motion so far says of where it is next: a Kalman filter of pose and velocity.
+
+Where images leave a direction open (a distant wall, features in one corner), successive poses
+would jump by as much as they leave open; inertia does not allow it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry.rigid import between, invert, se3_adjoint, se3_exp, se3_log
+from mapmyworld.geometry.rotations import so3_log
+
+Array = NDArray[np.float64]
+_UNKNOWN = (1.0, 1.0)  # rad/s and m/s, a velocity at the start
+_GYRO = 0.02  # rad/s by which a gyroscope may be off: its bias
+_ODOMETRY = (0.1, 0.005)  # share of a recorded motion that is in doubt, and as much anyway
+_FADING = 0.3  # s in which the velocity of a blind camera falls to a third
+_SURPRISE = 22.5  # squared sigmas that one in a thousand measurements exceeds (6 dimensions)
+_LEAST_STEP = 1e-3  # s that a step takes, at least
+FLOOR = 1e-6 * np.eye(6)
+"""rad^2 and m^2: no motion between two frames is known better."""
+
+
+class MotionFilter:
+    """Pose and velocity of a base in the tracker's frame, with the covariance of both.
+
+    Errors are tangents at the pose, rotation first; the velocity wanders as white acceleration
+    lets it (Bar-Shalom, Li and Kirubarajan, "Estimation with applications to tracking and
+    navigation", 2001, section 6.2).
+    """
+
+    def __init__(self, config: Config) -> None:
+        settings = config.visual
+        unrest = [settings.unrest_rotation, settings.unrest_translation]
+        self._unrest = np.diag(np.repeat(np.square(unrest), 3))
+        self.pose = np.eye(4)
+        self._velocity = np.zeros(6)
+        self._covariance = np.zeros((12, 12))
+        self._covariance[6:, 6:] = np.diag(np.repeat(np.square(_UNKNOWN), 3))
+        self.step_covariance = np.eye(6)
+        """(6, 6) of the motion that was predicted last, images not counted."""
+        self.slip = np.zeros(6)
+        """By how much the pose moved last although the base did not: the map was mended."""
+
+    def predict(
+        self, seconds: float, turn: Array | None = None, motion: Array | None = None
+    ) -> Array:
+        """The pose (4, 4) after so long: by a recorded `motion` (4, 4), by the gyroscope's `turn`
+        (3, 3) and constant velocity, or by that alone.
+        """
+        seconds = max(seconds, _LEAST_STEP)
+        noise = self._unrest
+        step = se3_exp(self._velocity * seconds) if motion is None else motion
+        moving = np.eye(12)
+        moving[:6, 6:] = np.eye(6) * seconds
+        added = np.kron([[seconds**3 / 3, seconds**2 / 2], [seconds**2 / 2, seconds]], noise)
+        if motion is not None:
+            moving[:6, 6:] = 0.0
+            added[:6, :6] = np.diag(np.square(_ODOMETRY[0] * np.abs(se3_log(step)) + _ODOMETRY[1]))
+            added[:6, 6:] = added[6:, :6] = 0.0
+        elif turn is not None:
+            step = step.copy()
+            step[:3, :3] = turn
+            self._velocity[:3] = so3_log(turn) / seconds
+            self._covariance[6:9] = self._covariance[:, 6:9] = 0.0
+            self._covariance[6:9, 6:9] = np.eye(3) * _GYRO**2
+            added[:3] = added[:, :3] = 0.0
+        moving[:6, :6] = se3_adjoint(invert(step))
+        own = moving[:6, 6:] @ self._covariance[6:, 6:] @ moving[:6, 6:].T
+        self.step_covariance = own + added[:6, :6]
+        self._covariance = moving @ self._covariance @ moving.T + added
+        self.pose = self.pose @ step
+        return self.pose
+
+    def pose_covariance(self) -> Array:
+        """(6, 6) of the pose, in the map that the camera is tracked in."""
+        return self._covariance[:6, :6].copy()
+
+    def correct(self, measured: Array, covariance: Array) -> Array:
+        """The pose (4, 4) between what was predicted and what was measured.
+
+        A motion that nobody could expect (a jolt) is believed of the images.
+        """
+        off = se3_log(between(self.pose, measured))
+        prior = self._covariance
+        squared = float(off @ np.linalg.solve(prior[:6, :6] + covariance, off))
+        self.slip = np.zeros(6)
+        if squared > _SURPRISE:
+            self.slip = off
+            prior = prior * (squared / _SURPRISE)
+        gain = np.linalg.solve(prior[:6, :6] + covariance, prior[:6]).T
+        change = gain @ off
+        prior = prior - gain @ prior[:6]
+        self._covariance = 0.5 * (prior + prior.T)
+        self.pose = self.pose @ se3_exp(change[:6])
+        self._velocity = self._velocity + change[6:]
+        return self.pose
+
+    def coast(self, seconds: float) -> None:
+        """A step without images was taken: nobody knows whether the camera still moves."""
+        self._velocity = self._velocity * np.exp(-max(seconds, 0.0) / _FADING)
+
+    def move_to(self, pose: Array) -> None:
+        """The pose that an adjustment of the map moved to; all that is known of it stays."""
+        self.slip = self.slip + se3_log(between(self.pose, pose))
+        self.pose = pose
+
+    def restart(self) -> None:
+        """Where the camera is now defines a new map."""
+        self._covariance[:6] = self._covariance[:, :6] = 0.0
+
+
+def covariance_of_base(information: Array, base_from_camera: Array) -> Array:
+    """(6, 6) of the base's pose, of the camera's information: never better than the floor."""
+    adjoint = se3_adjoint(base_from_camera)
+    covariance = np.linalg.inv(information + 1e-6 * np.eye(6))
+    return np.asarray(adjoint @ covariance @ adjoint.T + 0.5 * FLOOR)
+
+
+def motion_information(pose_covariance: Array, step_covariance: Array, slip: Array) -> Array:
+    """(6, 6) of the motion between two poses, as images and inertia know it together.
+
+    By as much as the second slipped with the map, nobody knows it.
+    """
+    seen, carried = 2.0 * pose_covariance, step_covariance + FLOOR
+    covariance = np.linalg.inv(np.linalg.inv(seen) + np.linalg.inv(carried))
+    return np.asarray(np.linalg.inv(covariance + np.outer(slip, slip)))

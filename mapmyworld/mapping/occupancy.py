@@ -33,8 +33,7 @@ def build_grid(scans: Iterable[tuple[Array, Scan]], config: Config) -> Occupancy
     depend on the order of the scans.
     """
     count = min(config.threads or os.cpu_count() or 1, _CANVASES)
-    counts = _together(_drawn(scans, config.mapping, count))
-    return _grid_of(counts, config.mapping)
+    return _grid_of(_together(_drawn(scans, config.mapping, count)), config.mapping)
 
 
 def _drawn(
@@ -131,19 +130,23 @@ class _Counts:
     """(H, W)."""
 
 
-def _together(parts: Sequence[_Counts]) -> _Counts:
-    """The counts of all parts, one cell of margin around."""
+def _together(parts: list[_Counts]) -> _Counts:
+    """The counts of all parts, one cell of margin around; they are taken out of the list, so that
+    of a large building no more is held than must be.
+    """
     if not parts:
         raise MapError("no scan has a return in range: there is nothing to draw a grid of")
     corner = np.min([part.corner for part in parts], axis=0) - 1
     tops = [part.corner + part.hits.shape[::-1] for part in parts]
     width, height = _checked_size(np.max(tops, axis=0) + 1 - corner)
     hits, passes = np.zeros((height, width), np.uint16), np.zeros((height, width), np.uint16)
-    for part in parts:
+    while parts:
+        part = parts.pop()
         x, y = (part.corner - corner).tolist()
-        place = np.s_[y : y + part.hits.shape[0], x : x + part.hits.shape[1]]
-        for sums, more in ((hits[place], part.hits), (passes[place], part.passes)):
-            sums += np.minimum(more, _MOST_COUNTED - sums)
+        for row in range(part.hits.shape[0]):
+            place = np.s_[y + row, x : x + part.hits.shape[1]]
+            for sums, more in ((hits[place], part.hits[row]), (passes[place], part.passes[row])):
+                sums += np.minimum(more, _MOST_COUNTED - sums)
     return _Counts(corner, hits, passes)
 
 
@@ -173,12 +176,14 @@ def log_odds_of(
     """
     occupied = np.float32(_log_odds(settings.hit_probability))
     free = np.float32(_log_odds(settings.miss_probability))
-    log_odds = hits * occupied
-    log_odds += passes * free
     limit = np.float32(_log_odds(settings.clamp_probability))
-    np.clip(log_odds, -limit, limit, out=log_odds)
-    log_odds[(hits == 0) & (passes == 0)] = np.nan
-    return np.asarray(log_odds, np.float32)
+    log_odds = np.empty(hits.shape, np.float32)
+    for row, hit, passed in zip(log_odds, hits, passes, strict=True):
+        row[:] = hit * occupied
+        row += passed * free
+        np.clip(row, -limit, limit, out=row)
+        row[(hit == 0) & (passed == 0)] = np.nan
+    return log_odds
 
 
 def _log_odds(probability: float) -> float:

@@ -55,6 +55,11 @@ def plan_at(scene: Scene, height: float) -> Plan:
     return _sorted_into_cells(segments, scene.glass[owner])
 
 
+def plan_of_segments(segments: NDArray[np.float64]) -> Plan:
+    """The plan of walls (S, 4), none of them glass."""
+    return _sorted_into_cells(segments, np.zeros(len(segments), np.bool_))
+
+
 def _sorted_into_cells(segments: NDArray[np.float64], glass: NDArray[np.bool_]) -> Plan:
     ends = segments.reshape(-1, 2) if len(segments) else np.zeros((1, 2))
     corner = ends.min(0) - _CELL

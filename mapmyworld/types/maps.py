@@ -29,10 +29,11 @@ class OccupancyGrid:
 
     def trinary(self) -> NDArray[np.int8]:
         """(H, W) as nav_msgs/OccupancyGrid: 100 occupied, 0 free, -1 unknown."""
-        probability = self.probabilities()
-        cells = np.full(probability.shape, -1, np.int8)
-        cells[probability >= self.occupied_threshold] = 100
-        cells[probability <= self.free_threshold] = 0
+        cells = np.full(self.log_odds.shape, -1, np.int8)
+        for row, log_odds in zip(cells, self.log_odds, strict=True):  # little is held at once
+            probability = 1.0 / (1.0 + np.exp(-log_odds))
+            row[probability >= self.occupied_threshold] = 100
+            row[probability <= self.free_threshold] = 0
         return cells
 
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from queue import SimpleQueue
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ _TOGETHER = 128  # scans that are drawn in one go
 _MOST_MARKS = 255  # scans that a cell's mark tells apart
 _MOST_COUNTED = 65535  # scans that a cell counts
 _CANVASES = 2  # drawn on at the same time, at most: they take memory, and share its bandwidth
+_LARGE = 4_000_000  # cells from which one canvas is drawn on and no other, to save memory
 _MOST_CELLS = 400_000_000  # of the canvas; beyond, some range or pose is nonsense
 
 
@@ -40,21 +42,30 @@ def _drawn(
     scans: Iterable[tuple[Array, Scan]], settings: MappingConfig, count: int
 ) -> list[_Counts]:
     """What is counted on each of `count` canvases: which scan comes on which changes nothing."""
-    canvases = [_Canvas() for _ in range(count)]
     free: SimpleQueue[_Canvas] = SimpleQueue()
-    for canvas in canvases:
-        free.put(canvas)
+    for _ in range(count):
+        free.put(_Canvas())
+    kept: list[_Counts | None] = []
+    deciding = Lock()
+
+    def give_back(canvas: _Canvas) -> None:
+        with deciding:
+            if canvas.area < _LARGE or len(kept) == count - 1:
+                free.put(canvas)
+            else:
+                kept.append(canvas.seen())  # of a large building one canvas is enough to hold
 
     def draw(some: Sequence[tuple[Array, Scan]]) -> None:
         canvas = free.get()
         try:
             canvas.add(_rays(some, settings))
         finally:
-            free.put(canvas)
+            give_back(canvas)
 
     for _ in in_threads(draw, batches(scans, _TOGETHER), count):
         pass
-    return [part for canvas in canvases if (part := canvas.seen()) is not None]
+    kept += [free.get_nowait().seen() for _ in range(count - len(kept))]
+    return [part for part in kept if part is not None]
 
 
 class _Canvas:
@@ -66,6 +77,12 @@ class _Canvas:
         self._passes = np.zeros((0, 0), np.uint16)
         self._marks = np.zeros((0, 0), np.uint8)
         self._mark = 0
+        self._used = np.zeros((2, 2), np.int64)  # lattice cells, first and one beyond the last
+
+    @property
+    def area(self) -> int:
+        """Cells that were held at once, about."""
+        return int(np.prod(self._used[1] - self._used[0]))
 
     def add(self, rays: _Rays) -> None:
         if not len(rays.ends):
@@ -76,7 +93,7 @@ class _Canvas:
         high = np.floor(np.maximum(ends.max(axis=0), used.max(axis=0))).astype(np.int64)
         self._cover(low, high)
         if self._mark + len(starts) > _MOST_MARKS:
-            self._marks[:], self._mark = 0, 0
+            self._marks, self._mark = np.zeros_like(self._marks), 0
         count_scans(
             self._hits, self._passes, self._marks, self._mark,
             starts - self._corner, ends - self._corner, rays.is_hit, rays.bounds,
@@ -87,6 +104,7 @@ class _Canvas:
         """Grows the canvas until it holds the lattice cells `low` to `high`."""
         size = np.array(self._hits.shape[::-1], np.int64)
         if size.all() and (low >= self._corner).all() and (high < self._corner + size).all():
+            self._use(low, high)
             return
         margin = _MARGIN + size // 4
         corner, top = low - _MARGIN, high + _MARGIN + 1
@@ -95,15 +113,21 @@ class _Canvas:
             corner = np.where(low < self._corner, low - margin, self._corner)
             top = np.where(high >= old_top, high + margin + 1, old_top)
         width, height = _checked_size(top - corner)
-        x, y = (self._corner - corner).tolist()
-        place = np.s_[y : y + size[1], x : x + size[0]]
+        (x0, y0), (x1, y1) = (self._used - corner).tolist()
+        old = self._used - self._corner
         for name in ("_hits", "_passes", "_marks"):
-            old = getattr(self, name)
-            grown = np.zeros((height, width), old.dtype)
-            if size.all():
-                grown[place] = old
+            held = getattr(self, name)
+            grown = np.zeros((height, width), held.dtype)
+            if size.all():  # what nothing was drawn on takes no memory, and is left so
+                grown[y0:y1, x0:x1] = held[old[0, 1] : old[1, 1], old[0, 0] : old[1, 0]]
             setattr(self, name, grown)
         self._corner = corner
+        self._use(low, high)
+
+    def _use(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> None:
+        if self.area:
+            low, high = np.minimum(low, self._used[0]), np.maximum(high, self._used[1] - 1)
+        self._used = np.array([low, high + 1])
 
     def seen(self) -> _Counts | None:
         """The part that was seen; None for nothing."""

@@ -14,6 +14,7 @@ from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint, transform_points
 from mapmyworld.graph.bundle import Bundle, RelativePoses
 from mapmyworld.graph.feature_graph import Adjusted, adjust_features
+from mapmyworld.graph.sighting_errors import with_measured_errors
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.node_images import NodeImages
 from mapmyworld.registration.image_pairs import match_by_pose
@@ -48,8 +49,9 @@ def adjust_map(
     node of the graph. Closures by images are not used again: their matches are.
     """
     images = NodeImages(store, config, progress)
-    row_of = {int(i): k for k, i in enumerate(poses.ids)}
-    index_of = {node.id: k for k, node in enumerate(images.nodes) if node.id in row_of}
+    row_of = {int(i): row for row, i in enumerate(poses.ids)}
+    rows = np.array([row_of.get(node.id, -1) for node in images.nodes], np.int64)
+    index_of = {node.id: k for k, node in enumerate(images.nodes) if rows[k] >= 0}
     constraints = [c for c in store.constraints() if c.accepted]
     pairs = [
         (index_of[c.from_id], index_of[c.to_id])
@@ -59,14 +61,14 @@ def adjust_map(
     if not pairs:
         return None
     progress.stage("features as nodes", len(pairs), "pairs")
-    places = np.stack([poses.map_from_node[row_of.get(n.id, 0)] for n in images.nodes])
-    found = list(_followed(images, pairs, places, config, progress))
-    camera_of, feature_of, point_of = _tracks(np.concatenate(found))
-    used = np.unique(camera_of)
-    motions = _motions(constraints, index_of, images, used, planar=planar)
-    bundle = _bundle(images, places, used, camera_of, feature_of, point_of, motions)
-    adjusted = adjust_features(bundle)
-    return _adjusted_poses(poses, images, used, adjusted, row_of, planar=planar)
+    found = list(_followed(images, pairs, poses.map_from_node[rows], config, progress))
+    tracks = _tracks(np.concatenate(found))
+    mounts = _mounts(images, rows, len(poses.ids))
+    motions = _motions(constraints, row_of, mounts, planar=planar)
+    bundle = _bundle(images, rows, poses.map_from_node @ mounts, tracks, motions)
+    expected = adjust_features(bundle).bundle
+    adjusted = adjust_features(with_measured_errors(expected))
+    return _adjusted_poses(poses, adjusted, mounts, planar=planar)
 
 
 def _followed(
@@ -125,98 +127,83 @@ def _tracks(matched: Indices) -> tuple[Indices, Indices, Indices]:
     return node[kept], names[kept] % _SAME, numbers.astype(np.int64)
 
 
+def _mounts(images: NodeImages, rows: Indices, count: int) -> Array:
+    """base_from_camera (N, 4, 4) of every node; where none looked, the base stands for one."""
+    mounts = np.tile(np.eye(4), (count, 1, 1))
+    for k, row in enumerate(rows.tolist()):
+        view = images.view(k) if row >= 0 else None
+        if view is not None:
+            mounts[row] = view.camera.base_from_camera
+    return mounts
+
+
 def _bundle(
     images: NodeImages,
-    places: Array,
-    used: Indices,
-    camera_of: Indices,
-    feature_of: Indices,
-    point_of: Indices,
+    rows: Indices,
+    cameras: Array,
+    tracks: tuple[Indices, Indices, Indices],
     motions: RelativePoses | None,
 ) -> Bundle:
-    """The features at the means of where their depths put them, and all that was seen of them."""
-    cameras = np.empty((len(used), 4, 4))
-    seen, sigmas = np.empty((len(camera_of), 3)), np.empty((len(camera_of), 3))
-    points = np.empty((len(camera_of), 3))
-    for k, node in enumerate(used.tolist()):
+    """The features at the means of where their depths put them, and all that was seen of them.
+
+    Nodes that share no feature are there as well: a motion that wheels measured in two parts,
+    to such a node and from it, ties the nodes on both sides.
+    """
+    node_of, feature_of, point_of = tracks
+    seen, sigmas = np.empty((len(node_of), 3)), np.empty((len(node_of), 3))
+    points = np.empty((len(node_of), 3))
+    for node in np.unique(node_of).tolist():
         view = images.view(node)
         assert view is not None
-        mine = np.flatnonzero(camera_of == node)
-        cameras[k] = places[node] @ view.camera.base_from_camera
+        mine = np.flatnonzero(node_of == node)
         chosen = feature_of[mine]
         seen[mine], sigmas[mine] = view.seen[chosen], view.sigmas[chosen]
-        points[mine] = transform_points(cameras[k], view.camera_points()[chosen])
+        points[mine] = transform_points(cameras[rows[node]], view.camera_points()[chosen])
     deep = np.isfinite(points[:, 2])
     count = int(point_of.max(initial=-1)) + 1
     total = np.zeros((count, 3))
     np.add.at(total, point_of[deep], points[deep])
     mean = total / np.maximum(np.bincount(point_of[deep], minlength=count), 1)[:, None]
-    local = np.searchsorted(used, camera_of)
-    fixed = np.arange(len(used)) == 0
-    return Bundle(cameras, fixed, mean, local, point_of, seen, sigmas, motions)
+    fixed = np.arange(len(cameras)) == 0
+    return Bundle(cameras, fixed, mean, rows[node_of], point_of, seen, sigmas, motions)
 
 
 def _motions(
-    constraints: Sequence[Constraint],
-    index_of: dict[int, int],
-    images: NodeImages,
-    used: Indices,
-    *,
-    planar: bool,
+    constraints: Sequence[Constraint], row_of: dict[int, int], mounts: Array, *, planar: bool
 ) -> RelativePoses | None:
-    """What wheels, lasers and people said of the motion between the cameras in use."""
-    in_use = set(used.tolist())
+    """What wheels, lasers and people said of the motion between nodes, and of landmarks."""
     kept = [
-        (index_of[c.from_id], index_of[c.to_id], c)
+        c
         for c in constraints
         if "matches" not in c.evidence
         and c.from_id != c.to_id
-        and index_of.get(c.from_id) in in_use
-        and index_of.get(c.to_id) in in_use
+        and c.from_id in row_of
+        and c.to_id in row_of
     ]
     if not kept:
         return None
-    first = np.searchsorted(used, [a for a, _, _ in kept])
-    second = np.searchsorted(used, [b for _, b, _ in kept])
-    mounts = [_mount(images, node) for node in used.tolist()]
-    ends = np.stack([mounts[k] for k in second])
-    starts = np.stack([mounts[k] for k in first])
-    measured = np.stack([c.from_from_to for _, _, c in kept])
-    information = np.stack([c.information for _, _, c in kept])
+    first = np.array([row_of[c.from_id] for c in kept])
+    second = np.array([row_of[c.to_id] for c in kept])
+    measured = np.stack([c.from_from_to for c in kept])
+    information = np.stack([c.information for c in kept])
     if planar:
+        level = np.array([c.to_id > 0 for c in kept])
         for axis in (0, 1, 5):  # roll, pitch, z
-            information[:, axis, axis] += _FLAT
-    adjoint = se3_adjoint(ends)
+            information[level, axis, axis] += _FLAT
+    adjoint = se3_adjoint(mounts[second])
     turned = np.swapaxes(adjoint, 1, 2) @ information @ adjoint
-    return RelativePoses(first, second, invert(starts) @ measured @ ends, _ALIKE * turned)
-
-
-def _mount(images: NodeImages, node: int) -> Array:
-    view = images.view(node)
-    assert view is not None
-    return view.camera.base_from_camera
+    moved = invert(mounts[first]) @ measured @ mounts[second]
+    return RelativePoses(first, second, moved, _ALIKE * turned)
 
 
 def _adjusted_poses(
-    poses: Poses,
-    images: NodeImages,
-    used: Indices,
-    adjusted: Adjusted,
-    row_of: dict[int, int],
-    *,
-    planar: bool,
+    poses: Poses, adjusted: Adjusted, mounts: Array, *, planar: bool
 ) -> AdjustedMap:
-    """The adjusted cameras as poses of their nodes; other nodes go with the one before them."""
-    placed = poses.map_from_node.copy()
-    correction, at = np.eye(4), 0
-    for k, node in enumerate(used.tolist()):
-        row = row_of[images.nodes[node].id]
-        placed[at:row] = correction @ poses.map_from_node[at:row]
-        bundle = adjusted.bundle
-        pose = bundle.cameras[k] @ invert(_mount(images, node))
-        placed[row] = planar_to_matrix(matrix_to_planar(pose)) if planar else pose
-        correction, at = placed[row] @ invert(poses.map_from_node[row]), row + 1
-    placed[at:] = correction @ poses.map_from_node[at:]
+    """The adjusted cameras as poses of their nodes."""
+    placed = adjusted.bundle.cameras @ invert(mounts)
+    if planar:
+        nodes = poses.ids > 0
+        placed[nodes] = planar_to_matrix(matrix_to_planar(placed[nodes]))
     change = np.linalg.norm(placed[:, :3, 3] - poses.map_from_node[:, :3, 3], axis=1)
     return AdjustedMap(
         Poses(poses.ids, placed, poses.covariances),

@@ -37,18 +37,20 @@ class Progress:
     def update(self, done): told.append(done)
     def note(self, message): told.append(message)
 start = first_start._helper
-def helper(queue):
-    helped.append(start(queue))
+def helper(queue, told):
+    helped.append(start(queue, told))
     return helped[-1]
 first_start._helper = helper
 event.register("numba:compile", Ear())
-first_start.compile_missing(needs, THREADS, Progress())
+with first_start.compiled_ahead(needs, THREADS, Progress()):
+    while_tracking = [first_start._is_kept(k) for k in small if needs & k.tracking]
 import json
 kept = [first_start._is_kept(k) for k in small]
 again = len(compiled)
-first_start.compile_missing(needs, THREADS, Progress())
+with first_start.compiled_ahead(needs, THREADS, Progress()) as all_there:
+    assert all_there
 print(json.dumps({
-    "told": told, "kept": kept, "helpers": [h.returncode for h in helped],
+    "told": told, "kept": kept, "first": while_tracking, "helpers": [h.returncode for h in helped],
     "again": len(compiled) - again, "compiled": compiled, "names": [k.name for k in small],
 }))
 """
@@ -119,6 +121,7 @@ def test_the_table_names_kernels_that_python_calls() -> None:
 def test_two_processes_share_the_work_and_the_cache(tmp_path: Path) -> None:
     found = told_by(SMALL.replace("THREADS", "2"), tmp_path)
     assert all(found["kept"])
+    assert found["first"] == [True]
     assert found["helpers"] == [0]
     assert found["told"][0] == ["compile", len(found["names"]), "kernels"]
     assert found["again"] == 0  # a second start finds all of them, and says nothing
@@ -137,13 +140,16 @@ def test_a_helper_whose_master_has_gone_takes_nothing_more(
 ) -> None:
     compiled: list[str] = []
     monkeypatch.setattr(first_start, "_compile", lambda kernel: compiled.append(kernel.name))
-    monkeypatch.setattr(gc, "disable", lambda: None)
+    reading, writing = os.pipe()
     with first_start._queue_of([0, 1]) as queue:
-        first_start.help_compiling(queue, os.getpid())  # another process's child
+        first_start.help_compiling(queue, writing, os.getpid())  # another process's child
     assert compiled == []
     with first_start._queue_of([0, 1]) as queue:
-        first_start.help_compiling(queue, os.getppid())
+        first_start.help_compiling(queue, writing, os.getppid())
     assert compiled == [KERNELS[0].name, KERNELS[1].name]
+    assert os.read(reading, 9) == bytes([0, 1])
+    os.close(reading)
+    os.close(writing)
 
 
 def test_a_helper_that_cannot_start_leaves_the_work_to_this_process(
@@ -155,8 +161,43 @@ def test_a_helper_that_cannot_start_leaves_the_work_to_this_process(
     monkeypatch.setattr(
         subprocess, "Popen", lambda *_, **__: (_ for _ in ()).throw(OSError("no more"))
     )
-    first_start.compile_missing(frozenset({"log", "scan"}), 2, Quiet())
-    assert compiled == [k.name for k in KERNELS if k.needed_by in {"log", "scan"}]
+    needed = [k for k in KERNELS if k.needed_by in {"log", "scan"}]
+    first = [k.name for k in needed if k.tracking & {"log", "scan"}]
+    with first_start.compiled_ahead(frozenset({"log", "scan"}), 2, Quiet()) as all_there:
+        assert not all_there
+        assert compiled == first
+        assert gc.isenabled()
+    assert sorted(compiled) == sorted(k.name for k in needed)
+
+
+def test_a_helper_that_ends_before_time_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    def take_one(queue: int, _: int) -> subprocess.Popen[bytes]:
+        os.read(queue, 1)
+        return subprocess.Popen(["true"])
+
+    compiled: list[str] = []
+    monkeypatch.setattr(first_start, "_is_kept", lambda kernel: False)
+    monkeypatch.setattr(first_start, "_compile", lambda kernel: compiled.append(kernel.name))
+    monkeypatch.setattr(first_start, "_helper", take_one)
+    with first_start.compiled_ahead(frozenset({"log", "scan"}), 2, Quiet()):
+        pass
+    assert len(compiled) == len([k for k in KERNELS if k.needed_by in {"log", "scan"}]) - 1
+
+
+def test_an_error_while_tracking_ends_the_helpers(monkeypatch: pytest.MonkeyPatch) -> None:
+    helpers: list[subprocess.Popen[bytes]] = []
+
+    def never_ending(*_: int) -> subprocess.Popen[bytes]:
+        helpers.append(subprocess.Popen(["sleep", "60"]))
+        return helpers[-1]
+
+    monkeypatch.setattr(first_start, "_is_kept", lambda kernel: False)
+    monkeypatch.setattr(first_start, "_compile", lambda kernel: None)
+    monkeypatch.setattr(first_start, "_helper", never_ending)
+    ahead = first_start.compiled_ahead(frozenset({"log", "scan"}), 2, Quiet())
+    with pytest.raises(ValueError, match="lost"), ahead:
+        raise ValueError("lost")
+    assert [helper.returncode for helper in helpers] == [-9]
 
 
 class Quiet(Progress):

@@ -8,22 +8,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 _TABLE = """
-scan scan_tracking.track_scans
+scan/scan scan_tracking.track_scans
     i8 f4[:,::1] i8[::1] f8[:,::1] f8[:,::1] f4[:,:,::1] i8[::1] f8[:,::1] f8[:,::1] i8[::1]
     i8[::1] f8[::1] f8[::1] f8[::1] i8 f8[:,::1] f8[:,:,::1]
-camera pose_refinement.refine
+camera/sight pose_refinement.refine
     f8[:,::1] f8[:,::1] f8[:,::1] f8[:,::1] f8 i8 f8[:,::1]
-scan scan_preparation.prepare_many
+scan/scan scan_preparation.prepare_many
     f4[:,::1] i8[::1] f8[:,::1] f8[::1] f8[::1] f4[:,::1] i8[::1]
 scan branch_and_bound.best_shift
     u1[:,:,::1] i8 f8[:,::1] f8[::1] f8 f8[::1] i8 f8[::1] f8 f8[::1] f8[::1]
 camera image_matching.match_all
     u8[:,::1] u8[:,::1] i8 f8
-odometry recorded_motion.interpolate_poses
+odometry/odometry recorded_motion.interpolate_poses
     i8[::1] f8[:,:,::1] i8[::1] i8 f8[:,:,::1]
 log rays.count_scans
     u2[:,::1] u2[:,::1] u1[:,::1] i8 f8[:,::1] f8[:,::1] b1[::1] i8[::1]
-sight bundle.bundle_normal_equations
+sight/sight bundle.bundle_normal_equations
     f8[:,:,::1] f8[:,::1] i8[::1] i8[::1] f8[:,::1] f8[:,::1] f8 f8[:,:,::1] f8[:,::1] f8[:,:,::1]
     f8[:,::1] f8[:,:,::1]
 log pose_edges.spatial_residuals
@@ -34,7 +34,7 @@ log elimination.column_structures
     i8[::1] i8[::1]
 scan scan_alignment.pair_systems
     i8 i8 f4[:,::1] i8[::1] f8[:,::1] i8[:,::1] f8[:,::1] f8 f8 f8[:,::1]
-camera image_matching.match_projected
+camera/sight image_matching.match_projected
     f4[:,::1] f4[::1] u8[:,::1] f4[:,::1] u8[:,::1] f8 i4[::1] i4[::1] i8 i8 f8
 camera surfaces.compare_with_depth
     f8[:,::1] f8[:,::1] f8[:,::1] i8 f8[::1] f4[:,::1] f8 f8 i4[::1] i4[::1]
@@ -49,27 +49,27 @@ plane pose_edges.planar_jacobians
     f8[:,::1] f8[:,::1] f8[:,::1] f8[:,:,::1] f8[:,:,::1]
 camera surfaces.surface_normals
     f4[:,:,::1] f4[:,:,::1] f4[:,::1]
-camera projection.project_points
+camera/scan projection.project_points
     f8[:,::1] f8[:,::1] i8 f8[::1] f8[:,::1]
 camera voxels.add_points
     f8[:,::1] u1[:,::1] f4[:,::1] f8 i4[::1] i8[::1] u2[:,::1] i8
 space pose_moves.spatial_moved
     f8[:,:,::1] f8[:,::1] f8[:,:,::1]
-sight bundle.subtract_points
+sight/sight bundle.subtract_points
     i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[:,::1]
 camera image_matching.nearest_and_votes
     u8[:,::1] u8[:,::1] i8[::1] i8[:,::1]
-camera pose_refinement.score_poses
+camera/sight pose_refinement.score_poses
     f8[:,:,::1] f8[:,::1] f8[:,::1] f8[:,::1] f8 i8[::1]
-sight bundle.eliminate_points
+sight/sight bundle.eliminate_points
     f8[:,:,::1] f8 f8[:,:,::1] i8[::1] f8[:,:,::1] f8[:,:,::1]
 plane pose_edges.planar_residuals
     f8[:,::1] f8[:,::1] f8[:,::1] f8[:,::1]
-camera pose_refinement.squared_errors
+camera/sight pose_refinement.squared_errors
     f8[:,::1] f8[:,::1] f8[:,::1] f8[:,::1] f8[:,::1]
 scan branch_and_bound.fill_pyramid
     u1[:,:,::1] i8
-scan recorded_motion.move_beams
+scan/scan recorded_motion.move_beams
     f8[:,::1] i8[::1] f8 f8[:,:,::1]
 log normal_equations.add_product
     f8[:,:,::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1]
@@ -79,9 +79,9 @@ log normal_equations.add_blocks
     i8[::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[:,:,::1] f8[:,:,::1]
 camera image_matching.nearest_leaves
     u8[:,::1] u8[:,::1] i4[::1] i4[::1]
-sight bundle.move_points
+sight/sight bundle.move_points
     f8[:,:,::1] f8[:,:,::1] f8[:,::1] i8[::1] i8[::1] f8[:,::1] f8[:,::1]
-sight bundle.subtract_gradients
+sight/sight bundle.subtract_gradients
     f8[:,:,::1] f8[:,::1] i8[::1] i8[::1] f8[:,::1]
 log elimination.add_update
     f8[::1,:] i8[::1] f8[::1,:]
@@ -98,6 +98,8 @@ class FirstKernel:
 
     needed_by: str
     """What a plan has that makes a build call it; `log` = every build."""
+    tracking: frozenset[str]
+    """What a plan has that makes tracking call it already; the others have time."""
     module: str
     name: str
     signatures: tuple[str, ...]
@@ -107,16 +109,22 @@ class FirstKernel:
 def _read(table: str) -> tuple[FirstKernel, ...]:
     """Kernels in the order of the table, each once with all its signatures.
 
-    An entry says what needs which kernel, then with which types.
+    An entry says what needs it, and after a slash what needs it while tracking; then which kernel,
+    and with which types.
     """
     found: dict[tuple[str, str], list[str]] = {}
     for entry in table.strip().replace("\n    ", " ").split("\n"):
-        needed_by, place, *types = entry.split(" ")
-        found.setdefault((needed_by, place), []).append(", ".join(types) + ",")
+        needs, place, *types = entry.split(" ")
+        found.setdefault((needs, place), []).append(", ".join(types) + ",")
     return tuple(
-        FirstKernel(needed_by, place.split(".")[0], place.split(".")[1], tuple(signatures))
-        for (needed_by, place), signatures in found.items()
+        _kernel(*needs.split("/"), place=place, signatures=tuple(signatures))
+        for (needs, place), signatures in found.items()
     )
+
+
+def _kernel(needed_by: str, *tracking: str, place: str, signatures: tuple[str, ...]) -> FirstKernel:
+    module, name = place.split(".")
+    return FirstKernel(needed_by, frozenset(tracking), module, name, signatures)
 
 
 KERNELS = _read(_TABLE)

@@ -3,14 +3,16 @@
 numba compiles one kernel after the other and holds a lock meanwhile, so a first start would keep
 one core busy for half a minute. Here the kernels that a log needs stand in a pipe by number; this
 process and its helpers take one after the other from it and compile it into numba's cache, where
-all of them find it. Who compiled what changes nothing but the time. Where this cannot be done,
-kernels are compiled when they are called first, as ever.
+all of them find it; what tracking calls comes first, so that helpers do the rest while the log is
+tracked. Who compiled what changes nothing but the time. Where this cannot be done, kernels are
+compiled when they are called first, as ever.
 """
 
 from __future__ import annotations
 
 import gc
 import os
+import select
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -25,23 +27,72 @@ _WORTH = 4  # kernels that are missing from which on a helper's own start is wor
 _MOST = 4  # processes: more would wait for the longest kernel
 
 
-def compile_missing(needs: frozenset[str], threads: int, progress: Progress) -> None:
+@contextmanager
+def compiled_ahead(needs: frozenset[str], threads: int, progress: Progress) -> Iterator[bool]:
     """Compiles the kernels that logs with these `needs` use, but for those in the cache.
 
-    `threads`: processes at once, 0 = as many as cores.
+    At its beginning those are there that tracking calls, at its end all: helpers go on meanwhile.
+    Gives whether none was missing. `threads`: processes at once, 0 = as many as cores.
     """
-    wanted = _wanted(needs)
     helpers = min(threads or os.cpu_count() or 1, _MOST) - 1
     if not _can_help() or helpers < 1:
+        yield True
         return
-    missing = [number for number in wanted if not _is_kept(KERNELS[number])]
-    if len(missing) >= _WORTH:
-        progress.stage("compile", len(missing), "kernels")
-        with _queue_of(missing) as queue, _helpers(queue, helpers):
-            for number in _taken(queue):
-                progress.update(missing.index(number))
-                _compile(KERNELS[number])
-        progress.update(len(missing))
+    missing = [number for number in _wanted(needs) if not _is_kept(KERNELS[number])]
+    if len(missing) < _WORTH:
+        yield not missing
+        return
+    first = {number for number in missing if needs & KERNELS[number].tracking}
+    missing.sort(key=lambda number: number not in first)
+    with _queue_of(missing) as queue, _helpers(queue, helpers) as told:
+        work = _Shared(queue, told, missing, progress)
+        work.do(first)
+        yield False
+        work.do(set(missing))
+
+
+class _Shared:
+    """Work on a queue that helpers work off as well, who tell what they have done."""
+
+    def __init__(self, queue: int, told: int, missing: Sequence[int], progress: Progress) -> None:
+        self._queue, self._told, self._progress = queue, told, progress
+        self._missing = set(missing)
+        self._count = len(missing)
+
+    def do(self, wanted: set[int]) -> None:
+        """Takes kernels from the queue until all that are wanted are done, by whom ever."""
+        self._listen(0.0)
+        if not self._missing & wanted:
+            return
+        self._progress.stage("compile", self._count, "kernels")
+        with _no_search_for_garbage():
+            while self._missing & wanted and self._step():
+                self._progress.update(self._count - len(self._missing))
+
+    def _step(self) -> bool:
+        """Compiles the next kernel, or waits for helpers; False where they ended before time.
+
+        What they had taken is then compiled when it is called.
+        """
+        if number := os.read(self._queue, 1):
+            _compile(KERNELS[number[0]])
+            self._missing.discard(number[0])
+            self._listen(0.0)
+            return True
+        return self._listen(None)
+
+    def _listen(self, seconds: float | None) -> bool:
+        """Notes what helpers have done, waiting for news so long (None = for ever).
+
+        False where none of them will say any more.
+        """
+        while select.select([self._told], [], [], seconds)[0]:
+            done = os.read(self._told, 256)
+            if not done:
+                return False
+            self._missing.difference_update(done)
+            seconds = 0.0
+        return True
 
 
 def load_kept(needs: frozenset[str]) -> None:
@@ -51,13 +102,29 @@ def load_kept(needs: frozenset[str]) -> None:
             _compile(KERNELS[number])
 
 
-def help_compiling(queue: int, master: int) -> None:
-    """What a helper does: takes from the same queue until it is empty or the `master` has gone."""
-    gc.disable()  # a search for garbage would take more time than it is worth here
-    for number in _taken(queue):
-        if os.getppid() != master:
-            return
-        _compile(KERNELS[number])
+def help_compiling(queue: int, told: int, master: int) -> None:
+    """What a helper does: takes from the same queue until it is empty or the `master` has gone.
+
+    It writes each number that is done into `told`.
+    """
+    with _no_search_for_garbage():
+        while number := os.read(queue, 1):
+            if os.getppid() != master:
+                return
+            _compile(KERNELS[number[0]])
+            os.write(told, number)
+
+
+@contextmanager
+def _no_search_for_garbage() -> Iterator[None]:
+    """It would take an eighth of the time of compiling, and find little."""
+    searched = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if searched:
+            gc.enable()
 
 
 def _wanted(needs: frozenset[str]) -> list[int]:
@@ -81,34 +148,32 @@ def _queue_of(numbers: Sequence[int]) -> Iterator[int]:
         os.close(reading)
 
 
-def _taken(queue: int) -> Iterator[int]:
-    while number := os.read(queue, 1):
-        yield number[0]
-
-
 @contextmanager
-def _helpers(queue: int, count: int) -> Iterator[None]:
-    """So many processes that work off the queue; waits for the last kernel they have taken."""
+def _helpers(queue: int, count: int) -> Iterator[int]:
+    """Gives a pipe in which so many processes tell what they did; waits for them at the end."""
     started: list[subprocess.Popen[bytes]] = []
+    reading, writing = os.pipe()
     try:
         with suppress(OSError):  # no more processes, no memory: the others do it
-            started.extend(_helper(queue) for _ in range(count))
-        yield
+            started.extend(_helper(queue, writing) for _ in range(count))
+        os.close(writing)
+        yield reading
         for helper in started:
             helper.wait()
     finally:
         for helper in started:
             helper.kill()
             helper.wait()
+        os.close(reading)
 
 
-def _helper(queue: int) -> subprocess.Popen[bytes]:
+def _helper(queue: int, told: int) -> subprocess.Popen[bytes]:
     task = f"import sys; sys.path[:] = {sys.path!r}\n"
-    task += f"from {__name__} import help_compiling; help_compiling({queue}, {os.getpid()})"
+    task += f"from {__name__} import help_compiling; help_compiling({queue}, {told}, {os.getpid()})"
     nothing = subprocess.DEVNULL
     return subprocess.Popen(
         [sys.executable, "-c", task],
-        stdin=nothing, stdout=nothing, stderr=nothing, pass_fds=(queue,),
+        stdin=nothing, stdout=nothing, stderr=nothing, pass_fds=(queue, told),
     )  # fmt: skip
 
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from mapmyworld.kernels.first_start import compile_missing
+from contextlib import AbstractContextManager
+
+from mapmyworld.kernels.first_start import compiled_ahead
 from mapmyworld.sensing import Plan
 from mapmyworld.types import Progress
 
 
-def compile_ahead(plan: Plan, threads: int, progress: Progress) -> None:
-    """Compiles by several processes what the stages after the plan will call."""
-    compile_missing(needs_of(plan), threads, progress)
+def compile_ahead(plan: Plan, threads: int, progress: Progress) -> AbstractContextManager[bool]:
+    """Compiles by several processes what the stages after the plan will call.
+
+    To be held while the log is tracked: helpers go on meanwhile. Gives whether all was there.
+    """
+    return compiled_ahead(needs_of(plan), threads, progress)
 
 
 def needs_of(plan: Plan) -> frozenset[str]:

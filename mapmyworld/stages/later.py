@@ -26,16 +26,20 @@ _MODULES = {
 
 
 @contextmanager
-def made_ready(needs: frozenset[str], others: Sequence[str] = ()) -> Iterator[None]:
+def made_ready(
+    needs: frozenset[str], others: Sequence[str] = (), *, load: bool = True
+) -> Iterator[None]:
     """Imports what logs with such `needs` will call, and the `others`; waits for it at the end.
 
+    `load`: kernels as well; not while they are being compiled.
     What cannot be imported here is told where it is used.
     """
     with Aside() as aside:
         for word, modules in _MODULES.items():
             if word in needs:
                 aside.begin(_import_all, modules)
-        aside.begin(load_kept, needs)
+        if load:
+            aside.begin(load_kept, needs)
         aside.begin(_import_all, others)
         yield
 

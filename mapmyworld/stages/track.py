@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from array import array
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
@@ -45,33 +46,49 @@ def track(
     `features` is told of the nodes, to find their images' features in the meantime.
     `later`: modules that will be used then, to be imported in the meantime.
     """
-    if tracker is None:
-        compile_ahead(plan, config.threads, progress)
-    info = log.info()
-    progress.stage("track", max(info.duration_s, 1e-9), "s")
     counts, guard = FrameCounts(), ImageGuard()
-    frames = read_frames(
-        log, plan, config.sensing, counts, lambda t: progress.update((t - info.start_ns) * 1e-9),
-        inertial=tracker is None and needs_inertial(plan),
-    )  # fmt: skip
-    tracker = tracker or make_tracker(plan, config)
     writer = _Writer(store, config, guard, features, wants_images=plan.camera is not None)
-    frames = (_guarded(frame, guard) for frame in frames)
-    ahead = itertools.chain.from_iterable(made_ahead(batches(frames, _TOGETHER), _AHEAD))
-    with (
-        algebra_on_one_thread(),
-        made_ready(needs_of(plan), later),
-        done_behind(writer.add_all, _AHEAD) as write,
-    ):
-        for some in batches(tracker.follow(ahead), _TOGETHER):
-            write(some)
+    ahead = nullcontext(True) if tracker else compile_ahead(plan, config.threads, progress)
+    with ahead as is_kept:
+        progress.stage("track", max(log.info().duration_s, 1e-9), "s")
+        frames = _frames(log, plan, config, progress, counts, inertial=tracker is None)
+        tracker = tracker or make_tracker(plan, config)
+        with algebra_on_one_thread(), made_ready(needs_of(plan), later, load=is_kept):
+            _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
     writer.finish()
     for note in tracker.notes():
         progress.note(note)
-    from mapmyworld.diagnosis import diagnose_tracked
-
     losses = [*log.losses(), *tracker.losses(), *_count_losses(counts, guard)]
     store.put("track", {"frames": counts.frames, "losses": losses, "notes": tracker.notes()})
+    _diagnose(store, plan)
+
+
+def _frames(
+    log: LogSource,
+    plan: Plan,
+    config: Config,
+    progress: Progress,
+    counts: FrameCounts,
+    *,
+    inertial: bool,
+) -> Iterator[Frame]:
+    start_ns = log.info().start_ns
+    return read_frames(
+        log, plan, config.sensing, counts, lambda t: progress.update((t - start_ns) * 1e-9),
+        inertial=inertial and needs_inertial(plan),
+    )  # fmt: skip
+
+
+def _follow(tracker: Tracker, frames: Iterator[Frame], writer: _Writer) -> None:
+    ahead = itertools.chain.from_iterable(made_ahead(batches(frames, _TOGETHER), _AHEAD))
+    with done_behind(writer.add_all, _AHEAD) as write:
+        for some in batches(tracker.follow(ahead), _TOGETHER):
+            write(some)
+
+
+def _diagnose(store: MapStore, plan: Plan) -> None:
+    from mapmyworld.diagnosis import diagnose_tracked
+
     store.put("diagnosis", [asdict(finding) for finding in diagnose_tracked(store, plan)])
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.errors import MapError
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.parallel import in_threads
 from mapmyworld.stages.recognise import has_images, has_scans
@@ -25,7 +26,10 @@ def draw_maps(store: MapStore, config: Config, progress: Progress) -> None:
         store.set_grid(build_grid(_scans(store, frames, progress), config))
     elif has_images(store):
         progress.stage("grid from depth", len(store.nodes()), "nodes")
-        store.set_grid(build_grid(_depth_scans(store, config, progress), config))
+        try:
+            store.set_grid(build_grid(_depth_scans(store, config, progress), config))
+        except MapError as nothing:  # a camera that looks down sees neither walls nor a way ahead
+            progress.note(f"no grid from depth: {nothing}")
 
 
 def _scans(

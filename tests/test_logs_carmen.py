@@ -179,6 +179,17 @@ def test_the_recorded_range_limit_is_used(tmp_path: Path) -> None:
     assert scan.range_max == 80.5  # type: ignore[union-attr]
 
 
+@pytest.mark.parametrize(("none", "kept"), [("81.83", False), ("81.91", False), ("95.00", True)])
+def test_a_code_is_no_return_however_far_the_laser_saw(
+    tmp_path: Path, none: str, kept: bool
+) -> None:
+    """Returns up to 80.4 m along a corridor leave no gap below what a SICK writes for none."""
+    lines = [flaser([f"{60 + i}.4", "70.02", none], "0 0 0", "0 0 0", f"{i}.5") for i in range(21)]
+    scan = next(m for m in log_of(tmp_path, "".join(lines)) if m.topic == "/scan").decode()
+    assert scan.range_max > 80.4  # type: ignore[union-attr]
+    assert (scan.range_max > float(none)) == kept  # type: ignore[union-attr]
+
+
 def test_a_corrected_log_does_not_pretend_a_mounting(tmp_path: Path) -> None:
     """Where x y theta is a corrected pose, its difference to the odometry grows: no mounting."""
     lines = [flaser(["5"], f"{i} 0 0", f"{i * 0.9} {i * 0.1} 0", f"{i}.5") for i in range(50)]

@@ -15,6 +15,7 @@ from mapmyworld.geometry.planar import between_planar, wrap_angle
 _BINS = 1024  # of one metre each
 _REPEATED = 10  # times a value must occur before it can mean "no return"
 _GAP = 0.8  # a no-return value stands at least this far, as a share, above every real return
+_CODES = 81.825, 81.925  # m: 8183 to 8191 cm are a SICK's words for "no return", not distances
 _CONSTANT_M = 0.02  # a mounting whose middle half of samples spreads more is a corrected pose
 _MOUNTING_SAMPLES = 2000
 _TOGETHER = 64  # sweeps whose ranges are counted at once
@@ -90,7 +91,10 @@ def longest_return(histogram: NDArray[np.int64], single: NDArray[np.bool_]) -> f
 def add_laser(survey: Survey, kind: bytes, lasers: LaserSurvey) -> None:
     """Concludes on one laser: its largest range and where it sits on the robot."""
     seen = longest_return(lasers.histogram, lasers.lowest == lasers.highest)
-    survey.range_max[kind] = _range_max(survey.parameters, lasers.histogram, seen)
+    range_max = _range_max(survey.parameters, lasers.histogram, seen)
+    if _CODES[0] <= lasers.highest.max() < _CODES[1]:  # real returns may come as near as that
+        range_max = min(range_max, _CODES[0])
+    survey.range_max[kind] = range_max
     frame = LASER_FRAMES[kind]
     if frame in survey.base_from_laser:
         return

@@ -175,7 +175,10 @@ def _build(
         )
         written = [str(map_path)]
         if export:
-            written += _export_all(store, map_path, config, progress)
+            from cli.exporting import export_beside
+
+            progress.stage("export")
+            written += export_beside(store, map_path, config)
         progress.finish()
         wall = time.monotonic() - started
         cost = {
@@ -218,18 +221,6 @@ def _given_words(path: str) -> dict[int, Any] | None:
     from formats.vocabulary import read_vocabulary
 
     return read_vocabulary(Path(path))
-
-
-def _export_all(store: Any, map_path: Path, config: Config, progress: StderrProgress) -> list[str]:
-    """Writes what a finished build leaves beside its database."""
-    from cli.exporting import export_cloud, export_grid, export_trajectory
-
-    stem = map_path.with_suffix("")
-    progress.stage("export")
-    written = export_grid(store, stem)
-    written += export_trajectory(store, stem.with_suffix(".tum"))
-    written += export_cloud(store, stem.with_suffix(".ply"), config)
-    return [str(path) for path in written]
 
 
 def _report(

@@ -20,6 +20,14 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+def export_beside(store: MapStore, map_path: Path, config: Config) -> list[str]:
+    """Writes grid, trajectory and cloud of a finished map beside its database."""
+    written = export_grid(store, map_path.with_suffix(""))
+    written += export_trajectory(store, map_path.with_suffix(".tum"))
+    written += export_cloud(store, map_path.with_suffix(".ply"), config)
+    return [str(path) for path in written]
+
+
 def export_grid(store: MapStore, stem: Path, mode: Any = "trinary") -> list[Path]:
     """Writes the stored grid; nothing where there is none."""
     from formats.grid import write_grid

@@ -131,16 +131,12 @@ def _summary(
 
 def _export(path: Path, config: Config, progress: StderrProgress) -> list[str]:
     """What `build` writes beside its database."""
-    from cli.exporting import export_cloud, export_grid, export_trajectory
+    from cli.exporting import export_beside
     from formats.database import open_store
 
-    stem = path.with_suffix("")
     progress.stage("export")
     with open_store(path, read_only=True) as store:
-        made = export_grid(store, stem)
-        made += export_trajectory(store, stem.with_suffix(".tum"))
-        made += export_cloud(store, stem.with_suffix(".ply"), config)
-    return [str(file) for file in made]
+        return export_beside(store, path, config)
 
 
 def require_maps(paths: Sequence[Path]) -> None:

@@ -113,6 +113,12 @@ def test_the_same_command_twice_gives_the_same_bytes_with_one_thread_and_with_tw
             assert (folder / product).read_bytes() == (built / product).read_bytes(), product
 
 
+def test_all_files_have_the_name_of_the_map_also_one_with_dots(built: Path, tmp_path: Path) -> None:
+    run("build", built / "room.mcap", "-o", tmp_path / "monday.hall.db", "-q")
+    endings = ["db", "html", "pgm", "timing.json", "tum", "yaml"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [f"monday.hall.{e}" for e in endings]
+
+
 def test_another_resolution_redoes_only_the_last_stage(built: Path, tmp_path: Path) -> None:
     log = built / "room.mcap"
     build(log, tmp_path)

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+# Calls ask for these two when they are first made, and threads would import them crosswise.
+import numba.cpython.numbers
+import numba.np.arrayobj  # noqa: F401
 from numba.core.caching import FunctionCache
 from numba.core.runtime import rtsys
 
@@ -25,6 +28,8 @@ class _Cache(FunctionCache):  # type: ignore[misc]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The kernel for arguments of these types; None where it is not kept."""
+        if not hasattr(self, "_load_overload"):  # another numba than those we know
+            return super().load_overload(sig, target_context)
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
             return self._load_overload(sig, target_context)

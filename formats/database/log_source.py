@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from formats.database.foreign import RtabmapStore
 from formats.database.log_messages import TYPES, Moment, messages_at
 from formats.database.opening import open_store
 from formats.database.store import DatabaseStore
+from formats.logs.files import hash_files
 from mapmyworld.errors import LogError, MapError
 from mapmyworld.types import (
     LogInfo,
@@ -23,7 +23,6 @@ from mapmyworld.types import (
 )
 
 _ENCODING = "rtabmap"
-_HASHED_AT_ONCE = 1 << 20
 
 
 def open_database_log(path: Path) -> DatabaseLog:
@@ -43,6 +42,7 @@ class DatabaseLog:
         if not self._moments:
             raise LogError(f"{store.path}: holds no nodes, so there is nothing to build from")
         self._losses: list[str] = []
+        self._hash: str | None = None
 
     def info(self) -> LogInfo:
         counts: dict[str, tuple[MessageKind, int]] = {}
@@ -95,11 +95,9 @@ class DatabaseLog:
         return sum(int(bool(kept.get(key or "images", 0))) for kept in contents)
 
     def content_hash(self) -> str:
-        digest = hashlib.sha256()
-        with self._store.path.open("rb") as file:
-            while block := file.read(_HASHED_AT_ONCE):
-                digest.update(block)
-        return digest.hexdigest()
+        if self._hash is None:
+            self._hash = hash_files([self._store.path])
+        return self._hash
 
     def losses(self) -> tuple[str, ...]:
         return tuple(self._losses)

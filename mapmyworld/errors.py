@@ -26,6 +26,10 @@ class MapError(MapMyWorldError):
     """A map, graph, grid or trajectory file that cannot be used."""
 
 
+class NothingToDrawError(MapError):
+    """No scan of a map has a return in range."""
+
+
 class GraphError(MapMyWorldError):
     """A pose graph that cannot be optimised."""
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.errors import MapError
+from mapmyworld.errors import MapError, NothingToDrawError
 from mapmyworld.kernels.rays import count_scans
 from mapmyworld.mapping.beams import Beams
 
@@ -109,7 +109,9 @@ def added_up(parts: list[Counts]) -> Counts:
     of a large building no more is held than must be.
     """
     if not parts:
-        raise MapError("no scan has a return in range: there is nothing to draw a grid of")
+        raise NothingToDrawError(
+            "no scan has a return in range: there is nothing to draw a grid of"
+        )
     corner = np.min([part.corner for part in parts], axis=0) - 1
     tops = [part.corner + part.hits.shape[::-1] for part in parts]
     width, height = _checked_size(np.max(tops, axis=0) + 1 - corner)

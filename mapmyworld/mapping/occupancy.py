@@ -23,7 +23,7 @@ _LARGE = 4_000_000  # cells from which one canvas is drawn on and no other, to s
 
 
 def build_grid(scans: Iterable[tuple[Array, Scan]], config: Config) -> OccupancyGrid:
-    """The grid of scans at map_from_base poses (3,); raises `MapError` where there is nothing.
+    """The grid of scans at map_from_base poses (3,); `NothingToDrawError` where none has a return.
 
     A cell's log-odds are the sum of the inverse sensor model over the scans that saw it, clamped.
     A scan sees a cell once, as occupied if one of its beams ended there; so the result does not

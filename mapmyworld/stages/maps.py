@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.errors import MapError
+from mapmyworld.errors import NothingToDrawError
 from mapmyworld.geometry.planar import matrix_to_planar
-from mapmyworld.parallel import in_threads
+from mapmyworld.parallel import in_threads, on_one_thread
 from mapmyworld.stages.recognise import has_images, has_scans
 from mapmyworld.types import MapStore, Progress, RgbdImage, Scan
 
 
+@on_one_thread
 def draw_maps(store: MapStore, config: Config, progress: Progress) -> None:
     """The occupancy grid of all scans at their final poses; of depth where there is no laser."""
     from mapmyworld.mapping.occupancy import build_grid
@@ -28,7 +29,7 @@ def draw_maps(store: MapStore, config: Config, progress: Progress) -> None:
         progress.stage("grid from depth", len(store.nodes()), "nodes")
         try:
             store.set_grid(build_grid(_depth_scans(store, config, progress), config))
-        except MapError as nothing:  # a camera that looks down sees neither walls nor a way ahead
+        except NothingToDrawError as nothing:  # a camera that looks down sees no walls
             progress.note(f"no grid from depth: {nothing}")
 
 

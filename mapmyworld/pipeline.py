@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config, VisualConfig
 from mapmyworld.errors import ConfigError, MapError
-from mapmyworld.parallel import on_one_thread
+from mapmyworld.parallel import algebra_on_one_thread
 from mapmyworld.places.features_ahead import FeaturesAhead
 from mapmyworld.sensing import Plan, make_plan, survey_log
 from mapmyworld.stages.maps import draw_maps
@@ -64,7 +64,7 @@ def build_map(
         raise ConfigError("places.vocabulary names a file, but its words were not given")
     record = StageRecord(store, _same_log(store, log))
     plan = functools.cache(lambda: _plan(log, config, progress))
-    cfg, seed = config, config.seed
+    cfg, seed, given = config, config.seed, (store, config, progress)
 
     record.run("plan", (cfg.sensing,), lambda: _note_plan(store, plan()))
     motion = (cfg.odometry, cfg.registration, _seeing(cfg.visual), cfg.storage, seed)
@@ -72,27 +72,20 @@ def build_map(
         from mapmyworld.stages.particles import settle_particles, track_particles
 
         particles = (method, cfg.particles, cfg.storage, seed)
-        follow_all, settle = on_one_thread(track_particles), on_one_thread(settle_particles)
-        record.run("track", particles, lambda: follow_all(log, plan(), store, cfg, progress))
-        record.run("fastslam", (), lambda: settle(store))
+        record.run("track", particles, lambda: track_particles(log, plan(), *given))
+        record.run("fastslam", (), lambda: settle_particles(store))
     else:
         ahead = FeaturesAhead(cfg)
-
-        record.run(
-            "track", motion, lambda: track(log, plan(), store, cfg, progress, None, ahead, later)
-        )
+        record.run("track", motion, lambda: track(log, plan(), *given, features=ahead, later=later))
         scans, edits = scan_loader(store, cfg), store.get("edits")
         places = (cfg.places, seed, _digest(words))
-        look = on_one_thread(recognise)
-        record.run("recognise", places, lambda: look(store, cfg, progress, scans, words, ahead))
+        record.run("recognise", places, lambda: recognise(*given, scans, words, ahead))
         solving = (cfg.graph, edits, cfg.visual.adjust_features)
-        record.run("optimise", solving, lambda: _solve(store, cfg, progress, scans))
-    draw = on_one_thread(draw_maps)
-    record.run("map", (cfg.mapping, cfg.visual), lambda: draw(store, cfg, progress))
+        record.run("optimise", solving, lambda: _solve(*given, scans))
+    record.run("map", (cfg.mapping, cfg.visual), lambda: draw_maps(*given))
     return _result(store, log, record)
 
 
-@on_one_thread
 def _solve(store: MapStore, config: Config, progress: Progress, scans: LoadScans) -> None:
     from mapmyworld.stages.solve import solve_and_judge
 
@@ -132,8 +125,9 @@ def _same_log(store: MapStore, log: LogSource) -> str:
 def _plan(log: LogSource, config: Config, progress: Progress) -> Plan:
     info = log.info()
     progress.stage("survey", max(info.duration_s, 1e-9), "s")
-    survey = survey_log(log, lambda t: progress.update((t - info.start_ns) * 1e-9))
-    plan = make_plan(survey, config.sensing)
+    with algebra_on_one_thread():
+        survey = survey_log(log, lambda t: progress.update((t - info.start_ns) * 1e-9))
+        plan = make_plan(survey, config.sensing)
     for warning in plan.warnings:
         progress.note(warning)
     return plan

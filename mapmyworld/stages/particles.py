@@ -10,6 +10,7 @@ from mapmyworld.config import Config
 from mapmyworld.errors import LogError
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.graph.trajectory import pose_every_frame
+from mapmyworld.parallel import on_one_thread
 from mapmyworld.particles.fastslam import FastSlamResult, run_fastslam
 from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.stages.nodes import Motion
@@ -20,6 +21,7 @@ _STEP_COVARIANCE = np.diag([1e-8, 1e-8, 1e-6, 1e-6, 1e-6, 1e-8])  # of one step 
 _PLANE = np.array([3, 4, 2])  # x, y, yaw in a rotation-first tangent
 
 
+@on_one_thread
 def track_particles(
     log: LogSource, plan: Plan, store: MapStore, config: Config, progress: Progress
 ) -> None:
@@ -36,6 +38,7 @@ def track_particles(
     store.put("particle_paths", result.history.paths())
 
 
+@on_one_thread
 def settle_particles(store: MapStore) -> None:
     """The best particle's path as the map's poses, its spread as their covariances."""
     nodes = store.nodes()

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.heap import give_back
+from mapmyworld.parallel import on_one_thread
 from mapmyworld.types import Constraint, MapStore, Poses, Progress
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ def scan_loader(store: MapStore, config: Config) -> LoadScans:
     return functools.cache(load)
 
 
+@on_one_thread
 def recognise(
     store: MapStore,
     config: Config,

@@ -12,6 +12,7 @@ from mapmyworld.graph.pose_graph import told_of_parts
 from mapmyworld.graph.solve import SolvedGraph, solve
 from mapmyworld.graph.trajectory import pose_every_frame
 from mapmyworld.heap import give_back
+from mapmyworld.parallel import on_one_thread
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.stages.draft import solve_draft_of
 from mapmyworld.stages.recognise import LoadScans, add_closures
@@ -21,6 +22,7 @@ _ROUNDS = 4  # looks from better poses, at most; each finds less than the one be
 _FEW = 0.05  # share of new closures among all from which another look is not worth its time
 
 
+@on_one_thread
 def solve_and_judge(
     store: MapStore, config: Config, progress: Progress, scans: LoadScans, since: int = 0
 ) -> None:

@@ -13,7 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.parallel import algebra_on_one_thread, batches, done_behind, made_ahead
+from mapmyworld.parallel import (
+    algebra_on_one_thread,
+    batches,
+    done_behind,
+    made_ahead,
+    on_one_thread,
+)
 from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.sensing.cloud_scans import thinned
 from mapmyworld.sensing.sound_images import ImageGuard
@@ -86,6 +92,7 @@ def _follow(tracker: Tracker, frames: Iterator[Frame], writer: _Writer) -> None:
             write(some)
 
 
+@on_one_thread
 def _diagnose(store: MapStore, plan: Plan) -> None:
     from mapmyworld.diagnosis import diagnose_tracked
 

@@ -146,10 +146,8 @@ def record(
     faults: Faults | None = None,
 ) -> None:
     """Writes the folder: images, lists, truth and calibration."""
-    camera, random = (
-        Kinect(build_scene(path.world), faults or Faults()),
-        np.random.default_rng(seed),
-    )
+    camera = Kinect(build_scene(path.world), faults or Faults())
+    random = np.random.default_rng(seed)
     motion = partial(path.pose, length=seconds)
     times = 0.1 + np.arange(round((seconds - 0.2) * rate)) / rate
     gains = _exposures(len(times), random)

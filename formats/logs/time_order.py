@@ -38,8 +38,9 @@ def in_time_order(
 ) -> Iterator[Record]:
     """Records by log time; equal times in the order of the file.
 
-    A block is read when the time has come at which it starts, and dropped when it is used up, so
-    that only overlapping blocks are in memory together, and of those at most `open_bytes` and one.
+    A block is handed out when the time has come at which it starts, and dropped when it is used up,
+    so that only overlapping blocks are in memory together, of those at most `open_bytes` and one,
+    and the one that follows.
     """
     order = sorted(blocks, key=lambda block: (block.start_ns, block.offset))
     with read_ahead(read, order) as take:

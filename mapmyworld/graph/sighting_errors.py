@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mapmyworld.graph.bundle import Array, Bundle
+from mapmyworld.geometry import Array
+from mapmyworld.graph.bundle import Bundle
 
 _FARTHEST = 3.0  # errors as they are usual, beyond which a sighting is of something else
 _HALF = 1.1774  # sigmas within which half of all errors in the plane lie, sqrt(2 ln 2)

@@ -25,8 +25,8 @@ _FIXED = 12  # keyframes outside the window that hold it in place
 class Expectation:
     """Where a camera was expected before its image was looked at."""
 
-    map_from_camera: Array
-    """(4, 4)."""
+    pose: Array
+    """(4, 4) of the camera, in the map or in the frame of another camera."""
     information: Array
     """(6, 6), rotation first."""
 
@@ -82,7 +82,7 @@ class LocalMap:
         """
         keyframe = Keyframe(self._made, map_from_camera.copy(), view, point_of.copy())
         if expected is not None and self.keyframes:
-            before = between(self.keyframes[-1].map_from_camera, expected.map_from_camera)
+            before = between(self.keyframes[-1].map_from_camera, expected.pose)
             keyframe.motion = Expectation(before, expected.information)
         self._made += 1
         matched = np.flatnonzero(point_of >= 0)
@@ -213,7 +213,7 @@ def _motions_between(frames: list[Keyframe]) -> RelativePoses | None:
     return RelativePoses(
         np.array([first for first, _, _ in known]),
         np.array([second for _, second, _ in known]),
-        np.stack([motion.map_from_camera for _, _, motion in known]),
+        np.stack([motion.pose for _, _, motion in known]),
         np.stack([motion.information for _, _, motion in known]),
     )
 

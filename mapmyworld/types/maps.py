@@ -25,16 +25,20 @@ class OccupancyGrid:
 
     def probabilities(self) -> NDArray[np.float32]:
         """(H, W) occupancy probability; NaN where unknown."""
-        return np.asarray(1.0 / (1.0 + np.exp(-self.log_odds)), np.float32)
+        return _probability(self.log_odds)
 
     def trinary(self) -> NDArray[np.int8]:
         """(H, W) as nav_msgs/OccupancyGrid: 100 occupied, 0 free, -1 unknown."""
         cells = np.full(self.log_odds.shape, -1, np.int8)
         for row, log_odds in zip(cells, self.log_odds, strict=True):  # little is held at once
-            probability = 1.0 / (1.0 + np.exp(-log_odds))
+            probability = _probability(log_odds)
             row[probability >= self.occupied_threshold] = 100
             row[probability <= self.free_threshold] = 0
         return cells
+
+
+def _probability(log_odds: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.asarray(1.0 / (1.0 + np.exp(-log_odds)), np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.common import EXIT_PARTIAL, default_map, format_option, show_json
-from cli.memory import memory_limit, no_search_for_garbage
+from cli.memory import memory_limit
 from cli.progress import StderrProgress, peak_memory_mb
 from cli.repeating import given_options, repeat_and_compare
 from cli.settings import config_options, load_config, settings_that_differ
 from cli.storing import storage_arguments
 from mapmyworld.errors import MapError
+from mapmyworld.heap import no_search_for_garbage
 
 if TYPE_CHECKING:
     from mapmyworld.config import Config
@@ -159,7 +160,7 @@ def _build(
     started = time.monotonic()
     cpu = time.process_time()
     looked_at = _looked_at(log)  # while the rest is imported
-    with no_search_for_garbage():
+    with no_search_for_garbage(spare=True):
         from formats.database import open_store
         from formats.database.lock import only_writer
         from mapmyworld.pipeline import build_map
@@ -169,10 +170,8 @@ def _build(
     with only_writer(map_path), opening() as store:
         store.put("settings", settings_that_differ(config))
         words = _given_words(config.places.vocabulary)
-        same_log = looked_at.result()
-        result = build_map(
-            same_log, store, config, progress, method=method, words=words, later=_LATER
-        )
+        log = looked_at.result()
+        result = build_map(log, store, config, progress, method=method, words=words, later=_LATER)
         written = [str(map_path)]
         if export:
             from cli.exporting import export_beside

@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from cli.interrupts import heed_wish
-from cli.memory import give_back_memory
+from mapmyworld.heap import give_back
 
 _LINE_EVERY_S = 15.0  # between lines of progress where there is no terminal
 
@@ -45,7 +45,7 @@ class StderrProgress:
     def stage(self, name: str, total: float | None = None, unit: str = "") -> None:
         heed_wish()
         self.finish()
-        give_back_memory()
+        give_back()
         self._name, self._total, self._unit = name, total, unit
         self._started = self._last_line = time.monotonic()
         self._cpu = time.process_time()

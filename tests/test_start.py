@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import subprocess
 import sys
 import threading
@@ -10,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from cli.memory import no_search_for_garbage
 from mapmyworld.stages.later import made_ready
 
 ROOT = Path(__file__).parents[1]
@@ -61,15 +59,3 @@ def test_modules_are_imported_meanwhile(tmp_path: Path, monkeypatch: pytest.Monk
     with made_ready(frozenset(), ("needed_later",)):
         pass
     assert sys.modules.pop("needed_later").by != threading.get_ident()
-
-
-def test_garbage_is_looked_for_again() -> None:
-    with no_search_for_garbage():
-        assert not gc.isenabled()
-    assert gc.isenabled()
-    spared = gc.get_freeze_count()
-    assert spared > 0
-    with no_search_for_garbage():
-        pass
-    assert gc.get_freeze_count() <= spared  # what came since may be garbage
-    gc.unfreeze()

@@ -10,7 +10,6 @@ compiled when they are called first, as ever.
 
 from __future__ import annotations
 
-import gc
 import os
 import select
 import subprocess
@@ -20,6 +19,7 @@ from contextlib import contextmanager, suppress
 from importlib import import_module
 from typing import Any
 
+from mapmyworld.heap import no_search_for_garbage
 from mapmyworld.kernels.first_kernels import KERNELS, FirstKernel
 from mapmyworld.types import Progress
 
@@ -65,7 +65,7 @@ class _Shared:
         if not self._missing & wanted:
             return
         self._progress.stage("compile", self._count, "kernels")
-        with _no_search_for_garbage():
+        with no_search_for_garbage():
             while self._missing & wanted and self._step():
                 self._progress.update(self._count - len(self._missing))
 
@@ -107,24 +107,12 @@ def help_compiling(queue: int, told: int, master: int) -> None:
 
     It writes each number that is done into `told`.
     """
-    with _no_search_for_garbage():
+    with no_search_for_garbage():
         while number := os.read(queue, 1):
             if os.getppid() != master:
                 return
             _compile(KERNELS[number[0]])
             os.write(told, number)
-
-
-@contextmanager
-def _no_search_for_garbage() -> Iterator[None]:
-    """It would take an eighth of the time of compiling, and find little."""
-    searched = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if searched:
-            gc.enable()
 
 
 def _wanted(needs: frozenset[str]) -> list[int]:

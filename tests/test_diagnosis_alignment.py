@@ -126,6 +126,19 @@ def test_halves_of_the_images_that_disagree_say_nothing(monkeypatch: pytest.Monk
     assert list(alignment_findings(images)) == []
 
 
+def test_upright_edges_alone_do_not_move_depth_up_or_down() -> None:
+    """A post with a dark upper end: a little more of its depth lies on edges lower down."""
+    post, rows = (np.abs(np.arange(320) - 140) < 40), np.arange(240)[:, None]
+    near = np.where(post, 1.0, 3.0).astype(np.float32)
+    grey = np.where(post & (rows >= 4), 200, 50).astype(np.uint8)
+    depth = np.where(rows < 48, near, 0).astype(np.float32)
+    colour = ImageMessage(0, "", "mono8", 320, 240, lambda: grey)
+    beside = ImageMessage(0, "", "32FC1", 320, 240, lambda: depth)
+    (found,) = alignment_findings([RgbdImage(camera(320, 240), colour, beside)] * 6)
+    assert found.good, found.text
+    assert found.value == 0.0
+
+
 def test_pictures_without_edges_tell_nothing() -> None:
     flat = turned_about(1)
     plain = [replace(i, depth=replace(i.depth, pixels=lambda: np.ones((240, 320)))) for i in flat]

@@ -25,7 +25,7 @@ _LEAST_EDGES = 30  # pixels, for an image to count
 _MOST_EDGES = 400  # of an image and direction that are looked at
 _LEAST_IMAGES = 4
 _OFF = 0.01  # of the image's width, from which it is worth a word
-_SCALE_GAIN = 1.1  # times as much overlap as unscaled, for a scale to be believed
+_GAIN = 1.1  # times as much overlap as unmoved, for a scale or a shift to be believed
 _DISAGREE = 3.0  # reduced pixels by which half of the images may differ from the other half,
 _DISAGREE_SHARE = 0.5  # or this much of what is found
 
@@ -93,9 +93,11 @@ def displacement(images: Sequence[tuple[Edges, Edges]], coarse: Array) -> Displa
     """That at which most change of grey lies on the jumps of depth of all images."""
     *scaled, unscaled = coarse.sum(axis=0).max(axis=(1, 2)).tolist()
     chosen = int(np.argmax(scaled))
-    best = float(_SCALES[chosen]) if scaled[chosen] >= _SCALE_GAIN * unscaled else 1.0
+    best = float(_SCALES[chosen]) if scaled[chosen] >= _GAIN * unscaled else 1.0
     shifts = np.arange(-_REACH, _REACH + 1)
     window = np.sum([_overlap(axes, best, shifts) for axes in images], axis=0)
+    if window.max() < _GAIN * window[_REACH, _REACH]:  # edges of one direction leave the other open
+        window[_REACH, _REACH] = np.inf
     row, column = np.unravel_index(int(window.argmax()), window.shape)
     half = images[0][0].change.shape[1] / 2.0
     across, down = float(-shifts[column]), float(-shifts[row])
@@ -149,8 +151,9 @@ def _edges(near: Array, grey: Array, axis: int) -> Edges:
     least = np.maximum(_JUMP, np.maximum(_JUMP_SHARE * np.maximum(b, c), _STEEPER * slope))
     line, place = np.nonzero(known & (jump > least))
     place += 3 * _ARM // 2
-    every = max(1, -(-len(line) // _MOST_EDGES))
-    line, place = line[::every], place[::every]
+    # Not every nth: a jump lies at so many places of its row, of which the same would be taken.
+    chosen = np.linspace(0, len(line) - 1, min(len(line), _MOST_EDGES)).astype(np.int64)
+    line, place = line[chosen], place[chosen]
     change = np.abs(np.gradient(grey, axis=axis))
     change = change / (change + 2.0 * change.mean() + 1e-9)
     return Edges(*((place, line) if axis == 0 else (line, place)), change)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.graph.bundle import (
@@ -27,7 +26,9 @@ from mapmyworld.graph.bundle import (
 )
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError, factorise
 from mapmyworld.graph.elimination import Symbolic, analyse
-from mapmyworld.kernels.bundle import link_cameras, subtract_points_sparsely
+from mapmyworld.kernels.bundle import list_links, subtract_points_sparsely
+
+_LINKS_AT_ONCE = 1 << 20  # pairs of cameras that are gathered before doubles among them go
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,12 +46,18 @@ class _Pattern:
 
     slots: Indices
     """(K,) number among the free cameras, -1 for fixed ones."""
-    rows: Indices
+    links: Indices
+    """(B,) blocks on and below the diagonal, row by row: row * F + column."""
     columns: Indices
-    """(B,) blocks on and below the diagonal."""
-    block_at: NDArray[np.int32]
-    """(F, F) number of a block, -1 where there is none."""
+    """(B,)."""
+    row_starts: Indices
+    """(F + 1,) where each row's blocks begin."""
     symbolic: Symbolic
+
+    def block_at(self, rows: Indices, columns: Indices) -> Indices:
+        """Numbers of blocks that there are."""
+        free = len(self.row_starts) - 1
+        return np.asarray(np.searchsorted(self.links, rows * free + columns), np.int64)
 
 
 def adjust_features(bundle: Bundle, *, rounds: int = 20, width: float = 2.0) -> Adjusted:
@@ -77,16 +84,29 @@ def adjust_features(bundle: Bundle, *, rounds: int = 20, width: float = 2.0) -> 
 def _pattern_of(bundle: Bundle) -> _Pattern:
     slots = free_slots(bundle)
     count = int(np.count_nonzero(~bundle.fixed))
-    linked = np.eye(count, dtype=np.bool_)
-    link_cameras(starts_of_points(bundle), slots[bundle.camera_of], linked)
+    links = np.union1d(np.arange(count) * (count + 1), _links_by_points(bundle, slots, count))
     if bundle.motions is not None:
         first, second = slots[bundle.motions.first], slots[bundle.motions.second]
         both = (first >= 0) & (second >= 0)
-        linked[np.maximum(first, second)[both], np.minimum(first, second)[both]] = True
-    rows, columns = np.nonzero(np.tril(linked))
-    block_at = np.full((count, count), -1, np.int32)
-    block_at[rows, columns] = np.arange(len(rows))
-    return _Pattern(slots, rows, columns, block_at, analyse(count, rows, columns, 6))
+        measured = np.maximum(first, second)[both] * count + np.minimum(first, second)[both]
+        links = np.union1d(links, measured)
+    rows, columns = np.divmod(links, max(count, 1))
+    row_starts = np.searchsorted(rows, np.arange(count + 1)).astype(np.int64)
+    return _Pattern(slots, links, columns, row_starts, analyse(count, rows, columns, 6))
+
+
+def _links_by_points(bundle: Bundle, slots: Indices, count: int) -> Indices:
+    """(L,) links of free cameras that saw a point together, gathered a million sightings at once:
+    a table of all pairs would fill the memory long before the poses do.
+    """
+    starts, slot_of = starts_of_points(bundle), slots[bundle.camera_of]
+    longest = int(np.diff(starts).max(initial=0))
+    keys = np.empty(max(_LINKS_AT_ONCE, longest**2), np.int64)
+    found, point = np.zeros(0, np.int64), 0
+    while point < len(bundle.points):
+        point, filled = list_links(starts, slot_of, count, point, keys)
+        found = np.union1d(found, keys[:filled])
+    return found
 
 
 def _step(bundle: Bundle, blocks: Blocks, pattern: _Pattern, damping: float) -> Bundle | None:
@@ -94,14 +114,20 @@ def _step(bundle: Bundle, blocks: Blocks, pattern: _Pattern, damping: float) -> 
     scaled, inverse = eliminated(bundle, blocks, damping)
     free = np.flatnonzero(~bundle.fixed)
     own = blocks.cameras[free]
-    reduced = np.zeros((len(pattern.rows), 6, 6))
-    diagonal = pattern.block_at[np.arange(len(free)), np.arange(len(free))]
+    reduced = np.zeros((len(pattern.links), 6, 6))
+    diagonal = pattern.block_at(np.arange(len(free)), np.arange(len(free)))
     reduced[diagonal] = own + damping * own * np.eye(6) + 1e-6 * np.eye(6)
     gradient = blocks.camera_gradients[free].copy()
     _add_motions(bundle, blocks, pattern, reduced, gradient)
     slot_of = pattern.slots[bundle.camera_of]
     subtract_points_sparsely(
-        starts_of_points(bundle), slot_of, blocks.cross, scaled, pattern.block_at, reduced
+        starts_of_points(bundle),
+        slot_of,
+        blocks.cross,
+        scaled,
+        pattern.row_starts,
+        pattern.columns,
+        reduced,
     )
     explain(bundle, blocks, scaled, slot_of, gradient)
     try:
@@ -124,11 +150,11 @@ def _add_motions(
     aa, bb, ba, ga, gb = blocks.motions
     for ends, own, pull in ((first, aa, ga), (second, bb, gb)):
         free = ends >= 0
-        np.add.at(reduced, pattern.block_at[ends[free], ends[free]], own[free])
+        np.add.at(reduced, pattern.block_at(ends[free], ends[free]), own[free])
         np.add.at(gradient, ends[free], pull[free])
     both = (first >= 0) & (second >= 0)
     below = both & (second > first)
     above = both & (second < first)
-    np.add.at(reduced, pattern.block_at[second[below], first[below]], ba[below])
+    np.add.at(reduced, pattern.block_at(second[below], first[below]), ba[below])
     turned = np.swapaxes(ba[above], 1, 2)
-    np.add.at(reduced, pattern.block_at[first[above], second[above]], turned)
+    np.add.at(reduced, pattern.block_at(first[above], second[above]), turned)

@@ -207,13 +207,26 @@ def subtract_points(
 
 
 @jit
-def link_cameras(starts: Indices, slot_of: Indices, linked: NDArray[np.bool_]) -> None:
-    """Marks, on and below the diagonal (F, F), cameras that saw a point together."""
-    for p in range(len(starts) - 1):
-        for a in range(starts[p], starts[p + 1]):
-            for b in range(starts[p], starts[p + 1]):
+def list_links(
+    starts: Indices, slot_of: Indices, cameras: int, point: int, keys: Indices
+) -> tuple[int, int]:
+    """Fills `keys` (N,) with links of cameras that saw a point together, from `point` on.
+
+    A link is row * cameras + column, on or below the diagonal. Gives the first point that found
+    no room, and how many keys there are.
+    """
+    filled = 0
+    while point < len(starts) - 1:
+        first, end = starts[point], starts[point + 1]
+        if filled + (end - first) ** 2 > len(keys):
+            break
+        for a in range(first, end):
+            for b in range(first, end):
                 if 0 <= slot_of[b] <= slot_of[a]:
-                    linked[slot_of[a], slot_of[b]] = True
+                    keys[filled] = slot_of[a] * cameras + slot_of[b]
+                    filled += 1
+        point += 1
+    return point, filled
 
 
 @jit
@@ -222,16 +235,23 @@ def subtract_points_sparsely(
     slot_of: Indices,
     cross_blocks: Array,
     scaled_blocks: Array,
-    block_at: NDArray[np.int32],
+    row_starts: Indices,
+    columns: Indices,
     reduced: Array,
 ) -> None:
-    """As `subtract_points`, from blocks (B, 6, 6) whose numbers stand in `block_at` (F, F)."""
+    """As `subtract_points`, from blocks (B, 6, 6) in rows of ascending `columns` (B,)."""
     for p in range(len(starts) - 1):
         for a in range(starts[p], starts[p + 1]):
             for b in range(starts[p], starts[p + 1]):
                 if not 0 <= slot_of[b] <= slot_of[a]:
                     continue
-                block = block_at[slot_of[a], slot_of[b]]
+                block, last = row_starts[slot_of[a]], row_starts[slot_of[a] + 1] - 1
+                while block < last:
+                    middle = (block + last) // 2
+                    if columns[middle] < slot_of[b]:
+                        block = middle + 1
+                    else:
+                        last = middle
                 for m in range(6):
                     for n in range(6):
                         reduced[block, m, n] -= (

@@ -31,7 +31,8 @@ Payload = bytes | memoryview
 Record = tuple[int, Channel, Payload]
 """Log time in nanoseconds, channel, payload."""
 
-_COPY_BYTES = 1 << 16
+# Smaller ones are copied, for what is kept of a view keeps the whole chunk: scans, not pictures.
+_COPY_BYTES = 1 << 14
 
 
 def payload(chunk: bytes, start: int, end: int) -> Payload:

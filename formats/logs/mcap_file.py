@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import zlib
 from pathlib import Path
 from struct import Struct
 from typing import BinaryIO
+
+from isal.isal_zlib import crc32
 
 from formats.logs.blocks import BlockFile, DamagedBlockError
 from formats.logs.channels import Block, Channel, Index, Record
@@ -86,7 +87,7 @@ def _summary_bytes(stream: BinaryIO, size: int) -> bytes:
         raise DamagedBlockError("the footer points outside the file")
     stream.seek(start)
     summary = stream.read(length)
-    if crc and zlib.crc32(footer[: HEAD_BYTES + 16], zlib.crc32(summary)) != crc:
+    if crc and crc32(footer[: HEAD_BYTES + 16], crc32(summary)) != crc:
         raise DamagedBlockError("the summary's checksum is wrong")
     return summary
 

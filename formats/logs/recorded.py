@@ -60,7 +60,7 @@ class RecordedLog:
             yield RawMessage(
                 channel.topic,
                 decoder.kind,
-                min(max(time, 0), _END_NS),
+                time if 0 <= time <= _END_NS else min(max(time, 0), _END_NS),
                 decoder.stamp(data),
                 partial(decoder.decode, data, time),
             )

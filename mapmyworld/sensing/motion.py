@@ -9,7 +9,18 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import interpolate
 
+FARTHEST = 1e9  # m from the origin beyond which a pose is no place on earth
 _NEARBY = 64  # samples around the last look-up that are searched in an unsorted stream
+
+
+def is_place(pose: NDArray[np.float64]) -> bool:
+    """Whether a pose (4, 4) is finite and on earth."""
+    return _is_place(pose[:3].ravel().tolist())
+
+
+def _is_place(values: list[float]) -> bool:
+    # Of a dozen numbers a tenth of numpy's time; a sum with NaN is no number's neighbour.
+    return max(values) < FARTHEST and min(values) > -FARTHEST and abs(sum(values)) < 12 * FARTHEST
 
 
 class MotionRecorder:
@@ -19,10 +30,14 @@ class MotionRecorder:
         self._stamps = array("q")
         self._values = array("d")
 
-    def add(self, stamp_ns: int, pose: NDArray[np.float64]) -> None:
-        """One more pose, in the order of the log."""
+    def add(self, stamp_ns: int, pose: NDArray[np.float64]) -> bool:
+        """One more pose, in the order of the log; False, and left out, where it is no place."""
+        values: list[float] = pose[:3].ravel().tolist()
+        if not _is_place(values):
+            return False
         self._stamps.append(stamp_ns)
-        self._values.extend(pose[:3].ravel().tolist())
+        self._values.extend(values)
+        return True
 
     def __len__(self) -> int:
         return len(self._stamps)

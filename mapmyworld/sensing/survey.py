@@ -10,7 +10,7 @@ import numpy as np
 
 from mapmyworld.errors import LogError
 from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion
-from mapmyworld.sensing.transforms import FARTHEST, TransformTree
+from mapmyworld.sensing.transforms import TransformTree
 from mapmyworld.types import (
     LogInfo,
     LogSource,
@@ -62,8 +62,9 @@ class Stream:
             self.first_stamp_ns = stamp_ns
         else:
             step = stamp_ns - self.last_stamp_ns
-            self.largest_gap_ns = max(self.largest_gap_ns, step)
-            if step < 0:
+            if step > self.largest_gap_ns:
+                self.largest_gap_ns = step
+            elif step < 0:
                 self.backward_steps += 1
                 self.largest_backward_ns = max(self.largest_backward_ns, -step)
         self.last_stamp_ns = stamp_ns
@@ -118,8 +119,9 @@ class _Surveyor:
         if stream is None:
             stream = self.streams[raw.topic] = Stream(raw.topic, raw.kind)
         stream.add(raw)
-        self.end_ns = max(self.end_ns, raw.log_time_ns)
-        whole = raw.kind in {MessageKind.TRANSFORMS, MessageKind.ODOMETRY}
+        if raw.log_time_ns > self.end_ns:
+            self.end_ns = raw.log_time_ns
+        whole = raw.kind is MessageKind.TRANSFORMS or raw.kind is MessageKind.ODOMETRY
         if whole or len(stream.samples) < _SAMPLES:
             self._decode(raw, stream)
 
@@ -134,12 +136,13 @@ class _Surveyor:
         if isinstance(message, TransformsMessage):
             self.tree.add(message)
         elif isinstance(message, OdometryMessage):
-            if not np.abs(message.pose).max() < FARTHEST:  # NaN is not
+            recorder = self.recorders.get(raw.topic)
+            recorder = MotionRecorder() if recorder is None else recorder
+            if not recorder.add(message.stamp_ns, message.pose):
                 stream.undecodable += 1
                 return
             self.frames[raw.topic] = (message.frame_id, message.child_frame_id)
-            recorder = self.recorders.setdefault(raw.topic, MotionRecorder())
-            recorder.add(message.stamp_ns, message.pose)
+            self.recorders[raw.topic] = recorder
 
 
 def survey_log(log: LogSource, watch: Callable[[int], None] | None = None) -> Survey:

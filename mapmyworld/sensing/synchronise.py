@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -260,8 +261,10 @@ class _Synchroniser:
 
 def _is_sound(message: ImuMessage) -> bool:
     """Whether an inertial message says what such a sensor can measure."""
-    measured = np.array([*message.angular_velocity, *message.linear_acceleration])
-    if not (np.abs(measured) < _MOST_MEASURED).all():  # neither is NaN
+    measured = message.angular_velocity.tolist() + message.linear_acceleration.tolist()
+    if not all(-_MOST_MEASURED < value < _MOST_MEASURED for value in measured):  # nor NaN
         return False
-    turn = message.orientation
-    return turn is None or bool((np.abs(turn) < 2.0).all() and np.linalg.norm(turn) > 0.5)
+    if message.orientation is None:
+        return True
+    turn = message.orientation.tolist()
+    return all(-2.0 < part < 2.0 for part in turn) and math.hypot(*turn) > 0.5

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import invert
-from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion
+from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion, is_place
 from mapmyworld.types import TransformsMessage
 
-FARTHEST = 1e9  # m from the origin beyond which a pose is no place on earth
 _CONSTANT = 1e-6  # metres and radians within which a transform on /tf counts as fixed
 
 
@@ -49,6 +48,7 @@ class TransformTree:
 
     def __init__(self) -> None:
         self._edges: dict[tuple[str, str], Edge] = {}
+        self._names: dict[tuple[str, str], tuple[str, str]] = {}
         self._parents: dict[str, Edge] = {}
         self.had_leading_slashes = False
         self.ignored: dict[str, str] = {}
@@ -57,35 +57,22 @@ class TransformTree:
     def add(self, message: TransformsMessage) -> None:
         """What a message says of frames."""
         for transform in message.transforms:
-            parent, child = frame_name(transform.parent), frame_name(transform.child)
-            slashes = transform.parent.startswith("/") or transform.child.startswith("/")
-            self.had_leading_slashes = self.had_leading_slashes or slashes
-            plausible = np.abs(transform.parent_from_child).max() < FARTHEST  # NaN is not
-            if parent == child or not plausible:
-                continue
-            self._add_one(parent, child, transform.stamp_ns, transform.parent_from_child, message)
+            recorded = transform.parent, transform.child
+            names = self._names.get(recorded) or self._name(*recorded)
+            edge = self._edges.get(names)
+            if edge is None:
+                if names[0] == names[1] or not is_place(transform.parent_from_child):
+                    continue
+                edge = Edge(*names, transform.parent_from_child, message.static)
+                self._edges[names] = edge
+            _record(edge, transform.stamp_ns, transform.parent_from_child)
 
-    def _add_one(
-        self,
-        parent: str,
-        child: str,
-        stamp_ns: int,
-        parent_from_child: NDArray[np.float64],
-        message: TransformsMessage,
-    ) -> None:
-        edge = self._edges.get((parent, child))
-        if edge is None:
-            edge = Edge(parent, child, parent_from_child, message.static)
-            self._edges[(parent, child)] = edge
-        edge.count += 1
-        if edge.static:
-            edge.first = parent_from_child
-            return
-        if edge.recorder is None and np.abs(parent_from_child - edge.first).max() > _CONSTANT:
-            edge.recorder = MotionRecorder()
-            edge.recorder.add(stamp_ns - 1, edge.first)
-        if edge.recorder is not None:
-            edge.recorder.add(stamp_ns, parent_from_child)
+    def _name(self, parent: str, child: str) -> tuple[str, str]:
+        """Both frames as we call them."""
+        self.had_leading_slashes |= parent.startswith("/") or child.startswith("/")
+        names = frame_name(parent), frame_name(child)
+        self._names[parent, child] = names
+        return names
 
     def finish(self) -> None:
         """Settles each frame's parent once everything has been read."""
@@ -145,6 +132,22 @@ class TransformTree:
         if parts[0] is None or parts[1] is None:
             return None
         return np.asarray(invert(parts[1]) @ parts[0])
+
+
+def _record(edge: Edge, stamp_ns: int, pose: NDArray[np.float64]) -> None:
+    """One more transform; one that is no place on earth is left out."""
+    if edge.recorder is not None:
+        edge.count += edge.recorder.add(stamp_ns, pose)
+        return
+    if not is_place(pose):
+        return
+    edge.count += 1
+    if edge.static:
+        edge.first = pose
+    elif np.abs(pose - edge.first).max() > _CONSTANT:
+        edge.recorder = MotionRecorder()
+        edge.recorder.add(stamp_ns - 1, edge.first)
+        edge.recorder.add(stamp_ns, pose)
 
 
 def _climb(edges: list[Edge], stamp_ns: int) -> NDArray[np.float64] | None:

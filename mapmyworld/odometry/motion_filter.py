@@ -44,6 +44,7 @@ class MotionFilter:
         """(6, 6) of the motion that was predicted last, images not counted."""
         self.slip = np.zeros(6)
         """By how much the pose moved last although the base did not: the map was mended."""
+        self._inertia = self._velocity, self._covariance[6:, 6:]
 
     def predict(
         self, seconds: float, turn: Array | None = None, motion: Array | None = None
@@ -72,6 +73,7 @@ class MotionFilter:
         own = moving[:6, 6:] @ self._covariance[6:, 6:] @ moving[:6, 6:].T
         self.step_covariance = own + added[:6, :6]
         self._covariance = moving @ self._covariance @ moving.T + added
+        self._inertia = self._velocity, self._covariance[6:, 6:].copy()
         self.pose = self.pose @ step
         return self.pose
 
@@ -108,9 +110,19 @@ class MotionFilter:
         self.slip = self.slip + se3_log(between(self.pose, pose))
         self.pose = pose
 
+    def keep_inertia(self) -> None:
+        """The map slipped, not the base: its velocity is the one predicted last."""
+        self._velocity, self._covariance[6:, 6:] = self._inertia
+        self._covariance[:6, 6:] = self._covariance[6:, :6] = 0.0
+
     def restart(self) -> None:
         """Where the camera is now defines a new map."""
         self._covariance[:6] = self._covariance[:, :6] = 0.0
+
+
+def is_surprising(off: Array, covariance: Array) -> bool:
+    """Whether an error (6,) is so large that one in a thousand is."""
+    return float(off @ np.linalg.solve(covariance, off)) > _SURPRISE
 
 
 def covariance_of_base(information: Array, base_from_camera: Array) -> Array:

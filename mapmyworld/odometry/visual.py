@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -17,8 +17,10 @@ from mapmyworld.odometry.motion_filter import (
     FLOOR,
     MotionFilter,
     covariance_of_base,
+    is_surprising,
     motion_information,
 )
+from mapmyworld.odometry.visual_slips import SteadyPath
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.features import extract_features
 from mapmyworld.registration.views import View, make_view, match_around, match_views, sightings_of
@@ -62,6 +64,7 @@ class VisualTracker:
         self._filter = MotionFilter(config)  # tracker_from_base
         self._stamp_ns = 0
         self._odometry: Array | None = None
+        self._path = SteadyPath(config)
         self._seen_ns = 0
         self._frames = 0
 
@@ -83,7 +86,7 @@ class VisualTracker:
         predicted, how = self._predict(frame)
         motion = self._follow(frame, view, predicted, how)
         self._remember(frame)
-        return motion
+        return replace(motion, tracker_from_base=self._path.reach(motion.tracker_from_base, view))
 
     def _follow(self, frame: Frame, view: View | None, predicted: Array, how: str) -> VisualMotion:
         if view is None or len(view) == 0:
@@ -110,9 +113,24 @@ class VisualTracker:
             self._filter.move_to(keyframe.map_from_camera @ invert(base_from_camera))
             self._reference, self._reference_inliers = keyframe, count
         self._seen_ns = frame.stamp_ns
-        known = motion_information(measured, self._filter.step_covariance, self._filter.slip)
+        known = self._motion_known(view, predicted, measured)
         sigma = float(np.sqrt(np.linalg.eigvalsh(measured[3:, 3:])[-1]))
         return VisualMotion(self._filter.pose, known, "tracked", (), count, sigma)
+
+    def _motion_known(self, view: View, predicted: Array, measured: Array) -> Array:
+        """Information (6, 6) of the motion to this frame; where only the map slipped, it is known
+        by inertia and the last two images, and the path does not follow.
+        """
+        filtered = self._filter
+        known = motion_information(measured, filtered.step_covariance, filtered.slip)
+        carried = filtered.step_covariance + FLOOR
+        if is_surprising(filtered.slip, 2.0 * measured + carried):
+            seen, expected = (filtered.pose, 2.0 * measured), (predicted, carried)
+            steady = self._path.undo_slip(view, seen, expected)
+            if steady is not None:
+                filtered.keep_inertia()
+                return np.asarray(np.linalg.inv(steady))
+        return known
 
     def _expected(self, base_from_camera: Array) -> Array:
         """Information (6, 6) of the predicted pose of the camera."""

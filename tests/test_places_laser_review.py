@@ -29,12 +29,14 @@ def visits(moved: float) -> tuple[NodeScans, Poses]:
     """Two visits; at the second the walls stand `moved` metres further along x."""
     shifted = WALLS + np.array([moved, 0.0, moved, 0.0])
     walls = [WALLS if k < 98 else shifted for k in range(len(TRUTH))]
-    scans = [cast(pose, walls[k], k) for k, pose in enumerate(TRUTH)]
+    seen = [cast(pose, walls[k], k) for k, pose in enumerate(TRUTH)]
     poses = planar_to_matrix(TRUTH)
     nodes = [Node(k + 1, 0, k * 10**8, pose, pose) for k, pose in enumerate(poses)]
-    made = prepare_scans(scans, CONFIG.registration)
+    made = prepare_scans(seen, CONFIG.registration)
     ids = np.arange(1, len(TRUTH) + 1)
-    return (nodes, scan_set([made.one(k) for k in range(len(made))])), Poses(ids, poses, None)
+    scans = scan_set([made.one(k) for k in range(len(made))])
+    loaded = NodeScans(nodes, scans, np.zeros(len(nodes)), np.ones(len(nodes), np.bool_))
+    return loaded, Poses(ids, poses, None)
 
 
 def closure(error: NDArray[np.float64], kind: ConstraintKind, by: str) -> Constraint:

@@ -80,9 +80,12 @@ def are_motions(constraints: Sequence[Constraint], known: set[int]) -> list[bool
 def kept_nodes(
     nodes: Sequence[Node], motions: Sequence[Constraint], closures: Sequence[Constraint]
 ) -> NDArray[np.bool_]:
-    """(N,) the first node of each session, ends of closures, and where no one motion goes on."""
+    """(N,) the first node of each session, ends of closures and of breaks, and where no one motion
+    goes on.
+    """
     ids = np.array([node.id for node in nodes], np.int64)
     tied = [i for c in closures for i in (c.from_id, c.to_id)]
+    tied += [i for c in motions if c.is_break for i in (c.from_id, c.to_id)]
     arrivals = np.array([c.to_id for c in motions], np.int64)
     departures = np.array([c.from_id for c in motions], np.int64)
     through = np.ones(len(ids), np.bool_)

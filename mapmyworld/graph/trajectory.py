@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import between, interpolate, invert
-from mapmyworld.types import Node, Poses, TrackedFrames
+from mapmyworld.types import Constraint, Node, Poses, TrackedFrames
 
 
 def pose_every_frame(
-    nodes: Sequence[Node], poses: Poses, frames: TrackedFrames
+    nodes: Sequence[Node],
+    poses: Poses,
+    frames: TrackedFrames,
+    constraints: Iterable[Constraint] = (),
 ) -> NDArray[np.float64]:
     """`map_from_frame` (F, 4, 4): frames between two nodes share out what solving moved them.
 
     A frame follows its node at first and the next node at last, in proportion to its place among
-    the frames between them, so that the path has no steps. Frames after the last node of a session
-    follow it.
+    the frames between them, so that the path has no steps. Frames after the last node of a session,
+    or before one of the `constraints` across which tracking was lost, follow it alone.
     """
     row_of_id = {int(i): row for row, i in enumerate(poses.ids)}
     solved = np.stack([poses.map_from_node[row_of_id[node.id]] for node in nodes])
@@ -33,7 +36,9 @@ def pose_every_frame(
     step = next_from_here[np.minimum(here, len(nodes) - 2)]
     by_next = solved[after] @ step @ frames.node_from_frame
     sessions = np.array([node.session for node in nodes])
+    lost = {c.to_id for c in constraints if c.is_break}
     goes_on = (after > here) & (sessions[after] == sessions[here])
+    goes_on &= ~np.array([node.id in lost for node in nodes])[after]
     share = np.where(goes_on, _share_of_way(here, len(nodes)), 0.0)
     return interpolate(by_here, by_next, share)
 

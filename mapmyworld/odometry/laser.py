@@ -14,6 +14,7 @@ from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to
 from mapmyworld.kernels.laser_motion import motion_variances, step_covariance, surprise_of
 from mapmyworld.kernels.scan_tracking import learnt_scale, track_scans
 from mapmyworld.odometry.keyscans import Keyscans
+from mapmyworld.odometry.laser_breaks import Breaks, is_doubtful
 from mapmyworld.odometry.laser_stretches import WeakStretches, is_weak
 from mapmyworld.odometry.laser_trust import OdometryFaults
 from mapmyworld.registration.matchers import find_matcher
@@ -43,6 +44,8 @@ class Tracked:
     """"first", "matched", "odometry ignored", "searched", "odometry only" or "lost"."""
     overlap: float
     """Share of the scan that the local submap explains."""
+    is_break: bool = False
+    """Whether the scans before no longer say where the robot is."""
 
     @property
     def information(self) -> Array:
@@ -57,6 +60,7 @@ class LaserTracker:
         self._odometry, self._matching = config.odometry, config.registration
         self._faults = OdometryFaults()
         self._stretches = WeakStretches()
+        self._breaks = Breaks()
         self._keyscans = Keyscans(config)
         self._state = np.zeros(7)  # pose, last step, scale of the odometry's variances
         self._state[6] = 1.0
@@ -95,6 +99,8 @@ class LaserTracker:
             for k in range(first, last):
                 tracked.append(Tracked(out[k, :3], covariances[k], "matched", float(out[k, 3])))
                 self._stretches.add(frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0)
+            if last > first:
+                self._breaks.see_again(frames[last - 1].stamp_ns)
             self._faults.steps += int(np.isfinite(recorded[first:last, 0]).sum())
             if last < len(frames):
                 step = None if np.isnan(recorded[last, 0]) else recorded[last]
@@ -104,7 +110,7 @@ class LaserTracker:
 
     def notes(self) -> tuple[str, ...]:
         """What was noticed on the way: how far odometry can be trusted, where tracking failed."""
-        found = [*self._faults.notes(), *self._stretches.notes()]
+        found = [*self._faults.notes(), *self._stretches.notes(), *self._breaks.notes()]
         for verdict, text in _NOTES.items():
             if self.verdicts[verdict]:
                 found.append(f"{self.verdicts[verdict]} scans {text}")
@@ -128,8 +134,10 @@ class LaserTracker:
         self._state[3:6] = between_planar(self._state[:3], tracked.pose)
         self._state[:3] = tracked.pose
         if len(scan.rows) >= _FEWEST:
-            if tracked.verdict in ("lost", "odometry only"):
+            if tracked.is_break:
                 self._keyscans.forget()  # the old submap no longer says where the robot is
+                self._state[3:6] = 0.0
+            self._breaks.see_again(frame.stamp_ns)
             self._keyscans.remember(scan, tracked.pose, tracked.overlap)
         return tracked
 
@@ -137,15 +145,23 @@ class LaserTracker:
         # Without odometry the robot is expected to go on as it did.
         step = self._state[3:6] if recorded is None else recorded
         predicted = compose_planar(self._state[:3], step)
-        variances = self._variances(recorded)
+        variances = self._variances(recorded, step)
         if len(scan.rows) < _FEWEST or not self._keyscans.count:
             verdict = "lost" if recorded is None else "odometry only"
+            self._breaks.go_unseen(frame.stamp_ns, step)
             return Tracked(predicted, np.diag(variances), verdict, 0.0)
+        if self._breaks.is_blind:
+            variances = self._variances(recorded, self._breaks.since_seen(step))
         match, verdict = self._matched(scan, predicted, variances)
         if verdict == "odometry ignored" and recorded is None:
             verdict = "matched"
-        if verdict == "lost" and recorded is not None:
-            return Tracked(predicted, np.diag(variances), "odometry only", match.overlap)
+        apart = between_planar(predicted, match.pose)
+        if verdict == "lost" or (verdict != "matched" and is_doubtful(apart, match.overlap)):
+            unknown = self._breaks.found(frame.stamp_ns, variances, apart, match.overlap)
+            pose, said = match.pose, verdict
+            if verdict == "lost" and recorded is not None:
+                pose, said = predicted, "odometry only"
+            return Tracked(pose, np.diag(unknown), said, match.overlap, is_break=True)
         moved = between_planar(self._state[:3], match.pose)
         doubt = np.zeros(3)
         if recorded is not None:
@@ -153,7 +169,7 @@ class LaserTracker:
             self._learn(recorded, moved, surprise)
             if surprise > _DOUBT_FROM:
                 # A door that swings past looks like a turn: either may be right.
-                doubt = between_planar(predicted, match.pose) ** 2
+                doubt = apart**2
         weak = is_weak(match.information)
         self._stretches.add(frame.stamp_ns, float(np.hypot(*moved[:2])), weak=weak)
         covariance = step_covariance(
@@ -162,12 +178,12 @@ class LaserTracker:
         )  # fmt: skip
         return Tracked(match.pose, covariance, verdict, match.overlap)
 
-    def _variances(self, recorded: Array | None) -> Array:
-        """(3,) of a motion; wide where nothing was recorded and inertia is all there is."""
+    def _variances(self, recorded: Array | None, step: Array) -> Array:
+        """(3,) of a step; wide where nothing was recorded and inertia is all there is."""
         if recorded is None:
-            return np.asarray(motion_variances(self._state[3:6], 1.0, 0.1, 1.0))
+            return np.asarray(motion_variances(step, 1.0, 0.1, 1.0))
         share, floor = self._odometry.share_sigma, self._odometry.floor_sigma
-        return np.asarray(motion_variances(recorded, share, floor, self._state[6]))
+        return np.asarray(motion_variances(step, share, floor, self._state[6]))
 
     def _learn(self, recorded: Array, moved: Array, surprise: float) -> None:
         self._faults.steps += 1

@@ -57,13 +57,13 @@ def refine_poses(
 
     Nodes that are not aligned themselves keep their place between those that are.
     """
-    nodes, scans = loaded or load_node_scans(store, config)
+    nodes, scans, unseen, _ = loaded or load_node_scans(store, config)
     if len(nodes) < 3:
         return None
     progress.stage("refine", len(_REACHES), "rounds")
     rows = {int(i): row for row, i in enumerate(poses.ids)}
     solved = matrix_to_planar(np.stack([poses.map_from_node[rows[n.id]] for n in nodes]))
-    drives = _drives(nodes)
+    drives = _drives(nodes, unseen)
     chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in drives])
     task = _Task(nodes, chosen, scans, store.constraints(), config)
     refined, moved, residual = _aligned(task, solved[chosen], progress)
@@ -135,10 +135,11 @@ def _rounds(
     return poses, moved, residual
 
 
-def _drives(nodes: Sequence[Node]) -> list[tuple[int, int]]:
-    """First node and one past the last of every session; motions and carrying stay within."""
+def _drives(nodes: Sequence[Node], unseen: Array) -> list[tuple[int, int]]:
+    """First node and one past the last of stretches without a break; carrying stays within."""
     sessions = np.array([node.session for node in nodes])
-    edges = [0, *(np.flatnonzero(np.diff(sessions)) + 1).tolist(), len(nodes)]
+    anew = np.diff(sessions, prepend=sessions[0]) != 0
+    edges = [0, *np.flatnonzero(anew | (unseen > 0.0)).tolist(), len(nodes)]
     return list(itertools.pairwise(edges))
 
 

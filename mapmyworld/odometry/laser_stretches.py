@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from mapmyworld.kernels.laser_motion import leaves_open
 
 _LEAST = 1.0  # m of path from which a weak stretch is worth a word
+_TURN = 0.05  # rad of uncertainty from which a heading counts as unknown
+_FAINT = 1e-3  # information that keeps an open direction finite
 _BRIDGED = 0.5  # m of well constrained path that do not end a stretch
 
 
@@ -63,3 +65,9 @@ class WeakStretches:
 def is_weak(information: NDArray[np.float64]) -> bool:
     """Whether a match (3, 3) knows one direction of the plane far worse than the other."""
     return bool(leaves_open(information))
+
+
+def leaves_turn_open(information: NDArray[np.float64]) -> bool:
+    """Whether a match (3, 3) hardly knows the heading, as where all that is seen is a circle."""
+    known = information + _FAINT * np.eye(3)
+    return bool(np.linalg.inv(known)[2, 2] > _TURN**2)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, information_from_planar, planar_to_matrix
-from mapmyworld.odometry.laser_stretches import is_weak
+from mapmyworld.odometry.laser_stretches import is_weak, leaves_turn_open
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_candidates import (
     FIRST_WINDOW,
@@ -77,7 +77,7 @@ def find_laser_closures(
     it where nothing was recognised for long. Places that `tied` closures join are not compared
     again, nor are nodes with ids before `since` with each other.
     """
-    if len(loaded[0]) < 2:
+    if len(loaded.nodes) < 2:
         return []
     nodes = nodes_at(loaded, poses)
     known = {(c.from_id, c.to_id) for c in store.constraints()}
@@ -172,7 +172,7 @@ def _verdict(
         reason = f"ambiguous: another pose scores {found.rival:.2f} against {found.score:.2f}"
     elif np.hypot(*slipped[:2]) > 0.5 or abs(slipped[2]) > 0.15:
         reason = "not converged: the refined pose left the best one of the search"
-    elif is_weak(match.information):
+    elif is_weak(match.information) or leaves_turn_open(match.information):
         reason = "poorly constrained: the surfaces leave a direction open"
     else:
         return _constraint(nodes, a, b, settled, match, evidence)

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
+from mapmyworld.places.laser_breaks import unseen_path
 from mapmyworld.places.stored_scans import Scans, StoredScans
 from mapmyworld.types import MapStore, Node, Poses
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _ASIDE = np.array([0, -1, 1, -2, 2])  # nodes from a spot, nearest first, that may stand for it
+_FEWEST = 12  # points from which a scan says where it was taken
 _EVEN = 0.02  # rad that turns from node to node differ by in any case
 
 
@@ -27,13 +30,22 @@ class LaserNodes:
     poses: Array
     """(N, 3)."""
     path: Array
-    """(N,) metres driven, rotation counted as well."""
+    """(N,) metres driven, rotation and breaks of tracking counted as well."""
     loose: Array
     """(N,) metres driven since or until something holds the pose; infinite where nothing does."""
+    sees: NDArray[np.bool_]
+    """(N,) whether the scan has points enough to say where it was taken."""
 
 
-NodeScans = tuple[list[Node], Scans]
-"""Nodes that have a scan, and their scans made ready."""
+class NodeScans(NamedTuple):
+    """Nodes that have a scan, and their scans made ready."""
+
+    nodes: list[Node]
+    scans: Scans
+    unseen: Array
+    """(N,) metres of path that breaks of tracking right before each node count for."""
+    sees: NDArray[np.bool_]
+    """(N,) whether the scan has points enough to say where it was taken."""
 
 
 def load_node_scans(store: MapStore, config: Config) -> NodeScans:
@@ -41,27 +53,32 @@ def load_node_scans(store: MapStore, config: Config) -> NodeScans:
     frames = store.tracked_frames()
     scans = StoredScans(store, np.flatnonzero(frames.is_node), config.registration)
     known = {node.id: node for node in store.nodes()}
-    return [known[i] for i in frames.node_ids[scans.frames].tolist()], scans
+    ids = frames.node_ids[scans.frames]
+    unseen = unseen_path(ids, store.constraints(), config.places)
+    return NodeScans([known[i] for i in ids.tolist()], scans, unseen, scans.sizes >= _FEWEST)
 
 
 def laser_nodes(ids: Index, scans: Scans, poses: Array) -> LaserNodes:
-    """Nodes with the length of path up to each; nothing holds them."""
+    """Nodes that all see, with the length of path up to each; nothing holds them."""
     steps = between_planar(poses[:-1], poses[1:])
     lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.2 * np.abs(steps[:, 2])
     path = np.concatenate([[0.0], np.cumsum(lengths)])
-    return LaserNodes(ids, scans, poses, path, np.full(len(ids), np.inf))
+    sees = np.ones(len(ids), np.bool_)
+    return LaserNodes(ids, scans, poses, path, np.full(len(ids), np.inf), sees)
 
 
 def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -> LaserNodes:
     """The first `count` nodes at solved poses, at tracked ones without; all of them by default."""
-    nodes, scans = loaded[0][:count], loaded[1]
+    nodes = loaded.nodes[:count]
     ids = np.array([node.id for node in nodes], np.int64)
     if poses is None:
         matrices = np.stack([node.tracked_from_base for node in nodes])
     else:
         row = {int(i): k for k, i in enumerate(poses.ids)}
         matrices = poses.map_from_node[[row[int(i)] for i in ids]]
-    return laser_nodes(ids, scans, matrix_to_planar(matrices))
+    found = laser_nodes(ids, loaded.scans, matrix_to_planar(matrices))
+    path = found.path + np.cumsum(loaded.unseen[: len(ids)])
+    return replace(found, path=path, sees=loaded.sees[: len(ids)])
 
 
 def spaced(path: Array, spacing: float) -> Index:
@@ -71,14 +88,17 @@ def spaced(path: Array, spacing: float) -> Index:
 
 
 def calm_spots(nodes: LaserNodes, spacing: float) -> Index:
-    """Nodes about every `spacing` metres of path; where one turns unevenly, the calmest nearby.
+    """Nodes that see about every `spacing` metres of path; where one turns unevenly, the calmest
+    nearby.
 
     Where a turn begins between two samples of the odometry, a sweep, and so its node and every
     closure with it, may be turned by more than a degree, and nothing in the scans tells.
     """
     spots = spaced(nodes.path, spacing)
     near = np.clip(spots[:, None] + _ASIDE, 0, len(nodes.path) - 1)
-    return np.unique(near[np.arange(len(spots)), np.argmin(_unevenness(nodes)[near], axis=1)])
+    uneven = np.where(nodes.sees, _unevenness(nodes), np.inf)
+    calm = near[np.arange(len(spots)), np.argmin(uneven[near], axis=1)]
+    return np.unique(calm[nodes.sees[calm]])
 
 
 def _unevenness(nodes: LaserNodes) -> Array:

@@ -19,7 +19,7 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     planar_to_matrix,
 )
-from mapmyworld.odometry.laser_stretches import is_weak
+from mapmyworld.odometry.laser_stretches import is_weak, leaves_turn_open
 from mapmyworld.places.laser_closures import closure_information
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps
@@ -67,7 +67,8 @@ def _reviewed(c: Constraint, nodes: LaserNodes, row: dict[int, int], config: Con
         information=information_from_planar(closure_information(match)),
         reason=f"{c.reason}; measured anew from the refined poses",
     )
-    good = match.overlap >= config.places.laser_overlap and not is_weak(match.information)
+    weak = is_weak(match.information) or leaves_turn_open(match.information)
+    good = match.overlap >= config.places.laser_overlap and not weak
     if good and _fits(anew, nodes, row, 1.0):
         return anew
     miss = _miss(matrix_to_planar(c.from_from_to), nodes, a, b)

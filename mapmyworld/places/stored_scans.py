@@ -46,11 +46,16 @@ class StoredScans:
         self._store, self._config = store, config
         self._blocks: OrderedDict[int, ScanSet] = OrderedDict()
         found: list[int] = []
+        sizes = [np.zeros(0, np.int64)]
         for number, some in enumerate(batches(store.scans(frames), _BLOCK)):
             found += [frame for frame, _ in some]
-            self._keep(number, prepare_scans([scan for _, scan in some], config))
+            made = prepare_scans([scan for _, scan in some], config)
+            sizes.append(np.diff(made.bounds))
+            self._keep(number, made)
         self.frames = np.array(found, np.int64)
         """(S,) of each scan."""
+        self.sizes = np.concatenate(sizes)
+        """(S,) points of each scan."""
 
     def __len__(self) -> int:
         return len(self.frames)

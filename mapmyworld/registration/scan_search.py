@@ -50,11 +50,11 @@ class Found:
 
 
 def likelihood_grid(points: Array, resolution: float = _RESOLUTION) -> LikelihoodGrid:
-    """The grid of surface points (N, 2)."""
+    """The grid of surface points (N, 2); of none, where a blind laser saw nothing."""
     margin = 1 << (_LEVELS - 1)
-    corner = points.min(axis=0) - 2.0 * resolution
+    corner = points.min(axis=0, initial=np.inf if len(points) else 0.0) - 2.0 * resolution
     cells = np.floor((points - corner) / resolution).astype(np.int64) + margin
-    width, height = cells.max(axis=0) + 3 + margin
+    width, height = cells.max(axis=0, initial=margin) + 3 + margin
     pyramid = np.zeros((_LEVELS, height, width), np.uint8)
     pyramid[0, cells[:, 1], cells[:, 0]] = FULL
     fill_pyramid(pyramid, round(_NEAR * FULL))

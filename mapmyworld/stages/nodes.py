@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import SensingConfig
 from mapmyworld.geometry.rigid import between, se3_adjoint
 from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.types import Constraint, ConstraintKind, Frame, Node
+from mapmyworld.types import BREAK, Constraint, ConstraintKind, Frame, Node
 
 _ROUNDING = 1e-6  # share of the distance, so that ten steps of a centimetre are ten
 _PATIENCE = 1.5  # times the distance that a due node waits for a frame with an image
@@ -27,6 +27,8 @@ class Motion:
     """(6, 6), rotation first, of the motion since the previous frame, in this frame's base."""
     reason: str
     """Where the motion comes from, in words."""
+    is_break: bool = False
+    """Whether nothing is known of it: the robot was lost."""
 
 
 class NodeSelector:
@@ -52,7 +54,7 @@ class NodeSelector:
         self._since.append(motion)
         pose, last = motion.tracked_from_base, self._last
         moved = np.eye(4) if last is None else between(last.tracked_from_base, pose)
-        if last is not None and not self._is_due(frame, moved):
+        if last is not None and not motion.is_break and not self._is_due(frame, moved):
             return None, None, moved
         odometry = pose if frame.odom_from_base is None else frame.odom_from_base
         node = Node(
@@ -96,4 +98,5 @@ class NodeSelector:
             from_from_to=moved,
             information=np.asarray(np.linalg.inv(covariance)),
             reason=self._since[-1].reason,
+            evidence={BREAK: 1.0} if self._since[-1].is_break else {},
         )

@@ -82,7 +82,7 @@ def closures_by_laser(
     from mapmyworld.places.laser_nodes import nodes_at
     from mapmyworld.stages.draft import solve_draft_of
 
-    if len(loaded[0]) < 2:
+    if len(loaded.nodes) < 2:
         return []
     path = nodes_at(loaded, None).path
     count = max(1, round(float(path[-1]) / _STRETCH))
@@ -92,7 +92,7 @@ def closures_by_laser(
         poses: Poses | None = None
         known: Sequence[Constraint] = ()
         if any(c.accepted for c in found):
-            draft = solve_draft_of(store, config, found, loaded[0][span[1] - 1].id)
+            draft = solve_draft_of(store, config, found, loaded.nodes[span[1] - 1].id)
             poses, known = draft.poses, draft.closures
         found += first_closures(loaded, poses, known, span, config, progress)
     return found

@@ -47,7 +47,7 @@ def solve_and_judge(
         poses = _with_features(store, poses, config, progress)
     store.set_poses(poses)
     frames = store.tracked_frames()
-    store.set_frame_poses(pose_every_frame(store.nodes(), poses, frames))
+    store.set_frame_poses(pose_every_frame(store.nodes(), poses, frames, constraints))
     store.put("solve", {"certainty": solved.certainty, "losses": told_of_parts(solved.component)})
 
 

@@ -114,7 +114,8 @@ class LaserFollower:
             poses = planar_to_matrix(np.stack([moment.pose for moment in tracked]))
             for frame, moment, pose in zip(some, tracked, poses, strict=True):
                 reason = f"scan matching: {moment.verdict}, overlap {moment.overlap:.0%}"
-                yield frame, Motion(pose, _planar_covariance(moment.covariance), reason)
+                covariance = _planar_covariance(moment.covariance)
+                yield frame, Motion(pose, covariance, reason, moment.is_break)
 
     def notes(self) -> tuple[str, ...]:
         return self._tracker.notes()

@@ -12,6 +12,7 @@ from mapmyworld.types.frames import (
     TrackedFrames,
 )
 from mapmyworld.types.graph import (
+    BREAK,
     CLOSURES,
     TRUSTED,
     Constraint,
@@ -44,6 +45,7 @@ from mapmyworld.types.pose_graph import Edges, PoseGraph, Priors, Sightings, no_
 from mapmyworld.types.seams import LogSource, MapStore, Progress
 
 __all__ = [
+    "BREAK",
     "CLOSURES",
     "TRUSTED",
     "CameraInfoMessage",

@@ -43,6 +43,8 @@ class ConstraintKind(StrEnum):
 TRUSTED = frozenset({ConstraintKind.NEIGHBOUR, ConstraintKind.USER, ConstraintKind.PRIOR})
 # Kinds that say: we have been here before.
 CLOSURES = frozenset({ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY})
+BREAK = "break"
+"""Evidence of a neighbour constraint across which tracking was lost."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,6 +64,11 @@ class Constraint:
     """Why it was accepted or rejected: measured values and the limits they met or missed."""
     evidence: Mapping[str, float] = field(default_factory=dict)
     """Named figures: score, overlap, inliers, residual before and after, sigmas, ..."""
+
+    @property
+    def is_break(self) -> bool:
+        """Whether tracking was lost between the two nodes, and with it how they lie."""
+        return BREAK in self.evidence and self.kind == ConstraintKind.NEIGHBOUR
 
 
 @dataclass(frozen=True, slots=True, eq=False)

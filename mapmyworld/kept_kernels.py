@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 # Calls ask for these two when they are first made, and threads would import them crosswise.
 import numba.cpython.numbers
 import numba.np.arrayobj  # noqa: F401
+from numba.core import config
 from numba.core.caching import FunctionCache
 from numba.core.runtime import rtsys
 
@@ -16,7 +17,8 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 def keep(compiled: Kernel) -> Kernel:
     """The same numba kernel, kept on disk once it was compiled, as `cache=True` has it."""
-    compiled._cache = _Cache(compiled.py_func)  # type: ignore[attr-defined]
+    if not config.DISABLE_JIT:  # NUMBA_DISABLE_JIT leaves Python's own function
+        compiled._cache = _Cache(compiled.py_func)  # type: ignore[attr-defined]
     return compiled
 
 

@@ -23,11 +23,11 @@ print("numba.np.linalg" in sys.modules)
 """
 
 
-def printed_by(script: str, cache: Path) -> str:
+def printed_by(script: str, cache: Path, **others: str) -> str:
     done = subprocess.run(
         [sys.executable, "-c", script],
         cwd=ROOT,
-        env={"NUMBA_CACHE_DIR": str(cache), "PATH": "/usr/bin:/bin"},
+        env={"NUMBA_CACHE_DIR": str(cache), "PATH": "/usr/bin:/bin", **others},
         capture_output=True,
         text=True,
         check=True,
@@ -43,6 +43,11 @@ def test_to_open_a_log_takes_no_numba(tmp_path: Path) -> None:
 def test_what_is_kept_is_loaded_without_what_compiles(tmp_path: Path) -> None:
     assert printed_by(KERNEL, tmp_path) == "True"  # compiles
     assert printed_by(KERNEL, tmp_path) == "False"
+
+
+def test_kernels_run_where_numba_may_not_compile(tmp_path: Path) -> None:
+    printed_by(f"import mapmyworld.kernels.rays\n{KERNEL}", tmp_path, NUMBA_DISABLE_JIT="1")
+    assert not list(tmp_path.rglob("*.nbi"))
 
 
 def test_what_is_tracked_first_takes_no_solver(tmp_path: Path) -> None:

@@ -158,9 +158,7 @@ class LaserTracker:
         apart = between_planar(predicted, match.pose)
         if verdict == "lost" or (verdict != "matched" and is_doubtful(apart, match.overlap)):
             unknown = self._breaks.found(frame.stamp_ns, variances, apart, match.overlap)
-            pose, said = match.pose, verdict
-            if verdict == "lost" and recorded is not None:
-                pose, said = predicted, "odometry only"
+            pose, said = (match.pose, "lost") if recorded is None else (predicted, "odometry only")
             return Tracked(pose, np.diag(unknown), said, match.overlap, is_break=True)
         moved = between_planar(self._state[:3], match.pose)
         doubt = np.zeros(3)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 _UNKNOWN = np.array([25.0, 25.0, 2.25])  # variances, 5 m and 1.5 rad, of a motion across a break
 _VAGUE = np.array([0.09, 0.09, 0.0225])  # 0.3 m and 0.15 rad: where it may be the view that changed
-_WANDER = 4.0  # factor on the variances of a blind robot's wheels, whose errors do not average out
 _WELL = 0.7  # overlap from which a match is believed however far from the odometry it is
 _FAR = 0.3  # m and rad from the odometry from which a poorer match is not
 _SOMEWHAT = 0.2  # overlap from which a scan that cannot be placed may still be from where it seems
@@ -58,7 +57,7 @@ class Breaks:
         if follows and overlap >= _SOMEWHAT and not _is_far(apart):
             return np.asarray(variances + _VAGUE)
         self._found_ns.append(stamp_ns)
-        return np.asarray(_WANDER * variances if self.is_blind else np.maximum(_UNKNOWN, variances))
+        return variances if self.is_blind else np.maximum(_UNKNOWN, variances)
 
     def _note(self, stamp_ns: int) -> None:
         self._first_ns = stamp_ns if self._first_ns is None else self._first_ns

@@ -52,8 +52,8 @@ def _nearest_of_visits(near: Index, apart: NDArray[np.float64], most: int) -> li
 
 def drift_between(nodes: LaserNodes, a: Index | int, b: Index | int) -> NDArray[np.float64]:
     """Metres of path that the pose between two nodes may have drifted over."""
-    driven = nodes.path[b] - nodes.path[a]
-    return np.asarray(np.minimum(driven, nodes.loose[a] + nodes.loose[b]))
+    driven, known = nodes.path[b] - nodes.path[a], nodes.part[a] == nodes.part[b]
+    return np.asarray(np.where(known, np.minimum(driven, nodes.loose[a] + nodes.loose[b]), driven))
 
 
 def drift_window(

@@ -19,7 +19,7 @@ from mapmyworld.places.laser_candidates import (
     untied,
 )
 from mapmyworld.places.laser_lookalikes import doubt_lookalikes
-from mapmyworld.places.laser_lost import loose_way, lost_pairs
+from mapmyworld.places.laser_lost import held_by, lost_pairs
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps, submap_around, submap_members
 from mapmyworld.registration.scan_matching import (
@@ -56,7 +56,7 @@ def first_closures(
     """
     nodes = nodes_at(loaded, poses, span[1])
     if poses is not None:
-        nodes = replace(nodes, loose=loose_way(nodes, known))
+        nodes = held_by(nodes, known)
     pairs = candidate_pairs(nodes, config, settled=False, first=span[0])
     progress.stage("loop closures by laser", len(pairs), "pairs")
     return compare_places(nodes, pairs, config, settled=False)

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mapmyworld.config import Config
+from mapmyworld.places.laser_candidates import drift_between
 from mapmyworld.places.laser_nodes import Index, LaserNodes, calm_spots
 from mapmyworld.types import CLOSURES, Constraint, ConstraintKind
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
 _LONG = 75.0  # m of way without a closure from which two places may be far from where they seem
 _LATER, _EARLIER = 8.0, 4.0  # m of path between the places that look, and that are looked at
+_APART = 2.0  # m between both where breaks divide the path: one closure alone joins no parts
 _MOST = 16  # earlier places that one is compared with
 _NEAR = 3.0  # m between two places that see the same
 
@@ -27,14 +32,15 @@ def lost_pairs(
     The nearest place of an earlier visit need not be the true one when poses are metres off:
     so every place within reach of the drift is compared, nearest first.
     """
-    loose = loose_way(nodes, constraints)
-    earlier = calm_spots(nodes, _EARLIER)
+    nodes = held_by(nodes, constraints)
+    apart_from_others = bool((nodes.part != nodes.part[0]).any())
+    earlier = calm_spots(nodes, _APART if apart_from_others else _EARLIER)
     tree = cKDTree(nodes.poses[earlier, :2])
     pairs: list[tuple[int, int]] = []
-    for later in calm_spots(nodes, _LATER).tolist():
+    for later in calm_spots(nodes, _APART if apart_from_others else _LATER).tolist():
         widest = _NEAR + config.places.laser_window
         near = earlier[sorted(tree.query_ball_point(nodes.poses[later, :2], widest))]
-        drifted = np.minimum(nodes.path[later] - nodes.path[near], loose[later] + loose[near])
+        drifted = drift_between(nodes, near, later)
         apart = np.hypot(*(nodes.poses[near, :2] - nodes.poses[later, :2]).T)
         worth = (drifted > _LONG) & (apart < _NEAR + config.places.laser_drift * drifted)
         chosen = near[worth][np.argsort(apart[worth], kind="stable")[:_MOST]]
@@ -42,11 +48,27 @@ def lost_pairs(
     return pairs
 
 
-def loose_way(nodes: LaserNodes, constraints: Iterable[Constraint]) -> NDArray[np.float64]:
-    """(N,) metres of path from each node to the nearest one with an accepted closure."""
-    ends = {
-        i for c in constraints if c.accepted and c.kind in _CLOSURES for i in (c.from_id, c.to_id)
-    }
+def held_by(nodes: LaserNodes, constraints: Iterable[Constraint]) -> LaserNodes:
+    """The nodes, knowing which accepted closures hold them and join what breaks divide."""
+    closures = [c for c in constraints if c.accepted and c.kind in _CLOSURES]
+    return replace(nodes, loose=loose_way(nodes, closures), part=_joined(nodes, closures))
+
+
+def _joined(nodes: LaserNodes, closures: Sequence[Constraint]) -> Index:
+    """(N,) parts of the path, those as one that closures tie."""
+    if not closures or not nodes.part.any():
+        return nodes.part
+    ends = np.array([(c.from_id, c.to_id) for c in closures])
+    ends = ends[np.isin(ends, nodes.ids).all(axis=1)]
+    a, b = nodes.part[np.searchsorted(nodes.ids, ends)].T
+    size = int(nodes.part[-1]) + 1
+    links = coo_array((np.ones(len(a)), (a, b)), shape=(size, size))
+    return np.asarray(connected_components(links, directed=False)[1][nodes.part], np.int64)
+
+
+def loose_way(nodes: LaserNodes, closures: Sequence[Constraint]) -> NDArray[np.float64]:
+    """(N,) metres of path from each node to the nearest one with a closure."""
+    ends = {i for c in closures for i in (c.from_id, c.to_id)}
     tied: Index = np.flatnonzero(np.isin(nodes.ids, list(ends)))
     if len(tied) == 0:
         return np.full(len(nodes.ids), np.inf)

@@ -35,6 +35,8 @@ class LaserNodes:
     """(N,) metres driven since or until something holds the pose; infinite where nothing does."""
     sees: NDArray[np.bool_]
     """(N,) whether the scan has points enough to say where it was taken."""
+    part: Index
+    """(N,) number of the part of the path whose nodes are known to each other: breaks divide it."""
 
 
 class NodeScans(NamedTuple):
@@ -64,7 +66,8 @@ def laser_nodes(ids: Index, scans: Scans, poses: Array) -> LaserNodes:
     lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.2 * np.abs(steps[:, 2])
     path = np.concatenate([[0.0], np.cumsum(lengths)])
     sees = np.ones(len(ids), np.bool_)
-    return LaserNodes(ids, scans, poses, path, np.full(len(ids), np.inf), sees)
+    part = np.zeros(len(ids), np.int64)
+    return LaserNodes(ids, scans, poses, path, np.full(len(ids), np.inf), sees, part)
 
 
 def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -> LaserNodes:
@@ -77,8 +80,9 @@ def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -
         row = {int(i): k for k, i in enumerate(poses.ids)}
         matrices = poses.map_from_node[[row[int(i)] for i in ids]]
     found = laser_nodes(ids, loaded.scans, matrix_to_planar(matrices))
-    path = found.path + np.cumsum(loaded.unseen[: len(ids)])
-    return replace(found, path=path, sees=loaded.sees[: len(ids)])
+    unseen = loaded.unseen[: len(ids)]
+    path, part = found.path + np.cumsum(unseen), np.cumsum((unseen > 0.0).astype(np.int64))
+    return replace(found, path=path, sees=loaded.sees[: len(ids)], part=part)
 
 
 def spaced(path: Array, spacing: float) -> Index:

@@ -61,16 +61,19 @@ def _reviewed(c: Constraint, nodes: LaserNodes, row: dict[int, int], config: Con
     a, b = row[c.from_id], row[c.to_id]
     guess = between_planar(nodes.poses[a], nodes.poses[b])
     match = match_submaps(nodes, a, b, guess, config)
+    weak = is_weak(match.information) or leaves_turn_open(match.information)
+    if weak or match.overlap < config.places.laser_overlap:
+        return _refused(c, nodes, a, b)
     anew = replace(
         c,
         from_from_to=planar_to_matrix(match.pose),
         information=information_from_planar(closure_information(match)),
         reason=f"{c.reason}; measured anew from the refined poses",
     )
-    weak = is_weak(match.information) or leaves_turn_open(match.information)
-    good = match.overlap >= config.places.laser_overlap and not weak
-    if good and _fits(anew, nodes, row, 1.0):
-        return anew
+    return anew if _fits(anew, nodes, row, 1.0) else _refused(c, nodes, a, b)
+
+
+def _refused(c: Constraint, nodes: LaserNodes, a: int, b: int) -> Constraint:
     miss = _miss(matrix_to_planar(c.from_from_to), nodes, a, b)
     metres, degrees = np.hypot(*miss[:2]), np.degrees(abs(miss[2]))
     reason = f"misses the refined poses by {metres:.2f} m, {degrees:.1f} deg"

@@ -14,7 +14,7 @@ from mapmyworld.graph.clusters import chance_of
 from mapmyworld.graph.descent import settle
 from mapmyworld.graph.optimise import optimise, optimise_robustly
 from mapmyworld.graph.problem import problem_of
-from mapmyworld.graph.robust import _afresh, _Question
+from mapmyworld.graph.robust import _afresh, _Found, _Question
 from mapmyworld.graph.system import edge_chi2
 from mapmyworld.types.pose_graph import Edges, PoseGraph, Sightings, no_priors, no_sightings
 
@@ -189,8 +189,8 @@ def test_what_false_closures_have_bent_does_not_stay_bent() -> None:
     bent = settle(system, wound, 1e-9, 100)
     best = optimise(graph).cost
     assert edge_chi2(system, bent).sum() > 10 * best
-    poses, inliers = _afresh(question, problem.guess, problem.anchors, bent, every)
-    assert inliers.all()
-    assert 0.5 * edge_chi2(system, poses).sum() == pytest.approx(best, rel=1e-3)
-    again, _ = _afresh(question, problem.guess, problem.anchors, poses, every)
-    assert np.array_equal(again, poses)
+    found = _Found(bent, every, True)
+    fresh = _afresh(question, problem.guess, problem.anchors, found)
+    assert fresh.inliers.all()
+    assert 0.5 * edge_chi2(system, fresh.poses).sum() == pytest.approx(best, rel=1e-3)
+    assert _afresh(question, problem.guess, problem.anchors, fresh) is fresh

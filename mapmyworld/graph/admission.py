@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,24 +29,47 @@ def admissible(
     be true. Where many closures look false, fitting by chance becomes likely, and a lone closure
     must fit the better. Those that chance hardly explains may miss by more than stated.
     """
+    admitted = np.zeros(len(inliers), np.bool_)
+    found = admission(system, poses, inliers, limit, scale)
+    if found is not None:
+        admitted[found.candidates] = found.fits & (found.lucky <= _FALSE)
+    return admitted
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Admission:
+    """What a solution predicts of edges that were left out."""
+
+    candidates: Index
+    """(C,) their positions, best fitting first."""
+    fits: NDArray[np.bool_]
+    """(C,) whether they can be true."""
+    chance: Array
+    """(C,) of a false one to fit as well."""
+    lucky: Array
+    """(C,) how many false ones of the whole graph fit as well, expected."""
+
+
+def admission(
+    system: System, poses: Array, inliers: NDArray[np.bool_], limit: float, scale: float
+) -> Admission | None:
+    """How edges left out fit; None where none can be judged."""
     part = components(len(poses), system.tails[inliers], system.heads[inliers])
     within = part[system.tails] == part[system.heads]  # nothing predicts what joins two parts
     candidates = np.flatnonzero(~inliers & within)
     chi2 = edge_chi2(system, poses)[candidates]
     candidates = candidates[np.argsort(chi2, kind="stable")[:_CANDIDATES]]
-    admitted = np.zeros(len(inliers), np.bool_)
     if len(candidates) == 0:
-        return admitted
+        return None
     try:
         fit, volume = innovations(system, poses, inliers, candidates)
     except NotPositiveDefiniteError:  # a landmark that is seen once has no covariance
-        return admitted
+        return None
     space = float(np.log(alternatives(system.planar, system.measured[~inliers])))
     farthest = np.full(len(fit), HEAVY * limit * allowed(scale))
     chance, most = (chance_of(f, volume, space, system.dimension) for f in (fit, farthest))
     lucky = expected_below(chance, most[fit > farthest])
-    admitted[candidates] = (fit <= farthest) & (lucky <= _FALSE)
-    return admitted
+    return Admission(candidates, fit <= farthest, chance, lucky)
 
 
 def expected_below(chance: Array, most: Array) -> Array:

@@ -19,12 +19,14 @@ from mapmyworld.graph.graduated import graduate
 from mapmyworld.graph.pose_graph import Index
 from mapmyworld.graph.residuals import chi_squared_quantile
 from mapmyworld.graph.starts import chordal_start
+from mapmyworld.graph.supposition import explaining
 from mapmyworld.graph.system import System, believed_edges, chosen_edges, edge_chi2
 
 _GROUP_ROUNDS = 12  # at most, of leaving the worst groups out
 _GROWTH_ROUNDS = 30  # at most, of growing from odometry
 _BETTER = 0.99  # share of the cost below which another minimum is taken for a better one
 _RETRIES = 3  # times that left-out closures are tried again on a better solution
+_ENOUGH = 12  # such times at most, of the solution that is kept
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,12 +78,14 @@ def solve_robustly(
     agreeing[closures[consistency.clique]] = True
     start = _fresh_start(system, guess, anchors, agreeing)
     best = _refined(question, settle(believed_edges(system, agreeing), start), agreeing)
-    if (agreeing & ~best[1]).any():
+    if (agreeing & ~best.inliers).any():
         other = _refined(question, *_grown(question, guess))
-        best = min(best, other, key=lambda found: _truncated_cost(question, *found))
-        best = _afresh(question, guess, anchors, *best)
-    poses, inliers = best
-    return RobustSolution(poses, inliers, edge_chi2(system, poses), limit, closures, consistency)
+        best = min(best, other, key=lambda found: _truncated_cost(question, found))
+        best = _afresh(question, guess, anchors, best)
+    if not best.settled:
+        best = _refined(question, best.poses, best.inliers, _ENOUGH)
+    chi2 = edge_chi2(system, best.poses)
+    return RobustSolution(best.poses, best.inliers, chi2, limit, closures, consistency)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,24 +100,32 @@ class _Question:
     config: GraphConfig
 
 
-def _afresh(
-    question: _Question, guess: Array, anchors: Index, poses: Array, inliers: NDArray[np.bool_]
-) -> tuple[Array, NDArray[np.bool_]]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """A solution on the way."""
+
+    poses: Array
+    inliers: NDArray[np.bool_]
+    settled: bool
+    """Whether nothing more came in or left when it was tried last."""
+
+
+def _afresh(question: _Question, guess: Array, anchors: Index, found: _Found) -> _Found:
     """The solution from a start that knows nothing of what was left out, where that fits better.
 
     What false closures have bent too far stays bent when they leave: a minimum of its own.
     """
-    system = question.system
+    system, inliers = question.system, found.inliers
     start = _fresh_start(system, guess, anchors, inliers)
     fresh = settle(believed_edges(system, inliers), start)
-    costs = [edge_chi2(system, found)[inliers].sum() for found in (fresh, poses)]
-    return _refined(question, fresh, inliers) if costs[0] < _BETTER * costs[1] else (poses, inliers)
+    costs = [edge_chi2(system, poses)[inliers].sum() for poses in (fresh, found.poses)]
+    return _refined(question, fresh, inliers) if costs[0] < _BETTER * costs[1] else found
 
 
-def _truncated_cost(question: _Question, poses: Array, inliers: NDArray[np.bool_]) -> float:
+def _truncated_cost(question: _Question, found: _Found) -> float:
     """Squared sigmas of what is believed, and the limit for everything that is not."""
-    believed = edge_chi2(question.system, poses)[inliers].sum()
-    return float(believed + question.limit * np.count_nonzero(~inliers))
+    believed = edge_chi2(question.system, found.poses)[found.inliers].sum()
+    return float(believed + question.limit * np.count_nonzero(~found.inliers))
 
 
 def _grown(question: _Question, guess: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -130,11 +142,12 @@ def _grown(question: _Question, guess: Array) -> tuple[Array, NDArray[np.bool_]]
 
 
 def _refined(
-    question: _Question, poses: Array, inliers: NDArray[np.bool_]
-) -> tuple[Array, NDArray[np.bool_]]:
+    question: _Question, poses: Array, inliers: NDArray[np.bool_], rounds: int = _RETRIES
+) -> _Found:
     """The solution without what it contradicts, and with all else that it predicts."""
     system, trusted, limit = question.system, question.trusted, question.limit
-    for _ in range(_RETRIES):
+    before, settled = np.zeros(0, np.bool_), False
+    for _ in range(rounds):
         poses, inliers = _without_misfits(system, poses, trusted, inliers, limit)
         scale = 1.0
         if question.config.groups:
@@ -142,11 +155,17 @@ def _refined(
                 system, poses, inliers, question.closures, question.groups, question.config
             )
         found = inliers | admissible(system, poses, inliers, limit, scale)
-        if np.array_equal(found, inliers):
+        if np.array_equal(found, inliers) or np.array_equal(found, before):
+            found = found | explaining(
+                system, poses, inliers, question.closures, question.groups, limit, scale
+            )
+        settled = np.array_equal(found, inliers) or np.array_equal(found, before)
+        if not np.array_equal(found, inliers):
+            before = inliers = found
+            poses = settle(believed_edges(system, inliers), poses)
+        if settled:
             break
-        inliers = found
-        poses = settle(believed_edges(system, inliers), poses)
-    return _without_misfits(system, poses, trusted, inliers, limit)
+    return _Found(*_without_misfits(system, poses, trusted, inliers, limit), settled)
 
 
 def _without_misfits(

@@ -19,7 +19,10 @@ from formats.logs import open_log
 from formats.logs.carmen_records import flaser_angles
 from formats.logs.carmen_survey import longest_return
 from formats.logs.stamps import stamp_from_text
+from mapmyworld.config import SensingConfig
+from mapmyworld.errors import LogError
 from mapmyworld.geometry.planar import matrix_to_planar
+from mapmyworld.sensing import make_plan, survey_log
 from mapmyworld.types import (
     LaserScanMessage,
     MessageKind,
@@ -200,7 +203,78 @@ def test_a_corrected_log_does_not_pretend_a_mounting(tmp_path: Path) -> None:
     assert isinstance(static, TransformsMessage)
     place = matrix_to_planar(static.transforms[0].parent_from_child)
     np.testing.assert_allclose(place, [0.1, 0, 0])  # of PARAM
-    assert any("corrected" in problem for problem in log.info().problems)
+    ((topic, doubt),) = log.info().doubts
+    assert topic == "/scan"
+    assert "corrected" in doubt
+    assert doubt in make_plan(survey_log(log), SensingConfig()).losses
+    unused = SensingConfig(scan_topic="/scan_rear")
+    rear = [flaser(["5"], f"{i - 1} 0 3", f"{i} 0 3", f"{i}.6", "RLASER") for i in range(50)]
+    path.write_text(HEAD + "".join([*lines, *rear]))
+    assert doubt in make_plan(survey_log(open_log([path])), unused).warnings
+
+
+def mounting_of(messages: list[RawMessage], frame: str) -> list[float]:
+    static = messages[0].decode()
+    assert isinstance(static, TransformsMessage)
+    places = {t.child: matrix_to_planar(t.parent_from_child) for t in static.transforms}
+    found: list[float] = places[frame].tolist()
+    return found
+
+
+def test_a_laser_that_looks_straight_back_keeps_its_place(tmp_path: Path) -> None:
+    """Rounding puts its yaw now above pi, now below -pi: no reason to call it not constant."""
+    lines = []
+    for i in range(60):
+        yaw = 0.1 * i
+        pose = f"{i - 0.1 * math.cos(yaw):.6f} {-0.1 * math.sin(yaw):.6f} {yaw + math.pi:.6f}"
+        lines.append(flaser(["5"], pose, f"{i} 0 {yaw:.6f}", f"{i}.5", "RLASER"))
+    messages = log_of(tmp_path, "".join(lines))
+    x, y, yaw = mounting_of(messages, "laser_rear")
+    assert (x, y) == pytest.approx((-0.1, 0.0), abs=1e-5)
+    assert abs(yaw) == pytest.approx(math.pi, abs=1e-5)
+    assert not open_log([tmp_path / "a.log"]).info().doubts
+
+
+def raw_laser(stamp: str, name: str = "RAWLASER1") -> str:
+    return f"{name} 0 -0.5 1.0 0.5 40.0 0.01 0 3 1.5 2.5 3.5 1 7.0 {stamp} host {stamp}\n"
+
+
+def test_raw_sweeps_serve_where_no_line_has_them_with_a_pose(tmp_path: Path) -> None:
+    odom = "ODOM 1.5 2.5 0.25 0.5 -0.125 0.0 11.0 host 0.9\n"
+    messages = log_of(tmp_path, HEAD + odom + raw_laser("11.5"))
+    assert [m.topic for m in messages] == ["/tf_static", "/carmen/odom", "/scan"]
+    scan = messages[2].decode()
+    assert isinstance(scan, LaserScanMessage)
+    assert scan.ranges.tolist() == [1.5, 2.5, 3.5]
+    assert (scan.angle_min, scan.angle_increment, scan.range_max) == (-0.5, 0.5, 40.0)
+    assert mounting_of(messages, "laser") == [0.1, 0.0, 0.0]
+    log_of(tmp_path, odom + raw_laser("11.5"))
+    assert "no PARAM robot_frontlaser_offset" in open_log([tmp_path / "a.log"]).info().doubts[0][1]
+
+
+def test_raw_sweeps_are_counted_and_left_where_others_have_the_pose(tmp_path: Path) -> None:
+    messages = log_of(tmp_path, SMALL + raw_laser("13.0"))
+    assert [m.topic for m in messages].count("/scan") == 2
+    info = open_log([tmp_path / "a.log"]).info()
+    assert info.message_count == len(messages)
+    details = dict(info.details)
+    assert "RAWLASER1 1" in details["lines"]
+    assert "not used" in details["RAWLASER1"]
+
+
+def test_a_sweep_that_ends_with_its_stamp_is_whole(tmp_path: Path) -> None:
+    short = "FLASER 2 1.5 2.5 1.1 2 0 1.0 2 0 10.5\n"
+    messages = log_of(tmp_path, HEAD + short)
+    assert [(m.topic, m.stamp_ns) for m in messages[1:]] == [
+        ("/odom", 10_500_000_000),
+        ("/scan", 10_500_000_000),
+    ]
+    odometry, scan = (m.decode() for m in messages[1:])
+    np.testing.assert_array_equal(matrix_to_planar(odometry.pose), [1, 2, 0])  # type: ignore[union-attr]
+    assert scan.ranges.tolist() == [1.5, 2.5]  # type: ignore[union-attr]
+    for damaged in (short[:-1], short.replace(" 10.5", "")):  # cut in its stamp; without one
+        with pytest.raises(LogError, match="1 damaged line"):
+            log_of(tmp_path, HEAD + damaged)
 
 
 @pytest.mark.parametrize("suffix", [".log", ".clf.bz2", ".gfs.gz"])

@@ -13,6 +13,7 @@ from pathlib import Path
 from formats.logs.carmen_records import (
     LASER_FRAMES,
     LASER_TOPICS,
+    RAW_LASERS,
     odometry_from_laser_line,
     odometry_from_odom_line,
     pose_from_truepos_line,
@@ -43,7 +44,16 @@ KINDS = {
 }
 _LINE_BYTES = 1 << 22  # a longer line is damage
 _STAMPED = frozenset({b"ODOM", b"TRUEPOS", *LASER_TOPICS})
-MARKS = (b"FLASER ", b"ROBOTLASER1 ", b"RLASER ", b"ODOM ", b"PARAM ", b"# CARMEN", b"SYNC ")
+MARKS = (
+    b"FLASER ",
+    b"ROBOTLASER1 ",
+    b"RAWLASER1 ",
+    b"RLASER ",
+    b"ODOM ",
+    b"PARAM ",
+    b"# CARMEN",
+    b"SYNC ",
+)
 
 Line = tuple[bytes, bytes, int, int]
 
@@ -74,7 +84,8 @@ class CarmenLog:
             max((topic.last_ns or 0 for topic in topics), default=0),
             tuple(topics),
             (("lines", kinds), *_laser_details(survey)),
-            tuple(dict.fromkeys([*survey.problems, *self._losses])),
+            self._losses,
+            tuple(sorted(survey.doubts.items())),
         )
 
     def content_hash(self) -> str:
@@ -106,8 +117,9 @@ class CarmenLog:
             self._survey = survey_lines(self._lines())
             if not self._survey.counts:
                 raise LogError(
-                    f"{self.path}: no FLASER, ROBOTLASER1 or ODOM line in it: not a CARMEN log, "
-                    "or its beginning is missing"
+                    f"{self.path}: no whole FLASER, ROBOTLASER1, RAWLASER1 or ODOM line in it: not "
+                    "a CARMEN log, or its beginning is missing",
+                    problems=self._losses,
                 )
         return self._survey
 
@@ -138,8 +150,11 @@ class CarmenLog:
                 try:
                     stamp_ns = _checked_stamp(kind, line)
                 except (ValueError, IndexError):
-                    bad, first_bad = bad + 1, first_bad or number
-                    continue
+                    completed = _completed(kind, line)
+                    if completed is None:
+                        bad, first_bad = bad + 1, first_bad or number
+                        continue
+                    line, stamp_ns = completed
                 latest_ns = max(latest_ns, stamp_ns)
                 yield kind, line, stamp_ns, latest_ns
         if self._unpacked.damage:
@@ -150,7 +165,10 @@ class CarmenLog:
         self._losses = tuple(cut)
 
 
-_LEAST_FIELDS = {b"ODOM": 10, b"TRUEPOS": 10, b"ROBOTLASER1": 24}
+_LEAST_FIELDS = {
+    b"ODOM": 10, b"TRUEPOS": 10, b"ROBOTLASER1": 24, b"ROBOTLASER2": 24,
+    b"RAWLASER1": 13, b"RAWLASER2": 13,
+}  # fmt: skip
 _TF_INFO = (MessageKind.TRANSFORMS, "carmen", 1)
 
 
@@ -169,6 +187,20 @@ def _checked_stamp(kind: bytes, line: bytes) -> int:
     return stamp_ns
 
 
+def _completed(kind: bytes, line: bytes) -> tuple[bytes, int] | None:
+    """A whole line that ends with its stamp, as some converters write them, and that stamp.
+
+    Host and logger's time, which nothing here needs, are put behind it. None for a damaged line.
+    """
+    if kind not in {b"FLASER", b"RLASER"} or not line.endswith(b"\n"):
+        return None
+    whole = line.rstrip() + b" - 0\n"
+    try:
+        return whole, _checked_stamp(kind, whole)
+    except (ValueError, IndexError):
+        return None
+
+
 def _parts(
     kind: bytes, line: bytes, stamp_ns: int, survey: Survey
 ) -> Iterator[tuple[str, Callable[[], Message]]]:
@@ -177,8 +209,9 @@ def _parts(
         yield "/carmen/odom", partial(odometry_from_odom_line, line, stamp_ns)
     elif kind == b"TRUEPOS":
         yield "/ground_truth", partial(pose_from_truepos_line, line, stamp_ns)
-    else:
-        yield "/odom", partial(odometry_from_laser_line, line, stamp_ns)
+    elif kind not in survey.unused:
+        if kind not in RAW_LASERS:
+            yield "/odom", partial(odometry_from_laser_line, line, stamp_ns)
         range_max = survey.range_max.get(kind, 0.0)
         frame = LASER_FRAMES[kind]
         yield LASER_TOPICS[kind], partial(scan_from_line, line, stamp_ns, frame, range_max)
@@ -202,6 +235,9 @@ def _mountings(survey: Survey, stamp_ns: int, log_time_ns: int) -> RawMessage:
 
 def _laser_details(survey: Survey) -> Iterator[tuple[str, str]]:
     for kind, range_max in survey.range_max.items():
+        if kind in survey.unused:
+            yield kind.decode(), f"not used: {LASER_TOPICS[kind]} has lines with the robot's pose"
+            continue
         x, y, yaw = survey.base_from_laser[LASER_FRAMES[kind]]
         yield (
             kind.decode(),

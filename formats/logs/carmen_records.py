@@ -17,21 +17,25 @@ from formats.logs.poses import planar_pose
 from mapmyworld.types import LaserScanMessage, OdometryMessage, PoseMessage
 
 _MAX_BEAMS = 100_000  # more in one line is damage, not a lidar
-LASER_FRAMES = {b"FLASER": "laser", b"ROBOTLASER1": "laser", b"RLASER": "laser_rear"}
-LASER_TOPICS = {b"FLASER": "/scan", b"ROBOTLASER1": "/scan", b"RLASER": "/scan_rear"}
+FRONT_LASERS = (b"FLASER", b"ROBOTLASER1", b"RAWLASER1")
+REAR_LASERS = (b"RLASER", b"ROBOTLASER2", b"RAWLASER2")
+RAW_LASERS = frozenset({b"RAWLASER1", b"RAWLASER2"})
+"""Whose lines tell no pose."""
+LASER_FRAMES = dict.fromkeys(FRONT_LASERS, "laser") | dict.fromkeys(REAR_LASERS, "laser_rear")
+LASER_TOPICS = dict.fromkeys(FRONT_LASERS, "/scan") | dict.fromkeys(REAR_LASERS, "/scan_rear")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserRecord:
-    """One sweep with the poses at which it was taken."""
+    """One sweep, and the poses at which it was taken where its line tells them."""
 
     ranges: NDArray[np.float64]  # (N,) m
     intensities: NDArray[np.float32]  # (N,) or (0,)
     angle_min: float  # rad
     angle_increment: float  # rad
     range_max: float  # m; 0 = the record does not say
-    odom_from_laser: NDArray[np.float64]  # (3,) x y yaw
-    odom_from_base: NDArray[np.float64]  # (3,) x y yaw
+    odom_from_laser: NDArray[np.float64]  # (3,) x y yaw, or (0,)
+    odom_from_base: NDArray[np.float64]  # (3,) x y yaw, or (0,)
 
 
 def flaser_angles(count: int) -> tuple[float, float]:
@@ -81,15 +85,20 @@ def parse_flaser(line: bytes) -> LaserRecord:
 
 
 def parse_robotlaser(line: bytes) -> LaserRecord:
-    """ROBOTLASER1: start angle, step and largest range stand in every record."""
+    """ROBOTLASER or RAWLASER: start angle, step and largest range stand in every record.
+
+    What follows the readings is alike up to the remissions; then ROBOTLASER has two poses and
+    five fields more, RAWLASER none.
+    """
     fields = line.split()
     start, _, step, range_max = _finite(_floats(fields[2:6]))
     count = _count(fields[8], fields)
     remissions = _count(fields[count + 9], fields)
     tail = count + 10 + remissions
-    poses = _finite(_floats(fields[tail : tail + 6]))
-    if len(fields) != tail + 14:
-        raise ValueError(f"{len(fields)} fields where {tail + 14} are announced")
+    told = 0 if line.startswith(b"RAWLASER") else 11
+    if len(fields) != tail + told + 3:
+        raise ValueError(f"{len(fields)} fields where {tail + told + 3} are announced")
+    poses = _finite(_floats(fields[tail : tail + min(told, 6)]))
     intensities = _floats(fields[count + 10 : tail]) if remissions == count else np.zeros(0)
     return LaserRecord(
         _floats(fields[9 : count + 9]),
@@ -110,7 +119,7 @@ def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def parse_laser(line: bytes) -> LaserRecord:
     """A laser line of any kind; IndexError or ValueError where it is damaged."""
-    return parse_robotlaser(line) if line.startswith(b"ROBOTLASER") else parse_flaser(line)
+    return parse_robotlaser(line) if line.startswith((b"RO", b"RA")) else parse_flaser(line)
 
 
 def single(value: float) -> float:

@@ -9,7 +9,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.logs.carmen_records import LASER_FRAMES, LASER_TOPICS, LaserRecord, parse_laser
+from formats.logs.carmen_records import (
+    LASER_FRAMES,
+    LASER_TOPICS,
+    RAW_LASERS,
+    REAR_LASERS,
+    LaserRecord,
+    parse_laser,
+)
 from mapmyworld.geometry.planar import between_planar, wrap_angle
 
 _BINS = 1024  # of one metre each
@@ -33,13 +40,26 @@ class Survey:
     kinds: Counter[bytes] = field(default_factory=Counter)
     range_max: dict[bytes, float] = field(default_factory=dict)
     base_from_laser: dict[str, NDArray[np.float64]] = field(default_factory=dict)
-    problems: list[str] = field(default_factory=list)
+    doubts: dict[str, str] = field(default_factory=dict)
+    """Topic -> what is doubtful of it, though every line is sound."""
+    unused: set[bytes] = field(default_factory=set)
+    """Kinds of lines that say again what others say better."""
 
     def count(self, topic: str, log_time_ns: int) -> None:
         """One more message of a topic."""
         self.counts[topic] += 1
         self.first_ns.setdefault(topic, log_time_ns)
         self.last_ns[topic] = log_time_ns
+
+    def settle_raw(self) -> None:
+        """Sweeps without pose count where the same laser has none with; CARMEN often logs both."""
+        for kind in RAW_LASERS & self.range_max.keys():
+            name, topic = kind.decode(), LASER_TOPICS[kind]
+            count, first, last = self.counts.pop(name), self.first_ns[name], self.last_ns[name]
+            if topic in self.counts:
+                self.unused.add(kind)
+            else:
+                self.counts[topic], self.first_ns[topic], self.last_ns[topic] = count, first, last
 
 
 class LaserSurvey:
@@ -49,14 +69,16 @@ class LaserSurvey:
         self.histogram = np.zeros(_BINS, np.int64)
         self.lowest, self.highest = np.full(_BINS, np.inf), np.zeros(_BINS)
         self.mountings: list[NDArray[np.float64]] = []
+        self.records = 0
         self._pending: list[NDArray[np.float64]] = []
 
     def add(self, record: LaserRecord) -> None:
         """One more record of a laser."""
+        self.records += 1
         self._pending.append(record.ranges)
         if len(self._pending) >= _TOGETHER:
             self.count()
-        if len(self.mountings) < _MOUNTING_SAMPLES:
+        if len(record.odom_from_base) and len(self.mountings) < _MOUNTING_SAMPLES:
             self.mountings.append(between_planar(record.odom_from_base, record.odom_from_laser))
 
     def count(self) -> None:
@@ -98,7 +120,15 @@ def add_laser(survey: Survey, kind: bytes, lasers: LaserSurvey) -> None:
     frame = LASER_FRAMES[kind]
     if frame in survey.base_from_laser:
         return
-    survey.base_from_laser[frame] = _mounting(survey, kind, np.array(lasers.mountings))
+    if lasers.mountings:
+        survey.base_from_laser[frame] = _mounting(survey, kind, np.array(lasers.mountings))
+        return
+    survey.base_from_laser[frame] = _mounting_told(survey, kind)
+    if _offset_name(kind) not in survey.parameters:
+        survey.doubts[LASER_TOPICS[kind]] = (
+            f"{kind.decode()} lines do not tell where the laser sits, and no PARAM "
+            f"{_offset_name(kind).decode()} does: it is put on the robot's centre"
+        )
 
 
 def _range_max(parameters: dict[bytes, bytes], histogram: NDArray[np.int64], seen: float) -> float:
@@ -113,18 +143,29 @@ def _range_max(parameters: dict[bytes, bytes], histogram: NDArray[np.int64], see
 
 def _mounting(survey: Survey, kind: bytes, samples: NDArray[np.float64]) -> NDArray[np.float64]:
     """base_from_laser (3,): laser pose relative to robot pose, where that is constant."""
-    samples[:, 2] = wrap_angle(samples[:, 2])
+    # Angles about their mean direction: those of a laser that looks back lie on both sides of pi.
+    mean = np.angle(np.exp(1j * samples[:, 2]).mean())
+    samples[:, 2] = wrap_angle(samples[:, 2] - mean)
     low, middle, high = np.percentile(samples, [25, 50, 75], axis=0)
     if np.all(high - low < _CONSTANT_M):
+        middle[2] = wrap_angle(middle[2] + mean)
         # Five decimals: the log has six, and a difference loses one. Adding zero avoids -0.
         return np.asarray(np.round(middle, 5) + 0.0, np.float64)
-    rear = kind == b"RLASER"
-    name = b"robot_rearlaser_offset" if rear else b"robot_frontlaser_offset"
-    survey.problems.append(
+    survey.doubts[LASER_TOPICS[kind]] = (
         f"{kind.decode()}: laser pose minus robot pose is not constant, so it is no mounting "
         "(a corrected log?); the laser is put where PARAM says, else on the robot's centre"
     )
-    return np.array([_number(survey.parameters.get(name, b"")), 0.0, np.pi if rear else 0.0])
+    return _mounting_told(survey, kind)
+
+
+def _mounting_told(survey: Survey, kind: bytes) -> NDArray[np.float64]:
+    """base_from_laser (3,) by PARAM, else the robot's centre; a rear laser looks back."""
+    forward = _number(survey.parameters.get(_offset_name(kind), b""))
+    return np.array([forward, 0.0, np.pi if kind in REAR_LASERS else 0.0])
+
+
+def _offset_name(kind: bytes) -> bytes:
+    return b"robot_rearlaser_offset" if kind in REAR_LASERS else b"robot_frontlaser_offset"
 
 
 def _number(text: bytes) -> float:
@@ -151,14 +192,18 @@ def survey_lines(lines: Iterable[tuple[bytes, bytes, int, int]]) -> Survey:
                 lasers.setdefault(kind, LaserSurvey()).add(parse_laser(line))
             except (ValueError, IndexError):
                 continue
+            if kind in RAW_LASERS:
+                survey.count(kind.decode(), log_time_ns)
+                continue
             survey.count("/odom", log_time_ns)
             survey.count(LASER_TOPICS[kind], log_time_ns)
         elif kind == b"ODOM":
             survey.count("/carmen/odom", log_time_ns)
         elif kind == b"TRUEPOS":
             survey.count("/ground_truth", log_time_ns)
-    for kind, laser in sorted(lasers.items()):
+    for kind, laser in sorted(lasers.items(), key=lambda item: (item[0] in RAW_LASERS, item[0])):
         laser.count()
-        if laser.mountings:
+        if laser.records:
             add_laser(survey, kind, laser)
+    survey.settle_raw()
     return survey

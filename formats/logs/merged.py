@@ -35,6 +35,7 @@ class MergedLog:
             merged_topics(topic for info in infos for topic in info.topics),
             tuple(dict.fromkeys(detail for info in infos for detail in info.details)),
             (*self.problems, *(problem for info in infos for problem in info.problems)),
+            tuple(dict.fromkeys(doubt for info in infos for doubt in info.doubts)),
         )
 
     def content_hash(self) -> str:

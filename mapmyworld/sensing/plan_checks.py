@@ -74,8 +74,11 @@ def check_streams(
     odometry: OdometrySource | None,
 ) -> None:
     """Words about silence, steps back in time, gaps and missing values of what is used."""
-    for stream in used_streams(draft, scan, camera, odometry):
+    used = used_streams(draft, scan, camera, odometry)
+    for stream in used:
         _check_stream(draft, stream)
+    for topic, doubt in draft.survey.info.doubts:
+        (draft.losses if topic in {s.topic for s in used} else draft.warnings).append(doubt)
     for topic in draft.survey.info.topics:
         if topic.count == 0 and topic.kind is not MessageKind.OTHER:
             draft.warnings.append(f"{topic.topic} ({topic.kind}) is silent: announced, no message")

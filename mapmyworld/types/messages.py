@@ -282,6 +282,8 @@ class LogInfo:
     """Further lines for `inspect log`: library, profile, compression, chunks, ..."""
     problems: tuple[str, ...] = ()
     """Damage and oddities seen so far, one line each."""
+    doubts: tuple[tuple[str, str], ...] = ()
+    """Topic, and what had to be assumed of it: a loss where that topic is used."""
 
     @property
     def duration_s(self) -> float:

@@ -53,8 +53,6 @@ def _use_limits(config: LimitsConfig) -> None:
     limits = Limits(
         config.chunk_mb << 20, config.image_megapixels * 1_000_000, config.unpacked_gb << 30
     )
-    if min(config.chunk_mb, config.image_megapixels, config.unpacked_gb) < 1:
-        raise ConfigError("limits must be 1 at least")
     set_limits(limits)
 
 

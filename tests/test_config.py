@@ -42,3 +42,34 @@ def test_values_of_the_wrong_type_are_refused(value: object) -> None:
 @pytest.mark.parametrize(("text", "expected"), [("true", True), ("off", False), ("1", True)])
 def test_switches_are_read_from_text(text: str, expected: bool) -> None:
     assert apply_settings(Config(), {"sensing.use_images": text}).sensing.use_images is expected
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        ("mapping.resolution", "0", "more than 0"),
+        ("mapping.resolution", "inf", "a finite number"),
+        ("mapping.hit_probability", 2, "between 0.5 and 1"),
+        ("storage.image_quality", 101, "from 1 to 100"),
+        ("threads", -1, "0 or more"),
+        ("seed", float("inf"), "a whole number"),
+        ("sensing.cloud_lowest", "nan", "a finite number"),
+    ],
+)
+def test_a_value_out_of_range_is_refused_with_the_range(
+    name: str, value: object, expected: str
+) -> None:
+    with pytest.raises(ConfigError, match=f"expected {expected}"):
+        apply_settings(Config(), {name: value})
+
+
+def test_every_number_has_a_range_that_holds_its_default() -> None:
+    numbers = [setting for setting in list_settings() if type(setting.value) in (int, float)]
+    assert [setting.name for setting in numbers if setting.value not in setting.allowed] == []
+    open_ended = {setting.name for setting in numbers if str(setting.allowed) == "a finite number"}
+    assert open_ended == {  # heights may lie below the base
+        "sensing.cloud_lowest",
+        "sensing.cloud_highest",
+        "visual.obstacle_lowest",
+        "visual.obstacle_highest",
+    }

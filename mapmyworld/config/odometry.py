@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mapmyworld.config.ranges import Count, FromZero, Positive, Share, Whole
+
 
 @dataclass(frozen=True, slots=True)
 class OdometryConfig:
     """Settings of tracking by laser."""
 
-    keyscan_distance: float = 0.15  # m of motion after which a scan joins the local submap
-    keyscan_angle: float = 0.2  # rad of rotation after which a scan joins the local submap
-    keyscans: int = 16  # scans of the local submap that are kept
-    share_sigma: float = 0.2  # m per m and rad per rad: trust in recorded motion at the start
-    floor_sigma: float = 0.02  # m, and half as many rad, of uncertainty in any recorded motion
-    contradiction: float = 4.0  # sigmas between odometry and match at which odometry is ignored
-    least_overlap: float = 0.55  # share of a scan that the submap explains, below which it searches
-    search_distance: float = 0.8  # m to each side that such a search covers
-    search_angle: float = 1.6  # rad to each side that such a search covers
+    keyscan_distance: FromZero = 0.15  # m of motion after which a scan joins the local submap
+    keyscan_angle: FromZero = 0.2  # rad of rotation after which a scan joins the local submap
+    keyscans: Count = 16  # scans of the local submap that are kept
+    share_sigma: Positive = 0.2  # m per m and rad per rad: trust in recorded motion at the start
+    floor_sigma: Positive = 0.02  # m, and half as many rad, of uncertainty in any recorded motion
+    contradiction: Positive = 4.0  # sigmas between odometry and match at which odometry is ignored
+    least_overlap: Share = 0.55  # share of a scan that the submap explains, below which it searches
+    search_distance: FromZero = 0.8  # m to each side that such a search covers
+    search_angle: FromZero = 1.6  # rad to each side that such a search covers
     refine: bool = True  # whether all scans are aligned with each other after the graph is solved
-    refine_distance: float = 0.3  # m of motion between scans that are aligned jointly in the end
-    refine_angle: float = 0.3  # rad of rotation between scans that are aligned jointly
-    refine_radius: float = 4.0  # m within which other visits' scans are aligned with each
-    refine_passes: int = 4  # other visits that each scan is aligned with, at most
-    refine_visits: int = 2  # visits of a place that shape the map; later ones follow these
+    refine_distance: Positive = 0.3  # m of motion between scans that are aligned jointly in the end
+    refine_angle: Positive = 0.3  # rad of rotation between scans that are aligned jointly
+    refine_radius: Positive = 4.0  # m within which other visits' scans are aligned with each
+    refine_passes: Whole = 4  # other visits that each scan is aligned with, at most
+    refine_visits: Count = 2  # visits of a place that shape the map; later ones follow these

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mapmyworld.config.ranges import FromZero, Positive, Share, Whole
+
 
 @dataclass(frozen=True, slots=True)
 class PlacesConfig:
     """Settings of recognising places."""
 
     vocabulary: str = ""  # file of visual words, or a map that has some; empty = learned anew
-    laser_spacing: float = 1.0  # m of path between two scans that look for known places nearby
-    laser_far_spacing: float = 2.0  # m of path between two scans that look as far as drift goes
-    laser_submap: float = 2.0  # m of path to each side that a submap covers
-    laser_drift: float = 0.04  # m per m of path by which the tracked pose may be off
-    laser_drift_angle: float = 0.004  # rad per m of path by which the tracked pose may be off
-    laser_window: float = 25.0  # m to each side, widest search where long nothing was known
-    laser_score: float = 0.5  # mean likelihood from which a place is looked at closely
-    laser_overlap: float = 0.7  # share of points that the known place must explain
-    laser_rival: float = 0.93  # score of another pose, as share of the best, that is ambiguous
-    laser_passes: int = 3  # earlier visits that each scan is compared with, at most
+    laser_spacing: Positive = 1.0  # m of path between two scans that look for known places nearby
+    laser_far_spacing: Positive = 2.0  # m of path between two scans that look as far as drift goes
+    laser_submap: Positive = 2.0  # m of path to each side that a submap covers
+    laser_drift: Positive = 0.04  # m per m of path by which the tracked pose may be off
+    laser_drift_angle: Positive = 0.004  # rad per m of path by which the tracked pose may be off
+    laser_window: FromZero = 25.0  # m to each side, widest search where long nothing was known
+    laser_score: Share = 0.5  # mean likelihood from which a place is looked at closely
+    laser_overlap: Share = 0.7  # share of points that the known place must explain
+    laser_rival: Share = 0.93  # score of another pose, as share of the best, that is ambiguous
+    laser_passes: Whole = 3  # earlier visits that each scan is compared with, at most

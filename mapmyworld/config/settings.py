@@ -6,12 +6,16 @@ import ast
 import difflib
 import functools
 import inspect
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import Any, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from mapmyworld.config import Config
+from mapmyworld.config.ranges import Range
 from mapmyworld.errors import ConfigError
+
+_FINITE = Range(is_open=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +28,8 @@ class Setting:
     type_name: str
     meaning: str
     """The comment that stands behind it: unit and meaning."""
+    allowed: Range = _FINITE
+    """Of a number."""
 
 
 def list_settings(config: Config | None = None) -> tuple[Setting, ...]:
@@ -40,15 +46,18 @@ def _walk(section: Any, prefix: str) -> list[Setting]:
         if is_dataclass(value):
             found += _walk(value, f"{prefix}{item.name}.")
         else:
-            type_name = getattr(hints[item.name], "__name__", str(hints[item.name]))
+            hint, allowed = hints[item.name], _FINITE
+            if get_origin(hint) is Annotated:
+                hint, allowed = get_args(hint)
+            type_name = getattr(hint, "__name__", str(hint))
             meaning = comments.get(item.name, "")
-            found.append(Setting(f"{prefix}{item.name}", value, type_name, meaning))
+            found.append(Setting(f"{prefix}{item.name}", value, type_name, meaning, allowed))
     return found
 
 
 @functools.cache
 def _hints(section: type) -> dict[str, Any]:
-    return get_type_hints(section)
+    return get_type_hints(section, include_extras=True)
 
 
 @functools.cache
@@ -123,13 +132,13 @@ def _converted(value: Any, setting: Setting) -> Any:
     if kind is bool:
         return _as_bool(value)
     if kind is int:
-        if isinstance(value, bool) or (isinstance(value, float) and value != int(value)):
+        if isinstance(value, bool) or (isinstance(value, float) and not value.is_integer()):
             raise ValueError("expected a whole number")
-        return _number(int, value, "a whole number")
+        return _within(_number(int, value, "a whole number"), setting.allowed)
     if kind is float:
         if isinstance(value, bool):
             raise ValueError("expected a number")
-        return _number(float, value, "a number")
+        return _within(_number(float, value, "a number"), setting.allowed)
     if kind is tuple:
         parts = value.split(",") if isinstance(value, str) else list(value)
         inner = type(setting.value[0]) if setting.value else str
@@ -141,12 +150,15 @@ def _converted(value: Any, setting: Setting) -> Any:
 
 def _number(kind: type, value: Any, expected: str) -> Any:
     try:
-        number = kind(value)
+        return kind(value)
     except (TypeError, ValueError):
         raise ValueError(f"expected {expected}") from None
-    if isinstance(number, float) and number != number:
-        raise ValueError("NaN is no setting")
-    return number
+
+
+def _within(value: float, allowed: Range) -> float:
+    if value not in allowed:
+        raise ValueError(f"expected {allowed if math.isfinite(value) else _FINITE}")
+    return value
 
 
 def _as_bool(value: Any) -> bool:

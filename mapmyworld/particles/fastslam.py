@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config import Config, ParticlesConfig
+from mapmyworld.config import Config
 from mapmyworld.errors import ConfigError, LogError
 from mapmyworld.geometry.planar import (
     between_planar,
@@ -68,9 +68,9 @@ class _Record:
 def run_fastslam(frames: Iterable[Moment], config: Config, progress: Progress) -> FastSlamResult:
     """Path and map of the most likely particle, from the scans of a log.
 
-    Raises LogError when no frame has a scan, and ConfigError for settings that make no sense.
+    Raises LogError when no frame has a scan, ConfigError when there is no such measurement model.
     """
-    _check(config.particles)
+    _check(config.particles.measurement)
     with Workers(config.threads) as workers:
         particles = ParticleFilter(config.particles, workers, config.seed)
         record = _filter_frames(frames, particles, config, workers, progress)
@@ -85,19 +85,9 @@ def run_fastslam(frames: Iterable[Moment], config: Config, progress: Progress) -
     )
 
 
-def _check(settings: ParticlesConfig) -> None:
-    """Raises ConfigError with everything that is wrong."""
-    positive = "count count_min resolution range_max beams beam_spacing sigma beams_effective "
-    positive += "odometry_floor drift_floor kld_error weight_gain"
-    wrong = [
-        f"particles.{name} is {getattr(settings, name)}: it must be greater than 0"
-        for name in positive.split()
-        if not getattr(settings, name) > 0
-    ]
-    if settings.measurement not in ("field", "beams"):
-        wrong.append(f'particles.measurement is "{settings.measurement}": use "field" or "beams"')
-    if wrong:
-        raise ConfigError("particles cannot be set up", problems=wrong)
+def _check(model: str) -> None:
+    if model not in ("field", "beams"):
+        raise ConfigError(f'particles.measurement is "{model}": use "field" or "beams"')
 
 
 def _filter_frames(

@@ -4,6 +4,7 @@ python benchmarks/graph.py graphs     cost and time beside plain gtsam
 python benchmarks/graph.py robust     random and consistent false closures
 python benchmarks/graph.py made       simulated graphs of eleven kinds, beside gtsam and the truth
 python benchmarks/graph.py hard       graphs with many minima, beside the best of many restarts
+python benchmarks/graph.py large      the same of graphs of 2,400 to 10,000 poses
 python benchmarks/graph.py scale      cost against size, to 100,000 poses
 python benchmarks/graph.py marginals  covariances of all nodes
 """
@@ -21,6 +22,7 @@ from pathlib import Path
 import numpy as np
 from graph_false import with_false
 from graph_gtsam import examples_cost, plain_gtsam
+from graph_large import LARGE
 from graph_restarts import random_starts
 from graph_worlds import HARD, KINDS, Maker, world
 
@@ -36,6 +38,7 @@ from mapmyworld.types.pose_graph import PoseGraph
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data")) / "graphs"
+TABLES = ["graphs", "robust", "made", "hard", "large", "scale", "marginals"]
 OPTIMA = {
     "tinyGrid3D": 9.3139095,
     "smallGrid3D": 517.92533,
@@ -144,14 +147,14 @@ def made(kinds: list[str], seeds: list[int]) -> None:
         )
 
 
-def hard(kinds: list[str], seeds: list[int], restarts: int) -> None:
+def hard(makers: dict[str, Maker], kinds: list[str], seeds: list[int], restarts: int) -> None:
     """Graphs with many minima: ours beside gtsam's, the truth's, and the best of many restarts."""
     print(
         f"{'graph':<18}{'seed':>5}{'ours':>11}{'gtsam':>11}{'from truth':>11}{'restarts':>11}"
         f"{'start':>10}{'gap':>8}{'twin':>6}{'CPU s':>7}"
     )
     for kind, seed in product(kinds, seeds):
-        tried = _tried(HARD[kind], seed)
+        tried = _tried(makers[kind], seed)
         solved, plain, true = tried.solved, tried.by_gtsam, tried.from_truth
         starts = random_starts(tried.problem, restarts)
         best = min(_settled(tried.problem.system, start) for start in starts)
@@ -235,7 +238,7 @@ def marginals(sizes: list[int]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("table", choices=["graphs", "robust", "made", "hard", "scale", "marginals"])
+    parser.add_argument("table", choices=TABLES)
     parser.add_argument("--graphs", nargs="*", default=None)
     parser.add_argument("--runs", type=int, default=5, help="of `graphs`, at least")
     parser.add_argument("--seeds", type=int, default=3)
@@ -252,7 +255,11 @@ def main() -> None:
     elif chosen.table == "made":
         made(chosen.graphs or list(KINDS), list(range(11, 11 + chosen.seeds)))
     elif chosen.table == "hard":
-        hard(chosen.graphs or list(HARD), list(range(21, 21 + chosen.seeds)), chosen.restarts)
+        seeds = list(range(21, 21 + chosen.seeds))
+        hard(HARD, chosen.graphs or list(HARD), seeds, chosen.restarts)
+    elif chosen.table == "large":
+        seeds = list(range(71, 71 + chosen.seeds))
+        hard(LARGE, chosen.graphs or list(LARGE), seeds, chosen.restarts)
     elif chosen.table == "scale":
         scale(chosen.sizes or [1000, 10_000, 100_000])
     else:

@@ -48,7 +48,7 @@ def world(kind: str, count: int, seed: int = 0) -> PoseGraph:
     node seeing the round before.
     """
     rng = np.random.default_rng(seed)
-    truth = _streets(count, rng) if kind == "manhattan" else _spiral(count)
+    truth = street_walk(count, rng) if kind == "manhattan" else _spiral(count)
     pairs = cKDTree(truth[:, :2]).query_pairs(1.5, output_type="ndarray")
     pairs = np.sort(pairs, axis=1)
     pairs = pairs[pairs[:, 1] - pairs[:, 0] > 10]
@@ -56,7 +56,7 @@ def world(kind: str, count: int, seed: int = 0) -> PoseGraph:
     return drive(truth, pairs, np.array([0.05, 0.05, 0.01]), rng)
 
 
-def _streets(count: int, rng: np.random.Generator) -> np.ndarray:
+def street_walk(count: int, rng: np.random.Generator) -> np.ndarray:
     side = int(np.sqrt(count) * 0.6)
     turns = rng.choice([-1, 0, 1], count)
     poses, x, y, heading = np.zeros((count, 3)), 0, 0, 0
@@ -78,28 +78,28 @@ def _spiral(count: int) -> np.ndarray:
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), angle + np.pi / 2])
 
 
-def _sigma(planar: bool, metres: float, radians: float) -> np.ndarray:
+def sigmas(planar: bool, metres: float, radians: float) -> np.ndarray:
     return np.array([metres] * 2 + [radians] if planar else [radians] * 3 + [metres] * 3)
 
 
-def _meetings(places: np.ndarray, reach: float, apart: int) -> np.ndarray:
+def meetings(places: np.ndarray, reach: float, apart: int) -> np.ndarray:
     """Pairs of nodes within `reach` metres of each other, `apart` steps apart, ascending."""
     pairs = np.sort(cKDTree(places).query_pairs(reach, output_type="ndarray"), axis=1)
     pairs = pairs[pairs[:, 1] - pairs[:, 0] > apart]
     return pairs[np.lexsort(pairs.T[::-1])]
 
 
-def _some(pairs: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+def some(pairs: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
     return pairs[rng.permutation(len(pairs))[:count]]
 
 
-def _posed(places: np.ndarray, rotations: np.ndarray) -> np.ndarray:
+def posed(places: np.ndarray, rotations: np.ndarray) -> np.ndarray:
     poses = np.tile(np.eye(4), (len(places), 1, 1))
     poses[:, :3, 3], poses[:, :3, :3] = places, rotations
     return poses
 
 
-def _turned(axis: int, angle: np.ndarray) -> np.ndarray:
+def turned(axis: int, angle: np.ndarray) -> np.ndarray:
     vectors = np.zeros((len(angle), 3))
     vectors[:, axis] = angle
     return so3_exp(vectors)
@@ -111,21 +111,21 @@ def ring(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
     radius = 300 / (2.0 * np.pi)
     truth = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), angle + np.pi / 2])
     pairs = np.array([(0, 299), (1, 298)])
-    return truth, drive(truth, pairs, _sigma(True, 0.1, 0.1), rng)
+    return truth, drive(truth, pairs, sigmas(True, 0.1, 0.1), rng)
 
 
 def streets(rng: np.random.Generator, turns: float = 0.2) -> tuple[np.ndarray, PoseGraph]:
     """1,500 poses in a grid of streets, 0.2 rad of noise a step."""
-    truth = _streets(1500, rng)
-    pairs = _some(_meetings(truth[:, :2], 1.5, 10), 700, rng)
-    return truth, drive(truth, pairs, _sigma(True, 0.05, turns), rng)
+    truth = street_walk(1500, rng)
+    pairs = some(meetings(truth[:, :2], 1.5, 10), 700, rng)
+    return truth, drive(truth, pairs, sigmas(True, 0.05, turns), rng)
 
 
 def few_closures(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
     """As MIT's corridors: 800 poses, bad odometry, 20 closures."""
-    truth = _streets(800, rng)
-    pairs = _some(_meetings(truth[:, :2], 1.5, 10), 20, rng)
-    return truth, drive(truth, pairs, _sigma(True, 0.1, 0.12), rng)
+    truth = street_walk(800, rng)
+    pairs = some(meetings(truth[:, :2], 1.5, 10), 20, rng)
+    return truth, drive(truth, pairs, sigmas(True, 0.1, 0.12), rng)
 
 
 def grid(rng: np.random.Generator, turns: float = 0.1) -> tuple[np.ndarray, PoseGraph]:
@@ -134,9 +134,9 @@ def grid(rng: np.random.Generator, turns: float = 0.1) -> tuple[np.ndarray, Pose
     for z in range(side):
         for y in range(side)[:: 1 if z % 2 == 0 else -1]:
             places += [(x, y, z) for x in range(side)[:: 1 if (y + z) % 2 == 0 else -1]]
-    truth = _posed(np.array(places, np.float64), so3_exp(rng.normal(size=(len(places), 3))))
-    pairs = _meetings(truth[:, :3, 3], 1.01, 1)
-    return truth, drive(truth, pairs, _sigma(False, 0.1, turns), rng)
+    truth = posed(np.array(places, np.float64), so3_exp(rng.normal(size=(len(places), 3))))
+    pairs = meetings(truth[:, :3, 3], 1.01, 1)
+    return truth, drive(truth, pairs, sigmas(False, 0.1, turns), rng)
 
 
 def torus(rng: np.random.Generator, turns: float = 0.05) -> tuple[np.ndarray, PoseGraph]:
@@ -147,9 +147,9 @@ def torus(rng: np.random.Generator, turns: float = 0.05) -> tuple[np.ndarray, Po
     places = np.column_stack(
         [radius * np.cos(along), radius * np.sin(along), per / 18.0 * np.sin(around)]
     )
-    truth = _posed(places, _turned(2, along) @ _turned(1, around))
+    truth = posed(places, turned(2, along) @ turned(1, around))
     pairs = np.column_stack([np.arange(count - per), np.arange(per, count)])
-    return truth, drive(truth, pairs, _sigma(False, turns, turns), rng)
+    return truth, drive(truth, pairs, sigmas(False, turns, turns), rng)
 
 
 def sphere(rng: np.random.Generator, turns: float = 0.1) -> tuple[np.ndarray, PoseGraph]:
@@ -160,20 +160,20 @@ def sphere(rng: np.random.Generator, turns: float = 0.1) -> tuple[np.ndarray, Po
     places = 50.0 * np.column_stack(
         [np.cos(height) * np.cos(around), np.cos(height) * np.sin(around), np.sin(height)]
     )
-    truth = _posed(places, _turned(2, around) @ _turned(1, height))
+    truth = posed(places, turned(2, around) @ turned(1, height))
     pairs = np.column_stack([np.arange(count - per), np.arange(per, count)])
-    return truth, drive(truth, pairs, _sigma(False, 2.0 * turns, turns), rng)
+    return truth, drive(truth, pairs, sigmas(False, 2.0 * turns, turns), rng)
 
 
 def cubicle(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
     """1,000 poses in space along streets, tilting, with three closures a node."""
-    truth = planar_to_matrix(_streets(1000, rng))
+    truth = planar_to_matrix(street_walk(1000, rng))
     truth[:, 2, 3] = 2.0 * np.sin(np.arange(1000) / 60.0)
     tilt = np.zeros((1000, 6))
     tilt[:, :3] = 0.1 * rng.normal(size=(1000, 3))
     truth = truth @ se3_exp(tilt)
-    pairs = _some(_meetings(truth[:, :3, 3], 2.0, 10), 3000, rng)
-    return truth, drive(truth, pairs, _sigma(False, 0.05, 0.02), rng)
+    pairs = some(meetings(truth[:, :3, 3], 2.0, 10), 3000, rng)
+    return truth, drive(truth, pairs, sigmas(False, 0.05, 0.02), rng)
 
 
 def garage(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
@@ -184,7 +184,7 @@ def garage(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
     )
     truth[:, 2, 3] = 3.0 * angle / (2.0 * np.pi)
     pairs = np.array([(k, k + 150) for k in range(0, 600, 20)])
-    return truth, drive(truth, pairs, _sigma(False, 0.05, 0.15), rng)
+    return truth, drive(truth, pairs, sigmas(False, 0.05, 0.15), rng)
 
 
 def _circle(count: int, per: int) -> np.ndarray:
@@ -197,14 +197,14 @@ def _circle(count: int, per: int) -> np.ndarray:
 def long_ring(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
     """600 poses, 0.2 rad of noise a step, three closures at its end."""
     pairs = np.array([(0, 599), (1, 598), (2, 597)])
-    return _circle(600, 600), drive(_circle(600, 600), pairs, _sigma(True, 0.1, 0.2), rng)
+    return _circle(600, 600), drive(_circle(600, 600), pairs, sigmas(True, 0.1, 0.2), rng)
 
 
 def laps(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
     """Three rounds of 200 poses, 0.2 rad of noise a step, a closure to the last round every 20."""
     truth = _circle(600, 200)
     pairs = np.array([(k, k + 200) for k in range(0, 400, 20)])
-    return truth, drive(truth, pairs, _sigma(True, 0.1, 0.2), rng)
+    return truth, drive(truth, pairs, sigmas(True, 0.1, 0.2), rng)
 
 
 def rings(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
@@ -216,7 +216,7 @@ def rings(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
         truth.append(compose_planar(turn, ring))
         pairs += [(151 * k, 151 * k + 150), (0, 151 * k + 150)]
     poses = np.concatenate(truth)
-    return poses, drive(poses, np.array(pairs), _sigma(True, 0.1, 0.2), rng)
+    return poses, drive(poses, np.array(pairs), sigmas(True, 0.1, 0.2), rng)
 
 
 def ladder(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
@@ -225,7 +225,7 @@ def ladder(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
     down = np.column_stack([np.arange(249.0, -1.0, -1.0), np.full(250, 5.0), np.full(250, np.pi)])
     pairs = np.array([(k, 499 - k) for k in range(0, 250, 25)])
     truth = np.concatenate([up, down])
-    return truth, drive(truth, pairs, _sigma(True, 0.1, 0.2), rng)
+    return truth, drive(truth, pairs, sigmas(True, 0.1, 0.2), rng)
 
 
 def ring_in_space(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
@@ -233,7 +233,7 @@ def ring_in_space(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
     truth = planar_to_matrix(_circle(400, 400))
     truth[:, 2, 3] = 3.0 * np.sin(np.arange(400) * 2.0 * np.pi / 100)
     pairs = np.array([(0, 399), (1, 398), (2, 397)])
-    return truth, drive(truth, pairs, _sigma(False, 0.1, 0.15), rng)
+    return truth, drive(truth, pairs, sigmas(False, 0.1, 0.15), rng)
 
 
 Maker = Callable[[np.random.Generator], tuple[np.ndarray, PoseGraph]]

@@ -105,7 +105,7 @@ class _Reader:
         fixed = self._fixed()
         for tag, lines in sorted(self.others.items()):
             where = listed([line for line, _ in lines])
-            self.problems.append(f"{len(lines)} lines of unknown kind {tag!r} (line {where})")
+            self.problems.append(f"{len(lines)} lines of unknown kind {tag[:24]!r} (line {where})")
         known = self.tables, self.planar, self.problems
         edges, sightings, priors = edges_of(*known), sightings_of(*known), priors_of(*known)
         named = np.concatenate([edges.from_ids, edges.to_ids, sightings.node_ids])

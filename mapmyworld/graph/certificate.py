@@ -61,7 +61,15 @@ def certify(system: System, solved: Fit) -> Certificate:
     cost = solved.cost
     if len(system.tails) == 0 or cost < 1e-12:
         return Certificate(0.0, 0.0, True)
-    twin = twin_of(system, solved.residuals)
+    certificate = _certified(system, solved, equal=False)
+    if not (certificate.trusted or system.planar):
+        other = _certified(system, solved, equal=True)
+        certificate = other if other.trusted else certificate
+    return certificate
+
+
+def _certified(system: System, solved: Fit, *, equal: bool) -> Certificate:
+    cost, twin = solved.cost, twin_of(system, solved.residuals, equal=equal)
     found = _settled(twin, twin_poses(system.planar, solved.poses))
     if found is None:
         return Certificate(0.0, 1.0, False)

@@ -40,10 +40,12 @@ class Twin:
     """Nodes without a rotation: landmarks."""
 
 
-def twin_of(system: System, residuals: Array) -> Twin:
+def twin_of(system: System, residuals: Array, *, equal: bool = False) -> Twin:
     """The twin of a system, closest where edges have these residuals (E, d).
 
-    Bearings and ranges play no part in it.
+    Bearings and ranges play no part in it. With `equal` an edge knows turns about all axes as badly
+    as about its worst: further from the graph, but a twin whose minimum can be proven, which where
+    axes differ mostly cannot.
     """
     count, points = len(system.free), np.zeros(0, np.int64)
     if system.kinds is not None:
@@ -52,6 +54,8 @@ def twin_of(system: System, residuals: Array) -> Twin:
         system, residuals = chosen_edges(system, used), residuals[used]
     tails, heads = system.tails, system.heads
     weights, tau = lower_weights(system.planar, system.information, residuals)
+    if equal:
+        weights = np.linalg.eigvalsh(weights)[:, :1, None] * np.eye(weights.shape[1])
     if system.kinds is not None:
         weights = np.where((system.kinds == POINT)[:, None, None], 0.0, weights)
     motion = planar_to_matrix(system.measured) if system.planar else system.measured

@@ -14,6 +14,7 @@ import click
 
 from cli.common import EXIT_PARTIAL, default_map, format_option, show_json
 from cli.memory import memory_limit
+from cli.outputs import require_map_place
 from cli.progress import StderrProgress, peak_memory_mb
 from cli.repeating import given_options, repeat_and_compare
 from cli.settings import config_options, load_config, settings_that_differ
@@ -92,6 +93,8 @@ def build(
     if resume and overwrite:
         raise click.UsageError("--resume and --overwrite exclude each other")
     config = load_config(config_path, changes)
+    if not dry_run:
+        require_map_place(append_to or map_path, paths, export=not no_export)
     if append_to is not None:
         if resume or overwrite or dry_run or verify_repeat or method != "graph":
             raise click.UsageError("--append goes with none of the other ways to build")

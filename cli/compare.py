@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.common import format_option, show_json
+from cli.outputs import require_outputs
 from cli.settings import config_options, load_config
 from mapmyworld.errors import MapError
 
@@ -67,6 +68,8 @@ def compare(
     from cli.comparing import figures_of, picture_of, read_candidate, table_lines
     from formats.relations import read_relations
 
+    read = [path for path in (*paths, reference, relations, config_path) if path is not None]
+    require_outputs([] if image is None else [image], read)
     truth = None if reference is None else _read_path(reference)
     known = None if relations is None else read_relations(relations)
     if methods is None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from cli.common import EXIT_PARTIAL
+from cli.outputs import require_apart, require_output_name
 
 
 @click.command()
@@ -47,6 +48,8 @@ def convert(
     from formats.converting import Selection, convert_log
     from formats.logs import open_log
 
+    require_output_name(output)
+    require_apart(output, logs)
     log = open_log(logs)
     selection = Selection(frozenset(topics) or None, start, duration)
     report = None if quiet or not sys.stderr.isatty() else _show

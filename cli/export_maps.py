@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.common import EXIT_CHECK_FAILED, map_argument
-from cli.export_options import open_map, output_option, save_option, tell
+from cli.export_options import open_map, output_option, output_or, save_option, tell
 from cli.settings import config_options, load_config
 
 if TYPE_CHECKING:
@@ -50,13 +50,14 @@ def grid(
     mapmyworld export grid office.db -o maps/office --resolution 0.025
     """
     from cli.exporting import grid_at
-    from formats.grid import write_grid
+    from formats.grid import grid_files, write_grid
 
     config = load_config(config_path, changes)
-    with open_map(map_path) as store:
+    stem = output_or(map_path, output, lambda: map_path.with_suffix(""))
+    stem = stem.with_suffix("") if stem == output and stem.suffix in _GRIDS else stem
+    with open_map(map_path, *grid_files(stem, mode)) as store:
         made = grid_at(store, config, resolution)
-        stem = output.with_suffix("") if output and output.suffix in _GRIDS else output
-        written = write_grid(stem or map_path.with_suffix(""), made, mode)
+        written = write_grid(stem, made, mode)
         if verify:
             _verify(written[1], made, mode)
         tell(written, store)
@@ -101,8 +102,8 @@ def cloud(
     from formats.cloud import read_cloud
 
     config = _for_cloud(load_config(config_path, changes), voxel, max_range)
-    path = output or map_path.with_suffix(".ply")
-    with open_map(map_path, read_only=not save_in_map) as store:
+    path = output_or(map_path, output, lambda: map_path.with_suffix(".ply"))
+    with open_map(map_path, path, read_only=not save_in_map) as store:
         written = export_cloud(store, path, config) or export_scan_cloud(store, path, config)
         if save_in_map:
             store.set_cloud(read_cloud(path))
@@ -141,8 +142,8 @@ def mesh(
     from mapmyworld.mapping.mesh import build_mesh
 
     config = load_config(config_path, changes)
-    path = output or map_path.with_name(map_path.stem + "_mesh.ply")
-    with open_map(map_path, read_only=not save_in_map) as store:
+    path = output_or(map_path, output, lambda: map_path.with_name(map_path.stem + "_mesh.ply"))
+    with open_map(map_path, path, read_only=not save_in_map) as store:
         made = build_mesh(nodes_with_poses(store), config)
         write_mesh(path, made)
         if save_in_map:

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from cli.common import map_argument
-from cli.export_options import open_map, output_option, tell
+from cli.export_options import open_map, output_option, output_or, tell
 
 
 @click.command()
@@ -34,8 +34,8 @@ def trajectory(map_path: Path, output: Path | None, style: Any, which: Any) -> N
     from cli.exporting import export_trajectory
 
     ending = {"tum": ".tum", "kitti": ".kitti", "csv": ".csv"}[style]
-    path = output or map_path.with_suffix(ending)
-    with open_map(map_path) as store:
+    path = output_or(map_path, output, lambda: map_path.with_suffix(ending))
+    with open_map(map_path, path) as store:
         tell(export_trajectory(store, path, style, which), store)
 
 
@@ -52,8 +52,8 @@ def graph(map_path: Path, output: Path | None) -> None:
     from cli.exporting import graph_of
     from formats.pose_graph import write_graph
 
-    path = output or map_path.with_suffix(".g2o")
-    with open_map(map_path) as store:
+    path = output_or(map_path, output, lambda: map_path.with_suffix(".g2o"))
+    with open_map(map_path, path) as store:
         write_graph(path, graph_of(store))
         tell([path], store)
 
@@ -92,7 +92,7 @@ def vocabulary(map_path: Path, output: Path | None) -> None:
     """
     from formats.vocabulary import write_vocabulary
 
-    path = output or map_path.with_suffix(".words.txt")
-    with open_map(map_path) as store:
+    path = output_or(map_path, output, lambda: map_path.with_suffix(".words.txt"))
+    with open_map(map_path, path) as store:
         write_vocabulary(path, store.words())
         tell([path], store)

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import click
 
 from cli.common import EXIT_PARTIAL
+from cli.outputs import require_file, require_no_recording, require_outputs
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -28,11 +29,26 @@ def save_option(command: F) -> F:
     )(command)
 
 
-def open_map(map_path: Path, *, read_only: bool = True) -> Any:
-    """The map of a file, as a store; raises `MapError` where it is none."""
+def open_map(
+    map_path: Path, *outputs: Path, read_only: bool = True, logs: Sequence[Path] = ()
+) -> Any:
+    """The map of a file, as a store; raises `MapError` where it is none.
+
+    Refuses outputs that would replace the map or the logs, or any other recording.
+    """
     from formats.database import open_store
 
+    require_outputs(outputs, [map_path, *logs])
+    for path in outputs:
+        require_no_recording(path)
+
     return open_store(map_path, read_only=read_only)
+
+
+def output_or(map_path: Path, output: Path | None, beside: Callable[[], Path]) -> Path:
+    """The output that was given, else the one that is made of the map's name."""
+    require_file(map_path if output is None else output)
+    return beside() if output is None else output
 
 
 def tell(paths: Sequence[Path], store: Any, losses: Sequence[str] = ()) -> None:

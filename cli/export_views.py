@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from cli.common import map_argument
-from cli.export_options import open_map, output_option, tell
+from cli.export_options import open_map, output_option, output_or, tell
 
 
 @click.command()
@@ -25,8 +25,8 @@ def report(map_path: Path, output: Path | None, every_match: bool) -> None:
     """
     from cli.report import write_report
 
-    path = output or map_path.with_suffix(".html")
-    with open_map(map_path) as store:
+    path = output_or(map_path, output, lambda: map_path.with_suffix(".html"))
+    with open_map(map_path, path) as store:
         write_report(store, path, every_match=every_match)
         tell([path], store)
 
@@ -51,8 +51,8 @@ def figure(map_path: Path, what: str, output: Path | None) -> None:
     from cli.report import report_contents, timing_beside
     from formats.report.figures import write_figure
 
-    path = output or map_path.with_name(f"{map_path.stem}_{what}.png")
-    with open_map(map_path) as store:
+    path = output_or(map_path, output, lambda: map_path.with_name(f"{map_path.stem}_{what}.png"))
+    with open_map(map_path, path) as store:
         write_figure(path, what, report_contents(store, timing_beside(store)))
         tell([path], store)
 
@@ -77,7 +77,8 @@ def mcap(map_path: Path, output: Path | None, logs: tuple[Path, ...]) -> None:
     """
     from cli.foxglove import export_mcap
 
-    path = output or map_path.with_suffix(".foxglove.mcap")
-    with open_map(map_path) as store:
+    path = output_or(map_path, output, lambda: map_path.with_suffix(".foxglove.mcap"))
+    beside = path.with_suffix(".layout.json")
+    with open_map(map_path, path, beside, logs=logs) as store:
         written, losses = export_mcap(store, path, logs)
         tell(written, store, losses)

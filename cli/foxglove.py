@@ -31,8 +31,6 @@ def export_mcap(
     if known is not None and known["hash"] != log.content_hash():
         made_of = ", ".join(known["paths"])
         raise MapError(f"{logs[0]}: this map was made of another log ({made_of})")
-    if any(path.resolve() == one.resolve() for one in logs):
-        raise MapError(f"{path}: is the log itself: give another -o")
     frames = store.tracked_frames()
     odometry = frames.odom_from_base
     if odometry is not None:

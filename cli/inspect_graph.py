@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from cli.common import format_option, map_argument, show_json
+from cli.outputs import require_outputs
 from mapmyworld.errors import MapError
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.types import Constraint, ConstraintKind, Poses
@@ -53,6 +54,7 @@ def graph(
     """
     from formats.database import open_store
 
+    require_outputs([] if image is None else [image], [map_path])
     if pair is not None:
         if image is None:
             raise click.UsageError("--pair draws a picture: say where with --image FILE")

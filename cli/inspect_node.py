@@ -9,6 +9,7 @@ import click
 import numpy as np
 
 from cli.common import default_map, format_option, show_json
+from cli.outputs import require_outputs
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.types import Constraint, MapStore, Node, NodeData
@@ -33,6 +34,7 @@ def node(arguments: tuple[str, ...], image_path: Path | None, style: str) -> Non
     map_path, node_id = _split(arguments)
     from formats.database import open_store
 
+    require_outputs([] if image_path is None else [image_path], [map_path])
     with open_store(map_path, read_only=True) as store:
         found = {n.id: n for n in store.nodes()}.get(node_id)
         if found is None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.common import EXIT_PARTIAL, format_option, show_json
+from cli.outputs import require_outputs
 from cli.progress import StderrProgress
 from cli.settings import config_options, load_config
 from mapmyworld.errors import MapError
@@ -53,7 +54,7 @@ def localise(
     mapmyworld localise building.yaml drive.bag -o path.tum -o path.mcap -o path.png
     """
     outputs = outputs or _beside(logs[0])
-    _require_places(outputs)
+    _require_places(outputs, (map_path, *logs))
     config = load_config(config_path, changes)
     started, cpu = time.monotonic(), time.process_time()
     progress = StderrProgress(quiet=quiet)
@@ -78,8 +79,9 @@ def localise(
         sys.exit(EXIT_PARTIAL)
 
 
-def _require_places(outputs: tuple[Path, ...]) -> None:
-    """Refuses what could not be written, before any work is done."""
+def _require_places(outputs: tuple[Path, ...], inputs: tuple[Path, ...]) -> None:
+    """Refuses what could not be written or would be lost, before any work is done."""
+    require_outputs(outputs, inputs)
     for path in outputs:
         if path.suffix not in _KINDS:
             raise click.UsageError(f"{path}: give a name that ends in {', '.join(_KINDS)}")

@@ -38,11 +38,12 @@ def merge(
     \b
     mapmyworld merge monday.db tuesday.db -o week.db
     """
-    from cli.merging import merge_files, require_maps, show_merged
+    from cli.merging import merge_files, require_maps, require_results, show_merged
 
     if len(maps) < 2:
         raise click.UsageError("give at least two maps")
     require_maps(maps)
+    require_results(output, maps, export=not no_export)
     config = load_config(config_path, changes)
     progress = StderrProgress(quiet=quiet)
     summary = merge_files(maps, output, config, progress, export=not no_export)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.common import EXIT_PARTIAL, show_json
+from cli.outputs import require_map_place, require_no_other, require_output_name
 from cli.progress import StderrProgress, peak_memory_mb
 from cli.result_maps import ResultMaps, numbered
 from mapmyworld.errors import MapError
@@ -33,7 +34,7 @@ def merge_files(
 ) -> dict[str, Any]:
     """Writes OUTPUT, and OUTPUT_2, ... for what does not connect; nothing if anything fails.
 
-    `first` names the source whose sessions go into OUTPUT itself. OUTPUT may be a source.
+    `first` names the source whose sessions go into OUTPUT itself. OUTPUT may be a source here.
     """
     from formats.database.lock import only_writer
 
@@ -147,6 +148,15 @@ def require_maps(paths: Sequence[Path]) -> None:
     twice = sorted({str(path) for path in paths if list(paths).count(path) > 1})
     if twice:
         raise MapError("a map cannot be merged with itself:", problems=twice)
+
+
+def require_results(output: Path, maps: Sequence[Path], *, export: bool) -> None:
+    """Refuses an output that would replace one of the maps, or what is no map of ours."""
+    require_output_name(output)
+    for number in range(len(maps)):
+        path = numbered(output, number)
+        require_map_place(path, maps, export=export)
+        require_no_other(path)
 
 
 def show_merged(summary: dict[str, Any], style: str) -> None:

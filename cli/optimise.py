@@ -11,6 +11,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.common import EXIT_PARTIAL, format_option, show_json
+from cli.outputs import (
+    require_graph_place,
+    require_no_other,
+    require_no_other_log,
+    require_output_name,
+    require_outputs,
+)
 from cli.settings import config_options, load_config
 from mapmyworld.errors import GraphError
 
@@ -55,6 +62,10 @@ def optimise(
     mapmyworld optimise sphere.g2o -o sphere.db
     """
     config = load_config(config_path, changes).graph
+    require_output_name(path)
+    output = output or path.with_name(f"{path.stem}_optimised.g2o")
+    _require_place(output, path)
+    require_outputs([] if image is None else [image], [path, output])
     import formats.pose_graph  # noqa: F401  so that its import does not count as reading
 
     started = time.perf_counter()
@@ -65,7 +76,6 @@ def optimise(
         raise GraphError(f"{path}: the graph has no nodes: {why}")
     solved = _timed(graph, robust, config, seconds)
     losses = [*problems, *_told_of_parts(solved)]
-    output = output or path.with_name(f"{path.stem}_optimised.g2o")
     _write(output, path, graph, solved, losses)
     facts = {
         "file": str(path),
@@ -82,6 +92,16 @@ def optimise(
         click.echo(f"mapmyworld: {path}: {problem}", err=True)
     if losses:
         sys.exit(EXIT_PARTIAL)
+
+
+def _require_place(output: Path, path: Path) -> None:
+    """Refuses to replace the graph itself, or what is neither a graph nor a map."""
+    require_outputs([output], [path])
+    if output.suffix == ".db":
+        require_no_other(output)
+        require_no_other_log(output, path)
+    else:
+        require_graph_place(output)
 
 
 def _timed(

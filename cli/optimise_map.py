@@ -34,7 +34,7 @@ def write_map(
     graph = solved.graph
     ours = _is_map(source)
     shift = 0 if ours else max(0, 1 - int(graph.ids.min()))
-    if ours and source.resolve() != path.resolve():
+    if ours:
         shutil.copyfile(source, path)
     covariances = graph_covariances(graph, solved.accepted)
     poses = Poses(*_placed(graph, shift), covariances)

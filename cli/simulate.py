@@ -9,6 +9,7 @@ from typing import cast
 import click
 
 from cli.common import format_option, show_json
+from cli.outputs import require_apart, require_output_name
 from cli.progress import StderrProgress
 from formats.recording import LogWriter
 from formats.scene_mesh import SCENE_SUFFIXES, read_scene_mesh
@@ -71,6 +72,8 @@ def simulate(
         place = _world(world, mesh)
         if output is None:
             raise click.UsageError("where to? Give -o LOG.mcap or -o LOG.bag")
+        require_output_name(output)
+        require_apart(output, [] if mesh is None else [mesh])
         recording = record(place, seed=seed, route=route, laps=laps, settings=settings)
         counts = _write(recording, output, overwrite, quiet)
         _report(recording, output, counts, style)

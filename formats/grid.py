@@ -26,8 +26,7 @@ _FARTHEST = 1e9  # m
 
 def write_grid(stem: Path, grid: OccupancyGrid, mode: Mode = "trinary") -> tuple[Path, Path]:
     """Writes `stem`.pgm (scale mode: .png) and `stem`.yaml; returns their paths."""
-    image = stem.with_name(stem.name + (".png" if mode == "scale" else ".pgm"))
-    description = stem.with_name(stem.name + ".yaml")
+    image, description = grid_files(stem, mode)
     if mode == "scale":
         _write_png(image, _scaled(grid))
     else:
@@ -36,6 +35,12 @@ def write_grid(stem: Path, grid: OccupancyGrid, mode: Mode = "trinary") -> tuple
         _write_pgm(image, grey[::-1], grid.resolution)
     write_whole(description, _yaml(image.name, grid, mode))
     return image, description
+
+
+def grid_files(stem: Path, mode: Mode = "trinary") -> tuple[Path, Path]:
+    """The picture and the YAML that `write_grid` writes."""
+    image = stem.with_name(stem.name + (".png" if mode == "scale" else ".pgm"))
+    return image, stem.with_name(stem.name + ".yaml")
 
 
 def _grey(cells: NDArray[np.int8]) -> NDArray[np.uint8]:

@@ -116,6 +116,11 @@ def _same_log(store: MapStore, log: LogSource) -> str:
             f"the map was made of another log ({made_of}): give --overwrite to replace it, or "
             "another name with -o"
         )
+    if known is None and store.nodes():
+        raise MapError(
+            "the map was made of a graph or of other maps, not of a log: give --overwrite to "
+            "replace it, or another name with -o"
+        )
     if known is None:
         names = [path.replace("\\", "/").rsplit("/", 1)[-1] for path in log.info().paths]
         store.put("log", {"hash": found, "paths": names})

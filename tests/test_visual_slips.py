@@ -10,10 +10,10 @@ from visual_rooms import Room, circle
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between, se3_exp, se3_log
-from mapmyworld.odometry.visual import view_of_frame
+from mapmyworld.odometry.visual import VisualTracker, view_of_frame
 from mapmyworld.odometry.visual_slips import SteadyPath, misfit, together
 from mapmyworld.registration.views import View
-from mapmyworld.types import Frame
+from mapmyworld.types import Frame, ImuSample
 
 Array = NDArray[np.float64]
 INERTIA = np.diag([1e-4] * 3 + [2e-3] * 3)
@@ -77,3 +77,19 @@ def test_two_measurements_together_lie_between_and_are_surer(
     assert np.allclose(se3_log(between(one[0], both)), 0.2 * np.array(off) / (1.0 + share))
     assert np.allclose(np.linalg.inv(covariance), np.linalg.inv(one[1]) + np.linalg.inv(other[1]))
     assert misfit(one, (both, covariance)) <= misfit(one, other) + 1e-9
+
+
+def test_a_picture_recognised_where_the_camera_cannot_be_is_not_believed() -> None:
+    """Standing still by the gyroscope, a hand before the lens, then the view from 0.2 rad aside."""
+    here, aside = (circle((3.0, 2.5), 0.0, 1, 0.0, phase=phase)[0] for phase in (0.0, 0.2))
+    still = (ImuSample(0, np.zeros(3), np.array([0.0, 0.0, 9.81]), None),)
+    tracker = VisualTracker(Config())
+    for k in range(4):
+        tracker.track(Frame(k * 50_000_000, None, images=(Room().image(here, 0),), imu=still))
+    tracker.track(Frame(200_000_000, None, imu=still))
+    seen = tracker.track(Frame(250_000_000, None, images=(Room().image(aside, 0),), imu=still))
+    assert seen.verdict == "dead reckoning"
+    assert "cannot be" in seen.notes[0]
+    assert np.abs(se3_log(seen.tracker_from_base)).max() < 0.01
+    back = tracker.track(Frame(300_000_000, None, images=(Room().image(here, 0),), imu=still))
+    assert back.verdict == "tracked"

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint, se3_exp, se3_log
-from mapmyworld.geometry.rotations import so3_log
+from mapmyworld.geometry.rotations import so3_exp, so3_log
+from mapmyworld.types import Frame
 
 Array = NDArray[np.float64]
 _UNKNOWN = (1.0, 1.0)  # rad/s and m/s, a velocity at the start
@@ -140,3 +141,13 @@ def motion_information(pose_covariance: Array, step_covariance: Array, slip: Arr
     seen, carried = 2.0 * pose_covariance, step_covariance + FLOOR
     covariance = np.linalg.inv(np.linalg.inv(seen) + np.linalg.inv(carried))
     return np.asarray(np.linalg.inv(covariance + np.outer(slip, slip)))
+
+
+def gyro_rotation(frame: Frame, since_ns: int) -> Array:
+    """The rotation (3, 3) since then that the gyroscope integrated."""
+    rotation, stamp = np.eye(3), since_ns
+    for k, sample in enumerate(frame.imu):
+        until = sample.stamp_ns if k + 1 < len(frame.imu) else frame.stamp_ns
+        rotation = rotation @ so3_exp(sample.angular_velocity * max(until - stamp, 0) * 1e-9)
+        stamp = max(until, stamp)
+    return rotation

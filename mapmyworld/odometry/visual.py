@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.rigid import between, invert, se3_adjoint, transform_points
-from mapmyworld.geometry.rotations import rotation_angle, so3_exp
+from mapmyworld.geometry.rigid import between, invert, se3_adjoint, se3_log, transform_points
+from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.odometry.local_map import Expectation, Keyframe, LocalMap
 from mapmyworld.odometry.motion_filter import (
     FLOOR,
     MotionFilter,
     covariance_of_base,
+    gyro_rotation,
     is_surprising,
     motion_information,
 )
@@ -105,6 +106,9 @@ class VisualTracker:
         seen, information, point_of = found
         count = int(np.count_nonzero(point_of >= 0))
         measured = covariance_of_base(information, base_from_camera)
+        jump = between(predicted, seen @ invert(base_from_camera))
+        if self._is_impossible(frame, jump, measured) and not self._path.is_matched(view):
+            return self._blind(frame, predicted, how, "recognised where it cannot be")
         expected = Expectation(predicted @ base_from_camera, self._expected(base_from_camera))
         pose = self._filter.correct(seen @ invert(base_from_camera), measured)
         map_from_camera = pose @ base_from_camera
@@ -116,6 +120,11 @@ class VisualTracker:
         known = self._motion_known(view, predicted, measured)
         sigma = float(np.sqrt(np.linalg.eigvalsh(measured[3:, 3:])[-1]))
         return VisualMotion(self._filter.pose, known, "tracked", (), count, sigma)
+
+    def _is_impossible(self, frame: Frame, jump: Array, measured: Array) -> bool:
+        """Whether even a blind camera would be expected nearer: some picture has a double."""
+        blind = np.linalg.inv(self._blind_information(frame))
+        return is_surprising(se3_log(jump), blind + measured + self._filter.pose_covariance())
 
     def _motion_known(self, view: View, predicted: Array, measured: Array) -> Array:
         """Information (6, 6) of the motion to this frame; where only the map slipped, it is known
@@ -175,7 +184,7 @@ class VisualTracker:
             motion = between(self._odometry, frame.odom_from_base)
             return self._filter.predict(seconds, motion=motion), "odometry"
         if frame.imu:
-            turn = _gyro_rotation(frame, self._stamp_ns)
+            turn = gyro_rotation(frame, self._stamp_ns)
             return self._filter.predict(seconds, turn), "gyroscope"
         return self._filter.predict(seconds), "constant velocity"
 
@@ -285,13 +294,3 @@ def first_image(frame: Frame) -> RgbdImage | None:
     """The frame's first image with colours, one with depth if there is any."""
     seen = [image for image in frame.images if image.colour is not None]
     return min(seen, key=lambda image: image.depth is None, default=None)
-
-
-def _gyro_rotation(frame: Frame, since_ns: int) -> Array:
-    """The rotation (3, 3) since then that the gyroscope integrated."""
-    rotation, stamp = np.eye(3), since_ns
-    for k, sample in enumerate(frame.imu):
-        until = sample.stamp_ns if k + 1 < len(frame.imu) else frame.stamp_ns
-        rotation = rotation @ so3_exp(sample.angular_velocity * max(until - stamp, 0) * 1e-9)
-        stamp = max(until, stamp)
-    return rotation

@@ -13,6 +13,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between, invert, se3_exp, se3_log
 from mapmyworld.registration.image_pairs import register_images
 from mapmyworld.registration.views import View
+from mapmyworld.types import Registration
 
 Array = NDArray[np.float64]
 Known = tuple[Array, Array]
@@ -36,16 +37,18 @@ class SteadyPath:
         self._view, self._pose = view or None, pose  # one without features tells nothing
         return np.asarray(self._path_from_map @ pose)
 
+    def is_matched(self, view: View) -> bool:
+        """Whether this image has much in common with the one before."""
+        return self._pair(view) is not None
+
     def undo_slip(self, view: View, seen: Known, expected: Known) -> Array | None:
         """Covariance (6, 6) of the motion to this frame, once a slip of the map is taken out.
 
         `seen`: the pose in the map, `expected`: that of inertia; each with the covariance of the
         motion. None where the images say that the base did jump, or where they do not tell.
         """
-        if self._view is None:
-            return None
-        pair = register_images(self._view, view, self._config).registration
-        if pair.inliers < self._config.visual.least_inliers:
+        pair = self._pair(view)
+        if pair is None:
             return None
         direct = pair.a_from_b, np.asarray(np.linalg.inv(pair.information))
         jump, carried = ((between(self._pose, pose), known) for pose, known in (seen, expected))
@@ -54,6 +57,13 @@ class SteadyPath:
         motion, covariance = together(carried, direct)
         self._path_from_map = self._path_from_map @ self._pose @ motion @ invert(seen[0])
         return covariance
+
+    def _pair(self, view: View) -> Registration | None:
+        """The motion from the image before to this one by these two alone; None if unknown."""
+        if self._view is None:
+            return None
+        pair = register_images(self._view, view, self._config).registration
+        return pair if pair.inliers >= self._config.visual.least_inliers else None
 
 
 def misfit(one: Known, other: Known) -> float:

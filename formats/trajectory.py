@@ -22,9 +22,21 @@ _SECOND = 1_000_000_000
 
 
 def write_trajectory(path: Path, trajectory: Trajectory, style: Style = "tum") -> None:
-    """TUM: `t x y z qx qy qz qw`; KITTI: 3x4 row-major, no times; CSV: integer nanoseconds."""
-    lines = _WRITERS[style](trajectory)
+    """TUM: `t x y z qx qy qz qw`; KITTI: 3x4 row-major, no times; CSV: integer nanoseconds.
+
+    Lines with times ascend by them, each time once, as readers of TUM's demand: a log's stamps may
+    step back. KITTI's lines keep the order of motion.
+    """
+    lines = _WRITERS[style](trajectory if style == "kitti" else ascending(trajectory))
     write_whole(path, "".join(f"{line}\n" for line in lines))
+
+
+def ascending(trajectory: Trajectory) -> Trajectory:
+    """By stamp; of poses with the same stamp the first."""
+    if np.all(np.diff(trajectory.stamps_ns) > 0):
+        return trajectory
+    stamps, first = np.unique(trajectory.stamps_ns, return_index=True)
+    return Trajectory(stamps, trajectory.poses.reshape(-1, 4, 4)[first])
 
 
 def _tum_lines(trajectory: Trajectory) -> Iterator[str]:

@@ -26,10 +26,15 @@ def test_stamps_are_exact_to_the_nanosecond(
     tmp_path_factory: pytest.TempPathFactory, stamps: list[int]
 ) -> None:
     path = tmp_path_factory.mktemp("t") / "t"
-    trajectory = Trajectory(np.array(stamps), np.stack([np.eye(4)] * len(stamps)))
+    poses = np.stack([np.eye(4)] * len(stamps))
+    poses[:, 0, 3] = np.arange(len(stamps))
+    trajectory = Trajectory(np.array(stamps), poses)
     for style in ("tum", "csv"):
         write_trajectory(path, trajectory, style)
-        assert read_trajectory(path).stamps_ns.tolist() == stamps
+        read = read_trajectory(path)
+        assert read.stamps_ns.tolist() == sorted(set(stamps))  # each once, as their readers demand
+        places = [stamps.index(stamp) for stamp in read.stamps_ns.tolist()]
+        assert read.poses[:, 0, 3].tolist() == places
 
 
 @pytest.mark.parametrize("style", ["tum", "kitti", "csv"])

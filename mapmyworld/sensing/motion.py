@@ -70,6 +70,15 @@ class RecordedMotion:
         values = self.poses_at(slice(None)) @ child_from_base
         return RecordedMotion(self.stamps_ns, values[:, :3])
 
+    def in_stamp_order(self) -> RecordedMotion:
+        """The same poses sorted by stamp."""
+        order = np.argsort(self.stamps_ns, kind="stable")
+        return RecordedMotion(self.stamps_ns[order], self._values[order])
+
+    def way(self) -> float:
+        """Metres from pose to pose, in the order in which they are."""
+        return float(np.linalg.norm(np.diff(self._values[:, :, 3], axis=0), axis=1).sum())
+
     def at(self, stamp_ns: int, tolerance_ns: int = 500_000_000) -> NDArray[np.float64] | None:
         """The pose (4, 4) at a stamp, interpolated; the end pose just outside the record.
 

@@ -91,6 +91,8 @@ class Plan:
     """What the user should know; nothing is lost by it."""
     losses: tuple[str, ...]
     """What had to be left out or assumed: the map is partial."""
+    sort_ns: int = 0
+    """How long messages wait to be put in the order of their header stamps; 0: the log's order."""
     more_cameras: tuple[CameraSource, ...] = ()
     """Cameras that look elsewhere than `camera`; their images join its own."""
 

@@ -6,11 +6,11 @@ import numpy as np
 
 from mapmyworld.sensing.plan import CameraSource, Draft, OdometrySource, ScanSource
 from mapmyworld.sensing.plan_lasers import share_of, valid_ranges
+from mapmyworld.sensing.silence import check_silence
 from mapmyworld.sensing.survey import Stream
 from mapmyworld.types import LaserScanMessage, MessageKind
 
 _CLOCKS_APART = 1.0  # s between the sensors' clocks from which they cannot be one clock
-_GAP = 1.0  # s without a message of a sensor that is worth a word
 
 
 def used_streams(
@@ -26,15 +26,9 @@ def used_streams(
     return [draft.survey.streams[t] for t in topics if t in draft.survey.streams]
 
 
-def choose_clock(
-    draft: Draft,
-    scan: ScanSource | None,
-    camera: CameraSource | None,
-    odometry: OdometrySource | None,
-) -> bool:
-    """Whether to use log time because the header stamps cannot be one clock."""
-    streams = used_streams(draft, scan, camera, odometry)
-    stamped = [s for s in streams if s.last_stamp_ns]
+def choose_clock(draft: Draft, streams: list[Stream]) -> bool:
+    """Whether to use log time because the header stamps of what is used cannot be one clock."""
+    stamped = [s for s in streams if _is_stamped(s)]
     if not stamped:
         if streams:
             draft.decide("clock", "log time", "the messages carry no header stamps")
@@ -42,13 +36,27 @@ def choose_clock(
         return True
     latencies = {s.topic: s.latency_s for s in stamped}
     spread = max(latencies.values()) - min(latencies.values())
-    if len(stamped) < len(streams) or spread > _CLOCKS_APART:
+    if len(stamped) < len(streams):
+        silent = ", ".join(s.topic for s in streams if s not in stamped)
+        draft.decide("clock", "log time", f"{silent}: no header stamps, or always the same one")
+        draft.losses.append(
+            f"{silent}: header stamps are missing (0), or always the same: log time is used for "
+            "all sensors, which jitters; have the driver fill header.stamp"
+        )
+        return True
+    if spread > _CLOCKS_APART:
         worst = ", ".join(f"{t} {v:+.3f} s" for t, v in sorted(latencies.items()))
         draft.decide("clock", "log time", f"header stamps disagree with one another: {worst}")
         draft.losses.append(f"the sensors' clocks disagree ({worst}): log time is used instead")
         return True
     draft.decide("clock", "header stamps", f"sensors agree within {spread:.3f} s")
     return False
+
+
+def _is_stamped(stream: Stream) -> bool:
+    return bool(stream.last_stamp_ns) and (
+        stream.count < 2 or stream.latest_stamp_ns != stream.first_stamp_ns
+    )
 
 
 def check_tree(draft: Draft) -> None:
@@ -68,17 +76,15 @@ def check_tree(draft: Draft) -> None:
 
 
 def check_streams(
-    draft: Draft,
-    scan: ScanSource | None,
-    camera: CameraSource | None,
-    odometry: OdometrySource | None,
+    draft: Draft, used: list[Stream], scan: ScanSource | None, *, sorted_by_stamp: bool
 ) -> None:
     """Words about silence, steps back in time, gaps and missing values of what is used."""
-    used = used_streams(draft, scan, camera, odometry)
     for stream in used:
         _check_stream(draft, stream)
-    for topic, doubt in draft.survey.info.doubts:
-        (draft.losses if topic in {s.topic for s in used} else draft.warnings).append(doubt)
+        if not sorted_by_stamp:
+            check_silence(draft, stream)
+    for about, doubt in draft.survey.info.doubts:
+        (draft.losses if about in {s.topic for s in used} else draft.warnings).append(doubt)
     for topic in draft.survey.info.topics:
         if topic.count == 0 and topic.kind is not MessageKind.OTHER:
             draft.warnings.append(f"{topic.topic} ({topic.kind}) is silent: announced, no message")
@@ -87,34 +93,15 @@ def check_streams(
 
 
 def _check_stream(draft: Draft, stream: Stream) -> None:
-    if stream.backward_steps:
+    if 0 < stream.largest_lag_ns <= _CLOCKS_APART * 1e9:
         draft.warnings.append(
             f"{stream.topic}: header stamps step back {stream.backward_steps} times, by up to "
-            f"{stream.largest_backward_ns * 1e-9:.3f} s; the order of the log is kept"
-        )
-    if stream.largest_gap_ns * 1e-9 > max(_GAP, 10.0 / max(stream.frequency, 1e-3)):
-        draft.warnings.append(
-            f"{stream.topic}: silent for {stream.largest_gap_ns * 1e-9:.1f} s at one place"
+            f"{stream.largest_lag_ns * 1e-9:.3f} s; the order of the log is kept"
         )
     if stream.undecodable:
         draft.losses.append(
             f"{stream.topic}: {stream.undecodable} of the messages looked at cannot be decoded, or "
             "hold numbers that are not finite: left out"
-        )
-    _check_ends(draft, stream)
-
-
-def _check_ends(draft: Draft, stream: Stream) -> None:
-    """Words about a sensor that starts late or stops early."""
-    longest_s = max(_GAP, 10.0 / max(stream.frequency, 1e-3))
-    late_s = (stream.first_log_ns - draft.survey.info.start_ns) * 1e-9
-    early_s = (draft.survey.end_ns - stream.last_log_ns) * 1e-9
-    if late_s > longest_s:
-        draft.warnings.append(f"{stream.topic}: begins {late_s:.1f} s after the log does")
-    if early_s > longest_s:
-        draft.warnings.append(
-            f"{stream.topic}: falls silent {early_s:.1f} s before the log ends: was its driver "
-            "stopped, or its cable loose?"
         )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
 from mapmyworld.sensing import plan_cameras, plan_checks, plan_lasers, plan_motion
+from mapmyworld.sensing.order import choose_order
 from mapmyworld.sensing.plan import Draft, Plan
 from mapmyworld.sensing.plan_more_cameras import choose_more_cameras
 from mapmyworld.sensing.surroundings import choose_surroundings
@@ -25,8 +26,10 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
     camera = plan_cameras.choose_camera(draft, base)
     more_cameras = choose_more_cameras(draft, base, camera)
     plan_checks.check_tree(draft)
-    use_log_time = plan_checks.choose_clock(draft, scan, camera, odometry)
-    plan_checks.check_streams(draft, scan, camera, odometry)
+    used = plan_checks.used_streams(draft, scan, camera, odometry)
+    sort_ns, odometry = choose_order(draft, used, odometry)
+    use_log_time = plan_checks.choose_clock(draft, used) if not sort_ns else False
+    plan_checks.check_streams(draft, used, scan, sorted_by_stamp=sort_ns > 0)
     if scan is None and camera is None:
         _refuse(draft)
     return Plan(
@@ -42,6 +45,7 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
         use_log_time=use_log_time,
         decisions=tuple(draft.decisions),
         warnings=tuple(draft.warnings),
+        sort_ns=sort_ns,
         losses=(*survey.losses, *draft.losses),
         more_cameras=more_cameras,
     )

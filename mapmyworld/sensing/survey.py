@@ -36,9 +36,14 @@ class Stream:
     last_log_ns: int = 0
     first_stamp_ns: int | None = None
     last_stamp_ns: int | None = None
+    latest_stamp_ns: int = 0
     backward_steps: int = 0
-    largest_backward_ns: int = 0
+    largest_lag_ns: int = 0
+    """By how much a stamp lay before one that came earlier, at most."""
     largest_gap_ns: int = 0
+    """Of silence between two messages, by header stamps as by log times."""
+    gap_start_ns: int = 0
+    """Log time at which it began."""
     undecodable: int = 0
     samples: list[Message] = field(default_factory=list)
     offsets_ns: array[int] = field(default_factory=lambda: array("q"))
@@ -49,7 +54,13 @@ class Stream:
     def add(self, raw: RawMessage) -> None:
         """One more message, in the order of the log."""
         if self.count == 0:
-            self.first_log_ns = raw.log_time_ns
+            self.first_log_ns = self.last_log_ns = raw.log_time_ns
+        gap_ns = raw.log_time_ns - self.last_log_ns
+        if gap_ns > self.largest_gap_ns:
+            if raw.stamp_ns and self.last_stamp_ns:
+                gap_ns = min(gap_ns, raw.stamp_ns - self.last_stamp_ns)
+            if gap_ns > self.largest_gap_ns:
+                self.largest_gap_ns, self.gap_start_ns = gap_ns, self.last_log_ns
         if raw.stamp_ns is not None:
             self._add_stamp(raw.stamp_ns, raw.log_time_ns)
             if self.kind is MessageKind.LASER_SCAN:
@@ -59,14 +70,14 @@ class Stream:
 
     def _add_stamp(self, stamp_ns: int, log_time_ns: int) -> None:
         if self.last_stamp_ns is None:
-            self.first_stamp_ns = stamp_ns
+            self.first_stamp_ns = self.latest_stamp_ns = stamp_ns
         else:
-            step = stamp_ns - self.last_stamp_ns
-            if step > self.largest_gap_ns:
-                self.largest_gap_ns = step
-            elif step < 0:
+            if stamp_ns < self.last_stamp_ns:
                 self.backward_steps += 1
-                self.largest_backward_ns = max(self.largest_backward_ns, -step)
+            if stamp_ns >= self.latest_stamp_ns:
+                self.latest_stamp_ns = stamp_ns
+            else:
+                self.largest_lag_ns = max(self.largest_lag_ns, self.latest_stamp_ns - stamp_ns)
         self.last_stamp_ns = stamp_ns
         if self.count % self._stride == 0:
             self.offsets_ns.append(log_time_ns - stamp_ns)

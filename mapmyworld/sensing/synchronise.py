@@ -15,6 +15,7 @@ from mapmyworld.errors import LogError
 from mapmyworld.geometry.rotations import quaternion_to_rotation, rotation_to_quaternion
 from mapmyworld.sensing.camera_queue import CameraQueue, Pending
 from mapmyworld.sensing.cloud_scans import points_of_cloud, scan_of_points
+from mapmyworld.sensing.order import in_stamp_order
 from mapmyworld.sensing.plan import Plan
 from mapmyworld.sensing.surroundings import Surroundings
 from mapmyworld.sensing.sweeps import scan_from_message
@@ -46,6 +47,7 @@ class FrameCounts:
     without_odometry: int = 0
     unpaired_images: int = 0
     repeated: int = 0
+    """Messages of the very stamp of the one before: the same one, recorded twice."""
     unusable: int = 0
     """Inertial samples, true poses and images beside a scan that cannot be decoded."""
 
@@ -83,7 +85,8 @@ def read_frames(
     """
     counts = counts if counts is not None else FrameCounts()
     synchroniser = _Synchroniser(plan, config, counts, inertial=inertial)
-    for raw in log.messages(plan.topics):
+    messages = log.messages(plan.topics)
+    for raw in in_stamp_order(messages, plan.sort_ns) if plan.sort_ns else messages:
         synchroniser.add(raw)
         yield from synchroniser.ready(raw.log_time_ns - _WAIT_NS)
         if watch is not None:
@@ -102,6 +105,7 @@ class _Synchroniser:
         motion = plan.odometry.motion if plan.odometry else None
         sources = [s for s in (plan.camera, *plan.more_cameras) if s is not None]
         self.cameras = [CameraQueue(source, motion, config) for source in sources]
+        self.last_ns: int | None = None
         self.main_topic = plan.scan.topic if plan.scan else ""
         if plan.scan is None and plan.camera is not None:
             self.main_topic = plan.camera.colour_topic
@@ -138,7 +142,12 @@ class _Synchroniser:
         """Frames whose other messages must have come by now; all when the log has ended."""
         main = self.buffers.main
         while main and (before_log_ns is None or main[0].raw.log_time_ns <= before_log_ns):
-            frame = self._frame(main.popleft())
+            pending = main.popleft()
+            if pending.stamp_ns == self.last_ns and not self.plan.use_log_time:
+                self.counts.repeated += 1
+                continue
+            self.last_ns = pending.stamp_ns
+            frame = self._frame(pending)
             if frame is not None:
                 self.counts.frames += 1
                 yield frame

@@ -62,10 +62,11 @@ def track(
         with algebra_on_one_thread(), made_ready(needs_of(plan), later, load=is_kept):
             _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
     writer.finish()
-    for note in tracker.notes():
+    notes = [*tracker.notes(), *_count_notes(counts)]
+    for note in notes:
         progress.note(note)
     losses = [*log.losses(), *tracker.losses(), *_count_losses(counts, guard)]
-    store.put("track", {"frames": counts.frames, "losses": losses, "notes": tracker.notes()})
+    store.put("track", {"frames": counts.frames, "losses": losses, "notes": notes})
     _diagnose(store, plan)
 
 
@@ -171,6 +172,11 @@ def _guarded(frame: Frame, guard: ImageGuard) -> Frame:
     if not frame.images:
         return frame
     return replace(frame, images=tuple(guard.guarded(image) for image in frame.images))
+
+
+def _count_notes(counts: FrameCounts) -> Iterator[str]:
+    if counts.repeated:
+        yield f"{counts.repeated} frames had the very stamp of the one before: taken once"
 
 
 def _count_losses(counts: FrameCounts, guard: ImageGuard) -> Iterator[str]:

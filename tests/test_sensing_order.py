@@ -1,0 +1,124 @@
+"""Logs whose times are wrong: the order of messages, messages recorded twice, and silence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from memory_log import MemoryLog, odometry_at, scan_at, transform
+
+from mapmyworld.config import SensingConfig
+from mapmyworld.sensing import Plan, make_plan, read_frames, survey_log
+from mapmyworld.sensing.order import in_stamp_order
+from mapmyworld.sensing.synchronise import FrameCounts
+from mapmyworld.types import Frame, Message, MessageKind, RawMessage
+
+S = 1_000_000_000
+STEP = S // 10
+Entries = list[tuple[str, Message, int]]
+
+
+def drive(steps: int, recorded: Callable[[int], int] = lambda stamp_ns: stamp_ns) -> Entries:
+    """A straight drive of 0.1 m a step; `recorded` gives the log time of a stamp."""
+    entries: Entries = [("/tf_static", transform("base_link", "laser", (0, 0, 0)), 0)]
+    for i in range(steps):
+        stamp = (i + 100) * STEP
+        entries.append(("/odom", odometry_at(stamp, (0.1 * i, 0, 0)), recorded(stamp)))
+        entries.append(("/scan", scan_at(stamp), recorded(stamp) + 1))
+    return entries
+
+
+def read(entries: Entries) -> tuple[Plan, list[Frame], FrameCounts]:
+    log, counts = MemoryLog(entries), FrameCounts()
+    plan = make_plan(survey_log(log), SensingConfig())
+    return plan, list(read_frames(log, plan, SensingConfig(), counts)), counts
+
+
+def way(frames: list[Frame]) -> float:
+    x = [f.odom_from_base[0, 3] for f in frames if f.odom_from_base is not None]
+    assert len(x) == len(frames)
+    return float(np.abs(np.diff(x)).sum())
+
+
+def test_where_log_time_steps_back_stamps_decide_the_order() -> None:
+    """The recorder's clock was set back by 5 s: two parts of the drive lie over one another."""
+    plan, frames, _ = read(drive(160, lambda t: t if t < 18 * S else t - 5 * S))
+    assert way(frames) == pytest.approx(15.9)
+    assert len(frames) == 160
+    (loss,) = plan.losses
+    assert "log times are out of order" in loss
+    assert not plan.use_log_time
+    assert not any("silent" in line for line in plan.warnings)
+
+
+def test_where_stamps_step_back_but_the_log_tells_of_motion_its_order_is_kept() -> None:
+    """As the Intel log has them: stamps some of which are late, lines in the order of motion."""
+    entries: Entries = [("/tf_static", transform("base_link", "laser", (0, 0, 0)), 0)]
+    for i in range(100):
+        stamp = (i + 100) * STEP - (5 * STEP if i % 10 == 3 else 0)
+        entries.append(("/odom", odometry_at(stamp, (0.1 * i, 0, 0)), (i + 100) * STEP))
+        entries.append(("/scan", scan_at(stamp), (i + 100) * STEP))
+    plan, frames, _ = read(entries)
+    assert plan.sort_ns == 0
+    assert not plan.losses
+    assert "10 times" in "\n".join(plan.warnings)
+    assert [f.stamp_ns for f in frames] == [m.stamp_ns for t, m, _ in entries if t == "/scan"]
+
+
+@given(st.lists(st.integers(0, 50), max_size=60))
+def test_messages_come_by_stamp_where_none_is_later_than_the_wait(late: list[int]) -> None:
+    stamps = [10 * i - delay for i, delay in enumerate(late)]
+    raw = [
+        RawMessage("/t", MessageKind.ODOMETRY, 7, stamp, lambda: odometry_at(0, (0, 0, 0)))
+        for stamp in stamps
+    ]
+    found = [(m.stamp_ns, m.log_time_ns) for m in in_stamp_order(raw, 60)]
+    assert found == [(stamp, stamp) for stamp in sorted(stamps)]
+
+
+def test_a_message_recorded_twice_is_one_frame() -> None:
+    once = drive(20)
+    _, frames, counts = read([entry for entry in once for _ in range(2)])
+    assert [f.stamp_ns for f in frames] == [m.stamp_ns for t, m, _ in once if t == "/scan"]
+    assert counts.repeated == 20
+
+
+def test_a_sensor_without_stamps_is_named() -> None:
+    entries = [
+        (topic, scan_at(0) if topic == "/scan" else message, time)
+        for topic, message, time in drive(20)
+    ]
+    plan, frames, _ = read(entries)
+    assert plan.use_log_time
+    assert len(frames) == 20
+    (loss,) = plan.losses
+    assert loss.startswith("/scan: header stamps are missing (0)")
+
+
+@pytest.mark.parametrize("topic", ["/scan", "/odom"])
+@pytest.mark.parametrize(
+    ("silent", "word"),
+    [
+        ((0, 18), "begins 8.0 s after the other sensors"),
+        ((18, 99), "falls silent 8.0 s before the log ends, 7.9 s after its start"),
+        ((13, 20), "silent for 7.1 s, from 2.9 s after the start"),
+    ],
+)
+def test_a_sensor_that_is_silent_for_long_is_a_loss(
+    topic: str, silent: tuple[int, int], word: str
+) -> None:
+    entries = [e for e in drive(160) if e[0] != topic or not silent[0] * S <= e[2] < silent[1] * S]
+    (loss,) = read(entries)[0].losses
+    assert loss.startswith(f"{topic}: {word}")
+    assert "lacks it" in loss
+
+
+@pytest.mark.parametrize("silent", [(0, 13), (23, 99), (13, 16)])
+def test_a_short_silence_is_a_note(silent: tuple[int, int]) -> None:
+    kept = [e for e in drive(160) if e[0] != "/scan" or not silent[0] * S <= e[2] < silent[1] * S]
+    plan = read(kept)[0]
+    assert not plan.losses
+    assert "/scan: " in "\n".join(plan.warnings)

@@ -359,3 +359,19 @@ def test_decoding_waits_until_it_is_asked_for(tmp_path: Path) -> None:
         assert picture.frame_id == "c"  # type: ignore[union-attr]
         with pytest.raises(LogError):
             picture.pixels()  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+def test_a_camera_that_repeats_itself_is_read_as_one_that_does_not(ros: int) -> None:
+    name, make = "sensor_msgs/msg/CameraInfo", Make(ros)
+    roi = make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
+    repeating = decoder_for(channel(ros, name))
+    for step, (width, focal) in enumerate([(640, 500.0), (640, 500.0), (640, 501.0), (320, 501.0)]):
+        message = make(
+            name, make.header(STAMP + step, "camera"), 480, width, "", np.zeros(0),
+            np.full(9, focal), np.zeros(9), np.zeros(12), 0, 0, roi,
+        )  # fmt: skip
+        data = serialised(ros, ("", name, 0, message))
+        found = repeating.decode(data, 5)
+        assert found.stamp_ns == STAMP + step
+        assert_same(found, decoder_for(channel(ros, name)).decode(data, 5))

@@ -9,7 +9,15 @@ from functools import partial
 from struct import Struct
 
 from formats.logs.channels import Channel, Payload
-from formats.logs.ros_decoders import STAMPED, TEXT, TRANSFORMS, text, transforms
+from formats.logs.ros_decoders import (
+    CAMERA_INFO,
+    STAMPED,
+    TEXT,
+    TRANSFORMS,
+    repeated_camera_info,
+    text,
+    transforms,
+)
 from formats.logs.wire import ROS1, Wire, cdr_wire
 from mapmyworld.errors import LogError
 from mapmyworld.types import Message, MessageKind
@@ -91,6 +99,8 @@ def _body(channel: Channel) -> Body:
     if channel.type_name == TEXT:
         return text
     function = STAMPED[channel.type_name][1]
+    if channel.type_name == CAMERA_INFO:
+        function = repeated_camera_info()
     return lambda wire, data, _: function(wire, data)
 
 

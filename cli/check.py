@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from cli.checking import KEYS, Sources, measure
-from cli.common import EXIT_CHECK_FAILED, format_option, map_argument, show_json
+from cli.common import EXIT_CHECK_FAILED, format_option, map_argument, show_json, shown
 from cli.gates import BETTER, WHOLE, judged, no_worse, read_requirements, require_known, wholeness
 from cli.outputs import require_outputs
 from formats.verdicts import Verdict, junit_xml, markdown
@@ -72,8 +72,8 @@ def check(
     if not texts and baseline is None:
         raise ConfigError("nothing is required: give --require 'KEY OP VALUE' or --baseline OLD")
     verdicts = _verdicts(sources, texts, baseline, tolerance, allow_partial)
-    _write(junit, junit_xml(map_path.name, verdicts))
-    _write(comment, markdown(map_path.name, verdicts))
+    _write(junit, junit_xml(shown(map_path.name), verdicts))
+    _write(comment, markdown(shown(map_path.name), verdicts))
     _show(verdicts, style)
     if not all(verdict.passed for verdict in verdicts):
         sys.exit(EXIT_CHECK_FAILED)

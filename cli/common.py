@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 import os
 from collections.abc import Callable
@@ -45,6 +46,33 @@ def format_option(command: F) -> F:
         show_default=True,
         help="How to print the result.",
     )(command)
+
+
+def shown(name: str) -> str:
+    """A file's name as text that any encoding of Unicode can hold."""
+    return os.fsencode(name).decode("utf-8", "replace")
+
+
+def keep_names(stream: Any) -> None:
+    """From now on the stream prints file names as they are, and what it cannot hold as `?`."""
+    codecs.register_error(_NAMES, _as_given)
+    if hasattr(stream, "reconfigure"):
+        stream.reconfigure(errors=_NAMES)
+
+
+_NAMES = "mapmyworld.names"
+
+
+def _as_given(error: UnicodeError) -> tuple[str | bytes, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    letters = error.object[error.start : error.end]
+    return b"".join(_byte_of(ord(letter)) for letter in letters), error.end
+
+
+def _byte_of(code: int) -> bytes:
+    """The byte for which Python's names of files have this code."""
+    return bytes([code - 0xDC00]) if 0xDC80 <= code <= 0xDCFF else b"?"
 
 
 def show_json(value: Any) -> None:

@@ -11,6 +11,7 @@ import click
 
 from cli.common import EXIT_CHECK_FAILED, map_argument
 from cli.export_options import open_map, output_option, output_or, save_option, tell
+from cli.outputs import require_utf8
 from cli.settings import config_options, load_config
 
 if TYPE_CHECKING:
@@ -55,6 +56,7 @@ def grid(
     config = load_config(config_path, changes)
     stem = output_or(map_path, output, lambda: map_path.with_suffix(""))
     stem = stem.with_suffix("") if stem == output and stem.suffix in _GRIDS else stem
+    require_utf8(stem)
     with open_map(map_path, *grid_files(stem, mode)) as store:
         made = grid_at(store, config, resolution)
         written = write_grid(stem, made, mode)

@@ -9,7 +9,7 @@ from typing import NoReturn
 import click
 
 import mapmyworld
-from cli.common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_USAGE
+from cli.common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_USAGE, keep_names
 from cli.interrupts import Interrupted, forget_interrupts, heed_interrupts, is_wished
 from cli.lazy import LazyGroup
 from mapmyworld.errors import MapMyWorldError
@@ -52,6 +52,8 @@ def group() -> None:
 def main() -> None:
     """Runs a command; every error of ours becomes one message on stderr and an exit code."""
     heed_interrupts()
+    for stream in (sys.stdout, sys.stderr):
+        keep_names(stream)
     try:
         _run()
     except MapMyWorldError as error:

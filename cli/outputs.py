@@ -51,9 +51,21 @@ def require_apart(path: Path, inputs: Iterable[Path]) -> None:
 def require_map_place(path: Path, inputs: Sequence[Path], *, export: bool) -> None:
     """Refuses a map, with what is written beside it, where another file would be lost."""
     beside = [path.with_suffix(ending) for ending in PRODUCTS] if export and path.name else []
+    if export:
+        require_utf8(path)
     require_outputs([path, *beside], inputs)
     if any(path == other for other in beside):
         raise MapError(f"{path}: the map's own {path.suffix} goes there: give a name ending in .db")
+
+
+def require_utf8(path: Path) -> None:
+    """Refuses a name that the grid's YAML could not hold."""
+    try:
+        os.fsencode(path.name).decode("utf-8")
+    except UnicodeDecodeError:
+        raise MapError(
+            f"{path}: is no UTF-8, which its YAML must be: give another name with -o"
+        ) from None
 
 
 def require_no_other(path: Path) -> None:

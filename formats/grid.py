@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from pathlib import Path
 from typing import Literal
@@ -151,8 +152,8 @@ def _probabilities(
 
 def _read_keys(path: Path) -> dict[str, str]:
     try:
-        text = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        text = os.fsdecode(path.read_bytes())  # names of files, in whatever locale
+    except OSError as error:
         raise MapError(f"{path}: cannot be read as a map's YAML ({error})") from None
     keys = {}
     for line in text.splitlines():

@@ -40,6 +40,8 @@ class LogWriter:
                 f"{self.path}: a {kind} log cannot be compressed by {compression}: "
                 f"choose {', '.join(COMPRESSIONS[kind])}"
             )
+        if self.path.suffix not in COMPRESSIONS:
+            _require_name_for_yaml(self.path)
         _make_room(self.path, overwrite)
         try:
             self.sink = _open_sink(self.path, kind, compression)
@@ -104,6 +106,16 @@ def _open_sink(path: Path, kind: str, compression: str) -> Sink:
     if kind == ".bag":
         return Ros1Sink(path, compression)
     return Rosbag2Sink(path, compression)
+
+
+def _require_name_for_yaml(path: Path) -> None:
+    """The metadata of a recording in a folder name its file."""
+    try:
+        path.name.encode()
+    except UnicodeEncodeError:
+        raise LogError(
+            f"{path}: is no UTF-8, which its metadata.yaml must be: give another name"
+        ) from None
 
 
 def _make_room(path: Path, overwrite: bool) -> None:

@@ -12,12 +12,21 @@ from mapmyworld.errors import MapError
 
 
 def write_whole(path: Path, data: bytes | str) -> None:
-    """Puts data (text as UTF-8) in place of the file in one step.
+    """Puts data (text as UTF-8, `utf8_of`) in place of the file in one step.
 
     Killed at any moment, or with the disk full, it leaves what was there before. Raises MapError.
     """
     with whole_file(path) as stream:
-        stream.write(data.encode() if isinstance(data, str) else data)
+        stream.write(utf8_of(data) if isinstance(data, str) else data)
+
+
+def utf8_of(text: str) -> bytes:
+    """Text as UTF-8, with a mark in place of bytes in file names that are none."""
+    try:
+        given = text.encode("utf-8", "surrogateescape")
+    except UnicodeEncodeError:  # half a character, as JSON can hold it
+        given = text.encode("utf-8", "replace")
+    return given.decode("utf-8", "replace").encode()
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -44,7 +45,7 @@ class Connection:
                 self._prepare_writing()
 
     def _connect(self, mode: str) -> sqlite3.Connection:
-        uri = f"file:{quote(str(self.path.absolute()))}?mode={mode}"
+        uri = f"{uri_of(self.path)}?mode={mode}"
         sqlite = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
         try:
             sqlite.execute("PRAGMA trusted_schema = OFF")  # a file's own views call no function
@@ -155,6 +156,11 @@ class Connection:
             yield
         except (sqlite3.Error, UnicodeDecodeError) as error:
             raise MapError(f"{self.path}: {_remedy(str(error))}") from error
+
+
+def uri_of(path: Path) -> str:
+    """A file's name for SQLite, whatever bytes it is of."""
+    return f"file:{quote(os.fsencode(path.absolute()))}"
 
 
 def _remedy(message: str) -> str:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from formats.database.blobs import matrix_to_blob, pose_to_blob
 from formats.database.calibration import blob_to_cameras
-from formats.database.connection import Connection
+from formats.database.connection import Connection, uri_of
 from mapmyworld.errors import MapError
 from mapmyworld.types import Mesh, OccupancyGrid, PointCloud, Poses
 
@@ -162,8 +162,8 @@ def compact(path: Path) -> None:
     fresh = path.with_name(path.name + ".compact")
     fresh.unlink(missing_ok=True)
     try:
-        with closing(sqlite3.connect(path)) as source:
-            source.execute("VACUUM INTO ?", (str(fresh),))
+        with closing(sqlite3.connect(uri_of(path), uri=True)) as source:
+            source.execute("VACUUM INTO ?", (uri_of(fresh),))
         with closing(sqlite3.connect(fresh)) as packed:
             packed.execute("PRAGMA schema_version = 1")  # SQLite's count of earlier packings
             packed.execute("PRAGMA user_version = 0")

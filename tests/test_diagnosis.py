@@ -14,6 +14,7 @@ from memory_log import MemoryLog
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.diagnosis import Finding, diagnose
+from mapmyworld.diagnosis.rotation import time_offset
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import make_transform
 from mapmyworld.geometry.rotations import roll_pitch_yaw_to_rotation
@@ -67,6 +68,20 @@ def test_a_sound_log_is_found_sound() -> None:
     } <= set(found)  # fmt: skip
     assert [f.text for f in found.values() if not f.good] == []
     assert all(f.remedy == "" for f in found.values())
+
+
+def test_averaged_noise_is_no_time_offset() -> None:
+    """Headings that are noisy at 10 Hz agree better half-way between two: no offset is said."""
+    noise = np.random.default_rng(1)
+    times = np.arange(200) * 0.1
+    heading = np.sin(times * 0.6)
+    seen = heading + noise.normal(0.0, 0.01, 200)
+    finding = time_offset(
+        ("laser", "odometry"), times[:-1], times[1:], np.diff(heading), (times, seen)
+    )
+    assert finding is not None
+    assert finding.good
+    assert (finding.value, finding.text[:14]) == (0.0, "no time offset")
 
 
 @pytest.mark.parametrize("late_s", [0.12, -0.08])

@@ -152,6 +152,43 @@ def test_settings_override_and_unknown_topics_are_refused() -> None:
     assert plan_of(entries, scan_topic="/scan_rear").scan.topic == "/scan_rear"  # type: ignore[union-attr]
     with pytest.raises(ConfigError, match="scans: /scan"):
         plan_of(with_mount(drive()), scan_topic="/nowhere")
+    with pytest.raises(ConfigError, match=r"odometry: /odom; did you mean /odom\?"):
+        plan_of(with_mount(drive()), odometry_topic="/odmo")
+    with pytest.raises(ConfigError, match="tells no motion of base_link; what does: /odom"):
+        plan_of(with_mount(drive()), odometry_topic="tf")
+    assert plan_of(with_mount(drive()), odometry_topic="none").odometry is None
+
+
+def test_all_topics_that_the_log_lacks_are_refused_at_once() -> None:
+    with pytest.raises(ConfigError) as error:
+        plan_of(with_mount(drive()), odometry_topic="/odmo", scan_topic="/s", depth_topic="/d")
+    names = ["scan_topic", "odometry_topic", "depth_topic"]
+    for problem, name in zip(error.value.problems, names, strict=True):
+        assert problem.startswith(f"sensing.{name} = ")
+
+
+@pytest.mark.parametrize(
+    ("scans", "word"),
+    [
+        (
+            [scan_at(i * STEP_NS + 1, angle_increment=0.0) for i in range(9)],
+            "angle_increment 0 rad",
+        ),
+        (
+            [scan_at(i * STEP_NS + 1, angle_increment=np.nan) for i in range(9)],
+            "angle_increment nan",
+        ),
+        ([scan_at(1)], "a map needs scans of two times"),
+    ],
+)
+def test_scans_that_no_map_can_be_made_of_are_refused_with_the_reason(
+    scans: list[Message], word: str
+) -> None:
+    entries = [e for e in with_mount(drive()) if e[0] != "/scan"]
+    entries += [("/scan", scan, scan.stamp_ns) for scan in scans]  # type: ignore[union-attr]
+    with pytest.raises(LogError, match="no map can be made") as error:
+        plan_of(entries)
+    assert word in str(error.value)
 
 
 @pytest.mark.parametrize("metres", [np.nan, np.inf, 1e39])

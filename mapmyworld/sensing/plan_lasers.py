@@ -15,6 +15,8 @@ from mapmyworld.sensing.transforms import frame_name
 from mapmyworld.types import LaserScanMessage, MessageKind, PointCloudMessage
 
 _TILTED = 0.17  # rad from level beyond which a laser does not see walls as walls
+_LEAST_BEAMS = 2  # a single one is a range finder's
+_WHOLE = 6.3  # rad, more than which no two beams lie apart
 _NARROW = 2.0  # rad that clouds show at least where they are a lidar's and not a camera's
 _AFTER_SCANS = 1e-4  # weight of clouds: any usable laser comes first
 
@@ -44,9 +46,6 @@ def _streams(draft: Draft) -> list[Stream]:
     streams = draft.survey.of_kind(MessageKind.LASER_SCAN)
     streams += draft.survey.of_kind(MessageKind.POINT_CLOUD)
     wanted = draft.config.scan_topic
-    if wanted and wanted not in {s.topic for s in streams}:
-        known = ", ".join(s.topic for s in streams) or "none"
-        raise ConfigError(f"sensing.scan_topic = {wanted!r} is not in the log; scans: {known}")
     return [s for s in streams if wanted in {"", s.topic}]
 
 
@@ -67,9 +66,26 @@ def _judge(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
     )
     if tilt > _TILTED:
         return 0.0, f"{why}; tilted by {np.degrees(tilt):.0f} deg: not a level scan"
+    fault = _fault_of(scans)
+    if fault:
+        return 0.0, f"{why}; {fault}"
+    if not stream.frequency:
+        return 0.0, f"{why}; a map needs scans of two times at least"
     if not returns:
         return 0.01, f"{why}; not one usable range in the sample"
     return field * min(stream.frequency, 10.0) * (0.2 + returns) * (0.5 if assumed else 1.0), why
+
+
+def _fault_of(scans: list[LaserScanMessage]) -> str:
+    """What makes scans say nothing of directions; empty where they do."""
+    if all(len(s.ranges) < _LEAST_BEAMS for s in scans):
+        return f"a scan needs {_LEAST_BEAMS} beams at least"
+    if not any(np.isfinite(s.angle_min) and 0 < abs(s.angle_increment) < _WHOLE for s in scans):
+        return (
+            f"angle_increment {scans[0].angle_increment:g} rad: all beams would point one way; "
+            "correct what the driver writes, (angle_max - angle_min) / (beams - 1)"
+        )
+    return ""
 
 
 def _judge_clouds(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mapmyworld.errors import ConfigError
 from mapmyworld.geometry.rigid import between
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.sensing.plan import Draft, ImuSource, OdometrySource, ScanSource
@@ -80,9 +81,9 @@ def choose_odometry(draft: Draft, base: str) -> OdometrySource | None:
     if wanted:
         candidates = [c for c in candidates if wanted in {c[1].name, c[1].name.split()[0]}]
         if not candidates:
-            known = ", ".join(sorted(draft.survey.odometry)) or "none"
-            draft.losses.append(
-                f"sensing.odometry_topic = {wanted!r} is not usable; found: {known}"
+            found = ", ".join(sorted(c[1].name for c in _candidates(draft, base))) or "none"
+            raise ConfigError(
+                f"sensing.odometry_topic = {wanted!r} tells no motion of {base}; what does: {found}"
             )
     if not candidates:
         draft.decide("odometry", "", "no odometry topic and no moving tf above the base")

@@ -8,6 +8,7 @@ from mapmyworld.sensing import plan_cameras, plan_checks, plan_lasers, plan_moti
 from mapmyworld.sensing.order import choose_order
 from mapmyworld.sensing.plan import Draft, Plan
 from mapmyworld.sensing.plan_more_cameras import choose_more_cameras
+from mapmyworld.sensing.plan_topics import check_topics
 from mapmyworld.sensing.surroundings import choose_surroundings
 from mapmyworld.sensing.survey import Survey
 
@@ -20,6 +21,7 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
             f"{survey.info.paths[0]}: the log holds no message that mapping can use",
             problems=list(dict.fromkeys([*survey.info.problems, *survey.losses])),
         )
+    check_topics(draft)
     base = plan_motion.choose_base(draft)
     odometry = plan_motion.choose_odometry(draft, base)
     scan = plan_lasers.choose_scan(draft, base)

@@ -141,14 +141,18 @@ def _append(
 
 
 def _show_plan(log: LogSource, config: Config, style: str) -> None:
+    """The plan; exit code 3 where the map would be partial, as of `inspect log`."""
     from cli.plan_text import plan_json, plan_lines
     from mapmyworld.sensing import make_plan, survey_log
 
-    plan = make_plan(survey_log(log), config.sensing)
+    survey = survey_log(log)
+    plan = make_plan(survey, config.sensing)
     if style == "json":
         show_json(plan_json(plan))
     else:
         click.echo("\n".join(plan_lines(plan)))
+    if plan.losses or survey.losses or log.info().problems:
+        sys.exit(EXIT_PARTIAL)
 
 
 def _build(

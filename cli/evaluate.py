@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Mapping
 from dataclasses import asdict
 from math import isnan
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import format_option, show_json
+from cli.common import EXIT_PARTIAL, format_option, show_json
+from mapmyworld.errors import MapError
+
+if TYPE_CHECKING:
+    from mapmyworld.evaluation.statistics import ErrorStatistics
 
 _PATH = click.Path(path_type=Path)
 
@@ -37,6 +43,8 @@ def trajectory(
 ) -> None:
     """ATE and RPE of ESTIMATE against REFERENCE (TUM files or MAPs), by evo's definitions.
 
+    RPE is left out, and the exit code is 3, where no two poses are --delta apart.
+
     \b
     mapmyworld evaluate trajectory map.db log.mcap.truth/trajectory.tum
     """
@@ -45,21 +53,30 @@ def trajectory(
 
     poses, truth = read_any_trajectory(estimate), read_any_trajectory(reference)
     absolute = ate(poses, truth, align=align, max_difference_s=max_difference)
-    relative = rpe(poses, truth, distance=delta, max_difference_s=max_difference)
-    covered = coverage(poses, truth)
-    parts = {
-        "ate": absolute.translation,
-        "ate_rotation_deg": absolute.rotation_deg,
-        "rpe": relative.translation,
-        "rpe_rotation_deg": relative.rotation_deg,
-    }
+    parts = {"ate": absolute.translation, "ate_rotation_deg": absolute.rotation_deg}
+    left_out = ""
+    try:
+        relative = rpe(poses, truth, distance=delta, max_difference_s=max_difference)
+        parts |= {"rpe": relative.translation, "rpe_rotation_deg": relative.rotation_deg}
+    except MapError as error:
+        left_out = f"RPE is left out: {error}: give a smaller --delta"
+    _show_errors(parts, coverage(poses, truth), delta, style)
+    if left_out:
+        click.echo(f"mapmyworld: {left_out}", err=True)
+        sys.exit(EXIT_PARTIAL)
+
+
+def _show_errors(
+    parts: Mapping[str, ErrorStatistics], covered: float, delta: float, style: str
+) -> None:
     if style == "json":
-        show_json({name: s.as_dict() for name, s in parts.items()} | {"covered": covered})
+        nothing = dict.fromkeys(("rpe", "rpe_rotation_deg"))
+        show_json(nothing | {n: s.as_dict() for n, s in parts.items()} | {"covered": covered})
         return
-    click.echo(f"{absolute.translation.count} poses matched, {100 * covered:.0f}% of the time")
+    click.echo(f"{parts['ate'].count} poses matched, {100 * covered:.0f}% of the time")
     click.echo(f"{'':18}{'rmse':>9}{'mean':>9}{'median':>9}{'max':>9}")
     names = ["ATE [m]", "ATE [deg]", f"RPE [m] / {delta:g} m", f"RPE [deg] / {delta:g} m"]
-    for name, s in zip(names, parts.values(), strict=True):
+    for name, s in zip(names, parts.values(), strict=False):
         click.echo(f"{name:18}{s.rmse:9.4f}{s.mean:9.4f}{s.median:9.4f}{s.maximum:9.4f}")
 
 

@@ -22,7 +22,7 @@ from cli.export_options import open_map, output_option, output_or, tell
     type=click.Choice(["optimised", "odometry"]),
     default="optimised",
     show_default=True,
-    help="Final poses of all tracked frames, or the recorded odometry of the nodes.",
+    help="Poses of all tracked frames: final ones, or the recorded odometry.",
 )
 def trajectory(map_path: Path, output: Path | None, style: Any, which: Any) -> None:
     """Where the robot was when: TUM (evo reads it), KITTI, or CSV with integer nanoseconds.

@@ -104,8 +104,14 @@ _LOOKED_AT = 20  # nodes that show what a map keeps
 
 
 def trajectory_of(store: MapStore, which: str = "optimised") -> Trajectory:
-    """Poses of all tracked frames in time: final ones, or the recorded odometry of the nodes."""
+    """Poses of all tracked frames in time: final ones, or the recorded odometry.
+
+    Odometry of the nodes alone where that of the frames was not kept.
+    """
     if which == "odometry":
+        recorded = store.tracked_frames()
+        if recorded.odom_from_base is not None:
+            return Trajectory(recorded.stamps_ns, recorded.odom_from_base)
         nodes = store.nodes()
         _require(bool(nodes), store, "holds no nodes")
         stamps = np.array([node.stamp_ns for node in nodes], np.int64)

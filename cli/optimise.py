@@ -88,8 +88,8 @@ def optimise(
     if image is not None:
         draw(image, solved.graph, solved.accepted)
     show_json(facts) if style == "json" else click.echo("\n".join(_lines(facts)))
-    for problem in problems:
-        click.echo(f"mapmyworld: {path}: {problem}", err=True)
+    for loss in losses:
+        click.echo(f"mapmyworld: {path}: {loss}", err=True)
     if losses:
         sys.exit(EXIT_PARTIAL)
 

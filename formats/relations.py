@@ -22,8 +22,10 @@ def read_relations(path: Path) -> Relations:
     """
     try:
         lines = path.read_text(encoding="ascii").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise MapError(f"{path}: cannot be read as a relations file: {error}") from None
+    except OSError as error:
+        raise MapError(f"{path}: cannot be read: {error.strerror}: check the path") from None
+    except UnicodeDecodeError:
+        raise MapError(f"{path}: is no relations file: it holds more than ASCII text") from None
     stamps: list[tuple[int, int]] = []
     motions = []
     for number, line in enumerate(lines, start=1):

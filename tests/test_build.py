@@ -237,6 +237,8 @@ def test_without_tf_the_map_is_partial_and_says_so(room: Drive, tmp_path: Path) 
     assert "sensing.scan_mount" in "\n".join(summary["losses"])
     found = run("build", tmp_path / "log.mcap", "-o", tmp_path / "map.db", "-q")
     assert found.exit_code == 3
+    assert run("build", tmp_path / "log.mcap", "--dry-run").exit_code == 3
+    assert run("inspect", "log", tmp_path / "log.mcap", "--quick").exit_code == 3
 
 
 def test_ranges_that_are_nan_leave_the_rest(room: Drive, tmp_path: Path) -> None:

@@ -125,3 +125,24 @@ def test_what_a_requirement_needs_is_asked_for(folder: Path) -> None:
         run("check", folder / "map.db", "--require", "ate_rmse < 1")
     with pytest.raises(ConfigError, match="nothing is required"):
         run("check", folder / "map.db")
+
+
+def test_a_drive_too_short_for_rpe_still_has_its_ate(folder: Path) -> None:
+    words = ["evaluate", "trajectory", str(folder / "estimate.tum"), str(folder / "truth.tum")]
+    short = CliRunner().invoke(group, [*words, "--delta", "1000"])
+    assert short.exit_code == 3
+    assert "ATE [m]" in short.stdout
+    assert "RPE" not in short.stdout
+    assert "--delta" in short.stderr
+    told = json.loads(
+        CliRunner().invoke(group, [*words, "--delta", "1000", "--format", "json"]).stdout
+    )
+    assert told["rpe"] is None
+    assert told["ate"]["count"] == COUNT
+
+
+def test_relations_that_are_not_there_are_told_without_pythons_words(folder: Path) -> None:
+    words = ["evaluate", "relations", str(folder / "map.db"), str(folder / "none.relations")]
+    error = str(CliRunner().invoke(group, words).exception)
+    assert "none.relations: cannot be read: No such file" in error
+    assert "Errno" not in error

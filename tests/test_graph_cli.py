@@ -161,7 +161,9 @@ def test_a_graph_that_falls_apart_makes_a_map_that_does_not_pass_as_whole(tmp_pa
     path, made = tmp_path / "parts.g2o", tmp_path / "parts.db"
     apart = "".join(f"EDGE_SE2 {k} {k + 1} 1 0 0 900 0 0 900 0 900\n" for k in (0, 1, 10, 11))
     path.write_text(apart)
-    assert run(path, "-o", str(made)).exit_code == 3
+    done = run(path, "-o", str(made))
+    assert done.exit_code == 3
+    assert "2 parts" in done.stderr
     checked = CliRunner().invoke(group, ["check", str(made), "--require", "nodes >= 6"])
     assert checked.exit_code == 4
     assert "2 parts" in checked.output

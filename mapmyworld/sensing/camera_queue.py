@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import SensingConfig
 from mapmyworld.geometry.rigid import between
+from mapmyworld.sensing.grey_images import eight_bits
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.sensing.plan import CameraSource
 from mapmyworld.types import ImageMessage, RawMessage, RgbdImage
@@ -67,8 +68,7 @@ class CameraQueue:
         depth = min(self.depth, key=lambda d: abs(d.stamp_ns - colour.stamp_ns), default=None)
         if depth is None or abs(depth.stamp_ns - colour.stamp_ns) > tolerance_ns:
             return None
-        colour_message, depth_message = colour.raw.decode(), depth.raw.decode()
-        assert isinstance(colour_message, ImageMessage)
+        colour_message, depth_message = self._picture(colour), depth.raw.decode()
         assert isinstance(depth_message, ImageMessage)
         model = self.source.model
         moved = self._moved(frame_ns, colour.stamp_ns)
@@ -78,9 +78,13 @@ class CameraQueue:
 
     def alone(self, colour: Pending) -> RgbdImage:
         """Colour without depth: enough to see known points, not to learn new ones."""
+        return RgbdImage(self.source.model, self._picture(colour), None)
+
+    def _picture(self, colour: Pending) -> ImageMessage:
         message = colour.raw.decode()
         assert isinstance(message, ImageMessage)
-        return RgbdImage(self.source.model, message, None)
+        bits = self.source.grey_bits
+        return eight_bits(message, bits) if bits else message
 
     def _moved(self, from_ns: int, to_ns: int) -> NDArray[np.float64] | None:
         """Pose (4, 4) of the base at one stamp in the base at another, by the odometry."""

@@ -47,6 +47,8 @@ class CameraSource:
     info_topic: str
     model: CameraModel
     mount_assumed: bool
+    grey_bits: int = 0
+    """Bits of a 16-bit grey image's pixels; 0 where colour has eight a channel."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.errors import LogError
+from mapmyworld.sensing.grey_images import bits_of, eight_bits, is_grey
 from mapmyworld.sensing.plan import CameraSource, Draft, ScanSource
 from mapmyworld.sensing.plan_lasers import mount_of
 from mapmyworld.sensing.survey import Stream
@@ -24,6 +25,8 @@ class Images:
     sample: ImageMessage
     width: int
     height: int
+    grey_bits: int = 0
+    """Of a 16-bit grey image, see `CameraSource`."""
 
     @property
     def topic(self) -> str:
@@ -53,7 +56,23 @@ def choose_camera(draft: Draft, base: str) -> CameraSource | None:
 
 def images_of(draft: Draft) -> list[Images]:
     """All streams of images that show something."""
-    return [found for s in draft.survey.of_kind(MessageKind.IMAGE) if (found := look_at(s))]
+    found = [seen for s in draft.survey.of_kind(MessageKind.IMAGE) if (seen := look_at(s))]
+    depths = [(i.topic, i.sample.encoding) for i in found if i.sample.is_depth]
+    return [_as_grey(i) if _is_grey(draft, i, depths) else i for i in found]
+
+
+def _is_grey(draft: Draft, images: Images, depths: list[tuple[str, str]]) -> bool:
+    """Whether an image is a 16-bit picture, as the user says or as its name and others tell."""
+    if images.topic == draft.config.depth_topic:
+        return False
+    if images.topic == draft.config.colour_topic:
+        return images.sample.encoding.lower() == "mono16"
+    return is_grey(images.topic, images.sample.encoding, depths)
+
+
+def _as_grey(images: Images) -> Images:
+    bits = bits_of(images.stream.samples)
+    return replace(images, sample=eight_bits(images.sample, bits), grey_bits=bits)
 
 
 def infos_of(draft: Draft) -> list[Stream]:
@@ -195,7 +214,8 @@ def source_of(
         distortion=np.zeros(0) if rectified else info.distortion,
         base_from_camera=mount,
     )
-    return CameraSource(colour.topic, depth.topic, info_stream.topic, model, assumed)
+    topics = colour.topic, depth.topic, info_stream.topic
+    return CameraSource(*topics, model, assumed, colour.grey_bits)
 
 
 def _fault_of(info: CameraInfoMessage) -> str:

@@ -58,7 +58,6 @@ _LATER = ("cli.exporting", "cli.report", "formats.grid")  # imported while the l
 @click.option("--verify-repeat", is_flag=True, help="Build twice; refuse if any byte differs.")
 @click.option("--max-memory", type=click.IntRange(1), metavar="MB", help="Stop in order beyond it.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no notes.")
-@click.option("-v", "--verbose", is_flag=True, help="Say more.")
 @format_option
 def build(
     paths: tuple[Path, ...],
@@ -74,7 +73,6 @@ def build(
     verify_repeat: bool,
     max_memory: int | None,
     quiet: bool,
-    verbose: bool,
     style: str,
 ) -> None:
     """Turn LOG into a map: map.db, and beside it the products.
@@ -108,7 +106,7 @@ def build(
         return
     if resume and not map_path.exists():
         raise MapError(f"{map_path}: there is no map to resume; leave --resume away to begin one")
-    progress = StderrProgress(quiet=quiet, verbose=verbose)
+    progress = StderrProgress(quiet=quiet)
     with memory_limit(max_memory):
         summary = _build(log, map_path, config, method, overwrite, not no_export, progress)
     progress.finish()

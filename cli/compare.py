@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.common import format_option, show_json
+from cli.manners import note
 from cli.outputs import require_outputs
 from cli.settings import config_options, load_config
 from mapmyworld.errors import MapError
@@ -146,7 +147,7 @@ def _build(logs: tuple[Path, ...], method: str, path: Path, options: list[str]) 
     """Builds one map in a process of its own, so that time and memory are its own."""
     command = [sys.executable, "-m", "cli.main", "build", *map(str, logs), "-o", str(path)]
     command += ["--method", method, "--overwrite", "--no-export", "--format", "json", *options]
-    click.echo(f"building {path} by {method}", err=True)
+    note(f"building {path} by {method}")
     done = subprocess.run([*command, "--quiet"], capture_output=True, text=True, check=False)
     if done.returncode not in (0, 3):
         raise MapError(

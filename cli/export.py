@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from cli import export_maps, export_nodes, export_views
+from cli.export_options import format_of_files
 from mapmyworld.errors import MapError
 
 
@@ -38,4 +39,5 @@ def export() -> None:
 for module in (export_maps, export_nodes, export_views):
     for command in vars(module).values():
         if isinstance(command, click.Command):
+            command.params.append(format_of_files())
             export.add_command(command)

@@ -9,10 +9,11 @@ from typing import Any, TypeVar
 
 import click
 
-from cli.common import EXIT_PARTIAL
+from cli.common import EXIT_PARTIAL, show_json
 from cli.outputs import require_file, require_no_recording, require_outputs
 
 F = TypeVar("F", bound=Callable[..., Any])
+_FORMAT = "mapmyworld.format"
 
 
 def output_option(metavar: str, text: str) -> Callable[[F], F]:
@@ -51,11 +52,31 @@ def output_or(map_path: Path, output: Path | None, beside: Callable[[], Path]) -
     return beside() if output is None else output
 
 
+def format_of_files() -> click.Option:
+    """--format text|json of a command that ends in `tell`."""
+
+    def keep(context: click.Context, _: click.Parameter, style: str) -> None:
+        context.meta[_FORMAT] = style
+
+    return click.Option(
+        ["--format"],
+        type=click.Choice(["text", "json"]),
+        default="text",
+        show_default=True,
+        help="How to print the files' names.",
+        expose_value=False,
+        callback=keep,
+    )
+
+
 def tell(paths: Sequence[Path], store: Any, losses: Sequence[str] = ()) -> None:
     """Names what was written on stdout; what was left out, on stderr with exit code 3."""
-    for path in paths:
-        click.echo(str(path))
     problems = [*losses, *store.problems]
+    if click.get_current_context().meta.get(_FORMAT) == "json":
+        show_json({"files": [str(path) for path in paths], "problems": problems})
+    else:
+        for path in paths:
+            click.echo(str(path))
     for problem in problems:
         click.echo(f"mapmyworld: {problem}", err=True)
     if problems:

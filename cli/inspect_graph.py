@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from cli.common import format_option, map_argument, show_json
+from cli.manners import note
 from cli.outputs import require_outputs
 from mapmyworld.errors import MapError
 from mapmyworld.sensing.plan import moves_in_plane
@@ -79,7 +80,7 @@ def graph(
         from formats.report.graph_picture import write_graph_picture
 
         write_graph_picture(image, poses, constraints, grid)
-        click.echo(f"drew {image}", err=True)
+        note(f"drew {image}")
     if style == "json":
         show_json(facts)
     else:
@@ -113,7 +114,7 @@ def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:
     write_picture(path, np.vstack([picture, words]) if count else picture)
     verdict = "fits" if registration.converged else "does not fit"
     click.echo(f"{pair[0]} and {pair[1]}: {verdict}: {registration.reason}")
-    click.echo(f"drew {path}", err=True)
+    note(f"drew {path}")
 
 
 def _relative(store: Any, from_id: int, to_id: int) -> dict[str, Any]:

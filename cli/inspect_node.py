@@ -9,6 +9,7 @@ import click
 import numpy as np
 
 from cli.common import default_map, format_option, show_json
+from cli.manners import note
 from cli.outputs import require_outputs
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.planar import matrix_to_planar
@@ -116,7 +117,7 @@ def _draw(data: NodeData, path: Path) -> None:
     picture = np.asarray(colour.pixels(), np.uint8)
     seen = data.features and features_of_camera(data.features, 0, picture.shape[1])
     write_picture(path, as_rgb(picture) if seen is None else features_picture(picture, seen))
-    click.echo(f"drew {path}", err=True)
+    note(f"drew {path}")
 
 
 def _lines(facts: dict[str, Any]) -> list[str]:

@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from cli.manners import with_manners
+
 
 class LazyGroup(click.Group):
     """Commands by name: where each stands ("module:attribute"), and the line that lists it."""
@@ -25,7 +27,7 @@ class LazyGroup(click.Group):
         module, attribute = self._table[cmd_name][0].split(":")
         command = getattr(importlib.import_module(module), attribute)
         assert isinstance(command, click.Command)
-        return command
+        return with_manners(command)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

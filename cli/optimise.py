@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.common import EXIT_PARTIAL, format_option, show_json
+from cli.manners import note
 from cli.outputs import (
     require_graph_place,
     require_no_other,
@@ -211,7 +212,7 @@ def draw(image: Path, graph: PoseGraph, accepted: Any) -> None:
     ]
     landmarks = graph.landmarks if len(graph.landmark_ids) else None
     write_graph_picture(image, Poses(graph.ids, poses), constraints, None, landmarks)
-    click.echo(f"drew {image}", err=True)
+    note(f"drew {image}")
 
 
 def _lines(facts: dict[str, Any]) -> list[str]:

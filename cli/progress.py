@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from cli.interrupts import heed_wish
+from cli.manners import is_verbose
 from mapmyworld.heap import give_back
 
 _LINE_EVERY_S = 15.0  # between lines of progress where there is no terminal
@@ -31,8 +32,8 @@ class StageCost:
 class StderrProgress:
     """Says which stage runs, how far it is, and how much faster than the robot drove."""
 
-    def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
-        self.quiet, self.verbose = quiet, verbose
+    def __init__(self, *, quiet: bool = False) -> None:
+        self.quiet = quiet
         self.notes: list[str] = []
         self.costs: list[StageCost] = []
         self._bar: Any = None
@@ -85,7 +86,9 @@ class StderrProgress:
         cpu = time.process_time() - self._cpu
         self.costs.append(StageCost(self._name, elapsed, cpu, peak_memory_mb()))
         if not self.quiet:
-            click.echo(f"{self._name}: {elapsed:.1f} s {self._speed()}".rstrip(), err=True)
+            cost = f", {cpu:.1f} CPU s, {peak_memory_mb():.0f} MB" if is_verbose() else ""
+            took = f"{elapsed:.1f} s{cost} {self._speed()}".rstrip()
+            click.echo(f"{self._name}: {took}", err=True)
         self._name = ""
 
     def _speed(self) -> str:

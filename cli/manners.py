@@ -1,0 +1,63 @@
+"""-q and -v, which every command has: added here to those that do not name them."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import click
+
+_QUIET, _VERBOSE = "mapmyworld.quiet", "mapmyworld.verbose"
+
+
+def with_manners(command: click.Command) -> click.Command:
+    """The command, or all of a group's, with -q and -v."""
+    if isinstance(command, click.Group):
+        for inner in command.commands.values():
+            with_manners(inner)
+        return command
+    known = {name for option in command.params for name in option.opts}
+    if "--quiet" not in known:
+        command.params.append(_flag("-q", "--quiet", "No progress and no notes.", _hush))
+    if "--verbose" not in known:
+        command.params.append(_flag("-v", "--verbose", "Say what it took.", _account))
+    return command
+
+
+def note(text: str) -> None:
+    """A line on stderr that -q leaves out."""
+    if not _is_asked(_QUIET):
+        click.echo(text, err=True)
+
+
+def is_verbose() -> bool:
+    """Whether the command that runs was given -v."""
+    return _is_asked(_VERBOSE)
+
+
+def _is_asked(name: str) -> bool:
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.meta.get(name))
+
+
+def _flag(short: str, long: str, text: str, act: Any) -> click.Option:
+    return click.Option([short, long], is_flag=True, help=text, expose_value=False, callback=act)
+
+
+def _hush(context: click.Context, _: click.Parameter, asked: bool) -> None:
+    context.meta[_QUIET] = asked
+
+
+def _account(context: click.Context, _: click.Parameter, asked: bool) -> None:
+    """At the end, time and memory on stderr."""
+    context.meta[_VERBOSE] = asked
+    started = time.monotonic()
+
+    def tell() -> None:
+        from cli.progress import peak_memory_mb
+
+        took = f"{time.monotonic() - started:.1f} s, {time.process_time():.1f} CPU s"
+        click.echo(f"{context.command_path}: {took}, {peak_memory_mb():.0f} MB at most", err=True)
+
+    if asked:
+        context.call_on_close(tell)

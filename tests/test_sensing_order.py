@@ -68,6 +68,32 @@ def test_where_stamps_step_back_but_the_log_tells_of_motion_its_order_is_kept() 
     assert [f.stamp_ns for f in frames] == [m.stamp_ns for t, m, _ in entries if t == "/scan"]
 
 
+def test_a_sensor_whose_clock_was_set_back_is_placed_by_log_time() -> None:
+    entries = [
+        (topic, scan_at(time - 5 * S) if topic == "/scan" and time > 18 * S else message, time)
+        for topic, message, time in drive(160)
+    ]
+    plan, frames, _ = read(entries)
+    assert plan.use_log_time
+    assert [f.stamp_ns for f in frames] == [time for t, _, time in entries if t == "/scan"]
+    (loss,) = plan.losses
+    assert "clocks disagree" in loss
+
+
+def test_one_clock_set_back_is_a_loss() -> None:
+    """Without wheels to tell which order is right, the log's is kept."""
+    scans = [e for e in drive(160) if e[0] != "/odom"]
+    back = [
+        (topic, scan_at(time - 5 * S) if topic == "/scan" and time > 18 * S else message, time)
+        for topic, message, time in scans
+    ]
+    plan, frames, _ = read(back)
+    assert len(frames) == 160
+    assert [f.stamp_ns for f in frames] == [m.stamp_ns for t, m, _ in back if t == "/scan"]
+    assert "step back 1 times, by up to 4.9" in plan.losses[0]
+    assert "doubtful" in plan.losses[0]
+
+
 @given(st.lists(st.integers(0, 50), max_size=60))
 def test_messages_come_by_stamp_where_none_is_later_than_the_wait(late: list[int]) -> None:
     stamps = [10 * i - delay for i, delay in enumerate(late)]

@@ -39,12 +39,24 @@ def choose_order(
         if odometry is not None:
             odometry = OdometrySource(odometry.name, odometry.motion.in_stamp_order())
         return lag_ns + _APART_NS, odometry
-    if lag_ns > _APART_NS:
-        draft.losses.append(
-            f"{names}: {told}; the order of the log is kept, so times of poses are doubtful: was a "
-            "clock set while it recorded?"
-        )
     return 0, odometry
+
+
+def check_stamps(draft: Draft, used: list[Stream]) -> None:
+    """Words about stamps that step back and are used all the same, in the order of the log."""
+    for stream in used:
+        if not stream.backward_steps:
+            continue
+        told = (
+            f"{stream.topic}: header stamps step back {stream.backward_steps} times, by up to "
+            f"{stream.largest_lag_ns * 1e-9:.3f} s; the order of the log is kept"
+        )
+        if stream.largest_lag_ns > _APART_NS:
+            draft.losses.append(
+                f"{told}, so the times of its poses are doubtful: was a clock set while recording?"
+            )
+        else:
+            draft.warnings.append(told)
 
 
 def _stamps_are_right(back: list[Stream], odometry: OdometrySource | None) -> bool:

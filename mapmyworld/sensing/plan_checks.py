@@ -93,11 +93,6 @@ def check_streams(
 
 
 def _check_stream(draft: Draft, stream: Stream) -> None:
-    if 0 < stream.largest_lag_ns <= _CLOCKS_APART * 1e9:
-        draft.warnings.append(
-            f"{stream.topic}: header stamps step back {stream.backward_steps} times, by up to "
-            f"{stream.largest_lag_ns * 1e-9:.3f} s; the order of the log is kept"
-        )
     if stream.undecodable:
         draft.losses.append(
             f"{stream.topic}: {stream.undecodable} of the messages looked at cannot be decoded, or "

@@ -42,8 +42,8 @@ def require_apart(path: Path, inputs: Iterable[Path]) -> None:
     """Refuses an input as output, whatever name or link it comes by."""
     for given in inputs:
         if _is_same(path, given):
-            named = "" if str(path) == str(given) else f"{given}, "
-            raise MapError(f"{path}: is {named}what is read: give another name with -o")
+            named = "" if str(path) == str(given) else f" the same file as {given}, which is"
+            raise MapError(f"{path}: is{named} read by this command: give another name with -o")
         if _is_part(path, given) or _is_part(given, path):
             raise MapError(f"{path}: belongs to {given}, which is read: give another name with -o")
 

@@ -160,7 +160,7 @@ def test_a_type_nobody_knows_is_converted_by_its_own_definition(tmp_path: Path) 
     ("arguments", "says"),
     [
         (["none.bag", "-o", "b.mcap"], "no such file"),
-        (["a.mcap", "-o", "a.mcap"], "is the log itself"),
+        (["a.mcap", "-o", "a.mcap"], "is read by this command"),
         (["a.mcap", "-o", "b.bag", "--topic", "/nope"], "no topic /nope"),
         (["a.mcap", "-o", "b.bag", "--start", "99"], "nothing to write"),
         (["a.mcap", "-o", "b.bag", "--compress", "zstd"], "choose none, lz4, bz2"),

@@ -11,7 +11,7 @@ import click
 from cli.checking import KEYS, Sources, measure
 from cli.common import EXIT_CHECK_FAILED, format_option, map_argument, show_json, shown
 from cli.gates import BETTER, WHOLE, judged, no_worse, read_requirements, require_known, wholeness
-from cli.outputs import require_outputs
+from cli.outputs import require_apart
 from formats.verdicts import Verdict, junit_xml, markdown
 from mapmyworld.errors import ConfigError, MapError
 
@@ -63,8 +63,9 @@ def check(
     mapmyworld check map.db --baseline last_week.db --junit check.xml
     """
     read = [map_path, baseline, reference, relations, grid]
-    written = [path for path in (junit, comment) if path is not None]
-    require_outputs(written, [path for path in read if path is not None])
+    for path in (junit, comment):
+        if path is not None:
+            require_apart(path, [given for given in read if given is not None])
     sources = Sources(map_path, reference, relations, grid)
     if listing:
         _list_keys(sources, style)

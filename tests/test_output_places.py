@@ -147,3 +147,7 @@ def test_an_output_that_is_no_file_is_refused_in_a_line(
         words = command if "--append" in command else [*command, "-o", where]
         refused(*words, saying="device" if place == "/dev/null" else "folder")
     assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
+
+
+def test_verdicts_may_go_to_a_pipe(m: Path) -> None:
+    assert given("check", m, "--require", "nodes >= 1", "--junit", "/dev/null").exit_code == 0

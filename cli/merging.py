@@ -42,21 +42,22 @@ def merge_files(
     with only_writer(output), ResultMaps(output, config) as results:
         maps = _merged(sources, results, config, progress, first)
         results.put_in_place()
-    return _summary(maps, output, config, progress, (started, cpu), export)
+    return _summary(maps, results.names, config, progress, (started, cpu), export)
 
 
 def extend_file(
     known: Path, sources: Sequence[Path], config: Config, progress: StderrProgress, *, export: bool
 ) -> dict[str, Any]:
-    """Lays the sources' sessions into the map KNOWN; what shows another place goes into KNOWN_2.
+    """Lays the sources' sessions into the map KNOWN.
 
-    Sessions that contradict the map are merged with it instead.
+    What shows another place goes into KNOWN_2, or the next number that is free. Sessions that
+    contradict the map are merged with it instead.
     """
     from formats.database.lock import only_writer
     from mapmyworld.sessions import extend_map, merge_maps
 
     started, cpu = time.monotonic(), time.process_time()
-    with only_writer(known), ResultMaps(known, config) as results, ExitStack() as stack:
+    with only_writer(known), ResultMaps(known, config, spare=True) as results, ExitStack() as stack:
         units = [_opened(path, stack) for path in sources]
         with results.copy_of_output() as store:
             done = extend_map(store, units, config, progress)
@@ -67,7 +68,7 @@ def extend_file(
         elif done.apart:
             maps += merge_maps(done.apart, results.open, config, progress)
         results.put_in_place()
-    return _summary(maps, known, config, progress, (started, cpu), export)
+    return _summary(maps, results.names, config, progress, (started, cpu), export)
 
 
 def _merged(
@@ -104,13 +105,12 @@ def _extended(store: MapStore, known: Path, done: Any) -> MergedMap:
 
 def _summary(
     maps: Sequence[MergedMap],
-    output: Path,
+    results: Sequence[Path],
     config: Config,
     progress: StderrProgress,
     begun: tuple[float, float],
     export: bool,
 ) -> dict[str, Any]:
-    results = [numbered(output, number) for number in range(len(maps))]
     beside = [line for path in results if export for line in _export(path, config, progress)]
     return {
         "maps": [

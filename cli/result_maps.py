@@ -17,23 +17,32 @@ if TYPE_CHECKING:
 
 
 class ResultMaps:
-    """The maps in the making beside OUTPUT; gone unless they are put in its place."""
+    """The maps in the making beside OUTPUT; gone unless they are put in its place.
 
-    def __init__(self, output: Path, config: Config) -> None:
+    `spare`: the further maps take numbers that are free, so that no earlier map is lost.
+    """
+
+    def __init__(self, output: Path, config: Config, *, spare: bool = False) -> None:
         self._output, self._stored = output, storage_arguments(config)
+        self._spare = spare
         self._written: list[Path] = []
+        self.names: list[Path] = []
+        """What the maps will be called."""
 
     def __enter__(self) -> ResultMaps:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.discard()
+        self._remove()
 
     def discard(self) -> None:
-        """Removes what was written."""
+        """Removes what was written, so that other maps take its place."""
+        self._remove()
+        self._written, self.names = [], []
+
+    def _remove(self) -> None:
         for path in self._written:
             path.unlink(missing_ok=True)
-        self._written = []
 
     @contextmanager
     def open(self, _number: int = 0) -> Iterator[MapStore]:
@@ -56,14 +65,19 @@ class ResultMaps:
             yield store
 
     def _next(self) -> Path:
-        path = numbered(self._output, len(self._written))
+        number = len(self.names)
+        path = numbered(self._output, number)
+        while self._spare and number and (path in self.names or path.exists()):
+            number += 1
+            path = numbered(self._output, number)
+        self.names.append(path)
         self._written.append(path.with_name(f".{path.name}.part"))
         return self._written[-1]
 
     def put_in_place(self) -> None:
         """Gives the finished files their names."""
-        for number, path in enumerate(self._written):
-            os.replace(path, numbered(self._output, number))
+        for path, name in zip(self._written, self.names, strict=True):
+            os.replace(path, name)
 
 
 def numbered(output: Path, number: int) -> Path:

@@ -230,7 +230,11 @@ def test_a_log_of_another_room_leaves_the_map_as_it_was(folder: Path, tmp_path: 
     assert made.exit_code == 3
     with open_store(out, read_only=True) as store:
         assert len(store.nodes()) == before
-    assert (tmp_path / "map_2.db").exists()
+    before_2 = (tmp_path / "map_2.db").read_bytes()
+    again = run("build", "--append", out, folder / "other.mcap", "-q", "--no-export")
+    assert str(tmp_path / "map_3.db") in again.stdout
+    assert (tmp_path / "map_2.db").read_bytes() == before_2
+    assert (tmp_path / "map_3.db").exists()
 
 
 def test_append_goes_with_no_other_way_to_build(folder: Path) -> None:

@@ -8,6 +8,7 @@ Each drive is one through a simulated world, two laps, of which some stretches a
 carried  nothing is recorded of 2 m and more, and the wheels stand still: lifted and put elsewhere
 blind    no beam comes back, and the wheels wander
 covered  something hangs before the laser, 0.3 m away all round, and the wheels wander
+passing  the same for up to a second, ten times as often, with sound wheels: somebody goes by
 spinning the laser sees, the wheels slip: they tell of another turn and of twice the way
 """
 
@@ -40,10 +41,12 @@ from mapmyworld.types import (
 )
 
 Array = NDArray[np.float64]
-KINDS = ("carried", "blind", "covered", "spinning")
+KINDS = ("carried", "blind", "covered", "passing", "spinning")
 WORLDS = ("apartment", "office", "hall")
 _LENGTH = 2.0  # m of path at least that a spoilt stretch covers
 _APART = 10.0  # s between two of them
+_PASSING = 1.0  # s that somebody stands before the laser, at most; and how much more often
+_OFTEN = 10
 _WANDER = np.array([0.5, 0.3])  # share of the way and of the turn by which wheels wander
 _COVER = 0.3  # m
 
@@ -110,16 +113,21 @@ def drawn(
     places = recording.truth.drive.at(times)
     path = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(places[:, :2], axis=0).T))])
     found: list[Stretch] = []
-    while len(found) < breaks:
+    often = _OFTEN if kind == "passing" else 1
+    while len(found) < breaks * often:
         start = random.uniform(0.1, 0.9) * recording.duration
         at = float(np.interp(start, times, path))
         end = float(np.interp(at + _LENGTH, path, times))
-        if all(end + _APART < s.start or s.end + _APART < start for s in found):
+        if kind == "passing":
+            end = start + random.uniform(0.0, _PASSING)
+        if all(end + _APART / often < s.start or s.end + _APART / often < start for s in found):
             way, turn = 1.0 + random.choice([-1.0, 1.0], 2) * _WANDER
             if kind == "spinning":
                 way, turn = 2.0, float(random.choice([-0.5, 2.0]))
             elif kind == "carried":
                 way, turn = 0.0, 0.0
+            elif kind == "passing":
+                way, turn = 1.0, 1.0
             found.append(Stretch(kind, start, end, float(way), float(turn)))
     return found
 
@@ -140,7 +148,7 @@ def spoilt(recording: Recording, stretches: list[Stretch]) -> Iterator[tuple[str
             spoils = spoils_at((message.stamp_ns - start_ns) * 1e-9, stretches)
             if spoils is not None and spoils.kind == "carried":
                 continue
-            if spoils is not None and spoils.kind in ("blind", "covered"):
+            if spoils is not None and spoils.kind in ("blind", "covered", "passing"):
                 value = np.inf if spoils.kind == "blind" else _COVER
                 message = replace(message, ranges=np.full_like(message.ranges, value))
         elif isinstance(message, OdometryMessage):

@@ -99,6 +99,35 @@ def test_wheels_are_trusted_less_the_farther_a_blind_robot_drove_by_them() -> No
     assert np.hypot(*end[:2]) < 0.03
 
 
+def covered() -> Scan:
+    """Something 0.3 m away all round."""
+    around = np.linspace(-np.pi / 2, np.pi / 2, 181)
+    points = 0.3 * np.stack([np.cos(around), np.sin(around)], axis=-1)
+    times = np.zeros(181, np.float32)
+    return Scan(points.astype(np.float32), np.zeros(3), times, 8.0, 0.01)
+
+
+def test_what_passes_before_the_laser_breaks_nothing() -> None:
+    """The wheels lead on for a second, and what was seen before is there again."""
+    seen = [cast(pose, WALLS, k) for k, pose in enumerate(LEFT)]
+    hidden = [covered() if 20 <= k < 30 else scan for k, scan in enumerate(seen)]
+    tracked, tracker = follow(hidden, odometry_of(LEFT), (41, 0.0))
+    assert not any(moment.is_break for moment in tracked)
+    assert {moment.verdict for moment in tracked[20:30]} == {"odometry only"}
+    assert not any("broke" in note for note in tracker.notes())
+    end = between_planar(between_planar(LEFT[0], LEFT[-1]), tracked[-1].pose)
+    assert np.hypot(*end[:2]) < 0.02
+
+
+def test_what_stays_before_the_laser_is_a_break() -> None:
+    """After two seconds the map of before is given up."""
+    seen = [cast(pose, WALLS, k) for k, pose in enumerate(LEFT)]
+    hidden = [covered() if k >= 10 else scan for k, scan in enumerate(seen)]
+    tracked, _ = follow(hidden, odometry_of(LEFT), (41, 0.0))
+    breaks = [k for k, moment in enumerate(tracked) if moment.is_break]
+    assert breaks[0] == 30
+
+
 def neighbour(to_id: int, sigmas: Array, *, lost: bool) -> Constraint:
     covariance = np.diag([1e-6, 1e-6, sigmas[2], sigmas[0], sigmas[1], 1e-6]) ** 2
     return Constraint(

@@ -15,7 +15,7 @@ from mapmyworld.kernels.laser_motion import motion_variances, step_covariance, s
 from mapmyworld.kernels.scan_tracking import learnt_scale, track_scans
 from mapmyworld.odometry.keyscans import Keyscans
 from mapmyworld.odometry.laser_breaks import Breaks, is_doubtful
-from mapmyworld.odometry.laser_stretches import WeakStretches, is_weak
+from mapmyworld.odometry.laser_stretches import WeakStretches, is_weak, leaves_turn_open
 from mapmyworld.odometry.laser_trust import OdometryFaults
 from mapmyworld.registration.matchers import find_matcher
 from mapmyworld.registration.point_to_line import point_to_line
@@ -133,7 +133,7 @@ class LaserTracker:
             tracked = self._follow(frame, scan, recorded)
         self._state[3:6] = between_planar(self._state[:3], tracked.pose)
         self._state[:3] = tracked.pose
-        if len(scan.rows) >= _FEWEST:
+        if len(scan.rows) >= _FEWEST and (tracked.is_break or tracked.verdict != "odometry only"):
             if tracked.is_break:
                 self._keyscans.forget()  # the old submap no longer says where the robot is
                 self._state[3:6] = 0.0
@@ -145,7 +145,7 @@ class LaserTracker:
         # Without odometry the robot is expected to go on as it did.
         step = self._state[3:6] if recorded is None else recorded
         predicted = compose_planar(self._state[:3], step)
-        variances = self._variances(recorded, step)
+        reckoned = variances = self._variances(recorded, step)
         if len(scan.rows) < _FEWEST or not self._keyscans.count:
             verdict = "lost" if recorded is None else "odometry only"
             self._breaks.go_unseen(frame.stamp_ns, step)
@@ -156,7 +156,10 @@ class LaserTracker:
         if verdict == "odometry ignored" and recorded is None:
             verdict = "matched"
         apart = between_planar(predicted, match.pose)
-        if verdict == "lost" or (verdict != "matched" and is_doubtful(apart, match.overlap)):
+        if verdict == "lost" or (verdict != "matched" and _is_doubtful(match, apart)):
+            if recorded is not None and self._breaks.may_pass(frame.stamp_ns):
+                self._breaks.go_unseen(frame.stamp_ns, step)
+                return Tracked(predicted, np.diag(reckoned), "odometry only", match.overlap)
             unknown = self._breaks.found(frame.stamp_ns, variances, apart, match.overlap)
             pose, said = (match.pose, "lost") if recorded is None else (predicted, "odometry only")
             return Tracked(pose, np.diag(unknown), said, match.overlap, is_break=True)
@@ -221,6 +224,10 @@ class LaserTracker:
                 best = again
         good = best.overlap >= 0.6 * self._odometry.least_overlap
         return best, "searched" if good else "lost"
+
+
+def _is_doubtful(match: Match, apart: Array) -> bool:
+    return is_doubtful(apart, match.overlap) or leaves_turn_open(match.information)
 
 
 def _quality(match: Match) -> float:

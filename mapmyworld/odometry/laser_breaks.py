@@ -16,6 +16,7 @@ _WELL = 0.7  # overlap from which a match is believed however far from the odome
 _FAR = 0.3  # m and rad from the odometry from which a poorer match is not
 _SOMEWHAT = 0.2  # overlap from which a scan that cannot be placed may still be from where it seems
 _AT_ONCE = 1e9  # ns between scans within which nobody carries a robot off
+_PASSING = (2e9, 1.0)  # ns and m since a scan last fitted, for which something may pass before it
 _NAMED = 5  # breaks whose moments are named
 
 
@@ -24,14 +25,22 @@ class Breaks:
 
     def __init__(self) -> None:
         self._first_ns: int | None = None
-        self._last_ns = 0
+        self._last_ns = self._seen_ns = 0
         self._found_ns: list[int] = []
         self._unseen = np.zeros(2)  # m and rad since a scan last fitted, by the odometry
 
     @property
     def is_blind(self) -> bool:
-        """Whether scans without points came since the last one that was placed."""
+        """Whether scans that said nothing came since the last one that was placed."""
         return bool(self._unseen.any())
+
+    def may_pass(self, stamp_ns: int) -> bool:
+        """Whether a scan that fits nothing may be of something that soon goes away again.
+
+        Somebody stands before the laser: what was seen before still says where the robot is.
+        """
+        longest_ns, farthest = _PASSING
+        return stamp_ns - self._seen_ns <= longest_ns and bool(self._unseen[0] <= farthest)
 
     def go_unseen(self, stamp_ns: int, step: Array) -> None:
         """One more motion (3,) of which the scans say nothing."""
@@ -41,6 +50,7 @@ class Breaks:
     def see_again(self, stamp_ns: int) -> None:
         """A scan was placed."""
         self._note(stamp_ns)
+        self._seen_ns = stamp_ns
         self._unseen[:] = 0.0
 
     def since_seen(self, step: Array) -> Array:

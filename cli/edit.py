@@ -9,7 +9,7 @@ import click
 from cli.common import EXIT_PARTIAL, map_argument
 from cli.progress import StderrProgress
 from cli.settings import config_options, load_config
-from mapmyworld.errors import MapError
+from mapmyworld.errors import GraphError, MapError
 
 
 @click.command()
@@ -41,7 +41,7 @@ def edit(
     from formats.database import open_store
     from formats.database.lock import only_writer
     from formats.edits import read_edits
-    from mapmyworld.graph.edits import apply_edits, edits_to_json, resolve_pins
+    from mapmyworld.graph.edits import edits_to_json, resolve_pins, unmet
     from mapmyworld.stages.maps import draw_maps
     from mapmyworld.stages.recognise import scan_loader
     from mapmyworld.stages.solve import solve_and_judge
@@ -54,10 +54,13 @@ def edit(
             raise MapError(f"{map_path}: its graph is not solved yet: finish `build` first")
         before = sum(c.accepted for c in store.constraints())
         resolved = resolve_pins(edits, poses)
-        apply_edits(store.constraints(), resolved)  # refuses what does not fit before writing
+        if problems := unmet(store.constraints(), resolved):
+            raise GraphError("the edits do not fit this map:", problems=problems)
         store.put("edits", edits_to_json(resolved))
-        solve_and_judge(store, config, progress, scan_loader(store, config))
-        draw_maps(store, config, progress)
+        with store.write_stage("optimise", "edit"):  # anew, as `build` does: without what it found
+            solve_and_judge(store, config, progress, scan_loader(store, config))
+        with store.write_stage("map", "edit"):
+            draw_maps(store, config, progress)
         progress.finish()
         constraints, solved = store.constraints(), store.get("solve") or {}
     now = sum(c.accepted for c in constraints)

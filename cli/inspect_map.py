@@ -132,10 +132,10 @@ def _lines(facts: dict[str, Any]) -> list[str]:
             for name, value in facts["particles"].items()
             if not isinstance(value, list | dict)
         ]
-    plan = facts.get("plan")
-    if plan:
+    decisions = (facts.get("plan") or {}).get("decisions")
+    if decisions:  # a map of a graph was made of no log
         lines.append("made from:")
-        lines += [f"  {d['role']}: {d['choice'] or 'none'}" for d in plan["decisions"]]
+        lines += [f"  {d['role']}: {d['choice'] or 'none'}" for d in decisions]
     return lines + _diagnosis_lines(facts.get("diagnosis") or ())
 
 

@@ -30,6 +30,7 @@ def write_map(
     """
     from formats.database import open_store
     from mapmyworld.graph.covariance import graph_covariances
+    from mapmyworld.graph.verdicts import unjudged
 
     graph = solved.graph
     ours = _is_map(source)
@@ -46,10 +47,12 @@ def write_map(
                 start = _matrices(graph.planar, given.map_from_node)
                 for node, pose in zip((graph.ids + shift).tolist(), start, strict=True):
                     store.add_node(Node(node, 0, node * 1_000_000_000, pose, pose), NodeData())
+        judged = _rejudged(before, solved) if ours else constraints_of(solved, shift)
+        if not ours:
+            with store.write_stage("recognise", "graph"):
+                store.add_constraints([unjudged(constraint) for constraint in judged])
         with store.write_stage("optimise", "graph"):
-            store.replace_constraints(
-                _rejudged(before, solved) if ours else constraints_of(solved, shift)
-            )
+            store.replace_constraints(judged)
             store.set_poses(poses)
             store.put("solve", {"certainty": solved.certainty, "losses": list(losses)})
 

@@ -77,7 +77,7 @@ def build_map(
     else:
         ahead = FeaturesAhead(cfg)
         record.run("track", motion, lambda: track(log, plan(), *given, features=ahead, later=later))
-        scans, edits = scan_loader(store, cfg), store.get("edits")
+        scans, edits = scan_loader(store, cfg), store.get("edits") or None
         places = (cfg.places, seed, _digest(words))
         record.run("recognise", places, lambda: recognise(*given, scans, words, ahead))
         solving = (cfg.graph, edits, cfg.visual.adjust_features)

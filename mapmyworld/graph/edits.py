@@ -13,6 +13,7 @@ from mapmyworld.graph.verdicts import unjudged
 from mapmyworld.types import Constraint, ConstraintKind, Poses
 from mapmyworld.types.edits import BY_HAND, Edit, EditAction
 
+_STATEMENTS = (EditAction.ACCEPT, EditAction.REJECT)
 _BEFORE = "accepted_before_edit"
 _MARK = "by hand: "
 _PIN_SIGMA = (1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3)  # rad, m
@@ -21,25 +22,25 @@ _PIN_SIGMA = (1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3)  # rad, m
 def apply_edits(constraints: Sequence[Constraint], edits: Sequence[Edit]) -> tuple[Constraint, ...]:
     """The constraints as these edits want them; earlier edits that are not among them are undone.
 
-    Raises `GraphError`, with all of them, when edits accept or reject what does not exist.
+    Edits of constraints that are not there, or not yet, change nothing.
     """
     result = [_unedited(c) for c in constraints if c.evidence.get(BY_HAND) != 2.0]
-    problems: list[str] = []
     for edit in edits:
-        if edit.action in (EditAction.ACCEPT, EditAction.REJECT):
-            matching = [k for k, c in enumerate(result) if _concerns(edit, c)]
-            if not matching:
-                kind = f"{edit.kind} " if edit.kind else ""
-                problems.append(
-                    f"{edit.action}: no {kind}constraint between {edit.from_id} and {edit.to_id}"
-                )
-            for k in matching:
-                result[k] = _stated(result[k], edit)
+        if edit.action in _STATEMENTS:
+            result = [_stated(c, edit) if _concerns(edit, c) else c for c in result]
         else:
             result.append(_made(edit))
-    if problems:
-        raise GraphError("the edits do not fit this map:", problems=problems)
     return tuple(result)
+
+
+def unmet(constraints: Sequence[Constraint], edits: Sequence[Edit]) -> list[str]:
+    """What of the edits accepts or rejects a constraint that does not exist, one line each."""
+    return [
+        f"{edit.action}: no {f'{edit.kind} ' if edit.kind else ''}constraint between "
+        f"{edit.from_id} and {edit.to_id}"
+        for edit in edits
+        if edit.action in _STATEMENTS and not any(_concerns(edit, c) for c in constraints)
+    ]
 
 
 def resolve_pins(edits: Sequence[Edit], poses: Poses) -> tuple[Edit, ...]:

@@ -7,7 +7,7 @@ import numpy as np
 from mapmyworld.config import Config
 from mapmyworld.graph.chains import solve_by_chains
 from mapmyworld.graph.draft import landmark_guesses
-from mapmyworld.graph.edits import apply_edits, edits_from_json
+from mapmyworld.graph.edits import apply_edits, edits_from_json, unmet
 from mapmyworld.graph.pose_graph import told_of_parts
 from mapmyworld.graph.solve import SolvedGraph, solve
 from mapmyworld.graph.trajectory import pose_every_frame
@@ -17,6 +17,7 @@ from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.stages.draft import solve_draft_of
 from mapmyworld.stages.recognise import LoadScans, add_closures
 from mapmyworld.types import CLOSURES, Constraint, MapStore, Poses, Progress
+from mapmyworld.types.edits import Edit, EditAction
 
 _ROUNDS = 4  # looks from better poses, at most; each finds less than the one before
 _FEW = 0.05  # share of new closures among all from which another look is not worth its time
@@ -48,7 +49,9 @@ def solve_and_judge(
     store.set_poses(poses)
     frames = store.tracked_frames()
     store.set_frame_poses(pose_every_frame(store.nodes(), poses, frames, constraints))
-    store.put("solve", {"certainty": solved.certainty, "losses": told_of_parts(solved.component)})
+    wanted = [edit for edit in _edits(store) if edit.action is EditAction.ACCEPT]
+    losses = [*told_of_parts(solved.component), *unmet(constraints, wanted)]
+    store.put("solve", {"certainty": solved.certainty, "losses": losses})
 
 
 def _refined(
@@ -84,13 +87,17 @@ def _is_refined(store: MapStore, config: Config, scans: LoadScans) -> bool:
     return moves_in_plane(store) and config.odometry.refine and scans() is not None
 
 
+def _edits(store: MapStore) -> tuple[Edit, ...]:
+    return edits_from_json(store.get("edits"))
+
+
 def _solve(store: MapStore, config: Config, progress: Progress, *, chains: bool) -> SolvedGraph:
     nodes = store.nodes()
     progress.stage("optimise", len(nodes), "nodes")
     starts = {node.id: node.tracked_from_base for node in nodes}
     landmarks = landmark_guesses(starts, store.constraints())
     planar = moves_in_plane(store)
-    constraints = apply_edits(store.constraints(), edits_from_json(store.get("edits")))
+    constraints = apply_edits(store.constraints(), _edits(store))
     if chains:
         return solve_by_chains(nodes, landmarks, constraints, planar, config.graph)
     starts |= landmarks

@@ -1,0 +1,91 @@
+"""`mapmyworld edit` and later builds: a map follows from its log and its edits alone."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from room_drive import write
+
+from cli.main import group
+from formats.database import open_store
+from mapmyworld.simulation import SimulationSettings, simulate
+from mapmyworld.types import CLOSURES, Constraint, ConstraintKind
+
+
+def run(*arguments: object) -> None:
+    found = CliRunner().invoke(group, [str(a) for a in arguments])
+    assert found.exit_code == 0, found.output + repr(found.exception)
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Log and map of two laps of the apartment."""
+    settings = SimulationSettings()
+    laser = replace(settings.laser, beams=181, rate=4.0)
+    camera = replace(settings.camera, enabled=False)
+    drive = simulate("apartment", laps=2, settings=replace(settings, laser=laser, camera=camera))
+    log = tmp_path_factory.mktemp("edits") / "flat.mcap"
+    write(log, drive.messages())
+    run("build", log, "-o", log.with_suffix(".db"), "-q", "--no-export")
+    return log
+
+
+@pytest.fixture
+def flat(built: Path, tmp_path: Path) -> Path:
+    """A map of its own for every test, its log beside it."""
+    for kept in (built, built.with_suffix(".db")):
+        shutil.copy(kept, tmp_path)
+    return tmp_path / "flat.db"
+
+
+def state(path: Path) -> tuple[list[Any], bytes, bytes]:
+    """Constraints with their verdicts, poses and the grid."""
+    with open_store(path, read_only=True) as store:
+        told = [(c.from_id, c.to_id, c.kind, c.accepted, c.reason) for c in store.constraints()]
+        poses, grid = store.poses(), store.grid()
+        assert poses is not None
+        assert grid is not None
+        return told, poses.map_from_node.tobytes(), grid.log_odds.tobytes()
+
+
+def closures(path: Path) -> list[Constraint]:
+    with open_store(path, read_only=True) as store:
+        return [c for c in store.constraints() if c.kind in CLOSURES and c.accepted]
+
+
+@pytest.mark.slow
+def test_what_a_build_found_last_can_be_rejected_and_stays_so(flat: Path) -> None:
+    """The optimiser's own search finds it; a build that begins there knows nothing of it yet."""
+    found = [c for c in closures(flat) if c.kind == ConstraintKind.PROXIMITY]
+    assert found
+    edits = flat.with_name("edits.toml")
+    edits.write_text(
+        "".join(
+            f'[[reject]]\nfrom = {c.from_id}\nto = {c.to_id}\nreason = "not so"\n' for c in found
+        )
+    )
+    run("edit", flat, edits, "-q")
+    edited = state(flat)
+    ends = {(c.from_id, c.to_id) for c in found}
+    assert not ends & {(c.from_id, c.to_id) for c in closures(flat)}
+    run("build", flat.with_suffix(".mcap"), "-o", flat, "-q", "--no-export")
+    assert state(flat) == edited
+
+
+@pytest.mark.slow
+def test_edits_that_are_taken_back_leave_no_trace(flat: Path) -> None:
+    before, edits = state(flat), flat.with_name("edits.toml")
+    edits.write_text(
+        "[[add]]\nfrom = 1\nto = 9\npose = [0.0, 0.0, 40.0]\nsigma = [0.02, 1.0]\n"
+        'reason = "wrong on purpose"\n'
+    )
+    run("edit", flat, edits, "-q")
+    assert state(flat) != before
+    edits.write_text("")
+    run("edit", flat, edits, "-q")
+    assert state(flat) == before

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from log_builders import (
     Built,
@@ -158,6 +158,7 @@ def test_a_bad_chunk_is_skipped_and_told(
 @pytest.mark.parametrize("name", FILES)
 @settings(max_examples=60, suppress_health_check=list(HealthCheck))
 @given(flips=changes(least=1))
+@example(flips=[(0.9140625, 0), (0.125, 0)])  # the one chunk that names a topic, and its other copy
 def test_flipped_bytes_never_raise_anything_else(
     files: dict[str, bytes], name: str, tmp_path: Path, flips: list[tuple[float, int]]
 ) -> None:
@@ -169,7 +170,11 @@ def test_flipped_bytes_never_raise_anything_else(
     found = allowed(lambda: read(path))
     if found is not None and name in CHECKED:
         records, losses = found
-        assert set(records) <= set(expected_of(name)) or losses == ()
+        if any("summary" in line for line in losses):  # told; it may be all that names the topics
+            sound = {record[1:] for record in expected_of(name)}
+            assert {record[1:] for record in records} <= sound
+        else:
+            assert set(records) <= set(expected_of(name)) or losses == ()
 
 
 @pytest.mark.parametrize("name", ["a.mcap", "a.bag", "a.log", "a.db3"])

@@ -189,6 +189,16 @@ def test_scans_that_no_map_can_be_made_of_are_refused_with_the_reason(
     with pytest.raises(LogError, match="no map can be made") as error:
         plan_of(entries)
     assert word in str(error.value)
+    for i in range(5):
+        time = i * STEP_NS
+        entries += [
+            ("/rgb/image", image_at(time, "rgb8"), time),
+            ("/depth/image", image_at(time, "16UC1"), time),
+            ("/rgb/camera_info", camera_info_at(time), time),
+        ]
+    plan = plan_of(entries)  # with the camera alone, and that is said
+    assert plan.scan is None
+    assert any(word in loss for loss in plan.losses)
 
 
 @pytest.mark.parametrize("metres", [np.nan, np.inf, 1e39])

@@ -15,6 +15,7 @@ from mapmyworld.sensing.transforms import frame_name
 from mapmyworld.types import LaserScanMessage, MessageKind, PointCloudMessage
 
 _TILTED = 0.17  # rad from level beyond which a laser does not see walls as walls
+_FAULTY = -1.0  # of a laser that could serve if it were sound: a loss; 0: one made for else
 _LEAST_BEAMS = 2  # a single one is a range finder's
 _WHOLE = 6.3  # rad, more than which no two beams lie apart
 _NARROW = 2.0  # rad that clouds show at least where they are a lidar's and not a camera's
@@ -32,7 +33,8 @@ def choose_scan(draft: Draft, base: str) -> ScanSource | None:
     )
     ranked = [item for item in ranked if item[0] > 0] or ranked
     if not ranked or ranked[0][0] <= 0:
-        draft.problems += [f"{stream.topic}: {why}" for _, why, stream in ranked]
+        for score, why, stream in ranked:
+            (draft.losses if score == _FAULTY else draft.problems).append(f"{stream.topic}: {why}")
         draft.problems += [] if ranked else ["no laser scan topic and no 3D lidar in the log"]
         draft.decide("scan", "", ranked[0][1] if ranked else "no laser scan in the log")
         return None
@@ -54,7 +56,7 @@ def _judge(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
         return _judge_clouds(draft, stream, base)
     scans = [m for m in stream.samples if isinstance(m, LaserScanMessage)]
     if not scans:
-        return 0.0, "none of its messages can be decoded"
+        return _FAULTY, "none of its messages can be decoded"
     scan = scans[0]
     field = abs(scan.angle_increment) * len(scan.ranges)
     returns = float(np.mean([share_of(valid_ranges(s)) for s in scans]))
@@ -68,9 +70,9 @@ def _judge(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
         return 0.0, f"{why}; tilted by {np.degrees(tilt):.0f} deg: not a level scan"
     fault = _fault_of(scans)
     if fault:
-        return 0.0, f"{why}; {fault}"
+        return _FAULTY, f"{why}; {fault}"
     if not stream.frequency:
-        return 0.0, f"{why}; a map needs scans of two times at least"
+        return _FAULTY, f"{why}; a map needs scans of two times at least"
     if not returns:
         return 0.01, f"{why}; not one usable range in the sample"
     return field * min(stream.frequency, 10.0) * (0.2 + returns) * (0.5 if assumed else 1.0), why

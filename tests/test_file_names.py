@@ -15,6 +15,7 @@ from room_drive import drive
 
 from cli.common import shown
 from formats.grid import read_grid, write_grid
+from formats.report.match_picture import with_caption
 from formats.whole_files import utf8_of
 from mapmyworld.types import OccupancyGrid
 
@@ -92,3 +93,9 @@ def test_names_beyond_ascii_in_the_locale_c(log: Path, tmp_path: Path) -> None:
     again = run(tmp_path, "export", "grid", "máp.db", "--verify", locale=ASCII_ONLY)
     assert again.returncode == 0, again.stderr
     assert "café.mcap" in (tmp_path / "máp.html").read_text("utf-8")
+
+
+def test_a_picture_of_maps_can_be_captioned_by_any_name() -> None:
+    picture = np.zeros((30, 200, 3), np.uint8)
+    found, plain = (with_caption(picture, text) for text in (LATIN, "caf?"))
+    np.testing.assert_array_equal(found, plain)

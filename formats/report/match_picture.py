@@ -85,6 +85,7 @@ def with_caption(picture: Picture, text: str) -> Picture:
     """The picture with a line of text below it, small enough to fit."""
     bar = np.full((_BAR, picture.shape[1], 3), 255, np.uint8)
     font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.5
+    text = text.encode("ascii", "replace").decode()  # bytes of names that are no text crash OpenCV
     width = cv2.getTextSize(text, font, size, 1)[0][0]
     size *= min(1.0, (picture.shape[1] - 12) / max(width, 1))
     cv2.putText(bar, text, (6, _BAR - 9), font, size, (30, 30, 30), 1, cv2.LINE_AA)

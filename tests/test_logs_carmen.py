@@ -195,7 +195,7 @@ def test_a_code_is_no_return_however_far_the_laser_saw(
 
 def test_a_corrected_log_does_not_pretend_a_mounting(tmp_path: Path) -> None:
     """Where x y theta is a corrected pose, its difference to the odometry grows: no mounting."""
-    lines = [flaser(["5"], f"{i} 0 0", f"{i * 0.9} {i * 0.1} 0", f"{i}.5") for i in range(50)]
+    lines = [flaser(["5", "6"], f"{i} 0 0", f"{i * 0.9} {i * 0.1} 0", f"{i}.5") for i in range(50)]
     path = tmp_path / "a.gfs"
     path.write_text(HEAD + "".join(lines))
     log = open_log([path])
@@ -208,7 +208,7 @@ def test_a_corrected_log_does_not_pretend_a_mounting(tmp_path: Path) -> None:
     assert "corrected" in doubt
     assert doubt in make_plan(survey_log(log), SensingConfig()).losses
     unused = SensingConfig(scan_topic="/scan_rear")
-    rear = [flaser(["5"], f"{i - 1} 0 3", f"{i} 0 3", f"{i}.6", "RLASER") for i in range(50)]
+    rear = [flaser(["5", "6"], f"{i - 1} 0 3", f"{i} 0 3", f"{i}.6", "RLASER") for i in range(50)]
     path.write_text(HEAD + "".join([*lines, *rear]))
     assert doubt in make_plan(survey_log(open_log([path])), unused).warnings
 

@@ -27,7 +27,7 @@ def read_scene_mesh(path: Path) -> Mesh:
         import open3d
     except (ImportError, OSError) as error:
         raise MissingDependencyError(
-            f'reading {path.name} needs Open3D ({error}): `pip install "mapmyworld[mesh]"` and, '
+            f"reading {path.name} needs Open3D ({error}): `pip install open3d` and, "
             f"on a bare system, `apt-get install {_PACKAGES}`"
         ) from None
     if not path.is_file():

@@ -92,7 +92,7 @@ def _open3d() -> Any:
         import open3d
     except (ImportError, OSError) as error:
         raise MissingDependencyError(
-            f"meshes need Open3D, which does not load ({error}): install mapmyworld[mesh] "
+            f"meshes need Open3D, which does not load ({error}): install open3d "
             f"and the system packages {_PACKAGES}"
         ) from error
     return open3d

@@ -193,7 +193,7 @@ def import_open3d() -> Any:
         import open3d
     except ImportError as error:
         raise MissingDependencyError(
-            'rendering needs Open3D: `pip install "mapmyworld[mesh]"` and, on a bare system, '
+            "rendering needs Open3D: `pip install open3d` and, on a bare system, "
             f"`apt-get install {_PACKAGES}` ({error}); or simulate with --no-camera"
         ) from None
     except OSError as error:

@@ -23,8 +23,6 @@ _ROLES = {
 def check_topics(draft: Draft) -> None:
     """Raises `ConfigError` with every topic that is set and of which the log holds no message."""
     problems = list(_problems(draft))
-    if len(problems) == 1:
-        raise ConfigError(problems[0])
     if problems:
         raise ConfigError("topics are set that the log does not have:", problems=problems)
 

@@ -10,6 +10,7 @@ import click
 import numpy as np
 
 from cli.common import format_option, map_argument, show_json
+from cli.outputs import require_outputs
 from mapmyworld.errors import MapError
 from mapmyworld.types import MapStore, OccupancyGrid
 
@@ -31,6 +32,7 @@ def inspect_map(map_path: Path, image: Path | None, style: str) -> None:
     """
     from formats.database import open_store
 
+    require_outputs([] if image is None else [image], [map_path])
     with open_store(map_path, read_only=True) as store:
         facts = map_facts(store)
         if image is not None:

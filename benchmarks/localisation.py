@@ -133,8 +133,8 @@ def neato(bench: Bench) -> None:
     fits = [e.fit for e in found.estimates if e.state != State.LOST]
     print(
         f"neato in a grid of another program: found after {found.recognised_after_s:.1f} s (it "
-        f"stands for 16 s), claimed {1 - found.share(State.LOST):.1%}, scans agree with the grid by "
-        f"{np.median(fits):.1%} (median), {cpu_s:.1f} CPU s"
+        f"stands for 16 s), claimed {1 - found.share(State.LOST):.1%}, scans agree with the grid "
+        f"by {np.median(fits):.1%} (median), {cpu_s:.1f} CPU s"
     )
 
 

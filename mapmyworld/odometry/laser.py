@@ -164,6 +164,8 @@ class LaserTracker:
             pose, said = (match.pose, "lost") if recorded is None else (predicted, "odometry only")
             return Tracked(pose, np.diag(unknown), said, match.overlap, is_break=True)
         moved = between_planar(self._state[:3], match.pose)
+        weak = is_weak(match.information)
+        self._stretches.add(frame.stamp_ns, float(np.hypot(*moved[:2])), weak=weak)
         doubt = np.zeros(3)
         if recorded is not None:
             surprise = surprise_of(predicted, match.pose, match.information, variances)
@@ -171,13 +173,14 @@ class LaserTracker:
             if surprise > _DOUBT_FROM:
                 # A door that swings past looks like a turn: either may be right.
                 doubt = apart**2
-        weak = is_weak(match.information)
-        self._stretches.add(frame.stamp_ns, float(np.hypot(*moved[:2])), weak=weak)
-        covariance = step_covariance(
+        covariance = self._covariance(match, moved, variances, doubt)
+        return Tracked(match.pose, covariance, verdict, match.overlap)
+
+    def _covariance(self, match: Match, moved: Array, variances: Array, doubt: Array) -> Array:
+        return step_covariance(
             moved, match.information, variances, doubt,
             self._odometry.keyscan_distance, self._odometry.keyscan_angle,
         )  # fmt: skip
-        return Tracked(match.pose, covariance, verdict, match.overlap)
 
     def _variances(self, recorded: Array | None, step: Array) -> Array:
         """(3,) of a step; wide where nothing was recorded and inertia is all there is."""

@@ -45,8 +45,12 @@ class SteadyPath:
         """Covariance (6, 6) of the motion to this frame, once a slip of the map is taken out.
 
         `seen`: the pose in the map, `expected`: that of inertia; each with the covariance of the
-        motion. None where the images say that the base did jump, or where they do not tell.
+        motion. None where the images say that the base did jump, or where they do not tell; and
+        for a slip that is less than takes a new keyframe: so much drift the map takes back rightly.
         """
+        slip = se3_log(between(expected[0], seen[0]))
+        if self._is_small(slip):
+            return None
         pair = self._pair(view)
         if pair is None:
             return None
@@ -57,6 +61,11 @@ class SteadyPath:
         motion, covariance = together(carried, direct)
         self._path_from_map = self._path_from_map @ self._pose @ motion @ invert(seen[0])
         return covariance
+
+    def _is_small(self, slip: Array) -> bool:
+        visual = self._config.visual
+        turned, moved = np.linalg.norm(slip[:3]), np.linalg.norm(slip[3:])
+        return bool(turned < visual.keyframe_angle and moved < visual.keyframe_distance)
 
     def _pair(self, view: View) -> Registration | None:
         """The motion from the image before to this one by these two alone; None if unknown."""

@@ -15,7 +15,7 @@ from mapmyworld.kernels.laser_motion import motion_variances, step_covariance, s
 from mapmyworld.kernels.scan_tracking import learnt_scale, track_scans
 from mapmyworld.odometry.keyscans import Keyscans
 from mapmyworld.odometry.laser_breaks import Breaks, is_doubtful
-from mapmyworld.odometry.laser_stretches import WeakStretches, is_weak, leaves_turn_open
+from mapmyworld.odometry.laser_stretches import WeakStretches, is_weak
 from mapmyworld.odometry.laser_trust import OdometryFaults
 from mapmyworld.registration.matchers import find_matcher
 from mapmyworld.registration.point_to_line import point_to_line
@@ -156,7 +156,7 @@ class LaserTracker:
         if verdict == "odometry ignored" and recorded is None:
             verdict = "matched"
         apart = between_planar(predicted, match.pose)
-        if verdict == "lost" or (verdict != "matched" and _is_doubtful(match, apart)):
+        if verdict == "lost" or (verdict != "matched" and is_doubtful(match, apart)):
             if recorded is not None and self._breaks.may_pass(frame.stamp_ns):
                 self._breaks.go_unseen(frame.stamp_ns, step)
                 return Tracked(predicted, np.diag(reckoned), "odometry only", match.overlap)
@@ -227,10 +227,6 @@ class LaserTracker:
                 best = again
         good = best.overlap >= 0.6 * self._odometry.least_overlap
         return best, "searched" if good else "lost"
-
-
-def _is_doubtful(match: Match, apart: Array) -> bool:
-    return is_doubtful(apart, match.overlap) or leaves_turn_open(match.information)
 
 
 def _quality(match: Match) -> float:

@@ -1,13 +1,17 @@
 """Where tracking breaks: what was seen before no longer says where the robot is.
 
 A robot that was carried off, or blind for a while, sees nothing that fits; or something fits a
-little, far from where the odometry leads. Then the motion is as good as unknown.
+little, far from where the odometry leads. Then the motion is as good as unknown. What merely passes
+before the laser is none: for a moment the wheels lead on.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mapmyworld.odometry.laser_stretches import leaves_turn_open
+from mapmyworld.registration.scan_matching import Match
 
 Array = NDArray[np.float64]
 _UNKNOWN = np.array([25.0, 25.0, 2.25])  # variances, 5 m and 1.5 rad, of a motion across a break
@@ -87,9 +91,13 @@ class Breaks:
         )
 
 
-def is_doubtful(predicted_from_match: Array, overlap: float) -> bool:
-    """Whether a match fits too little to be believed so far from where the robot was expected."""
-    return overlap < _WELL and _is_far(predicted_from_match)
+def is_doubtful(match: Match, predicted_from_match: Array) -> bool:
+    """Whether a match contradicts the odometry and is not to be believed for all that.
+
+    It fits too little to be so far from where the robot was expected, or is of a mere circle.
+    """
+    astray = match.overlap < _WELL and _is_far(predicted_from_match)
+    return astray or leaves_turn_open(match.information)
 
 
 def _is_far(motion: Array) -> bool:

@@ -186,7 +186,7 @@ def _write(base: Unit, laid: _Laid, store: MapStore, config: Config, progress: P
         own = unit.store.tracked_frames()
         own = replace(own, node_ids=own.node_ids + laid.item.first_id)
         nodes = [node for node in store.nodes() if node.id > laid.item.first_id]
-        fresh = pose_every_frame(nodes, laid.poses, own)
+        fresh = pose_every_frame(nodes, laid.poses, own, laid.constraints)
         store.set_frame_poses(np.concatenate([frame_poses, fresh]))
         losses = list(dict.fromkeys((*lost, *laid.losses)))
         store.put("solve", {"certainty": laid.certainty, "losses": losses})

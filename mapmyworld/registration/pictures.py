@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import struct
-import zlib
 
 import cv2
 import numpy as np
+from isal.isal_zlib import crc32
 from numpy.typing import NDArray
 
 from mapmyworld.types import ImageMessage, RgbdImage
@@ -72,7 +72,7 @@ def is_whole_png(depth: ImageMessage, shape: tuple[int, int]) -> bool:
     while at + 12 <= len(data):
         length = int.from_bytes(data[at : at + 4], "big")
         end = at + 8 + length
-        if zlib.crc32(data[at + 4 : end]).to_bytes(4, "big") != data[end : end + 4]:
+        if crc32(data[at + 4 : end]).to_bytes(4, "big") != data[end : end + 4]:
             return False
         if data[at + 4 : at + 8] == b"IEND":
             return True

@@ -116,7 +116,7 @@ def _cell_columns(data: NodeData, options: StorageOptions) -> Row:
     if data.scan is not None:
         empty, obstacle = local_cells(data.scan, options.local_cell_size, options.local_cell_range)
         ground, view = empty[:, :0], (*(float(value) for value in data.scan.origin[:2]), 0.0)
-    elif any(image.depth is not None for image in data.images):
+    elif any(i.depth is not None and not i.camera.is_carried for i in data.images):
         ground, obstacle = depth_cells(data.images, options)
         mount = data.images[0].camera.base_from_camera
         empty, view = ground[:, :0], tuple(float(value) for value in mount[:3, 3])

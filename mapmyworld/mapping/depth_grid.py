@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.rigid import transform_points
+from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
+from mapmyworld.geometry.rigid import between, transform_points
 from mapmyworld.mapping.cloud import organised_normals, organised_points
 from mapmyworld.registration.camera import depth_grid_points
 from mapmyworld.types import RgbdImage, Scan
@@ -55,6 +58,15 @@ def scan_from_depth(image: RgbdImage, config: Config) -> Scan:
         settings.grid_range,
         float(step),
     )
+
+
+def levelled(image: RgbdImage, map_from_base: Array) -> RgbdImage:
+    """An image of a carried camera as if its base stood level on the map's floor, at the place
+    and heading of the pose (4, 4) in the plane.
+    """
+    stood = planar_to_matrix(matrix_to_planar(map_from_base))
+    mount = between(stood, map_from_base) @ image.camera.base_from_camera
+    return replace(image, camera=replace(image.camera, base_from_camera=mount))
 
 
 def floor_heights(points: Array, upward: Array, config: Config) -> Array:

@@ -45,12 +45,12 @@ def _scans(
 def _depth_scans(
     store: MapStore, config: Config, progress: Progress
 ) -> Iterator[tuple[NDArray[np.float64], Scan]]:
-    from mapmyworld.mapping.depth_grid import scan_from_depth
+    from mapmyworld.mapping.depth_grid import levelled, scan_from_depth
 
     poses = store.poses()
     assert poses is not None
     items = (
-        (matrix_to_planar(pose), image)
+        (pose, image)
         for node_id, pose in zip(poses.ids, poses.map_from_node, strict=True)
         if node_id > 0
         for image in store.node_data(int(node_id), features=False).images
@@ -58,7 +58,9 @@ def _depth_scans(
     )
 
     def look(item: tuple[NDArray[np.float64], RgbdImage]) -> tuple[NDArray[np.float64], Scan]:
-        return item[0], scan_from_depth(item[1], config)
+        pose, image = item
+        image = levelled(image, pose) if image.camera.is_carried else image
+        return matrix_to_planar(pose), scan_from_depth(image, config)
 
     for done, found in enumerate(in_threads(look, items, config.threads)):
         yield found

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.odometry.felt_force import FeltForce
 from mapmyworld.parallel import (
     algebra_on_one_thread,
     batches,
@@ -26,6 +27,7 @@ from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.sensing.synchronise import FrameCounts
 from mapmyworld.stages.compiling import compile_ahead, needs_of
 from mapmyworld.stages.later import made_ready
+from mapmyworld.stages.level import level_map
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.trackers import Tracker, make_tracker, needs_inertial
 from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
@@ -62,7 +64,8 @@ def track(
         with algebra_on_one_thread(), made_ready(needs_of(plan), later, load=is_kept):
             _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
     writer.finish()
-    notes = [*tracker.notes(), *_count_notes(counts)]
+    level = level_map(store, plan, config, writer.force.mean())
+    notes = [*tracker.notes(), *level, *_count_notes(counts)]
     for note in notes:
         progress.note(note)
     losses = [*log.losses(), *tracker.losses(), *_count_losses(counts, guard)]
@@ -118,6 +121,7 @@ class _Writer:
         self._stamps, self._node_ids, self._is_node = array("q"), array("q"), array("b")
         # Of every frame only numbers are kept, 104 bytes a pose: a drive may last for hours.
         self._moved, self._odometry = array("d"), array("d")
+        self.force = FeltForce()
 
     def add_all(self, followed: Sequence[tuple[Frame, Motion]]) -> None:
         for frame, motion in followed:
@@ -140,6 +144,7 @@ class _Writer:
         assert last is not None
         if frame.scan is not None:
             self._store.add_scan(len(self._stamps), frame.scan)
+        self.force.add(frame.imu, motion.tracked_from_base)
         self._stamps.append(frame.stamp_ns)
         self._node_ids.append(last.id)
         self._moved.extend(node_from_frame[:3].ravel().tolist())

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from mapmyworld.types.messages import GpsMessage, ImageMessage, ReadingMessage
 
+_HOUSING = 0.1  # m from its base at which a lens still sits in a camera's own housing
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
@@ -41,6 +43,11 @@ class CameraModel:
     """(D,) in OpenCV's order."""
     base_from_camera: NDArray[np.float64]
     """(4, 4), camera in its optical frame: z forward, x right, y down."""
+
+    @property
+    def is_carried(self) -> bool:
+        """Whether the camera is its own base, which nobody has set level: no robot is so small."""
+        return float(np.linalg.norm(self.base_from_camera[:3, 3])) < _HOUSING
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -52,10 +52,12 @@ def refine_poses(
     config: Config,
     progress: Progress,
     loaded: NodeScans | None = None,
+    island: Index | None = None,
 ) -> Refinement | None:
     """Solved poses, refined by all scans; None where there are too few scans.
 
-    Nodes that are not aligned themselves keep their place between those that are.
+    Nodes that are not aligned themselves keep their place between those that are. Scans on
+    different ones of these `island`s (N,) are not compared: nothing tells how these lie.
     """
     nodes, scans, unseen, _ = loaded or load_node_scans(store, config)
     if len(nodes) < 3:
@@ -65,7 +67,8 @@ def refine_poses(
     solved = matrix_to_planar(np.stack([poses.map_from_node[rows[n.id]] for n in nodes]))
     drives = _drives(nodes, unseen)
     chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in drives])
-    task = _Task(nodes, chosen, scans, store.constraints(), config)
+    island = np.zeros(len(nodes), np.int64) if island is None else island
+    task = _Task(nodes, chosen, scans, store.constraints(), island, config)
     refined, moved, residual = _aligned(task, solved[chosen], progress)
     every = np.concatenate(
         [
@@ -89,6 +92,8 @@ class _Task:
     scans: Scans
     """Of all nodes."""
     constraints: Sequence[Constraint]
+    island: Index
+    """(N,) of all nodes, the part of the path that each is in."""
     config: Config
 
 
@@ -124,7 +129,8 @@ def _rounds(
     among = held if np.count_nonzero(held) > 1 else None
     for reaches in (_REACHES[:_ANEW], _REACHES[_ANEW:]):
         pairs = neighbour_pairs(poses, settings.refine_radius, settings.refine_passes, among=among)
-        pairs = pairs[~held[pairs].all(axis=1)]
+        island = task.island[task.chosen[pairs]]
+        pairs = pairs[~held[pairs].all(axis=1) & (island[:, 0] == island[:, 1])]
         found = align_jointly(
             scans, poses, pairs, motions, reaches, config.registration, config.threads,
             _NOTHING, held,

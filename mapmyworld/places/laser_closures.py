@@ -18,8 +18,9 @@ from mapmyworld.places.laser_candidates import (
     drift_window,
     untied,
 )
+from mapmyworld.places.laser_joins import doubt_joins
 from mapmyworld.places.laser_lookalikes import doubt_lookalikes
-from mapmyworld.places.laser_lost import held_by, lost_pairs
+from mapmyworld.places.laser_lost import held_by, islands, lost_pairs
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps, submap_around, submap_members
 from mapmyworld.registration.scan_matching import (
@@ -86,7 +87,11 @@ def find_laser_closures(
         ends = [(a, b, int(nodes.ids[a]), int(nodes.ids[b])) for a, b in pairs]
         return [(a, b) for a, b, i, j in ends if (i, j) not in known and j >= since]
 
-    pairs = untried(untied(nodes, candidate_pairs(nodes, config, settled=True), tied))
+    island = islands(loaded, tied)
+    pairs = [(a, b) for a, b in candidate_pairs(nodes, config, settled=True)
+             if island[a] == island[b]]  # fmt: skip
+    pairs = untried(untied(nodes, pairs, tied))
+    nodes = replace(nodes, part=held_by(nodes, tied).part)
     lost = untried(lost_pairs(nodes, tied, config))
     lost = [pair for pair in lost if pair not in set(pairs)]
     progress.stage("loop closures by laser", len(pairs) + len(lost), "pairs")
@@ -127,7 +132,10 @@ def compare_places(
     places = [k for rows in by_target.values() for k in rows]
     by_place = dict(zip(places, (c for some in found for c in some), strict=True))
     closures = [by_place[k] for k in range(len(pairs))]
-    return closures if settled else doubt_lookalikes(nodes, pairs, closures, config, widest)
+    if settled:
+        return closures
+    closures = doubt_lookalikes(nodes, pairs, closures, config, widest)
+    return doubt_joins(nodes, pairs, closures, config, widest)
 
 
 def _compare(

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from mapmyworld.config import Config
 from mapmyworld.places.laser_candidates import drift_between
-from mapmyworld.places.laser_nodes import Index, LaserNodes, calm_spots
+from mapmyworld.places.laser_nodes import Index, LaserNodes, NodeScans, calm_spots
 from mapmyworld.types import CLOSURES, Constraint, ConstraintKind
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
@@ -50,20 +50,34 @@ def lost_pairs(
 
 def held_by(nodes: LaserNodes, constraints: Iterable[Constraint]) -> LaserNodes:
     """The nodes, knowing which accepted closures hold them and join what breaks divide."""
-    closures = [c for c in constraints if c.accepted and c.kind in _CLOSURES]
-    return replace(nodes, loose=loose_way(nodes, closures), part=_joined(nodes, closures))
+    closures = _closures(constraints)
+    part = _joined(nodes.ids, nodes.part, closures)
+    return replace(nodes, loose=loose_way(nodes, closures), part=part)
 
 
-def _joined(nodes: LaserNodes, closures: Sequence[Constraint]) -> Index:
+def islands(loaded: NodeScans, constraints: Iterable[Constraint]) -> Index:
+    """(N,) number of the part of the path that each node is in, where nothing tells how parts lie:
+    wheels were not there or are not to be believed, and no accepted closure joins them.
+    """
+    ids = np.array([node.id for node in loaded.nodes], np.int64)
+    part = np.cumsum((loaded.unseen > _LONG).astype(np.int64))
+    return _joined(ids, part, _closures(constraints))
+
+
+def _closures(constraints: Iterable[Constraint]) -> list[Constraint]:
+    return [c for c in constraints if c.accepted and c.kind in _CLOSURES]
+
+
+def _joined(ids: Index, part: Index, closures: Sequence[Constraint]) -> Index:
     """(N,) parts of the path, those as one that closures tie."""
-    if not closures or not nodes.part.any():
-        return nodes.part
+    if not closures or not part.any():
+        return part
     ends = np.array([(c.from_id, c.to_id) for c in closures])
-    ends = ends[np.isin(ends, nodes.ids).all(axis=1)]
-    a, b = nodes.part[np.searchsorted(nodes.ids, ends)].T
-    size = int(nodes.part[-1]) + 1
+    ends = ends[np.isin(ends, ids).all(axis=1)]
+    a, b = part[np.searchsorted(ids, ends)].T
+    size = int(part.max()) + 1
     links = coo_array((np.ones(len(a)), (a, b)), shape=(size, size))
-    return np.asarray(connected_components(links, directed=False)[1][nodes.part], np.int64)
+    return np.asarray(connected_components(links, directed=False)[1][part], np.int64)
 
 
 def loose_way(nodes: LaserNodes, closures: Sequence[Constraint]) -> NDArray[np.float64]:

@@ -72,15 +72,24 @@ def search_grid(
     best_shift(*fixed, least, _NOWHERE, best)
     if best[0] <= least:
         return None
-    rival = _best_elsewhere(fixed, best[1:], max(least, 0.8 * best[0]))
-    return Found(best[1:].copy(), float(best[0]), rival)
+    rival = _best_elsewhere(fixed, best[1:], max(least, 0.8 * best[0]))[0]
+    return Found(best[1:].copy(), float(best[0]), float(rival))
 
 
 def score_elsewhere(
     points: Array, grid: LikelihoodGrid, pose: Array, distance: float, angle: float, least: float
 ) -> float:
     """The best score in a window about `pose` but not at it; 0 if none exceeds `least`."""
-    return _best_elsewhere(_window(points, grid, pose, distance, angle), pose, least)
+    return float(_best_elsewhere(_window(points, grid, pose, distance, angle), pose, least)[0])
+
+
+def pose_elsewhere(
+    points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float,
+    least: float, pose: Array,
+) -> Array | None:  # fmt: skip
+    """The best pose (3,) in a window about `guess` but not at `pose`, if one exceeds `least`."""
+    best = _best_elsewhere(_window(points, grid, guess, distance, angle), pose, least)
+    return best[1:] if best[0] > 0.0 else None
 
 
 def _window(
@@ -96,10 +105,11 @@ def _window(
     return grid.pyramid, grid.margin, used, grid.corner, grid.resolution, guess, reach, angles
 
 
-def _best_elsewhere(window: Window, pose: Array, least: float) -> float:
+def _best_elsewhere(window: Window, pose: Array, least: float) -> Array:
+    """(4,) score and pose; zeros if no score exceeds `least`."""
     best = np.zeros(4)
     best_shift(*window, least, np.concatenate([pose, _ELSEWHERE]), best)
-    return float(best[0]) if best[0] > least else 0.0
+    return best if best[0] > least else np.zeros(4)
 
 
 def _spread(points: Array, spacing: float) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mapmyworld.config import Config
@@ -50,7 +52,10 @@ def solve_and_judge(
     frames = store.tracked_frames()
     store.set_frame_poses(pose_every_frame(store.nodes(), poses, frames, constraints))
     wanted = [edit for edit in _edits(store) if edit.action is EditAction.ACCEPT]
-    losses = [*told_of_parts(solved.component), *unmet(constraints, wanted)]
+    losses = [
+        *told_of_parts(solved.component), *_told_of_islands(constraints, scans),
+        *unmet(constraints, wanted),
+    ]  # fmt: skip
     store.put("solve", {"certainty": solved.certainty, "losses": losses})
 
 
@@ -65,12 +70,26 @@ def _refined(
     if loaded is None or not _is_refined(store, config, scans):
         return solved.poses, solved.constraints
     from mapmyworld.odometry.laser_refinement import refine_poses
+    from mapmyworld.places.laser_lost import islands
     from mapmyworld.places.laser_review import review_closures
 
-    refined = refine_poses(store, solved.poses, config, progress, loaded)
+    island = islands(loaded, solved.constraints)
+    refined = refine_poses(store, solved.poses, config, progress, loaded, island)
     if refined is None:
         return solved.poses, solved.constraints
     return refined.poses, review_closures(solved.constraints, refined.poses, config, loaded)
+
+
+def _told_of_islands(constraints: Sequence[Constraint], scans: LoadScans) -> list[str]:
+    """That breaks of tracking divide the path, where nothing recognised joins its parts again."""
+    loaded = scans()
+    if loaded is None:
+        return []
+    from mapmyworld.places.laser_lost import islands
+
+    count = len(np.unique(islands(loaded, constraints)))
+    told = "whose places to each other nothing tells: none was recognised in another beyond doubt"
+    return [f"tracking broke and left {count} parts of the path {told}"] if count > 1 else []
 
 
 def _with_features(store: MapStore, poses: Poses, config: Config, progress: Progress) -> Poses:

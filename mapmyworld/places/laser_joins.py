@@ -1,0 +1,216 @@
+"""Parts of the path that breaks divide, joined only where they fit together in one way.
+
+Across a break nothing says how the robot stands, so that one place fits is not enough: a bare hall
+is the same after half a turn. What the later part saw is laid into the map of the earlier one, as
+the closures want it and as every other pose that fits wants it; and into its own, for what looks
+like itself elsewhere fits twice wherever it fits. Where another pose explains it as well, and
+nothing that was seen contradicts it, the parts stay apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry.planar import (
+    between_planar,
+    compose_planar,
+    invert_planar,
+    matrix_to_planar,
+)
+from mapmyworld.places.laser_candidates import drift_window
+from mapmyworld.places.laser_nodes import Index, LaserNodes, spaced
+from mapmyworld.places.part_maps import PartMap, View, part_map, view_around
+from mapmyworld.registration.scan_search import pose_elsewhere
+from mapmyworld.types import Constraint
+
+Array = NDArray[np.float64]
+Pairs = Sequence[tuple[int, int]]
+Window = tuple[float, float]
+_SPACING = 2.0  # m of path between places of the later part that are laid into maps
+_AROUND = 24.0  # m of path to each side of the closures within which they are
+_MAPPED = 0.5  # m of path between scans that maps are made of
+_SIGHT = 30.0  # m beyond the reach of a search that maps cover
+_FITS = 0.6  # score from which a place fits
+_AS_GOOD = 0.9  # share of the score from which it fits another pose as well
+_SEEN = 0.4  # share of its points that must lie where the map was seen, to say anything
+_ENOUGH = 0.3  # share of the places that fit, of which another pose must explain as much
+_AGREED = 0.75  # share of the places seen that must agree with another pose
+_SAME = np.array([1.0, 0.3])  # m and rad within which two moves are one
+
+_TOO_FAR = "farther than the robot can have come unseen"
+_UNMET = "what was seen around does not fit what had been seen there"
+_LESS = "another closure between the same parts explains more of what was seen"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Later:
+    """What was seen from some places of the later part."""
+
+    poses: Array
+    """(S, 3)."""
+    views: list[View]
+    """Of each place."""
+
+
+def doubt_joins(
+    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Constraint], config: Config, widest: float
+) -> list[Constraint]:
+    """The closures of these pairs, those rejected that join two parts in one of several ways."""
+    result = list(closures)
+    for which in _joins(nodes, pairs, closures):
+        for k, reason in _doubts(nodes, pairs, closures, which, config, widest):
+            result[k] = replace(closures[k], accepted=False, reason=reason)
+    return result
+
+
+def _joins(nodes: LaserNodes, pairs: Pairs, closures: Sequence[Constraint]) -> list[list[int]]:
+    """Accepted closures between parts that nothing else ties, two parts at a time."""
+    found: dict[tuple[int, int], list[int]] = {}
+    for k, (a, b) in enumerate(pairs):
+        parts = int(nodes.part[a]), int(nodes.part[b])
+        if closures[k].accepted and parts[0] != parts[1]:
+            found.setdefault(parts, []).append(k)
+    return list(found.values())
+
+
+def _doubts(
+    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Constraint], which: list[int],
+    config: Config, widest: float,
+) -> list[tuple[int, str]]:  # fmt: skip
+    """Number of each closure that is not believed, and why."""
+    a, b = (np.array([pairs[k][end] for k in which]) for end in (0, 1))
+    spots = _spots(nodes, b)
+    window = _window(nodes, int(a[0]), int(b[0]), spots, config, widest)
+    later = _Later(nodes.poses[spots], [view_around(nodes, s, config) for s in spots.tolist()])
+    moves = {k: _move(nodes, pairs[k], closures[k]) for k in which}
+    likely = {k: move for k, move in moves.items() if _is_within(move, later, window)}
+    doubts = [(k, _TOO_FAR) for k in which if k not in likely]
+    if not likely:
+        return doubts
+    earlier, itself = (
+        part_map(nodes, _mapped(nodes, int(nodes.part[end[0]]), later.poses, window[0] + _SIGHT))
+        for end in (a, b)
+    )
+    best = max(likely.values(), key=lambda move: _support(earlier, later, move))
+    if not _is_met(earlier, later, best):
+        return doubts + [(k, _UNMET) for k in likely]
+    wide = 2.0 * window[0], window[1]
+    for where, at, about in ((earlier, best, window), (itself, np.zeros(3), wide)):
+        rival = _rival(where, later, at, about)
+        if rival is not None:
+            return doubts + [(k, _words(rival, at, later)) for k in likely]
+    return doubts + [(k, _LESS) for k, move in likely.items() if not _is_same(move, best, later)]
+
+
+def _spots(nodes: LaserNodes, b: Index) -> Index:
+    """Places about every few metres around the later ends of closures, in their part."""
+    spots = spaced(nodes.path, _SPACING)
+    near = np.abs(nodes.path[spots][:, None] - nodes.path[b]).min(axis=1) <= _AROUND
+    spots = spots[near & (nodes.part[spots] == nodes.part[b[0]]) & nodes.sees[spots]]
+    return np.asarray(spots, np.int64)
+
+
+def _window(
+    nodes: LaserNodes, a: int, b: int, spots: Index, config: Config, widest: float
+) -> Window:
+    """Metres and radians by which the later part may be off, as seen from the earlier one."""
+    first = int(np.flatnonzero(nodes.part == nodes.part[b])[0])
+    before = np.flatnonzero(nodes.part[:first] == nodes.part[a])
+    last = int(before[-1]) if len(before) else a
+    distance, angle = drift_window(nodes, last, first, config, np.inf)
+    far = np.hypot(*(nodes.poses[spots, :2] - nodes.poses[first, :2]).T).max()
+    return min(distance + 2.0 * np.sin(angle / 2.0) * float(far), widest), angle
+
+
+def _mapped(nodes: LaserNodes, part: int, about: Array, reach: float) -> Index:
+    """Nodes of a part, not too far from these poses (S, 3), whose scans make a map of it."""
+    rows = spaced(nodes.path, _MAPPED)
+    rows = rows[(nodes.part[rows] == part) & nodes.sees[rows]]
+    middle = about[:, :2].mean(axis=0)
+    reach += float(np.hypot(*(about[:, :2] - middle).T).max())
+    near = np.hypot(*(nodes.poses[rows, :2] - middle).T) <= reach
+    return np.asarray(rows[near], np.int64)
+
+
+def _move(nodes: LaserNodes, pair: tuple[int, int], closure: Constraint) -> Array:
+    """(3,) by which the closure moves the later part, in the frame of the poses."""
+    a, b = pair
+    there = compose_planar(nodes.poses[a], matrix_to_planar(closure.from_from_to))
+    return compose_planar(there, invert_planar(nodes.poses[b]))
+
+
+def _laid(earlier: PartMap, later: _Later, move: Array) -> Array:
+    """(S, 2) score and share seen of every place of the later part, moved so."""
+    moved = compose_planar(move, later.poses)
+    return np.array([earlier.fit(view, at) for view, at in zip(later.views, moved, strict=True)])
+
+
+def _support(earlier: PartMap, later: _Later, move: Array) -> float:
+    score, seen = _laid(earlier, later, move).T
+    return float((seen * (score >= _FITS)).sum())
+
+
+def _is_met(earlier: PartMap, later: _Later, move: Array) -> bool:
+    """Whether most places fit, of those that lie where the map was seen."""
+    score, seen = _laid(earlier, later, move).T
+    told = np.count_nonzero(seen >= _SEEN)
+    return bool(np.count_nonzero((seen >= _SEEN) & (score >= _FITS)) > 0.5 * told)
+
+
+def _rival(earlier: PartMap, later: _Later, move: Array, window: Window) -> Array | None:
+    """Another move that explains as much as this one, and that nothing contradicts."""
+    score, seen = _laid(earlier, later, move).T
+    fits = np.count_nonzero((seen >= _SEEN) & (score >= _FITS))
+    tried: list[Array] = []
+    for k in range(len(later.views)):
+        other = _other_move(earlier, later, move, window, k)
+        if other is None or any(_is_same(other, one, later) for one in tried):
+            continue
+        tried.append(other)
+        there, seen_there = _laid(earlier, later, other).T
+        told = seen_there >= _SEEN
+        as_good = np.count_nonzero(told & (there >= np.maximum(_AS_GOOD * score, _FITS)))
+        if as_good >= max(_ENOUGH * fits, _AGREED * np.count_nonzero(told)):
+            return other
+    return None
+
+
+def _other_move(
+    earlier: PartMap, later: _Later, move: Array, window: Window, k: int
+) -> Array | None:
+    """The move that place `k` wants where it does not want this one."""
+    pose = compose_planar(move, later.poses[k])
+    about = later.poses[k]
+    other = pose_elsewhere(later.views[k].points, earlier.grid, about, *window, 0.5, pose)
+    return None if other is None else compose_planar(other, invert_planar(later.poses[k]))
+
+
+def _is_within(move: Array, later: _Later, window: Window) -> bool:
+    """Whether the later part can be so far from where it seems."""
+    apart = _apart(np.zeros(3), move, later)
+    return bool(np.abs(apart[:2]).max() <= window[0] and abs(apart[2]) <= window[1])
+
+
+def _apart(move: Array, other: Array, later: _Later) -> Array:
+    """(3,) from where the first move brings the later part's middle to where the other does."""
+    middle = later.poses[len(later.poses) // 2]
+    return between_planar(compose_planar(move, middle), compose_planar(other, middle))
+
+
+def _words(rival: Array, move: Array, later: _Later) -> str:
+    x, y, turn = _apart(move, rival, later).tolist()
+    return (
+        "ambiguous: what was seen after the break fits as well "
+        f"{np.hypot(x, y):.1f} m and {abs(np.degrees(turn)):.0f} deg from there"
+    )
+
+
+def _is_same(move: Array, other: Array, later: _Later) -> bool:
+    """Whether two moves bring the later part to about the same place."""
+    apart = _apart(move, other, later)
+    return bool(np.hypot(*apart[:2]) <= _SAME[0] and abs(apart[2]) <= _SAME[1])

@@ -1,0 +1,131 @@
+"""Parts of a broken path are joined where they fit in one way, and stay apart where in two."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from laser_rooms import WALLS, cast
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry.planar import (
+    between_planar,
+    compose_planar,
+    invert_planar,
+    planar_to_matrix,
+)
+from mapmyworld.places.laser_closures import compare_places
+from mapmyworld.places.laser_joins import doubt_joins
+from mapmyworld.places.laser_lost import islands, lost_pairs
+from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
+from mapmyworld.places.part_maps import View, part_map
+from mapmyworld.registration.scan_matching import prepare_scan, scan_set
+from mapmyworld.types import Constraint, ConstraintKind, Node
+
+CONFIG = Config()
+Array = NDArray[np.float64]
+HALL = np.array([[-5, -3, 5, -3], [5, -3, 5, 3], [5, 3, -5, 3], [-5, 3, -5, -3]], np.float64)
+LENGTH = 750.0  # m of path that a break counts for after which any heading is open
+STRAIGHT = np.stack([np.linspace(-3.0, -1.0, 41), np.full(41, 1.0), np.zeros(41)], axis=-1)
+TURNING = np.column_stack([np.tile(STRAIGHT[-1, :2], (20, 1)), np.linspace(0.15, 3.1, 20)])
+AND_BACK = np.concatenate([STRAIGHT, TURNING, compose_planar([-4.0, 2.0, np.pi], STRAIGHT)])
+
+
+def carried(walls: Array, *paths: Array, unseen: float = LENGTH) -> tuple[LaserNodes, NodeScans]:
+    """Nodes of a robot that is carried from path to path, each time turned by 40 degrees."""
+    truth = np.concatenate(paths)
+    begin = [
+        compose_planar([0.3, 0.1, np.radians(40.0) * k], path[0]) for k, path in enumerate(paths)
+    ]
+    believed = np.concatenate(
+        [
+            compose_planar(at, between_planar(path[0], path))
+            for at, path in zip(begin, paths, strict=True)
+        ]
+    )
+    scans = [prepare_scan(cast(p, walls, k), CONFIG.registration) for k, p in enumerate(truth)]
+    nodes = [Node(k + 1, 0, k, p, p) for k, p in enumerate(planar_to_matrix(believed))]
+    lost = np.zeros(len(truth))
+    lost[np.cumsum([len(path) for path in paths])[:-1]] = unseen
+    loaded = NodeScans(nodes, scan_set(scans), lost, np.ones(len(truth), np.bool_))
+    return nodes_at(loaded, None), loaded
+
+
+def found(walls: Array, *paths: Array) -> tuple[list[Constraint], Array]:
+    """Closures from every later place to every earlier part, and how far off each is (K, 3)."""
+    nodes, _ = carried(walls, *paths)
+    pairs = lost_pairs(nodes, [], CONFIG)
+    tried = compare_places(nodes, pairs, CONFIG, settled=False, widest=25.0)
+    truth = np.concatenate(paths)
+    wanted = [between_planar(truth[c.from_id - 1], truth[c.to_id - 1]) for c in tried]
+    error = planar_to_matrix(np.array(wanted)) - np.stack([c.from_from_to for c in tried])
+    return tried, np.abs(error).max(axis=(1, 2))
+
+
+def judged(walls: Array, turn: float) -> Constraint:
+    """A closure from a robot's way back in a hall to where it was carried: true, or turned."""
+    nodes, _ = carried(walls, AND_BACK, STRAIGHT)
+    true = between_planar(AND_BACK[20], STRAIGHT[20])
+    there = compose_planar([0.0, 0.0, turn], compose_planar(AND_BACK[20], true))
+    wanted = planar_to_matrix(between_planar(AND_BACK[20], there))
+    pair = (20, len(AND_BACK) + 20)
+    given = replace(closure(pair[0] + 1, pair[1] + 1), from_from_to=wanted)
+    return doubt_joins(nodes, [pair], [given], CONFIG, 25.0)[0]
+
+
+@pytest.mark.parametrize("turn", [0.0, np.pi])
+def test_a_bare_hall_is_the_same_after_half_a_turn(turn: float) -> None:
+    doubted = judged(HALL, turn)
+    assert not doubted.accepted
+    assert "fits as well" in doubted.reason
+    assert "180 deg" in doubted.reason
+
+
+def test_a_pillar_in_the_hall_tells_its_ends_apart() -> None:
+    pillar = np.array([[1, 1.5, 3, 1.5], [3, 1.5, 3, -2], [3, -2, 1, -2], [1, -2, 1, 1.5]])
+    walls = np.concatenate([HALL, pillar])
+    assert judged(walls, 0.0).accepted
+    assert not judged(walls, np.pi).accepted
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0])
+def test_rooms_that_differ_are_joined_in_any_heading(turn: float) -> None:
+    later = STRAIGHT.copy()
+    later[:, 2] += turn
+    tried, error = found(WALLS, STRAIGHT, later)
+    accepted = np.array([c.accepted for c in tried])
+    assert accepted.any()
+    assert error[accepted].max() < 0.03
+
+
+def test_what_no_beam_passed_says_nothing_and_what_walls_hide_fits_nowhere() -> None:
+    nodes, _ = carried(HALL, AND_BACK)
+    made = part_map(nodes, np.arange(len(nodes.ids)))
+    at_start = compose_planar(nodes.poses[0], invert_planar(AND_BACK[0]))  # of the hall's frame
+    wall = np.column_stack([np.linspace(-4.0, 4.9, 90), np.full(90, 3.0)])
+    view = View(wall, np.tile(AND_BACK[0, :2], (90, 1)))
+
+    def fit(x: float, y: float) -> tuple[float, float]:
+        score, seen = made.fit(view, compose_planar(at_start, [x, y, 0.0]))
+        return round(score, 1), round(seen, 1)
+
+    assert fit(0.0, 0.0) == (1.0, 1.0)
+    assert fit(0.0, -1.0) == (0.0, 1.0)  # in what beams passed
+    assert fit(0.0, 1.0) == (0.0, 1.0)  # behind the wall
+    assert fit(0.0, 40.0)[1] == 0.0
+
+
+def closure(a: int, b: int, *, accepted: bool = True) -> Constraint:
+    return Constraint(a, b, ConstraintKind.LOOP_CLOSURE, np.eye(4), np.eye(6), accepted=accepted)
+
+
+def test_islands_are_parts_that_neither_wheels_nor_closures_tie() -> None:
+    _, lost = carried(HALL, STRAIGHT, STRAIGHT, STRAIGHT)
+    assert np.unique(islands(lost, [])).tolist() == [0, 1, 2]
+    assert len(np.unique(islands(lost, [closure(3, 100)]))) == 2
+    assert len(np.unique(islands(lost, [closure(3, 100, accepted=False)]))) == 3
+    assert len(np.unique(islands(lost, [closure(3, 100), closure(50, 99)]))) == 1
+    _, blind = carried(HALL, STRAIGHT, STRAIGHT, unseen=30.0)  # the wheels still tell
+    assert np.unique(islands(blind, [])).tolist() == [0]

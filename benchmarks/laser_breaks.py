@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.api import Built, build
+from mapmyworld.config import Config
 from mapmyworld.evaluation.loops import MAX_ANGLE_DEG, MAX_DISTANCE
 from mapmyworld.evaluation.relations import poses_at
 from mapmyworld.evaluation.trajectory import ate
@@ -29,6 +30,8 @@ from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.memory_log import MemoryLog
+from mapmyworld.places.laser_lost import islands
+from mapmyworld.places.laser_nodes import load_node_scans
 from mapmyworld.simulation import Recording, SimulationSettings, simulate
 from mapmyworld.simulation.streams import ODOMETRY_TOPIC, TF_TOPIC
 from mapmyworld.types import (
@@ -73,8 +76,10 @@ def main() -> None:
     parser.add_argument("--breaks", type=int, default=3)
     parser.add_argument("--beams", type=int, default=181)
     options = parser.parse_args()
-    print("| drive | world | spoilt | ATE m | max m | deg | closures | wrong | lost scans |")
-    print("| --- " * 9 + "|")
+    print(
+        "| drive | world | spoilt | ATE m | max m | deg | parts | ATE within m | closures | wrong "
+        "| lost scans |\n" + "| --- " * 11 + "|"
+    )
     for number in range(options.first, options.end or options.first + 1):
         for world in [options.world] if options.world else WORLDS:
             for kind in [options.kind] if options.kind else KINDS:
@@ -97,11 +102,16 @@ def row(number: int, world: str, kind: str, breaks: int, beams: int) -> str:
     sound = np.array([spoils_at(moment, stretches) is None for moment in moments.tolist()])
     score = ate(Trajectory(stamps[sound], frames[sound]), truth)
     count, wrong = closures_of(built, truth)
+    parts = parts_of(built)[sound]
+    within = [ate(Trajectory(stamps[sound][k], frames[sound][k]), truth).translation.rmse
+              for k in (parts == part for part in np.unique(parts))]  # fmt: skip
+    sizes = np.unique(parts, return_counts=True)[1]
+    inside = np.sqrt(np.average(np.square(within), weights=sizes))
     lost = sum("odometry only" in c.reason for c in built.map.constraints())
     return (
         f"| {number} | {world} | {kind} | {score.translation.rmse:.4f} | "
-        f"{score.translation.maximum:.3f} | {score.rotation_deg.rmse:.2f} | {count} | {wrong} | "
-        f"{lost} |"
+        f"{score.translation.maximum:.3f} | {score.rotation_deg.rmse:.2f} | {len(sizes)} | "
+        f"{inside:.4f} | {count} | {wrong} | {lost} |"
     )
 
 
@@ -178,6 +188,15 @@ def wandered(poses: Array, moments: Array, stretches: list[Stretch]) -> Array:
             step = planar_to_matrix(np.array([forward, 0.0, spoils.turn * turn + wander]))
         result.append(result[-1] @ step)
     return np.stack(result)
+
+
+def parts_of(built: Built) -> NDArray[np.int64]:
+    """(F,) which part of the path each scan is in; nothing tells how parts lie to each other."""
+    loaded = load_node_scans(built.map, Config())
+    ids = np.array([node.id for node in loaded.nodes])
+    island = islands(loaded, built.map.constraints())
+    at = np.searchsorted(ids, built.map.tracked_frames().node_ids, side="right") - 1
+    return np.asarray(island[np.maximum(at, 0)], np.int64)
 
 
 def closures_of(built: Built, truth: Trajectory) -> tuple[int, int]:

@@ -163,7 +163,7 @@ def _uncertainty(sigmas: list[float], config: Config) -> str:
         return f"translation certain to {sigmas[1]:.3f} m only, {limit:g} m needed"
     if sigmas[0] > settings.closure_rotation_sigma:
         limit = settings.closure_rotation_sigma
-        return f"rotation certain to {sigmas[0]:.3f} rad only, {limit:g} rad needed"
+        return f"rotation certain to {sigmas[0]:.4f} rad only, {limit:g} rad needed"
     return ""
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,9 +42,10 @@ def tables_from_text(
     texts: dict[str, list[str]] = {}
     numbers: dict[str, list[int]] = {}
     for number, line in enumerate(text.removeprefix("\ufeff").splitlines(), 1):
-        tag, rest = [*line.split(None, 1), "", ""][:2]
-        if not tag or tag.startswith("#"):
+        parts = line.split(None, 1)
+        if not parts or parts[0].startswith("#"):
             continue
+        tag, rest = parts if len(parts) == 2 else (parts[0], "")
         if tag in texts:
             texts[tag].append(rest)
             numbers[tag].append(number)
@@ -67,15 +68,10 @@ def _table(
 ) -> Table:
     """All rows at once; one by one only when something is wrong with any."""
     width = columns.count
-    tokens = [row.split() for row in rows]
-    if all(len(row) == width for row in tokens):
-        try:
-            values = np.array(list(map(float, chain.from_iterable(tokens)))).reshape(-1, width)
-        except ValueError:
-            pass
-        else:
-            if not _fault(values, columns):
-                return Table(values, np.array(lines, np.int64))
+    with suppress(ValueError):  # what is no number, or another number of them
+        values = np.loadtxt(rows if any(rows) else ["?"], comments=None, ndmin=2)
+        if values.shape == (len(rows), width) and not _fault(values, columns):
+            return Table(values, np.array(lines, np.int64))
     good = [
         (line, read)
         for line, row in zip(lines, rows, strict=True)
@@ -105,17 +101,17 @@ def _row(
 
 def _fault(values: NDArray[np.float64], columns: Columns) -> str:
     """What is wrong with some of the numbers (..., columns); empty where nothing is."""
-    sizes = np.abs(values)
-    if not (sizes <= _LARGEST).all():  # nor is what is no number
+    largest = np.abs(values).max()
+    if not largest <= _LARGEST:  # nor is what is no number
         if np.isfinite(values).all():
             return f"a value beyond {_LARGEST:.0e}"
         return "a value that is not finite"
-    ids = sizes[..., : columns.ids]
-    if ((ids > _LARGEST_ID) | (ids != np.rint(ids))).any():
+    ids = values[..., : columns.ids]
+    if (ids != np.rint(ids)).any() or (largest > _LARGEST_ID and np.abs(ids).max() > _LARGEST_ID):
         return "an id that is no whole number"
     if columns.quaternion is not None:
         quaternion = values[..., columns.quaternion : columns.quaternion + 4]
-        if (np.einsum("...i,...i->...", quaternion, quaternion) < _SHORTEST).any():
+        if (quaternion * quaternion).sum(axis=-1).min() < _SHORTEST:
             return "a quaternion that is zero"
     return ""
 

@@ -9,7 +9,7 @@ GTSAM ODOMETRY LANDMARK (with covariances) BR (bearing, range and their standard
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from formats.graph_lines import Columns, Table, listed, tables_from_text
 from formats.graph_numbers import POSES
 from mapmyworld.errors import MapError
 from mapmyworld.geometry import Array
-from mapmyworld.types.pose_graph import PoseGraph
+from mapmyworld.types.pose_graph import Edges, PoseGraph
 
 Index = NDArray[np.int64]
 
@@ -62,7 +62,7 @@ class GraphFile:
 def read_graph(path: Path) -> GraphFile:
     """The graph in a g2o, TORO or GTSAM text file; raises `MapError` when there is none."""
     try:
-        text = path.read_text(encoding="utf-8", errors="replace")
+        text = path.read_bytes().decode("utf-8", errors="replace")
     except OSError as error:
         raise MapError(f"{path}: {error.strerror or error}") from error
     try:
@@ -116,11 +116,12 @@ class _Reader:
             self.problems.append(f"priors of unknown nodes {listed(priors.ids[~placed])}")
             priors = priors.chosen(placed)
         step = ids.searchsorted(edges.to_ids) - ids.searchsorted(edges.from_ids)
+        measured = edges.from_ids, edges.to_ids, edges.from_from_to, edges.information
         graph = PoseGraph(
             self.planar,
             ids,
             poses,
-            replace(edges, odometry=np.abs(step) == 1),
+            Edges(*measured, odometry=np.abs(step) == 1),
             landmark_ids,
             landmarks,
             sightings,
@@ -131,7 +132,10 @@ class _Reader:
 
     def _fixed(self) -> Index:
         found: list[int] = []
-        for line, rest in self.others.pop("FIX", []):
+        lines = self.others.pop("FIX", [])
+        if not lines:
+            return np.zeros(0, np.int64)
+        for line, rest in lines:
             try:
                 found += [int(token) for token in rest.split()]
             except ValueError:
@@ -158,9 +162,10 @@ class _Reader:
         unique, poses = self._without_duplicates(
             np.concatenate(ids), np.concatenate(lines), np.concatenate(numbers)
         )
-        missing = np.unique(named[~_among(named, unique)])
-        if len(missing) == 0:
+        placed = _among(named, unique)
+        if placed.all():
             return unique, poses
+        missing = np.unique(named[~placed])
         if len(unique):
             self.problems.append(
                 f"{len(missing)} nodes have edges but no vertex ({listed(missing)}): "
@@ -190,6 +195,8 @@ class _Reader:
         size = 2 if self.planar else 3
         table = self.tables.get("VERTEX_XY" if self.planar else "VERTEX_TRACKXYZ")
         ids, points = np.zeros(0, np.int64), np.zeros((0, size))
+        if table is None and len(seen) == 0:
+            return ids, points
         if table is not None:
             ids, points = self._without_duplicates(
                 table.numbers[:, 0].astype(np.int64), table.lines, table.numbers[:, 1:]

@@ -14,7 +14,7 @@ from queue import Full, Queue
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 if TYPE_CHECKING:
-    from threadpoolctl import ThreadpoolController
+    from threadpoolctl import LibController, ThreadpoolController
 
 _AHEAD = 3  # items per thread that are prepared before they are asked for
 
@@ -160,18 +160,26 @@ def on_one_thread(work: Callable[Given, Out]) -> Callable[Given, Out]:
 
     @functools.wraps(work)
     def limited(*args: Given.args, **kwargs: Given.kwargs) -> Out:
-        with _every_library().limit(limits=1, user_api="blas"):
+        libraries = [(library, library.num_threads) for library in _algebra()]
+        before = [(library, threads) for library, threads in libraries if threads != 1]
+        for library, _ in before:
+            library.set_num_threads(1)
+        try:
             return work(*args, **kwargs)
+        finally:
+            for library, threads in before:
+                library.set_num_threads(threads)
 
     return limited
 
 
 @functools.cache
-def _every_library() -> ThreadpoolController:
-    """Found once, which takes as long as a small graph."""
+def _algebra() -> list[LibController]:
+    """Libraries of linear algebra, found once, which takes as long as a small graph."""
     import scipy.linalg  # noqa: F401  has a library of its own, which must be there to be found
 
-    return _present_libraries()
+    found: list[LibController] = _present_libraries().select(user_api="blas").lib_controllers
+    return found
 
 
 def _present_libraries() -> ThreadpoolController:

@@ -21,9 +21,15 @@ from mapmyworld.graph.covariance import (
 from mapmyworld.graph.elimination import analyse
 from mapmyworld.graph.joint_covariance import joint_covariances
 from mapmyworld.graph.linear_system import information_factors
-from mapmyworld.graph.residuals import edge_jacobians, edge_residuals, retract
+from mapmyworld.graph.residuals import edge_residuals, retract
 from mapmyworld.graph.solve import solve
-from mapmyworld.graph.system import System, chosen_edges, number_free
+from mapmyworld.graph.system import (
+    System,
+    chosen_edges,
+    jacobians_of,
+    number_free,
+    residuals_of,
+)
 from mapmyworld.types import Constraint, ConstraintKind
 from mapmyworld.types.pose_graph import Edges, PoseGraph
 
@@ -55,11 +61,9 @@ def random_system(planar: bool, count: int, extra: int, seed: int) -> tuple[Syst
 
 def rows_of(system: System, poses: np.ndarray, k: int) -> np.ndarray:
     """The derivative (d, N d) of an edge's residual by the tangents of all nodes."""
-    ends = system.tails[k : k + 1], system.heads[k : k + 1]
-    residual = edge_residuals(
-        system.planar, poses[ends[0]], poses[ends[1]], system.measured[k : k + 1]
-    )
-    jacobians = edge_jacobians(system.planar, poses[ends[0]], poses[ends[1]], residual)
+    one = chosen_edges(system, np.array([k]))
+    ends = one.tails, one.heads
+    jacobians = jacobians_of(one, poses, residuals_of(one, poses))
     size, rows = system.dimension, np.zeros((system.dimension, len(poses), system.dimension))
     for end, jacobian in zip(ends, jacobians, strict=True):
         rows[:, end[0]] += jacobian[0]
@@ -111,8 +115,8 @@ def test_solutions_and_marginals_are_those_of_the_dense_matrix(planar, count, ex
 @pytest.mark.parametrize("planar", [True, False])
 def test_jacobians_are_those_of_finite_differences(planar):
     system, poses = random_system(planar, 12, 10, 5)
-    residuals = edge_residuals(planar, poses[system.tails], poses[system.heads], system.measured)
-    by_tail, by_head = edge_jacobians(planar, poses[system.tails], poses[system.heads], residuals)
+    residuals = residuals_of(system, poses)
+    by_tail, by_head = jacobians_of(system, poses, residuals)
     step = 1e-6
     for ends, jacobian in ((system.tails, by_tail), (system.heads, by_head)):
         for k in range(system.dimension):

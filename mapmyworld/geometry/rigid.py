@@ -19,7 +19,9 @@ SWAP_ROTATION_TRANSLATION = np.array([3, 4, 5, 0, 1, 2])
 def make_transform(rotation: ArrayLike, translation: ArrayLike) -> Array:
     """The matrix (..., 4, 4) of a rotation (..., 3, 3) and a translation (..., 3)."""
     r, t = np.asarray(rotation, np.float64), np.asarray(translation, np.float64)
-    matrix = np.zeros((*np.broadcast_shapes(r.shape[:-2], t.shape[:-1]), 4, 4))
+    same = r.shape[:-2] == t.shape[:-1]  # numpy takes long to find out
+    shape = t.shape[:-1] if same else np.broadcast_shapes(r.shape[:-2], t.shape[:-1])
+    matrix = np.zeros((*shape, 4, 4))
     matrix[..., :3, :3], matrix[..., :3, 3], matrix[..., 3, 3] = r, t, 1.0
     return matrix
 

@@ -7,7 +7,7 @@ factorisation shows, no arrangement of the nodes costs less than half of `trace(
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -74,7 +74,7 @@ def _certified(system: System, solved: Fit, *, equal: bool) -> Certificate:
     if found is None:
         return Certificate(0.0, 1.0, False)
     for slack in _SLACK:
-        if found.proven or _is_positive(twin, found, slack):
+        if found.proven or _is_positive(twin, found.multiplied, slack * found.cost):
             lower = max(0.0, 0.5 * (found.dual - slack * found.cost))
             return Certificate(lower, max(0.0, 1.0 - lower / cost), slack <= _EXACT)
     return Certificate(0.0, 1.0, False)
@@ -93,12 +93,15 @@ class _Settled:
     """Whether the certificate matrix is positive definite with the smallest slack."""
 
 
-def _is_positive(twin: Twin, found: _Settled, slack: float) -> bool:
-    """Whether the certificate matrix is positive definite with `eta` more on its rotations."""
-    nodes, size = found.multiplied.shape[:2]
-    blocks, inner = certificate_blocks(twin, found.multiplied), np.arange(1, size + 1)
-    blocks[twin.anchors, 0, 0] += np.abs(blocks[:nodes]).max()
-    blocks[np.arange(nodes)[:, None], inner, inner] += slack * found.cost / (nodes * size)
+def _is_positive(twin: Twin, multiplied: Array, slack: float) -> bool:
+    """Whether the certificate matrix is positive definite with `slack` more on its rotations.
+
+    That is the sum over all of them.
+    """
+    nodes, size = multiplied.shape[:2]
+    blocks, inner = certificate_blocks(twin, multiplied), np.arange(1, size + 1)
+    blocks[twin.anchors, 0, 0] += blocks.max()
+    blocks[:nodes, inner, inner] += slack / (nodes * size)
     try:
         solver_of(nodes, twin.rows, twin.columns, blocks)
     except NotPositiveDefiniteError:
@@ -117,8 +120,7 @@ def _settled(twin: Twin, x: Array) -> _Settled | None:
         reached = _state(twin, x, cost, pulled)
         if reached.proven or settled:
             return reached
-        multiplied = reached.multiplied
-        gradient, hessian = _derivatives(twin, x, slope(x, pulled, multiplied), multiplied)
+        gradient, hessian = derivatives(twin, x, pulled, reached.multiplied)
         while True:
             step = newton_step(twin, gradient, hessian, damping, _FLOOR)
             if step is not None:
@@ -137,27 +139,32 @@ def _settled(twin: Twin, x: Array) -> _Settled | None:
 
 def _state(twin: Twin, x: Array, cost: float, pulled: Array) -> _Settled:
     multiplied = multipliers(twin, x, pulled)
-    dual = float(np.trace(multiplied, axis1=1, axis2=2).sum())
-    state = _Settled(multiplied, cost, dual, False)
+    dual = float(np.add.reduce(multiplied.trace(axis1=1, axis2=2)))
     near = abs(cost - dual) <= _EXACT * cost
-    return replace(state, proven=near and _is_positive(twin, state, _SLACK[0]))
+    proven = near and _is_positive(twin, multiplied, _SLACK[0] * cost)
+    return _Settled(multiplied, cost, dual, proven)
 
 
-def _derivatives(twin: Twin, x: Array, slope: Array, multiplied: Array) -> tuple[Array, Array]:
-    """Half the gradient (N, m) and half the Hessian's blocks (B, m, m) along the tangents."""
+def derivatives(twin: Twin, x: Array, pulled: Array, multiplied: Array) -> tuple[Array, Array]:
+    """Half the gradient (N, m) and half the Hessian's blocks (B, m, m) along the tangents.
+
+    `pulled` is X M.
+    """
     bases = tangent_bases(x)
-    gradient = np.einsum("nkxp,nxp->nk", bases, slope)
+    gradient = np.einsum("nkxp,nxp->nk", bases, slope(x, pulled, multiplied))
     return gradient, hessian_blocks(twin, certificate_blocks(twin, multiplied), bases)
 
 
 def certainty_of(
-    system: System, cost: float, converged: bool, certificate: Certificate | None
+    freedom: int, cost: float, converged: bool, certificate: Certificate | None
 ) -> str:
-    """A sentence about a minimum of this cost: what is proven, else what the residuals say."""
+    """A sentence about a minimum of this cost: what is proven, else what the residuals say.
+
+    `freedom` counts the numbers that edges measure beyond those that are unknown.
+    """
     if not converged:
         return "not converged: raise graph.iterations"
     parts = ["converged", proof_of(certificate)]
-    freedom = system.dimension * len(system.tails) - system.size
     if freedom > 0:
         ratio = 2.0 * cost / freedom
         parts.append(f"squared sigmas are {ratio:.3g} times what the covariances predict")

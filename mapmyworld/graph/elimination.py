@@ -97,8 +97,11 @@ def links(count: int, tails: Index, heads: Index) -> tuple[Index, Index, Index]:
 def _linked(count: int, tail_bytes: bytes, head_bytes: bytes) -> tuple[Index, Index, Index]:
     tails, heads = np.frombuffer(tail_bytes, np.int64), np.frombuffer(head_bytes, np.int64)
     keys = np.minimum(tails, heads) * count + np.maximum(tails, heads)
-    linked, slot = np.unique(keys, return_inverse=True)
-    nodes = np.arange(count)
+    order = keys.argsort(kind="stable")
+    ascending, new = keys[order], np.ones(len(keys), np.bool_)
+    new[1:] = ascending[1:] != ascending[:-1]
+    linked, slot, nodes = ascending[new], np.empty(len(keys), np.int64), np.arange(count)
+    slot[order] = new.cumsum() - 1
     rows, columns = np.concatenate([[nodes, nodes], np.divmod(linked, count)], axis=1)
     return rows, columns, count + slot
 

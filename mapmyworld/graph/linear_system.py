@@ -7,6 +7,8 @@ on the same edges eliminate the same pattern.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
 
 import numpy as np
 
@@ -28,18 +30,12 @@ class Pattern:
     """(B,) nodes of the blocks: every node's diagonal first."""
     between: Index
     """(E,) the block of both ends of each edge."""
-    stays: Index
-    """Nodes that do not move."""
-    held: Index
-    """Blocks between two nodes of which one does not move."""
 
 
 def pattern_of(system: System) -> Pattern:
     """The pattern of the system's matrix."""
-    rows, columns, between = links(len(system.free), system.tails, system.heads)
-    count, stays = len(system.free), system.free < 0
-    held = count + np.flatnonzero(stays[rows[count:]] | stays[columns[count:]])
-    return Pattern(count, rows, columns, between, np.flatnonzero(stays), held)
+    count = len(system.free)
+    return Pattern(count, *links(count, system.tails, system.heads))
 
 
 def linearise(
@@ -56,10 +52,7 @@ def linearise(
     residuals = residuals_of(system, poses) if residuals is None else residuals
     size = system.dimension
     blocks = np.zeros((len(pattern.rows), size, size))
-    gradient = _added(system, pattern, poses, residuals, blocks, weights)
-    blocks[pattern.held] = 0.0
-    blocks[pattern.stays] = np.eye(size)
-    return blocks, gradient
+    return blocks, _added(system, pattern, poses, residuals, blocks, weights)
 
 
 def gradient_of(system: System, pattern: Pattern, poses: Array, residuals: Array) -> Array:
@@ -76,13 +69,12 @@ def _added(
     weights: Array | None = None,
 ) -> Array:
     """The gradient (N, d); what edges add to the blocks is added to these."""
-    from mapmyworld.kernels.normal_equations import add_edges
-
     gradient = np.zeros((len(system.free), system.dimension))
-    add_edges(
+    _kernels().add_edges(
         system.tails,
         system.heads,
         pattern.between,
+        system.free,
         *jacobians_of(system, poses, residuals),
         np.ascontiguousarray(system.information, np.float64),
         residuals,
@@ -90,8 +82,14 @@ def _added(
         blocks,
         gradient,
     )
-    gradient[pattern.stays] = 0.0
     return gradient
+
+
+@cache
+def _kernels() -> ModuleType:
+    from mapmyworld.kernels import normal_equations
+
+    return normal_equations
 
 
 def damped(pattern: Pattern, blocks: Array, damping: float) -> Array:

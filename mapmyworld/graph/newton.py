@@ -12,9 +12,11 @@ from mapmyworld.graph.twin import Twin
 
 def hessian_blocks(twin: Twin, blocks: Array, bases: Array) -> Array:
     """Half the Hessian's blocks (B, m, m) along tangents (N, m, p, d + 1), of those of S."""
-    flat = bases.reshape(*bases.shape[:2], -1)
-    left = (bases[twin.rows] @ blocks[:, None]).reshape(len(blocks), *flat.shape[1:])
-    return np.asarray(left @ np.swapaxes(flat[twin.columns], 1, 2))
+    from mapmyworld.kernels.relaxation import set_hessian
+
+    found = np.empty((len(blocks), bases.shape[1], bases.shape[1]))
+    set_hessian(twin.rows, twin.columns, blocks, bases, found)
+    return found
 
 
 def newton_step(
@@ -33,11 +35,12 @@ def newton_step(
     nodes, inner = len(gradient), np.arange(gradient.shape[1])
     diagonal = np.abs(hessian[:nodes, inner, inner])
     blocks = hessian.copy()
-    blocks[:nodes, inner, inner] += damping * diagonal + floor * diagonal.max()
+    largest = diagonal.max()
+    blocks[:nodes, inner, inner] += damping * diagonal + floor * largest
     # Landmarks have no rotation; the first node of every part does not move.
     turns = inner[: len(inner) - twin.dimension - extra]
-    blocks[twin.points[:, None], turns, turns] = diagonal.max()
-    blocks[twin.anchors] += diagonal.max() * np.eye(len(inner))
+    blocks[twin.points[:, None], turns, turns] = largest
+    blocks[twin.anchors[:, None], inner, inner] += largest
     right = -gradient
     right[twin.anchors] = 0.0
     try:

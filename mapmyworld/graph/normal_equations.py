@@ -9,41 +9,42 @@ from mapmyworld.graph.block_solver import solver_of
 from mapmyworld.graph.elimination import links
 from mapmyworld.graph.pose_graph import Index
 
+# Weight of the anchors against the largest weight of an edge: they stay where they are.
+_ANCHOR = 1e3
 
-def edge_blocks(
-    count: int, tails: Index, heads: Index, at_tail: Array, at_head: Array, across: Array
+
+def weighted_blocks(
+    count: int, tails: Index, heads: Index, weights: Array, turns: Array
 ) -> tuple[Index, Index, Array]:
-    """Rows, columns and blocks (B, d, d) of a symmetric matrix that edges (E) add up to.
+    """Rows, columns and blocks (B, d, d) of the matrix of the sum of `w |X_head - T' X_tail|^2`.
 
-    An edge adds its blocks (E, d, d) at its tail, at its head, and `across` at (tail, head),
-    transposed at (head, tail). Blocks stand as `links` puts them.
+    Edges (E) have weights w and orthogonal matrices T (E, d, d). Blocks stand as `links` puts them.
     """
-    from mapmyworld.kernels.normal_equations import add_blocks
+    from mapmyworld.kernels.normal_equations import add_weighted
 
     rows, columns, between = links(count, tails, heads)
-    blocks = np.zeros((len(rows), *across.shape[1:]))
-    add_blocks(tails, heads, between, at_tail, at_head, across, blocks)
+    blocks = np.zeros((len(rows), *turns.shape[1:]))
+    add_weighted(tails, heads, between, weights, np.ascontiguousarray(turns), blocks)
     return rows, columns, blocks
 
 
-def solve_blocks(
-    count: int,
+def solve_weighted(
     tails: Index,
     heads: Index,
     weights: Array,
-    across: Array,
+    turns: Array,
     anchors: Index,
-    anchor_weight: float,
+    held: Array,
     right: Array,
 ) -> Array:
-    """The solution (count, d, K) of a symmetric system made of edges' blocks (E, d, d).
+    """X (N, d, K) that minimises that sum less `2 right X`, where anchors keep what is `held` of X.
 
-    An edge adds its weight (E,) to the diagonal at its tail and at its head, and `across` between
-    them as in `edge_blocks`; `anchor_weight` is added at every anchor.
+    They do but for a share that edges are too weak to move.
     """
-    size = across.shape[1]
-    own = weights[:, None, None] * np.eye(size)
-    rows, columns, blocks = edge_blocks(count, tails, heads, own, own, across)
-    blocks[anchors] += anchor_weight * np.eye(size)
-    solution = solver_of(count, rows, columns, blocks).solve(right.reshape(count * size, -1))
-    return solution.reshape(right.shape)
+    count, inner = len(right), np.arange(turns.shape[1])
+    rows, columns, blocks = weighted_blocks(count, tails, heads, weights, turns)
+    anchor = _ANCHOR * float(weights.max(initial=1.0))
+    blocks[anchors[:, None], inner, inner] += anchor
+    right[anchors] += anchor * held
+    solver = solver_of(count, rows, columns, blocks)
+    return solver.solve(right.reshape(count * len(inner), -1)).reshape(right.shape)

@@ -204,7 +204,8 @@ def _result(
     chi2[problem.order] = squares[: len(graph.edges)]
     good[problem.order] = accepted[: len(graph.edges)]
     places = poses[count:, :2] if graph.planar else poses[count:, :3, 3]
-    part, cost = chosen_edges(problem.system, accepted), 0.5 * float(squares[accepted].sum())
+    freedom = problem.system.dimension * int(accepted.sum()) - problem.system.size
+    cost = 0.5 * float(squares[accepted].sum())
     return OptimisedGraph(
         replace(graph, map_from_node=poses[: count - 1], landmarks=places),
         cost,
@@ -217,5 +218,5 @@ def _result(
         good,
         problem.component,
         certificate,
-        certainty_of(part, cost, end.converged, certificate),
+        certainty_of(freedom, cost, end.converged, certificate),
     )

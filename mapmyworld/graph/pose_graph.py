@@ -57,9 +57,12 @@ def canonical_order(edges: Edges) -> Index:
 
     Sums over sorted edges do not depend on the order in which a file or a matcher gave them.
     """
-    numbers = int(np.prod(edges.from_from_to.shape[1:]))
-    flat = edges.from_from_to.reshape(len(edges), numbers).T
-    return np.lexsort((*flat, edges.to_ids, edges.from_ids)).astype(np.int64)
+    order = np.lexsort((edges.to_ids, edges.from_ids))
+    tails, heads = edges.from_ids[order], edges.to_ids[order]
+    if ((tails[1:] == tails[:-1]) & (heads[1:] == heads[:-1])).any():
+        flat = edges.from_from_to.reshape(len(edges), -1).T
+        order = np.lexsort((*flat, edges.to_ids, edges.from_ids))
+    return order
 
 
 def positions(known: Index, wanted: Index) -> Index:
@@ -79,15 +82,11 @@ def components(node_count: int, tails: Index, heads: Index) -> Index:
 
 def first_nodes(node_count: int, tails: Index, heads: Index) -> Index:
     """(N,) the first node of the connected part of every node."""
-    label = np.arange(node_count)
-    # Both ends of a link take the smaller label, then every node its label's own label.
-    while ((a := label[tails]) != (b := label[heads])).any():
-        low = np.minimum(a, b)
-        np.minimum.at(label, a, low)
-        np.minimum.at(label, b, low)
-        while (label != (jumped := label[label])).any():
-            label = jumped
-    return label
+    from mapmyworld.kernels.elimination import join_parts
+
+    first = np.arange(node_count)
+    join_parts(np.ascontiguousarray(tails), np.ascontiguousarray(heads), first)
+    return first
 
 
 def held_nodes(node_count: int, tails: Index, heads: Index, held: Index) -> NDArray[np.bool_]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from mapmyworld.geometry import Array
 from mapmyworld.graph.landmarks import as_edges
 from mapmyworld.graph.pose_graph import Index, canonical_order, components, held_nodes, positions
 from mapmyworld.graph.system import System, number_free
-from mapmyworld.types.pose_graph import PoseGraph
+from mapmyworld.types.pose_graph import Edges, PoseGraph
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,36 +42,43 @@ def problem_of(graph: PoseGraph) -> Problem:
     if len(graph) == 0:
         raise GraphError("the graph has no nodes: nothing to optimise")
     order = canonical_order(graph.edges)
-    edges, seen, count = graph.edges.chosen(order), graph.sightings, len(graph)
-    measured, information, kinds = as_edges(graph.planar, seen)
-    landmarks = positions(graph.landmark_ids, seen.landmark_ids)
-    at = [positions(graph.ids, ids) for ids in (edges.from_ids, edges.to_ids, seen.node_ids)]
-    priors = positions(graph.ids, graph.priors.ids)
-    prior_poses = graph.priors.map_from_node.reshape(-1, *graph.map_from_node.shape[1:])
-    prior_information = graph.priors.information.reshape(-1, *edges.information.shape[1:])
-    if any((k < 0).any() for k in (*at, landmarks, priors)):
-        raise GraphError("the graph has edges, sightings or priors of nodes that it does not have")
-    tails = np.concatenate([at[0], np.full(len(priors), count), at[2]])
-    heads = np.concatenate([at[1], priors, landmarks + count + 1])
-    world = np.zeros(3) if graph.planar else np.eye(4)
+    edges, count = graph.edges.chosen(order), len(graph)
+    measured, information, kinds = as_edges(graph.planar, graph.sightings)
+    tails, heads = _ends(graph, edges)
     total = count + 1 + len(graph.landmark_ids)
-    component = components(count, at[0], at[1])
+    component = components(count, tails[: len(edges)], heads[: len(edges)])
     held = np.append(positions(graph.ids, graph.fixed_ids), count)
     stays = held_nodes(total, tails, heads, held)
     stays[count + 1 :] = False
     anchors = np.flatnonzero(stays)
     stays[count + 1 :] = np.bincount(heads, minlength=total)[count + 1 :] == 0  # never seen
+    priors = graph.priors
+    poses = priors.map_from_node.reshape(-1, *graph.map_from_node.shape[1:])
+    weights = priors.information.reshape(-1, *edges.information.shape[1:])
     system = System(
         graph.planar,
         tails,
         heads,
-        np.concatenate([edges.from_from_to, prior_poses, measured]),
-        np.concatenate([edges.information, prior_information, information]),
+        np.concatenate([edges.from_from_to, poses, measured]),
+        np.concatenate([edges.information, weights, information]),
         number_free(stays),
-        np.concatenate([np.zeros(len(edges) + len(priors), np.int64), kinds])
+        np.concatenate([np.zeros(len(tails) - len(kinds), np.int64), kinds])
         if len(kinds)
         else None,
     )
-    extra = np.broadcast_to(world, (total - count, *world.shape))
-    guess = np.concatenate([graph.map_from_node, extra])
+    guess = np.zeros((total, *graph.map_from_node.shape[1:]))
+    guess[:count], guess[count:] = graph.map_from_node, 0.0 if graph.planar else np.eye(4)
     return Problem(graph, system, guess, anchors, order, component)
+
+
+def _ends(graph: PoseGraph, edges: Edges) -> tuple[Index, Index]:
+    """Tails and heads of edges, priors and sightings as positions of nodes."""
+    seen, count = graph.sightings, len(graph)
+    named = edges.from_ids, edges.to_ids, graph.priors.ids, seen.node_ids
+    a, b, c, _ = accumulate(map(len, named))
+    at = positions(graph.ids, np.concatenate(named))
+    landmarks = positions(graph.landmark_ids, seen.landmark_ids)
+    if at.min(initial=0) < 0 or landmarks.min(initial=0) < 0:
+        raise GraphError("the graph has edges, sightings or priors of nodes that it does not have")
+    tails = np.concatenate([at[:a], np.full(c - b, count), at[c:]])
+    return tails, np.concatenate([at[a:c], landmarks + (count + 1)])

@@ -17,12 +17,9 @@ from mapmyworld.geometry.planar import (
     planar_to_matrix,
 )
 from mapmyworld.geometry.rigid import invert
-from mapmyworld.graph.normal_equations import solve_blocks
+from mapmyworld.graph.normal_equations import solve_weighted
 from mapmyworld.graph.pose_graph import Index
 from mapmyworld.graph.system import System
-
-# Weight of the anchors against the largest weight of an edge: they stay where they are.
-_ANCHOR = 1e3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,52 +120,59 @@ def chordal_start(
     size = 2 if planar else 3
     turn, shift = (slice(2, 3), slice(0, 2)) if planar else (slice(0, 3), slice(3, 6))
     diagonal = np.einsum("eii->ei", information)
-    kappa, tau = diagonal[:, turn].mean(axis=1), diagonal[:, shift].mean(axis=1)
+    kappa, tau = _mean(diagonal[:, turn]), _mean(diagonal[:, shift])
     rotations = _relaxed_rotations(
         full[:, :size, :size], anchors, tails, heads, motion[:, :size, :size], kappa
     )
     step = np.einsum("eij,ej->ei", rotations[tails], motion[:, :size, 3])
-    places = _positions(full[:, :size, 3], anchors, tails, heads, step, tau)
-    poses = np.tile(np.eye(4), (len(guess), 1, 1))
-    poses[:, :size, :size], poses[:, :size, 3] = rotations, places
+    poses = np.zeros((len(guess), 4, 4))
+    poses[:, :size, :size], poses[:, size:, size:] = rotations, np.eye(4 - size)
+    poses[:, :size, 3] = _positions(full[:, :size, 3], anchors, tails, heads, step, tau)
     found = matrix_to_planar(poses) if planar else poses
     found[anchors] = guess[anchors]
     return found
+
+
+def _mean(numbers: Array) -> Array:
+    """(E,) means of numbers (E, K); numpy's own takes a small graph several times as long."""
+    return np.asarray(np.add.reduce(numbers, axis=1) / numbers.shape[1])
 
 
 def _relaxed_rotations(
     guess: Array, anchors: Index, tails: Index, heads: Index, measured: Array, kappa: Array
 ) -> Array:
     """Rotations (N, d, d) minimising the sum of `kappa |X_j - M' X_i|^2` over `X = R'`."""
-    count, size = len(guess), guess.shape[1]
-    anchor = _ANCHOR * kappa.max(initial=1.0)
-    right = np.zeros((count, size, size))
-    right[anchors] = anchor * guess[anchors].swapaxes(1, 2)
-    across = -kappa[:, None, None] * measured
-    solution = solve_blocks(count, tails, heads, kappa, across, anchors, anchor, right)
+    held, right = guess[anchors].swapaxes(1, 2), np.zeros(guess.shape)
+    solution = solve_weighted(tails, heads, kappa, measured, anchors, held, right)
     return nearest_rotations(solution.swapaxes(1, 2))
 
 
 def nearest_rotations(matrices: Array) -> Array:
     """The rotations (N, d, d) nearest to matrices in the Frobenius norm."""
-    left, _, right = np.linalg.svd(matrices)
-    sign = np.sign(np.linalg.det(left @ right))
-    left[..., -1] *= sign[:, None]
-    return np.asarray(left @ right)
+    found: Array = np.empty(matrices.shape)
+    if matrices.shape[-1] == 2:
+        turn = np.arctan2(
+            matrices[:, 1, 0] - matrices[:, 0, 1], matrices[:, 0, 0] + matrices[:, 1, 1]
+        )
+        found[:, 0, 0] = found[:, 1, 1] = np.cos(turn)
+        found[:, 1, 0] = sin = np.sin(turn)
+        found[:, 0, 1] = -sin
+        return found
+    from mapmyworld.kernels.nearest_rotations import nearest_spatial
+
+    nearest_spatial(np.ascontiguousarray(matrices), found)
+    return found
 
 
 def _positions(
     guess: Array, anchors: Index, tails: Index, heads: Index, step: Array, tau: Array
 ) -> Array:
     """Positions (N, d) minimising the sum of `tau |t_j - t_i - step|^2`."""
-    count = len(guess)
-    anchor, pull = _ANCHOR * tau.max(initial=1.0), tau[:, None] * step
-    right = np.zeros_like(guess)
+    pull, right = tau[:, None] * step, np.zeros(guess.shape)
     np.add.at(right, heads, pull)
     np.subtract.at(right, tails, pull)
-    right[anchors] += anchor * guess[anchors]
-    across = -tau[:, None, None]
-    return solve_blocks(count, tails, heads, tau, across, anchors, anchor, right)
+    alike = np.ones((len(tau), 1, 1))
+    return solve_weighted(tails, heads, tau, alike, anchors, guess[anchors], right)
 
 
 def with_places(system: System, poses: Array) -> Array:
@@ -178,7 +182,7 @@ def with_places(system: System, poses: Array) -> Array:
     turned, diagonal = poses[system.tails], np.einsum("eii->ei", system.information)
     turned[where] = 0.0
     step = (compose_planar if planar else np.matmul)(turned, system.measured)[where]
-    tau = diagonal[:, slice(0, 2) if planar else slice(3, 6)].mean(axis=1)
+    tau = _mean(diagonal[:, slice(0, 2) if planar else slice(3, 6)])
     found = poses.copy()
     found[where] = _positions(poses[where], held, system.tails, system.heads, step, tau)
     found[held] = poses[held]

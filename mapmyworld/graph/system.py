@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mapmyworld.geometry import Array
 from mapmyworld.graph.landmarks import sighting_jacobians, sighting_residuals
 from mapmyworld.graph.pose_graph import Index, held_nodes
-from mapmyworld.graph.residuals import edge_jacobians, edge_residuals, squared_sigmas
+from mapmyworld.graph.residuals import edge_fits, edge_jacobians, squared_sigmas
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,24 +65,17 @@ def number_free(stays: NDArray[np.bool_]) -> Index:
 
 def residuals_of(system: System, poses: Array) -> Array:
     """(E, d) residuals of edges and sightings."""
-    tails, heads = poses.take(system.tails, axis=0), poses.take(system.heads, axis=0)
-    residuals = edge_residuals(system.planar, tails, heads, system.measured)
-    if system.kinds is not None:
-        k = np.flatnonzero(system.kinds)
-        residuals[k] = sighting_residuals(
-            system.planar, tails[k], heads[k], system.measured[k], system.kinds[k]
-        )
-    return residuals
+    return fit_of(system, poses).residuals
 
 
 def jacobians_of(system: System, poses: Array, residuals: Array) -> tuple[Array, Array]:
     """Derivatives (E, d, d) of these residuals by tangents of tails and heads."""
-    tails, heads = poses.take(system.tails, axis=0), poses.take(system.heads, axis=0)
-    by_tail, by_head = edge_jacobians(system.planar, tails, heads, residuals)
+    ends = system.tails, system.heads
+    by_tail, by_head = edge_jacobians(system.planar, poses, *ends, residuals)
     if system.kinds is not None:
         k = np.flatnonzero(system.kinds)
-        found = sighting_jacobians(system.planar, tails[k], heads[k], system.kinds[k])
-        by_tail[k], by_head[k] = found
+        tails, heads = (poses[end[k]] for end in ends)
+        by_tail[k], by_head[k] = sighting_jacobians(system.planar, tails, heads, system.kinds[k])
     return by_tail, by_head
 
 
@@ -107,9 +100,15 @@ def believed_edges(system: System, which: NDArray[np.bool_]) -> System:
 
 def fit_of(system: System, poses: Array) -> Fit:
     """How poses fit the edges of a system."""
-    residuals = residuals_of(system, poses)
-    squares = squared_sigmas(residuals, system.information)
-    return Fit(poses, residuals, squares, float(squares.sum()))
+    ends, known = (system.tails, system.heads), (system.measured, system.information)
+    residuals, squares = edge_fits(system.planar, poses, *ends, *known)
+    if system.kinds is not None:
+        k = np.flatnonzero(system.kinds)
+        tails, heads = (poses[end[k]] for end in ends)
+        measured, information = (values[k] for values in known)
+        seen = sighting_residuals(system.planar, tails, heads, measured, system.kinds[k])
+        residuals[k], squares[k] = seen, squared_sigmas(seen, information)
+    return Fit(poses, residuals, squares, float(np.add.reduce(squares)))
 
 
 def edge_chi2(system: System, poses: Array) -> Array:

@@ -16,8 +16,8 @@ import numpy as np
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rotations import skew
+from mapmyworld.graph.elimination import links
 from mapmyworld.graph.landmarks import POINT, POLAR
-from mapmyworld.graph.normal_equations import edge_blocks
 from mapmyworld.graph.pose_graph import Index, first_nodes
 from mapmyworld.graph.residuals import retract
 from mapmyworld.graph.system import System, chosen_edges
@@ -58,14 +58,22 @@ def twin_of(system: System, residuals: Array, *, equal: bool = False) -> Twin:
         weights = np.linalg.eigvalsh(weights)[:, :1, None] * np.eye(weights.shape[1])
     if system.kinds is not None:
         weights = np.where((system.kinds == POINT)[:, None, None], 0.0, weights)
-    motion = planar_to_matrix(system.measured) if system.planar else system.measured
-    size = 2 if system.planar else 3
-    at_ends = _edge_blocks(
-        motion[:, :size, :size], motion[:, :size, 3], _for_matrices(system.planar, weights), tau
-    )
-    laid = edge_blocks(count, tails, heads, *at_ends)
+    laid = _laid(count, system, weights, tau)
     anchors = np.flatnonzero(first_nodes(count, tails, heads) == np.arange(count))
-    return Twin(size, *laid, anchors, points)
+    return Twin(2 if system.planar else 3, *laid, anchors, points)
+
+
+def _laid(count: int, system: System, weights: Array, tau: Array) -> tuple[Index, Index, Array]:
+    """Rows, columns and blocks of M."""
+    from mapmyworld.kernels.relaxation import add_relaxed
+
+    ends, size = (system.tails, system.heads), 3 if system.planar else 4
+    rows, columns, between = links(count, *ends)
+    motions = planar_to_matrix(system.measured) if system.planar else system.measured
+    blocks = np.zeros((len(rows), size, size))
+    motions, weights = np.ascontiguousarray(motions), np.ascontiguousarray(weights)
+    add_relaxed(*ends, between, motions, weights, np.ascontiguousarray(tau), blocks)
+    return rows, columns, blocks
 
 
 # Weights of rotation against translation that are tried: where the information couples them, what
@@ -82,7 +90,7 @@ def lower_weights(planar: bool, information: Array, residuals: Array) -> tuple[A
     """
     turn, shift = (slice(2, 3), slice(0, 2)) if planar else (slice(0, 3), slice(3, 6))
     rotation = information[:, turn, turn]
-    tau = np.asarray(np.linalg.eigvalsh(information[:, shift, shift])[:, 0], np.float64)
+    tau = _smallest(information[:, shift, shift])
     if not information[:, turn, shift].any():
         return rotation, tau
     spin, length = residuals[:, turn], np.sum(residuals[:, shift] ** 2, axis=1)
@@ -105,27 +113,12 @@ def lower_weights(planar: bool, information: Array, residuals: Array) -> tuple[A
     return kept[0][:, None, None] * rotation, kept[1] * tau
 
 
-def _for_matrices(planar: bool, weights: Array) -> Array:
-    """W (E, d, d) so that a rotation error by vector w costs at most `w' K w`.
-
-    An angle a about the axis n costs `2 (1 - cos a) (trace W - n' W n)`.
-    """
-    size = 2 if planar else 3
-    half = 0.5 * np.trace(weights, axis1=1, axis2=2)[:, None, None] * np.eye(size)
-    return np.asarray(half if planar else half - weights)
-
-
-def _edge_blocks(turn: Array, shift: Array, weights: Array, tau: Array) -> tuple[Array, ...]:
-    """Blocks (E, d + 1, d + 1) at the tail, at the head, and between them."""
-    count, size = shift.shape
-    at_tail, at_head, cross = np.zeros((3, count, size + 1, size + 1))
-    pull, turned = tau[:, None] * shift, turn @ weights
-    at_tail[:, 0, 0] = at_head[:, 0, 0] = tau
-    at_tail[:, 0, 1:] = at_tail[:, 1:, 0] = pull
-    at_tail[:, 1:, 1:] = pull[:, :, None] * shift[:, None, :] + turned @ np.swapaxes(turn, 1, 2)
-    at_head[:, 1:, 1:] = weights
-    cross[:, 0, 0], cross[:, 1:, 0], cross[:, 1:, 1:] = -tau, -pull, -turned
-    return at_tail, at_head, cross
+def _smallest(matrices: Array) -> Array:
+    """The smallest eigenvalues (E,) of symmetric matrices (E, d, d), mostly diagonal ones."""
+    diagonal = np.einsum("eii->ei", matrices)
+    if np.count_nonzero(matrices) == np.count_nonzero(diagonal):
+        return np.asarray(diagonal.min(axis=1, initial=np.inf))
+    return np.asarray(np.linalg.eigvalsh(matrices)[:, 0], np.float64)
 
 
 def product(twin: Twin, blocks: Array, x: Array) -> Array:
@@ -155,7 +148,7 @@ def multipliers(twin: Twin, x: Array, pulled: Array) -> Array:
     there = np.swapaxes(x[:, :, 1:], 1, 2) @ pulled[:, :, 1:]
     there = 0.5 * (there + np.swapaxes(there, 1, 2))
     there[twin.points] = 0.0
-    return there
+    return np.asarray(there)
 
 
 def slope(x: Array, pulled: Array, multiplied: Array) -> Array:
@@ -178,10 +171,13 @@ def twin_poses(planar: bool, poses: Array) -> Array:
     return np.concatenate([matrices[:, :size, 3:4], matrices[:, :size, :size]], axis=2)
 
 
+_SPINS = {2: np.array([[[0.0, -1.0], [1.0, 0.0]]]), 3: skew(np.eye(3))}
+
+
 def tangent_bases(x: Array) -> Array:
     """(N, m, d, d + 1): how X changes with rotations of a node, then with its translations."""
     count, size = x.shape[:2]
-    spins = np.array([[[0.0, -1.0], [1.0, 0.0]]]) if size == 2 else skew(np.eye(3))
+    spins = _SPINS[size]
     bases = np.zeros((count, len(spins) + size, size, size + 1))
     bases[:, : len(spins), :, 1:] = x[:, None, :, 1:] @ spins
     bases[:, len(spins) :, :, 0] = np.eye(size)
@@ -201,7 +197,8 @@ def moved(x: Array, step: Array) -> Array:
 def _turns(angles: Array) -> Array:
     """Rotations (N, d, d) by angles (N, 1) of the plane or rotation vectors (N, 3)."""
     if angles.shape[1] == 3:
-        still = np.broadcast_to(np.eye(4), (len(angles), 4, 4))
-        return retract(False, still, np.hstack([angles, np.zeros_like(angles)]))[:, :3, :3]
+        still, tangents = np.zeros((len(angles), 16)), np.zeros((len(angles), 6))
+        still[:, ::5], tangents[:, :3] = 1.0, angles
+        return retract(False, still.reshape(-1, 4, 4), tangents)[:, :3, :3]
     cos, sin = np.cos(angles[:, 0]), np.sin(angles[:, 0])
     return np.array([[cos, -sin], [sin, cos]]).transpose(2, 0, 1)

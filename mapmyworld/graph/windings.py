@@ -16,7 +16,7 @@ from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.graph.block_solver import Solver, solver_of
-from mapmyworld.graph.normal_equations import edge_blocks
+from mapmyworld.graph.normal_equations import weighted_blocks
 from mapmyworld.graph.pose_graph import Index
 from mapmyworld.graph.starts import with_places
 from mapmyworld.graph.system import System, residuals_of
@@ -92,8 +92,8 @@ def _at(edge: int, weights: Array) -> Array:
 def _headings(system: System, weights: Array) -> Solver:
     """The equations of all headings; those of nodes that stay are held."""
     count = len(system.free)
-    own = np.ascontiguousarray(weights)[:, None, None]
-    rows, columns, blocks = edge_blocks(count, system.tails, system.heads, own, own, -own)
+    ends, alike = (system.tails, system.heads), np.ones((len(weights), 1, 1))
+    rows, columns, blocks = weighted_blocks(count, *ends, np.ascontiguousarray(weights), alike)
     stays = system.free < 0
     blocks[(stays[rows] | stays[columns])] = 0.0
     blocks[:count][stays] = 1.0

@@ -1,4 +1,4 @@
-"""The elimination of a sparse symmetric matrix: its structure, and fronts added to fronts."""
+"""The elimination of a sparse symmetric matrix: its parts and structure, fronts added to fronts."""
 
 from __future__ import annotations
 
@@ -10,6 +10,20 @@ from mapmyworld.kernels.searching import first_not_below
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+
+@jit
+def join_parts(tails: Index, heads: Index, first: Index) -> None:
+    """Sets the first node (N,) of every connected part, from each node for itself."""
+    for e in range(len(tails)):
+        a, b = tails[e], heads[e]
+        while first[a] != a:
+            first[a] = a = first[first[a]]
+        while first[b] != b:
+            first[b] = b = first[first[b]]
+        first[max(a, b)] = min(a, b)
+    for n in range(len(first)):  # whoever comes before knows its own by now
+        first[n] = first[first[n]]
 
 
 @jit

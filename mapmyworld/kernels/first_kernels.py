@@ -27,9 +27,11 @@ sight/sight bundle.bundle_normal_equations
     f8[:,:,::1] f8[:,::1] i8[::1] i8[::1] f8[:,::1] f8[:,::1] f8 f8[:,:,::1] f8[:,::1] f8[:,:,::1]
     f8[:,::1] f8[:,:,::1]
 log pose_edges.spatial_residuals
-    f8[:,:,::1] f8[:,:,::1] f8[:,:,::1] f8[:,::1]
+    f8[:,:,::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[:,::1] f8[::1]
 log elimination.gathered_columns
     i8[::1] i8[::1] i8[::1] f8[::1]
+log elimination.join_parts
+    i8[::1] i8[::1] i8[::1]
 log elimination.column_structures
     i8[::1] i8[::1]
 scan scan_alignment.pair_systems
@@ -39,14 +41,14 @@ camera/sight image_matching.match_projected
 camera surfaces.compare_with_depth
     f8[:,::1] f8[:,::1] f8[:,::1] i8 f8[::1] f4[:,::1] f8 f8 i4[::1] i4[::1]
 space pose_edges.spatial_jacobians
-    f8[:,:,::1] f8[:,:,::1] f8[:,::1] f8[:,:,::1] f8[:,:,::1]
+    f8[:,:,::1] i8[::1] i8[::1] f8[:,::1] f8[:,:,::1] f8[:,:,::1]
 log normal_equations.add_edges
-    i8[::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[:,:,::1] f8[:,::1] f8[::1] f8[:,:,::1]
-    f8[:,::1]
+    i8[::1] i8[::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[:,:,::1] f8[:,::1] f8[::1]
+    f8[:,:,::1] f8[:,::1]
 log elimination.solve_in_place
     i8 i8[::1] i8[::1] i8[::1] i8[::1] f8[::1] f8[::1]
 plane pose_edges.planar_jacobians
-    f8[:,::1] f8[:,::1] f8[:,::1] f8[:,:,::1] f8[:,:,::1]
+    f8[:,::1] i8[::1] i8[::1] f8[:,::1] f8[:,:,::1] f8[:,:,::1]
 camera surfaces.surface_normals
     f4[:,:,::1] f4[:,:,::1] f4[:,::1]
 camera/scan projection.project_points
@@ -64,7 +66,7 @@ camera/sight pose_refinement.score_poses
 sight/sight bundle.eliminate_points
     f8[:,:,::1] f8 f8[:,:,::1] i8[::1] f8[:,:,::1] f8[:,:,::1]
 plane pose_edges.planar_residuals
-    f8[:,::1] f8[:,::1] f8[:,::1] f8[:,::1]
+    f8[:,::1] i8[::1] i8[::1] f8[:,::1] f8[:,:,::1] f8[:,::1] f8[::1]
 camera/sight pose_refinement.squared_errors
     f8[:,::1] f8[:,::1] f8[:,::1] f8[:,::1] f8[:,::1]
 scan branch_and_bound.fill_pyramid
@@ -75,8 +77,10 @@ log normal_equations.add_product
     f8[:,:,::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1]
 plane pose_moves.planar_moved
     f8[:,::1] f8[:,::1] f8[:,::1]
-log normal_equations.add_blocks
-    i8[::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[:,:,::1] f8[:,:,::1]
+log relaxation.add_relaxed
+    i8[::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[::1] f8[:,:,::1]
+log relaxation.set_hessian
+    i8[::1] i8[::1] f8[:,:,::1] f8[:,:,:,::1] f8[:,:,::1]
 camera image_matching.nearest_leaves
     u8[:,::1] u8[:,::1] i4[::1] i4[::1]
 sight/sight bundle.move_points

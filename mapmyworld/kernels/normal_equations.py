@@ -16,6 +16,7 @@ def add_edges(
     tails: Index,
     heads: Index,
     between: Index,
+    free: Index,
     by_tail: Floats,
     by_head: Floats,
     information: Floats,
@@ -26,30 +27,37 @@ def add_edges(
 ) -> None:
     """Adds the normal equations of edges to blocks (B, d, d) and gradient (N, d).
 
-    The derivatives (E, d, d) of residuals (E, d) belong to the nodes `tails` and `heads`, whose
-    diagonal blocks come first; `between` (E,) is the block of both, the lower node's rows first.
-    `weights` are of all edges where there are any. Without blocks only the gradient is added up.
+    A node whose number in `free` (N,) is negative stays: it has the identity, no links and no
+    gradient. The derivatives (E, d, d) of residuals (E, d) belong to the nodes `tails` and
+    `heads`, whose diagonal blocks come first; `between` (E,) is the block of both, the lower
+    node's rows first. `weights` are of all edges where there are any. Without blocks only the
+    gradient is added up.
     """
     size = gradient.shape[1]
+    for n in range(len(free) if len(blocks) else 0):
+        for i in range(size):
+            blocks[n, i, i] += 1.0 if free[n] < 0 else 0.0
     left, pull = np.empty((2, size, size)), np.empty(size)
     for e in range(len(tails)):
         share = weights[e] if len(weights) else 1.0
         tail, head = tails[e], heads[e]
+        tail_moves, head_moves = 1.0 * (free[tail] >= 0), 1.0 * (free[head] >= 0)
         for i in range(size):
             pull[i] = 0.0
             for k in range(size):
                 pull[i] += share * information[e, i, k] * residuals[e, k]
         for i in range(size):
             for k in range(size):
-                gradient[tail, i] += by_tail[e, k, i] * pull[k]
-                gradient[head, i] += by_head[e, k, i] * pull[k]
+                gradient[tail, i] += tail_moves * by_tail[e, k, i] * pull[k]
+                gradient[head, i] += head_moves * by_head[e, k, i] * pull[k]
         if len(blocks) == 0:
             continue
         for i in range(size):
             for j in range(size):
                 left[0, i, j] = left[1, i, j] = 0.0
             for k in range(size):
-                a, b = share * by_tail[e, k, i], share * by_head[e, k, i]
+                a = share * tail_moves * by_tail[e, k, i]
+                b = share * head_moves * by_head[e, k, i]
                 for j in range(size):
                     left[0, i, j] += a * information[e, k, j]
                     left[1, i, j] += b * information[e, k, j]
@@ -60,33 +68,30 @@ def add_edges(
                     blocks[tail, i, j] += a * by_tail[e, k, j]
                     blocks[head, i, j] += b * by_head[e, k, j]
                     if tail < head:
-                        blocks[between[e], i, j] += a * by_head[e, k, j]
+                        blocks[between[e], i, j] += a * head_moves * by_head[e, k, j]
                     else:
-                        blocks[between[e], i, j] += b * by_tail[e, k, j]
+                        blocks[between[e], i, j] += b * tail_moves * by_tail[e, k, j]
 
 
 @jit
-def add_blocks(
-    tails: Index,
-    heads: Index,
-    between: Index,
-    at_tail: Floats,
-    at_head: Floats,
-    across: Floats,
-    blocks: Floats,
+def add_weighted(
+    tails: Index, heads: Index, between: Index, weights: Floats, turns: Floats, blocks: Floats
 ) -> None:
-    """Adds what edges have at both ends and across (E, d, d) to blocks laid out the same way."""
+    """Adds what edges weigh (E,) at both ends, and `-w T` (E, d, d) across, to blocks (B, d, d).
+
+    They are laid out the same way.
+    """
     size = blocks.shape[1]
     for e in range(len(tails)):
-        tail, head = tails[e], heads[e]
+        tail, head, link, weight = tails[e], heads[e], between[e], weights[e]
         for i in range(size):
+            blocks[tail, i, i] += weight
+            blocks[head, i, i] += weight
             for j in range(size):
-                blocks[tail, i, j] += at_tail[e, i, j]
-                blocks[head, i, j] += at_head[e, i, j]
                 if tail < head:
-                    blocks[between[e], i, j] += across[e, i, j]
+                    blocks[link, i, j] -= weight * turns[e, i, j]
                 else:
-                    blocks[between[e], j, i] += across[e, i, j]
+                    blocks[link, j, i] -= weight * turns[e, i, j]
 
 
 @jit

@@ -1,8 +1,9 @@
 """Errors of motions measured between poses, and their derivatives by right perturbations.
 
 Tangents of the plane are x, y, yaw; of space rotation first. The formulas are those of Sola,
-Deray, Atchuthan, "A micro Lie theory" (2018). Results are filled in: handing over an array that a
-kernel has made takes numba as long as a small graph's residuals.
+Deray, Atchuthan, "A micro Lie theory" (2018). Edges (E,) name the poses of their tails and heads.
+Results are filled in: handing over an array that a kernel has made takes numba as long as a small
+graph's residuals.
 """
 
 from __future__ import annotations
@@ -15,35 +16,68 @@ from numpy.typing import NDArray
 from mapmyworld.kernels.compiling import inner_jit, jit
 
 Floats = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@inner_jit
+def _square(information: Floats, residual: Floats) -> float:
+    """The squared sigmas of an edge."""
+    total = 0.0
+    for i in range(len(residual)):
+        pull = 0.0
+        for j in range(len(residual)):
+            pull += information[i, j] * residual[j]
+        total += residual[i] * pull
+    return total
 
 
 @jit
-def planar_residuals(tail: Floats, head: Floats, measured: Floats, found: Floats) -> None:
-    """Sets (E, 3) to `log(measured^-1 * tail^-1 * head)` of poses (E, 3)."""
-    for e in range(len(tail)):
-        angle, turn = tail[e, 2], measured[e, 2]
+def planar_residuals(
+    poses: Floats,
+    tails: Index,
+    heads: Index,
+    measured: Floats,
+    information: Floats,
+    found: Floats,
+    squares: Floats,
+) -> None:
+    """Sets (E, 3) to `log(measured^-1 * tail^-1 * head)` of poses (N, 3), and their squares (E,).
+
+    Squares are of those edges alone whose information is given.
+    """
+    for e in range(len(tails)):
+        tail, head = poses[tails[e]], poses[heads[e]]
+        angle, turn = tail[2], measured[e, 2]
         c, s = math.cos(angle), math.sin(angle)
-        dx, dy = head[e, 0] - tail[e, 0], head[e, 1] - tail[e, 1]
+        dx, dy = head[0] - tail[0], head[1] - tail[1]
         x, y = c * dx + s * dy - measured[e, 0], c * dy - s * dx - measured[e, 1]
         c, s = math.cos(turn), math.sin(turn)
         x, y = c * x + s * y, c * y - s * x
-        yaw = head[e, 2] - angle - turn
+        yaw = head[2] - angle - turn
         yaw = math.pi - (math.pi - yaw) % (2.0 * math.pi)
         half = 0.5 * yaw
         factor = half / math.tan(half) if abs(yaw) > 1e-5 else 1.0 - half * half / 3.0
         found[e, 0], found[e, 1], found[e, 2] = factor * x + half * y, factor * y - half * x, yaw
+        if e < len(information):
+            squares[e] = _square(information[e], found[e])
 
 
 @jit
 def planar_jacobians(
-    tail: Floats, head: Floats, residuals: Floats, by_tail: Floats, by_head: Floats
+    poses: Floats,
+    tails: Index,
+    heads: Index,
+    residuals: Floats,
+    by_tail: Floats,
+    by_head: Floats,
 ) -> None:
     """Derivatives (E, 3, 3) of residuals (E, 3) by tangents of the tail and of the head.
 
     They are filled into zeros. Of the inverse right Jacobian of the exponential map only the
     column of the angle is not that of a rotation and a scale.
     """
-    for e in range(len(tail)):
+    for e in range(len(tails)):
+        tail, head = poses[tails[e]], poses[heads[e]]
         x, y, yaw = residuals[e, 0], residuals[e, 1], residuals[e, 2]
         half, square = 0.5 * yaw, yaw * yaw
         if abs(yaw) > 1e-2:
@@ -56,10 +90,10 @@ def planar_jacobians(
         by_head[e, 0, 0] = by_head[e, 1, 1] = first
         by_head[e, 0, 1], by_head[e, 1, 0] = -half, half
         by_head[e, 0, 2], by_head[e, 1, 2], by_head[e, 2, 2] = head_x, head_y, 1.0
-        turn = tail[e, 2] - head[e, 2]
+        turn = tail[2] - head[2]
         c, s = math.cos(turn), math.sin(turn)
-        a, b = math.cos(head[e, 2]), math.sin(head[e, 2])
-        dx, dy = tail[e, 0] - head[e, 0], tail[e, 1] - head[e, 1]
+        a, b = math.cos(head[2]), math.sin(head[2])
+        dx, dy = tail[0] - head[0], tail[1] - head[1]
         px, py = a * dx + b * dy, a * dy - b * dx
         for row in range(3):
             u, v, w = by_head[e, row, 0], by_head[e, row, 1], by_head[e, row, 2]
@@ -108,14 +142,25 @@ def _add_seen(viewer: Floats, seen: Floats, turn: Floats, shift: Floats) -> None
 
 
 @jit
-def spatial_residuals(tail: Floats, head: Floats, measured: Floats, found: Floats) -> None:
-    """Sets (E, 6) to `log(measured^-1 * tail^-1 * head)` of poses (E, 4, 4)."""
+def spatial_residuals(
+    poses: Floats,
+    tails: Index,
+    heads: Index,
+    measured: Floats,
+    information: Floats,
+    found: Floats,
+    squares: Floats,
+) -> None:
+    """Sets (E, 6) to `log(measured^-1 * tail^-1 * head)` of poses (N, 4, 4), and squares (E,).
+
+    Squares are of those edges alone whose information is given.
+    """
     turn, error = np.empty((3, 3)), np.empty((3, 3))
     shift, w, u = np.empty(3), np.empty(3), np.empty(3)
-    for e in range(len(tail)):
+    for e in range(len(tails)):
         for i in range(3):
             shift[i] = -measured[e, i, 3]
-        _add_seen(tail[e], head[e], turn, shift)
+        _add_seen(poses[tails[e]], poses[heads[e]], turn, shift)
         for i in range(3):
             u[i] = 0.0
             for k in range(3):
@@ -137,11 +182,18 @@ def spatial_residuals(tail: Floats, head: Floats, measured: Floats, found: Float
             j, k = (i + 1) % 3, (i + 2) % 3
             found[e, i] = w[i]
             found[e, 3 + i] = u[i] - 0.5 * shift[i] + second * (w[j] * shift[k] - w[k] * shift[j])
+        if e < len(information):
+            squares[e] = _square(information[e], found[e])
 
 
 @jit
 def spatial_jacobians(
-    tail: Floats, head: Floats, residuals: Floats, by_tail: Floats, by_head: Floats
+    poses: Floats,
+    tails: Index,
+    heads: Index,
+    residuals: Floats,
+    by_tail: Floats,
+    by_head: Floats,
 ) -> None:
     """Derivatives (E, 6, 6) of residuals (E, 6) by tangents of the tail and of the head.
 
@@ -150,7 +202,7 @@ def spatial_jacobians(
     translation.
     """
     turn, shift, mixed = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
-    for e in range(len(tail)):
+    for e in range(len(tails)):
         w, u = residuals[e, :3], residuals[e, 3:]
         s = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
         along = w[0] * u[0] + w[1] * u[1] + w[2] * u[2]
@@ -161,7 +213,7 @@ def spatial_jacobians(
             c = 1.0 / s - 0.5 * cotangent / angle
             slope = 0.25 * (cotangent / angle + 0.5 * (1.0 + cotangent**2)) / s - 1.0 / (s * s)
         shift[0] = shift[1] = shift[2] = 0.0
-        _add_seen(head[e], tail[e], turn, shift)
+        _add_seen(poses[heads[e]], poses[tails[e]], turn, shift)
         for i in range(3):
             for j in range(3):
                 same = 1.0 if i == j else 0.0

@@ -53,6 +53,16 @@ def test_where_stamps_step_back_the_order_of_the_log_is_the_order_of_motion() ->
         assert pose[0, 3] == pytest.approx(x)
 
 
+@given(st.lists(st.integers(0, 30), min_size=1, max_size=40), st.lists(st.integers(-5, 35)))
+def test_samples_of_a_stamp_are_found_as_by_looking_at_all(
+    stamps: list[int], wanted: list[int]
+) -> None:
+    motion = recorded([(stamp, (float(i), 0.0, 0.0)) for i, stamp in enumerate(stamps)])
+    for stamp in wanted:
+        expected = [i for i, found in enumerate(stamps) if found == stamp]
+        assert motion._samples_at(stamp).tolist() == expected
+
+
 def test_a_fixed_offset_is_carried_along() -> None:
     motion = recorded([(0, (1.0, 2.0, np.pi / 2))])
     moved = motion.followed_by(planar_to_matrix([0.5, 0.0, 0.0])).at(0)

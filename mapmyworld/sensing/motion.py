@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,9 +144,23 @@ class RecordedMotion:
         poses[:, :3], poses[:, 3, 3] = values, 1.0
         return poses
 
+    def _samples_at(self, stamp_ns: int) -> NDArray[np.int64]:
+        """Indices of the samples with this very stamp, in the order of the log."""
+        order, stamps = self._by_stamp
+        return order[slice(*stamps.searchsorted([stamp_ns, stamp_ns + 1]))]
+
+    @cached_property
+    def _by_stamp(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """What sorts the samples by stamp, those of one stamp in the order of the log; stamps so.
+
+        For streams that are unsorted: every look-up would else read all of it.
+        """
+        order = np.argsort(self.stamps_ns, kind="stable")
+        return order, self.stamps_ns[order]
+
     def _window(self, stamp_ns: int) -> NDArray[np.int64]:
         """Samples around where `stamp_ns` lies, nearest to the last look-up."""
-        exact = np.flatnonzero(self.stamps_ns == stamp_ns)
+        exact = self._samples_at(stamp_ns)
         if len(exact):
             centre = int(exact[np.argmin(np.abs(exact - self._last))])
         else:

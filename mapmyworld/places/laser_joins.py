@@ -96,7 +96,7 @@ def _doubts(
         part_map(nodes, _mapped(nodes, int(nodes.part[end[0]]), later.poses, window[0] + _SIGHT))
         for end in (a, b)
     )
-    best = max(likely.values(), key=lambda move: _support(earlier, later, move))
+    best = _most_supported(earlier, later, list(likely.values()))
     if not _is_met(earlier, later, best):
         return doubts + [(k, _UNMET) for k in likely]
     wide = 2.0 * window[0], window[1]
@@ -150,9 +150,16 @@ def _laid(earlier: PartMap, later: _Later, move: Array) -> Array:
     return np.array([earlier.fit(view, at) for view, at in zip(later.views, moved, strict=True)])
 
 
-def _support(earlier: PartMap, later: _Later, move: Array) -> float:
-    score, seen = _laid(earlier, later, move).T
-    return float((seen * (score >= _FITS)).sum())
+def _most_supported(earlier: PartMap, later: _Later, moves: Sequence[Array]) -> Array:
+    """The move by which most of what was seen fits."""
+    different: list[Array] = []
+    for move in moves:
+        if not any(_is_same(move, one, later) for one in different):
+            different.append(move)
+    if len(different) == 1:
+        return different[0]
+    laid = [_laid(earlier, later, move).T for move in different]
+    return different[int(np.argmax([(seen * (score >= _FITS)).sum() for score, seen in laid]))]
 
 
 def _is_met(earlier: PartMap, later: _Later, move: Array) -> bool:

@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 Cell = TypeVar("Cell", bound=np.generic)
 _NEAR, _TURNED = 0.3, 0.06  # m and rad about a pose within which points are fitted
 _BESIDE = 3.0  # cells at both ends of a beam where a surface hides nothing
+_POINTS = 300  # of a view, about
 _LEAST = 0.1  # score from which there is a best pose at all
 
 
@@ -67,18 +68,17 @@ class PartMap:
                         for p in (view.points, view.origins))  # fmt: skip
         hidden = self._crossed(starts, ends)
         known = _at(self.seen, ends) | hidden
-        likely = _at(self.grid.likelihoods(0), ends)[known & ~hidden]
+        likely = float(_at(self.grid.pyramid[0], ends)[known & ~hidden].sum()) / FULL
         count = int(np.count_nonzero(known))
-        return Fit(float(likely.sum()) / max(count, 1), count / max(len(ends), 1))
+        return Fit(likely / max(count, 1), count / max(len(ends), 1))
 
     def _crossed(self, starts: Array, ends: Array) -> NDArray[np.bool_]:
         """(N,) whether a surface lies well before the end of each beam."""
-        surface = self.grid.pyramid[0] == FULL
         length = np.hypot(*(ends - starts).T)
         along = np.arange(0.0, 1.0, 0.7 / float(length.max(initial=1.0)))
         places = starts[:, None] + along[:, None] * (ends - starts)[:, None]
         free = (along * length[:, None] > _BESIDE) & ((1.0 - along) * length[:, None] > _BESIDE)
-        return np.asarray((_at(surface, places) & free).any(axis=1))
+        return np.asarray(((_at(self.grid.pyramid[0], places) == FULL) & free).any(axis=1))
 
 
 def view_around(nodes: LaserNodes, middle: int, config: Config) -> View:
@@ -88,7 +88,8 @@ def view_around(nodes: LaserNodes, middle: int, config: Config) -> View:
     poses = between_planar(nodes.poses[middle], nodes.poses[members])
     origins = transform_points_planar(poses, scans.origins[:, None])[:, 0]
     points = submap_points(scans, np.arange(len(members)), poses)
-    return View(points, np.repeat(origins, np.diff(scans.bounds), axis=0))
+    few = slice(None, None, max(1, len(points) // _POINTS))
+    return View(points[few], np.repeat(origins, np.diff(scans.bounds), axis=0)[few])
 
 
 def part_map(nodes: LaserNodes, rows: Index) -> PartMap:

@@ -172,7 +172,7 @@ def _is_met(earlier: PartMap, later: _Later, move: Array) -> bool:
 def _rival(earlier: PartMap, later: _Later, move: Array, window: Window) -> Array | None:
     """Another move that explains as much as this one, and that nothing contradicts."""
     score, seen = _laid(earlier, later, move).T
-    fits = np.count_nonzero((seen >= _SEEN) & (score >= _FITS))
+    fits = (seen >= _SEEN) & (score >= _FITS)
     tried: list[Array] = []
     for k in range(len(later.views)):
         other = _other_move(earlier, later, move, window, k)
@@ -180,9 +180,9 @@ def _rival(earlier: PartMap, later: _Later, move: Array, window: Window) -> Arra
             continue
         tried.append(other)
         there, seen_there = _laid(earlier, later, other).T
-        told = seen_there >= _SEEN
-        as_good = np.count_nonzero(told & (there >= np.maximum(_AS_GOOD * score, _FITS)))
-        if as_good >= max(_ENOUGH * fits, _AGREED * np.count_nonzero(told)):
+        told = (seen_there >= _SEEN) & (fits | (there >= _FITS))
+        as_good = np.count_nonzero(told & (there >= np.where(fits, _AS_GOOD * score, _FITS)))
+        if as_good >= max(_ENOUGH * np.count_nonzero(fits), _AGREED * np.count_nonzero(told)):
             return other
     return None
 

@@ -22,10 +22,12 @@ from mapmyworld.graph.residuals import chi_squared_quantile
 from mapmyworld.graph.robust import RobustSolution
 from mapmyworld.graph.solve import SolvedGraph, solve
 from mapmyworld.graph.verdicts import judged, unjudged
+from mapmyworld.parallel import batches
 from mapmyworld.types import Constraint, Node, Poses
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+_BLOCK = 4096  # nodes or motions that are worked on together, however long the log is
 _LONGEST = 16  # nodes of a chain, so that what is shared out along it is little
 
 
@@ -82,21 +84,36 @@ def _bridged(
         motion[row_of[c.to_id]] = np.linalg.inv(c.information)
     own = map_from_node[: len(kept)]
     spread = np.zeros((len(kept), 6, 6))
-    for end, weight in ((before, 1.0 - share), (after, share)):
-        carried = se3_adjoint(between(own, own[rows[end]]))
-        known = weight * solved.covariances[end]
-        if end is after:
-            known = known + share * (1.0 - share) * motion[end]
-        spread += carried @ known @ np.swapaxes(carried, 1, 2)
+    for first in range(0, len(kept), _BLOCK):
+        some = slice(first, first + _BLOCK)
+        start, end, way = before[some], after[some], share[some]
+        at_start = (1.0 - way) * solved.covariances[start]
+        at_end = way * solved.covariances[end] + way * (1.0 - way) * motion[end]
+        spread[some] = _carried(at_start, own[rows[start]], own[some])
+        spread[some] += _carried(at_end, own[rows[end]], own[some])
     return np.concatenate([spread, solved.covariances[size:]])
+
+
+def _carried(covariance: Array, end: Array, own: Array) -> Array:
+    """Covariances (N, 6, 6) of poses `end`, as of poses `own` that move with them."""
+    adjoint = se3_adjoint(between(own, end))
+    return np.asarray(adjoint @ covariance @ np.swapaxes(adjoint, 1, 2))
 
 
 def _judged_motions(
     motions: Sequence[Constraint], ids: Index, poses: Poses, planar: bool, config: GraphConfig
 ) -> tuple[Constraint, ...]:
     """The motions, which nobody questions, with what they miss the poses by."""
-    if not motions:
-        return ()
+    return tuple(
+        one
+        for some in batches(motions, _BLOCK)
+        for one in _judged_together(some, ids, poses, planar, config)
+    )
+
+
+def _judged_together(
+    motions: Sequence[Constraint], ids: Index, poses: Poses, planar: bool, config: GraphConfig
+) -> tuple[Constraint, ...]:
     stated = stated_system(ids, poses.map_from_node[: len(ids)], motions, planar)
     system, count = stated.system, len(motions)
     trusted = np.ones(count, np.bool_)

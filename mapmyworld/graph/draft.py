@@ -18,10 +18,12 @@ from mapmyworld.graph.elimination import forget_patterns
 from mapmyworld.graph.solve import solve
 from mapmyworld.graph.trajectory import pose_every_frame
 from mapmyworld.graph.verdicts import faults_of, unjudged
+from mapmyworld.parallel import batches
 from mapmyworld.types import Constraint, ConstraintKind, Node, Poses, TrackedFrames
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+_BLOCK = 256  # chains that are composed together: what that takes does not grow with the log
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,18 +103,25 @@ def kept_nodes(
 def composed_motions(motions: Sequence[Constraint], kept: set[int]) -> list[Constraint]:
     """One motion from each kept node to the next, with the uncertainty of all those between."""
     onward = {c.from_id: c for c in motions}
-    order: list[Constraint] = []
-    firsts: list[int] = []
-    for start in (c for c in motions if c.from_id in kept):
-        firsts.append(len(order))
-        link = start
-        while True:
-            order.append(link)
-            if link.to_id in kept:
-                break
-            link = onward[link.to_id]
-    if not order:
-        return []
+    starts = (c for c in motions if c.from_id in kept)
+    return [
+        composed
+        for some in batches(starts, _BLOCK)
+        for composed in _composed([_chain(start, onward, kept) for start in some])
+    ]
+
+
+def _chain(start: Constraint, onward: Mapping[int, Constraint], kept: set[int]) -> list[Constraint]:
+    """The motions from a kept node to the next one."""
+    links = [start]
+    while links[-1].to_id not in kept:
+        links.append(onward[links[-1].to_id])
+    return links
+
+
+def _composed(chains: Sequence[Sequence[Constraint]]) -> list[Constraint]:
+    order = [link for chain in chains for link in chain]
+    firsts = np.cumsum([0, *(len(chain) for chain in chains)])[:-1].tolist()
     first = np.array(firsts)
     last = np.append(first[1:], len(order)) - 1
     reached = _reached(order, first)

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from mapmyworld.geometry.rigid import between, interpolate, invert
 from mapmyworld.types import Constraint, Node, Poses, TrackedFrames
 
+_BLOCK = 4096  # frames whose poses are found together: what that takes does not grow with the log
+
 
 def pose_every_frame(
     nodes: Sequence[Node],
@@ -28,19 +30,22 @@ def pose_every_frame(
     tracked = np.stack([node.tracked_from_base for node in nodes])
     index_of_id = {node.id: index for index, node in enumerate(nodes)}
     here = np.array([index_of_id[int(i)] for i in frames.node_ids], np.int64)
+    if len(nodes) == 1:
+        return np.asarray(solved[here] @ frames.node_from_frame)
     after = np.minimum(here + 1, len(nodes) - 1)
-    by_here = solved[here] @ frames.node_from_frame
-    next_from_here = invert(between(tracked[:-1], tracked[1:])) if len(nodes) > 1 else None
-    if next_from_here is None:
-        return np.asarray(by_here)
-    step = next_from_here[np.minimum(here, len(nodes) - 2)]
-    by_next = solved[after] @ step @ frames.node_from_frame
     sessions = np.array([node.session for node in nodes])
     lost = {c.to_id for c in constraints if c.is_break}
     goes_on = (after > here) & (sessions[after] == sessions[here])
     goes_on &= ~np.array([node.id in lost for node in nodes])[after]
     share = np.where(goes_on, _share_of_way(here, len(nodes)), 0.0)
-    return interpolate(by_here, by_next, share)
+    step = invert(between(tracked[:-1], tracked[1:]))
+    result = np.empty((len(here), 4, 4))
+    for first in range(0, len(here), _BLOCK):
+        some = slice(first, first + _BLOCK)
+        seen, node = frames.node_from_frame[some], here[some]
+        by_next = solved[after[some]] @ step[np.minimum(node, len(nodes) - 2)] @ seen
+        result[some] = interpolate(solved[node] @ seen, by_next, share[some])
+    return result
 
 
 def _share_of_way(here: NDArray[np.int64], count: int) -> NDArray[np.float64]:

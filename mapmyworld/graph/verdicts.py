@@ -14,9 +14,11 @@ from mapmyworld.graph.pose_graph import Index
 from mapmyworld.graph.residuals import edge_residuals, planar_exp
 from mapmyworld.graph.robust import RobustSolution
 from mapmyworld.graph.system import System
+from mapmyworld.parallel import batches
 from mapmyworld.types import Constraint
 from mapmyworld.types.edits import BY_HAND
 
+_BLOCK = 2048  # constraints whose matrices are looked at together
 _MARK = "graph: "
 _UNUSABLE = "cannot be used: "
 _JUDGED = (
@@ -33,10 +35,11 @@ _JUDGED = (
 
 def faults_of(constraints: Sequence[Constraint], known: set[int]) -> list[str]:
     """Why each constraint cannot be used at all; empty where it can."""
-    if not constraints:
-        return []
-    information = information_faults(np.stack([c.information for c in constraints]))
-    return [_fault_of(c, known) or fault for c, fault in zip(constraints, information, strict=True)]
+    found: list[str] = []
+    for some in batches(constraints, _BLOCK):
+        information = information_faults(np.stack([c.information for c in some]))
+        found += [_fault_of(c, known) or told for c, told in zip(some, information, strict=True)]
+    return found
 
 
 def _fault_of(constraint: Constraint, known: set[int]) -> str:

@@ -48,10 +48,9 @@ def _edges_of(tag: str, table: Table, planar: bool, problems: list[str]) -> Edge
 
 def _sound(problems: list[str], tag: str, lines: Index, information: Array) -> NDArray[np.bool_]:
     """Which matrices (R, d, d) are positive definite; the others are told."""
-    sizes, diagonal = np.abs(information), np.einsum("eii->ei", information)
-    sums = sizes.sum(axis=2)
-    least = 1e-14 * sums.max(axis=1, initial=0.0)
-    good = (2.0 * diagonal - sums).min(axis=1) > least  # all but the diagonal is slight: no doubt
+    sums, diagonal = np.add.reduce(np.abs(information), axis=2), information.diagonal(0, 1, 2)
+    least = 1e-14 * np.maximum.reduce(sums, axis=1)
+    good = np.minimum.reduce(2.0 * diagonal - sums, axis=1) > least  # the diagonal rules: no doubt
     if not good.all():
         good = _positive(information, least)
     if not good.all():

@@ -33,8 +33,8 @@ ROTATION_FIRST = ROW_BY_ROW[6][SWAP_ROTATION_TRANSLATION[:, None], SWAP_ROTATION
 
 def symmetric(numbers: Array, layout: Index) -> Array:
     """Matrices (R, d, d) of the upper triangles at the ends of rows (R, ...)."""
-    entries = int(layout.max()) + 1
-    return numbers[:, -entries:].take(layout, axis=1)
+    size = len(layout)
+    return numbers[:, -(size * (size + 1) // 2) :].take(layout, axis=1)
 
 
 def inverted(covariances: Array) -> Array:

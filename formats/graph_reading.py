@@ -62,7 +62,8 @@ class GraphFile:
 def read_graph(path: Path) -> GraphFile:
     """The graph in a g2o, TORO or GTSAM text file; raises `MapError` when there is none."""
     try:
-        text = path.read_bytes().decode("utf-8", errors="replace")
+        with open(path, "rb", buffering=0) as file:
+            text = file.read().decode("utf-8", errors="replace")
     except OSError as error:
         raise MapError(f"{path}: {error.strerror or error}") from error
     try:

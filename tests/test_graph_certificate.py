@@ -11,7 +11,7 @@ from formats.pose_graph import read_graph
 from mapmyworld.config.graph import GraphConfig
 from mapmyworld.geometry.planar import between_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import se3_exp
-from mapmyworld.graph.certificate import certify
+from mapmyworld.graph.certificate import Certificate, certify, proof_of
 from mapmyworld.graph.descent import descend
 from mapmyworld.graph.optimise import optimise
 from mapmyworld.graph.problem import Problem, problem_of
@@ -155,3 +155,15 @@ def test_priors_and_fixed_nodes_leave_the_bound_below_the_cost():
     solved = optimise(replace(graph, fixed_ids=graph.ids[[0, 5]]))
     assert solved.certificate is not None
     assert solved.certificate.lower_bound <= solved.cost
+
+
+def test_words_promise_no_more_than_is_proven() -> None:
+    """However far below a bound lies, it is told, and what was tried."""
+    loose = proof_of(Certificate(1.2, 0.94, True), ["chordal"])
+    assert loose.startswith("not proven")
+    assert "94 % below" in loose
+    assert "end of one start (chordal)" in loose
+    nothing = proof_of(Certificate(0.0, 1.0, False), ["chordal", "winding", "winding"])
+    assert "no bound below it" in nothing
+    assert "cheapest end of 3 starts (chordal, winding)" in nothing
+    assert proof_of(Certificate(9.9, 0.01, False)).startswith("the global minimum, proven")

@@ -139,7 +139,7 @@ def _settled(twin: Twin, x: Array) -> _Settled | None:
 
 def _state(twin: Twin, x: Array, cost: float, pulled: Array) -> _Settled:
     multiplied = multipliers(twin, x, pulled)
-    dual = float(np.add.reduce(multiplied.trace(axis1=1, axis2=2)))
+    dual = float(np.add.reduce(multiplied.trace(0, 1, 2)))
     near = abs(cost - dual) <= _EXACT * cost
     proven = near and _is_positive(twin, multiplied, _SLACK[0] * cost)
     return _Settled(multiplied, cost, dual, proven)
@@ -156,29 +156,34 @@ def derivatives(twin: Twin, x: Array, pulled: Array, multiplied: Array) -> tuple
 
 
 def certainty_of(
-    freedom: int, cost: float, converged: bool, certificate: Certificate | None
+    freedom: int, cost: float, converged: bool, certificate: Certificate | None, starts: list[str]
 ) -> str:
     """A sentence about a minimum of this cost: what is proven, else what the residuals say.
 
-    `freedom` counts the numbers that edges measure beyond those that are unknown.
+    `freedom` counts the numbers that edges measure beyond those that are unknown; `starts` are
+    those that were followed.
     """
     if not converged:
         return "not converged: raise graph.iterations"
-    parts = ["converged", proof_of(certificate)]
+    parts = ["converged", proof_of(certificate, starts)]
     if freedom > 0:
         ratio = 2.0 * cost / freedom
         parts.append(f"squared sigmas are {ratio:.3g} times what the covariances predict")
     return "; ".join(parts)
 
 
-def proof_of(certificate: Certificate | None) -> str:
-    """What is proven of a minimum, in words."""
+def proof_of(certificate: Certificate | None, starts: list[str] | None = None) -> str:
+    """What is proven of a minimum, in words; where it is not the global one, what was tried."""
     if certificate is None:
         return "whether the minimum is global was not examined"
-    bound = f"no solution costs less than {certificate.lower_bound:.6g}"
-    if certificate.gap <= _PROVEN:
-        return f"the global minimum, proven to within {100 * certificate.gap:.2g} % ({bound})"
+    bound, share = f"no solution costs less than {certificate.lower_bound:.6g}", certificate.gap
+    if share <= _PROVEN:
+        return f"the global minimum, proven to within {100 * share:.2g} % ({bound})"
+    known = [f"{bound}, {100 * share:.2g} % below" if share < 1.0 else "no bound below it is known"]
     if certificate.twin_is_global:
-        # The minimum of a graph with isotropic covariances is proven, and lies beside this one.
-        return f"very likely the global minimum ({bound}, {100 * certificate.gap:.2g} % below)"
-    return "not proven to be the global minimum: take it with care"
+        known.append("it lies beside the proven minimum of the same graph with simpler covariances")
+    if starts:
+        kinds = ", ".join(dict.fromkeys(starts))
+        ends = f"cheapest end of {len(starts)} starts" if len(starts) > 1 else "end of one start"
+        known.append(f"it is the {ends} ({kinds})")
+    return f"not proven to be the global minimum: {'; '.join(known)}"

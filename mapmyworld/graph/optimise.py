@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -207,7 +207,7 @@ def _result(
     freedom = problem.system.dimension * int(accepted.sum()) - problem.system.size
     cost = 0.5 * float(squares[accepted].sum())
     return OptimisedGraph(
-        replace(graph, map_from_node=poses[: count - 1], landmarks=places),
+        graph.placed(poses[: count - 1], places),
         cost,
         best.start,
         costs,
@@ -218,5 +218,5 @@ def _result(
         good,
         problem.component,
         certificate,
-        certainty_of(freedom, cost, end.converged, certificate),
+        certainty_of(freedom, cost, end.converged, certificate, [one.start for one in followed]),
     )

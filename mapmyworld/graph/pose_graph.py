@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,18 +77,26 @@ def positions(known: Index, wanted: Index) -> Index:
 
 def components(node_count: int, tails: Index, heads: Index) -> Index:
     """(N,) number of the connected part of every node; parts are numbered by their first node."""
-    first = first_nodes(node_count, tails, heads)
-    number = np.cumsum(first == np.arange(node_count)) - 1
-    return np.asarray(number[first])
+    return _parts(node_count, tails, heads)[1]
 
 
 def first_nodes(node_count: int, tails: Index, heads: Index) -> Index:
     """(N,) the first node of the connected part of every node."""
-    from mapmyworld.kernels.elimination import join_parts
+    return _parts(node_count, tails, heads)[0]
 
-    first = np.arange(node_count)
-    join_parts(np.ascontiguousarray(tails), np.ascontiguousarray(heads), first)
-    return first
+
+def _parts(node_count: int, tails: Index, heads: Index) -> tuple[Index, Index]:
+    """The first node of every node's part, and the number of that."""
+    first, number = np.arange(node_count), np.zeros(node_count, np.int64)
+    _kernels().join_parts(np.ascontiguousarray(tails), np.ascontiguousarray(heads), first, number)
+    return first, number
+
+
+@cache
+def _kernels() -> ModuleType:
+    from mapmyworld.kernels import elimination
+
+    return elimination
 
 
 def held_nodes(node_count: int, tails: Index, heads: Index, held: Index) -> NDArray[np.bool_]:

@@ -47,7 +47,7 @@ def problem_of(graph: PoseGraph) -> Problem:
     tails, heads = _ends(graph, edges)
     total = count + 1 + len(graph.landmark_ids)
     component = components(count, tails[: len(edges)], heads[: len(edges)])
-    held = np.append(positions(graph.ids, graph.fixed_ids), count)
+    held = np.concatenate([positions(graph.ids, graph.fixed_ids), [count]])
     stays = held_nodes(total, tails, heads, held)
     stays[count + 1 :] = False
     anchors = np.flatnonzero(stays)

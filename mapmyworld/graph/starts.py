@@ -119,7 +119,7 @@ def chordal_start(
     motion = planar_to_matrix(measured) if planar else measured
     size = 2 if planar else 3
     turn, shift = (slice(2, 3), slice(0, 2)) if planar else (slice(0, 3), slice(3, 6))
-    diagonal = np.einsum("eii->ei", information)
+    diagonal = information.diagonal(0, 1, 2)
     kappa, tau = _mean(diagonal[:, turn]), _mean(diagonal[:, shift])
     rotations = _relaxed_rotations(
         full[:, :size, :size], anchors, tails, heads, motion[:, :size, :size], kappa

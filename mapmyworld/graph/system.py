@@ -60,7 +60,8 @@ class Fit:
 
 def number_free(stays: NDArray[np.bool_]) -> Index:
     """(N,) 0, 1, ... over the nodes that do not stay, and -1 for those that do."""
-    return np.where(stays, -1, np.cumsum(~stays) - 1)
+    moves = ~stays
+    return np.asarray(moves.cumsum() * moves - 1)
 
 
 def residuals_of(system: System, poses: Array) -> Array:

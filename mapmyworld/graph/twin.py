@@ -115,9 +115,9 @@ def lower_weights(planar: bool, information: Array, residuals: Array) -> tuple[A
 
 def _smallest(matrices: Array) -> Array:
     """The smallest eigenvalues (E,) of symmetric matrices (E, d, d), mostly diagonal ones."""
-    diagonal = np.einsum("eii->ei", matrices)
+    diagonal = matrices.diagonal(0, 1, 2)
     if np.count_nonzero(matrices) == np.count_nonzero(diagonal):
-        return np.asarray(diagonal.min(axis=1, initial=np.inf))
+        return np.asarray(np.minimum.reduce(diagonal, axis=1))
     return np.asarray(np.linalg.eigvalsh(matrices)[:, 0], np.float64)
 
 

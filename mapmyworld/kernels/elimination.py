@@ -13,8 +13,11 @@ Index = NDArray[np.int64]
 
 
 @jit
-def join_parts(tails: Index, heads: Index, first: Index) -> None:
-    """Sets the first node (N,) of every connected part, from each node for itself."""
+def join_parts(tails: Index, heads: Index, first: Index, number: Index) -> None:
+    """Sets the first node (N,) of every node's connected part, from 0, 1, ..., and its number.
+
+    Parts are numbered by their first nodes.
+    """
     for e in range(len(tails)):
         a, b = tails[e], heads[e]
         while first[a] != a:
@@ -22,8 +25,14 @@ def join_parts(tails: Index, heads: Index, first: Index) -> None:
         while first[b] != b:
             first[b] = b = first[first[b]]
         first[max(a, b)] = min(a, b)
+    parts = 0
     for n in range(len(first)):  # whoever comes before knows its own by now
         first[n] = first[first[n]]
+        if first[n] == n:
+            number[n] = parts
+            parts += 1
+        else:
+            number[n] = number[first[n]]
 
 
 @jit

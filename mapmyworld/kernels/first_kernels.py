@@ -31,7 +31,7 @@ log pose_edges.spatial_residuals
 log elimination.gathered_columns
     i8[::1] i8[::1] i8[::1] f8[::1]
 log elimination.join_parts
-    i8[::1] i8[::1] i8[::1]
+    i8[::1] i8[::1] i8[::1] i8[::1]
 log elimination.column_structures
     i8[::1] i8[::1]
 scan scan_alignment.pair_systems

@@ -119,3 +119,10 @@ class PoseGraph:
 
     def __len__(self) -> int:
         return len(self.ids)
+
+    def placed(
+        self, map_from_node: NDArray[np.float64], landmarks: NDArray[np.float64]
+    ) -> PoseGraph:
+        """The graph with these poses and landmarks in place of its own."""
+        nodes = self.planar, self.ids, map_from_node, self.edges, self.landmark_ids, landmarks
+        return PoseGraph(*nodes, self.sightings, self.priors, self.fixed_ids)

@@ -173,6 +173,7 @@ def _graph_of_map(path: Path) -> PoseGraph:
     import numpy as np
 
     from formats.database import open_store
+    from mapmyworld.geometry.rigid import invert
     from mapmyworld.graph.pose_graph import graph_from_constraints
 
     with open_store(path, read_only=True) as store:
@@ -181,6 +182,9 @@ def _graph_of_map(path: Path) -> PoseGraph:
     ids = np.array([node.id for node in nodes], np.int64)
     start = np.array([node.tracked_from_base for node in nodes]).reshape(-1, 4, 4)
     if poses is not None:
+        first = poses.map_from_node[poses.ids == ids[0]]
+        if len(first) and not np.array_equal(first[0], start[0]):  # the map was made level
+            start = first[0] @ invert(start[0]) @ start
         extra = poses.ids < 0
         ids = np.concatenate([ids, poses.ids[extra]])
         start = np.concatenate([start, poses.map_from_node[extra]])

@@ -249,7 +249,7 @@ def _decisions(store: MapStore) -> list[tuple[str, str, str]]:
 
 def _notes(store: MapStore, problems: Sequence[str]) -> list[str]:
     told = list((store.get("plan") or {}).get("warnings", ()))
-    told += (store.get("track") or {}).get("notes", ())
+    told += [line for k in ("track", "solve") for line in (store.get(k) or {}).get("notes", ())]
     return [line for line in dict.fromkeys(told) if line not in problems]
 
 

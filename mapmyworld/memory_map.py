@@ -112,11 +112,6 @@ class MemoryMap:
     def nodes(self) -> tuple[Node, ...]:
         return tuple(self._nodes[node_id][0] for node_id in sorted(self._nodes))
 
-    def set_tracked_poses(self, tracked_from_base: NDArray[np.float64]) -> None:
-        for node, pose in zip(self.nodes(), tracked_from_base, strict=True):
-            moved = replace(node, tracked_from_base=pose)
-            self._nodes[node.id] = (moved, self._nodes[node.id][1])
-
     def node_data(self, node_id: int, *, features: bool = True) -> NodeData:
         found = self._features.get(node_id) if features else None
         return replace(self._nodes[node_id][1], features=found[1] if found else None)

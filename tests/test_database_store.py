@@ -225,20 +225,6 @@ def test_without_tracked_frames_every_node_is_one(store: MapStore) -> None:
     np.testing.assert_array_equal(frames.node_from_frame, np.stack([np.eye(4)] * 2))
 
 
-def test_tracked_poses_are_seen_from_another_frame(store: MapStore) -> None:
-    with store.write_stage("track", "t"):
-        store.add_node(node(1), NodeData())
-        store.add_node(node(2), NodeData())
-        before = store.nodes()
-        turned = np.stack([pose(3) @ n.tracked_from_base for n in before])
-        store.set_tracked_poses(turned)
-        after = store.nodes()
-    np.testing.assert_array_equal(np.stack([n.tracked_from_base for n in after]), turned)
-    for old, new in zip(before, after, strict=True):
-        np.testing.assert_array_equal(new.odom_from_base, old.odom_from_base)
-        assert new.stamp_ns == old.stamp_ns
-
-
 def test_poses_solved_again_without_covariances_have_none(filled: MapStore) -> None:
     with filled.write_stage("judge", "j"):
         poses = sample_poses()

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from memory_store import MemoryStore
 from numpy.typing import NDArray
 from visual_rooms import Room, planar_pose
 
@@ -17,13 +18,24 @@ from formats.database import open_store
 from formats.logs import open_log
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
-from mapmyworld.geometry.rigid import invert, make_transform, transform_points
+from mapmyworld.geometry.rigid import between, invert, make_transform, transform_points
 from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.mapping.depth_grid import levelled, scan_from_depth
 from mapmyworld.mapping.level import Level, Surfaces, find_level, joined, surfaces_of
 from mapmyworld.odometry.felt_force import FeltForce
 from mapmyworld.pipeline import build_map
-from mapmyworld.types import ImageMessage, ImuSample, RgbdImage, Scan
+from mapmyworld.stages.level import levelled as level_poses
+from mapmyworld.types import (
+    Constraint,
+    ConstraintKind,
+    ImageMessage,
+    ImuSample,
+    Node,
+    NodeData,
+    Poses,
+    RgbdImage,
+    Scan,
+)
 
 Array = NDArray[np.float64]
 CONFIG = Config()
@@ -211,3 +223,40 @@ def test_a_recorded_hand_held_drive_stands_on_its_floor(data: Path, tmp_path: Pa
     assert poses.map_from_node[0, 2, 3] == pytest.approx(1.57, abs=0.06)
     free = np.count_nonzero(grid.log_odds < 0.0) * grid.resolution**2
     assert free > 1.5  # m^2 of floor around the desks; 0.2 before maps were levelled
+
+
+def carried_map(poses: Array, images: list[RgbdImage]) -> MemoryStore:
+    """A map of nodes whose poses were tracked askew."""
+    store = MemoryStore()
+    with store.write_stage("track", "t"):
+        for k, (pose, image) in enumerate(zip(poses, images, strict=True)):
+            store.add_node(Node(k + 1, 0, k * 10**9, pose, pose), NodeData(images=(image,)))
+    return store
+
+
+def test_solved_poses_become_level_and_motions_stay() -> None:
+    views = room_views()
+    askew = make_transform(so3_exp([0.2, -0.3, 0.4]), np.array([0.1, 0.2, 0.3]))
+    poses = np.stack([askew @ pose for _, pose in views])
+    store = carried_map(poses, [image for image, _ in views])
+    found, notes = level_poses(store, Poses(np.arange(1, 7), poses), (), CONFIG)
+    assert len(notes) == 1
+    assert notes[0].startswith("the camera was carried: ")
+    height = views[0][1][2, 3]
+    np.testing.assert_allclose(found.map_from_node[:, 2, 3], height, atol=0.02)
+    before, after = between(poses[:-1], poses[1:]), found.map_from_node
+    np.testing.assert_allclose(between(after[:-1], after[1:]), before, atol=1e-12)
+
+
+def test_a_pinned_node_and_a_robot_keep_the_map_where_it_is() -> None:
+    views = room_views()
+    askew = make_transform(so3_exp([0.2, 0.0, 0.0]), np.zeros(3))
+    poses = Poses(np.arange(1, 7), np.stack([askew @ pose for _, pose in views]))
+    pin = Constraint(2, 2, ConstraintKind.PRIOR, poses.map_from_node[1], np.eye(6), True, "pin")
+    carried_by_hand = carried_map(poses.map_from_node, [image for image, _ in views])
+    robot = ROOM.image(planar_pose(3.0, 2.5, 0.0))
+    on_wheels = carried_map(poses.map_from_node, [robot] * 6)
+    for store, constraints in ((carried_by_hand, (pin,)), (on_wheels, ())):
+        found, notes = level_poses(store, poses, constraints, CONFIG)
+        assert found is poses
+        assert notes == ()

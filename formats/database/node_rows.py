@@ -29,7 +29,6 @@ INSERT_NODE = (
     " gps, env_sensors) VALUES (?,?,?,?,?,?,?,?,?,?)"
 )
 INSERT_OWN = "INSERT INTO mapmyworld_nodes VALUES (?,?,?,?,?,?,?,?,?,?,?)"
-UPDATE_TRACKED = "UPDATE mapmyworld_nodes SET tracked_from_base = ? WHERE id = ?"
 SELECT_OWN = (
     "SELECT own.id, own.session, own.stamp_ns, own.odom_from_base, own.tracked_from_base,"
     " own.weight, own.ground_truth, theirs.gps, theirs.env_sensors"
@@ -126,12 +125,6 @@ def own_row(node: Node, data: NodeData) -> Row:
         json.dumps([_stamp(image, node) for image in data.images]) if data.images else None,
         matrix_to_blob(data.cloud[None]) if both and data.cloud is not None else None,
     )
-
-
-def tracked_rows(nodes: Sequence[Node], tracked_from_base: NDArray[np.float64]) -> Iterator[Row]:
-    """Rows of `UPDATE_TRACKED`: the nodes' tracked poses (N, 4, 4) anew."""
-    for node, pose in zip(nodes, tracked_from_base, strict=True):
-        yield _doubles(pose), node.id
 
 
 @functools.cache

@@ -68,13 +68,6 @@ class NodeTables(Transactions):
             self._nodes = tuple(n for some in found for n in rows.nodes_from_own_rows(some))
         return self._nodes
 
-    def set_tracked_poses(self, tracked_from_base: NDArray[np.float64]) -> None:
-        changed = rows.tracked_rows(self.nodes(), tracked_from_base)
-        self._begin()
-        self._nodes = None
-        self._db.run_many(rows.UPDATE_TRACKED, list(changed))
-        self._settle()
-
     def node_data(self, node_id: int, *, features: bool = True) -> NodeData:
         own = self._db.row(
             "SELECT stamp_ns, scan_rest, image_stamps, cloud FROM mapmyworld_nodes WHERE id = ?",

@@ -48,9 +48,6 @@ class ReadOnly:
     def add_node(self, node: Node, data: NodeData) -> None:
         self._refuse()
 
-    def set_tracked_poses(self, tracked_from_base: NDArray[np.float64]) -> None:
-        self._refuse()
-
     def add_scan(self, frame: int, scan: Scan) -> None:
         self._refuse()
 

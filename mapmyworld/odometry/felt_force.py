@@ -29,10 +29,10 @@ class FeltForce:
             self._lengths += float(np.linalg.norm(sample.linear_acceleration))
             self._count += 1
 
-    def mean(self) -> Array | None:
-        """(3,) upwards; None without samples, or where the device had taken gravity out."""
+    def mean(self) -> list[float] | None:
+        """Three numbers, upwards; None without samples, or where a device took gravity out."""
         if self._lengths < _LEAST_FORCE * self._count or not self._count:
             return None
         if np.linalg.norm(self._sum) < _STEADY * self._lengths:
             return None
-        return np.asarray(self._sum / self._count)
+        return [float(part) for part in self._sum / self._count]

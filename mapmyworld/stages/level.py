@@ -1,69 +1,72 @@
-"""The end of tracking where a camera was carried: z becomes up, and 0 the floor."""
+"""Where a camera was carried, the map is turned and lifted: z becomes up, and 0 the floor."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.parallel import algebra_on_one_thread, in_threads
-from mapmyworld.sensing import Plan
-from mapmyworld.types import CameraModel, MapStore, Node
+from mapmyworld.parallel import in_threads
+from mapmyworld.sensing.plan import moves_in_plane
+from mapmyworld.stages.recognise import has_images, has_scans
+from mapmyworld.types import Constraint, ConstraintKind, MapStore, Poses, RgbdImage
 
 if TYPE_CHECKING:
     from mapmyworld.mapping.level import Level, Surfaces
 
+Array = NDArray[np.float64]
 _VIEWS = 60  # nodes whose depth is looked at, at most
 
 
-def level_map(
-    store: MapStore, plan: Plan, config: Config, force: NDArray[np.float64] | None
-) -> tuple[str, ...]:
-    """Turns and lifts all tracked poses if the camera was carried, and says so in a line.
+def levelled(
+    store: MapStore, poses: Poses, constraints: Iterable[Constraint], config: Config
+) -> tuple[Poses, tuple[str, ...]]:
+    """Solved poses, turned and lifted if the camera was carried, and a line that says so.
 
-    `force` (3,): what an accelerometer felt, see `FeltForce`. A robot's base is level already; so
-    is whatever moves in a plane.
+    What moves in a plane is level already, and so is a robot's base. Where somebody pinned a node,
+    the map stays there.
     """
-    if plan.camera is None or plan.scan is not None or plan.planar:
-        return ()
-    nodes, camera = store.nodes(), plan.camera.model
-    if not nodes or not camera.is_carried:
-        return ()
-    tracked = np.stack([node.tracked_from_base for node in nodes])
-    with algebra_on_one_thread():
-        level = _level(store, nodes, tracked, camera, config, force)
+    pinned = any(c.accepted and c.kind is ConstraintKind.PRIOR for c in constraints)
+    if pinned or moves_in_plane(store) or has_scans(store) or not has_images(store):
+        return poses, ()
+    found = list(in_threads(_look(config), _carried_images(store, poses), config.threads))
+    if not found:
+        return poses, ()
+    level = _level(found, store.get("felt_force"))
     if level is None:
-        return ("nothing level was seen: z is up as the first picture was held",)
-    store.set_tracked_poses(level.level_from_map @ tracked)
-    return (f"the camera was carried: {level.reason}",)
+        return poses, ("nothing level was seen: z is up as the first picture was held",)
+    moved = replace(poses, map_from_node=level.level_from_map @ poses.map_from_node)
+    return moved, (f"the camera was carried: {level.reason}",)
 
 
-def _level(
-    store: MapStore,
-    nodes: Sequence[Node],
-    tracked: NDArray[np.float64],
-    camera: CameraModel,
-    config: Config,
-    force: NDArray[np.float64] | None,
-) -> Level | None:
-    from mapmyworld.mapping.level import find_level
-
-    mean_up = -(tracked[:, :3, :3] @ camera.base_from_camera[:3, 1]).mean(axis=0)
-    return find_level(_seen(store, nodes, config), mean_up, force)
+def _carried_images(store: MapStore, poses: Poses) -> Iterator[tuple[RgbdImage, Array]]:
+    """Images with depth of carried cameras, all along the way, with their nodes' poses (4, 4)."""
+    nodes = np.flatnonzero(poses.ids > 0)
+    for row in nodes[:: max(1, -(-len(nodes) // _VIEWS))]:
+        for image in store.node_data(int(poses.ids[row]), features=False).images:
+            if image.depth is not None and image.camera.is_carried:
+                yield image, poses.map_from_node[row]
 
 
-def _seen(store: MapStore, nodes: Sequence[Node], config: Config) -> Surfaces:
-    from mapmyworld.mapping.level import joined, surfaces_of
+def _look(config: Config) -> Callable[[tuple[RgbdImage, Array]], tuple[Surfaces, Array]]:
+    """Finds an image's surfaces, and where (3,) its upper edge points."""
+    from mapmyworld.mapping.level import surfaces_of
 
-    chosen = nodes[:: max(1, -(-len(nodes) // _VIEWS))]
-    items = (
-        (image, node.tracked_from_base)
-        for node in chosen
-        for image in store.node_data(node.id, features=False).images
-        if image.depth is not None
-    )
-    found = in_threads(lambda item: surfaces_of(*item, config), items, config.threads)
-    return joined(found)
+    def look(item: tuple[RgbdImage, Array]) -> tuple[Surfaces, Array]:
+        image, map_from_base = item
+        upper = -(map_from_base @ image.camera.base_from_camera)[:3, 1]
+        return surfaces_of(image, map_from_base, config), upper
+
+    return look
+
+
+def _level(found: Sequence[tuple[Surfaces, Array]], force: Sequence[float] | None) -> Level | None:
+    from mapmyworld.mapping.level import find_level, joined
+
+    mean_up = np.mean([upper for _, upper in found], axis=0)
+    surfaces = joined(some for some, _ in found)
+    return find_level(surfaces, mean_up, None if force is None else np.array(force))

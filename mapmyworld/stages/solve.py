@@ -17,6 +17,7 @@ from mapmyworld.heap import give_back
 from mapmyworld.parallel import on_one_thread
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.stages.draft import solve_draft_of
+from mapmyworld.stages.level import levelled
 from mapmyworld.stages.recognise import LoadScans, add_closures
 from mapmyworld.types import CLOSURES, Constraint, MapStore, Poses, Progress
 from mapmyworld.types.edits import Edit, EditAction
@@ -48,6 +49,9 @@ def solve_and_judge(
         progress.note("features become no nodes: all scans, aligned jointly, tell the poses better")
     elif config.visual.adjust_features:
         poses = _with_features(store, poses, config, progress)
+    poses, notes = levelled(store, poses, constraints, config)
+    for note in notes:
+        progress.note(note)
     store.set_poses(poses)
     frames = store.tracked_frames()
     store.set_frame_poses(pose_every_frame(store.nodes(), poses, frames, constraints))
@@ -56,7 +60,7 @@ def solve_and_judge(
         *told_of_parts(solved.component), *_told_of_islands(constraints, scans),
         *unmet(constraints, wanted),
     ]  # fmt: skip
-    store.put("solve", {"certainty": solved.certainty, "losses": losses})
+    store.put("solve", {"certainty": solved.certainty, "losses": losses, "notes": notes})
 
 
 def _refined(

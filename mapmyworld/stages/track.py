@@ -27,7 +27,6 @@ from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.sensing.synchronise import FrameCounts
 from mapmyworld.stages.compiling import compile_ahead, needs_of
 from mapmyworld.stages.later import made_ready
-from mapmyworld.stages.level import level_map
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.trackers import Tracker, make_tracker, needs_inertial
 from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
@@ -64,12 +63,12 @@ def track(
         with algebra_on_one_thread(), made_ready(needs_of(plan), later, load=is_kept):
             _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
     writer.finish()
-    level = level_map(store, plan, config, writer.force.mean())
-    notes = [*tracker.notes(), *level, *_count_notes(counts)]
+    notes = [*tracker.notes(), *_count_notes(counts)]
     for note in notes:
         progress.note(note)
     losses = [*log.losses(), *tracker.losses(), *_count_losses(counts, guard)]
     store.put("track", {"frames": counts.frames, "losses": losses, "notes": notes})
+    store.put("felt_force", writer.force.mean())
     _diagnose(store, plan)
 
 

@@ -74,9 +74,6 @@ class MapStore(Protocol):
     def nodes(self) -> tuple[Node, ...]:
         """All nodes by id."""
 
-    def set_tracked_poses(self, tracked_from_base: NDArray[np.float64]) -> None:
-        """`tracked_from_base` (N, 4, 4) of all nodes by id, seen from another frame than before."""
-
     def node_data(self, node_id: int, *, features: bool = True) -> NodeData:
         """One node's data, read without touching others'; its features only where wanted."""
 

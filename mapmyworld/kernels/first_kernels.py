@@ -71,6 +71,8 @@ camera/sight pose_refinement.squared_errors
     f8[:,::1] f8[:,::1] f8[:,::1] f8[:,::1] f8[:,::1]
 scan branch_and_bound.fill_pyramid
     u1[:,:,::1] i8
+scan/scan recorded_motion.sort_beams
+    f4[::1] f8 f8 f8[:,::1] f8[::1] f8[:,::1] i8[::1] i8[::1]
 scan/scan recorded_motion.move_beams
     f8[:,::1] i8[::1] f8 f8[:,:,::1]
 log normal_equations.add_product

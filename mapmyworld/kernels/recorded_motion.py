@@ -1,4 +1,4 @@
-"""Recorded poses between their samples, and the points of a sweep freed of motion."""
+"""Recorded poses between their samples, and a sweep's beams as points, freed of motion."""
 
 from __future__ import annotations
 
@@ -73,6 +73,37 @@ def _turned_part(a: Array, b: Array, share: float, turn: Array) -> bool:
     turn[0, 2], turn[2, 0] = second * x * z + first * y, second * x * z - first * y
     turn[1, 2], turn[2, 1] = second * y * z - first * x, second * y * z + first * x
     return True
+
+
+@jit
+def sort_beams(
+    ranges: NDArray[np.float32],
+    least: float,
+    most: float,
+    directions: Array,
+    origin: Array,
+    points: Array,
+    returned: NDArray[np.int64],
+    empty: NDArray[np.int64],
+) -> tuple[int, int]:
+    """Beams (N,) between the `least` and the `most` range as `points` (N, 3); how many these are.
+
+    `returned`: numbers of their beams; `empty`: numbers, and the second result, of beams that came
+    back with nothing. Limits are compared as single precision, as the ranges are.
+    """
+    low, high = np.float32(least), np.float32(most)
+    found, nothing = 0, 0
+    for beam in range(len(ranges)):
+        away = ranges[beam]
+        if low < away < high and np.isfinite(away):
+            for c in range(3):
+                points[found, c] = away * directions[beam, c] + origin[c]
+            returned[found] = beam
+            found += 1
+        elif away >= high or away == 0.0 or away == np.inf:
+            empty[nothing] = beam
+            nothing += 1
+    return found, nothing
 
 
 @jit

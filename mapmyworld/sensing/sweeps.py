@@ -12,9 +12,8 @@ from mapmyworld.errors import LogError
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between
-from mapmyworld.kernels.recorded_motion import move_beams
+from mapmyworld.kernels.recorded_motion import move_beams, sort_beams
 from mapmyworld.sensing.motion import RecordedMotion
-from mapmyworld.sensing.plan_lasers import valid_ranges
 from mapmyworld.types import LaserScanMessage, Scan
 
 _KNOTS = 8  # poses looked up along a sweep; beams between them move in straight lines
@@ -32,20 +31,16 @@ def scan_from_message(
     """
     if not np.isfinite([message.angle_min, message.angle_increment]).all():
         raise LogError("a scan whose angles are not finite")
-    mount = base_from_lidar.tobytes()
-    beams = _beams(message.angle_min, message.angle_increment, len(message.ranges), mount)
-    valid = valid_ranges(message)
-    ranges, directions = message.ranges, beams.directions
-    if not valid.all():
-        ranges, directions = ranges[valid], directions[valid]
-    points = ranges[:, None] * directions
-    points += base_from_lidar[:3, 3]
+    beams = _beams(
+        message.angle_min, message.angle_increment, len(message.ranges), base_from_lidar.tobytes()
+    )
+    points, returned, empty = _sorted_beams(message, beams, base_from_lidar[:3, 3])
     if motion is not None and message.time_increment > 0 and len(points) > 1:
-        points = _without_motion(message, np.flatnonzero(valid), points, motion)
+        points = _without_motion(message, returned, points, motion)
     return Scan(
         points=np.ascontiguousarray(points[:, :2], np.float32),
         origin=beams.origin,
-        missing=beams.bearings[_missing(message, valid)],
+        missing=beams.bearings[empty],
         range_max=float(message.range_max) if message.range_max > 0 else np.inf,
         angle_increment=abs(float(message.angle_increment)),
     )
@@ -74,25 +69,32 @@ def _beams(angle_min: float, increment: float, count: int, mount: bytes) -> _Bea
     return _Beams(flat @ base_from_lidar[:3, :3].T, bearings.astype(np.float32), origin)
 
 
-def _missing(message: LaserScanMessage, valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(N,) beams that came back with nothing: infinite, beyond the maximum, or zero."""
-    if valid.all():
-        return ~valid
-    ranges = message.ranges
-    limit = message.range_max if message.range_max > 0 else np.inf
-    with np.errstate(invalid="ignore"):
-        return np.asarray((ranges >= limit) | np.isposinf(ranges) | (ranges == 0))
+def _sorted_beams(
+    message: LaserScanMessage, beams: _Beams, origin: Array
+) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    """Points (M, 3) of the beams that came back, numbers (M,) of these, and of those with nothing:
+    infinite, beyond the maximum, or zero.
+    """
+    count = len(message.ranges)
+    points = np.empty((count, 3))
+    returned, empty = np.empty(count, np.int64), np.empty(count, np.int64)
+    found, nothing = sort_beams(
+        np.array(message.ranges, np.float32),
+        max(0.0, message.range_min),  # 0 where the limit is no number
+        message.range_max if message.range_max > 0 else np.inf,
+        beams.directions, np.ascontiguousarray(origin), points, returned, empty,
+    )  # fmt: skip
+    return points[:found], returned[:found], empty[:nothing]
 
 
 def _without_motion(
     message: LaserScanMessage, beams: NDArray[np.int64], points: Array, motion: RecordedMotion
 ) -> Array:
-    """Points (N, 3) moved from the base at each beam's time to the base at the first beam's."""
+    """The points (N, 3), moved from where the base was at their beams to where it was at first."""
     step_ns = message.time_increment * 1e9 * (len(message.ranges) - 1) / (_KNOTS - 1)
     poses = motion.at_many(message.stamp_ns + (np.arange(_KNOTS) * step_ns).astype(np.int64))
     if poses is None:
         return points
-    freed = np.ascontiguousarray(points)
     knots_a_beam = message.time_increment * 1e9 / step_ns
-    move_beams(freed, beams, knots_a_beam, between(poses[0], poses))
-    return freed
+    move_beams(points, beams, knots_a_beam, between(poses[0], poses))
+    return points

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry.planar import information_from_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import se3_exp
+from mapmyworld.graph import joint_covariance
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError, factorise
 from mapmyworld.graph.covariance import (
     marginal_covariances,
@@ -19,12 +20,13 @@ from mapmyworld.graph.covariance import (
     relative_pose,
 )
 from mapmyworld.graph.elimination import analyse
-from mapmyworld.graph.joint_covariance import joint_covariances
+from mapmyworld.graph.joint_covariance import joint_covariances, predicted_covariances
 from mapmyworld.graph.linear_system import information_factors
 from mapmyworld.graph.residuals import edge_residuals, retract
 from mapmyworld.graph.solve import solve
 from mapmyworld.graph.system import (
     System,
+    believed_edges,
     chosen_edges,
     jacobians_of,
     number_free,
@@ -194,3 +196,22 @@ def test_a_matrix_that_is_not_definite_is_refused():
     symbolic = analyse(2, np.array([0, 0, 1]), np.array([0, 1, 1]), 1)
     with pytest.raises(NotPositiveDefiniteError):
         factorise(symbolic, np.array([1.0, 2.0, 1.0]).reshape(-1, 1, 1))
+
+
+@settings(max_examples=15)
+@given(st.booleans(), st.integers(2, 60), st.integers(0, 80), st.integers(0, 10**6))
+def test_many_edges_at_once_are_as_sure_as_each_for_itself(
+    planar: bool, count: int, extra: int, seed: int
+) -> None:
+    """Also where several nodes stay, and where what is believed falls into parts."""
+    rng = np.random.default_rng(seed)
+    system, poses = random_system(planar, count, extra, seed)
+    system = replace(system, free=number_free((rng.random(count) < 0.1) | (np.arange(count) == 0)))
+    part = believed_edges(system, rng.random(len(system.tails)) < 0.8)
+    factors, tested = information_factors(part, poses), replace(system, free=part.free)
+    alone, residuals = predicted_covariances(factors, tested, poses)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(joint_covariance, "_MANY", 0)
+        together, again = predicted_covariances(factors, tested, poses)
+    assert np.array_equal(residuals, again)
+    assert np.allclose(together, alone, rtol=1e-9, atol=1e-12 * np.abs(alone).max())

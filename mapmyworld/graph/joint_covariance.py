@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg.blas import dtrsm
@@ -17,6 +18,8 @@ from mapmyworld.geometry import Array
 from mapmyworld.graph.cholesky import Factors
 from mapmyworld.graph.pose_graph import Index
 from mapmyworld.graph.system import System, chosen_edges, jacobians_of, residuals_of
+
+_MANY = 1000  # edges from which on it is worth to compile what carries them all at once
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,29 +41,14 @@ def joint_covariances(
     """
     if not groups:
         return [], []
-    asked = chosen_edges(system, np.concatenate(groups))
-    residuals = residuals_of(asked, poses)
-    by_tail, by_head = jacobians_of(asked, poses, residuals)
-    tree = _Tree.of(factors)
-    place = np.argsort(factors.symbolic.order)
-    ends = [np.where(system.free[e] < 0, -1, place[e]) for e in (asked.tails, asked.heads)]
-    first = np.cumsum([0, *map(len, groups)])
-    carried = [
-        _carried(tree, ends[0][a:b], ends[1][a:b], by_tail[a:b], by_head[a:b])
-        for a, b in zip(first[:-1].tolist(), first[1:].tolist(), strict=True)
+    given, answers = (*ends, by_tail, by_head), (stops, offsets)
+    carry_up(*layout, factors.values, *tree, *given, *answers, found, left)
+    return [
+        None if stop < 0 else _Carried(stop, left[a:b], found[k])
+        for k, (stop, (a, b)) in enumerate(
+            zip(stops.tolist(), pairwise(offsets.tolist()), strict=True)
+        )
     ]
-    sizes = [len(group) * system.dimension for group in groups]
-    return np.split(residuals, first[1:-1]), _answers(factors, carried, sizes)
-
-
-def predicted_covariances(factors: Factors, system: System, poses: Array) -> tuple[Array, Array]:
-    """Covariances (E, d, d) of the edges' residuals as the solution predicts them, each for
-    itself, and these residuals.
-    """
-    alone = np.arange(len(system.tails)).reshape(-1, 1)
-    residuals, found = joint_covariances(factors, system, poses, list(alone))
-    size = system.dimension
-    return np.reshape(found, (-1, size, size)), np.reshape(residuals, (-1, size))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,7 +21,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between, invert, make_transform, transform_points
 from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.mapping.depth_grid import levelled, scan_from_depth
-from mapmyworld.mapping.level import Level, Surfaces, find_level, joined, surfaces_of
+from mapmyworld.mapping.level import Level, Surfaces, find_level, joined, surfaces_of, up_as_held
 from mapmyworld.odometry.felt_force import FeltForce
 from mapmyworld.pipeline import build_map
 from mapmyworld.stages.level import levelled as level_poses
@@ -88,7 +88,6 @@ def test_a_map_laid_askew_becomes_level_with_its_floor_at_zero(
     turned = so3_exp([0.0, 0.0, yaw]) @ so3_exp([0.0, pitch, 0.0]) @ so3_exp([roll, 0.0, 0.0])
     askew = make_transform(turned, np.array([0.3, -0.2, 0.7]))
     level = find_level(seen_in_room(askew), askew[:3, :3] @ UP, None)
-    assert level is not None
     assert tilt(level, askew) < 0.2
     floor = transform_points(level.level_from_map @ askew, np.array([[3.0, 2.5, 0.0]]))
     assert abs(floor[0, 2]) < 0.02
@@ -98,9 +97,7 @@ def test_a_map_laid_askew_becomes_level_with_its_floor_at_zero(
 def test_pictures_held_downwards_do_not_mislead(down: float) -> None:
     views = [view(yaw, down) for yaw in (0.2, 0.5, 0.9)]
     seen = joined(surfaces_of(image, pose, CONFIG) for image, pose in views)
-    mean_up = -np.mean([pose[:3, 1] for _, pose in views], axis=0)
-    level = find_level(seen, mean_up, None)
-    assert level is not None
+    level = find_level(seen, up_as_held(np.stack([pose[:3, :3] for _, pose in views])), None)
     assert tilt(level, np.eye(4)) < 0.2
     assert abs(level.level_from_map[2, 3]) < 0.02
 
@@ -112,7 +109,6 @@ def test_a_table_is_not_the_floor() -> None:
     tables = Surfaces(table, np.tile(UP, (3000, 1)))
     both = joined([surfaces_of(image, pose, CONFIG), tables])
     level = find_level(both, UP, None)
-    assert level is not None
     assert abs(level.level_from_map[2, 3]) < 0.02
 
 
@@ -120,24 +116,32 @@ def test_a_ceiling_alone_tells_what_is_up_and_no_floor() -> None:
     random = np.random.default_rng(3)
     ceiling = np.column_stack([random.uniform(0.0, 4.0, (3000, 2)), np.full(3000, 2.5)])
     level = find_level(Surfaces(ceiling, np.tile(-UP, (3000, 1))), so3_exp([0.2, 0, 0]) @ UP, None)
-    assert level is not None
     assert tilt(level, np.eye(4)) < 0.1
     assert level.level_from_map[2, 3] == 0.0
     assert "no floor" in level.reason
 
 
-def test_where_nothing_is_level_nothing_is_said() -> None:
+def test_where_nothing_is_level_an_accelerometer_tells_else_how_pictures_were_held() -> None:
     random = np.random.default_rng(5)
     normals = random.normal(size=(4000, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     round_things = Surfaces(random.uniform(-1, 1, (4000, 3)), normals)
-    assert find_level(round_things, UP, None) is None
-    nothing = joined([])
-    assert find_level(nothing, UP, None) is None
-    by_force = find_level(round_things, UP, so3_exp([0.3, 0.0, 0.0]) @ UP * 9.81)
-    assert by_force is not None
-    assert "accelerometer" in by_force.reason
-    assert np.degrees(np.arccos(by_force.level_from_map[2, 2])) == pytest.approx(np.degrees(0.3))
+    leaning = so3_exp([0.3, 0.0, 0.0]) @ UP
+    for seen in (round_things, joined([])):
+        held = find_level(seen, leaning, None)
+        assert "nothing level was seen" in held.reason
+        by_force = find_level(seen, UP, leaning * 9.81)
+        assert "accelerometer" in by_force.reason
+        for level in (held, by_force):
+            np.testing.assert_allclose(level.level_from_map[:3, :3] @ leaning, UP, atol=1e-12)
+
+
+@pytest.mark.parametrize("down", [0.0, 0.9])
+def test_pictures_are_held_upright_however_far_down_they_look(down: float) -> None:
+    turned = np.stack([view(yaw, down)[1][:3, :3] for yaw in (0.0, 1.0, 2.0, 3.5)])
+    np.testing.assert_allclose(up_as_held(turned), UP, atol=0.02)
+    single = up_as_held(turned[:1])
+    np.testing.assert_allclose(single, -turned[0, :, 1], atol=1e-9)
 
 
 def test_a_force_tells_a_slanted_roof_from_a_floor() -> None:
@@ -149,7 +153,6 @@ def test_a_force_tells_a_slanted_roof_from_a_floor() -> None:
     ground = np.column_stack([random.uniform(-2, 2, (500, 2)), np.full(500, -1.4)])
     seen = joined([roof, Surfaces(ground, np.tile(UP, (500, 1)))])
     level = find_level(seen, UP, so3_exp([0.02, 0.0, 0.0]) @ UP * 9.81)
-    assert level is not None
     assert tilt(level, np.eye(4)) < 0.1
     assert level.level_from_map[2, 3] == pytest.approx(1.4, abs=0.02)
 

@@ -22,7 +22,8 @@ Array = NDArray[np.float64]
 _STRIDE = 12  # pixels between the points looked at: a Kinect's steps of depth tilt nearer ones
 _NEAR = 3.5  # m up to which normals are worth looking at
 _SAME = np.radians(6.0)  # between the normals of level surfaces, at most
-_BY_HAND = np.radians(60.0)  # that the mean picture may be tilted
+_SINGLE = 0.03  # weight of the pictures' upper edges beside their lower ones, where none turned
+_BY_HAND = np.radians(60.0)  # that the pictures may be tilted on the whole
 _BY_FORCE = np.radians(8.0)  # that surfaces may be off what an accelerometer says
 _CANDIDATES = 400  # directions tried
 _VOTES = 20_000  # normals that choose among them
@@ -73,25 +74,32 @@ def joined(parts: Iterable[Surfaces]) -> Surfaces:
     )
 
 
-def find_level(seen: Surfaces, mean_up: Array, force: Array | None) -> Level | None:
-    """The level of a map; None where neither surfaces nor an accelerometer tell.
+def find_level(seen: Surfaces, held: Array, force: Array | None) -> Level:
+    """The level of a map: by surfaces, else by an accelerometer, else as the pictures were held.
 
-    `mean_up` (3,): where the pictures' upper edges point on average. `force` (3,): what an
-    accelerometer felt, see `FeltForce`.
+    `held` (3,): see `up_as_held`. `force` (3,): what an accelerometer felt, see `FeltForce`.
     """
-    hint, reach = (mean_up, _BY_HAND) if force is None else (force, _BY_FORCE)
-    hint = hint / np.linalg.norm(hint)
-    up, by = _up_of_surfaces(seen.normals, hint, reach), "level surfaces"
-    if up is None:
-        if force is None:
-            return None
-        up, by = hint, "the accelerometer"
-    facing = seen.points[seen.normals @ up > np.cos(2.0 * _SAME)]
-    height = _floor_height(facing @ up)
+    hint, reach, by = (held, _BY_HAND, "as the pictures were held: nothing level was seen")
+    if force is not None:
+        hint, reach, by = force / np.linalg.norm(force), _BY_FORCE, "by the accelerometer"
+    up = _up_of_surfaces(seen.normals, hint, reach)
+    up, by = (hint, by) if up is None else (up, "by level surfaces")
+    heights = (seen.points @ up)[seen.normals @ up > np.cos(2.0 * _SAME)]
+    height = _floor_height(heights)
     if height is None:
-        return Level(_level_from_map(up, 0.0), f"z is up by {by}; no floor was seen")
-    words = f"z is up by {by}, and 0 at the floor, {-height:.2f} m below the first pose"
+        return Level(_level_from_map(up, 0.0), f"z is up {by}; no floor was seen")
+    words = f"z is up {by}, and 0 at the floor, {-height:.2f} m below the first pose"
     return Level(_level_from_map(up, -height), words)
+
+
+def up_as_held(map_from_camera: Array) -> Array:
+    """Where up is (3,) if the pictures of cameras (N, 3, 3) were held upright, however far down
+    they looked: square to their lower edges, towards their upper ones.
+    """
+    edges, upper = map_from_camera[:, :, 0], -map_from_camera[:, :, 1].mean(axis=0)
+    moments = edges.T @ edges / len(edges) - _SINGLE * np.outer(upper, upper)
+    up = np.linalg.eigh(moments)[1][:, 0]
+    return np.asarray(up * np.sign(up @ upper))
 
 
 def _up_of_surfaces(normals: Array, hint: Array, reach: float) -> Array | None:

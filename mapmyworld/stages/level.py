@@ -37,8 +37,6 @@ def levelled(
     if not found:
         return poses, ()
     level = _level(found, store.get("felt_force"))
-    if level is None:
-        return poses, ("nothing level was seen: z is up as the first picture was held",)
     moved = replace(poses, map_from_node=level.level_from_map @ poses.map_from_node)
     return moved, (f"the camera was carried: {level.reason}",)
 
@@ -53,20 +51,20 @@ def _carried_images(store: MapStore, poses: Poses) -> Iterator[tuple[RgbdImage, 
 
 
 def _look(config: Config) -> Callable[[tuple[RgbdImage, Array]], tuple[Surfaces, Array]]:
-    """Finds an image's surfaces, and where (3,) its upper edge points."""
+    """Finds an image's surfaces, and how (3, 3) its camera is turned."""
     from mapmyworld.mapping.level import surfaces_of
 
     def look(item: tuple[RgbdImage, Array]) -> tuple[Surfaces, Array]:
         image, map_from_base = item
-        upper = -(map_from_base @ image.camera.base_from_camera)[:3, 1]
-        return surfaces_of(image, map_from_base, config), upper
+        map_from_camera = map_from_base @ image.camera.base_from_camera
+        return surfaces_of(image, map_from_base, config), map_from_camera[:3, :3]
 
     return look
 
 
-def _level(found: Sequence[tuple[Surfaces, Array]], force: Sequence[float] | None) -> Level | None:
-    from mapmyworld.mapping.level import find_level, joined
+def _level(found: Sequence[tuple[Surfaces, Array]], force: Sequence[float] | None) -> Level:
+    from mapmyworld.mapping.level import find_level, joined, up_as_held
 
-    mean_up = np.mean([upper for _, upper in found], axis=0)
+    held = up_as_held(np.stack([turned for _, turned in found]))
     surfaces = joined(some for some, _ in found)
-    return find_level(surfaces, mean_up, None if force is None else np.array(force))
+    return find_level(surfaces, held, None if force is None else np.array(force))

@@ -31,11 +31,14 @@ from mapmyworld.types import Constraint
 Array = NDArray[np.float64]
 Pairs = Sequence[tuple[int, int]]
 Window = tuple[float, float]
-_SPACING = 2.0  # m of path between places of the later part that are laid into maps
+_SPACING = 2.0  # m of path between places that are laid into the other part's map
 _AROUND = 24.0  # m of path to each side of the closures within which they are
 _MAPPED = 0.5  # m of path between scans that maps are made of
 _SIGHT = 30.0  # m beyond the reach of a search that maps cover
+_MOST = 24  # such places of a part, at most
+_LEAST = 0.5  # score from which a place may want another pose
 _FITS = 0.6  # score from which a place fits
+_HALF = 0.7  # score of a place that speaks neither for a pose nor against it
 _AS_GOOD = 0.9  # share of the score from which it fits another pose as well
 _SEEN = 0.4  # share of its points that must lie where the map was seen, to say anything
 _ENOUGH = 0.3  # share of the places that fit, of which another pose must explain as much
@@ -48,13 +51,14 @@ _LESS = "another closure between the same parts explains more of what was seen"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Later:
-    """What was seen from some places of the later part."""
+class _Seen:
+    """What was seen from some places of a part, and the map that the part makes around."""
 
     poses: Array
     """(S, 3)."""
     views: list[View]
     """Of each place."""
+    map: PartMap
 
 
 def doubt_joins(
@@ -86,33 +90,42 @@ def _doubts(
     a, b = (np.array([pairs[k][end] for k in which]) for end in (0, 1))
     spots = _spots(nodes, b)
     window = _window(nodes, int(a[0]), int(b[0]), spots, config, widest)
-    later = _Later(nodes.poses[spots], [view_around(nodes, s, config) for s in spots.tolist()])
     moves = {k: _move(nodes, pairs[k], closures[k]) for k in which}
-    likely = {k: move for k, move in moves.items() if _is_within(move, later, window)}
+    middle = nodes.poses[spots[len(spots) // 2]]
+    likely = {k: m for k, m in moves.items() if _is_within(_apart(np.zeros(3), m, middle), window)}
     doubts = [(k, _TOO_FAR) for k in which if k not in likely]
     if not likely:
         return doubts
-    earlier, itself = (
-        part_map(nodes, _mapped(nodes, int(nodes.part[end[0]]), later.poses, window[0] + _SIGHT))
-        for end in (a, b)
-    )
+    earlier = _seen(nodes, _spots(nodes, a), nodes.poses[spots], window, config)
+    later = _seen(nodes, spots, nodes.poses[spots], window, config)
     best = _most_supported(earlier, later, list(likely.values()))
-    if not _is_met(earlier, later, best):
+    if not _is_met(_laid(earlier, later, best)):
         return doubts + [(k, _UNMET) for k in likely]
-    wide = 2.0 * window[0], window[1]
-    for where, at, about in ((earlier, best, window), (itself, np.zeros(3), wide)):
-        rival = _rival(where, later, at, about)
-        if rival is not None:
-            return doubts + [(k, _words(rival, at, later)) for k in likely]
-    return doubts + [(k, _LESS) for k, move in likely.items() if not _is_same(move, best, later)]
+    rival = _rival(earlier, later, best, window)
+    if rival is None:  # what looks like itself elsewhere fits twice wherever it fits
+        best_of_itself, wide = np.zeros(3), (2.0 * window[0], window[1])
+        rival = _rival(None, later, best_of_itself, wide)
+        rival = None if rival is None else compose_planar(best, rival)
+    if rival is not None:
+        return doubts + [(k, _words(_apart(best, rival, middle))) for k in likely]
+    apart = {k: _apart(best, move, nodes.poses[pairs[k][1]]) for k, move in likely.items()}
+    return doubts + [(k, _LESS) for k, miss in apart.items() if not _is_same(miss)]
 
 
-def _spots(nodes: LaserNodes, b: Index) -> Index:
-    """Places about every few metres around the later ends of closures, in their part."""
+def _spots(nodes: LaserNodes, ends: Index) -> Index:
+    """Places about every few metres around these ends of closures, in their part; not too many."""
     spots = spaced(nodes.path, _SPACING)
-    near = np.abs(nodes.path[spots][:, None] - nodes.path[b]).min(axis=1) <= _AROUND
-    spots = spots[near & (nodes.part[spots] == nodes.part[b[0]]) & nodes.sees[spots]]
-    return np.asarray(spots, np.int64)
+    near = np.abs(nodes.path[spots][:, None] - nodes.path[ends]).min(axis=1) <= _AROUND
+    spots = spots[near & (nodes.part[spots] == nodes.part[ends[0]]) & nodes.sees[spots]]
+    spots = ends if len(spots) == 0 else spots
+    return np.asarray(spots[:: -(-len(spots) // _MOST)], np.int64)
+
+
+def _seen(nodes: LaserNodes, spots: Index, about: Array, window: Window, config: Config) -> _Seen:
+    """What was seen from these places, and the map of their part around poses (N, 3)."""
+    rows = _mapped(nodes, int(nodes.part[spots[0]]), about, window[0] + _SIGHT)
+    views = [view_around(nodes, spot, config) for spot in spots.tolist()]
+    return _Seen(nodes.poses[spots], views, part_map(nodes, rows))
 
 
 def _window(
@@ -144,80 +157,90 @@ def _move(nodes: LaserNodes, pair: tuple[int, int], closure: Constraint) -> Arra
     return compose_planar(there, invert_planar(nodes.poses[b]))
 
 
-def _laid(earlier: PartMap, later: _Later, move: Array) -> Array:
-    """(S, 2) score and share seen of every place of the later part, moved so."""
+def _laid(earlier: _Seen | None, later: _Seen, move: Array) -> tuple[Array, Array]:
+    """Scores and shares seen of every place of the later part, moved so, in the earlier one's map.
+
+    And of those of the earlier part in the later one's. Without an earlier one: in its own.
+    """
+    there = later.map if earlier is None else earlier.map
     moved = compose_planar(move, later.poses)
-    return np.array([earlier.fit(view, at) for view, at in zip(later.views, moved, strict=True)])
+    fits = [there.fit(view, at) for view, at in zip(later.views, moved, strict=True)]
+    if earlier is not None:
+        moved = compose_planar(invert_planar(move), earlier.poses)
+        fits += [later.map.fit(view, at) for view, at in zip(earlier.views, moved, strict=True)]
+    scores, seen = np.array(fits).T
+    return scores, seen
 
 
-def _most_supported(earlier: PartMap, later: _Later, moves: Sequence[Array]) -> Array:
-    """The move by which most of what was seen fits."""
-    different: list[Array] = []
-    for move in moves:
-        if not any(_is_same(move, one, later) for one in different):
+def _most_supported(earlier: _Seen, later: _Seen, moves: Sequence[Array]) -> Array:
+    """The move by which most of what was seen fits, and least does not."""
+    middle, different = later.poses[len(later.poses) // 2], [moves[0]]
+    for move in moves[1:]:
+        if not any(_is_same(_apart(one, move, middle)) for one in different):
             different.append(move)
     if len(different) == 1:
         return different[0]
-    laid = [_laid(earlier, later, move).T for move in different]
-    return different[int(np.argmax([(seen * (score >= _FITS)).sum() for score, seen in laid]))]
+    laid = [_laid(earlier, later, move) for move in different]
+    return different[int(np.argmax([(seen * (scores - _HALF)).sum() for scores, seen in laid]))]
 
 
-def _is_met(earlier: PartMap, later: _Later, move: Array) -> bool:
+def _is_met(laid: tuple[Array, Array]) -> bool:
     """Whether most places fit, of those that lie where the map was seen."""
-    score, seen = _laid(earlier, later, move).T
+    scores, seen = laid
     told = np.count_nonzero(seen >= _SEEN)
-    return bool(np.count_nonzero((seen >= _SEEN) & (score >= _FITS)) > 0.5 * told)
+    return bool(np.count_nonzero((seen >= _SEEN) & (scores >= _FITS)) > 0.5 * told)
 
 
-def _rival(earlier: PartMap, later: _Later, move: Array, window: Window) -> Array | None:
+def _rival(earlier: _Seen | None, later: _Seen, move: Array, window: Window) -> Array | None:
     """Another move that explains as much as this one, and that nothing contradicts."""
-    score, seen = _laid(earlier, later, move).T
-    fits = (seen >= _SEEN) & (score >= _FITS)
+    own = _laid(earlier, later, move)
+    middle = later.poses[len(later.poses) // 2]
     tried: list[Array] = []
     for k in range(len(later.views)):
-        other = _other_move(earlier, later, move, window, k)
-        if other is None or any(_is_same(other, one, later) for one in tried):
+        other = _other_move(later.map if earlier is None else earlier.map, later, move, window, k)
+        if other is None or any(_is_same(_apart(one, other, middle)) for one in tried):
             continue
         tried.append(other)
-        there, seen_there = _laid(earlier, later, other).T
-        told = (seen_there >= _SEEN) & (fits | (there >= _FITS))
-        as_good = np.count_nonzero(told & (there >= np.where(fits, _AS_GOOD * score, _FITS)))
-        if as_good >= max(_ENOUGH * np.count_nonzero(fits), _AGREED * np.count_nonzero(told)):
+        if _is_as_good(own, _laid(earlier, later, other)):
             return other
     return None
 
 
-def _other_move(
-    earlier: PartMap, later: _Later, move: Array, window: Window, k: int
-) -> Array | None:
+def _is_as_good(own: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
+    """Whether places fit another way as well; those that fit neither way say nothing."""
+    (scores, seen), (there, seen_there) = own, other
+    fits = (seen >= _SEEN) & (scores >= _FITS)
+    least = np.where(fits, _AS_GOOD * scores, _FITS)
+    says_nothing = (seen >= _SEEN) & ~fits & (there < _FITS)
+    told = (seen_there >= _SEEN) & ~says_nothing
+    as_good = np.count_nonzero(told & (there >= least))
+    return bool(as_good >= max(_ENOUGH * np.count_nonzero(fits), _AGREED * np.count_nonzero(told)))
+
+
+def _other_move(there: PartMap, later: _Seen, move: Array, window: Window, k: int) -> Array | None:
     """The move that place `k` wants where it does not want this one."""
-    pose = compose_planar(move, later.poses[k])
     about = later.poses[k]
-    other = pose_elsewhere(later.views[k].points, earlier.grid, about, *window, 0.5, pose)
-    return None if other is None else compose_planar(other, invert_planar(later.poses[k]))
+    pose = compose_planar(move, about)
+    other = pose_elsewhere(later.views[k].points, there.grid, about, *window, _LEAST, pose)
+    return None if other is None else compose_planar(other, invert_planar(about))
 
 
-def _is_within(move: Array, later: _Later, window: Window) -> bool:
-    """Whether the later part can be so far from where it seems."""
-    apart = _apart(np.zeros(3), move, later)
+def _is_within(apart: Array, window: Window) -> bool:
     return bool(np.abs(apart[:2]).max() <= window[0] and abs(apart[2]) <= window[1])
 
 
-def _apart(move: Array, other: Array, later: _Later) -> Array:
-    """(3,) from where the first move brings the later part's middle to where the other does."""
-    middle = later.poses[len(later.poses) // 2]
+def _apart(move: Array, other: Array, middle: Array) -> Array:
+    """(3,) from where the first move brings a pose to where the other does."""
     return between_planar(compose_planar(move, middle), compose_planar(other, middle))
 
 
-def _words(rival: Array, move: Array, later: _Later) -> str:
-    x, y, turn = _apart(move, rival, later).tolist()
+def _words(apart: Array) -> str:
+    x, y, turn = apart.tolist()
     return (
         "ambiguous: what was seen after the break fits as well "
         f"{np.hypot(x, y):.1f} m and {abs(np.degrees(turn)):.0f} deg from there"
     )
 
 
-def _is_same(move: Array, other: Array, later: _Later) -> bool:
-    """Whether two moves bring the later part to about the same place."""
-    apart = _apart(move, other, later)
+def _is_same(apart: Array) -> bool:
     return bool(np.hypot(*apart[:2]) <= _SAME[0] and abs(apart[2]) <= _SAME[1])

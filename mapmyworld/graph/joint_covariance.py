@@ -41,8 +41,56 @@ def joint_covariances(
     """
     if not groups:
         return [], []
-    given, answers = (*ends, by_tail, by_head), (stops, offsets)
-    carry_up(*layout, factors.values, *tree, *given, *answers, found, left)
+    asked = chosen_edges(system, np.concatenate(groups))
+    residuals = residuals_of(asked, poses)
+    by_tail, by_head = jacobians_of(asked, poses, residuals)
+    tree = _Tree.of(factors)
+    place = np.argsort(factors.symbolic.order)
+    ends = [np.where(system.free[e] < 0, -1, place[e]) for e in (asked.tails, asked.heads)]
+    first = np.cumsum([0, *map(len, groups)])
+    carried = [
+        _carried(tree, ends[0][a:b], ends[1][a:b], by_tail[a:b], by_head[a:b])
+        for a, b in zip(first[:-1].tolist(), first[1:].tolist(), strict=True)
+    ]
+    sizes = [len(group) * system.dimension for group in groups]
+    return np.split(residuals, first[1:-1]), _answers(factors, carried, sizes)
+
+
+def predicted_covariances(factors: Factors, system: System, poses: Array) -> tuple[Array, Array]:
+    """Covariances (E, d, d) of the edges' residuals as the solution predicts them, each for
+    itself, and these residuals.
+    """
+    size, residuals = system.dimension, residuals_of(system, poses)
+    if len(residuals) < _MANY:
+        alone = np.arange(len(residuals)).reshape(-1, 1)
+        found = joint_covariances(factors, system, poses, list(alone))[1]
+    else:
+        carried = _carried_at_once(factors, system, *jacobians_of(system, poses, residuals))
+        found = _answers(factors, carried, [size] * len(residuals))
+    return np.reshape(found, (-1, size, size)), residuals
+
+
+def _carried_at_once(
+    factors: Factors, system: System, by_tail: Array, by_head: Array
+) -> list[_Carried | None]:
+    """The question of each edge, eliminated upwards; None where nothing in it moves."""
+    from mapmyworld.kernels.edge_questions import carry_up, meeting_cliques
+
+    symbolic, count = factors.symbolic, len(by_tail)
+    owner = np.repeat(np.arange(len(symbolic.cliques)), np.diff(symbolic.bounds))
+    parents = np.array([clique.parent for clique in symbolic.cliques])
+    tree, place = (owner, parents), np.argsort(symbolic.order)
+    tails, heads = (
+        np.where(system.free[e] < 0, -1, place[e]) for e in (system.tails, system.heads)
+    )
+    ends, stops = (tails, heads), np.empty(count, np.int64)
+    meeting_cliques(*ends, *tree, symbolic.begins, symbolic.rows, stops)
+    fronts = (np.diff(symbolic.bounds) + np.diff(symbolic.begins)) * symbolic.size
+    offsets = np.concatenate([[0], np.cumsum(np.where(stops < 0, 0, fronts[stops]))])
+    found, left = np.zeros(by_tail.shape), np.empty((offsets[-1], symbolic.size))
+    layout = symbolic.bounds, symbolic.begins, symbolic.rows, symbolic.starts
+    given, answers = (by_tail, by_head), (found, left)
+    carry_up(*layout, factors.values, *tree, *ends, *given, stops, offsets, *answers)
     return [
         None if stop < 0 else _Carried(stop, left[a:b], found[k])
         for k, (stop, (a, b)) in enumerate(

@@ -81,11 +81,12 @@ def read_frames(
     """The frames of a log in its order: one for each scan, or for each image without a laser.
 
     `counts` tells afterwards what was left out; `watch` hears the log time reached. Without
-    `inertial` no inertial sample is decoded, and frames have none.
+    `inertial` no inertial sample is read, and frames have none.
     """
     counts = counts if counts is not None else FrameCounts()
-    synchroniser = _Synchroniser(plan, config, counts, inertial=inertial)
-    messages = log.messages(plan.topics)
+    synchroniser = _Synchroniser(plan, config, counts)
+    unread = plan.imu.topic if plan.imu and not inertial else None
+    messages = log.messages([topic for topic in plan.topics if topic != unread])
     for raw in in_stamp_order(messages, plan.sort_ns) if plan.sort_ns else messages:
         synchroniser.add(raw)
         yield from synchroniser.ready(raw.log_time_ns - _WAIT_NS)
@@ -95,11 +96,8 @@ def read_frames(
 
 
 class _Synchroniser:
-    def __init__(
-        self, plan: Plan, config: SensingConfig, counts: FrameCounts, *, inertial: bool
-    ) -> None:
+    def __init__(self, plan: Plan, config: SensingConfig, counts: FrameCounts) -> None:
         self.plan, self.config, self.counts = plan, config, counts
-        self.inertial = inertial
         self.buffers = _Buffers()
         self.surroundings = Surroundings()
         motion = plan.odometry.motion if plan.odometry else None
@@ -124,8 +122,7 @@ class _Synchroniser:
     def _add_other(self, pending: Pending) -> None:
         topic = pending.raw.topic
         if self.plan.imu is not None and topic == self.plan.imu.topic:
-            if self.inertial:
-                self._add_imu(pending)
+            self._add_imu(pending)
         elif topic == self.plan.ground_truth_topic:
             self._add_truth(pending.raw)
         elif topic in self.plan.surroundings:

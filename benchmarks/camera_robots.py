@@ -19,9 +19,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from kinect import Faults
 from laser_robots import scores_of, tool
 from tum_like import Path3, record
+
+from formats.trajectory import read_trajectory
+from mapmyworld.evaluation.relations import poses_at
 
 DRIVES: list[tuple[str, str, list[float]]] = [
     ("apartment", "default", [4, 6]),
@@ -68,6 +72,7 @@ SHOWN = ["camera.rate", *list(DRAWN)[:7], "driver.turn_rate"]
 HEAD = ["sensors", "drive", *(name.split(".")[1].replace("_", " ") for name in SHOWN)]
 HAND_HEAD = ["rate", "lag", "period", "turns", "exposure", "noise", "scale"]
 SCORES = ["frames", "ATE m", "max m", "deg", "closures", "wrong", "recall", "CPU s", "MB", "exit"]
+LEVEL = ["leans deg", "lies m"]
 
 
 @dataclass(frozen=True)
@@ -90,7 +95,7 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, metavar="FOLDER")
     options = parser.parse_args()
     changes = dict(change.split("=", 1) for change in options.changes)
-    head = ["number", *(HAND_HEAD if options.hands else HEAD), *SCORES]
+    head = ["number", *(HAND_HEAD if options.hands else HEAD), *SCORES, *LEVEL]
     print(f"| {' | '.join(head)} |\n{'| --- ' * len(head)}|")
     for number in range(options.first, options.end or options.first + 1):
         kept = options.keep
@@ -167,16 +172,27 @@ def scored(log: Path, settings: list[str]) -> str:
     if built.returncode not in (0, 3):
         return f"exit code {built.returncode}: {built.stderr.strip()[-200:]}"
     beside = Path(f"{log}.truth") / "trajectory.tum"
-    scores = scores_of(made, beside if beside.exists() else log / "groundtruth.txt")
+    truth = beside if beside.exists() else log / "groundtruth.txt"
+    scores = scores_of(made, truth)
     run, path, loops = json.loads(built.stdout), scores["trajectory"], scores["loops"]
     wrong = round(loops["count"] * (1.0 - (loops["precision"] or 0.0)))
     numbers = [
         run["frames"], f"{path['ate']['rmse']:.4f}", f"{path['ate']['maximum']:.3f}",
         f"{path['ate_rotation_deg']['rmse']:.2f}", loops["count"], wrong if loops["count"] else 0,
         "-" if loops["recall"] is None else f"{loops['recall']:.0%}", f"{run['cpu_s']:.0f}",
-        f"{run['peak_memory_mb']:.0f}", built.returncode,
+        f"{run['peak_memory_mb']:.0f}", built.returncode, *off_level(made, truth),
     ]  # fmt: skip
     return " | ".join(str(n) for n in numbers)
+
+
+def off_level(made: Path, truth: Path) -> list[str]:
+    """By how many degrees a map's z axis leans, and by how many metres it lies too high."""
+    path, true = read_trajectory(made.with_suffix(".tum")), read_trajectory(truth)
+    inside = (path.stamps_ns >= true.stamps_ns[0]) & (path.stamps_ns <= true.stamps_ns[-1])
+    poses, expected = path.poses[inside], poses_at(true, path.stamps_ns[inside])
+    up = (poses[:, :3, :3] @ expected[:, 2, :3, None])[..., 0].mean(axis=0)
+    lean = np.degrees(np.arctan2(np.hypot(up[0], up[1]), up[2]))
+    return [f"{lean:.2f}", f"{(poses[:, 2, 3] - expected[:, 2, 3]).mean():.3f}"]
 
 
 if __name__ == "__main__":

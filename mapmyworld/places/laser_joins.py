@@ -108,8 +108,12 @@ def _doubts(
         rival = None if rival is None else compose_planar(best, rival)
     if rival is not None:
         return doubts + [(k, _words(_apart(best, rival, middle))) for k in likely]
-    apart = {k: _apart(best, move, nodes.poses[pairs[k][1]]) for k, move in likely.items()}
-    return doubts + [(k, _LESS) for k, miss in apart.items() if not _is_same(miss)]
+    held = next(pairs[k] for k, move in likely.items() if move is best)
+    return doubts + [
+        (k, _LESS)
+        for k, move in likely.items()
+        if not _agrees(nodes, pairs[k], held, _apart(best, move, nodes.poses[pairs[k][1]]), config)
+    ]
 
 
 def _spots(nodes: LaserNodes, ends: Index) -> Index:
@@ -232,6 +236,15 @@ def _is_within(apart: Array, window: Window) -> bool:
 def _apart(move: Array, other: Array, middle: Array) -> Array:
     """(3,) from where the first move brings a pose to where the other does."""
     return between_planar(compose_planar(move, middle), compose_planar(other, middle))
+
+
+def _agrees(
+    nodes: LaserNodes, pair: tuple[int, int], held: tuple[int, int], apart: Array, config: Config
+) -> bool:
+    """Whether two closures miss each other by no more than drift within the parts explains."""
+    driven = sum(abs(float(nodes.path[i] - nodes.path[j])) for i, j in zip(pair, held, strict=True))
+    drift = driven * np.array([config.places.laser_drift, config.places.laser_drift_angle])
+    return bool((np.array([np.hypot(*apart[:2]), abs(apart[2])]) <= _SAME + drift).all())
 
 
 def _words(apart: Array) -> str:

@@ -32,15 +32,24 @@ _STEPS = 20  # at most: where it led to a better minimum it took 6 to 13
 _PERTURBED = 0.1  # rad: how far rotations are turned out of the world at first
 _GAIN = 1e-4  # share of the cost gained by a step, below which the minimum is near enough
 _SEED = 0
+# Share of the graph's cost that a twin has to have: over 0.97 wherever this start led to something
+# better, under 0.5 where axes are known a hundred times better than others and correlated.
+_TELLING = 0.5
 _FLOOR = 1e-9  # share of the largest diagonal that every step is damped by
 _LARGEST = 1e8  # share of the diagonal at which no step helps any more
 
 
-def lifted_start(system: System, near: Fit) -> Array:
-    """Poses near the minimum that the twin has in more dimensions; those given if none is found."""
+def lifted_start(system: System, near: Fit) -> Array | None:
+    """Poses near the minimum that the twin has in more dimensions; those given if none is found.
+
+    None where the twin costs so much less than the graph that its minima are not the graph's.
+    """
     poses, twin = near.poses, twin_of(system, near.residuals)
     size, p = twin.dimension, twin.dimension + _EXTRA
-    x = _raised(twin_poses(system.planar, poses), p)
+    level = twin_poses(system.planar, poses)
+    if 0.5 * twin_cost(twin, level) < _TELLING * near.cost:
+        return None
+    x = _raised(level, p)
     lowered = _lowered(_descended(twin, x), twin)
     found = np.tile(np.eye(4), (len(x), 1, 1))
     found[:, :size, 3], found[:, :size, :size] = lowered[:, :, 0], lowered[:, :, 1:]

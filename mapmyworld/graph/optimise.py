@@ -150,7 +150,9 @@ def _other_starts(
             if _cheapest(followed) is before:
                 break
     if len(problem.graph) <= _LIFTED:
-        yield "lifted", fit_of(system, lifted_start(system, _cheapest(followed).end.fit))
+        lifted = lifted_start(system, _cheapest(followed).end.fit)
+        if lifted is not None:
+            yield "lifted", fit_of(system, lifted)
     yield from others.items()
 
 

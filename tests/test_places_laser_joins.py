@@ -17,7 +17,7 @@ from mapmyworld.geometry.planar import (
     planar_to_matrix,
 )
 from mapmyworld.places.laser_closures import compare_places
-from mapmyworld.places.laser_joins import doubt_joins
+from mapmyworld.places.laser_joins import doubt_joins, nearest_ends
 from mapmyworld.places.laser_lost import islands, lost_pairs
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.part_maps import View, part_map
@@ -129,3 +129,12 @@ def test_islands_are_parts_that_neither_wheels_nor_closures_tie() -> None:
     assert len(np.unique(islands(lost, [closure(3, 100), closure(50, 99)]))) == 1
     _, blind = carried(HALL, STRAIGHT, STRAIGHT, unseen=30.0)  # the wheels still tell
     assert np.unique(islands(blind, [])).tolist() == [0]
+
+
+def test_how_far_two_parts_may_be_off_is_said_by_the_least_way_between_them() -> None:
+    """Parts that closures joined may surround another one, before it and after it."""
+    nodes, _ = carried(HALL, STRAIGHT, STRAIGHT, STRAIGHT)
+    around = replace(nodes, part=np.where(nodes.part == 1, 1, 0))
+    assert nearest_ends(nodes, 0, 100) == (40, 82)
+    assert nearest_ends(around, 0, 60) in ((40, 41), (81, 82))
+    assert nearest_ends(around, 60, 100) in ((40, 41), (81, 82))

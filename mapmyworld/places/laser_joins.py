@@ -136,12 +136,21 @@ def _window(
     nodes: LaserNodes, a: int, b: int, spots: Index, config: Config, widest: float
 ) -> Window:
     """Metres and radians by which the later part may be off, as seen from the earlier one."""
-    first = int(np.flatnonzero(nodes.part == nodes.part[b])[0])
-    before = np.flatnonzero(nodes.part[:first] == nodes.part[a])
-    last = int(before[-1]) if len(before) else a
+    last, first = nearest_ends(nodes, a, b)
     distance, angle = drift_window(nodes, last, first, config, np.inf)
     far = np.hypot(*(nodes.poses[spots, :2] - nodes.poses[first, :2]).T).max()
     return min(distance + 2.0 * np.sin(angle / 2.0) * float(far), widest), angle
+
+
+def nearest_ends(nodes: LaserNodes, a: int, b: int) -> tuple[int, int]:
+    """The ascending two nodes, one of the part of each, with the least path between them."""
+    one, other = (np.flatnonzero(nodes.part == nodes.part[k]) for k in (a, b))
+    after = np.searchsorted(one, other).clip(1, max(len(one) - 1, 1))
+    near = one[np.stack([after - 1, after.clip(0, len(one) - 1)])]
+    gaps = np.abs(nodes.path[near] - nodes.path[other])
+    side, row = np.unravel_index(int(np.argmin(gaps)), gaps.shape)
+    ends = sorted((int(near[side, row]), int(other[row])))
+    return ends[0], ends[1]
 
 
 def _mapped(nodes: LaserNodes, part: int, about: Array, reach: float) -> Index:

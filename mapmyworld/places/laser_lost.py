@@ -18,6 +18,7 @@ from mapmyworld.types import CLOSURES, Constraint, ConstraintKind
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
 _LONG = 75.0  # m of way without a closure from which two places may be far from where they seem
+_UNKNOWN = 200.0  # m of path that a break counts for from which wheels do not tell how parts lie
 _LATER, _EARLIER = 8.0, 4.0  # m of path between the places that look, and that are looked at
 _APART = 2.0  # m between both where breaks divide the path: one closure alone joins no parts
 _MOST = 16  # earlier places that one is compared with
@@ -60,7 +61,7 @@ def islands(loaded: NodeScans, constraints: Iterable[Constraint]) -> Index:
     wheels were not there or are not to be believed, and no accepted closure joins them.
     """
     ids = np.array([node.id for node in loaded.nodes], np.int64)
-    part = np.cumsum((loaded.unseen > _LONG).astype(np.int64))
+    part = np.cumsum((loaded.unseen > _UNKNOWN).astype(np.int64))
     return _joined(ids, part, _closures(constraints))
 
 

@@ -108,10 +108,14 @@ def _put(queue: Queue[In], item: In, stop: threading.Event) -> None:
         return
 
 
-def in_threads(work: Callable[[In], Out], items: Iterable[In], threads: int) -> Iterator[Out]:
-    """`work` of each item, in order; 0 threads = as many as cores. Reads only a few items ahead.
+def in_threads(
+    work: Callable[[In], Out], items: Iterable[In], threads: int, ahead: int = _AHEAD
+) -> Iterator[Out]:
+    """`work` of each item, in order; 0 threads = as many as cores.
 
-    An error of `work` is raised where its result would have come.
+    Only `ahead` items a thread are read before their turn: more where some take far longer than
+    others, for which the other threads would wait. An error of `work` is raised where its result
+    would have come.
     """
     count = threads or os.cpu_count() or 1
     with ThreadPoolExecutor(count) as pool:
@@ -119,7 +123,7 @@ def in_threads(work: Callable[[In], Out], items: Iterable[In], threads: int) -> 
         try:
             for item in items:
                 waiting.append(pool.submit(work, item))
-                if len(waiting) >= _AHEAD * count:
+                if len(waiting) >= ahead * count:
                     yield waiting.popleft().result()
             while waiting:
                 yield waiting.popleft().result()

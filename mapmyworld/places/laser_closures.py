@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _SETTLED_WINDOW = 1.0  # m to each side that is searched once the graph is optimised
 _SETTLED_ANGLE = 0.2  # rad, the same
+_AHEAD = 8  # places a thread that are made ready: one may take as long as many others
 _AGREEMENT = np.diag([0.02**2, 0.02**2, 0.005**2])  # m^2 and rad^2 that two maps may differ by
 
 
@@ -128,7 +129,7 @@ def compare_places(
             ]
             yield replace(nodes, scans=nodes.scans.hold(np.concatenate(ends))), a, rows
 
-    found = in_threads(compare, targets(), config.threads)
+    found = in_threads(compare, targets(), config.threads, _AHEAD)
     places = [k for rows in by_target.values() for k in rows]
     by_place = dict(zip(places, (c for some in found for c in some), strict=True))
     closures = [by_place[k] for k in range(len(pairs))]

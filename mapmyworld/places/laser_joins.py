@@ -10,55 +10,43 @@ nothing that was seen contradicts it, the parts stay apart.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
-    between_planar,
     compose_planar,
     invert_planar,
     matrix_to_planar,
 )
 from mapmyworld.places.laser_candidates import drift_window
 from mapmyworld.places.laser_nodes import Index, LaserNodes, spaced
-from mapmyworld.places.part_maps import PartMap, View, part_map, view_around
-from mapmyworld.registration.scan_search import pose_elsewhere
+from mapmyworld.places.part_fits import (
+    SAME,
+    Seen,
+    Window,
+    apart_by,
+    is_met,
+    laid,
+    most_supported,
+    rival_of,
+)
+from mapmyworld.places.part_maps import part_map, view_around
 from mapmyworld.types import Constraint
 
 Array = NDArray[np.float64]
 Pairs = Sequence[tuple[int, int]]
-Window = tuple[float, float]
 _SPACING = 2.0  # m of path between places that are laid into the other part's map
 _AROUND = 24.0  # m of path to each side of the closures within which they are
 _MAPPED = 0.5  # m of path between scans that maps are made of
 _SIGHT = 30.0  # m beyond the reach of a search that maps cover
 _MOST = 24  # such places of a part, at most
-_LEAST = 0.5  # score from which a place may want another pose
-_FITS = 0.6  # score from which a place fits
-_HALF = 0.7  # score of a place that speaks neither for a pose nor against it
-_AS_GOOD = 0.9  # share of the score from which it fits another pose as well
-_SEEN = 0.4  # share of its points that must lie where the map was seen, to say anything
-_ENOUGH = 0.3  # share of the places that fit, of which another pose must explain as much
-_AGREED = 0.75  # share of the places seen that must agree with another pose
-_SAME = np.array([1.0, 0.3])  # m and rad within which two moves are one
 
 _TOO_FAR = "farther than the robot can have come unseen"
 _UNMET = "what was seen around does not fit what had been seen there"
 _LESS = "another closure between the same parts explains more of what was seen"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Seen:
-    """What was seen from some places of a part, and the map that the part makes around."""
-
-    poses: Array
-    """(S, 3)."""
-    views: list[View]
-    """Of each place."""
-    map: PartMap
 
 
 def doubt_joins(
@@ -92,28 +80,37 @@ def _doubts(
     window = _window(nodes, int(a[0]), int(b[0]), spots, config, widest)
     moves = {k: _move(nodes, pairs[k], closures[k]) for k in which}
     middle = nodes.poses[spots[len(spots) // 2]]
-    likely = {k: m for k, m in moves.items() if _is_within(_apart(np.zeros(3), m, middle), window)}
+    likely = {
+        k: m for k, m in moves.items() if _is_within(apart_by(np.zeros(3), m, middle), window)
+    }
     doubts = [(k, _TOO_FAR) for k in which if k not in likely]
     if not likely:
         return doubts
     earlier = _seen(nodes, _spots(nodes, a), nodes.poses[spots], window, config)
     later = _seen(nodes, spots, nodes.poses[spots], window, config)
-    best = _most_supported(earlier, later, list(likely.values()))
-    if not _is_met(_laid(earlier, later, best)):
-        return doubts + [(k, _UNMET) for k in likely]
-    rival = _rival(earlier, later, best, window)
-    if rival is None:  # what looks like itself elsewhere fits twice wherever it fits
-        best_of_itself, wide = np.zeros(3), (2.0 * window[0], window[1])
-        rival = _rival(None, later, best_of_itself, wide)
-        rival = None if rival is None else compose_planar(best, rival)
-    if rival is not None:
-        return doubts + [(k, _words(_apart(best, rival, middle))) for k in likely]
+    best = most_supported(earlier, later, list(likely.values()))
+    doubt = _doubt(earlier, later, best, window, middle)
+    if doubt:
+        return doubts + [(k, doubt) for k in likely]
     held = next(pairs[k] for k, move in likely.items() if move is best)
     return doubts + [
         (k, _LESS)
         for k, move in likely.items()
-        if not _agrees(nodes, pairs[k], held, _apart(best, move, nodes.poses[pairs[k][1]]), config)
+        if not _agrees(
+            nodes, pairs[k], held, apart_by(best, move, nodes.poses[pairs[k][1]]), config
+        )
     ]
+
+
+def _doubt(earlier: Seen, later: Seen, best: Array, window: Window, middle: Array) -> str:
+    """Why two parts are not believed to lie as this move brings them; empty if they are."""
+    if not is_met(laid(earlier, later, best)):
+        return _UNMET
+    rival = rival_of(earlier, later, best, window)
+    if rival is None:  # what looks like itself elsewhere fits twice wherever it fits
+        turned = rival_of(None, later, np.zeros(3), (2.0 * window[0], window[1]))
+        rival = None if turned is None else compose_planar(best, turned)
+    return "" if rival is None else _words(apart_by(best, rival, middle))
 
 
 def _spots(nodes: LaserNodes, ends: Index) -> Index:
@@ -125,11 +122,11 @@ def _spots(nodes: LaserNodes, ends: Index) -> Index:
     return np.asarray(spots[:: -(-len(spots) // _MOST)], np.int64)
 
 
-def _seen(nodes: LaserNodes, spots: Index, about: Array, window: Window, config: Config) -> _Seen:
+def _seen(nodes: LaserNodes, spots: Index, about: Array, window: Window, config: Config) -> Seen:
     """What was seen from these places, and the map of their part around poses (N, 3)."""
     rows = _mapped(nodes, int(nodes.part[spots[0]]), about, window[0] + _SIGHT)
     views = [view_around(nodes, spot, config) for spot in spots.tolist()]
-    return _Seen(nodes.poses[spots], views, part_map(nodes, rows))
+    return Seen(nodes.poses[spots], views, part_map(nodes, rows))
 
 
 def _window(
@@ -170,81 +167,8 @@ def _move(nodes: LaserNodes, pair: tuple[int, int], closure: Constraint) -> Arra
     return compose_planar(there, invert_planar(nodes.poses[b]))
 
 
-def _laid(earlier: _Seen | None, later: _Seen, move: Array) -> tuple[Array, Array]:
-    """Scores and shares seen of every place of the later part, moved so, in the earlier one's map.
-
-    And of those of the earlier part in the later one's. Without an earlier one: in its own.
-    """
-    there = later.map if earlier is None else earlier.map
-    moved = compose_planar(move, later.poses)
-    fits = [there.fit(view, at) for view, at in zip(later.views, moved, strict=True)]
-    if earlier is not None:
-        moved = compose_planar(invert_planar(move), earlier.poses)
-        fits += [later.map.fit(view, at) for view, at in zip(earlier.views, moved, strict=True)]
-    scores, seen = np.array(fits).T
-    return scores, seen
-
-
-def _most_supported(earlier: _Seen, later: _Seen, moves: Sequence[Array]) -> Array:
-    """The move by which most of what was seen fits, and least does not."""
-    middle, different = later.poses[len(later.poses) // 2], [moves[0]]
-    for move in moves[1:]:
-        if not any(_is_same(_apart(one, move, middle)) for one in different):
-            different.append(move)
-    if len(different) == 1:
-        return different[0]
-    laid = [_laid(earlier, later, move) for move in different]
-    return different[int(np.argmax([(seen * (scores - _HALF)).sum() for scores, seen in laid]))]
-
-
-def _is_met(laid: tuple[Array, Array]) -> bool:
-    """Whether most places fit, of those that lie where the map was seen."""
-    scores, seen = laid
-    told = np.count_nonzero(seen >= _SEEN)
-    return bool(np.count_nonzero((seen >= _SEEN) & (scores >= _FITS)) > 0.5 * told)
-
-
-def _rival(earlier: _Seen | None, later: _Seen, move: Array, window: Window) -> Array | None:
-    """Another move that explains as much as this one, and that nothing contradicts."""
-    own = _laid(earlier, later, move)
-    middle = later.poses[len(later.poses) // 2]
-    tried: list[Array] = []
-    for k in range(len(later.views)):
-        other = _other_move(later.map if earlier is None else earlier.map, later, move, window, k)
-        if other is None or any(_is_same(_apart(one, other, middle)) for one in tried):
-            continue
-        tried.append(other)
-        if _is_as_good(own, _laid(earlier, later, other)):
-            return other
-    return None
-
-
-def _is_as_good(own: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
-    """Whether places fit another way as well; those that fit neither way say nothing."""
-    (scores, seen), (there, seen_there) = own, other
-    fits = (seen >= _SEEN) & (scores >= _FITS)
-    least = np.where(fits, _AS_GOOD * scores, _FITS)
-    says_nothing = (seen >= _SEEN) & ~fits & (there < _FITS)
-    told = (seen_there >= _SEEN) & ~says_nothing
-    as_good = np.count_nonzero(told & (there >= least))
-    return bool(as_good >= max(_ENOUGH * np.count_nonzero(fits), _AGREED * np.count_nonzero(told)))
-
-
-def _other_move(there: PartMap, later: _Seen, move: Array, window: Window, k: int) -> Array | None:
-    """The move that place `k` wants where it does not want this one."""
-    about = later.poses[k]
-    pose = compose_planar(move, about)
-    other = pose_elsewhere(later.views[k].points, there.grid, about, *window, _LEAST, pose)
-    return None if other is None else compose_planar(other, invert_planar(about))
-
-
 def _is_within(apart: Array, window: Window) -> bool:
     return bool(np.abs(apart[:2]).max() <= window[0] and abs(apart[2]) <= window[1])
-
-
-def _apart(move: Array, other: Array, middle: Array) -> Array:
-    """(3,) from where the first move brings a pose to where the other does."""
-    return between_planar(compose_planar(move, middle), compose_planar(other, middle))
 
 
 def _agrees(
@@ -253,7 +177,7 @@ def _agrees(
     """Whether two closures miss each other by no more than drift within the parts explains."""
     driven = sum(abs(float(nodes.path[i] - nodes.path[j])) for i, j in zip(pair, held, strict=True))
     drift = driven * np.array([config.places.laser_drift, config.places.laser_drift_angle])
-    return bool((np.array([np.hypot(*apart[:2]), abs(apart[2])]) <= _SAME + drift).all())
+    return bool((np.array([np.hypot(*apart[:2]), abs(apart[2])]) <= SAME + drift).all())
 
 
 def _words(apart: Array) -> str:
@@ -262,7 +186,3 @@ def _words(apart: Array) -> str:
         "ambiguous: what was seen after the break fits as well "
         f"{np.hypot(x, y):.1f} m and {abs(np.degrees(turn)):.0f} deg from there"
     )
-
-
-def _is_same(apart: Array) -> bool:
-    return bool(np.hypot(*apart[:2]) <= _SAME[0] and abs(apart[2]) <= _SAME[1])

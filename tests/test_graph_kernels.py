@@ -179,14 +179,15 @@ def test_blocks_of_edges_are_those_of_the_dense_matrix(size: int, seed: int) -> 
     nodes, count = 5, 9
     tails = rng.integers(0, nodes, count)
     heads = (tails + rng.integers(1, nodes, count)) % nodes
-    weights, turns = rng.uniform(0, 1, count), rng.normal(size=(count, size, size))
+    turns, root = rng.normal(size=(2, count, size, size))
+    weights = root @ np.swapaxes(root, 1, 2)
     dense = np.zeros((nodes, size, nodes, size))
     for e in range(count):
-        dense[tails[e], :, tails[e]] += weights[e] * np.eye(size)
-        dense[heads[e], :, heads[e]] += weights[e] * np.eye(size)
-        dense[tails[e], :, heads[e]] -= weights[e] * turns[e]
-        dense[heads[e], :, tails[e]] -= weights[e] * turns[e].T
-    rows, columns, blocks = weighted_blocks(nodes, tails, heads, weights, turns)
+        dense[tails[e], :, tails[e]] += turns[e] @ weights[e] @ turns[e].T
+        dense[heads[e], :, heads[e]] += weights[e]
+        dense[tails[e], :, heads[e]] -= turns[e] @ weights[e]
+        dense[heads[e], :, tails[e]] -= weights[e] @ turns[e].T
+    rows, columns, blocks = weighted_blocks(nodes, tails, heads, turns, weights)
     assert np.allclose(blocks, dense[rows, :, columns])
     x = rng.normal(size=(nodes, 2, size))
     product = np.einsum("npi,nimj->mpj", x, dense)

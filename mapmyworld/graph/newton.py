@@ -12,11 +12,9 @@ from mapmyworld.graph.twin import Twin
 
 def hessian_blocks(twin: Twin, blocks: Array, bases: Array) -> Array:
     """Half the Hessian's blocks (B, m, m) along tangents (N, m, p, d + 1), of those of S."""
-    from mapmyworld.kernels.relaxation import set_hessian
-
-    found = np.empty((len(blocks), bases.shape[1], bases.shape[1]))
-    set_hessian(twin.rows, twin.columns, blocks, bases, found)
-    return found
+    flat = bases.reshape(*bases.shape[:2], -1)
+    left = (bases[twin.rows] @ blocks[:, None]).reshape(len(blocks), *flat.shape[1:])
+    return np.asarray(left @ np.swapaxes(flat[twin.columns], 1, 2))
 
 
 def newton_step(

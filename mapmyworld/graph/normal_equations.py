@@ -14,35 +14,37 @@ _ANCHOR = 1e3
 
 
 def weighted_blocks(
-    count: int, tails: Index, heads: Index, weights: Array, turns: Array
+    count: int, tails: Index, heads: Index, turns: Array, weights: Array
 ) -> tuple[Index, Index, Array]:
-    """Rows, columns and blocks (B, d, d) of the matrix of the sum of `w |X_head - T' X_tail|^2`.
+    """Rows, columns and blocks (B, d, d) of `|(X_head - X_tail T) W^(1/2)|^2`, summed over edges.
 
-    Edges (E) have weights w and orthogonal matrices T (E, d, d). Blocks stand as `links` puts them.
+    X (p, d) are of nodes, T and W (E, d, d) of edges. Blocks stand as `links` puts them.
     """
     from mapmyworld.kernels.normal_equations import add_weighted
 
     rows, columns, between = links(count, tails, heads)
-    blocks = np.zeros((len(rows), *turns.shape[1:]))
-    add_weighted(tails, heads, between, weights, np.ascontiguousarray(turns), blocks)
+    blocks = np.zeros((len(rows), *weights.shape[1:]))
+    plain = np.ascontiguousarray(turns), np.ascontiguousarray(weights)
+    add_weighted(tails, heads, between, *plain, blocks)
     return rows, columns, blocks
 
 
 def solve_weighted(
     tails: Index,
     heads: Index,
-    weights: Array,
     turns: Array,
+    weights: Array,
     anchors: Index,
     held: Array,
     right: Array,
 ) -> Array:
-    """X (N, d, K) that minimises that sum less `2 right X`, where anchors keep what is `held` of X.
+    """X' (N, d, K) that minimises that sum less `2 right X'`, for one weight (E,) of each edge.
 
-    They do but for a share that edges are too weak to move.
+    Anchors keep what is `held` of X', but for a share that edges are too weak to move.
     """
     count, inner = len(right), np.arange(turns.shape[1])
-    rows, columns, blocks = weighted_blocks(count, tails, heads, weights, turns)
+    alike = weights[:, None, None] * np.eye(len(inner))
+    rows, columns, blocks = weighted_blocks(count, tails, heads, turns, alike)
     anchor = _ANCHOR * float(weights.max(initial=1.0))
     blocks[anchors[:, None], inner, inner] += anchor
     right[anchors] += anchor * held

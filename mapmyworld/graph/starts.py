@@ -143,7 +143,7 @@ def _relaxed_rotations(
 ) -> Array:
     """Rotations (N, d, d) minimising the sum of `kappa |X_j - M' X_i|^2` over `X = R'`."""
     held, right = guess[anchors].swapaxes(1, 2), np.zeros(guess.shape)
-    solution = solve_weighted(tails, heads, kappa, measured, anchors, held, right)
+    solution = solve_weighted(tails, heads, measured, kappa, anchors, held, right)
     return nearest_rotations(solution.swapaxes(1, 2))
 
 
@@ -172,7 +172,7 @@ def _positions(
     np.add.at(right, heads, pull)
     np.subtract.at(right, tails, pull)
     alike = np.ones((len(tau), 1, 1))
-    return solve_weighted(tails, heads, tau, alike, anchors, guess[anchors], right)
+    return solve_weighted(tails, heads, alike, tau, anchors, guess[anchors], right)
 
 
 def with_places(system: System, poses: Array) -> Array:

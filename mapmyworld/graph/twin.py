@@ -16,8 +16,8 @@ import numpy as np
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rotations import skew
-from mapmyworld.graph.elimination import links
 from mapmyworld.graph.landmarks import POINT, POLAR
+from mapmyworld.graph.normal_equations import weighted_blocks
 from mapmyworld.graph.pose_graph import Index, first_nodes
 from mapmyworld.graph.residuals import retract
 from mapmyworld.graph.system import System, chosen_edges
@@ -64,16 +64,19 @@ def twin_of(system: System, residuals: Array, *, equal: bool = False) -> Twin:
 
 
 def _laid(count: int, system: System, weights: Array, tau: Array) -> tuple[Index, Index, Array]:
-    """Rows, columns and blocks of M."""
-    from mapmyworld.kernels.relaxation import add_relaxed
+    """Rows, columns and blocks of M, where `weights` (E, r, r) are K.
 
-    ends, size = (system.tails, system.heads), 3 if system.planar else 4
-    rows, columns, between = links(count, *ends)
+    An angle a about the axis n costs `2 (1 - cos a) (trace W - n' W n)`: W is chosen so that a
+    rotation error by vector w costs at most `w' K w`.
+    """
+    size = 2 if system.planar else 3
     motions = planar_to_matrix(system.measured) if system.planar else system.measured
-    blocks = np.zeros((len(rows), size, size))
-    motions, weights = np.ascontiguousarray(motions), np.ascontiguousarray(weights)
-    add_relaxed(*ends, between, motions, weights, np.ascontiguousarray(tau), blocks)
-    return rows, columns, blocks
+    turns, known = np.zeros((2, len(tau), size + 1, size + 1))
+    turns[:, 0, 0], turns[:, 1:, 0] = 1.0, motions[:, :size, 3]
+    turns[:, 1:, 1:] = motions[:, :size, :size]
+    half = 0.5 * weights.trace(0, 1, 2)[:, None, None] * np.eye(size)
+    known[:, 0, 0], known[:, 1:, 1:] = tau, half if system.planar else half - weights
+    return weighted_blocks(count, system.tails, system.heads, turns, known)
 
 
 # Weights of rotation against translation that are tried: where the information couples them, what

@@ -93,7 +93,7 @@ def _headings(system: System, weights: Array) -> Solver:
     """The equations of all headings; those of nodes that stay are held."""
     count = len(system.free)
     ends, alike = (system.tails, system.heads), np.ones((len(weights), 1, 1))
-    rows, columns, blocks = weighted_blocks(count, *ends, np.ascontiguousarray(weights), alike)
+    rows, columns, blocks = weighted_blocks(count, *ends, alike, weights[:, None, None])
     stays = system.free < 0
     blocks[(stays[rows] | stays[columns])] = 0.0
     blocks[:count][stays] = 1.0

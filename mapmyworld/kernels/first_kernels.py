@@ -79,10 +79,8 @@ log normal_equations.add_product
     f8[:,:,::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1]
 plane pose_moves.planar_moved
     f8[:,::1] f8[:,::1] f8[:,::1]
-log relaxation.add_relaxed
-    i8[::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[::1] f8[:,:,::1]
-log relaxation.set_hessian
-    i8[::1] i8[::1] f8[:,:,::1] f8[:,:,:,::1] f8[:,:,::1]
+log normal_equations.add_weighted
+    i8[::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[:,:,::1]
 camera image_matching.nearest_leaves
     u8[:,::1] u8[:,::1] i4[::1] i4[::1]
 sight/sight bundle.move_points

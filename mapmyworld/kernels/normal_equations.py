@@ -75,23 +75,28 @@ def add_edges(
 
 @jit
 def add_weighted(
-    tails: Index, heads: Index, between: Index, weights: Floats, turns: Floats, blocks: Floats
+    tails: Index, heads: Index, between: Index, turns: Floats, weights: Floats, blocks: Floats
 ) -> None:
-    """Adds what edges weigh (E,) at both ends, and `-w T` (E, d, d) across, to blocks (B, d, d).
+    """Adds `|(X_head - X_tail T) W^(1/2)|^2` of edges, T and W (E, d, d), to blocks (B, d, d).
 
     They are laid out the same way.
     """
     size = blocks.shape[1]
+    left = np.empty((size, size))
     for e in range(len(tails)):
-        tail, head, link, weight = tails[e], heads[e], between[e], weights[e]
+        tail, head = tails[e], heads[e]
         for i in range(size):
-            blocks[tail, i, i] += weight
-            blocks[head, i, i] += weight
             for j in range(size):
-                if tail < head:
-                    blocks[link, i, j] -= weight * turns[e, i, j]
-                else:
-                    blocks[link, j, i] -= weight * turns[e, i, j]
+                left[i, j] = 0.0
+                for k in range(size):
+                    left[i, j] += turns[e, i, k] * weights[e, k, j]
+        for i in range(size):
+            for j in range(size):
+                row, column = (i, j) if tail < head else (j, i)
+                blocks[between[e], row, column] -= left[i, j]
+                blocks[head, i, j] += weights[e, i, j]
+                for k in range(size):
+                    blocks[tail, i, j] += left[i, k] * turns[e, j, k]
 
 
 @jit

@@ -64,8 +64,8 @@ def most_supported(earlier: Seen, later: Seen, moves: Sequence[Array]) -> Array:
             different.append(move)
     if len(different) == 1:
         return different[0]
-    laid = [laid(earlier, later, move) for move in different]
-    return different[int(np.argmax([(seen * (scores - _HALF)).sum() for scores, seen in laid]))]
+    fits = [laid(earlier, later, move) for move in different]
+    return different[int(np.argmax([(seen * (scores - _HALF)).sum() for scores, seen in fits]))]
 
 
 def is_met(laid: tuple[Array, Array]) -> bool:

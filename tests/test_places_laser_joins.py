@@ -138,3 +138,24 @@ def test_how_far_two_parts_may_be_off_is_said_by_the_least_way_between_them() ->
     assert nearest_ends(nodes, 0, 100) == (40, 82)
     assert nearest_ends(around, 0, 60) in ((40, 41), (81, 82))
     assert nearest_ends(around, 60, 100) in ((40, 41), (81, 82))
+
+
+def test_of_closures_that_contradict_each_other_the_ones_that_more_supports_stay() -> None:
+    nodes, _ = carried(WALLS, AND_BACK, STRAIGHT)
+    pairs = [(20, len(AND_BACK) + 20), (22, len(AND_BACK) + 22), (24, len(AND_BACK) + 24)]
+    true = [between_planar(AND_BACK[a], STRAIGHT[b - len(AND_BACK)]) for a, b in pairs]
+    wanted = [true[0], true[1], compose_planar(true[2], [0.0, 0.0, np.pi])]
+    given = [
+        replace(closure(a + 1, b + 1), from_from_to=planar_to_matrix(pose))
+        for (a, b), pose in zip(pairs, wanted, strict=True)
+    ]
+    doubted = doubt_joins(nodes, pairs, given, CONFIG, 25.0)
+    assert [c.accepted for c in doubted] == [True, True, False]
+    assert "explains more" in doubted[2].reason
+
+
+def test_where_wheels_tell_the_heading_nothing_is_doubted_here() -> None:
+    nodes, _ = carried(HALL, AND_BACK, STRAIGHT, unseen=100.0)
+    given = closure(21, len(AND_BACK) + 21)
+    pair = (20, len(AND_BACK) + 20)
+    assert doubt_joins(nodes, [pair], [given], CONFIG, 25.0) == [given]

@@ -28,6 +28,7 @@ from mapmyworld.places.part_fits import (
     Seen,
     Window,
     apart_by,
+    is_as_good,
     is_met,
     laid,
     most_supported,
@@ -38,13 +39,13 @@ from mapmyworld.types import Constraint
 
 Array = NDArray[np.float64]
 Pairs = Sequence[tuple[int, int]]
+_OPEN = 1.0  # rad that the heading must be open by; what wheels tell better is no other question
 _SPACING = 2.0  # m of path between places that are laid into the other part's map
 _AROUND = 24.0  # m of path to each side of the closures within which they are
 _MAPPED = 0.5  # m of path between scans that maps are made of
 _SIGHT = 30.0  # m beyond the reach of a search that maps cover
 _MOST = 24  # such places of a part, at most
 
-_TOO_FAR = "farther than the robot can have come unseen"
 _UNMET = "what was seen around does not fit what had been seen there"
 _LESS = "another closure between the same parts explains more of what was seen"
 
@@ -78,28 +79,36 @@ def _doubts(
     a, b = (np.array([pairs[k][end] for k in which]) for end in (0, 1))
     spots = _spots(nodes, b)
     window = _window(nodes, int(a[0]), int(b[0]), spots, config, widest)
+    if window[1] < _OPEN:
+        return []
     moves = {k: _move(nodes, pairs[k], closures[k]) for k in which}
     middle = nodes.poses[spots[len(spots) // 2]]
-    likely = {
-        k: m for k, m in moves.items() if _is_within(apart_by(np.zeros(3), m, middle), window)
-    }
-    doubts = [(k, _TOO_FAR) for k in which if k not in likely]
-    if not likely:
-        return doubts
     earlier = _seen(nodes, _spots(nodes, a), nodes.poses[spots], window, config)
     later = _seen(nodes, spots, nodes.poses[spots], window, config)
-    best = most_supported(earlier, later, list(likely.values()))
+    best = _best(earlier, later, list(moves.values()), window, middle)
     doubt = _doubt(earlier, later, best, window, middle)
     if doubt:
-        return doubts + [(k, doubt) for k in likely]
-    held = next(pairs[k] for k, move in likely.items() if move is best)
-    return doubts + [
-        (k, _LESS)
-        for k, move in likely.items()
-        if not _agrees(
-            nodes, pairs[k], held, apart_by(best, move, nodes.poses[pairs[k][1]]), config
-        )
-    ]
+        return [(k, doubt) for k in which]
+    held = next(pairs[k] for k, move in moves.items() if move is best)
+    misses = {k: apart_by(best, move, nodes.poses[pairs[k][1]]) for k, move in moves.items()}
+    agree = {k: _agrees(nodes, pairs[k], held, miss, config) for k, miss in misses.items()}
+    return [(k, _LESS) for k, agrees in agree.items() if not agrees]
+
+
+def _best(
+    earlier: Seen, later: Seen, moves: Sequence[Array], window: Window, middle: Array
+) -> Array:
+    """The move that is supported most; one within the window, unless another explains more."""
+    within = [_is_within(apart_by(np.zeros(3), move, middle), window) for move in moves]
+    near, far = (
+        [move for move, own in zip(moves, within, strict=True) if own is wanted]
+        for wanted in (True, False)
+    )
+    if not near or not far:
+        return most_supported(earlier, later, moves)
+    best, other = most_supported(earlier, later, near), most_supported(earlier, later, far)
+    as_good = is_as_good(laid(earlier, later, other), laid(earlier, later, best))
+    return best if as_good else other
 
 
 def _doubt(earlier: Seen, later: Seen, best: Array, window: Window, middle: Array) -> str:

@@ -85,12 +85,12 @@ def rival_of(earlier: Seen | None, later: Seen, move: Array, window: Window) -> 
         if other is None or any(is_same(apart_by(one, other, middle)) for one in tried):
             continue
         tried.append(other)
-        if _is_as_good(own, laid(earlier, later, other)):
+        if is_as_good(own, laid(earlier, later, other)):
             return other
     return None
 
 
-def _is_as_good(own: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
+def is_as_good(own: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
     """Whether places fit another way as well; those that fit neither way say nothing."""
     (scores, seen), (there, seen_there) = own, other
     fits = (seen >= _SEEN) & (scores >= _FITS)

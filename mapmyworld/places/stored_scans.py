@@ -5,6 +5,7 @@ After hours of driving they would be most of what a build holds, and they are so
 
 from __future__ import annotations
 
+import itertools
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import RegistrationConfig
 from mapmyworld.heap import give_back
 from mapmyworld.parallel import batches
-from mapmyworld.registration.scan_matching import ScanSet, joined, prepare_scans, scan_set
+from mapmyworld.registration.scan_matching import ScanSet, prepare_scans, scan_set
 from mapmyworld.types import MapStore
 
 Index = NDArray[np.int64]
@@ -62,8 +63,14 @@ class StoredScans:
 
     def some(self, which: Index) -> ScanSet:
         """Some of them, in this order: a copy, for which only a block at a time is held."""
+        bounds = np.concatenate([[0], np.cumsum(self.sizes[which])]).astype(np.int64)
+        rows = np.empty((bounds[-1], 5), np.float32)
+        origins = np.empty((len(which), 2))
         edges = np.flatnonzero(np.diff(which // _BLOCK)) + 1
-        return joined([self.hold(part).some(part) for part in np.split(which, edges)])
+        for first, end in itertools.pairwise([0, *edges.tolist(), len(which)]):
+            some = self.hold(which[first:end]).some(which[first:end])
+            rows[bounds[first] : bounds[end]], origins[first:end] = some.rows, some.origins
+        return ScanSet(rows, bounds, origins)
 
     def hold(self, which: Index) -> HeldScans:
         """At least these; they stay in memory as long as the result."""

@@ -110,20 +110,6 @@ def scan_set(scans: Sequence[PreparedScan]) -> ScanSet:
     )
 
 
-def joined(sets: list[ScanSet]) -> ScanSet:
-    """The sets behind each other; they are taken out of the list, so that none is held twice."""
-    bounds = np.cumsum(np.concatenate([[0], *(np.diff(one.bounds) for one in sets)]))
-    origins = np.concatenate([np.zeros((0, 2)), *(one.origins for one in sets)])
-    rows = np.empty((bounds[-1], 5), np.float32)
-    end = 0
-    sets.reverse()
-    while sets:
-        one = sets.pop()
-        rows[end : end + len(one.rows)] = one.rows
-        end += len(one.rows)
-    return ScanSet(rows, bounds.astype(np.int64), origins)
-
-
 def match_scan(
     scan: PreparedScan,
     targets: ScanSet,

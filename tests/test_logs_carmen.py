@@ -292,6 +292,14 @@ def test_compressed_logs_are_the_same_log(tmp_path: Path, suffix: str) -> None:
     assert (info.start_ns, info.end_ns) == (10_500_000_000, 12_000_000_001)
 
 
+def test_a_range_too_large_for_single_precision_is_no_return(tmp_path: Path) -> None:
+    """Without a warning; found by Atheris."""
+    line = flaser(["1.0", "1e300", "2.0"], "0 0 0", "0 0 0", "1.0")
+    scan = next(m.decode() for m in log_of(tmp_path, line) if m.kind is MessageKind.LASER_SCAN)
+    assert isinstance(scan, LaserScanMessage)
+    assert scan.ranges.tolist() == [1.0, math.inf, 2.0]
+
+
 def test_damaged_lines_are_skipped_and_counted(tmp_path: Path) -> None:
     path = tmp_path / "a.log"
     good = SMALL.splitlines(keepends=True)

@@ -316,7 +316,7 @@ def mcap_places(data: bytes) -> list[tuple[int, int]]:
     return found
 
 
-@pytest.mark.parametrize("time", [-(1 << 62), 1 << 62, (1 << 63) - 1, "text"])
+@pytest.mark.parametrize("time", [-(1 << 62), 1 << 62, (1 << 63) - 1, "text", None, 1.5])
 def test_a_time_that_is_none_costs_no_other_message(tmp_path: Path, time: object) -> None:
     path = next(write_rosbag2(tmp_path / "a", DRIVES[2]).glob("*.db3"))
     with contextlib.closing(sqlite3.connect(path)) as database, database:
@@ -326,6 +326,23 @@ def test_a_time_that_is_none_costs_no_other_message(tmp_path: Path, time: object
     assert all(0 <= found < 1 << 62 for found in times)
     assert len(times) >= len(DRIVES[2]) - 1
     assert survey_log(log).streams
+    told = any("have no time" in line for line in log.losses())
+    assert told == (not isinstance(time, int))
+
+
+def test_a_topic_without_number_costs_its_messages_and_no_others(tmp_path: Path) -> None:
+    """As SQLite allows where the column is not declared a key; found by Atheris."""
+    path = next(write_rosbag2(tmp_path / "a", DRIVES[2]).glob("*.db3"))
+    whole = open_log([path]).info().topics
+    with contextlib.closing(sqlite3.connect(path)) as database, database:
+        database.execute("CREATE TABLE loose AS SELECT * FROM topics")
+        database.execute("DROP TABLE topics")
+        database.execute("ALTER TABLE loose RENAME TO topics")
+        database.execute("UPDATE topics SET id = NULL WHERE id = 1")
+    log = open_log([path])
+    assert len(log.info().topics) == len(whole) - 1
+    assert len(list(log.messages())) == sum(t.count for t in log.info().topics)
+    assert any("has no number" in line for line in log.losses())
 
 
 def test_damage_that_sqlite_quotes_back_is_refused_in_words(tmp_path: Path) -> None:

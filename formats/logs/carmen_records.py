@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from formats.logs.decimal_text import read_decimals
 from formats.logs.poses import planar_pose
+from formats.logs.singles import single, singles
 from mapmyworld.types import LaserScanMessage, OdometryMessage, PoseMessage
 
 _MAX_BEAMS = 100_000  # more in one line is damage, not a lidar
@@ -102,7 +103,7 @@ def parse_robotlaser(line: bytes) -> LaserRecord:
     intensities = _floats(fields[count + 10 : tail]) if remissions == count else np.zeros(0)
     return LaserRecord(
         _floats(fields[9 : count + 9]),
-        intensities.astype(np.float32),
+        singles(intensities),
         float(start),
         float(step),
         float(range_max),
@@ -122,11 +123,6 @@ def parse_laser(line: bytes) -> LaserRecord:
     return parse_robotlaser(line) if line.startswith((b"RO", b"RA")) else parse_flaser(line)
 
 
-def single(value: float) -> float:
-    """The value as a ROS message holds it, so that a converted log gives the same map."""
-    return float(np.float32(value))
-
-
 def scan_from_line(line: bytes, stamp_ns: int, frame_id: str, range_max: float) -> LaserScanMessage:
     """The sweep of a laser line; `range_max` serves where the record itself has none."""
     record = parse_laser(line)
@@ -139,7 +135,7 @@ def scan_from_line(line: bytes, stamp_ns: int, frame_id: str, range_max: float) 
         0.0,
         0.0,
         single(record.range_max or range_max),
-        record.ranges.astype(np.float32),
+        singles(record.ranges),
         record.intensities,
     )
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from formats.logs.images import compressed_image, raw_image
 from formats.logs.point_clouds import PointField, cloud_points
 from formats.logs.poses import pose_matrix
+from formats.logs.singles import singles
 from mapmyworld.types import (
     CameraInfoMessage,
     ImageMessage,
@@ -62,8 +63,12 @@ def _octets(value: Any) -> bytes:
     return bytes(value) if value is not None else b""
 
 
-def _numbers(value: Any, kind: type[np.generic] = np.float64) -> NDArray[Any]:
-    return np.array([] if value is None else value, kind).reshape(-1)
+def _numbers(value: Any) -> NDArray[np.float64]:
+    return np.array([] if value is None else value, np.float64).reshape(-1)
+
+
+def _singles(value: Any) -> NDArray[np.float32]:
+    return singles([] if value is None else value).reshape(-1)
 
 
 def _sized(value: Any, size: int) -> NDArray[np.float64]:
@@ -89,7 +94,7 @@ def _pose_of(value: Any) -> NDArray[np.float64]:
 
 def laser_scan(value: Any) -> LaserScanMessage:
     """A sweep; its own pose turns it about z (a shift cannot be said in our terms)."""
-    ranges = _numbers(field(value, "ranges"), np.float32)
+    ranges = _singles(field(value, "ranges"))
     start, end = float(field(value, "start_angle", 0.0)), float(field(value, "end_angle", 0.0))
     pose = _pose_of(value)
     turn = math.atan2(pose[1, 0], pose[0, 0])
@@ -103,7 +108,7 @@ def laser_scan(value: Any) -> LaserScanMessage:
         0.0,
         math.inf,
         ranges,
-        _numbers(field(value, "intensities"), np.float32),
+        _singles(field(value, "intensities")),
     )
 
 
@@ -200,7 +205,7 @@ def point_cloud(value: Any) -> PointCloudMessage:
     points, colours = cloud_points(fields, data, len(data) // step, 1, step, 0)
     pose = _pose_of(value)
     if not np.array_equal(pose, np.eye(4)):
-        points = (points @ pose[:3, :3].T + pose[:3, 3]).astype(np.float32)
+        points = singles(points @ pose[:3, :3].T + pose[:3, 3])
     return PointCloudMessage(stamp_of(value), field(value, "frame_id", ""), points, colours)
 
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.logs.singles import singles
+
 # sensor_msgs/PointField datatypes.
 DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
@@ -38,7 +40,7 @@ def cloud_points(
     cells = _cells(fields, data, width, height, step, row_step, big_endian)
     if not {"x", "y", "z"} <= set(cells.dtype.names or ()):
         raise ValueError("a point cloud without x, y and z")
-    points = np.stack([cells[axis].astype(np.float32) for axis in "xyz"], axis=-1)
+    points = np.stack([singles(cells[axis]) for axis in "xyz"], axis=-1)
     finite = np.isfinite(points).all(axis=-1)
     colours = _colours(cells)
     return points[finite], None if colours is None else colours[finite]

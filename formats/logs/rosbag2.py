@@ -35,6 +35,11 @@ def listed_files(metadata: Path) -> list[Path]:
 
 
 # SQLite quotes the damaged bytes in its message, which Python then cannot read.
+_IS_TIMED = "typeof(timestamp) = 'integer'"  # SQLite holds any type in any column
+_SPANS = (
+    f"SELECT topic_id, {_IS_TIMED}, count(*), min(timestamp), max(timestamp)"
+    " FROM messages GROUP BY 1, 2"
+)
 SQLITE_ERRORS = (sqlite3.Error, UnicodeDecodeError)
 
 
@@ -107,7 +112,10 @@ class SqliteBag:
     ) -> Iterator[tuple[int, int, object]]:
         """Rows in order; where the file is damaged, what follows is looked for page by page."""
         marks = ",".join(str(int(key)) for key in wanted)
-        query = f"SELECT id, timestamp, topic_id, data FROM messages WHERE topic_id IN ({marks})"
+        query = (
+            "SELECT id, timestamp, topic_id, data FROM messages"
+            f" WHERE topic_id IN ({marks}) AND {_IS_TIMED}"
+        )
         seen, last_ns = 0, 0
         try:
             for row, time, key, data in database.execute(query + " ORDER BY timestamp, id"):
@@ -219,8 +227,11 @@ def _read_index(database: sqlite3.Connection) -> Index:
     digest = "type_description_hash" if "type_description_hash" in columns else "''"
     query = f"SELECT id, name, type, serialization_format, {qos}, {digest} FROM topics"
     for key, topic, kind, encoding, profiles, hashed in database.execute(query):
+        if not isinstance(key, int):
+            index.problems.append(f"topic {topic} has no number: its messages are left out")
+            continue
         schema_encoding, schema = definitions.get(str(kind), ("", b""))
-        index.channels[int(key)] = Channel(
+        index.channels[key] = Channel(
             str(topic),
             normalised_type(str(kind)),
             str(encoding),
@@ -230,11 +241,13 @@ def _read_index(database: sqlite3.Connection) -> Index:
             is_transient_local(str(profiles or "")),
             {"offered_qos_profiles": str(profiles or "")},
         )
-    spans = "SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages GROUP BY 1"
-    for key, count, first, last in database.execute(spans):
-        if key in index.channels:
-            index.counts[int(key)] = int(count)
-            index.blocks.append(Block(0, 0, int(first), int(last), frozenset({int(key)})))
+    for key, is_timed, count, first, last in database.execute(_SPANS):
+        if key in index.channels and is_timed:
+            index.counts[key] = count
+            index.blocks.append(Block(0, 0, first, last, frozenset({key})))
+        elif key in index.channels:
+            topic = index.channels[key].topic
+            index.problems.append(f"{count} message(s) of {topic} have no time and are left out")
     return index
 
 

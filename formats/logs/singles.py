@@ -1,0 +1,19 @@
+"""Numbers as ROS messages hold them: in single precision."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def singles(values: ArrayLike) -> NDArray[np.float32]:
+    """The values as float32; what is too large for one is infinite, as an absent return is."""
+    with np.errstate(over="ignore"):
+        return np.array(values, np.float32)
+
+
+def single(value: Any) -> float:
+    """One value, rounded to single precision."""
+    return float(singles(value))

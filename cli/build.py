@@ -169,14 +169,12 @@ def _build(
         from formats.database import open_store
         from formats.database.lock import only_writer
         from mapmyworld.pipeline import build_map
-        from mapmyworld.stages.later import import_while
 
     stored = storage_arguments(config)
     opening = partial(open_store, map_path, create=True, overwrite=overwrite, **stored)
     with only_writer(map_path), opening() as store:
         store.put("settings", settings_that_differ(config))
         words = _given_words(config.places.vocabulary)
-        import_while(lambda: not looked_at.done(), _LATER)
         log = looked_at.result()
         result = build_map(log, store, config, progress, method=method, words=words, later=_LATER)
         written = [str(map_path)]

@@ -5,24 +5,15 @@ Kernels run without the interpreter's lock, so most of this is done on a core th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 
 from mapmyworld.kernels.first_start import load_kept
 from mapmyworld.parallel import Aside
 
-# What others bring with them and takes long, in pieces, so that a wait may end between them.
-_LARGE = (
-    "scipy.linalg", "scipy.special", "scipy.spatial", "scipy.sparse.csgraph", "gtsam",
-)  # fmt: skip
 _MODULES = {
-    "log": (
-        *_LARGE,
-        "mapmyworld.stages.solve",
-        "mapmyworld.diagnosis",
-        "mapmyworld.mapping.occupancy",
-    ),
+    "log": ("mapmyworld.stages.solve", "mapmyworld.diagnosis", "mapmyworld.mapping.occupancy"),
     "scan": (
         "mapmyworld.places.laser_closures",
         "mapmyworld.places.laser_review",
@@ -32,15 +23,6 @@ _MODULES = {
     "camera": ("mapmyworld.places.visual_closures",),
 }
 """Word of `needs_of` -> modules."""
-
-
-def import_while(waiting: Callable[[], bool], others: Sequence[str] = ()) -> None:
-    """Imports what every build will call, and the `others`, for as long as one waits anyway."""
-    for module in (*_MODULES["log"], *others):
-        if not waiting():
-            return
-        with suppress(ImportError):  # told where it is used
-            import_module(module)
 
 
 @contextmanager

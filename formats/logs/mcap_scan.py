@@ -48,6 +48,7 @@ class _Scan:
         self.index = Index(details=[("index", "none, rebuilt")])
         self.definitions = Definitions()
         self.latest_ns = 0
+        self.has_ended = False  # the data: what looks like a message behind it is a damaged index
         self.bare: list[tuple[int, int, Payload]] = []
         self.bare_start = self.bare_end = 0
 
@@ -82,6 +83,7 @@ class _Scan:
             raise DamagedBlockError("it ends within a record")
         if not self._plausible(after) and not self._stands_alone(position, after):
             raise DamagedBlockError("no record follows where one should")
+        self.has_ended |= opcode == DATA_END
         if opcode == MESSAGE:
             self._message(position, after)
         elif opcode in {SCHEMA, CHANNEL}:
@@ -136,6 +138,8 @@ class _Scan:
         )
 
     def _message(self, position: int, after: int) -> None:
+        if self.has_ended:
+            raise DamagedBlockError("a message after the end of the data")
         if after - position < HEAD_BYTES + _MESSAGE_HEAD.size:
             raise DamagedBlockError("a message is shorter than its head")
         key, _, time = _MESSAGE_HEAD.unpack(self.stream.read(_MESSAGE_HEAD.size))

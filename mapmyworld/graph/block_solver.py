@@ -6,11 +6,10 @@ As one dense matrix where it is tiny, else clique by clique.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
-from types import ModuleType
 from typing import Protocol
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from mapmyworld.geometry import Array
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError, factorise
@@ -42,26 +41,20 @@ def solver_of(count: int, rows: Index, columns: Index, blocks: Array) -> Solver:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Dense:
-    """The upper Cholesky factor of the whole matrix."""
+    """The lower Cholesky factor of the whole matrix."""
 
     triangle: Array
 
     @staticmethod
     def of(count: int, rows: Index, columns: Index, blocks: Array) -> _Dense:
-        unknowns = count * blocks.shape[1]
-        triangle = np.zeros((unknowns, unknowns))
-        if not _kernels().factorise_small(rows, columns, blocks, triangle):
+        size = blocks.shape[1]
+        upper = np.zeros((count, size, count, size))
+        upper[rows, :, columns] = blocks
+        lower = upper.reshape(count * size, count * size).T  # as LAPACK lays it out
+        triangle, failed = dpotrf(lower, lower=1, clean=0, overwrite_a=1)
+        if failed:
             raise NotPositiveDefiniteError("the edges leave a node undetermined")
         return _Dense(triangle)
 
     def solve(self, right: Array) -> Array:
-        found = right.copy().reshape(len(self.triangle), -1)
-        _kernels().solve_small(self.triangle, found)
-        return found.reshape(right.shape)
-
-
-@cache
-def _kernels() -> ModuleType:
-    from mapmyworld.kernels import small_systems
-
-    return small_systems
+        return np.asarray(dpotrs(self.triangle, right, lower=1)[0]).reshape(right.shape)

@@ -45,10 +45,6 @@ space pose_edges.spatial_jacobians
 log normal_equations.add_edges
     i8[::1] i8[::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[:,:,::1] f8[:,::1] f8[::1]
     f8[:,:,::1] f8[:,::1]
-log small_systems.factorise_small
-    i8[::1] i8[::1] f8[:,:,::1] f8[:,::1]
-log small_systems.solve_small
-    f8[:,::1] f8[:,::1]
 log elimination.solve_in_place
     i8 i8[::1] i8[::1] i8[::1] i8[::1] f8[::1] f8[::1]
 plane pose_edges.planar_jacobians

@@ -88,8 +88,7 @@ def find_level(seen: Surfaces, held: Array, force: Array | None) -> Level:
     height = _floor_height(heights)
     if height is None:
         return Level(_level_from_map(up, 0.0), f"z is up {by}; no floor was seen")
-    words = f"z is up {by}, and 0 at the floor, {-height:.2f} m below the first pose"
-    return Level(_level_from_map(up, -height), words)
+    return Level(_level_from_map(up, -height), f"z is up {by}, and 0 at the floor")
 
 
 def up_as_held(map_from_camera: Array) -> Array:

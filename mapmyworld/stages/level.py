@@ -38,7 +38,8 @@ def levelled(
         return poses, ()
     level = _level(found, store.get("felt_force"))
     moved = replace(poses, map_from_node=level.level_from_map @ poses.map_from_node)
-    return moved, (f"the camera was carried: {level.reason}",)
+    height = moved.map_from_node[0, 2, 3]
+    return moved, (f"the camera was carried: {level.reason}; it began at {height:.2f} m",)
 
 
 def _carried_images(store: MapStore, poses: Poses) -> Iterator[tuple[RgbdImage, Array]]:

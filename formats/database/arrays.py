@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import zlib
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.database.blobs import FAST, deflate, inflate
+from formats.database.blobs import FAST, inflate
 from formats.database.connection import Connection
 from mapmyworld.errors import MapError
 
@@ -28,7 +29,7 @@ def write_array(db: Connection, name: str, rank: int, array: NDArray[Any] | None
         db.run(insert, (name, rank, _NONE, _NONE, b""))
         return
     little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
-    data = deflate(little.tobytes(), FAST)
+    data = zlib.compress(little.tobytes(), FAST)
     shape = json.dumps(list(array.shape))
     db.run(insert, (name, rank, little.dtype.str, shape, data))
 

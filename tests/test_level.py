@@ -20,11 +20,11 @@ from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between, invert, make_transform, transform_points
 from mapmyworld.geometry.rotations import so3_exp
-from mapmyworld.mapping.depth_grid import levelled, scan_from_depth
+from mapmyworld.mapping.depth_grid import levelled_image, scan_from_depth
 from mapmyworld.mapping.level import Level, Surfaces, find_level, joined, surfaces_of, up_as_held
 from mapmyworld.odometry.felt_force import FeltForce
 from mapmyworld.pipeline import build_map
-from mapmyworld.stages.level import levelled as level_poses
+from mapmyworld.stages.level import levelled_poses
 from mapmyworld.types import (
     Constraint,
     ConstraintKind,
@@ -191,7 +191,7 @@ def test_a_carried_camera_sees_the_walls_where_a_robots_does(yaw: float) -> None
     image = ROOM.image(base)
     upright = ends(scan_from_depth(image, CONFIG), base)
     map_from_camera = base @ image.camera.base_from_camera
-    held = levelled(carried(image), map_from_camera)
+    held = levelled_image(carried(image), map_from_camera)
     stood = map_from_camera @ invert(held.camera.base_from_camera)
     found = ends(scan_from_depth(held, CONFIG), stood)
     assert len(upright) > 30
@@ -242,7 +242,7 @@ def test_solved_poses_become_level_and_motions_stay() -> None:
     askew = make_transform(so3_exp([0.2, -0.3, 0.4]), np.array([0.1, 0.2, 0.3]))
     poses = np.stack([askew @ pose for _, pose in views])
     store = carried_map(poses, [image for image, _ in views])
-    found, notes = level_poses(store, Poses(np.arange(1, 7), poses), (), CONFIG)
+    found, notes = levelled_poses(store, Poses(np.arange(1, 7), poses), (), CONFIG)
     assert len(notes) == 1
     assert notes[0].startswith("the camera was carried: ")
     assert notes[0].endswith("; it began at 1.20 m")
@@ -261,6 +261,6 @@ def test_a_pinned_node_and_a_robot_keep_the_map_where_it_is() -> None:
     robot = ROOM.image(planar_pose(3.0, 2.5, 0.0))
     on_wheels = carried_map(poses.map_from_node, [robot] * 6)
     for store, constraints in ((carried_by_hand, (pin,)), (on_wheels, ())):
-        found, notes = level_poses(store, poses, constraints, CONFIG)
+        found, notes = levelled_poses(store, poses, constraints, CONFIG)
         assert found is poses
         assert notes == ()

@@ -34,12 +34,12 @@ def listed_files(metadata: Path) -> list[Path]:
     return [metadata.parent / name for name in names]
 
 
-# SQLite quotes the damaged bytes in its message, which Python then cannot read.
 _IS_TIMED = "typeof(timestamp) = 'integer'"  # SQLite holds any type in any column
 _SPANS = (
     f"SELECT topic_id, {_IS_TIMED}, count(*), min(timestamp), max(timestamp)"
     " FROM messages GROUP BY 1, 2"
 )
+# SQLite quotes the damaged bytes in its message, which Python then cannot read.
 SQLITE_ERRORS = (sqlite3.Error, UnicodeDecodeError)
 
 

@@ -60,7 +60,7 @@ def scan_from_depth(image: RgbdImage, config: Config) -> Scan:
     )
 
 
-def levelled(image: RgbdImage, map_from_base: Array) -> RgbdImage:
+def levelled_image(image: RgbdImage, map_from_base: Array) -> RgbdImage:
     """An image of a carried camera as if its base stood level on the map's floor, at the place
     and heading of the pose (4, 4) in the plane.
     """

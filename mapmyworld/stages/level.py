@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 _VIEWS = 60  # nodes whose depth is looked at, at most
 
 
-def levelled(
+def levelled_poses(
     store: MapStore, poses: Poses, constraints: Iterable[Constraint], config: Config
 ) -> tuple[Poses, tuple[str, ...]]:
     """Solved poses, turned and lifted if the camera was carried, and a line that says so.

@@ -45,7 +45,7 @@ def _scans(
 def _depth_scans(
     store: MapStore, config: Config, progress: Progress
 ) -> Iterator[tuple[NDArray[np.float64], Scan]]:
-    from mapmyworld.mapping.depth_grid import levelled, scan_from_depth
+    from mapmyworld.mapping.depth_grid import levelled_image, scan_from_depth
 
     poses = store.poses()
     assert poses is not None
@@ -59,7 +59,7 @@ def _depth_scans(
 
     def look(item: tuple[NDArray[np.float64], RgbdImage]) -> tuple[NDArray[np.float64], Scan]:
         pose, image = item
-        image = levelled(image, pose) if image.camera.is_carried else image
+        image = levelled_image(image, pose) if image.camera.is_carried else image
         return matrix_to_planar(pose), scan_from_depth(image, config)
 
     for done, found in enumerate(in_threads(look, items, config.threads)):

@@ -17,7 +17,7 @@ from mapmyworld.heap import give_back
 from mapmyworld.parallel import on_one_thread
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.stages.draft import solve_draft_of
-from mapmyworld.stages.level import levelled
+from mapmyworld.stages.level import levelled_poses
 from mapmyworld.stages.recognise import LoadScans, add_closures
 from mapmyworld.types import CLOSURES, Constraint, MapStore, Poses, Progress
 from mapmyworld.types.edits import Edit, EditAction
@@ -49,7 +49,7 @@ def solve_and_judge(
         progress.note("features become no nodes: all scans, aligned jointly, tell the poses better")
     elif config.visual.adjust_features:
         poses = _with_features(store, poses, config, progress)
-    poses, notes = levelled(store, poses, constraints, config)
+    poses, notes = levelled_poses(store, poses, constraints, config)
     for note in notes:
         progress.note(note)
     store.set_poses(poses)

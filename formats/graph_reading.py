@@ -138,8 +138,8 @@ class _Reader:
             return np.zeros(0, np.int64)
         for line, rest in lines:
             try:
-                found += [int(token) for token in rest.split()]
-            except ValueError:
+                found += np.array([int(token) for token in rest.split()], np.int64).tolist()
+            except (ValueError, OverflowError):
                 self.problems.append(f"line {line}: FIX takes whole numbers")
         return np.unique(np.array(found, np.int64))
 

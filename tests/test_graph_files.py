@@ -101,6 +101,8 @@ def test_edges_to_the_next_node_count_as_odometry():
         ("VERTEX_SE2 1 5 5 5", "id that was taken (line 10)"),
         ("EDGE_WHEEL 0 1 2", "1 lines of unknown kind 'EDGE_WHEEL' (line 10)"),
         ("FIX 99", "FIX of unknown nodes 99"),
+        ("FIX 1.5", "FIX takes whole numbers"),
+        ("FIX 0 99999999999999999999", "FIX takes whole numbers"),  # more than 64 bits
         ("EDGE_PRIOR_SE2 99 2 0.5 0.2 1 0 0 1 0 1", "priors of unknown nodes 99"),
     ],
 )

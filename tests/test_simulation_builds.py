@@ -45,6 +45,20 @@ def test_the_sample_logs_become_good_maps(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("name", "told"), [("hall.bag", True), ("apartment.mcap", False)])
+def test_a_build_by_camera_names_known_ground_that_it_did_not_recognise(
+    tmp_path: Path, name: str, told: bool
+) -> None:
+    """In the hall a view is blank, or has a double 2 m away; the flat is recognised everywhere."""
+    built = run(
+        "build", SAMPLES / name, "-o", tmp_path / "map.db", "--set", "sensing.use_scans=false"
+    )
+    for text in (built.output, (tmp_path / "map.html").read_text()):
+        assert ("nothing recognised" in text) == told
+        assert ("not recognised at" in text) == told
+
+
+@pytest.mark.slow
 def test_a_camera_log_gives_the_same_map_out_of_any_container(tmp_path: Path) -> None:
     sample = SAMPLES / "apartment.mcap"
     for log in ("log.bag", "log.db3"):

@@ -18,7 +18,7 @@ from mapmyworld.parallel import on_one_thread
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.stages.draft import solve_draft_of
 from mapmyworld.stages.level import levelled_poses
-from mapmyworld.stages.recognise import LoadScans, add_closures
+from mapmyworld.stages.recognise import LoadScans, add_closures, has_images
 from mapmyworld.types import CLOSURES, Constraint, MapStore, Poses, Progress
 from mapmyworld.types.edits import Edit, EditAction
 
@@ -49,7 +49,8 @@ def solve_and_judge(
         progress.note("features become no nodes: all scans, aligned jointly, tell the poses better")
     elif config.visual.adjust_features:
         poses = _with_features(store, poses, config, progress)
-    poses, notes = levelled_poses(store, poses, constraints, config)
+    poses, levelled = levelled_poses(store, poses, constraints, config)
+    notes = [*levelled, *_told_of_unrecognised(store, poses, constraints, scans)]
     for note in notes:
         progress.note(note)
     store.set_poses(poses)
@@ -94,6 +95,17 @@ def _told_of_islands(constraints: Sequence[Constraint], scans: LoadScans) -> lis
     count = len(np.unique(islands(loaded, constraints)))
     told = "whose places to each other nothing tells: none was recognised in another beyond doubt"
     return [f"tracking broke and left {count} parts of the path {told}"] if count > 1 else []
+
+
+def _told_of_unrecognised(
+    store: MapStore, poses: Poses, constraints: Sequence[Constraint], scans: LoadScans
+) -> list[str]:
+    """Known ground that images did not recognise, where no laser holds the path there."""
+    if scans() is not None or not has_images(store):
+        return []
+    from mapmyworld.places.unrecognised import told_of_unrecognised
+
+    return told_of_unrecognised(store.nodes(), poses, constraints)
 
 
 def _with_features(store: MapStore, poses: Poses, config: Config, progress: Progress) -> Poses:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from click.testing import CliRunner
+from numpy.typing import NDArray
 
 from cli.main import group
 
@@ -56,6 +59,27 @@ def test_a_build_by_camera_names_known_ground_that_it_did_not_recognise(
     for text in (built.output, (tmp_path / "map.html").read_text()):
         assert ("nothing recognised" in text) == told
         assert ("not recognised at" in text) == told
+
+
+@pytest.mark.slow
+def test_images_that_become_no_node_are_never_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By wheels: of 112 images 100 become nodes; by camera alone all are looked at."""
+    decode, seen = cv2.imdecode, set[bytes]()
+
+    def noted(data: NDArray[np.uint8], mode: int) -> NDArray[np.uint8]:
+        seen.add(data.tobytes())
+        return decode(data, mode)
+
+    monkeypatch.setattr(cv2, "imdecode", noted)
+    words = ("build", SAMPLES / "apartment.mcap", "-o", tmp_path / "map.db", "--format", "json")
+    wheels = (*words, "--set", "sensing.use_scans=false")
+    nodes = json.loads(run(*wheels).stdout)["nodes"]
+    assert 0 < len(seen) <= nodes < 112
+    seen.clear()
+    run(*wheels, "--set", "sensing.odometry_topic=none", "--overwrite")
+    assert len(seen) == 112
 
 
 @pytest.mark.slow

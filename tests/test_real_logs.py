@@ -25,10 +25,10 @@ from mapmyworld.mapping.occupancy import build_grid
 pytestmark = [pytest.mark.slow, pytest.mark.real_log]
 
 
-def build(log: Path, folder: Path) -> dict[str, object]:
+def build(log: Path, folder: Path, *options: str) -> dict[str, object]:
     folder.mkdir(exist_ok=True)
     arguments = ["build", str(log), "-o", str(folder / "map.db"), "-q", "--format", "json"]
-    found = CliRunner().invoke(group, arguments)
+    found = CliRunner().invoke(group, [*arguments, *options])
     assert found.exit_code == 0, found.output + repr(found.exception)
     return dict(json.loads(found.stdout))
 
@@ -73,6 +73,19 @@ def test_a_carmen_log_and_its_conversions_give_the_same_map_byte_for_byte(
         for product in ("map.pgm", "map.yaml", "map.tum"):
             found = (tmp_path / f"of_{name}" / product).read_bytes()
             assert found == (tmp_path / "carmen" / product).read_bytes(), (name, product)
+
+
+def test_a_surface_that_moves_ahead_does_not_set_a_robot_without_odometry_back(
+    data: Path, tmp_path: Path
+) -> None:
+    """Intel after 38 minutes, in a passage: one scan fits a little better half a metre back."""
+    with bz2.open(data / "laser" / "intel.clf.bz2") as whole:
+        lines = [line for line in whole if line.startswith(b"FLASER")][11_300:11_600]
+    (tmp_path / "passage.clf").write_bytes(b"".join(lines))
+    build(tmp_path / "passage.clf", tmp_path / "wheels")
+    build(tmp_path / "passage.clf", tmp_path / "none", "--set", "sensing.odometry_topic=none")
+    by_wheels, alone = (read_trajectory(tmp_path / of / "map.tum") for of in ("wheels", "none"))
+    assert ate(alone, by_wheels).translation.maximum < 0.1
 
 
 @pytest.mark.parametrize("name", ["neato_middle", "neato_with_particle_filter"])

@@ -25,6 +25,7 @@ from mapmyworld.types import Frame, Scan
 
 Array = NDArray[np.float64]
 _CLEARLY = 0.05  # by which one match must be better to be preferred over a nearer one
+_POOR = 0.6  # of the least overlap, with which a match still tells where the robot is
 _DOUBT_FROM = 6.0  # squared sigmas between odometry and match from which neither is sure
 _FEWEST = 12  # points of a scan below which it is not matched
 _WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
@@ -160,9 +161,9 @@ class LaserTracker:
             if recorded is not None and self._breaks.may_pass(frame.stamp_ns):
                 self._breaks.go_unseen(frame.stamp_ns, step)
                 return Tracked(predicted, np.diag(reckoned), "odometry only", match.overlap)
-            unknown = self._breaks.found(frame.stamp_ns, variances, apart, match.overlap)
+            unknown, is_break = self._breaks.found(frame.stamp_ns, variances, apart, match.overlap)
             pose, said = (match.pose, "lost") if recorded is None else (predicted, "odometry only")
-            return Tracked(pose, np.diag(unknown), said, match.overlap, is_break=True)
+            return Tracked(pose, np.diag(unknown), said, match.overlap, is_break)
         moved = between_planar(self._state[:3], match.pose)
         weak = is_weak(match.information)
         self._stretches.add(frame.stamp_ns, float(np.hypot(*moved[:2])), weak=weak)
@@ -211,12 +212,13 @@ class LaserTracker:
         starts = [first.pose, compose_planar(pose, self._state[3:6]), pose, predicted]
         tried = [self._keyscans.match(scan, s, _WEAK_PRIOR, COARSE) for s in starts]
         best = max(tried, key=_quality)
+        poor = _POOR * self._odometry.least_overlap
         if best.overlap >= self._odometry.least_overlap:
-            if first.overlap >= self._odometry.least_overlap and (
-                _quality(tried[0]) >= _quality(best) - _CLEARLY
-            ):
-                return tried[0], "matched"
-            return best, "odometry ignored"
+            near = tried[0]
+            if _quality(near) < _quality(best) - _CLEARLY or near.overlap < poor:
+                return best, "odometry ignored"
+            good = first.overlap >= self._odometry.least_overlap
+            return near, "matched" if good else "odometry ignored"
         found = search_pose(
             scan, *self._keyscans.targets(), pose,
             self._odometry.search_distance, self._odometry.search_angle,
@@ -225,8 +227,7 @@ class LaserTracker:
             again = self._keyscans.match(scan, found.pose, _WEAK_PRIOR, COARSE)
             if _quality(again) > _quality(best) + 0.02:
                 best = again
-        good = best.overlap >= 0.6 * self._odometry.least_overlap
-        return best, "searched" if good else "lost"
+        return best, "searched" if best.overlap >= poor else "lost"
 
 
 def _quality(match: Match) -> float:

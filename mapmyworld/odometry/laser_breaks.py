@@ -30,6 +30,7 @@ class Breaks:
     def __init__(self) -> None:
         self._first_ns: int | None = None
         self._last_ns = self._seen_ns = 0
+        self._doubted_ns: int | None = None
         self._found_ns: list[int] = []
         self._unseen = np.zeros(2)  # m and rad since a scan last fitted, by the odometry
 
@@ -62,16 +63,21 @@ class Breaks:
         metres, turned = self._unseen
         return np.array([np.hypot(step[0], step[1]) + metres, 0.0, abs(step[2]) + turned])
 
-    def found(self, stamp_ns: int, variances: Array, apart: Array, overlap: float) -> Array:
-        """Takes down a break; the variances (3,) of the motion across it, at least those given.
+    def found(
+        self, stamp_ns: int, variances: Array, apart: Array, overlap: float
+    ) -> tuple[Array, bool]:
+        """The variances (3,), at least those given, of the motion to a scan that cannot be placed.
 
-        `apart` (3,) is how far from the odometry the best match is, `overlap` how well it fits.
+        And whether tracking breaks there. `apart` (3,) is how far from the odometry the best match
+        is, `overlap` how well it fits.
         """
         follows = stamp_ns - self._last_ns <= _AT_ONCE
         if follows and overlap >= _SOMEWHAT and not _is_far(apart):
-            return np.asarray(variances + _VAGUE)
+            before, self._doubted_ns = self._doubted_ns, stamp_ns
+            again = before is not None and stamp_ns - before <= _AT_ONCE
+            return np.asarray(variances if again else variances + _VAGUE), not again
         self._found_ns.append(stamp_ns)
-        return variances if self.is_blind else np.maximum(_UNKNOWN, variances)
+        return variances if self.is_blind else np.maximum(_UNKNOWN, variances), True
 
     def _note(self, stamp_ns: int) -> None:
         self._first_ns = stamp_ns if self._first_ns is None else self._first_ns

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.ply import ply_header, read_vertices
+from formats.ply import colours, ply_header, positions, read_vertices, read_whole
 from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.types import PointCloud
@@ -28,10 +28,8 @@ def write_cloud(path: Path, cloud: PointCloud) -> None:
 
 
 def read_cloud(path: Path) -> PointCloud:
-    """The points, colours and normals of a .ply or .pcd file."""
-    if path.suffix.lower() == ".pcd":
-        return _read_pcd(path)
-    fields = read_vertices(path)
+    """The points, colours and normals of a .ply or .pcd file; points that lie nowhere left out."""
+    fields = _read_pcd(path) if path.suffix.lower() == ".pcd" else read_vertices(path)
     return _cloud_of(fields, path)
 
 
@@ -82,28 +80,36 @@ def _pcd(cloud: PointCloud) -> bytes:
 
 
 def _cloud_of(fields: NDArray[np.void], path: Path) -> PointCloud:
-    names = set(fields.dtype.names or ())
-    if not {"x", "y", "z"} <= names:
-        raise MapError(f"{path}: its points have no x, y, z")
-    colours = normals = None
-    if {"red", "green", "blue"} <= names:
-        colours = _columns(fields, ("red", "green", "blue")).astype(np.uint8)
-    elif "rgb" in names:
-        packed = np.ascontiguousarray(fields["rgb"]).view("<u4")
-        colours = np.column_stack([packed >> 16 & 255, packed >> 8 & 255, packed & 255])
-        colours = colours.astype(np.uint8)
+    """The points that lie somewhere: those without a return are stored as NaN by many."""
+    points = positions(fields, path)
+    found = np.isfinite(points).all(axis=1)
+    if not found.all():
+        fields, points = fields[found], points[found]
+    painted = colours(fields)
+    if painted is None:
+        painted = _packed_colours(fields)
+    return PointCloud(points, painted, _normals(fields))
+
+
+def _packed_colours(fields: NDArray[np.void]) -> NDArray[np.uint8] | None:
+    """(N, 3) of PCD's one field of four bytes: blue, green, red."""
+    if "rgb" not in (fields.dtype.names or ()) or fields.dtype["rgb"].itemsize != 4:
+        return None
+    packed = np.ascontiguousarray(fields["rgb"]).view("<u4")
+    return np.column_stack([packed >> 16 & 255, packed >> 8 & 255, packed & 255]).astype(np.uint8)
+
+
+def _normals(fields: NDArray[np.void]) -> NDArray[np.float32] | None:
+    """(N, 3), if there are any; infinite where single precision cannot hold them."""
     for axes in (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z")):
-        if set(axes) <= names:
-            normals = _columns(fields, axes).astype(np.float32)
-    return PointCloud(_columns(fields, ("x", "y", "z")).astype(np.float32), colours, normals)
+        if set(axes) <= set(fields.dtype.names or ()):
+            with np.errstate(over="ignore"):
+                return np.column_stack([fields[axis] for axis in axes]).astype(np.float32)
+    return None
 
 
-def _columns(fields: NDArray[np.void], names: tuple[str, ...]) -> NDArray[np.generic]:
-    return np.column_stack([fields[name] for name in names])
-
-
-def _read_pcd(path: Path) -> PointCloud:
-    data = path.read_bytes()
+def _read_pcd(path: Path) -> NDArray[np.void]:
+    data = read_whole(path)
     end = re.search(rb"^DATA (\S+)\s*\n", data, re.MULTILINE)
     if end is None or end.group(1) != b"binary":
         raise MapError(f"{path}: not a binary PCD file")
@@ -113,7 +119,6 @@ def _read_pcd(path: Path) -> PointCloud:
         sizes, count = [int(size) for size in head["SIZE"]], int(head["POINTS"][0])
         kinds = [_PCD_SIZES[t][s] for t, s in zip(head["TYPE"], sizes, strict=True)]
         dtype = np.dtype(list(zip(head["FIELDS"], kinds, strict=True)))
-        fields = np.frombuffer(data, dtype, count, end.end())
+        return np.frombuffer(data, dtype, count, end.end())
     except (KeyError, IndexError, ValueError) as error:
         raise MapError(f"{path}: a damaged PCD file ({error})") from None
-    return _cloud_of(fields, path)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.ply import parse_header, ply_header, read_vertices
+from formats.ply import colours, parse_header, ply_header, positions, read_vertices, read_whole
 from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.types import Mesh
@@ -42,7 +42,7 @@ def _vertices(mesh: Mesh) -> NDArray[np.void]:
 def read_mesh(path: Path) -> Mesh:
     """The mesh of a binary PLY file whose faces are all triangles."""
     vertices = read_vertices(path)
-    data = path.read_bytes()
+    data = read_whole(path)
     head = parse_header(data, path)
     start = head.start + vertices.nbytes
     if head.text_format or len(data) - start < head.face_count * _FACE.itemsize:
@@ -50,11 +50,9 @@ def read_mesh(path: Path) -> Mesh:
     faces = np.frombuffer(data, _FACE, head.face_count, start)
     if (faces["count"] != 3).any():
         raise MapError(f"{path}: has faces that are no triangles")
-    if len(faces) and not 0 <= faces["corners"].min() <= faces["corners"].max() < len(vertices):
+    if not 0 <= faces["corners"].min(initial=0) <= faces["corners"].max(initial=0) < len(vertices):
         raise MapError(f"{path}: has triangles of vertices that do not exist")
-    points = np.column_stack([vertices[name] for name in "xyz"]).astype(np.float32)
-    names = ("red", "green", "blue")
-    colours = None
-    if set(names) <= set(vertices.dtype.names or ()):
-        colours = np.column_stack([vertices[name] for name in names]).astype(np.uint8)
-    return Mesh(points, faces["corners"].copy(), colours)
+    points = positions(vertices, path)
+    if len(faces) == 0 or not np.isfinite(points).all():
+        raise MapError(f"{path}: holds no triangles, or corners that lie nowhere")
+    return Mesh(points, faces["corners"].copy(), colours(vertices))

@@ -47,17 +47,20 @@ def ply_header(elements: Sequence[tuple[str, NDArray[np.void]]], faces: int = 0)
 
 def read_vertices(path: Path) -> NDArray[np.void]:
     """The vertices, as a record array with the file's own property names."""
-    data = _read(path)
+    data = read_whole(path)
     head = parse_header(data, path)
     try:
         if head.text_format:
             return _text_vertices(data, head)
         return np.frombuffer(data, head.vertex_type, head.vertex_count, head.start)
+    except FloatingPointError:
+        raise MapError(f"{path}: holds a number that its type cannot hold") from None
     except ValueError:
         raise MapError(f"{path}: ends before its {head.vertex_count} vertices") from None
 
 
-def _read(path: Path) -> bytes:
+def read_whole(path: Path) -> bytes:
+    """The bytes of a file; `MapError` where it cannot be read."""
     try:
         return path.read_bytes()
     except OSError as error:
@@ -69,9 +72,26 @@ def _text_vertices(data: bytes, head: PlyHeader) -> NDArray[np.void]:
     rows = [tuple(float(word) for word in line.split()) for line in lines]
     if len(rows) < head.vertex_count:
         raise ValueError("too few lines")
-    return np.array(rows, [(n, "<f8") for n in head.vertex_type.names or ()]).astype(
-        head.vertex_type
-    )
+    table = np.array(rows, [(n, "<f8") for n in head.vertex_type.names or ()])
+    with np.errstate(invalid="raise", over="raise"):
+        return table.astype(head.vertex_type)
+
+
+def positions(vertices: NDArray[np.void], path: Path) -> NDArray[np.float32]:
+    """(N, 3) of the vertices, metres; infinite where single precision cannot hold them."""
+    if not set("xyz") <= set(vertices.dtype.names or ()):
+        raise MapError(f"{path}: its points have no x, y, z")
+    with np.errstate(over="ignore"):
+        return np.column_stack([vertices[axis] for axis in "xyz"]).astype(np.float32)
+
+
+def colours(vertices: NDArray[np.void]) -> NDArray[np.uint8] | None:
+    """(N, 3) red, green, blue of the vertices, if they have colours."""
+    names = ("red", "green", "blue")
+    if not set(names) <= set(vertices.dtype.names or ()):
+        return None
+    values = np.column_stack([vertices[name] for name in names])
+    return np.asarray(np.nan_to_num(values).clip(0, 255), np.uint8)
 
 
 def parse_header(data: bytes, path: Path) -> PlyHeader:
@@ -101,7 +121,7 @@ def _parse_lines(lines: list[list[str]], start: int) -> PlyHeader:
             fields[element].append((words[2], _TYPES[words[1]]))
     if kind not in ("ascii", "binary_little_endian"):
         raise ValueError(f"format {kind!r}")
-    if next(iter(counts), "") != "vertex" or counts["vertex"] < 0:
-        raise ValueError("the first element is not the vertices")
+    if next(iter(counts), "") != "vertex" or min(counts.values()) < 0:
+        raise ValueError("the first element is not the vertices, or one has fewer than none")
     dtype = np.dtype(fields["vertex"])
     return PlyHeader(kind == "ascii", counts["vertex"], dtype, counts.get("face", 0), start)

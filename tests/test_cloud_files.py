@@ -10,6 +10,7 @@ import pytest
 from formats.cloud import read_cloud, write_cloud
 from formats.mesh import read_mesh, write_mesh
 from mapmyworld.errors import MapError
+from mapmyworld.evaluation import cloud_score
 from mapmyworld.types import Mesh, PointCloud
 
 RNG = np.random.default_rng(0)
@@ -112,3 +113,52 @@ def test_names_and_contents_that_are_none(tmp_path: Path) -> None:
     (tmp_path / "mesh.ply").write_bytes(bytes(data))
     with pytest.raises(MapError, match="do not exist"):
         read_mesh(tmp_path / "mesh.ply")
+
+
+TEXT = (
+    "ply\nformat ascii 1.0\nelement vertex 2\nproperty {0} x\nproperty float y\n"
+    "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+)
+
+
+@pytest.mark.filterwarnings("error")
+def test_numbers_that_their_type_cannot_hold_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.ply"
+    for row in ("1e300 2 3 4 5 6", "1 2 3 nan 5 6"):
+        path.write_text(f"{TEXT.format('float')}0 0 0 1 2 3\n{row}\n")
+        with pytest.raises(MapError, match="cannot hold"):
+            read_cloud(path)
+
+
+@pytest.mark.filterwarnings("error")
+def test_points_that_lie_nowhere_are_left_out_with_their_colours(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.ply"
+    path.write_text(f"{TEXT.format('double')}1e300 2 3 4 5 6\n1 2 3 7 8 9\n")
+    assert read_cloud(path).points.tolist() == [[1, 2, 3]]
+    spoilt = POINTS.copy()
+    spoilt[[3, 9]] = np.nan
+    write_cloud(tmp_path / "cloud.pcd", PointCloud(spoilt, COLOURS, NORMALS))
+    read = read_cloud(tmp_path / "cloud.pcd")
+    kept = np.delete(np.arange(len(POINTS)), [3, 9])
+    np.testing.assert_array_equal(read.points, POINTS[kept])
+    np.testing.assert_array_equal(read.colours, COLOURS[kept])
+    np.testing.assert_array_equal(read.normals, NORMALS[kept])
+
+
+def test_meshes_that_are_none_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.ply"
+    write_mesh(path, Mesh(tetrahedron().vertices, np.zeros((0, 3), np.int32)))
+    with pytest.raises(MapError, match="no triangles"):
+        read_mesh(path)
+    write_mesh(path, Mesh(np.full((4, 3), np.inf, np.float32), tetrahedron().triangles))
+    with pytest.raises(MapError, match="lie nowhere"):
+        read_mesh(path)
+    write_mesh(path, tetrahedron())
+    path.write_bytes(path.read_bytes().replace(b"float z", b"float q"))
+    with pytest.raises(MapError, match="no x, y, z"):
+        read_mesh(path)
+
+
+def test_an_empty_cloud_has_no_distance_from_anything() -> None:
+    with pytest.raises(MapError, match="without points"):
+        cloud_score(PointCloud(np.zeros((0, 3), np.float32)), tetrahedron())

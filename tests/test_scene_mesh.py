@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import struct
 from pathlib import Path
 
 import cv2
@@ -11,7 +12,7 @@ import pytest
 from glb import write_glb
 
 from formats.scene_mesh import read_scene_mesh
-from mapmyworld.errors import MapError
+from mapmyworld.errors import MapError, MissingDependencyError
 
 pytest.importorskip("open3d", exc_type=ImportError, reason="Open3D cannot be loaded here")
 
@@ -118,3 +119,30 @@ def test_what_holds_no_triangles_is_refused(tmp_path: Path) -> None:
         read_scene_mesh(path)
     with pytest.raises(MapError, match="no such file"):
         read_scene_mesh(tmp_path / "absent.ply")
+
+
+@pytest.mark.parametrize("corner", [-1, 3, 1 << 30])
+def test_triangles_of_corners_that_do_not_exist_are_refused(tmp_path: Path, corner: int) -> None:
+    """Found by a fuzzer: some of these end the process in which Open3D reads them."""
+    path = tmp_path / "room.ply"
+    head = (
+        "ply\nformat binary_little_endian 1.0\nelement vertex 3\n"
+        + "".join(f"property float {axis}\n" for axis in "xyz")
+        + "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    path.write_bytes(head.encode() + VERTICES[:3].tobytes() + struct.pack("<B3i", 3, 0, 1, corner))
+    with pytest.raises(MapError, match="no triangles"):
+        read_scene_mesh(path)
+
+
+def test_a_mesh_that_ends_its_reader_ends_no_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    as_ply(tmp_path / "room.ply")
+    (tmp_path / "open3d.py").write_text("import os\nos.kill(os.getpid(), 11)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(MapError, match="no triangles"):
+        read_scene_mesh(tmp_path / "room.ply")
+    (tmp_path / "open3d.py").write_text("raise ImportError('libGL.so.1')\n")
+    with pytest.raises(MissingDependencyError, match=r"libGL\.so\.1"):
+        read_scene_mesh(tmp_path / "room.ply")

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mapmyworld.errors import MapError
 from mapmyworld.evaluation.statistics import ErrorStatistics, summarise
 from mapmyworld.types import Mesh, PointCloud
 
@@ -37,6 +38,8 @@ def cloud_distances(cloud: PointCloud, mesh: Mesh) -> NDArray[np.float64]:
 
 def cloud_score(cloud: PointCloud, mesh: Mesh) -> ErrorStatistics:
     """Statistics of the distances, metres."""
+    if len(cloud.points) == 0:
+        raise MapError("a cloud without points has no distance from anything: give one that has some")
     return summarise(cloud_distances(cloud, mesh))
 
 

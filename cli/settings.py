@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -10,6 +9,7 @@ from typing import Any, TypeVar
 import click
 
 from formats.limits import Limits, set_limits
+from formats.nested_text import read_toml
 from mapmyworld.config import Config, LimitsConfig
 from mapmyworld.config.settings import apply_settings, flatten, list_settings
 from mapmyworld.errors import ConfigError
@@ -38,7 +38,7 @@ def load_config(config_path: Path | None, changes: Sequence[str]) -> Config:
     """The configuration; raises `ConfigError` with everything that is wrong at once."""
     values: dict[str, Any] = {}
     if config_path is not None:
-        values |= flatten(_read_toml(config_path))
+        values |= flatten(read_toml(config_path))
     for change in changes:
         name, equals, value = change.partition("=")
         if not equals:
@@ -67,12 +67,3 @@ def settings_that_differ(config: Config) -> list[list[str]]:
         for setting in list_settings(config)
         if setting.value != standard[setting.name] and setting.name not in _IDLE
     ]
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: is not valid TOML: {error}") from None

@@ -26,13 +26,14 @@ reason = "surveyed"
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from formats.bounds import FARTHEST
+from formats.nested_text import read_toml
 from mapmyworld.errors import MapError
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import make_transform
@@ -41,6 +42,7 @@ from mapmyworld.types import ConstraintKind
 from mapmyworld.types.edits import Edit, EditAction
 
 _PAIR = {"from", "to", "reason"}
+_LEAST_SIGMA = 1e-9  # m or degrees: what is surer still is no measurement, and divides by zero
 _FIELDS = {
     EditAction.ACCEPT: (_PAIR, {"kind"}),
     EditAction.REJECT: (_PAIR, {"kind"}),
@@ -51,13 +53,11 @@ _FIELDS = {
 
 
 def read_edits(path: Path) -> tuple[Edit, ...]:
-    """The edits in a file; raises `MapError` with everything that is wrong in it at once."""
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise MapError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise MapError(f"{path}: is not valid TOML: {error}") from error
+    """The edits in a file; raises `MapError` with everything that is wrong in them at once.
+
+    And `ConfigError` where the file is no TOML.
+    """
+    table = read_toml(path)
     edits: list[Edit] = []
     problems: list[str] = []
     for action, items in table.items():
@@ -76,6 +76,8 @@ def read_edits(path: Path) -> tuple[Edit, ...]:
 
 
 def _edit(action: EditAction, item: Mapping[str, Any]) -> Edit:
+    if not isinstance(item, dict):
+        raise ValueError(f"is no table, as [[{action}]] and lines under it make one")
     needed, allowed = _FIELDS[action]
     missing, unknown = needed - set(item), set(item) - needed - allowed
     if missing:
@@ -90,7 +92,7 @@ def _edit(action: EditAction, item: Mapping[str, Any]) -> Edit:
     if "node" not in item and ends[0] == ends[1]:
         raise ValueError("from and to are the same node")
     kind = item.get("kind", "")
-    if kind and kind not in set(ConstraintKind):
+    if kind and kind not in list(ConstraintKind):
         raise ValueError(f"kind is one of {', '.join(ConstraintKind)}")
     motion = _pose(item["pose"]) if "pose" in item else None
     covariance = None
@@ -114,13 +116,15 @@ def _covariance(item: Mapping[str, Any]) -> Array:
         raise ValueError("give either sigma (metres, degrees) or covariance (6x6)")
     if "sigma" in item:
         sigma = _numbers(item["sigma"], "sigma")
-        if sigma.shape != (2,) or (sigma <= 0).any():
-            raise ValueError("sigma is two positive numbers: metres, degrees")
+        if sigma.shape != (2,) or (sigma < _LEAST_SIGMA).any():
+            raise ValueError(
+                f"sigma is two numbers of at least {_LEAST_SIGMA:.0e}: metres, degrees"
+            )
         return np.diag(np.repeat([np.radians(sigma[1]) ** 2, sigma[0] ** 2], 3))
     covariance = _numbers(item["covariance"], "covariance")
     if covariance.shape != (6, 6) or not np.allclose(covariance, covariance.T):
         raise ValueError("covariance is a symmetric 6x6 matrix, rotation first")
-    if np.linalg.eigvalsh(covariance)[0] <= 0:
+    if np.linalg.eigvalsh(covariance)[0] <= 1e-14 * np.abs(covariance).max():
         raise ValueError("covariance is not positive definite")
     return covariance
 
@@ -128,8 +132,8 @@ def _covariance(item: Mapping[str, Any]) -> Array:
 def _numbers(value: Any, name: str) -> Array:
     try:
         numbers = np.array(value, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} is made of numbers") from None
-    if not np.isfinite(numbers).all():
-        raise ValueError(f"{name} is not finite")
+    if not (np.abs(numbers) <= FARTHEST).all():
+        raise ValueError(f"{name} is not finite, or beyond sense")
     return numbers

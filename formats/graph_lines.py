@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.bounds import LARGEST
+
 _SHOWN = 5  # line numbers or ids in one message
-_LARGEST = 1e100  # squares and products of such numbers are finite
 _SHORTEST = 1e-12  # square of a quaternion's length, below which it tells no direction
 _LARGEST_ID = 2.0**53  # above it not every whole number is one of double precision
 
@@ -103,9 +104,9 @@ def _row(
 def _fault(values: NDArray[np.float64], columns: Columns) -> str:
     """What is wrong with some of the numbers (..., columns); empty where nothing is."""
     # Counting takes numpy a fraction of asking for all or any of few numbers.
-    if np.count_nonzero(np.abs(values) <= _LARGEST) < values.size:  # nor is what is no number
+    if np.count_nonzero(np.abs(values) <= LARGEST) < values.size:  # nor is what is no number
         if np.isfinite(values).all():
-            return f"a value beyond {_LARGEST:.0e}"
+            return f"a value beyond {LARGEST:.0e}"
         return "a value that is not finite"
     ids = values[..., : columns.ids]
     if np.count_nonzero((np.rint(ids) == ids) & (np.abs(ids) <= _LARGEST_ID)) < ids.size:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from formats.bounds import FARTHEST
 from formats.stamps import nanoseconds_from_text
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import make_transform
@@ -50,6 +51,6 @@ def _relation(fields: list[str]) -> tuple[tuple[int, int], np.ndarray]:
         raise ValueError("not eight fields")
     first, second = (nanoseconds_from_text(field) for field in fields[:2])
     x, y, z, roll, pitch, yaw = (float(field) for field in fields[2:])
-    if not np.isfinite([x, y, z, roll, pitch, yaw]).all():
-        raise ValueError("not finite")
+    if not (np.abs([x, y, z, roll, pitch, yaw]) <= FARTHEST).all():
+        raise ValueError("not finite, or beyond sense")
     return (first, second), make_transform(roll_pitch_yaw_to_rotation(roll, pitch, yaw), [x, y, z])

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import struct
 from pathlib import Path
 from typing import Any
 
+from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
 
 _GLB = struct.Struct("<4sIIII")  # magic, version, length; then the first chunk's length and kind
@@ -50,7 +50,7 @@ def _largest(head: bytes, keyword: bytes) -> int:
 def _claimed_by_gltf(path: Path, size: int) -> tuple[int, int]:
     """The largest count of an accessor, and the bytes of the file with those it names."""
     try:
-        document = json.loads(_json_of(path))
+        document = json_from_text(_json_of(path))
         counts = [int(accessor["count"]) for accessor in document.get("accessors", [])]
         parts = [*document.get("buffers", []), *document.get("images", [])]
         named = [str(item["uri"]) for item in parts if "uri" in item]

@@ -30,6 +30,14 @@ def nanoseconds_from_text(text: str) -> int:
     return stamp
 
 
+def nanoseconds_from_integer(text: str) -> int:
+    """ValueError where the text is no whole number, or one that leaves 64 bits."""
+    stamp = int(text)
+    if abs(stamp) >= _LARGEST:
+        raise ValueError(f"{text!r} is no time")
+    return stamp
+
+
 def seconds_text(stamp_ns: int) -> str:
     """Seconds with nine decimals, exact."""
     sign = "-" if stamp_ns < 0 else ""

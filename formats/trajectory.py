@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.stamps import nanoseconds_from_text, seconds_text
+from formats.bounds import FARTHEST
+from formats.stamps import nanoseconds_from_integer, nanoseconds_from_text, seconds_text
 from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import make_transform
@@ -18,6 +19,7 @@ from mapmyworld.types import Trajectory
 
 Style = Literal["tum", "kitti", "csv"]
 CSV_HEADER = "stamp_ns,x,y,z,qx,qy,qz,qw"
+_ROTATION = 0.01  # by which a matrix of KITTI's, rounded, may miss being a rotation
 _SECOND = 1_000_000_000
 
 
@@ -87,7 +89,7 @@ def read_trajectory(path: Path) -> Trajectory:
     if not numbered:
         raise MapError(f"{path}: holds no poses")
     if numbered[0][1].startswith(CSV_HEADER.split(",")[0]):
-        return _read_stamped(path, numbered[1:], ",", int)
+        return _read_stamped(path, numbered[1:], ",", nanoseconds_from_integer)
     if len(numbered[0][1].split()) == 12:
         return _read_kitti(path, numbered)
     return _read_stamped(path, numbered, None, nanoseconds_from_text)
@@ -128,7 +130,11 @@ def _read_kitti(path: Path, lines: list[tuple[int, str]]) -> Trajectory:
             raise MapError(f"{path}, line {number}: {len(fields)} numbers where KITTI has 12")
         rows.append(_numbers(path, number, fields))
     table: NDArray[np.float64] = np.array(rows, np.float64).reshape(-1, 3, 4)
-    poses = make_transform(table[:, :, :3], table[:, :, 3])
+    turns = table[:, :, :3]
+    off = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    if (bad := np.flatnonzero(off > _ROTATION)).size:
+        raise MapError(f"{path}, line {lines[bad[0]][0]}: its 3 x 3 matrix is no rotation")
+    poses = make_transform(turns, table[:, :, 3])
     return Trajectory(np.arange(len(poses), dtype=np.int64) * _SECOND, poses)
 
 
@@ -137,6 +143,6 @@ def _numbers(path: Path, number: int, fields: list[str]) -> list[float]:
         values = [float(field) for field in fields]
     except ValueError as error:
         raise MapError(f"{path}, line {number}: {error}") from None
-    if not np.isfinite(values).all():
-        raise MapError(f"{path}, line {number}: a number that is not finite")
+    if not (np.abs(values) <= FARTHEST).all():
+        raise MapError(f"{path}, line {number}: a number that is not finite, or beyond sense")
     return values

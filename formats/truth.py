@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.bounds import FARTHEST
 from formats.grid import write_grid
 from formats.mesh import write_mesh
+from formats.stamps import nanoseconds_from_integer
 from formats.trajectory import write_trajectory
 from mapmyworld.errors import MapError
 from mapmyworld.types import Mesh, OccupancyGrid, Trajectory
@@ -67,8 +69,10 @@ def read_loop_pairs(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]
         fields = line.split(",")
         try:
             first, second, x, y, yaw = fields
-            stamps.append((int(first), int(second)))
+            stamps.append((nanoseconds_from_integer(first), nanoseconds_from_integer(second)))
             poses.append((float(x), float(y), float(yaw)))
+            if not (np.abs(poses[-1]) <= FARTHEST).all():
+                raise ValueError
         except ValueError:
             expected = ",".join(_PAIR_COLUMNS)
             raise MapError(f"{path}, line {number}: expected {expected}") from None

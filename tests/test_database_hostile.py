@@ -208,6 +208,12 @@ def read_all(path: Path) -> None:
         list(store.scans(range(9)))
         for node in store.nodes():
             store.node_data(node.id)
+        store.contents()
+        store.get("plan")
+        list(store.constraints())
+        store.poses()
+        store.frame_poses()
+        store.grid()
 
 
 @pytest.mark.parametrize(
@@ -226,6 +232,14 @@ def read_all(path: Path) -> None:
         ("mapmyworld_arrays", "shape", "[4611686018427387904, 4]"),
         ("Feature", "pos_x", 1e300),
         ("Feature", "pos_y", -math.inf),
+        ("Feature", "response", 1e300),
+        ("mapmyworld_keys", "value", "[" * 100_000),
+        ("mapmyworld_nodes", "contents", "[" * 100_000),
+        ("mapmyworld_nodes", "stamp_ns", "noon"),
+        ("mapmyworld_constraints", "from_id", b"bytes"),
+        ("mapmyworld_constraints", "from_from_to", np.full((4, 4), 1e300).tobytes()),
+        ("mapmyworld_constraints", "information", np.full((6, 6), np.nan).tobytes()),
+        ("mapmyworld_nodes", "odom_from_base", np.full((4, 4), 1e300).tobytes()),
     ],
 )
 def test_a_map_of_ours_with_other_types_in_it(
@@ -239,3 +253,20 @@ def test_a_map_of_ours_with_other_types_in_it(
     with pytest.raises(MapError) as caught:
         read_all(path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -1e300])
+@pytest.mark.parametrize("name", ["poses map_from_node", "frame poses", "grid figures"])
+def test_numbers_beyond_sense_in_packed_arrays(tmp_path: Path, name: str, value: float) -> None:
+    path = tmp_path / "map.db"
+    with open_store(path, create=True) as store:
+        fill(store)
+    with contextlib.closing(sqlite3.connect(path)) as sqlite, sqlite:
+        where = "FROM mapmyworld_arrays WHERE name = ?"
+        numbers = np.frombuffer(
+            zlib.decompress(sqlite.execute(f"SELECT data {where}", (name,)).fetchone()[0])
+        )
+        spoilt = zlib.compress(np.where(np.arange(len(numbers)) == 2, value, numbers).tobytes())
+        sqlite.execute("UPDATE mapmyworld_arrays SET data = ? WHERE name = ?", (spoilt, name))
+    with pytest.raises(MapError, match=f"{name}: a damaged array"):
+        read_all(path)

@@ -172,7 +172,9 @@ def test_a_relations_file_is_read_exactly(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize("line", ["1 2 3", "a b 0 0 0 0 0 0", "1 2 nan 0 0 0 0 0", ""])
+@pytest.mark.parametrize(
+    "line", ["1 2 3", "a b 0 0 0 0 0 0", "1 2 nan 0 0 0 0 0", "1 2 1e300 0 0 0 0 0", ""]
+)
 def test_a_bad_relations_file_is_refused_with_its_line(tmp_path: Path, line: str) -> None:
     path = tmp_path / "bad.relations"
     path.write_text(line + "\n")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from formats.edits import read_edits
-from mapmyworld.errors import GraphError, MapError
+from mapmyworld.errors import ConfigError, GraphError, MapError
 from mapmyworld.graph.edits import apply_edits, edits_from_json, edits_to_json, resolve_pins, unmet
 from mapmyworld.graph.solve import solve
 from mapmyworld.types import Constraint, ConstraintKind, Poses
@@ -130,8 +130,18 @@ def test_an_edit_of_nothing_is_told(tmp_path):
         ('[[pin]]\nnode = "a"\nreason = "x"', "whole numbers"),
         ('[[pin]]\nnode = 1\nwhy = 2\nreason = "x"', "does not know why"),
         ("[[pin]", "not valid TOML"),
+        ("x = " + "[" * 5000, "not valid TOML"),
+        ("x = 1" + "0" * 5000, "not valid TOML"),
+        ("reject = [1]", "[[reject]] number 1: is no table"),
+        ('[[reject]]\nfrom = 1\nto = 2\nkind = [1]\nreason = "x"', "kind is one of"),
+        ('[[pin]]\nnode = 1\npose = [1e12, 0, 0]\nreason = "x"', "beyond sense"),
+        (f'[[pin]]\nnode = 1\npose = [{10**400}, 0, 0]\nreason = "x"', "made of numbers"),
+        (
+            '[[prior]]\nnode = 1\npose = [1, 2, 3]\nsigma = [1e-200, 1]\nreason = "x"',
+            "at least 1e-09",
+        ),
     ],
 )
 def test_a_broken_edits_file_is_explained(text, word, tmp_path):
-    with pytest.raises(MapError, match=word.replace("[", r"\[")):
+    with pytest.raises((ConfigError, MapError), match=word.replace("[", r"\[")):
         edits_from(text, tmp_path)

@@ -326,6 +326,8 @@ def test_damaged_messages_and_schemas(tmp_path: Path, encoding: str) -> None:
             schema = writer.register_schema("foxglove.LaserScan", encoding, schema_data)
             channel = writer.register_channel(f"/{number}", encoding, schema)
             writer.add_message(channel, 1, b'\x0a\x03{"ranges": "no"}\xff', 1)
+            if encoding == "json":
+                writer.add_message(channel, 2, b'{"ranges": ' + b"[" * 100_000, 2)
         writer.finish()
     for raw in open_log([path]).messages():
         with pytest.raises(LogError, match=raw.topic):

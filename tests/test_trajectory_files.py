@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from formats.trajectory import read_trajectory, write_trajectory
+from formats.trajectory import CSV_HEADER, read_trajectory, write_trajectory
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.types import Trajectory
@@ -83,10 +83,26 @@ def test_comments_blank_lines_and_exponents(tmp_path: Path) -> None:
         ("1 0 0 0 0 0 0 0", "line 2: the quaternion"),
         ("inf 0 0 0 0 0 0 1", "line 2: 'inf'"),
         ("1e300 0 0 0 0 0 0 1", "line 2: '1e300'"),
+        ("1 0 0 0 1e300 0 0 1", "line 2: a number that is not finite, or beyond sense"),
     ],
 )
 def test_malformed_lines_are_named(tmp_path: Path, line: str, words: str) -> None:
     (tmp_path / "t").write_text(f"0 0 0 0 0 0 0 1\n{line}\n")
+    with pytest.raises(MapError, match=words):
+        read_trajectory(tmp_path / "t")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("1 0 0 0 0 1 0 0 0 0 1 0\n0 0 0 0 0 0 0 0 0 0 0 0\n", "line 2: its 3 x 3 matrix is no"),
+        (f"{CSV_HEADER}\n{1 << 64},0,0,0,0,0,0,1\n", "is not a time"),
+    ],
+)
+def test_kitti_without_rotations_and_csv_beyond_all_times(
+    tmp_path: Path, text: str, words: str
+) -> None:
+    (tmp_path / "t").write_text(text)
     with pytest.raises(MapError, match=words):
         read_trajectory(tmp_path / "t")
 

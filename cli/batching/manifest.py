@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 from cli.batching.places import is_url
 from cli.gates import read_requirements
+from formats.nested_text import read_toml
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings, flatten
 from mapmyworld.errors import ConfigError
@@ -37,12 +37,7 @@ class Job:
 
 def read_manifest(path: Path) -> tuple[Job, ...]:
     """The jobs of a manifest in its order; raises `ConfigError` with all that is wrong at once."""
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: is not valid TOML: {error}") from None
+    table = read_toml(path)
     problems = [f"unknown: {name}" for name in sorted(set(table) - {"log", "defaults"})]
     defaults, entries = table.get("defaults", {}), table.get("log", [])
     if not isinstance(defaults, dict) or not isinstance(entries, list) or not entries:

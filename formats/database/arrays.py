@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from formats.database.blobs import FAST, inflate
 from formats.database.connection import Connection
+from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
 
 _NONE = "none"
@@ -46,7 +47,7 @@ def read_array(db: Connection, name: str, kind: str, shape: tuple[int, ...]) -> 
     try:
         if row[0] not in _TYPES:
             raise ValueError(f"of type {row[0]!r}")
-        dtype, sides = np.dtype(row[0]), tuple(json.loads(row[1]))
+        dtype, sides = np.dtype(row[0]), tuple(json_from_text(row[1]))
         fits = len(sides) == len(shape) and all(
             found == wanted or wanted < 0 <= found
             for found, wanted in zip(sides, shape, strict=True)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.bounds import FARTHEST, LARGEST
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import SWAP_ROTATION_TRANSLATION
 
@@ -102,8 +103,8 @@ def blob_to_pose(blob: bytes | None, what: str) -> NDArray[np.float64] | None:
     if len(blob) != 48:
         raise MapError(f"{what}: a transform takes 48 bytes, not {len(blob)}")
     poses = matrices_from_floats(np.frombuffer(blob, "<f4")[None])
-    if not np.isfinite(poses).all():
-        raise MapError(f"{what}: a transform that is not finite")
+    if not (np.abs(poses) <= FARTHEST).all():
+        raise MapError(f"{what}: a transform that is not finite, or beyond sense")
     return None if not poses[0, :3].any() else orthonormal(poses)[0]
 
 
@@ -113,21 +114,34 @@ def blobs_to_poses(blobs: Sequence[Any]) -> NDArray[np.float64]:
     poses = np.full((len(blobs), 4, 4), np.nan)
     joined = b"".join(blob for blob, good in zip(blobs, fit, strict=True) if good)
     poses[fit] = matrices_from_floats(np.frombuffer(joined, "<f4").reshape(-1, 12))
-    good = np.isfinite(poses).all(axis=(1, 2)) & poses[:, :3].any(axis=(1, 2))
+    good = (np.abs(poses) <= FARTHEST).all(axis=(1, 2)) & poses[:, :3].any(axis=(1, 2))
     poses[~good] = np.nan
     poses[good] = orthonormal(poses[good])
     return poses
 
 
 def stacked_doubles(blobs: Sequence[Any], side: int) -> NDArray[np.float64] | None:
-    """Square matrices (N, side, side) of many blobs; None where one is damaged or not finite.
+    """Square matrices (N, side, side) of many blobs; None where one is damaged or beyond sense.
 
     Together they take half of the memory that they would take one by one.
     """
     if not all(isinstance(blob, bytes) and len(blob) == 8 * side * side for blob in blobs):
         return None
     found = np.frombuffer(b"".join(blobs), "<f8").reshape(-1, side, side)
-    return found if np.isfinite(found).all() else None
+    return found if (np.abs(found) <= _most(side)).all() else None
+
+
+def doubles(blob: Any, side: int) -> NDArray[np.float64]:
+    """A square matrix (side, side); `ValueError` where it is damaged or beyond sense."""
+    found = np.frombuffer(blob, "<f8").reshape(side, side)
+    if not (np.abs(found) <= _most(side)).all():
+        raise ValueError("a value that is not finite, or beyond sense")
+    return found
+
+
+def _most(side: int) -> float:
+    """The largest number that a matrix of this size may hold; those of side 4 are motions."""
+    return FARTHEST if side == 4 else LARGEST
 
 
 def matrices_from_floats(rows: NDArray[np.float32]) -> NDArray[np.float64]:

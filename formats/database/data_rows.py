@@ -5,7 +5,6 @@ Imported when data are touched: what only looks at the graph needs no image code
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache, partial
@@ -26,6 +25,7 @@ from formats.database.cells import local_cells
 from formats.database.depth_cells import depth_cells
 from formats.database.node_rows import StorageOptions
 from formats.database.scans import cloud_to_columns, columns_to_observation, scans_to_columns
+from formats.nested_text import json_from_text
 from formats.picture_files import is_16_bit_png
 from mapmyworld.errors import MapError
 from mapmyworld.types import CameraModel, ImageMessage, NodeData, RgbdImage, Scan
@@ -152,7 +152,7 @@ def node_data(row: Row, own: Row | None, stamp_ns: int, what: str) -> NodeData:
 def _times(stamps: object, what: str) -> list[int]:
     """The moments of a node's images, as they were kept."""
     try:
-        found = json.loads(stamps) if isinstance(stamps, str) else None
+        found = json_from_text(stamps) if isinstance(stamps, str) else None
     except ValueError:
         found = None
     if not isinstance(found, list) or not found or not all(type(time) is int for time in found):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.bounds import FARTHEST
 from formats.database.connection import Connection
 from mapmyworld.errors import MapError
 from mapmyworld.types import Features
@@ -20,7 +21,6 @@ SELECT_FEATURES = (
 INSERT_WORD = "INSERT INTO Word (id, descriptor_size, descriptor) VALUES (?,?,?)"
 SELECT_WORDS = "SELECT id, descriptor_size, descriptor FROM Word ORDER BY id"
 Row = tuple[Any, ...]
-_FARTHEST = 1e9  # pixels, m
 
 
 def feature_rows(node_id: int, features: Features) -> Iterator[Row]:
@@ -57,15 +57,18 @@ def _features(columns: list[tuple[Any, ...]], what: str) -> Features:
     words = np.array(columns[0], np.int64)
     octaves = np.array(columns[6], np.int64)
     pixels, points = np.array(columns[1:3], np.float64), np.array(columns[7:10], np.float64)
-    if not (np.abs(pixels) < _FARTHEST).all() or (np.abs(points) > _FARTHEST).any():
+    if not (np.abs(pixels) < FARTHEST).all() or (np.abs(points) > FARTHEST).any():
         raise ValueError("places beyond every image")  # NULL, of a point, is NaN: no depth
+    looks = np.array(columns[3:6], np.float64)
+    if (np.abs(looks) > FARTHEST).any():
+        raise ValueError("a size, an angle or a response beyond sense")
     return Features(
         pixels=pixels.T.astype(np.float32),
         points=points.T.astype(np.float32),
         descriptors=_descriptors(columns[10], columns[11], what),
-        sizes=np.array(columns[3], np.float32),
-        angles=np.array(columns[4], np.float32),
-        responses=np.array(columns[5], np.float32),
+        sizes=looks[0].astype(np.float32),
+        angles=looks[1].astype(np.float32),
+        responses=looks[2].astype(np.float32),
         octaves=octaves.astype(np.int32),
         words=np.where(words > 0, words, 0).astype(np.int32) if (words > 0).any() else None,
     )

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.database.blobs import information_to_blob, pose_to_blob, stacked_doubles
+from formats.database.blobs import doubles, information_to_blob, pose_to_blob, stacked_doubles
+from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import invert
 from mapmyworld.types import Constraint, ConstraintKind
@@ -88,8 +89,7 @@ def constraints_from_rows(rows: Sequence[Row]) -> Iterator[Constraint]:
 def constraint_from_row(row: Row) -> Constraint:
     """The constraint of a row of `SELECT_CONSTRAINTS`."""
     try:
-        transform = np.frombuffer(row[3], "<f8").reshape(4, 4)
-        return _constraint(row, transform, np.frombuffer(row[4], "<f8").reshape(6, 6))
+        return _constraint(row, doubles(row[3], 4), doubles(row[4], 6))
     except (ValueError, TypeError) as error:
         raise MapError(f"constraint {row[0]} to {row[1]}: a damaged row ({error})") from None
 
@@ -99,6 +99,8 @@ def _constraint(
 ) -> Constraint:
     from_id, to_id, kind, _, _, accepted, reason, evidence = row
     try:
+        if not (isinstance(from_id, int) and isinstance(to_id, int)):
+            raise TypeError("an id that is no whole number")
         return Constraint(
             from_id,
             to_id,
@@ -107,7 +109,7 @@ def _constraint(
             information,
             bool(accepted),
             sys.intern(reason),  # most are alike
-            {} if evidence == "{}" else json.loads(evidence, object_pairs_hook=_figures),
+            {} if evidence == "{}" else json_from_text(evidence, object_pairs_hook=_figures),
         )
     except (ValueError, TypeError) as error:
         raise MapError(f"constraint {from_id} to {to_id}: a damaged row ({error})") from None

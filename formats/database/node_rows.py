@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.database.blobs import matrix_to_blob, pose_to_blob, stacked_doubles
+from formats.database.blobs import doubles, matrix_to_blob, pose_to_blob, stacked_doubles
 from formats.database.scans import scan_without_points
 from formats.database.surroundings import (
     blob_to_gps,
@@ -155,7 +155,7 @@ def nodes_from_own_rows(rows: Sequence[Row]) -> Iterator[Node]:
 def node_from_own_row(row: Row) -> Node:
     """The node of a row of `SELECT_OWN`."""
     try:
-        return _node(row, _pose(row[3]), _pose(row[4]))
+        return _node(row, doubles(row[3], 4), doubles(row[4], 4))
     except (ValueError, TypeError) as error:
         raise MapError(f"node {row[0]}: a damaged row ({error})") from None
 
@@ -170,16 +170,9 @@ def _node(row: Row, odom: NDArray[np.float64], tracked: NDArray[np.float64]) -> 
             odom_from_base=odom,
             tracked_from_base=tracked,
             weight=int(weight),
-            ground_truth=None if truth is None else _pose(truth),
+            ground_truth=None if truth is None else doubles(truth, 4),
             gps=blob_to_gps(gps, f"node {node_id}'s gps"),
             readings=blob_to_readings(readings, f"node {node_id}'s env_sensors"),
         )
     except (ValueError, TypeError) as error:
         raise MapError(f"node {node_id}: a damaged row ({error})") from None
-
-
-def _pose(blob: bytes) -> NDArray[np.float64]:
-    pose = np.frombuffer(blob, "<f8").reshape(4, 4)
-    if not np.isfinite(pose).all():
-        raise ValueError("a pose that is not finite")
-    return pose

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Iterator, Sequence
 
@@ -16,6 +15,7 @@ from formats.database.connection import Connection
 from formats.database.node_rows import StorageOptions
 from formats.database.scans import scan_to_blob
 from formats.database.transactions import Transactions
+from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
 from mapmyworld.types import Features, Node, NodeData, Scan, TrackedFrames
 
@@ -90,7 +90,7 @@ class NodeTables(Transactions):
         """What each node keeps: counts of images, depth, scan, cloud; no blob is read."""
         found = self._db.rows("SELECT id, contents FROM mapmyworld_nodes ORDER BY id")
         try:
-            return {int(node_id): dict(json.loads(text)) for node_id, text in found}
+            return {int(node_id): dict(json_from_text(text)) for node_id, text in found}
         except (ValueError, TypeError) as error:
             raise MapError(f"{self.path}: damaged contents of a node ({error})") from None
 
@@ -138,6 +138,8 @@ class NodeTables(Transactions):
         self._previous = {row[1]: rows.node_from_own_row(row) for row in found}
         self._last_with_cells = None
         self._arrivals = [time.perf_counter()]
-        first = self._db.row("SELECT stamp_ns FROM mapmyworld_nodes ORDER BY id LIMIT 1")
+        first = self._db.row("SELECT id, stamp_ns FROM mapmyworld_nodes ORDER BY id LIMIT 1")
         if first is not None:
-            self._db.set_clock(first[0])
+            if not isinstance(first[1], int):
+                raise MapError(f"{self.path}: node {first[0]}: a damaged row (without a stamp)")
+            self._db.set_clock(first[1])

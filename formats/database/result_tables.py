@@ -7,9 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.bounds import FARTHEST
 from formats.database import results
 from formats.database.arrays import check_lengths
 from formats.database.transactions import Transactions
+from mapmyworld.errors import MapError
 from mapmyworld.types import Mesh, OccupancyGrid, PointCloud, Poses
 
 
@@ -29,7 +31,7 @@ class ResultTables(Transactions):
 
     def poses(self) -> Poses | None:
         ids = self._read("poses ids", "i", (-1,))
-        solved = self._read("poses map_from_node", "f", (-1, 4, 4))
+        solved = self._motions("poses map_from_node")
         if ids is None or solved is None:
             return None
         covariances = self._read("poses covariances", "f", (-1, 6, 6))
@@ -42,7 +44,15 @@ class ResultTables(Transactions):
         self._settle()
 
     def frame_poses(self) -> NDArray[np.float64] | None:
-        return self._read("frame poses", "f", (-1, 4, 4))
+        return self._motions("frame poses")
+
+    def _motions(self, name: str) -> NDArray[np.float64] | None:
+        found = self._read(name, "f", (-1, 4, 4))
+        if found is not None and not (np.abs(found) <= FARTHEST).all():
+            raise MapError(
+                f"{self._db.path}: {name}: a damaged array (not finite, or beyond sense)"
+            )
+        return found
 
     def set_grid(self, grid: OccupancyGrid) -> None:
         self._begin()
@@ -57,6 +67,8 @@ class ResultTables(Transactions):
         figures = self._read("grid figures", "f", (5,))
         if log_odds is None or figures is None:
             return None
+        if not (np.abs(figures) <= FARTHEST).all() or figures[0] <= 0.0:
+            raise MapError(f"{self._db.path}: grid figures: a damaged array (of no grid)")
         resolution, x, y, occupied, free = (float(value) for value in figures)
         return OccupancyGrid(log_odds, resolution, np.array([x, y]), occupied, free)
 

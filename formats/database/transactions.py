@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from formats.database.arrays import read_array, write_array
 from formats.database.connection import Connection
 from formats.database.opened import Opened
+from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
 
 # Nodes and scans written between two commits: what a killed build loses at most.
@@ -31,7 +32,7 @@ class Transactions(Opened):
             "SELECT value FROM mapmyworld_keys WHERE key = ? ORDER BY rank DESC", (key,)
         )
         try:
-            return None if found is None else json.loads(found[0])
+            return None if found is None else json_from_text(found[0])
         except (ValueError, TypeError) as error:
             raise MapError(f"{self.path}: {key}: a damaged value ({error})") from None
 

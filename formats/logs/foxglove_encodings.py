@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,6 +10,7 @@ from typing import Any
 
 from formats.logs.channels import Channel, Payload
 from formats.logs.foxglove import CONVERTERS, END_NS, foxglove_name, stamp_of
+from formats.nested_text import json_from_text
 from mapmyworld.errors import LogError
 from mapmyworld.types import Message, MessageKind, TransformsMessage
 
@@ -74,7 +74,7 @@ def _parser(channel: Channel) -> Parse | None:
 
 
 def _parse_json(data: bytes) -> Any:
-    return json.loads(data, object_hook=lambda fields: SimpleNamespace(**fields))
+    return json_from_text(data, object_hook=lambda fields: SimpleNamespace(**fields))
 
 
 def _protobuf_parser(channel: Channel) -> Parse:

@@ -1,0 +1,4 @@
+"""What numbers in files may be: beyond it they are damage, and squares of them overflow."""
+
+FARTHEST = 1e9  # m, pixels or degrees, beyond which nothing lies
+LARGEST = 1e100  # of what has no such unit: squares and products of such numbers are finite

@@ -4,6 +4,7 @@ python benchmarks/robustness.py fuzz-logs --count 20000
 python benchmarks/robustness.py fuzz-logs --count 2500 --first 5000
 python benchmarks/robustness.py fuzz-maps --count 5000
 python benchmarks/robustness.py fuzz-graphs --count 2000
+python benchmarks/robustness.py fuzz-files --count 2000
 python benchmarks/robustness.py cuts --count 200
 python benchmarks/robustness.py kills --count 100
 python benchmarks/robustness.py signals --count 20
@@ -23,7 +24,17 @@ from pathlib import Path
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy is there
 
-from robust import corpus, cuts, full_disk, fuzzing, kills, long_drive, signals, trials  # noqa: E402
+from robust import (  # noqa: E402
+    corpus,
+    cuts,
+    full_disk,
+    fuzzing,
+    kills,
+    long_drive,
+    signals,
+    small_files,
+    trials,
+)  # fmt: skip
 
 INSPECT = ("inspect", "log", "FILE")
 _QUICK, _CONVERT = (*INSPECT, "--quick"), ("convert", "FILE", "-o", "OUT.mcap")
@@ -76,6 +87,19 @@ def _fuzz_graphs(options: argparse.Namespace, folder: Path) -> None:
     _fuzz(grids, [("evaluate", "grid", "FILE", truth)], half)
 
 
+def _fuzz_files(options: argparse.Namespace, folder: Path) -> None:
+    logs = corpus.make_logs(folder / "logs")
+    whole = next(path for path in logs if path.name == "whole.mcap")
+    log = _short_log(next(path for path in logs if path.name == "a.log"), folder)
+    made = small_files.make_files(
+        folder / "files", log, corpus.make_maps(folder / "maps", whole)[0]
+    )
+    chosen = [file for file in made if options.only in file.path.name]
+    last = options.first + options.count
+    cases = itertools.islice(small_files.cases(chosen, last, options.seed), options.first, None)
+    _tell(fuzzing.fuzz(cases, _progress))
+
+
 def _fuzz(
     sources: list[Path], commands: list[tuple[str, ...]], options: argparse.Namespace
 ) -> None:
@@ -84,7 +108,10 @@ def _fuzz(
         for source, command in itertools.product(sources[:1], dict.fromkeys(commands)):
             places = {"FILE": str(source), "OUT": f"{name}/out"}
             trials.try_command([fuzzing.replaced(word, places) for word in command], seconds=600.0)
-    done = fuzzing.fuzz(_chosen(sources, commands, options), _progress)
+    _tell(fuzzing.fuzz(_chosen(sources, commands, options), _progress))
+
+
+def _tell(done: fuzzing.Tally) -> None:
     told = ", ".join(f"{count} x {code}" for code, count in sorted(done.exits.items()))
     print(f"{done.cases} files: exit codes {told}")
     print(
@@ -107,8 +134,9 @@ def _progress(tally: fuzzing.Tally) -> None:
     """How far it has come, and the faults found since the last word."""
     print(f"  {tally.cases} done, {len(tally.faults)} faults, {tally.cpu_s:.0f} CPU s", flush=True)
     while tally.told < len(tally.faults):
-        (source, command, seed), fault = tally.faults[tally.told]
-        print(f"\n{source.name} seed {seed}: {' '.join(command)}\n{fault}", flush=True)
+        case, fault = tally.faults[tally.told]
+        command = " ".join(case.command)
+        print(f"\n{case.source.name} seed {case.seed}: {command}\n{fault}", flush=True)
         tally.told += 1
 
 
@@ -136,12 +164,16 @@ def _kill_builds(options: argparse.Namespace, folder: Path) -> None:
             print(f"  {fault}")
 
 
+def _short_log(log: Path, folder: Path) -> Path:
+    short = folder / "short.log"
+    short.write_text("".join(log.read_text().splitlines(keepends=True)[:_FEW_LINES]))
+    return short
+
+
 def _fill_disks(options: argparse.Namespace, folder: Path) -> None:
     """Of a drive so short that every write can be tried; `--only NAME` takes another log."""
     logs = {path.name: path for path in corpus.make_logs(folder / "logs")}
-    short = folder / "short.log"
-    short.write_text("".join(logs["a.log"].read_text().splitlines(keepends=True)[:_FEW_LINES]))
-    log = logs[options.only] if options.only else short
+    log = logs[options.only] if options.only else _short_log(logs["a.log"], folder)
     print("\n".join(full_disk.summary_lines(full_disk.fill_disks(log, (), options.count))))
 
 
@@ -181,6 +213,7 @@ PARTS = {
     "full-disk": _fill_disks,
     "fuzz-logs": _fuzz_logs,
     "fuzz-maps": _fuzz_maps,
+    "fuzz-files": _fuzz_files,
     "fuzz-graphs": _fuzz_graphs,
     "kills": _kill_builds,
     "signals": _end_commands,

@@ -23,7 +23,7 @@ from robust.trials import MEMORY_MB, try_command
 _WAIT_S = 180.0  # wall time without a word from a worker: it hangs where no signal reaches
 _ADDRESSES = 6 << 30  # bytes; what is too much is judged by MEMORY_MB
 _PER_WORKER = 500  # cases, then a fresh process
-_TEXT = {".log", ".txt", ".yaml", ".g2o", ".graph", ".toml", ".tum"}
+_TEXT = {".log", ".txt", ".yaml", ".g2o", ".graph", ".toml", ".tum", ".relations", ".csv", ".obj"}
 _DATABASES = {".db", ".db3"}
 
 
@@ -34,6 +34,8 @@ class Case(NamedTuple):
     command: tuple[str, ...]
     """With FILE for the damaged copy and OUT for a place to write to."""
     seed: tuple[int, ...]
+    beside: Path | None = None
+    """A sound map that lies at OUT.db before the command begins."""
 
 
 @dataclass
@@ -95,6 +97,8 @@ def run_case(case: Case) -> tuple[int | None, str, float, float]:
         file = next(file.glob("*.yaml"), file) if "grid" in case.command else file
         places = {"FILE": str(file), "OUT": str(Path(name) / "out")}
         words = [replaced(word, places) for word in case.command]
+        if case.beside is not None:
+            shutil.copyfile(case.beside, f"{places['OUT']}.db")
         started = time.process_time()
         outcome = try_command(words)
         cpu = time.process_time() - started

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sqlite3
 import struct
+import zlib
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
@@ -67,7 +68,7 @@ def _other_value(value: object, rng: Rng) -> object:
     if rng.random() < 0.1:  # of another type
         return [None, "text", b"bytes", 1.5, -1][int(rng.integers(5))]
     if isinstance(value, bytes):
-        return mutated(value, (int(rng.integers(1 << 31)),))
+        return _other_bytes(value, rng)
     if isinstance(value, str):
         data = mutated(value.encode(), (int(rng.integers(1 << 31)),), text=True)
         return data.decode("utf-8", "replace")
@@ -75,6 +76,24 @@ def _other_value(value: object, rng: Rng) -> object:
         return _FLOATS[int(rng.integers(len(_FLOATS)))]
     number = _INTEGERS[int(rng.integers(len(_INTEGERS)))]
     return number if number < 1 << 63 else -1
+
+
+def _other_bytes(value: bytes, rng: Rng) -> bytes:
+    """Of packed ones as often what they hold, so that it reaches those who compute with it."""
+    decoder = zlib.decompressobj()
+    try:
+        held = decoder.decompress(value) + decoder.flush()
+    except zlib.error:
+        held = b""
+    if not held or rng.random() < 0.5:
+        return mutated(value, (int(rng.integers(1 << 31)),))
+    if rng.random() < 0.5 and len(held) >= 8:  # a number where one stood
+        place = 8 * int(rng.integers(len(held) // 8))
+        told = struct.pack("<d", _FLOATS[int(rng.integers(len(_FLOATS)))])
+        held = held[:place] + told + held[place + 8 :]
+    else:
+        held = mutated(held, (int(rng.integers(1 << 31)),))
+    return zlib.compress(held) + decoder.unused_data
 
 
 def _flip(data: bytearray, rng: Rng) -> bytearray:

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from formats.trajectory import CSV_HEADER, read_trajectory, write_trajectory
+from formats.truth import read_loop_pairs
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.types import Trajectory
@@ -113,3 +114,11 @@ def test_files_without_poses(tmp_path: Path) -> None:
     for name, words in (("empty", "holds no poses"), ("binary", "cannot"), ("absent", "cannot")):
         with pytest.raises(MapError, match=words):
             read_trajectory(tmp_path / name)
+
+
+@pytest.mark.parametrize("line", ["1,2,3,4", f"1,{1 << 64},0,0,0", "1,2,0,nan,0", "1,2,1e300,0,0"])
+def test_loop_pairs_without_sense_are_named(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "loop_pairs.csv"
+    path.write_text(f"first_stamp_ns,second_stamp_ns,x,y,yaw\n1,2,0,0,0\n{line}\n")
+    with pytest.raises(MapError, match="line 3"):
+        read_loop_pairs(path)

@@ -12,6 +12,7 @@ import mapmyworld
 from cli.common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_USAGE, keep_names
 from cli.interrupts import Interrupted, forget_interrupts, heed_interrupts, is_wished
 from cli.lazy import LazyGroup
+from cli.streams import mend_streams
 from mapmyworld.errors import MapMyWorldError
 
 # Command -> (module:attribute, one line for the list of commands).
@@ -51,6 +52,7 @@ def group() -> None:
 
 def main() -> None:
     """Runs a command; every error of ours becomes one message on stderr and an exit code."""
+    mend_streams()
     heed_interrupts()
     for stream in (sys.stdout, sys.stderr):
         keep_names(stream)
@@ -62,9 +64,6 @@ def main() -> None:
     except click.ClickException as error:
         error.show()
         sys.exit(EXIT_USAGE)
-    except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(0)
     except OSError as error:
         click.echo(f"mapmyworld: {_told(error)}", err=True)
         sys.exit(EXIT_BAD_INPUT)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cli.common import format_option, show_json
+from cli.common import PATH, format_option, show_json
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("manifest", metavar="MANIFEST.toml", type=click.Path(path_type=Path))
+@click.argument("manifest", metavar="MANIFEST.toml", type=PATH)
 @click.option("-o", "--output", default="batch", show_default=True, help="Folder or URL of folder.")
 @click.option(
     "-j",

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import EXIT_PARTIAL, default_map, format_option, show_json
+from cli.common import EXIT_PARTIAL, PATH, default_map, format_option, show_json
 from cli.memory import memory_limit
 from cli.outputs import require_map_place
 from cli.progress import StderrProgress, peak_memory_mb
@@ -30,13 +30,13 @@ _LATER = ("cli.exporting", "cli.report", "formats.grid")  # imported while the l
 
 
 @click.command()
-@click.argument("paths", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("paths", metavar="LOG...", nargs=-1, required=True, type=PATH)
 @click.option(
     "-o",
     "--output",
     "map_path",
     default=default_map,
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="The map database to write.  [default: map.db]",
 )
 @config_options
@@ -48,7 +48,7 @@ _LATER = ("cli.exporting", "cli.report", "formats.grid")  # imported while the l
     help="GraphSLAM, or grid-based FastSLAM (particles).",
 )
 @click.option(
-    "--append", "append_to", metavar="MAP", type=click.Path(path_type=Path),
+    "--append", "append_to", metavar="MAP", type=PATH,
     help="Add each LOG to MAP as a session of its own, where it shows the same place.",
 )  # fmt: skip
 @click.option("--resume", is_flag=True, help="Go on with an unfinished map; it must exist.")

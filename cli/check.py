@@ -9,19 +9,17 @@ from pathlib import Path
 import click
 
 from cli.checking import KEYS, Sources, measure
-from cli.common import EXIT_CHECK_FAILED, format_option, map_argument, show_json, shown
+from cli.common import EXIT_CHECK_FAILED, PATH, format_option, map_argument, show_json, shown
 from cli.gates import BETTER, WHOLE, judged, no_worse, read_requirements, require_known, wholeness
 from cli.outputs import require_apart
 from formats.verdicts import Verdict, junit_xml, markdown
 from mapmyworld.errors import ConfigError, MapError
 
-_PATH = click.Path(path_type=Path)
-
 
 @click.command()
 @map_argument
 @click.option("--require", "texts", multiple=True, metavar="'KEY OP VALUE'", help="A gate.")
-@click.option("--baseline", type=_PATH, metavar="OLD", help="No figure may be worse than OLD's.")
+@click.option("--baseline", type=PATH, metavar="OLD", help="No figure may be worse than OLD's.")
 @click.option(
     "--tolerance",
     type=click.FloatRange(min=0.0),
@@ -30,11 +28,11 @@ _PATH = click.Path(path_type=Path)
     help="Share of OLD's figures by which MAP's may be worse.",
 )
 @click.option("--allow-partial", is_flag=True, help="Let a map pass that lost something.")
-@click.option("--reference", type=_PATH, help="True trajectory: MAP or TUM.")
-@click.option("--relations", type=_PATH, help="A relations file.")
-@click.option("--grid", type=_PATH, help="YAML of the true grid.")
-@click.option("--junit", type=_PATH, metavar="FILE", help="Write the verdicts as JUnit XML.")
-@click.option("--markdown", "comment", type=_PATH, metavar="FILE", help="... as Markdown.")
+@click.option("--reference", type=PATH, help="True trajectory: MAP or TUM.")
+@click.option("--relations", type=PATH, help="A relations file.")
+@click.option("--grid", type=PATH, help="YAML of the true grid.")
+@click.option("--junit", type=PATH, metavar="FILE", help="Write the verdicts as JUnit XML.")
+@click.option("--markdown", "comment", type=PATH, metavar="FILE", help="... as Markdown.")
 @click.option("--keys", "listing", is_flag=True, help="Print what can be required.")
 @format_option
 def check(

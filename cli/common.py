@@ -16,6 +16,7 @@ EXIT_BAD_INPUT = 2
 EXIT_PARTIAL = 3
 EXIT_CHECK_FAILED = 4
 EXIT_INTERRUPTED = 130
+PATH = click.Path(path_type=Path, readable=False)  # what cannot be read is told by its reader
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -32,7 +33,7 @@ def map_argument(command: F) -> F:
         metavar="[MAP]",
         required=False,
         default=default_map,
-        type=click.Path(path_type=Path),
+        type=PATH,
     )(command)
 
 

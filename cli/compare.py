@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import format_option, show_json
+from cli.common import PATH, format_option, show_json
 from cli.manners import note
 from cli.outputs import require_outputs
 from cli.settings import config_options, load_config
@@ -25,7 +25,7 @@ _METHODS = ("graph", "fastslam", "neighbour")
 
 
 @click.command()
-@click.argument("paths", metavar="MAP...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("paths", metavar="MAP...", nargs=-1, required=True, type=PATH)
 @click.option(
     "--methods",
     metavar="LIST",
@@ -35,14 +35,14 @@ _METHODS = ("graph", "fastslam", "neighbour")
     "-o",
     "--output",
     "folder",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=click.Path(path_type=Path, file_okay=False, readable=False),
     default=Path("compare"),
     show_default=True,
     help="Folder for the maps that --methods builds.",
 )
-@click.option("--reference", type=click.Path(path_type=Path), help="True path (TUM or a MAP).")
-@click.option("--relations", type=click.Path(path_type=Path), help="Known relative poses.")
-@click.option("--image", type=click.Path(path_type=Path), help="Draw all maps into one PNG.")
+@click.option("--reference", type=PATH, help="True path (TUM or a MAP).")
+@click.option("--relations", type=PATH, help="Known relative poses.")
+@click.option("--image", type=PATH, help="Draw all maps into one PNG.")
 @config_options
 @format_option
 def compare(

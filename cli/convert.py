@@ -7,14 +7,14 @@ from pathlib import Path
 
 import click
 
-from cli.common import EXIT_PARTIAL
+from cli.common import EXIT_PARTIAL, PATH
 from cli.outputs import require_apart, require_output_name
 
 
 @click.command()
-@click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=PATH)
 @click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path),
+    "-o", "--output", required=True, type=PATH,
     help="OUT.mcap, OUT.bag, OUT.db3, or a folder for a rosbag2 recording.",
 )  # fmt: skip
 @click.option("--start", type=float, default=0.0, help="Seconds of the log to leave out first.")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from cli.common import EXIT_PARTIAL, map_argument
+from cli.common import EXIT_PARTIAL, PATH, map_argument
 from cli.progress import StderrProgress
 from cli.settings import config_options, load_config
 from mapmyworld.errors import GraphError, MapError
@@ -14,7 +14,7 @@ from mapmyworld.errors import GraphError, MapError
 
 @click.command()
 @map_argument
-@click.argument("edits_path", metavar="EDITS.toml", type=click.Path(path_type=Path))
+@click.argument("edits_path", metavar="EDITS.toml", type=PATH)
 @config_options
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no notes.")
 def edit(

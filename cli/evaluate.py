@@ -11,13 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import EXIT_PARTIAL, format_option, show_json
+from cli.common import EXIT_PARTIAL, PATH, format_option, show_json
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
     from mapmyworld.evaluation.statistics import ErrorStatistics
-
-_PATH = click.Path(path_type=Path)
 
 
 @click.group()
@@ -32,8 +30,8 @@ def evaluate() -> None:
 
 
 @evaluate.command()
-@click.argument("estimate", type=_PATH)
-@click.argument("reference", type=_PATH)
+@click.argument("estimate", type=PATH)
+@click.argument("reference", type=PATH)
 @click.option("--align/--no-align", default=True, help="Best rigid alignment first (ATE).")
 @click.option("--delta", type=click.FloatRange(0), default=1.0, help="Metres between RPE's poses.")
 @click.option("--max-difference", type=click.FloatRange(0), default=0.01, help="Seconds.")
@@ -81,8 +79,8 @@ def _show_errors(
 
 
 @evaluate.command()
-@click.argument("estimate", type=_PATH)
-@click.argument("relations", type=_PATH)
+@click.argument("estimate", type=PATH)
+@click.argument("relations", type=PATH)
 @format_option
 def relations(estimate: Path, relations: Path, style: str) -> None:
     """Kuemmerle's relations metric of ESTIMATE (a MAP or TUM file) against a relations file.
@@ -112,8 +110,8 @@ def relations(estimate: Path, relations: Path, style: str) -> None:
 
 
 @evaluate.command()
-@click.argument("grid", type=_PATH)
-@click.argument("reference", type=_PATH)
+@click.argument("grid", type=PATH)
+@click.argument("reference", type=PATH)
 @format_option
 def grid(grid: Path, reference: Path, style: str) -> None:
     """How well two grids (YAML beside the picture) agree, as they lie and best aligned.
@@ -146,8 +144,8 @@ def grid(grid: Path, reference: Path, style: str) -> None:
 
 
 @evaluate.command()
-@click.argument("map_path", metavar="MAP", type=_PATH)
-@click.argument("reference", type=_PATH)
+@click.argument("map_path", metavar="MAP", type=PATH)
+@click.argument("reference", type=PATH)
 @format_option
 def loops(map_path: Path, reference: Path, style: str) -> None:
     """Precision and recall of MAP's loop closures against a true trajectory.
@@ -176,10 +174,10 @@ def loops(map_path: Path, reference: Path, style: str) -> None:
 
 
 @evaluate.command()
-@click.argument("cloud", type=_PATH)
-@click.argument("mesh", type=_PATH)
-@click.option("--trajectory", "est", type=_PATH, help="The map's own, with --reference: aligns.")
-@click.option("--reference", type=_PATH, help="The true trajectory.")
+@click.argument("cloud", type=PATH)
+@click.argument("mesh", type=PATH)
+@click.option("--trajectory", "est", type=PATH, help="The map's own, with --reference: aligns.")
+@click.option("--reference", type=PATH, help="The true trajectory.")
 @format_option
 def cloud(cloud: Path, mesh: Path, est: Path | None, reference: Path | None, style: str) -> None:
     """Distance of CLOUD's points from the surfaces of MESH (PLY), metres.

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
-from cli.common import EXIT_PARTIAL, show_json
+from cli.common import EXIT_PARTIAL, PATH, show_json
 from cli.outputs import require_file, require_no_recording, require_outputs
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -18,9 +18,7 @@ _FORMAT = "mapmyworld.format"
 
 def output_option(metavar: str, text: str) -> Callable[[F], F]:
     """Adds -o/--output, a path that the text describes."""
-    return click.option(
-        "-o", "--output", metavar=metavar, type=click.Path(path_type=Path), help=text
-    )
+    return click.option("-o", "--output", metavar=metavar, type=PATH, help=text)
 
 
 def save_option(command: F) -> F:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from cli.common import map_argument
+from cli.common import PATH, map_argument
 from cli.export_options import open_map, output_option, output_or, tell
 
 
@@ -64,7 +64,7 @@ def figure(map_path: Path, what: str, output: Path | None) -> None:
     "--with-log",
     "logs",
     multiple=True,
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="LOG",
     help="Copy this log too, with `map -> odom` added: it replays in the corrected frame.",
 )

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from cli.common import format_option, map_argument, show_json
+from cli.common import PATH, format_option, map_argument, show_json
 from cli.manners import note
 from cli.outputs import require_outputs
 from mapmyworld.errors import MapError
@@ -19,7 +19,7 @@ from mapmyworld.types import Constraint, ConstraintKind, Poses
 @click.command()
 @map_argument
 @format_option
-@click.option("--image", type=click.Path(path_type=Path), help="Draw the graph into this PNG.")
+@click.option("--image", type=PATH, help="Draw the graph into this PNG.")
 @click.option(
     "--pair",
     type=(int, int),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import EXIT_PARTIAL, format_option, show_json
+from cli.common import EXIT_PARTIAL, PATH, format_option, show_json
 from cli.plan_text import plan_json, plan_lines
 from cli.settings import config_options, load_config
 from mapmyworld.errors import LogError
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @click.command("log")
-@click.argument("paths", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("paths", metavar="LOG...", nargs=-1, required=True, type=PATH)
 @click.option("--quick", "looking", flag_value=False, default=True, help="No diagnosis.")
 @config_options
 @format_option

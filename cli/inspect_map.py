@@ -9,7 +9,7 @@ from typing import Any
 import click
 import numpy as np
 
-from cli.common import format_option, map_argument, show_json
+from cli.common import PATH, format_option, map_argument, show_json
 from cli.outputs import require_outputs
 from mapmyworld.errors import MapError
 from mapmyworld.types import MapStore, OccupancyGrid
@@ -19,7 +19,7 @@ from mapmyworld.types import MapStore, OccupancyGrid
 @map_argument
 @click.option(
     "--image",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Draw the particles' paths over the grid into this PNG (--method fastslam).",
 )
 @format_option

@@ -8,7 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
-from cli.common import default_map, format_option, show_json
+from cli.common import PATH, default_map, format_option, show_json
 from cli.manners import note
 from cli.outputs import require_outputs
 from mapmyworld.errors import MapError
@@ -21,7 +21,7 @@ from mapmyworld.types import Constraint, MapStore, Node, NodeData
 @click.option(
     "--image",
     "image_path",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Draw the node's image with its features into this PNG.",
 )
 @format_option

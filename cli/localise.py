@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import EXIT_PARTIAL, format_option, show_json
+from cli.common import EXIT_PARTIAL, PATH, format_option, show_json
 from cli.outputs import require_outputs
 from cli.progress import StderrProgress
 from cli.settings import config_options, load_config
@@ -19,15 +19,14 @@ if TYPE_CHECKING:
     from mapmyworld.types import OccupancyGrid
     from mapmyworld.types.localisation import Localisation
 
-_PATH = click.Path(path_type=Path)
 _KINDS = (".tum", ".csv", ".mcap", ".png")
 
 
 @click.command()
-@click.argument("map_path", metavar="MAP", type=_PATH)
-@click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=_PATH)
+@click.argument("map_path", metavar="MAP", type=PATH)
+@click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=PATH)
 @click.option(
-    "-o", "--output", "outputs", multiple=True, type=_PATH,
+    "-o", "--output", "outputs", multiple=True, type=PATH,
     help="FILE.tum, .csv, .mcap or .png; may be repeated.  [default: LOG.localised.tum and .csv]",
 )  # fmt: skip
 @config_options

@@ -6,16 +6,14 @@ from pathlib import Path
 
 import click
 
-from cli.common import format_option
+from cli.common import PATH, format_option
 from cli.progress import StderrProgress
 from cli.settings import config_options, load_config
 
-_PATH = click.Path(path_type=Path)
-
 
 @click.command()
-@click.argument("maps", metavar="MAP MAP...", nargs=-1, required=True, type=_PATH)
-@click.option("-o", "--output", required=True, type=_PATH, help="The map database to write.")
+@click.argument("maps", metavar="MAP MAP...", nargs=-1, required=True, type=PATH)
+@click.option("-o", "--output", required=True, type=PATH, help="The map database to write.")
 @config_options
 @click.option("--no-export", is_flag=True, help="Write the database only.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no notes.")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import EXIT_PARTIAL, format_option, show_json
+from cli.common import EXIT_PARTIAL, PATH, format_option, show_json
 from cli.manners import note
 from cli.outputs import (
     require_graph_place,
@@ -31,15 +31,15 @@ _TEXT_GRAPHS = {".g2o", ".graph", ".toro", ".txt"}
 
 
 @click.command()
-@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@click.argument("path", metavar="FILE", type=PATH)
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="The optimised graph, as g2o, or as a map (.db).  [default: FILE with _optimised.g2o]",
 )
 @click.option("--robust", is_flag=True, help="Reject closures that contradict the rest.")
-@click.option("--image", type=click.Path(path_type=Path), help="Draw the result into this PNG.")
+@click.option("--image", type=PATH, help="Draw the result into this PNG.")
 @config_options
 @format_option
 def optimise(

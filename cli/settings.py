@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
+from cli.common import PATH
 from formats.limits import Limits, set_limits
 from formats.nested_text import read_toml
 from mapmyworld.config import Config, LimitsConfig
@@ -29,7 +30,7 @@ def config_options(command: F) -> F:
     return click.option(
         "--config",
         "config_path",
-        type=click.Path(path_type=Path),
+        type=PATH,
         help="TOML file with settings; `mapmyworld config` prints one.",
     )(command)
 

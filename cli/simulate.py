@@ -8,7 +8,7 @@ from typing import cast
 
 import click
 
-from cli.common import format_option, show_json
+from cli.common import PATH, format_option, show_json
 from cli.outputs import require_apart, require_output_name
 from cli.progress import StderrProgress
 from formats.recording import LogWriter
@@ -25,8 +25,8 @@ from mapmyworld.simulation.worlds import find_world
 
 @click.command()
 @click.argument("world", required=False)
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="LOG.mcap or LOG.bag.")
-@click.option("--world", "mesh", type=click.Path(path_type=Path), help="Your own mesh as world.")
+@click.option("-o", "--output", type=PATH, help="LOG.mcap or LOG.bag.")
+@click.option("--world", "mesh", type=PATH, help="Your own mesh as world.")
 @click.option("--route", help="A route of the world, or steps such as '2,0 2,3 turn:90 <0,0'.")
 @click.option("--laps", type=click.IntRange(1), help="How often to drive the route.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)

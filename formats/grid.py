@@ -196,6 +196,8 @@ def _picture_path(path: Path, name: str, *, anywhere: bool) -> Path:
         raise MapError(f"{path}: image: {name!r} is no name of a file ({error})") from None
     if not anywhere and not picture.is_relative_to(folder):
         raise MapError(f"{path}: image: {name!r} lies outside its folder: put it beside the YAML")
+    if picture.exists() and not picture.is_file():
+        raise MapError(f"{path}: image: {name!r} is no file: a folder, a device or a pipe")
     return picture
 
 

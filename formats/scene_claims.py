@@ -81,6 +81,8 @@ def _size_beside(path: Path, uri: str) -> int:
     beside = (path.parent / uri).resolve()
     if not beside.is_relative_to(path.parent.resolve()):
         raise MapError(f"{path}: names {uri}, outside its folder: copy that file beside it")
+    if beside.exists() and not beside.is_file():
+        raise MapError(f"{path}: names {uri}, which is no file: a folder, a device or a pipe")
     return beside.stat().st_size if beside.is_file() else 0
 
 

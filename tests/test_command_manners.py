@@ -69,3 +69,11 @@ def test_exports_list_their_files_as_json(filled: Path) -> None:
     assert told == {"files": files, "problems": []}
     text = run("export", "grid", filled, "--format", "text").stdout
     assert text.split() == files
+
+
+def test_what_cannot_be_read_is_told_by_its_reader() -> None:
+    """By click it would be wrong usage, in three lines."""
+    kinds = [option.type for command in commands() for option in command.params]
+    paths = [kind for kind in kinds if isinstance(kind, click.Path)]
+    assert len(paths) > 50
+    assert not any(kind.readable for kind in paths)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import bz2
+import os
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from formats.limits import Limits, limits, set_limits
 from formats.logs import open_log
 from formats.logs.images import encoded_pixels
 from formats.picture_files import claims_too_much, picture_size
+from formats.scene_mesh import read_scene_mesh
 from mapmyworld.errors import LogError, MapError
 from mapmyworld.types import OccupancyGrid
 
@@ -114,3 +116,20 @@ def test_a_png_whose_chunk_claims_gigabytes_reaches_no_decoder(tmp_path: Path) -
         encoded_pixels(claiming, "mono8")
     with pytest.raises(MapError, match="damaged image"):
         decode_picture(claiming, "node 3's image")
+
+
+def test_a_pipe_where_a_file_should_be_is_refused_unopened(tmp_path: Path) -> None:
+    """Opened, it would be waited for until somebody writes into it."""
+    os.mkfifo(tmp_path / "log.mcap")
+    for name in (tmp_path / "log.mcap", tmp_path, Path("/dev/null")):
+        with pytest.raises(LogError, match="a device or a pipe"):
+            open_log([name])
+    inside = grid(tmp_path / "maps")
+    inside.with_suffix(".pgm").unlink()
+    os.mkfifo(inside.with_suffix(".pgm"))
+    with pytest.raises(MapError, match="is no file"):
+        read_grid(inside)
+    os.mkfifo(tmp_path / "world.mtl")
+    (tmp_path / "world.obj").write_text("mtllib world.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(MapError, match="is no file"):
+        read_scene_mesh(tmp_path / "world.obj")

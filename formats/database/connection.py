@@ -173,6 +173,8 @@ def _remedy(message: str) -> str:
         return f"is damaged ({message}): build it anew, or try `sqlite3 FILE .recover`"
     if "disk is full" in message or "disk I/O" in message:
         return f"cannot be written ({message}): free some space and resume"
+    if "readonly" in message:
+        return f"cannot be written ({message}): change its permissions or give another place"
     if "unable to open" in message:
         return f"cannot be opened ({message}): check that the folder exists and is yours"
     return message

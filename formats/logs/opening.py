@@ -58,6 +58,8 @@ def _open_one(path: Path) -> LogSource:
         return _open_folder(path)
     if path.name == "metadata.yaml":
         return _open_folder(path.parent)
+    if not path.is_file():
+        raise LogError(f"{path}: is a device or a pipe: copy what it gives into a file")
     if path.stat().st_size == 0:
         raise LogError(f"{path}: the file is empty: was the recording or the copy interrupted?")
     return _open_file(path)

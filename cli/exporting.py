@@ -207,7 +207,7 @@ def grid_at(store: MapStore, config: Config, resolution: float | None) -> Occupa
 def _planar_scans(store: MapStore, config: Config) -> Iterator[tuple[Array, Scan]]:
     """All scans at their places; made from depth where there is no laser."""
     from mapmyworld.geometry.planar import matrix_to_planar
-    from mapmyworld.mapping.depth_grid import scan_from_depth
+    from mapmyworld.mapping.depth_grid import planar_scan
 
     indices, poses = frame_poses(store)
     place = dict(zip(indices.tolist(), matrix_to_planar(poses), strict=True))
@@ -221,7 +221,7 @@ def _planar_scans(store: MapStore, config: Config) -> Iterator[tuple[Array, Scan
         for image in data.images:
             if image.depth is not None:
                 found = True
-                yield matrix_to_planar(pose), scan_from_depth(image, config)
+                yield planar_scan(image, pose, config)
     _require(found, store, "keeps neither scans nor depth to make a grid of")
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -41,6 +43,15 @@ def test_one_beam_by_hand() -> None:
         assert cell(grid, 0.05 * column + 0.01, 0.01) == pytest.approx(free, rel=1e-5)
     assert cell(grid, 0.31, 0.01) == pytest.approx(occupied, rel=1e-5)
     assert np.isfinite(grid.log_odds).sum() == 7
+
+
+def test_a_way_that_was_seen_to_be_free_is_passed_and_nothing_is_hit() -> None:
+    """Along x from a base that stands at (0.025, 0.025) and looks along y: up the y axis."""
+    scan = replace(scan_of([]), passed=np.array([[0.3, 0.0]], np.float32))
+    grid = build_grid([(np.array([0.025, 0.025, np.pi / 2]), scan)], Config())
+    assert np.isfinite(grid.log_odds).sum() == 6
+    assert (grid.log_odds[np.isfinite(grid.log_odds)] < 0).all()
+    assert cell(grid, 0.01, 0.26) < 0
 
 
 def test_log_odds_add_up_as_bayes_says_and_stop_at_the_clamp() -> None:

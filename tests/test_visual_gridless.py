@@ -1,4 +1,4 @@
-"""A camera that looks down sees neither walls nor a way ahead: the map does without a grid."""
+"""A camera whose depth shows nothing: the map does without a grid."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,8 +39,7 @@ def beams_of(scans: Sequence[tuple[Array, Scan]], settings: MappingConfig) -> Be
     lengths = np.maximum(np.hypot(beams[:, 0], beams[:, 1]), 1e-9)
     is_hit = lengths <= settings.range_max
     ends = starts[scan_of] + beams * np.minimum(1.0, settings.range_max / lengths)[:, None]
-    if settings.missing_range > 0:
-        away, of = _missing_ends(scans, poses, starts, settings)
+    for away, of in _without_return(scans, poses, starts, settings):
         ends, scan_of = np.concatenate([ends, away]), np.concatenate([scan_of, of])
         is_hit = np.concatenate([is_hit, np.zeros(len(away), np.bool_)])
         order = np.argsort(scan_of, kind="stable")
@@ -49,6 +48,18 @@ def beams_of(scans: Sequence[tuple[Array, Scan]], settings: MappingConfig) -> Be
     bounds = np.searchsorted(scan_of[finite], np.arange(len(scans) + 1))
     ends = ends[finite] / settings.resolution
     return Beams(starts / settings.resolution, ends, is_hit[finite], bounds)
+
+
+def _without_return(
+    scans: Sequence[tuple[Array, Scan]], poses: Array, starts: Array, settings: MappingConfig
+) -> Iterator[tuple[Array, NDArray[np.int64]]]:
+    """Ends (R, 2) of beams that nothing stopped, and of which scan they are, kind by kind."""
+    if settings.missing_range > 0:
+        yield _missing_ends(scans, poses, starts, settings)
+    scan_of = np.repeat(np.arange(len(scans)), [len(scan.passed) for _, scan in scans])
+    if len(scan_of):
+        points = np.concatenate([scan.passed for _, scan in scans]).astype(np.float64)
+        yield _placed(poses[scan_of], points), scan_of
 
 
 def _missing_ends(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +18,58 @@ Array = NDArray[np.float64]
 _STRIDE = 4  # pixels between the points looked at
 _SUPPORT = 3  # points that an obstacle needs in a beam; single ones are noise
 _ENOUGH_FLOOR = 200  # points for a plane to be fitted
+_LOWEST_CAMERA = 0.05  # m above the floor
+_GAP = 3.0  # rows of looked-at pixels that may be missing between two points of the floor
 _FAR = 0.9  # share of the range up to which an empty beam must have been seen
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """Points of a depth image as a lidar at the camera's place would sort them; all parallel."""
+
+    beams: NDArray[np.int64]
+    """(N,) number of the beam, `visual.grid_beam` apart."""
+    ranges: Array
+    """(N,) m from the camera, level."""
+    heights: Array
+    """(N,) m above the floor."""
+    upward: Array
+    """(N,) z of the surface's normal."""
+    camera_height: float
+    """m above the floor."""
 
 
 def scan_from_depth(image: RgbdImage, config: Config) -> Scan:
     """What a lidar at the camera's place would see of everything that is in a robot's way.
 
     The base's x-y plane is the prior for the floor; the floor in view corrects it. Points between
-    `visual.obstacle_lowest` and `obstacle_highest` above it stop a beam. A beam in which floor
-    or distant things are seen, and nothing in the way, is empty. Others tell nothing.
+    `visual.obstacle_lowest` and `obstacle_highest` above it stop a beam. One that nothing stops
+    passes as far as floor is seen without a gap, and is empty where anything distant is seen.
     """
+    settings = config.visual
+    origin = _origin(image.camera.base_from_camera)
+    seen = _seen(image, origin, config)
+    near = seen.ranges < settings.grid_range
+    blocking = near & (seen.heights > settings.obstacle_lowest)
+    blocking &= seen.heights < settings.obstacle_highest
+    hit, distance = _nearest(seen.beams[blocking], seen.ranges[blocking])
+    stopped = np.unique(seen.beams[blocking])
+    far = np.unique(seen.beams[seen.ranges > _FAR * settings.grid_range])
+    bare, reached = _floor_reach(seen, near, _STRIDE / image.camera.intrinsics[1, 1], config)
+    free = ~np.isin(bare, stopped)
+    step = np.radians(settings.grid_beam)
+    return Scan(
+        _ends(origin, hit * step, distance),
+        origin,
+        np.setdiff1d(far, stopped).astype(np.float32) * np.float32(step),
+        settings.grid_range,
+        float(step),
+        _ends(origin, bare[free] * step, reached[free]),
+    )
+
+
+def _seen(image: RgbdImage, origin: Array, config: Config) -> _Seen:
+    """Points (N,) of an image, about the `origin` (3,) of its camera in the base's plane."""
     settings = config.visual
     pixels, depth = depth_grid_points(image, _STRIDE)
     local = organised_points(image, pixels, depth)
@@ -36,28 +78,26 @@ def scan_from_depth(image: RgbdImage, config: Config) -> Scan:
     known = (depth > settings.depth_min) & (depth < 2.0 * settings.grid_range)
     points = transform_points(base_from_camera, local[known])
     upward = normals[known] @ base_from_camera[2, :3]
-    heights = points[:, 2] - floor_heights(points, upward, config)
-    origin = _origin(base_from_camera)
+    floor = floor_heights(points, upward, config)
     offset = points[:, :2] - origin[:2]
-    ranges = np.linalg.norm(offset, axis=1)
-    step = np.radians(settings.grid_beam)
-    beams = np.round(np.arctan2(offset[:, 1], offset[:, 0]) / step).astype(np.int64)
-    blocking = (heights > settings.obstacle_lowest) & (heights < settings.obstacle_highest)
-    hit, distance = _nearest(beams[blocking], ranges[blocking], settings.grid_range)
-    reach = dict(zip(*_farthest(beams, ranges), strict=True))
-    stopped = set(hit.tolist()) | set(beams[blocking & (ranges < settings.grid_range)].tolist())
-    empty = [b for b, r in reach.items() if r > _FAR * settings.grid_range and b not in stopped]
-    bearings = hit * step
-    returns = origin[:2] + distance[:, None] * np.stack(
-        [np.cos(bearings), np.sin(bearings)], axis=1
+    bearings = np.arctan2(offset[:, 1], offset[:, 0])
+    beams = np.round(bearings / np.radians(settings.grid_beam)).astype(np.int64)
+    above = float(base_from_camera[2, 3] - np.median(floor)) if len(floor) else 0.0
+    return _Seen(
+        beams,
+        np.linalg.norm(offset, axis=1),
+        points[:, 2] - floor,
+        upward,
+        max(above, _LOWEST_CAMERA),
     )
-    return Scan(
-        returns.astype(np.float32),
-        origin,
-        np.array(sorted(empty), np.float32) * np.float32(step),
-        settings.grid_range,
-        float(step),
-    )
+
+
+def planar_scan(image: RgbdImage, map_from_base: Array, config: Config) -> tuple[Array, Scan]:
+    """The pose (3,) of a node in the plane and what its depth image tells there, also where the
+    camera was carried.
+    """
+    image = levelled_image(image, map_from_base) if image.camera.is_carried else image
+    return matrix_to_planar(map_from_base), scan_from_depth(image, config)
 
 
 def levelled_image(image: RgbdImage, map_from_base: Array) -> RgbdImage:
@@ -102,19 +142,51 @@ def _origin(base_from_camera: Array) -> Array:
     return np.array([base_from_camera[0, 3], base_from_camera[1, 3], yaw])
 
 
-def _nearest(
-    beams: NDArray[np.int64], ranges: Array, limit: float
-) -> tuple[NDArray[np.int64], Array]:
-    """Beams with an obstacle within `limit`, and the range of the first few points that agree."""
+def _nearest(beams: NDArray[np.int64], ranges: Array) -> tuple[NDArray[np.int64], Array]:
+    """Beams with an obstacle, and the range of the first few points that agree."""
     order = np.lexsort((ranges, beams))
-    order = order[ranges[order] < limit]
     beams, ranges = beams[order], ranges[order]
     found, starts, counts = np.unique(beams, return_index=True, return_counts=True)
     enough = counts >= _SUPPORT
     return found[enough], ranges[starts[enough] + _SUPPORT - 1]
 
 
-def _farthest(beams: NDArray[np.int64], ranges: Array) -> tuple[list[int], list[float]]:
-    order = np.lexsort((-ranges, beams))
-    found, starts = np.unique(beams[order], return_index=True)
-    return found.tolist(), ranges[order][starts].tolist()
+def _floor_reach(
+    seen: _Seen, near: NDArray[np.bool_], pixel: float, config: Config
+) -> tuple[NDArray[np.int64], Array]:
+    """Beams along which floor is seen, and up to which range without a gap.
+
+    Points looked at are `pixel` rad apart. A beam narrower than that has gaps of its own, so they
+    are looked for in sectors that hold two columns of them.
+    """
+    low = near & (np.abs(seen.heights) < config.visual.floor_tolerance)
+    sectors = seen.beams // (2 + int(2.0 * pixel / np.radians(config.visual.grid_beam)))
+    floor = low & (seen.upward > np.cos(np.radians(config.visual.floor_tilt)))
+    floor[low] &= _without_gap(sectors[low], seen.ranges[low], seen.camera_height, pixel)
+    order = np.lexsort((-seen.ranges[floor], seen.beams[floor]))
+    found, farthest = np.unique(seen.beams[floor][order], return_index=True)
+    return found, seen.ranges[floor][order][farthest]
+
+
+def _without_gap(
+    sectors: NDArray[np.int64], ranges: Array, height: float, pixel: float
+) -> NDArray[np.bool_]:
+    """(N,) low points before the first gap of their sector; none of sectors with few.
+
+    From `height` h a row of pixels lies pixel (r^2 + h^2) / h farther away than the row before.
+    """
+    order = np.lexsort((ranges, sectors))
+    _, starts, counts = np.unique(sectors[order], return_index=True, return_counts=True)
+    before = np.concatenate([[0.0], ranges[order]])[:-1]
+    broken = ranges[order] - before > _GAP * pixel * (before**2 + height**2) / height
+    broken[starts] = False
+    breaks = np.cumsum(broken)
+    whole = np.empty(len(order), np.bool_)
+    whole[order] = breaks == np.repeat(breaks[starts], counts)
+    return whole & np.isin(sectors, sectors[order][starts[counts >= _SUPPORT]])
+
+
+def _ends(origin: Array, bearings: Array, ranges: Array) -> NDArray[np.float32]:
+    """(N, 2) where beams of these bearings and ranges about the origin end."""
+    along = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    return np.asarray(origin[:2] + ranges[:, None] * along, np.float32)

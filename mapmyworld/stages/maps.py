@@ -29,7 +29,7 @@ def draw_maps(store: MapStore, config: Config, progress: Progress) -> None:
         progress.stage("grid from depth", len(store.nodes()), "nodes")
         try:
             store.set_grid(build_grid(_depth_scans(store, config, progress), config))
-        except NothingToDrawError as nothing:  # a camera that looks down sees no walls
+        except NothingToDrawError as nothing:  # neither floor nor anything in the way was seen
             progress.note(f"no grid from depth: {nothing}")
 
 
@@ -45,7 +45,7 @@ def _scans(
 def _depth_scans(
     store: MapStore, config: Config, progress: Progress
 ) -> Iterator[tuple[NDArray[np.float64], Scan]]:
-    from mapmyworld.mapping.depth_grid import levelled_image, scan_from_depth
+    from mapmyworld.mapping.depth_grid import planar_scan
 
     poses = store.poses()
     assert poses is not None
@@ -59,8 +59,7 @@ def _depth_scans(
 
     def look(item: tuple[NDArray[np.float64], RgbdImage]) -> tuple[NDArray[np.float64], Scan]:
         pose, image = item
-        image = levelled_image(image, pose) if image.camera.is_carried else image
-        return matrix_to_planar(pose), scan_from_depth(image, config)
+        return planar_scan(image, pose, config)
 
     for done, found in enumerate(in_threads(look, items, config.threads)):
         yield found

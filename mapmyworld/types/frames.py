@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,8 @@ class Scan:
     """Metres beyond which the lidar reports nothing."""
     angle_increment: float
     """Radians between neighbouring beams."""
+    passed: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+    """(K, 2) base frame: ends of beams that were seen to meet nothing up to there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -56,8 +56,8 @@ class MemoryMap:
     def close(self) -> None:
         pass
 
-    def stage_done(self, stage: str, inputs: str) -> bool:
-        return self._stages.get(stage) == inputs
+    def stage_done(self, stage: str, inputs: str | None) -> bool:
+        return stage in self._stages and inputs in (None, self._stages[stage])
 
     @contextmanager
     def write_stage(self, stage: str, inputs: str) -> Iterator[None]:

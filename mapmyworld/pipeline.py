@@ -108,9 +108,9 @@ def _digest(words: Mapping[int, NDArray[np.uint8]] | None) -> str:
 
 
 def _same_log(store: MapStore, log: LogSource) -> str:
-    """The log's hash; a map of another log is not continued."""
+    """The log's hash; a map of another log is not continued once that was followed to its end."""
     known, found = store.get("log"), log.content_hash()
-    if known is not None and known["hash"] != found:
+    if known is not None and known["hash"] != found and store.stage_done("track", None):
         made_of = ", ".join(known["paths"])
         raise MapError(
             f"the map was made of another log ({made_of}): give --overwrite to replace it, or "
@@ -121,7 +121,7 @@ def _same_log(store: MapStore, log: LogSource) -> str:
             "the map was made of a graph or of other maps, not of a log: give --overwrite to "
             "replace it, or another name with -o"
         )
-    if known is None:
+    if known is None or known["hash"] != found:  # which may have been read before it was whole
         names = [path.replace("\\", "/").rsplit("/", 1)[-1] for path in log.info().paths]
         store.put("log", {"hash": found, "paths": names})
     return found

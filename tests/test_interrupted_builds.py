@@ -91,6 +91,27 @@ def test_a_log_that_vanishes_during_a_build(
     assert path.read_bytes() == whole.read_bytes()
 
 
+@pytest.mark.parametrize("name", ["plain.mcap", "whole.bag", "a.log"])
+def test_a_log_that_is_still_being_copied_is_taken_when_it_is_whole(
+    logs: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    log, whole = tmp_path / name, logs[name].read_bytes()
+    log.write_bytes(whole[: len(whole) * 2 // 3])
+    follow = pipeline.track
+
+    def late(*arguments: object, **named: object) -> object:
+        log.write_bytes(whole)
+        return follow(*arguments, **named)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(pipeline, "track", late)
+    build = ["build", str(log), "-q", "--no-export", "-o"]
+    assert try_command([*build, str(tmp_path / "map.db")]).exit_code == 2
+    monkeypatch.undo()
+    assert try_command([*build, str(tmp_path / "map.db")]).exit_code == 0
+    assert try_command([*build, str(tmp_path / "known.db")]).exit_code == 0
+    assert (tmp_path / "map.db").read_bytes() == (tmp_path / "known.db").read_bytes()
+
+
 _LONG_HASH = """
 import time
 from formats.logs.carmen import CarmenLog

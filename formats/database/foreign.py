@@ -70,7 +70,7 @@ class RtabmapStore(ReadOnly, Opened):
 
     # What only our own builds keep
 
-    def stage_done(self, stage: str, inputs: str) -> bool:
+    def stage_done(self, stage: str, inputs: str | None) -> bool:
         return False
 
     def get(self, key: str) -> Any:

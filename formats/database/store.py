@@ -42,9 +42,9 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
         if self._compact:
             results.compact(self._db.path)
 
-    def stage_done(self, stage: str, inputs: str) -> bool:
+    def stage_done(self, stage: str, inputs: str | None) -> bool:
         found = self._db.row("SELECT inputs FROM mapmyworld_stages WHERE stage = ?", (stage,))
-        return found is not None and found[0] == inputs
+        return found is not None and inputs in (None, found[0])
 
     @contextmanager
     def write_stage(self, stage: str, inputs: str) -> Iterator[None]:

@@ -43,6 +43,10 @@ class Transactions(Opened):
         if found == [(rank, text)]:
             return  # a file in which nothing is new keeps its bytes
         self._begin()
+        if self._rank is None and [known for known, _ in found] == [rank]:
+            self._db.run("UPDATE mapmyworld_keys SET value = ? WHERE key = ?", (text, key))
+            self._settle()  # the row stays where it is, as if nothing else had stood there
+            return
         if self._rank is None:
             self._db.run("DELETE FROM mapmyworld_keys WHERE key = ?", (key,))
         self._db.run("INSERT OR REPLACE INTO mapmyworld_keys VALUES (?,?,?)", (key, rank, text))

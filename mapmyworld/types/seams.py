@@ -50,8 +50,8 @@ class Progress(Protocol):
 class MapStore(Protocol):
     """A map in the making and the finished map. Written while the log streams."""
 
-    def stage_done(self, stage: str, inputs: str) -> bool:
-        """Whether `stage` was finished with these very inputs (a hash)."""
+    def stage_done(self, stage: str, inputs: str | None) -> bool:
+        """Whether `stage` was finished with these very inputs (a hash); None is any."""
 
     def write_stage(self, stage: str, inputs: str) -> AbstractContextManager[None]:
         """Clears what `stage` and all later stages wrote; on a clean exit records it as done.

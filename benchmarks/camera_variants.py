@@ -1,6 +1,6 @@
 """Makes a sequence that nobody recorded of a TUM RGB-D folder, and its truth.
 
-    python benchmarks/mirrored.py FOLDER -o OUT --mirror --backwards --every 2 --half --flip
+    python benchmarks/camera_variants.py FOLDER -o OUT --mirror --backwards --every 2 --half --flip
     python benchmarks/rgbd.py OUT
 
 Mirrored left and right, upside down (--flip), played backwards, of every n-th frame from --first

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.kernels.scan_tracking import chosen_keyscans, remember_scan
+from mapmyworld.registration.line_of_sight import share_seen_through
 from mapmyworld.registration.scan_matching import (
     Match,
     PreparedScan,
@@ -67,6 +68,10 @@ class Keyscans:
             scan, scans, np.arange(len(scans)), poses, guess, self._matching,
             prior_information=information, reaches=reaches,
         )  # fmt: skip
+
+    def share_seen_through(self, scan: PreparedScan, pose: Array) -> float:
+        """How much of a scan, from this pose, lies beyond the submap's surfaces."""
+        return share_seen_through(scan, *self.targets(), pose)
 
     def targets(self) -> tuple[ScanSet, Array]:
         """The scans that are matched against, and their poses (S, 3)."""

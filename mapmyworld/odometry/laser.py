@@ -26,6 +26,7 @@ from mapmyworld.types import Frame, Scan
 Array = NDArray[np.float64]
 _CLEARLY = 0.05  # by which one match must be better to be preferred over a nearer one
 _POOR = 0.6  # of the least overlap, with which a match still tells where the robot is
+_THROUGH_WALLS = 0.5  # share of the points seen through surfaces at which a pose is refuted
 _DOUBT_FROM = 6.0  # squared sigmas between odometry and match from which neither is sure
 _FEWEST = 12  # points of a scan below which it is not matched
 _WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
@@ -157,8 +158,13 @@ class LaserTracker:
         if verdict == "odometry ignored" and recorded is None:
             verdict = "matched"
         apart = between_planar(predicted, match.pose)
-        if verdict == "lost" or (verdict != "matched" and is_doubtful(match, apart)):
-            if recorded is not None and self._breaks.may_pass(frame.stamp_ns):
+        lately = self._breaks.fitted_lately(frame.stamp_ns)
+        if verdict == "lost" or (
+            verdict != "matched"
+            and is_doubtful(match, apart)
+            and not (lately and self._is_surer(scan, match, predicted))
+        ):
+            if recorded is not None and lately:
                 self._breaks.go_unseen(frame.stamp_ns, step)
                 return Tracked(predicted, np.diag(reckoned), "odometry only", match.overlap)
             unknown, is_break = self._breaks.found(frame.stamp_ns, variances, apart, match.overlap)
@@ -176,6 +182,15 @@ class LaserTracker:
                 doubt = apart**2
         covariance = self._covariance(match, moved, variances, doubt)
         return Tracked(match.pose, covariance, verdict, match.overlap)
+
+    def _is_surer(self, scan: PreparedScan, match: Match, predicted: Array) -> bool:
+        """Whether from where the odometry leads one would see through walls, but not from there.
+
+        Then the odometry is wrong, and nobody stands in the way.
+        """
+        at_odometry = self._keyscans.share_seen_through(scan, predicted)
+        at_match = self._keyscans.share_seen_through(scan, match.pose)
+        return at_match < _THROUGH_WALLS <= at_odometry
 
     def _covariance(self, match: Match, moved: Array, variances: Array, doubt: Array) -> Array:
         return step_covariance(

@@ -39,10 +39,10 @@ class Breaks:
         """Whether scans that said nothing came since the last one that was placed."""
         return bool(self._unseen.any())
 
-    def may_pass(self, stamp_ns: int) -> bool:
-        """Whether a scan that fits nothing may be of something that soon goes away again.
+    def fitted_lately(self, stamp_ns: int) -> bool:
+        """Whether what was seen before still says where the robot is.
 
-        Somebody stands before the laser: what was seen before still says where the robot is.
+        Then a scan that fits nothing may be of somebody who soon goes away again.
         """
         longest_ns, farthest = _PASSING
         return stamp_ns - self._seen_ns <= longest_ns and bool(self._unseen[0] <= farthest)

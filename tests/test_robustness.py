@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import subprocess
 import sys
 from itertools import product
@@ -12,6 +14,7 @@ from robust import corpus, full_disk, fuzzing, kills
 from robust.trials import try_command
 from robustness import GRAPH_COMMANDS, INSPECT
 
+from formats.database import open_store
 from formats.database.lock import only_writer
 from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
@@ -81,6 +84,36 @@ def test_a_second_build_on_one_map_is_refused(logs: list[Path], tmp_path: Path) 
     with only_writer(path):  # freed
         pass
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_second_build_through_a_link_is_refused_too(logs: list[Path], tmp_path: Path) -> None:
+    link, path = tmp_path / "link.db", tmp_path / "real" / "map.db"
+    path.parent.mkdir()
+    link.symlink_to(path)
+    for held, asked in ((path, link), (link, path)):
+        with only_writer(held):
+            found = try_command(["build", str(logs[1]), "-o", str(asked), "-q"])
+        assert found.exit_code == 2
+        assert "another mapmyworld is writing this map" in found.stderr
+    assert not path.exists()
+
+
+def test_a_disk_without_locks_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(*_: object) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr("fcntl.flock", none)
+    with pytest.raises(MapError, match="keeps no locks"), only_writer(tmp_path / "map.db"):
+        pass
+
+
+def test_a_map_that_is_moved_while_it_is_written_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "map.db"
+    with open_store(path, create=True) as store:
+        store.put("one", 1)
+        path.rename(tmp_path / "other.db")
+        with pytest.raises(MapError, match="was moved or removed while it was written"):
+            store.put("two", 2)
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(logs: list[Path], tmp_path: Path) -> None:

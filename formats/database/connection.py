@@ -18,6 +18,7 @@ SQLITE_MAGIC = b"SQLite format 3\0"
 # In the header of maps of ours, which says whose they are even where other pages are torn.
 APPLICATION_ID = 0x4D4D5731  # "MMW1"
 _PAGE_SIZE = 4096
+_MOVED = "SQLITE_READONLY_DBMOVED"  # its extended code, as sqlite3 names it
 _EPOCH = "1970-01-01 00:00:00"
 _LAST_SECOND = 253402300799  # 9999-12-31 23:59:59 UTC
 _QUEUE_BYTES = 4 << 20  # of rows that wait to be written together
@@ -155,6 +156,9 @@ class Connection:
         try:
             yield
         except (sqlite3.Error, UnicodeDecodeError) as error:
+            if getattr(error, "sqlite_errorname", "") == _MOVED:
+                told = "was moved or removed while it was written: give the same command again"
+                raise MapError(f"{self.path}: {told}") from error
             raise MapError(f"{self.path}: {_remedy(str(error))}") from error
 
 

@@ -18,7 +18,8 @@ def only_writer(path: Path) -> Iterator[None]:
     The system frees the lock of a killed process, so that nothing needs to be cleaned up. SQLite's
     own locks do not do: a build holds them only while it writes.
     """
-    lock = path.with_name(f"{path.name}.lock")
+    real = Path(os.path.realpath(path))  # so that a map has one lock, whatever links lead to it
+    lock = real.with_name(f"{real.name}.lock")
     handle = _locked(lock, path)
     try:
         yield
@@ -39,10 +40,15 @@ def _locked(lock: Path, path: Path) -> int:
             ) from None
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+        except BlockingIOError:
             os.close(handle)
             raise MapError(
                 f"{path}: another mapmyworld is writing this map: wait for it, or give another -o"
+            ) from None
+        except OSError as error:
+            os.close(handle)
+            raise MapError(
+                f"{path}: its disk keeps no locks ({error.strerror}): give another place with -o"
             ) from None
         if _is_same_file(handle, lock):
             return handle

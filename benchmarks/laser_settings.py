@@ -20,6 +20,7 @@ from formats.logs import open_log
 from formats.relations import read_relations
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings
+from mapmyworld.errors import ConfigError
 from mapmyworld.pipeline import build_map
 
 _ROOMS = ("registration", "odometry", "places")
@@ -43,7 +44,13 @@ def main() -> None:
         default = getattr(getattr(Config(), room), field)
         for factor in (0.5, 2.0):
             value = type(default)(default * factor)
-            run(path, f"{name}={value:g}", apply_settings(Config(), {name: str(value)}))
+            label = f"{name}={value:g}"
+            try:
+                config = apply_settings(Config(), {name: str(value)})
+            except ConfigError:
+                print(f"{label:<38}  out of its range", flush=True)
+                continue
+            run(path, label, config)
 
 
 def laser_settings() -> list[str]:

@@ -67,6 +67,9 @@ def main() -> None:
     except OSError as error:
         click.echo(f"mapmyworld: {_told(error)}", err=True)
         sys.exit(EXIT_BAD_INPUT)
+    except ImportError as error:  # little memory is enough for it, not only a bad installation
+        click.echo(f"mapmyworld: cannot be loaded whole ({error}): `mapmyworld doctor`", err=True)
+        sys.exit(EXIT_BAD_INPUT)
     except MemoryError:
         click.echo(
             "mapmyworld: out of memory: close other programs, or use a larger machine", err=True

@@ -151,8 +151,15 @@ def _write(
     """The solved graph of `path` as a map or as g2o, as the name's ending says."""
     if output.suffix == ".db":
         from cli.optimise_map import write_map
+        from formats.database.lock import only_writer
 
-        write_map(output, path, graph, solved, losses)
+        part = output.with_name(f".{output.name}.part")
+        try:
+            with only_writer(output):
+                write_map(part, path, graph, solved, losses)
+                part.replace(output)
+        finally:
+            part.unlink(missing_ok=True)
     else:
         from formats.pose_graph import write_graph
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from robust.trials import try_command
 from room_drive import drive
 
 
@@ -68,3 +69,12 @@ def test_interrupting_leaves_a_map_that_can_be_looked_at(tmp_path: Path) -> None
     assert process.returncode == 130
     assert "interrupted" in told
     assert mapmyworld("inspect", "map", tmp_path / "map.db").returncode == 0
+
+
+def test_a_part_that_does_not_load_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where memory is short, or a library of the system is missing."""
+    monkeypatch.setitem(sys.modules, "cli.export", None)
+    found = try_command(["export", "grid", "map.db"])
+    assert (found.exit_code, found.fault) == (2, "")
+    assert "mapmyworld doctor" in found.stderr
+    assert len(found.stderr.splitlines()) == 1

@@ -167,3 +167,19 @@ def test_a_graph_that_falls_apart_makes_a_map_that_does_not_pass_as_whole(tmp_pa
     checked = CliRunner().invoke(group, ["check", str(made), "--require", "nodes >= 6"])
     assert checked.exit_code == 4
     assert "2 parts" in checked.output
+
+
+def test_a_map_that_fails_on_the_way_leaves_the_one_before(tmp_path, monkeypatch):
+    path, made = tmp_path / "square.g2o", tmp_path / "square.db"
+    path.write_text(SQUARE)
+    assert run(path, "-o", str(made)).exit_code == 0
+    before = made.read_bytes()
+
+    def fail(*_):
+        raise MapError("no room")
+
+    monkeypatch.setattr("cli.optimise_map.constraints_of", fail)
+    with pytest.raises(MapError, match="no room"):
+        run(path, "-o", str(made))
+    assert made.read_bytes() == before
+    assert sorted(tmp_path.iterdir()) == [made, path]

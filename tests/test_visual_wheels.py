@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import reduce
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between
-from mapmyworld.places.wheel_check import check_wheels
+from mapmyworld.places.wheel_check import check_wheels, corrected
 from mapmyworld.types import Constraint, ConstraintKind, Node
 
 
 def drive(
-    distance_share: float, turn_share: float, slip: float
+    distance_share: float, turn_share: float, slip: float, twist: float = 0.0
 ) -> tuple[list[Node], list[Constraint]]:
     """A winding drive as images see it, and as wheels tell it that are wrong by these shares."""
     random = np.random.default_rng(0)
@@ -25,6 +27,7 @@ def drive(
         told = [way / (1 + distance_share), 0.0, turn / (1 + turn_share)]
         if k == 120:
             told[0] += slip
+            told[2] += twist
         odometry = odometry @ planar_to_matrix(np.array(told))
         noise = random.normal(size=3) * [0.001, 0.001, 0.0005]
         truth = truth @ planar_to_matrix(np.array([way, 0.0, turn]) + noise)
@@ -55,6 +58,14 @@ def test_a_slip_is_found_where_it_was() -> None:
     assert check.distance_share == pytest.approx(0.01, abs=0.003)
 
 
+def test_how_far_a_turn_is_off_is_told_as_it_is() -> None:
+    check = check_wheels(*drive(0.0, 0.0, 0.0, twist=0.06))
+    assert check is not None
+    assert [slip.stamp_ns for slip in check.slips] == [120 * 10**9]
+    assert check.slips[0].radians == pytest.approx(0.06, abs=0.003)
+    assert check.scatter_rad == pytest.approx(0.0005, rel=0.5)  # about one axis, not two
+
+
 def test_a_few_images_tell_nothing() -> None:
     nodes, seen = drive(0.1, 0.1, 0.0)
     assert check_wheels(nodes, seen[:10]) is None
@@ -65,3 +76,40 @@ def test_refused_pairs_and_longer_steps_do_not_count() -> None:
     refused = [replace(c, accepted=False) for c in seen]
     longer = [replace(c, evidence={"steps": 2.0}) for c in seen]
     assert check_wheels(nodes, [*refused, *longer]) is None
+
+
+def told(nodes: list[Node]) -> list[Constraint]:
+    """The motions from node to node as wheels told them."""
+    kind = ConstraintKind.NEIGHBOUR
+    steps = [between(a.odom_from_base, b.odom_from_base) for a, b in pairwise(nodes)]
+    return [
+        Constraint(k, k + 1, kind, step, np.eye(6), True, "", {})
+        for k, step in enumerate(steps, start=1)
+    ]
+
+
+def end_of(steps: list[Constraint]) -> np.ndarray:
+    """Where a path of these steps ends (4, 4)."""
+    return reduce(np.matmul, [c.from_from_to for c in steps])
+
+
+@pytest.mark.parametrize(("distance", "turn"), [(-0.05, -0.05), (0.0, 0.04), (0.03, 0.0)])
+def test_what_all_motions_share_in_error_is_taken_out(distance: float, turn: float) -> None:
+    nodes, seen = drive(distance, turn, 0.0)
+    check, wheels = check_wheels(nodes, seen), told(nodes)
+    assert check is not None
+    assert check.is_far_off
+    assert "corrected" in check.lines()[-1]
+    mended = corrected([*wheels, *seen], check)
+    assert mended[len(wheels) :] == seen
+    true = nodes[-1].tracked_from_base
+    before, after = (np.linalg.norm((end_of(s) - true)[:3, 3]) for s in (wheels, mended[:199]))
+    assert after < min(0.06, 0.3 * before)
+
+
+def test_wheels_off_by_little_or_by_a_slip_are_taken_as_told() -> None:
+    for shares in ((0.01, -0.01, 0.0), (0.0, 0.0, 0.3)):
+        check = check_wheels(*drive(*shares))
+        assert check is not None
+        assert not check.is_far_off
+        assert not any("corrected" in line for line in check.lines())

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry.rigid import between
-from mapmyworld.geometry.rotations import so3_log
-from mapmyworld.types import Constraint, Node
+from mapmyworld.geometry.rigid import between, make_transform
+from mapmyworld.geometry.rotations import so3_exp, so3_log
+from mapmyworld.types import Constraint, ConstraintKind, Node
 
 Array = NDArray[np.float64]
 _ENOUGH = 20  # motions from which a share can be told
 _SLIP_SIGMAS = 5.0  # robust sigmas beyond which wheels and images contradict each other
 _SLIP_FLOOR = (0.02, 0.02)  # m, rad: smaller contradictions are not worth a word
+_BELIEVED = 0.02  # share up to which wheels are taken as told: it adds up to less than slips do
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +44,12 @@ class WheelCheck:
     """Robust standard deviations of a motion's difference, the shares taken out."""
     slips: tuple[Slip, ...]
 
+    @property
+    def is_far_off(self) -> bool:
+        """Whether the same share is wrong in every motion by so much that it must be taken out."""
+        shares = np.nan_to_num([self.distance_share, self.turn_share])
+        return bool(np.abs(shares).max() > _BELIEVED)
+
     def lines(self) -> tuple[str, ...]:
         """What a user should know."""
         turn = "" if np.isnan(self.turn_share) else f", turns {self.turn_share:+.1%}"
@@ -51,12 +58,14 @@ class WheelCheck:
             f"{self.distance_share:+.1%}{turn}; scatter {1000 * self.scatter_m:.1f} mm, "
             f"{np.degrees(self.scatter_rad):.2f} deg; {len(self.slips)} contradictions"
         )
+        taken = ["the wheels' motions are corrected by that"] if self.is_far_off else []
         worst = sorted(self.slips, key=lambda s: -s.metres - s.radians)[:5]
-        return head, *(
+        slips = [
             f"at {s.stamp_ns * 1e-9:.2f} s wheels and images differ by {s.metres:.3f} m and "
             f"{np.degrees(s.radians):.1f} deg"
             for s in sorted(worst, key=lambda s: s.stamp_ns)
-        )
+        ]
+        return head, *slips, *taken
 
 
 def check_wheels(nodes: Sequence[Node], constraints: Sequence[Constraint]) -> WheelCheck | None:
@@ -75,7 +84,7 @@ def check_wheels(nodes: Sequence[Node], constraints: Sequence[Constraint]) -> Wh
     wheels = between(odometry[ends[:, 0]], odometry[ends[:, 1]])
     images = np.stack([c.from_from_to for c in seen])
     way, seen_way = wheels[:, :3, 3], images[:, :3, 3]
-    turn, seen_turn = so3_log(wheels), so3_log(images)
+    turn, seen_turn = so3_log(wheels[:, :3, :3]), so3_log(images[:, :3, :3])
     distance, turned = _ratio(way, seen_way), _ratio(turn, seen_turn)
     apart = np.linalg.norm(seen_way - distance * way, axis=1)
     twisted = np.linalg.norm(seen_turn - (1.0 if np.isnan(turned) else turned) * turn, axis=1)
@@ -87,6 +96,24 @@ def check_wheels(nodes: Sequence[Node], constraints: Sequence[Constraint]) -> Wh
         for k in np.flatnonzero(bad)
     )
     return WheelCheck(len(seen), distance - 1.0, turned - 1.0, *scatter, slips)
+
+
+def corrected(constraints: Sequence[Constraint], check: WheelCheck) -> list[Constraint]:
+    """The constraints, the motions from node to node, told by wheels, by the shares of `check`.
+
+    The model of wheels takes one motion's error to know nothing of the next one's. An error that
+    all motions share adds up much faster where images measure none of them.
+    """
+    distance, turn = 1.0 + np.nan_to_num([check.distance_share, check.turn_share])
+
+    def mended(motion: Array) -> Array:
+        turned = so3_exp(turn * so3_log(motion[:3, :3]))
+        return make_transform(turned, distance * motion[:3, 3])
+
+    return [
+        replace(c, from_from_to=mended(c.from_from_to)) if c.kind is ConstraintKind.NEIGHBOUR else c
+        for c in constraints
+    ]
 
 
 def _ratio(told: Array, seen: Array) -> float:

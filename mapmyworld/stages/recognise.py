@@ -69,7 +69,7 @@ def recognise(
 
         found += find_visual_closures(store, None, config, progress, words, ahead)
     store.add_constraints(found)
-    _check_wheels(store, progress)
+    _check_wheels(store, progress, alone=loaded is None)
 
 
 def closures_by_laser(
@@ -105,13 +105,18 @@ def _finders() -> tuple[Finder, ...]:
     return (find_markers,)
 
 
-def _check_wheels(store: MapStore, progress: Progress) -> None:
-    """Says what images think of the recorded odometry, where both are there."""
+def _check_wheels(store: MapStore, progress: Progress, *, alone: bool) -> None:
+    """Says what images think of the recorded odometry, where both are there.
+
+    Where wheels `alone` told the motion, what all of it shares in error is taken out.
+    """
     if store.tracked_frames().odom_from_base is None:
         return
-    from mapmyworld.places.wheel_check import check_wheels
+    from mapmyworld.places.wheel_check import check_wheels, corrected
 
     check = check_wheels(store.nodes(), store.constraints())
+    if check is not None and check.is_far_off and alone:
+        store.replace_constraints(corrected(store.constraints(), check))
     lines = () if check is None else check.lines()
     store.put("wheels", {"notes": lines})
     for line in lines:

@@ -26,7 +26,8 @@ from mapmyworld.types import Frame, Scan
 Array = NDArray[np.float64]
 _CLEARLY = 0.05  # by which one match must be better to be preferred over a nearer one
 _POOR = 0.6  # of the least overlap, with which a match still tells where the robot is
-_THROUGH_WALLS = 0.5  # share of the points seen through surfaces at which a pose is refuted
+_REFUTED = 0.5  # share of the points seen through surfaces from which nobody can have been there
+_BORNE_OUT = 0.3  # share up to which somebody can
 _DOUBT_FROM = 6.0  # squared sigmas between odometry and match from which neither is sure
 _FEWEST = 12  # points of a scan below which it is not matched
 _WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
@@ -190,7 +191,7 @@ class LaserTracker:
         """
         at_odometry = self._keyscans.share_seen_through(scan, predicted)
         at_match = self._keyscans.share_seen_through(scan, match.pose)
-        return at_match < _THROUGH_WALLS <= at_odometry
+        return at_odometry >= _REFUTED and at_match < _BORNE_OUT
 
     def _covariance(self, match: Match, moved: Array, variances: Array, doubt: Array) -> Array:
         return step_covariance(

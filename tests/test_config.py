@@ -54,6 +54,11 @@ def test_switches_are_read_from_text(text: str, expected: bool) -> None:
         ("threads", -1, "0 or more"),
         ("seed", float("inf"), "a whole number"),
         ("sensing.cloud_lowest", "nan", "a finite number"),
+        ("mapping.resolution", "1e-300", "a number from 1e-15 to 1e"),
+        ("odometry.contradiction", 1e300, "a number from 1e-15 to 1e"),
+        ("odometry.keyscans", 10**23, "a number from 1e-15 to 1e"),
+        ("seed", 1 << 64, "from 0 to"),
+        ("places.vocabulary", "\0", "text without zero bytes"),
     ],
 )
 def test_a_value_out_of_range_is_refused_with_the_range(

@@ -214,3 +214,9 @@ def test_a_tilted_laser_is_not_taken_for_a_level_one() -> None:
     entries = drive()
     with pytest.raises(LogError, match="tilted by 90 deg"):
         plan_of(entries, scan_mount=f"0 0 0 {np.pi / 2} 0 0")
+
+
+@pytest.mark.parametrize("mount", ["0 0 0 0 0 nan", "nan 0 0 0 0 0", "1e300 0 0 0 0 0"])
+def test_a_mount_that_is_no_place_on_a_robot_is_refused(mount: str) -> None:
+    with pytest.raises(ConfigError, match="no place on a robot"):
+        plan_of(drive(), scan_mount=mount)

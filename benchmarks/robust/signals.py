@@ -78,6 +78,8 @@ class Place:
 
 def make_place(log: Path, folder: Path) -> Place:
     """With a finished map, a copy of it and a list of jobs."""
+    # What a shell starts in the background ignores Ctrl-C, and all that this starts would too.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     place = Place(log, folder)
     place.out.mkdir()
     build = ["build", str(log), "-o", str(folder / "map.db"), "-q"]

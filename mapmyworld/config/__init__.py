@@ -11,7 +11,7 @@ from mapmyworld.config.mapping import MappingConfig
 from mapmyworld.config.odometry import OdometryConfig
 from mapmyworld.config.particles import ParticlesConfig
 from mapmyworld.config.places import PlacesConfig
-from mapmyworld.config.ranges import Whole
+from mapmyworld.config.ranges import Seed, Whole
 from mapmyworld.config.registration import RegistrationConfig
 from mapmyworld.config.sensing import SensingConfig
 from mapmyworld.config.storage import StorageConfig
@@ -23,7 +23,7 @@ class Config:
     """All settings, by room."""
 
     threads: Whole = 0  # worker threads; 0 = as many as cores. Results do not depend on it
-    seed: Whole = 0  # of everything random
+    seed: Seed = 0  # of everything random
     sensing: SensingConfig = field(default_factory=SensingConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)

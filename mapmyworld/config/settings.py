@@ -16,6 +16,8 @@ from mapmyworld.config.ranges import Range
 from mapmyworld.errors import ConfigError
 
 _FINITE = Range(is_open=True)
+# Of numbers without an end of their own: beyond these no unit makes sense, and products overflow.
+_SMALLEST, _LARGEST = 1e-15, 1e10
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +147,8 @@ def _converted(value: Any, setting: Setting) -> Any:
         return tuple(_number(inner, part, f"values of type {inner.__name__}") for part in parts)
     if not isinstance(value, kind):
         raise ValueError(f"expected {setting.type_name}")
+    if kind is str and "\0" in value:  # which is part of no name
+        raise ValueError("expected text without zero bytes")
     return value
 
 
@@ -158,6 +162,8 @@ def _number(kind: type, value: Any, expected: str) -> Any:
 def _within(value: float, allowed: Range) -> float:
     if value not in allowed:
         raise ValueError(f"expected {allowed if math.isfinite(value) else _FINITE}")
+    if value and math.isinf(allowed.most) and not _SMALLEST <= abs(value) <= _LARGEST:
+        raise ValueError(f"expected a number from {_SMALLEST:g} to {_LARGEST:g} in size, or 0")
     return value
 
 

@@ -18,6 +18,7 @@ _TILTED = 0.17  # rad from level beyond which a laser does not see walls as wall
 _FAULTY = -1.0  # of a laser that could serve if it were sound: a loss; 0: one made for else
 _LEAST_BEAMS = 2  # a single one is a range finder's
 _WHOLE = 6.3  # rad, more than which no two beams lie apart
+_FARTHEST = 1000.0  # m or rad of a mount
 _NARROW = 2.0  # rad that clouds show at least where they are a lidar's and not a camera's
 _AFTER_SCANS = 1e-4  # weight of clouds: any usable laser comes first
 
@@ -151,6 +152,8 @@ def parse_mount(text: str, name: str) -> NDArray[np.float64]:
         x, y, z, roll, pitch, yaw = (float(part) for part in text.replace(",", " ").split())
     except ValueError:
         raise ConfigError(f'{name} = {text!r}: give six numbers "x y z roll pitch yaw"') from None
+    if not all(abs(value) < _FARTHEST for value in (x, y, z, roll, pitch, yaw)):
+        raise ConfigError(f"{name} = {text!r}: no place on a robot: give metres and radians")
     return make_transform(roll_pitch_yaw_to_rotation(roll, pitch, yaw), [x, y, z])
 
 

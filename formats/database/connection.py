@@ -157,8 +157,10 @@ class Connection:
             yield
         except (sqlite3.Error, UnicodeDecodeError) as error:
             if getattr(error, "sqlite_errorname", "") == _MOVED:
-                told = "was moved or removed while it was written: give the same command again"
-                raise MapError(f"{self.path}: {told}") from error
+                raise MapError(
+                    f"{self.path}: was moved or removed while it was written: give the same "
+                    "command again"
+                ) from error
             raise MapError(f"{self.path}: {_remedy(str(error))}") from error
 
 

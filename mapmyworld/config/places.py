@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mapmyworld.config.ranges import FromZero, Positive, Share, Whole
+from mapmyworld.config.ranges import FromZero, Positive, Share, Step, Whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -12,8 +12,8 @@ class PlacesConfig:
     """Settings of recognising places."""
 
     vocabulary: str = ""  # file of visual words, or a map that has some; empty = learned anew
-    laser_spacing: Positive = 1.0  # m of path between two scans that look for known places nearby
-    laser_far_spacing: Positive = 2.0  # m of path between two scans that look as far as drift goes
+    laser_spacing: Step = 1.0  # m of path between two scans that look for known places nearby
+    laser_far_spacing: Step = 2.0  # m of path between two scans that look as far as drift goes
     laser_submap: Positive = 2.0  # m of path to each side that a submap covers
     laser_drift: Positive = 0.04  # m per m of path by which the tracked pose may be off
     laser_drift_angle: Positive = 0.004  # rad per m of path by which the tracked pose may be off

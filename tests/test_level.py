@@ -144,6 +144,21 @@ def test_pictures_are_held_upright_however_far_down_they_look(down: float) -> No
     np.testing.assert_allclose(single, -turned[0, :, 1], atol=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(40))
+def test_a_camera_rolled_to_and_fro_does_not_stand_the_map_on_its_head(seed: int) -> None:
+    """It looks 0.7 rad down and turns about all of its axes, as in TUM's "rpy"."""
+    random = np.random.default_rng(seed)
+    start = view(0.0, 0.7)[1][:3, :3]
+    turns = random.uniform(-1.0, 1.0, (30, 3)) * [0.7, 0.7, 1.0]
+    held = up_as_held(np.stack([start @ so3_exp(turn) for turn in turns]))
+    assert np.degrees(np.arccos(held @ UP)) < 60.0  # what surfaces are looked for around
+
+
+def test_a_camera_that_looks_straight_down_has_its_back_to_what_is_up() -> None:
+    turned = np.stack([view(yaw, np.pi / 2)[1][:3, :3] for yaw in (0.0, 1.0, 2.0, 3.5, 5.0)])
+    np.testing.assert_allclose(up_as_held(turned), UP, atol=0.05)
+
+
 def test_a_force_tells_a_slanted_roof_from_a_floor() -> None:
     """Most surfaces lean by 20 degrees, as under a roof; the accelerometer knows better."""
     random = np.random.default_rng(7)

@@ -23,6 +23,7 @@ _STRIDE = 12  # pixels between the points looked at: a Kinect's steps of depth t
 _NEAR = 3.5  # m up to which normals are worth looking at
 _SAME = np.radians(6.0)  # between the normals of level surfaces, at most
 _SINGLE = 0.03  # weight of the pictures' upper edges beside their lower ones, where none turned
+_BACK = 0.5  # weight of the pictures' backs beside their upper edges: one looks down more than up
 _BY_HAND = np.radians(60.0)  # that the pictures may be tilted on the whole
 _BY_FORCE = np.radians(8.0)  # that surfaces may be off what an accelerometer says
 _CANDIDATES = 400  # directions tried
@@ -94,11 +95,17 @@ def find_level(seen: Surfaces, held: Array, force: Array | None) -> Level:
 def up_as_held(map_from_camera: Array) -> Array:
     """Where up is (3,) if the pictures of cameras (N, 3, 3) were held upright, however far down
     they looked: square to their lower edges, towards their upper ones.
+
+    A camera that was rolled to and fro has lower edges in all directions. What they have in common
+    is believed only if it agrees with where the upper edges and the backs of the pictures point.
     """
     edges, upper = map_from_camera[:, :, 0], -map_from_camera[:, :, 1].mean(axis=0)
     moments = edges.T @ edges / len(edges) - _SINGLE * np.outer(upper, upper)
     up = np.linalg.eigh(moments)[1][:, 0]
-    return np.asarray(up * np.sign(up @ upper))
+    roughly = upper - _BACK * map_from_camera[:, :, 2].mean(axis=0)
+    roughly /= np.linalg.norm(roughly)
+    up = up * np.sign(up @ roughly)
+    return np.asarray(up if up @ roughly > np.cos(_BY_HAND) else roughly)
 
 
 def _up_of_surfaces(normals: Array, hint: Array, reach: float) -> Array | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import struct
 from pathlib import Path
 from types import TracebackType
@@ -25,7 +24,8 @@ class LogWriter:
     """Writes messages in the order in which they come; a context manager.
 
     The path decides: `.mcap` (CDR), `.bag` (ROS 1), `.db3` (a lone rosbag2 file), anything else a
-    rosbag2 folder. Left by an exception, it removes what it wrote.
+    rosbag2 folder. The log takes its place once it is whole: left by an exception, or killed, the
+    writer changes nothing there.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class LogWriter:
             )
         if self.path.suffix not in COMPRESSIONS:
             _require_name_for_yaml(self.path)
-        _make_room(self.path, overwrite)
+        _require_room(self.path, overwrite)
         try:
             self.sink = _open_sink(self.path, kind, compression)
         except OSError as error:
@@ -79,10 +79,14 @@ class LogWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if kind is None:
-            self.sink.close()
-        else:
+        if kind is not None:
             self.sink.abort()
+            return
+        try:
+            self.sink.close()
+        except BaseException:
+            self.sink.abort()
+            raise
 
     def _channel(self, topic: str, type_name: str, latching: bool) -> Channel:
         if self.sink.encoding == "ros1":
@@ -118,16 +122,12 @@ def _require_name_for_yaml(path: Path) -> None:
         ) from None
 
 
-def _make_room(path: Path, overwrite: bool) -> None:
+def _require_room(path: Path, overwrite: bool) -> None:
     if not path.parent.is_dir():
         raise LogError(f"{path}: cannot be written: its folder does not exist")
     if not path.exists():
         return
     if not overwrite:
         raise LogError(f"{path}: exists already: name another file or ask to overwrite it")
-    if path.is_dir():
-        if not (path / "metadata.yaml").is_file():
-            raise LogError(f"{path}: not replaced: the folder holds no recording")
-        shutil.rmtree(path)
-    else:
-        path.unlink()
+    if path.is_dir() and not (path / "metadata.yaml").is_file():
+        raise LogError(f"{path}: not replaced: the folder holds no recording")

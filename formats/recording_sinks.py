@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -71,6 +72,22 @@ class Sink(Protocol):
         """Removes what was written."""
 
 
+def _part_of(path: Path) -> Path:
+    """Where a file grows until it is whole; what a killed writer left there is removed."""
+    part = path.with_name(f".{path.name}.part")
+    part.unlink(missing_ok=True)
+    return part
+
+
+def _put_in_place(part: Path, path: Path) -> None:
+    """The whole file or folder instead of what stood there."""
+    if path.is_dir():
+        shutil.rmtree(path)
+    elif part.is_dir():
+        path.unlink(missing_ok=True)
+    part.replace(path)
+
+
 class McapSink:
     """A lone .mcap file; takes messages of any encoding, profile "ros2" unless told."""
 
@@ -78,7 +95,8 @@ class McapSink:
 
     def __init__(self, path: Path, compression: str, profile: str = "ros2") -> None:
         self.path = path
-        self._stream = path.open("wb")
+        self._part = _part_of(path)
+        self._stream = self._part.open("wb")
         kind = {
             "zstd": CompressionType.ZSTD,
             "lz4": CompressionType.LZ4,
@@ -113,10 +131,12 @@ class McapSink:
     def close(self) -> None:
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._stream.close()
+        _put_in_place(self._part, self.path)
 
     def abort(self) -> None:
-        self._stream.close()
-        self.path.unlink(missing_ok=True)
+        with suppress(OSError):  # a full disk takes no last bytes either
+            self._stream.close()
+        self._part.unlink(missing_ok=True)
 
 
 class Ros1Sink:
@@ -126,7 +146,8 @@ class Ros1Sink:
 
     def __init__(self, path: Path, compression: str) -> None:
         self.path = path
-        self._writer = Ros1Writer(path)
+        self._part = _part_of(path)
+        self._writer = Ros1Writer(self._part)
         if compression != "none":
             self._writer.set_compression(Ros1Writer.CompressionFormat[compression.upper()])
         self._writer.open()
@@ -153,10 +174,12 @@ class Ros1Sink:
 
     def close(self) -> None:
         self._writer.close()
+        _put_in_place(self._part, self.path)
 
     def abort(self) -> None:
-        self._writer.abort()
-        self.path.unlink(missing_ok=True)
+        with suppress(OSError):
+            self._writer.abort()
+        self._part.unlink(missing_ok=True)
 
 
 class Rosbag2Sink:
@@ -167,9 +190,12 @@ class Rosbag2Sink:
     def __init__(self, path: Path, compression: str) -> None:
         self.path = path
         self._alone = path.suffix == ".db3"
-        self._folder = path.with_name(f".{path.name}.folder") if self._alone else path
+        self._folder = path.with_name(f".{path.name}.folder")
         shutil.rmtree(self._folder, ignore_errors=True)
-        self._writer = Rosbag2Writer(self._folder, version=9, storage_plugin=StoragePlugin.SQLITE3)
+        self._recording = self._folder / path.name  # whose name its file bears as well
+        self._recording.parent.mkdir()
+        sqlite = StoragePlugin.SQLITE3
+        self._writer = Rosbag2Writer(self._recording, version=9, storage_plugin=sqlite)
         if compression == "zstd":
             mode = CompressionMode.MESSAGE if self._alone else CompressionMode.FILE
             self._writer.set_compression(mode, CompressionFormat.ZSTD)
@@ -194,11 +220,11 @@ class Rosbag2Sink:
 
     def close(self) -> None:
         self._writer.close()
-        if self._alone:
-            (file,) = self._folder.glob("*.db3")
-            file.replace(self.path)
-            shutil.rmtree(self._folder)
+        whole = next(self._recording.glob("*.db3")) if self._alone else self._recording
+        _put_in_place(whole, self.path)
+        shutil.rmtree(self._folder)
 
     def abort(self) -> None:
-        self._writer.abort()
+        with suppress(OSError):
+            self._writer.abort()
         shutil.rmtree(self._folder, ignore_errors=True)

@@ -191,6 +191,19 @@ def test_an_existing_file_is_not_touched_unless_asked(tmp_path: Path) -> None:
         LogWriter(folder, overwrite=True)
 
 
+@pytest.mark.parametrize("name", ["a.mcap", "a.bag", "a.db3", "folder"])
+def test_until_a_log_is_whole_the_one_before_stays(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    for count in (1, 2):
+        with LogWriter(path, overwrite=count == 2) as writer:
+            for time in range(count):
+                writer.write("/text", TextMessage(time, "x"), time)
+            found = sum(1 for _ in open_log([path]).messages()) if path.exists() else 0
+            assert found == count - 1  # a writer that is killed here has changed nothing
+    assert sum(1 for _ in open_log([path]).messages()) == 2
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_bad_outputs_are_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="folder does not exist"):
         LogWriter(tmp_path / "none" / "a.mcap")

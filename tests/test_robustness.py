@@ -45,6 +45,17 @@ def test_hostile_graphs_and_grids_end_in_one_line(tmp_path: Path) -> None:
     assert faults(grids, [("evaluate", "grid", "FILE", truth)], 30) == []
 
 
+def test_a_closure_longer_than_any_map_is_rejected_and_stops_nothing(tmp_path: Path) -> None:
+    """Found by the campaign: beside its length, covariances are singular by rounding."""
+    flat = corpus.make_graphs(tmp_path / "graphs")[0]
+    lines = flat.read_text().replace("EDGE_SE2 2 11 0.25", "EDGE_SE2 2 11 99999999999999999999")
+    flat.write_text("".join(line for line in lines.splitlines(True) if "SE2 9 -" not in line))
+    found = try_command(["optimise", str(flat), "--robust", "-o", str(tmp_path / "out.g2o")])
+    assert found.fault == ""
+    assert found.exit_code == 3  # a node without a vertex
+    assert "2-11" in found.stdout
+
+
 @pytest.mark.slow
 def test_hostile_maps_end_in_one_line(logs: list[Path], tmp_path: Path) -> None:
     maps = corpus.make_maps(tmp_path, logs[0])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mapmyworld.geometry import Array
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.clusters import HEAVY, allowed, chance_of
-from mapmyworld.graph.consistency import alternatives
+from mapmyworld.graph.consistency import alternatives, definite
 from mapmyworld.graph.joint_covariance import predicted_covariances
 from mapmyworld.graph.linear_system import information_factors
 from mapmyworld.graph.pose_graph import Index, components
@@ -89,7 +89,7 @@ def innovations(
     factors = information_factors(part, poses)
     tested = replace(chosen_edges(system, candidates), free=part.free)
     predicted, residuals = predicted_covariances(factors, tested, poses)
-    covariance = np.linalg.inv(tested.information) + predicted
+    covariance = definite(np.linalg.inv(tested.information) + predicted)
     fit = np.einsum(
         "ei,ei->e", residuals, np.linalg.solve(covariance, residuals[..., None])[..., 0]
     )

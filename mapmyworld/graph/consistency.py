@@ -132,14 +132,14 @@ def _loop_chi2(
     covariance = spread[k] + _transported(adjoint(around), spread[m])
     for ends, here in ((tails, to_tail), (heads, to_head)):
         covariance += _transported(adjoint(here), _between_spread(odometry, ends[k], ends[m]))
-    covariance = _definite(covariance)
+    covariance = definite(covariance)
     residual = planar_log(error) if planar else se3_log(error)
     solved = np.linalg.solve(covariance, residual[..., None])[..., 0]
     volume = np.sqrt(np.abs(np.linalg.det(2.0 * np.pi * covariance)))
     return np.einsum("ei,ei->e", residual, solved), np.maximum(volume, _SMALLEST)
 
 
-def _definite(covariance: Array) -> Array:
+def definite(covariance: Array) -> Array:
     """The covariances, those that rounding made singular a little larger."""
     lost = ~(np.linalg.det(covariance) > 0.0)
     size = covariance.shape[-1]

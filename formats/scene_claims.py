@@ -78,12 +78,16 @@ def _size_beside(path: Path, uri: str) -> int:
     """Of a part of a world that lies in another file; those inside the text are counted already."""
     if uri.startswith("data:"):
         return 0
-    beside = (path.parent / uri).resolve()
+    try:
+        beside = (path.parent / uri).resolve()
+        stands, is_file = beside.exists(), beside.is_file()
+    except (OSError, ValueError, RuntimeError):  # too long, a zero byte, links in a ring
+        raise MapError(f"{path}: names {uri!r}, which is no name of a file") from None
     if not beside.is_relative_to(path.parent.resolve()):
         raise MapError(f"{path}: names {uri}, outside its folder: copy that file beside it")
-    if beside.exists() and not beside.is_file():
+    if stands and not is_file:
         raise MapError(f"{path}: names {uri}, which is no file: a folder, a device or a pipe")
-    return beside.stat().st_size if beside.is_file() else 0
+    return beside.stat().st_size if is_file else 0
 
 
 def _json_of(path: Path) -> Any:

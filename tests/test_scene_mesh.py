@@ -112,6 +112,17 @@ def test_a_world_that_names_a_file_outside_its_folder_is_refused(tmp_path: Path)
         read_scene_mesh(path)
 
 
+@pytest.mark.parametrize("name", ["red\0.mtl", "x" * 300, "ring"])
+def test_a_world_that_names_what_is_no_name_is_refused(tmp_path: Path, name: str) -> None:
+    """The first was found by a fuzzer."""
+    (tmp_path / "ring").symlink_to(tmp_path / "ring")
+    as_obj(tmp_path / "room.obj")
+    text = (tmp_path / "room.obj").read_text().replace("red.mtl", name)
+    (tmp_path / "room.obj").write_text(text)
+    with pytest.raises(MapError, match="no name of a file"):
+        read_scene_mesh(tmp_path / "room.obj")
+
+
 def test_what_holds_no_triangles_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "room.glb"
     path.write_bytes(b"glTF" + bytes(40))

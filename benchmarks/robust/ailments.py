@@ -103,6 +103,28 @@ def _image(pixels: Callable[[np.ndarray], np.ndarray], topic: str, encoding: str
     return _each(ImageMessage, change, topic=topic)
 
 
+def _tiny(height: int, width: int) -> Spoil:
+    """A camera of a few pixels, and no laser beside it."""
+
+    def changed(message: Message) -> Message:
+        if isinstance(message, CameraInfoMessage):
+            return replace(message, width=width, height=height)
+        if not isinstance(message, ImageMessage):
+            return message
+        made = message.pixels()[:height, :width].copy()
+        encoding = "32FC1" if made.ndim == 2 else "rgb8"
+        return replace(
+            message, encoding=encoding, width=width, height=height, pixels=lambda: made,
+            encoded=None,
+        )  # fmt: skip
+
+    return lambda entries: [
+        (name, changed(message), time)
+        for name, message, time in entries
+        if not isinstance(message, LaserScanMessage)
+    ]
+
+
 def _broken_files(every: int) -> Spoil:
     """Compressed images whose bytes are damaged."""
 
@@ -309,6 +331,9 @@ AILMENTS: tuple[Ailment, ...] = (
     Ailment("depth NaN and infinite", _image(_holes, "depth", "32FC1")),
     Ailment("depth negative", _image(lambda p: -p, "depth", "32FC1")),
     Ailment("depth absent", _without_depth, (3,), "no depth"),
+    Ailment("a camera of one pixel", _tiny(1, 1)),
+    Ailment("a camera of two pixels", _tiny(2, 1)),
+    Ailment("a camera of one row", _tiny(1, 64)),
     Ailment("images that do not decode", _broken_files(1)),
     Ailment("some images that do not decode", _broken_files(5)),
     Ailment("encoding unknown", _each(ImageMessage, _unknown_encoding, topic="rgb")),

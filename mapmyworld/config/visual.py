@@ -7,6 +7,11 @@ from typing import Annotated
 
 from mapmyworld.config.ranges import Count, FromZero, Positive, Range, Share, Whole
 
+Many = Annotated[int, Range(1, 1_000_000)]
+Grey = Annotated[int, Range(1, 255)]
+Levels = Annotated[int, Range(1, 32)]
+Scale = Annotated[float, Range(1.0, 10.0, is_open=True)]
+
 
 @dataclass(frozen=True, slots=True)
 class VisualConfig:
@@ -21,10 +26,10 @@ class VisualConfig:
     cloud_agreement: FromZero = 0.03  # share of the depth by which two views of a point may differ
     cloud_views: Count = 2  # measurements that a voxel of the cloud needs
     features: str = "orb"  # of images: "orb", "gftt" (corners described by ORB) or "sift"
-    feature_count: Count = 1000  # features kept of an image, spread over it
-    fast_threshold: Count = 7  # grey levels by which a corner stands out
-    pyramid_levels: Count = 8  # scales at which ORB looks
-    pyramid_scale: Annotated[float, Range(1.0, is_open=True)] = 1.2  # between neighbouring scales
+    feature_count: Many = 1000  # features kept of an image, spread over it
+    fast_threshold: Grey = 7  # grey levels by which a corner stands out
+    pyramid_levels: Levels = 8  # scales at which ORB looks
+    pyramid_scale: Scale = 1.2  # between neighbouring scales
     depth_max: Positive = 8.0  # m, farther depth gives no 3D point to a feature
     depth_sigma: Positive = 0.007  # 1/m, sigma of inverse depth: that of depth is this times z^2
     depth_outlier: Positive = 0.06  # 1/m by which a feature's inverse depth may be off

@@ -151,7 +151,7 @@ def _clock(framed: list[Frame], sample: Sample, guard: ImageGuard) -> Iterator[F
         stamps.append((colour.stamp_ns - sample.frames[0].stamp_ns) * 1e-9)
         grey = grey_levels(colour.pixels())
         third = len(grey) // 3
-        profile = grey[third : 2 * third].mean(axis=0)
+        profile = grey[third : len(grey) - third].mean(axis=0)
         profiles.append((profile - profile.mean()) / (profile.std() + 1e-9))
     if len(profiles) < 2:
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.config.visual import VisualConfig
 from mapmyworld.errors import ConfigError
 from mapmyworld.geometry.rigid import transform_points
 from mapmyworld.registration.camera import depth_at, rays_of_pixels
@@ -74,7 +76,7 @@ def _detect(
     orb = cv2.ORB_create(
         wanted * _SURPLUS,
         settings.pyramid_scale,
-        settings.pyramid_levels,
+        _levels(grey, settings),
         edgeThreshold=19,
         fastThreshold=settings.fast_threshold,
     )
@@ -92,6 +94,12 @@ def _detect(
         )
         return _describe(orb, grey, found, most, np.uint8)
     raise ConfigError(f'visual.features is "{settings.features}": choose "orb", "gftt" or "sift"')
+
+
+def _levels(grey: NDArray[np.uint8], settings: VisualConfig) -> int:
+    """Scales of an image, the smallest of which still has pixels."""
+    deepest = math.log(max(1, min(grey.shape))) / math.log(settings.pyramid_scale)
+    return min(settings.pyramid_levels, 1 + int(deepest))
 
 
 def _describe(

@@ -76,7 +76,7 @@ def depth_grid_points(image: RgbdImage, stride: int) -> tuple[Array, NDArray[np.
     assert image.depth is not None
     depth = np.asarray(image.depth.pixels(), np.float32)
     factor = image.camera.width / depth.shape[1]
-    step = max(1, round(stride / factor))
+    step = max(1, min(round(stride / factor), *depth.shape))  # a point of every image at least
     rows, columns = (
         np.arange(step // 2, depth.shape[0], step),
         np.arange(step // 2, depth.shape[1], step),

@@ -19,6 +19,7 @@ from mapmyworld.types import Mesh
 
 SCENE_SUFFIXES = (".ply", ".obj", ".glb", ".gltf", ".stl", ".off")
 _PACKAGES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libgomp1"
+_FARTHEST = 10_000.0  # m from the origin, where a robot could drive
 _Y_UP = (".glb", ".gltf")  # formats whose standard says that y points up
 
 
@@ -35,6 +36,8 @@ def read_scene_mesh(path: Path) -> Mesh:
     named = 0 <= triangles.min(initial=0) <= triangles.max(initial=0) < len(vertices)
     if len(triangles) == 0 or not named or not np.isfinite(vertices).all():
         raise MapError(f"{path}: holds no triangles that could be a world")
+    if np.abs(vertices).max() > _FARTHEST:
+        raise MapError(f"{path}: reaches beyond {_FARTHEST:.0f} m: export the mesh in metres")
     if path.suffix.lower() in _Y_UP:
         vertices = vertices @ np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
     return Mesh(vertices.astype(np.float32), triangles, arrays["colours"])

@@ -146,6 +146,15 @@ def test_triangles_of_corners_that_do_not_exist_are_refused(tmp_path: Path, corn
         read_scene_mesh(path)
 
 
+def test_a_world_larger_than_any_drive_is_refused(tmp_path: Path) -> None:
+    """Found by the campaign: the plan of its walls took all memory."""
+    as_ply(tmp_path / "room.ply")
+    text = (tmp_path / "room.ply").read_text().replace("4.0 3.0 0.0", "1e30 3.0 0.0")
+    (tmp_path / "room.ply").write_text(text)
+    with pytest.raises(MapError, match="reaches beyond 10000 m"):
+        read_scene_mesh(tmp_path / "room.ply")
+
+
 def test_a_mesh_that_ends_its_reader_ends_no_more(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,6 +5,7 @@ python benchmarks/robustness.py fuzz-logs --count 2500 --first 5000
 python benchmarks/robustness.py fuzz-maps --count 5000
 python benchmarks/robustness.py fuzz-graphs --count 2000
 python benchmarks/robustness.py fuzz-files --count 2000
+python benchmarks/robustness.py settings
 python benchmarks/robustness.py cuts --count 200
 python benchmarks/robustness.py kills --count 100
 python benchmarks/robustness.py signals --count 20
@@ -31,6 +32,7 @@ from robust import (  # noqa: E402
     fuzzing,
     kills,
     long_drive,
+    settings_ends,
     signals,
     small_files,
     trials,
@@ -182,6 +184,14 @@ def _end_commands(options: argparse.Namespace, folder: Path) -> None:
     signals.end_all(log, options.count, options.seed, options.only)
 
 
+def _try_settings(options: argparse.Namespace, folder: Path) -> None:
+    """`--only visual.` tries the settings whose names begin so."""
+    logs = {path.name: path for path in corpus.make_logs(folder / "logs")}
+    for log in (_short_log(logs["a.log"], folder), logs["whole.mcap"]):
+        tried, faults = settings_ends.try_ends(log, folder, options.only)
+        print(f"{log.name}: {tried} builds, {len(faults)} faults", *faults, sep="\n", flush=True)
+
+
 def _cut_logs(options: argparse.Namespace, folder: Path) -> None:
     logs = {path.name: path for path in corpus.make_logs(folder / "logs")}
     for name in ("bare.mcap", "plain.mcap", "whole.mcap", "whole.bag", "bz2.bag"):
@@ -216,6 +226,7 @@ PARTS = {
     "fuzz-files": _fuzz_files,
     "fuzz-graphs": _fuzz_graphs,
     "kills": _kill_builds,
+    "settings": _try_settings,
     "signals": _end_commands,
 }
 

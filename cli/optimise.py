@@ -152,14 +152,10 @@ def _write(
     if output.suffix == ".db":
         from cli.optimise_map import write_map
         from formats.database.lock import only_writer
+        from formats.whole_files import whole_path
 
-        part = output.with_name(f".{output.name}.part")
-        try:
-            with only_writer(output):
-                write_map(part, path, graph, solved, losses)
-                part.replace(output)
-        finally:
-            part.unlink(missing_ok=True)
+        with only_writer(output), whole_path(output) as part:
+            write_map(part, path, graph, solved, losses)
     else:
         from formats.pose_graph import write_graph
 

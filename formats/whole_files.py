@@ -36,13 +36,20 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
         raise MapError(f"{path}: cannot be written: its folder does not exist")
     if path.is_dir():
         raise MapError(f"{path}: cannot be written: it is a folder")
-    part = path.with_name(f"{path.name}.part")
     try:
-        with part.open("wb") as stream:
+        with whole_path(path) as part, part.open("wb") as stream:
             yield stream
-        os.replace(part, path)
     except OSError as error:
         raise MapError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+@contextmanager
+def whole_path(path: Path) -> Iterator[Path]:
+    """A place beside `path` for a file that takes its place at the end, and not before."""
+    part = path.with_name(f"{path.name}.part")
+    try:
+        yield part
+        os.replace(part, path)
     finally:
         with suppress(OSError):
             part.unlink(missing_ok=True)

@@ -160,22 +160,30 @@ class LaserTracker:
             verdict = "matched"
         apart = between_planar(predicted, match.pose)
         lately = self._breaks.fitted_lately(frame.stamp_ns)
-        if verdict == "lost" or (
-            verdict != "matched"
-            and is_doubtful(match, apart)
-            and not (lately and self._is_surer(scan, match, predicted))
-        ):
+        believed = verdict == "matched"
+        if verdict not in ("matched", "lost"):
+            surer = lately and self._is_surer(scan, match, predicted)
+            believed = surer or not is_doubtful(match, apart)
+        if not believed:
             if recorded is not None and lately:
                 self._breaks.go_unseen(frame.stamp_ns, step)
                 return Tracked(predicted, np.diag(reckoned), "odometry only", match.overlap)
             unknown, is_break = self._breaks.found(frame.stamp_ns, variances, apart, match.overlap)
             pose, said = (match.pose, "lost") if recorded is None else (predicted, "odometry only")
             return Tracked(pose, np.diag(unknown), said, match.overlap, is_break)
+        return self._placed(frame.stamp_ns, recorded, predicted, variances, match, verdict)
+
+    def _placed(
+        self, stamp_ns: int, recorded: Array | None, predicted: Array, variances: Array,
+        match: Match, verdict: str,
+    ) -> Tracked:  # fmt: skip
+        """What a match that is believed says of the motion, and of the odometry."""
         moved = between_planar(self._state[:3], match.pose)
         weak = is_weak(match.information)
-        self._stretches.add(frame.stamp_ns, float(np.hypot(*moved[:2])), weak=weak)
+        self._stretches.add(stamp_ns, float(np.hypot(*moved[:2])), weak=weak)
         doubt = np.zeros(3)
         if recorded is not None:
+            apart = between_planar(predicted, match.pose)
             surprise = surprise_of(predicted, match.pose, match.information, variances)
             self._learn(recorded, moved, surprise)
             if surprise > _DOUBT_FROM:

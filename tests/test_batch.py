@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from robust import batches
-from robust.trials import try_command
+from robust.trials import try_command, wait_for_tables
 from room_drive import drive
 
 from cli.batching.manifest import read_manifest
@@ -105,7 +105,7 @@ def test_a_killed_build_and_a_killed_batch_change_no_byte(
 
 @pytest.mark.slow
 def test_ctrl_c_to_the_batch_alone_ends_its_builds_in_order(tmp_path: Path) -> None:
-    drive(900).write(tmp_path / "long.mcap")
+    drive(3000).write(tmp_path / "long.mcap")
     (tmp_path / "logs.toml").write_text('[[log]]\nlog = "long.mcap"\n')
     map_db = tmp_path / "batch" / "long" / "map.db"
     process = subprocess.Popen(
@@ -117,22 +117,34 @@ def test_ctrl_c_to_the_batch_alone_ends_its_builds_in_order(tmp_path: Path) -> N
         # What a script starts in the background has Ctrl-C ignored, its children too.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
-    deadline = time.monotonic() + 120.0
-    while not map_db.exists() and process.poll() is None:
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    wait_for_tables(map_db, process)
     build = _child_of(process.pid)
+    os.kill(build, signal.SIGSTOP)  # a fast machine would finish it before it is asked to end
+    assert not (map_db.parent / "map.pgm").exists(), "this log is too short for the test"
     process.send_signal(signal.SIGINT)
+    deadline = time.monotonic() + 60.0
+    while not _was_asked_to_end(build):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert process.poll() is None, "the build is waited for"
+    os.kill(build, signal.SIGCONT)
     _, told = process.communicate(timeout=60)
     assert (process.returncode, "interrupted" in told) == (130, True)
     assert not Path(f"/proc/{build}").exists()
-    assert not (map_db.parent / "map.pgm").exists(), "the build was waited for"
+    assert not (map_db.parent / "map.pgm").exists(), "the build went on to its end"
     assert try_command(["inspect", "map", str(map_db)]).exit_code == 0
 
 
 def _child_of(process: int) -> int:
     children = Path(f"/proc/{process}/task").glob("*/children")
     return int(next(word for file in children for word in file.read_text().split()))
+
+
+def _was_asked_to_end(stopped: int) -> bool:
+    """Whether SIGINT waits for a stopped process to go on."""
+    status = Path(f"/proc/{stopped}/status").read_text()
+    waiting = next(line for line in status.splitlines() if line.startswith("ShdPnd:"))
+    return bool(int(waiting.split()[1], 16) >> (signal.SIGINT - 1) & 1)
 
 
 @pytest.mark.slow

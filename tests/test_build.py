@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from memory_log import image_at
+from robust.trials import wait_for_tables
 from room_drive import START_NS, Drive, drive, write
 
 from cli.main import group
@@ -134,12 +135,9 @@ def test_a_killed_build_leaves_a_readable_map_and_is_taken_up_again(
     drive(600).write(tmp_path / "long.mcap")
     command = [sys.executable, "-m", "cli.main", "build", str(tmp_path / "long.mcap")]
     process = subprocess.Popen(
-        [*command, "-o", str(tmp_path / "map.db")], stderr=subprocess.DEVNULL
+        [*command, "-o", str(tmp_path / "map.db")], stderr=subprocess.DEVNULL, text=True
     )
-    deadline = time.monotonic() + 120.0
-    while not (tmp_path / "map.db").exists() and process.poll() is None:
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    wait_for_tables(tmp_path / "map.db", process)
     time.sleep(0.5)
     os.kill(process.pid, signal.SIGKILL)
     process.wait(timeout=60)

@@ -6,10 +6,13 @@ import contextlib
 import ctypes
 import io
 import signal
+import subprocess
 import sys
+import time
 import traceback
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from types import FrameType
 
 from cli.main import main
@@ -55,6 +58,15 @@ def try_command(arguments: list[str], seconds: float = SECONDS) -> Outcome:
     if not fault and ("Traceback" in err.getvalue() or "Warning: " in err.getvalue()):
         fault = err.getvalue()
     return Outcome(code, fault, out.getvalue(), err.getvalue())
+
+
+def wait_for_tables(map_db: Path, build: subprocess.Popen[str]) -> None:
+    """Waits until a build of its own has begun its map: SQLite makes the file, then the tables."""
+    deadline = time.monotonic() + 120.0
+    while build.poll() is None and not (map_db.exists() and map_db.stat().st_size):
+        if time.monotonic() > deadline:
+            raise HangError(f"no map after two minutes: {map_db}")
+        time.sleep(0.01)
 
 
 def end_with_parent() -> None:

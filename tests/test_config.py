@@ -56,7 +56,7 @@ def test_switches_are_read_from_text(text: str, expected: bool) -> None:
         ("sensing.cloud_lowest", "nan", "a finite number"),
         ("mapping.resolution", "1e-300", "a number from 1e-15 to 1e"),
         ("odometry.contradiction", 1e300, "a number from 1e-15 to 1e"),
-        ("odometry.keyscans", 10**23, "a number from 1e-15 to 1e"),
+        ("graph.iterations", 10**23, "a number from 1e-15 to 1e"),
         ("seed", 1 << 64, "from 0 to"),
         ("places.vocabulary", "\0", "text without zero bytes"),
     ],

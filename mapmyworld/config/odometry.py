@@ -13,7 +13,6 @@ class OdometryConfig:
 
     keyscan_distance: FromZero = 0.15  # m of motion after which a scan joins the local submap
     keyscan_angle: FromZero = 0.2  # rad of rotation after which a scan joins the local submap
-    keyscans: Count = 16  # scans of the local submap that are kept
     share_sigma: Positive = 0.2  # m per m and rad per rad: trust in recorded motion at the start
     floor_sigma: Positive = 0.02  # m, and half as many rad, of uncertainty in any recorded motion
     contradiction: Positive = 4.0  # sigmas between odometry and match at which odometry is ignored

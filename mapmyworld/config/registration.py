@@ -16,6 +16,6 @@ class RegistrationConfig:
     point_count: Count = 220  # points of a scan that are matched, about; more are thinned
     line_radius: Positive = 0.15  # m around a point within which its line is fitted
     range_max: Positive = 40.0  # m, farther returns are not matched
-    residual_scale: Positive = 0.03  # m, distance from a line at which a point counts half
+    residual_share: Positive = 0.25  # of the search for a line: so far off a point counts half
     range_sigma: Positive = 0.02  # m, standard deviation of a point about its line
     correlation: Positive = 2.0  # neighbouring points that together tell as much as one

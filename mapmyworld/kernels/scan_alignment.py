@@ -191,15 +191,15 @@ def align(
     prior: NDArray[np.float64],
     prior_information: NDArray[np.float64],
     reaches: NDArray[np.float64],
-    scale: float,
+    share: float,
     sigma: float,
     out: NDArray[np.float64],
 ) -> None:
     """Aligns source rows with targets `which` (rows `starts[w]` to `ends[w]`) at `poses`.
 
-    Gauss-Newton, one step a reach. `out` (16,): pose (3), match Hessian (6, upper triangle, in
-    units of residuals), share explained of source points with normals, mean squared residual,
-    count of residuals, length of the last step (m), sum of weights.
+    Gauss-Newton, one step a reach, of which Cauchy's scale is a `share`. `out` (16,): pose (3),
+    match Hessian (6, upper triangle, in units of residuals), share explained of source points with
+    normals, mean squared residual, count of residuals, length of the last step (m), sum of weights.
     """
     pose = guess.copy()
     hit = np.zeros(s_last - s_first, np.bool_)
@@ -211,10 +211,10 @@ def align(
         system[:] = 0.0
         hit[:] = False
         reach = reaches[min(turn, rounds - 1)]
-        wide = max(scale, 0.25 * reach)
+        scale = share * reach
         for w in which:
             add_target(source, s_first, s_last, targets, starts[w], ends[w], origins[w],
-                       relative(poses[w], pose), reach, wide, system, hit)  # fmt: skip
+                       relative(poses[w], pose), reach, scale, system, hit)  # fmt: skip
         if turn == rounds:
             break
         factor = 1.0 / (sigma * sigma * max(len(which), 1))

@@ -158,7 +158,7 @@ def track_scans(
     """Follows scans from `start` on; the index of the first that needs a closer look.
 
     `recorded` (B, 3) are odometry's steps, NaN where there is none; `state` (7,) is the pose, the
-    last step and the scale of the odometry's variances; `settings` are residual scale, sigma of a
+    last step and the scale of the odometry's variances; `settings` are residual share, sigma of a
     range, correlation, share and floor of the motion model, limits of surprise and overlap,
     keyscan distance and angle, surprise from which neither motion is sure. Fills `out` (B, 7):
     pose, overlap, surprise, metres moved, weak (1 or 0); and `covariances` (B, 3, 3) of the steps.

@@ -74,7 +74,7 @@ class LaserTracker:
         self.verdicts: Counter[str] = Counter()
         odometry, matching = config.odometry, config.registration
         self._settings = np.array([
-            matching.residual_scale, matching.range_sigma, matching.correlation,
+            matching.residual_share, matching.range_sigma, matching.correlation,
             odometry.share_sigma, odometry.floor_sigma, odometry.contradiction**2,
             odometry.least_overlap, odometry.keyscan_distance, odometry.keyscan_angle, _DOUBT_FROM,
         ])  # fmt: skip

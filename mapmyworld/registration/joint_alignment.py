@@ -86,7 +86,7 @@ def _associate(
     config: RegistrationConfig, threads: int, systems: Array,
 ) -> None:  # fmt: skip
     """Fills `systems` (P, 12) with the normal equations of all pairs at `poses`."""
-    scale = max(config.residual_scale, 0.25 * reach)
+    scale = config.residual_share * reach
 
     def work(first: int, last: int) -> None:
         pair_systems(

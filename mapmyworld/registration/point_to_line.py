@@ -29,7 +29,7 @@ def point_to_line(
     align(
         scan.rows, 0, len(scan.rows), targets.rows, targets.bounds[:-1], targets.bounds[1:], which,
         poses, targets.origins, guess, prior, prior_information, reaches,
-        config.residual_scale, sigma, out,
+        config.residual_share, sigma, out,
     )  # fmt: skip
     return _match_from_row(out, len(which), config)
 

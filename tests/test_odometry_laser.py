@@ -97,6 +97,21 @@ def test_a_blinded_laser_leaves_it_to_the_odometry() -> None:
     assert np.linalg.det(blind) < np.linalg.det(seen)
 
 
+@pytest.mark.parametrize("empty", [1, 5])
+def test_scans_that_begin_empty_are_tracked_from_the_first_that_is_not(empty: int) -> None:
+    """A laser that still starts up; the odometry's turns are 30 % short."""
+    truth, scans = drive()
+    nothing = np.zeros((0, 2), np.float32)
+    scans[:empty] = [Scan(nothing, np.zeros(3), np.zeros(0, np.float32), 0.0, 0.0)] * empty
+    steps = between_planar(truth[:-1], truth[1:])
+    steps[empty:, 2] *= 0.7
+    tracked, tracker = follow(scans, integrate(steps))
+    assert tracker.verdicts["odometry only"] == empty  # the first with points among them
+    far, turned = errors(tracked, truth)
+    assert far < 0.03
+    assert turned < 0.01
+
+
 def test_a_corridor_is_reported_with_the_stretch() -> None:
     """Only walls along x: along x the motion is the odometry's, and its uncertainty grows."""
     walls = np.array([[-99.0, -1.0, 99.0, -1.0], [-99.0, 1.0, 99.0, 1.0]])

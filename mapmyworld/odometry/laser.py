@@ -136,7 +136,8 @@ class LaserTracker:
             tracked = self._follow(frame, scan, recorded)
         self._state[3:6] = between_planar(self._state[:3], tracked.pose)
         self._state[:3] = tracked.pose
-        if len(scan.rows) >= _FEWEST and (tracked.is_break or tracked.verdict != "odometry only"):
+        placed = tracked.is_break or tracked.verdict != "odometry only"
+        if len(scan.rows) >= _FEWEST and (placed or not self._keyscans.count):
             if tracked.is_break:
                 self._keyscans.forget()  # the old submap no longer says where the robot is
                 self._state[3:6] = 0.0

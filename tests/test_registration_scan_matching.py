@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
@@ -29,6 +30,7 @@ from mapmyworld.registration.scan_matching import (
     PreparedScan,
     match_scan,
     prepare_scan,
+    prepare_scans,
     scan_set,
 )
 from mapmyworld.registration.scan_search import likelihood_grid, search_grid
@@ -299,6 +301,31 @@ def test_joint_alignment_brings_scattered_scans_home(threads: int) -> None:
     np.testing.assert_array_equal(solved.poses[held, :2], truth[held, :2])
     error = compose_planar(invert_planar(truth), solved.poses)
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.005
+
+
+@pytest.mark.parametrize("sight", [1.2, 1.5, 2.0])
+def test_scans_of_a_short_sighted_laser_are_not_torn_apart(sight: float) -> None:
+    """Where scans share few points, some that join or leave change the equations much.
+
+    Steps by the factors of an earlier round then grow from one to the next, to metres.
+    """
+    count = 40
+    random, along = np.random.default_rng(3), np.linspace(0, 1, count)
+    truth = np.stack([7 * along - 3, np.sin(6 * along), 2 * np.sin(9 * along)], axis=-1)
+    seen = [cast(pose, WALLS, seed) for seed, pose in enumerate(truth)]
+    near = [replace(s, points=s.points[np.hypot(*s.points.T) < sight]) for s in seen]
+    start = truth + random.normal(size=(count, 3)) * [0.05, 0.05, 0.03]
+    start[0] = truth[0]
+    pairs = np.array([(k, k + d) for d in (1, 2, 4, 8) for k in range(count - d)], np.int64)
+    ends, steps = np.arange(count), between_planar(truth[:-1], truth[1:])
+    noisy = steps + random.normal(size=steps.shape) * 0.02
+    trust = np.tile(np.diag([100.0, 100.0, 400.0]), (count - 1, 1, 1))
+    motions = Motions(ends[:-1], ends[1:], noisy, trust)
+    scans = prepare_scans(near, CONFIG)
+    solved = align_jointly(scans, start, pairs, motions, [0.12] * 12, CONFIG, 1)
+    assert solved.moved[-1] < solved.moved[0] / 10
+    error = between_planar(truth, solved.poses)
+    assert np.hypot(error[:, 0], error[:, 1]).max() < 0.3  # by odometry alone: 0.02 m a step
 
 
 @settings(max_examples=30)

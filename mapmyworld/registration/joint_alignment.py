@@ -64,14 +64,19 @@ def align_jointly(
             factors = None  # large, and gone before the next ones are made
         _associate(scans, poses, pairs, reach, config, threads, systems)
         equations = equations_of(poses, pairs, systems, motions, config)
+        is_old = factors is not None
         if factors is None:
             # Rounds of the same reach differ little: the last factors do for them.
             factors, factored = factors_of(equations, held), reach
         step = step_of(equations, factors, held)
+        if is_old and _length(step, held) >= moved[-1]:
+            # Of few points, some that joined or left change much: old factors overshoot.
+            factors = None  # gone before the new ones are made
+            factors = factors_of(equations, held)
+            step = step_of(equations, factors, held)
         del equations
         poses = compose_planar(poses, step)
-        squares = np.sum(step[~held, :2] ** 2, axis=1)
-        moved.append(float(np.sqrt(squares.sum() / max(len(squares), 1))))
+        moved.append(_length(step, held))
         if moved[-1] < enough:
             break
     forget_patterns()  # nobody aligns the same pairs again
@@ -79,6 +84,12 @@ def align_jointly(
     return JointAlignment(
         poses, tuple(moved), float(np.sqrt(systems[:, 10].sum() / weights)), systems
     )
+
+
+def _length(step: Array, held: NDArray[np.bool_]) -> float:
+    """Root mean square (m) by which a step (S, 3) moves the scans that are not held."""
+    squares = np.sum(step[~held, :2] ** 2, axis=1)
+    return float(np.sqrt(squares.sum() / max(len(squares), 1)))
 
 
 def _associate(

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import tomllib
+from typing import Any
 
 import pytest
 
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings, as_toml, flatten, list_settings
 from mapmyworld.errors import ConfigError
+from mapmyworld.simulation import SimulationSettings
 
 
-def test_every_setting_says_what_it_means() -> None:
-    silent = [setting.name for setting in list_settings() if not setting.meaning]
+@pytest.mark.parametrize("config", [Config(), SimulationSettings()])
+def test_every_setting_says_what_it_means(config: Any) -> None:
+    silent = [setting.name for setting in list_settings(config) if not setting.meaning]
     assert silent == []
 
 

@@ -62,9 +62,7 @@ class CameraSettings:
     depth_max: Positive = 8.0  # m
     depth_noise: FromZero = 0.0015  # 1/m; the standard deviation is this times the squared depth
     depth_edge: FromZero = 0.05  # share of the depth by which neighbours at an edge differ
-    depth_grazing: FromZero = (
-        80.0  # deg between ray and surface normal beyond which depth is missing
-    )
+    depth_grazing: FromZero = 80.0  # deg between ray and normal, beyond which depth is missing
     image_noise: FromZero = 2.0  # grey values, standard deviation
     blur: FromZero = 0.5  # pixels, standard deviation of the lens's blur
     exposure_change: FromZero = 0.08  # share by which brightness wanders

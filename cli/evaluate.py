@@ -32,16 +32,29 @@ def evaluate() -> None:
 @evaluate.command()
 @click.argument("estimate", type=PATH)
 @click.argument("reference", type=PATH)
-@click.option("--align/--no-align", default=True, help="Best rigid alignment first (ATE).")
-@click.option("--delta", type=click.FloatRange(0), default=1.0, help="Metres between RPE's poses.")
-@click.option("--max-difference", type=click.FloatRange(0), default=0.01, help="Seconds.")
+@click.option(
+    "--align/--no-align", default=True, show_default=True, help="Best rigid alignment first (ATE)."
+)
+@click.option(
+    "--delta",
+    type=click.FloatRange(0),
+    default=1.0,
+    show_default=True,
+    metavar="M",
+    help="Metres between RPE's poses.",
+)
+@click.option(
+    "--max-difference", type=click.FloatRange(0), default=0.01, show_default=True, metavar="S",
+    help="Seconds between poses of one moment, at most.",
+)  # fmt: skip
 @format_option
 def trajectory(
     estimate: Path, reference: Path, align: bool, delta: float, max_difference: float, style: str
 ) -> None:
-    """ATE and RPE of ESTIMATE against REFERENCE (TUM files or MAPs), by evo's definitions.
+    """ATE and RPE of ESTIMATE against REFERENCE. By evo's definitions.
 
-    RPE is left out, and the exit code is 3, where no two poses are --delta apart.
+    Either is a TUM file or a MAP. RPE is left out, and the exit code is 3, where no two poses are
+    --delta apart.
 
     \b
     mapmyworld evaluate trajectory map.db log.mcap.truth/trajectory.tum
@@ -83,7 +96,7 @@ def _show_errors(
 @click.argument("relations", type=PATH)
 @format_option
 def relations(estimate: Path, relations: Path, style: str) -> None:
-    """Kuemmerle's relations metric of ESTIMATE (a MAP or TUM file) against a relations file.
+    """Kuemmerle's metric of ESTIMATE against known RELATIONS. ESTIMATE is a MAP or a TUM file.
 
     \b
     mapmyworld evaluate relations map.db intel.relations
@@ -114,7 +127,7 @@ def relations(estimate: Path, relations: Path, style: str) -> None:
 @click.argument("reference", type=PATH)
 @format_option
 def grid(grid: Path, reference: Path, style: str) -> None:
-    """How well two grids (YAML beside the picture) agree, as they lie and best aligned.
+    """How well two grids agree, as they lie and best aligned. Named by their YAML files.
 
     \b
     mapmyworld evaluate grid map.yaml log.mcap.truth/grid.yaml
@@ -148,7 +161,7 @@ def grid(grid: Path, reference: Path, style: str) -> None:
 @click.argument("reference", type=PATH)
 @format_option
 def loops(map_path: Path, reference: Path, style: str) -> None:
-    """Precision and recall of MAP's loop closures against a true trajectory.
+    """Precision and recall of MAP's loop closures. REFERENCE is the true trajectory.
 
     Right is within 0.20 m and 1 degree. Recall needs loop_pairs.csv beside REFERENCE.
 
@@ -180,7 +193,7 @@ def loops(map_path: Path, reference: Path, style: str) -> None:
 @click.option("--reference", type=PATH, help="The true trajectory.")
 @format_option
 def cloud(cloud: Path, mesh: Path, est: Path | None, reference: Path | None, style: str) -> None:
-    """Distance of CLOUD's points from the surfaces of MESH (PLY), metres.
+    """Metres of CLOUD's points from the surfaces of MESH. CLOUD is .ply or .pcd, MESH .ply.
 
     \b
     mapmyworld evaluate cloud map.ply log.mcap.truth/mesh.ply
@@ -192,6 +205,8 @@ def cloud(cloud: Path, mesh: Path, est: Path | None, reference: Path | None, sty
     from mapmyworld.geometry.rigid import transform_points
     from mapmyworld.types import PointCloud
 
+    if (est is None) != (reference is None):
+        raise click.UsageError("--trajectory and --reference go together")
     points = read_cloud(cloud)
     if est is not None and reference is not None:
         motion = to_reference(read_any_trajectory(est), read_any_trajectory(reference))

@@ -44,7 +44,7 @@ def grid(
     config_path: Path | None,
     changes: tuple[str, ...],
 ) -> None:
-    """The occupancy grid as PGM + YAML, as Nav2 and map_server load it.
+    """The occupancy grid as PGM + YAML. Nav2 and map_server load it.
 
     \b
     mapmyworld export grid
@@ -94,7 +94,7 @@ def cloud(
     config_path: Path | None,
     changes: tuple[str, ...],
 ) -> None:
-    """The coloured point cloud of all depth images; of planar scans where there is no depth.
+    """The coloured point cloud of all depth images. Of planar scans where there is no depth.
 
     \b
     mapmyworld export cloud

@@ -25,7 +25,7 @@ from cli.export_options import open_map, output_option, output_or, tell
     help="Poses of all tracked frames: final ones, or the recorded odometry.",
 )
 def trajectory(map_path: Path, output: Path | None, style: Any, which: Any) -> None:
-    """Where the robot was when: TUM (evo reads it), KITTI, or CSV with integer nanoseconds.
+    """Where the robot was when, as TUM, KITTI or CSV. For evo, TUM; CSV has integer nanoseconds.
 
     \b
     mapmyworld export trajectory
@@ -43,7 +43,7 @@ def trajectory(map_path: Path, output: Path | None, style: Any, which: Any) -> N
 @map_argument
 @output_option("FILE.g2o", "[default: the map's name with .g2o]")
 def graph(map_path: Path, output: Path | None) -> None:
-    """The pose graph as g2o text: accepted constraints and solved poses.
+    """The pose graph as g2o text. Accepted constraints and solved poses.
 
     \b
     mapmyworld export graph
@@ -65,7 +65,7 @@ def graph(map_path: Path, output: Path | None) -> None:
     "--names", type=click.Choice(["stamp", "id"]), default="stamp", help="What files are called."
 )
 def images(map_path: Path, output: Path | None, names: Any) -> None:
-    """Colour and depth images of all nodes with calibration and poses, laid out as TUM RGB-D.
+    """Images, calibration and poses of all nodes. Laid out as a TUM RGB-D folder.
 
     \b
     mapmyworld export images
@@ -84,7 +84,7 @@ def images(map_path: Path, output: Path | None, names: Any) -> None:
 @map_argument
 @output_option("FILE", "A text file.  [default: the map's name with .words.txt]")
 def vocabulary(map_path: Path, output: Path | None) -> None:
-    """The visual words, for other maps to use: --set places.vocabulary=FILE.
+    """The visual words, for other maps to use. The setting places.vocabulary names the file.
 
     \b
     mapmyworld export vocabulary office.db -o office.words.txt

@@ -17,7 +17,7 @@ from cli.export_options import open_map, output_option, output_or, tell
     "--every-match", is_flag=True, help="Match the images of all closures again, not of 48."
 )
 def report(map_path: Path, output: Path | None, every_match: bool) -> None:
-    """One self-contained HTML page: the map, the graph, what was accepted, rejected, and why.
+    """The report, one self-contained HTML page. Map, graph, what was accepted or rejected, and why.
 
     \b
     mapmyworld export report
@@ -42,7 +42,7 @@ def report(map_path: Path, output: Path | None, every_match: bool) -> None:
 )
 @output_option("FILE", "A .png, .svg or .pdf file.  [default: the map's name with _WHAT.png]")
 def figure(map_path: Path, what: str, output: Path | None) -> None:
-    """One picture for a paper or a pull request, without the page around it.
+    """One picture for a paper or a pull request.
 
     \b
     mapmyworld export figure --what graph -o graph.svg
@@ -69,7 +69,7 @@ def figure(map_path: Path, what: str, output: Path | None) -> None:
     help="Copy this log too, with `map -> odom` added: it replays in the corrected frame.",
 )
 def mcap(map_path: Path, output: Path | None, logs: tuple[Path, ...]) -> None:
-    """The map for Foxglove: grid, cloud, path, poses, graph, images, tf; and a layout beside it.
+    """The map for Foxglove, and a layout beside it. Grid, cloud, path, poses, graph, images, tf.
 
     \b
     mapmyworld export mcap

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from mapmyworld.graph.optimise import OptimisedGraph
     from mapmyworld.types.pose_graph import PoseGraph
 
-_TEXT_GRAPHS = {".g2o", ".graph", ".toro", ".txt"}
-
 
 @click.command()
 @click.argument("path", metavar="FILE", type=PATH)

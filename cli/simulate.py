@@ -28,7 +28,11 @@ from mapmyworld.simulation.worlds import find_world
 @click.option("-o", "--output", type=PATH, help="LOG.mcap or LOG.bag.")
 @click.option("--world", "mesh", type=PATH, help="Your own mesh as world.")
 @click.option("--route", help="A route of the world, or steps such as '2,0 2,3 turn:90 <0,0'.")
-@click.option("--laps", type=click.IntRange(1), help="How often to drive the route.")
+@click.option(
+    "--laps",
+    type=click.IntRange(1),
+    help="How often to drive the route.  [default: the world's number, or 1]",
+)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--camera/--no-camera", default=True, help="Laser-only logs take seconds.")
 @click.option("--laser/--no-laser", default=True, help="Without it, the camera is alone.")

@@ -146,3 +146,10 @@ def test_relations_that_are_not_there_are_told_without_pythons_words(folder: Pat
     error = str(CliRunner().invoke(group, words).exception)
     assert "none.relations: cannot be read: No such file" in error
     assert "Errno" not in error
+
+
+def test_a_cloud_is_moved_only_by_both_trajectories(folder: Path) -> None:
+    arguments = ["evaluate", "cloud", "c.ply", "m.ply", "--reference", str(folder / "truth.tum")]
+    result = CliRunner().invoke(group, arguments)
+    assert result.exit_code != 0
+    assert "--trajectory and --reference go together" in result.output

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cli.common import PATH, format_option, show_json
+from cli.arguments import PATH, format_option
+from cli.streams import show_json
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:

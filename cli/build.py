@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import EXIT_PARTIAL, PATH, default_map, format_option, show_json
+from cli.arguments import PATH, default_map, format_option
+from cli.exit_codes import EXIT_PARTIAL
 from cli.memory import memory_limit
 from cli.outputs import require_map_place
 from cli.progress import StderrProgress, peak_memory_mb
 from cli.repeating import given_options, repeat_and_compare
 from cli.settings import config_options, load_config, settings_that_differ
 from cli.storing import storage_arguments
+from cli.streams import show_json
 from mapmyworld.errors import MapError
 from mapmyworld.heap import no_search_for_garbage
 

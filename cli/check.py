@@ -8,10 +8,12 @@ from pathlib import Path
 
 import click
 
+from cli.arguments import PATH, format_option, map_argument
 from cli.checking import KEYS, Sources, measure
-from cli.common import EXIT_CHECK_FAILED, PATH, format_option, map_argument, show_json, shown
+from cli.exit_codes import EXIT_CHECK_FAILED
 from cli.gates import BETTER, WHOLE, judged, no_worse, read_requirements, require_known, wholeness
 from cli.outputs import require_apart
+from cli.streams import show_json, shown
 from formats.verdicts import Verdict, junit_xml, markdown
 from mapmyworld.errors import ConfigError, MapError
 

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import PATH, format_option, show_json
+from cli.arguments import PATH, format_option
 from cli.manners import note
 from cli.outputs import require_outputs
 from cli.settings import config_options, load_config
+from cli.streams import show_json
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:

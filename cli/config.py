@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import click
 
-from cli.common import format_option, show_json
+from cli.arguments import format_option
+from cli.streams import show_json
 from mapmyworld.config.settings import as_toml, list_settings
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import click
 
-from cli.common import EXIT_PARTIAL, PATH
+from cli.arguments import PATH
+from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import require_apart, require_output_name
 
 

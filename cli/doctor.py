@@ -12,7 +12,9 @@ from dataclasses import dataclass
 import click
 
 import mapmyworld
-from cli.common import EXIT_BAD_INPUT, format_option, show_json
+from cli.arguments import format_option
+from cli.exit_codes import EXIT_BAD_INPUT
+from cli.streams import show_json
 
 _NEEDED = ("numpy", "scipy", "numba", "gtsam", "cv2", "mcap", "rosbags", "rich", "click")
 _DISTRIBUTIONS = {"cv2": "opencv-python-headless"}

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from cli.common import EXIT_PARTIAL, PATH, map_argument
+from cli.arguments import PATH, map_argument
+from cli.exit_codes import EXIT_PARTIAL
 from cli.progress import StderrProgress
 from cli.settings import config_options, load_config
 from mapmyworld.errors import GraphError, MapError

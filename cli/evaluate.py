@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import EXIT_PARTIAL, PATH, format_option, show_json
+from cli.arguments import PATH, format_option
+from cli.exit_codes import EXIT_PARTIAL
+from cli.streams import show_json
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:

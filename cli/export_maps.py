@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import EXIT_CHECK_FAILED, map_argument
+from cli.arguments import map_argument
+from cli.exit_codes import EXIT_CHECK_FAILED
 from cli.export_options import open_map, output_option, output_or, save_option, tell
 from cli.outputs import require_utf8
 from cli.settings import config_options, load_config

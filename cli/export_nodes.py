@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from cli.common import map_argument
+from cli.arguments import map_argument
 from cli.export_options import open_map, output_option, output_or, tell
 
 

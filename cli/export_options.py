@@ -9,8 +9,10 @@ from typing import Any, TypeVar
 
 import click
 
-from cli.common import EXIT_PARTIAL, PATH, show_json
+from cli.arguments import PATH
+from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import require_file, require_no_recording, require_outputs
+from cli.streams import show_json
 
 F = TypeVar("F", bound=Callable[..., Any])
 _FORMAT = "mapmyworld.format"

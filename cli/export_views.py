@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from cli.common import PATH, map_argument
+from cli.arguments import PATH, map_argument
 from cli.export_options import open_map, output_option, output_or, tell
 
 

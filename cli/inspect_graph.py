@@ -8,9 +8,10 @@ from typing import Any
 
 import click
 
-from cli.common import PATH, format_option, map_argument, show_json
+from cli.arguments import PATH, format_option, map_argument
 from cli.manners import note
 from cli.outputs import require_outputs
+from cli.streams import show_json
 from mapmyworld.errors import MapError
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.types import Constraint, ConstraintKind, Poses

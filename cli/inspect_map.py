@@ -9,8 +9,9 @@ from typing import Any
 import click
 import numpy as np
 
-from cli.common import PATH, format_option, map_argument, show_json
+from cli.arguments import PATH, format_option, map_argument
 from cli.outputs import require_outputs
+from cli.streams import show_json
 from mapmyworld.errors import MapError
 from mapmyworld.types import MapStore, OccupancyGrid
 

@@ -8,9 +8,10 @@ from typing import Any
 import click
 import numpy as np
 
-from cli.common import PATH, default_map, format_option, show_json
+from cli.arguments import PATH, default_map, format_option
 from cli.manners import note
 from cli.outputs import require_outputs
+from cli.streams import show_json
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.types import Constraint, MapStore, Node, NodeData

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import EXIT_PARTIAL, PATH, format_option, show_json
+from cli.arguments import PATH, format_option
+from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import require_outputs
 from cli.progress import StderrProgress
 from cli.settings import config_options, load_config
+from cli.streams import show_json
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:

@@ -9,10 +9,10 @@ from typing import NoReturn
 import click
 
 import mapmyworld
-from cli.common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_USAGE, keep_names
+from cli.exit_codes import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_USAGE
 from cli.interrupts import Interrupted, forget_interrupts, heed_interrupts, is_wished
 from cli.lazy import LazyGroup
-from cli.streams import mend_streams
+from cli.streams import keep_names, mend_streams
 from mapmyworld.errors import MapMyWorldError
 
 # Command -> (module:attribute, one line for the list of commands).

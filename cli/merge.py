@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from cli.common import PATH, format_option
+from cli.arguments import PATH, format_option
 from cli.progress import StderrProgress
 from cli.settings import config_options, load_config
 

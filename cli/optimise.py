@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.common import EXIT_PARTIAL, PATH, format_option, show_json
+from cli.arguments import PATH, format_option
+from cli.exit_codes import EXIT_PARTIAL
 from cli.manners import note
 from cli.outputs import (
     require_graph_place,
@@ -20,6 +21,7 @@ from cli.outputs import (
     require_outputs,
 )
 from cli.settings import config_options, load_config
+from cli.streams import show_json
 from mapmyworld.errors import GraphError
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from cli.common import EXIT_PARTIAL
+from cli.exit_codes import EXIT_PARTIAL
 from mapmyworld.errors import MapError
 
 # What must not depend on when and how fast it was made; the page tells the time it took.

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
-from cli.common import PATH
+from cli.arguments import PATH
 from formats.limits import Limits, set_limits
 from formats.nested_text import read_toml
 from mapmyworld.config import Config, LimitsConfig

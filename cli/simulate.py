@@ -8,9 +8,10 @@ from typing import cast
 
 import click
 
-from cli.common import PATH, format_option, show_json
+from cli.arguments import PATH, format_option
 from cli.outputs import require_apart, require_output_name
 from cli.progress import StderrProgress
+from cli.streams import show_json
 from formats.recording import LogWriter
 from formats.scene_mesh import SCENE_SUFFIXES, read_scene_mesh
 from formats.truth import truth_folder, write_truth

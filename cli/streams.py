@@ -1,13 +1,17 @@
-"""The standard streams, where whoever started the program closed or filled them."""
+"""The standard streams: names and JSON on them, and what if they were closed or filled."""
 
 from __future__ import annotations
 
+import codecs
 import errno
 import io
+import json
 import os
 import sys
 from collections.abc import Container
 from typing import Any
+
+import click
 
 
 def mend_streams() -> None:
@@ -65,3 +69,35 @@ def _lenient(number: int, before: Any, dropped: Container[int | None]) -> io.Tex
         line_buffering=lines,
         write_through=before is not None and before.write_through,
     )
+
+
+def shown(name: str) -> str:
+    """A file's name as text that any encoding of Unicode can hold."""
+    return os.fsencode(name).decode("utf-8", "replace")
+
+
+def keep_names(stream: Any) -> None:
+    """From now on the stream prints file names as they are, and what it cannot hold as `?`."""
+    codecs.register_error(_NAMES, _as_given)
+    if hasattr(stream, "reconfigure"):
+        stream.reconfigure(errors=_NAMES)
+
+
+_NAMES = "mapmyworld.names"
+
+
+def _as_given(error: UnicodeError) -> tuple[str | bytes, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    letters = error.object[error.start : error.end]
+    return b"".join(_byte_of(ord(letter)) for letter in letters), error.end
+
+
+def _byte_of(code: int) -> bytes:
+    """The byte for which Python's names of files have this code."""
+    return bytes([code - 0xDC00]) if 0xDC80 <= code <= 0xDCFF else b"?"
+
+
+def show_json(value: Any) -> None:
+    """One JSON document on stdout."""
+    click.echo(json.dumps(value, indent=2, allow_nan=False, default=float))

@@ -13,7 +13,7 @@ import pytest
 from conftest import ROOT
 from room_drive import drive
 
-from cli.common import shown
+from cli.streams import shown
 from formats.grid import read_grid, write_grid
 from formats.report.match_picture import with_caption
 from formats.whole_files import utf8_of

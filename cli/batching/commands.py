@@ -9,7 +9,7 @@ import sys
 import threading
 from collections.abc import Sequence
 
-from cli.common import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PARTIAL
+from cli.exit_codes import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PARTIAL
 from mapmyworld.errors import MapError
 
 _TRIES = 2  # of a process that something killed

@@ -15,7 +15,7 @@ import mapmyworld
 from cli.batching.commands import run_command, why
 from cli.batching.manifest import Job
 from cli.batching.places import delivered, fetched, is_url, mark_of, read_text
-from cli.common import EXIT_BAD_INPUT
+from cli.exit_codes import EXIT_BAD_INPUT
 from cli.repeating import REPEATED
 from formats.whole_files import write_whole
 from mapmyworld.errors import MapMyWorldError

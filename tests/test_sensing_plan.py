@@ -63,6 +63,85 @@ def test_leading_slashes_and_a_localiser_are_seen_and_survived() -> None:
     assert "no /tf_static" in text
 
 
+@pytest.mark.parametrize("robot", ["r1/", "tb3_0_"])
+def test_frames_behind_a_robots_name_are_known_by_the_rest(robot: str) -> None:
+    """Without it the frame named odom became the base, and the log had no odometry."""
+    mount = transform(f"{robot}base_link", f"{robot}laser", (0.2, 0, 0))
+    entries: Entries = [("/tf_static", mount, 0)]
+    for i in range(10):
+        time = i * STEP_NS + 1
+        moved = transform(f"{robot}odom", f"{robot}base_link", (0.1 * i, 0, 0), time, static=False)
+        drifts = transform(f"{robot}map", f"{robot}odom", (0.01 * i, 0, 0), time, static=False)
+        entries += [("/tf", moved, time), ("/tf", drifts, time)]
+        entries.append(("/scan", scan_at(time, frame_id=f"{robot}laser"), time))
+    plan = plan_of(entries)
+    assert plan.base_frame == f"{robot}base_link"
+    assert plan.odometry is not None
+    assert plan.odometry.name == f"tf {robot}odom -> {robot}base_link"
+    assert not plan.losses
+    assert f"tf {robot}map -> {robot}odom" in "\n".join(plan.warnings)
+
+
+def test_a_base_of_any_name_is_what_moves() -> None:
+    entries: Entries = [("/tf_static", transform("mower", "lidar_plate", (0.2, 0, 0)), 0)]
+    entries += [("/tf_static", transform("lidar_plate", "laser", (0, 0, 0)), 0)]
+    for i in range(10):
+        time = i * STEP_NS + 1
+        moved = transform("start", "mower", (0.1 * i, 0, 0), time, static=False)
+        entries += [("/tf", moved, time), ("/scan", scan_at(time), time)]
+    plan = plan_of(entries)
+    assert plan.base_frame == "mower"
+    assert plan.odometry is not None
+    assert plan.odometry.name == "tf start -> mower"
+
+
+@pytest.mark.parametrize("by_topic", [True, False])
+def test_a_sensor_that_tf_does_not_connect_is_not_taken_for_the_base(*, by_topic: bool) -> None:
+    """Its own frame was: the odometry then told the motion of an optical frame."""
+    entries: Entries = []
+    for i in range(10):
+        time = i * STEP_NS + 1
+        moved = transform("odom", "base_link", (0.1 * i, 0, 0), time, static=False)
+        entries += [("/tf", moved, time), ("/scan", scan_at(time), time)]
+        entries += [("/odom", odometry_at(time, (0.1 * i, 0, 0)), time)] if by_topic else []
+    plan = plan_of(entries)
+    assert plan.base_frame == "base_link"
+    assert plan.odometry is not None
+    assert plan.scan is not None
+    assert plan.scan.mount_assumed
+    assert "no transform from base_link to laser" in "\n".join(plan.losses)
+
+
+@pytest.mark.parametrize(("child", "lost"), [("imu_link", True), ("base_footprint", False)])
+def test_odometry_of_a_frame_that_tf_does_not_know_is_told(child: str, *, lost: bool) -> None:
+    entries: Entries = [("/tf_static", transform("base_link", "laser", (0.2, 0, 0)), 0)]
+    for i in range(10):
+        time = i * STEP_NS + 1
+        entries.append(("/odom", odometry_at(time, (0.1 * i, 0, 0), child=child), time))
+        entries.append(("/scan", scan_at(time), time))
+    plan = plan_of(entries)
+    assert plan.base_frame == "base_link"
+    told = "\n".join(plan.losses if lost else plan.warnings)
+    assert f"no transform from {child} to base_link" in told
+    assert bool(plan.losses) == lost
+
+
+def test_a_robot_that_stands_before_it_drives_has_odometry_from_tf_throughout() -> None:
+    """What had not moved yet was taken for fixed, and its times forgotten."""
+    entries: Entries = [("/tf_static", transform("base_link", "laser", (0.2, 0, 0)), 0)]
+    for i in range(100):
+        time = i * STEP_NS // 2
+        pose = (max(i - 60, 0) * 0.05, 0.0, 0.0)
+        entries.append(("/tf", transform("odom", "base_link", pose, time, static=False), time))
+        entries.append(("/scan", scan_at(time), time))
+    plan = plan_of(entries)
+    assert plan.odometry is not None
+    for i in range(100):
+        found = plan.odometry.motion.at(i * STEP_NS // 2)
+        assert found is not None
+        assert found[0, 3] == pytest.approx(max(i - 60, 0) * 0.05)
+
+
 def test_without_tf_the_mount_is_assumed_and_called_a_loss() -> None:
     plan = plan_of(drive())
     assert plan.scan is not None

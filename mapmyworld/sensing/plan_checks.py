@@ -8,6 +8,7 @@ from mapmyworld.sensing.plan import CameraSource, Draft, OdometrySource, ScanSou
 from mapmyworld.sensing.plan_lasers import share_of, valid_ranges
 from mapmyworld.sensing.silence import check_silence
 from mapmyworld.sensing.survey import Stream
+from mapmyworld.sensing.transforms import is_called
 from mapmyworld.types import LaserScanMessage, MessageKind
 
 _CLOCKS_APART = 1.0  # s between the sensors' clocks from which they cannot be one clock
@@ -64,13 +65,15 @@ def check_tree(draft: Draft) -> None:
     tree = draft.tree
     if tree.had_leading_slashes:
         draft.warnings.append("frame names with a leading slash: read without it")
-    dynamic = [e for e in tree.edges() if not e.static]
-    if dynamic and not any(e.static for e in tree.edges()):
-        draft.warnings.append("no /tf_static: fixed transforms are taken from /tf")
+    if tree.edges() and not any(e.static for e in tree.edges()):
+        some = any(e.is_fixed for e in tree.edges())
+        said = "fixed transforms are taken from /tf" if some else "no transform in the log is fixed"
+        draft.warnings.append(f"no /tf_static: {said}")
     for edge in tree.edges():
-        if edge.parent == "map" and not edge.static:
+        if is_called(edge.parent, ("map",)) and not edge.static:
             draft.warnings.append(
-                f"a localiser was running (tf map -> {edge.child}, {edge.count}x): not used"
+                f"a localiser was running (tf {edge.parent} -> {edge.child}, {edge.count}x): "
+                "not used"
             )
     draft.warnings.extend(f"tf: {line}" for line in tree.ignored.values())
 

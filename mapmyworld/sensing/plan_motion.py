@@ -1,4 +1,4 @@
-"""The part of the plan that decides frames, odometry and what else tells of motion."""
+"""The part of the plan that decides odometry and what else tells of motion."""
 
 from __future__ import annotations
 
@@ -8,67 +8,11 @@ from mapmyworld.errors import ConfigError
 from mapmyworld.geometry.rigid import between
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.sensing.plan import Draft, ImuSource, OdometrySource, ScanSource
-from mapmyworld.sensing.transforms import frame_name
+from mapmyworld.sensing.plan_base import BASES, ODOMS, WORLDS
+from mapmyworld.sensing.transforms import frame_name, is_called
 from mapmyworld.types import ImuMessage, MessageKind
 
-_BASES = ("base_footprint", "base_link", "robot_footprint", "base", "chassis", "body", "base_frame")
-_ODOMS = ("odom", "odom_combined", "odometry")
-_WORLDS = ("map", "world", "earth")
 _FLAT = 0.02  # metres of height, radians of roll and pitch that a planar robot stays within
-
-
-def choose_base(draft: Draft) -> str:
-    """The frame whose motion is mapped: the child of the odometry, or the root of the robot."""
-    wanted, tree = draft.config.base_frame, draft.tree
-    if wanted:
-        draft.decide("base frame", wanted, "set by sensing.base_frame")
-        return frame_name(wanted)
-    for topic, (_, child) in sorted(draft.survey.odometry_frames.items()):
-        if child and _serves(draft, frame_name(child)):
-            draft.decide("base frame", frame_name(child), f"the child frame of {topic}")
-            return frame_name(child)
-    below_odom = [e.child for e in tree.edges() if e.parent in _ODOMS]
-    known = [name for name in _BASES if name in tree.frames()]
-    for name, why in [(n, "tf moves it under odom") for n in below_odom] + [
-        (n, "the usual name, found in tf") for n in known
-    ]:
-        if _serves(draft, name):
-            draft.decide("base frame", name, why)
-            return name
-    sensors = sorted(sensor_frames(draft))
-    name = _root(draft, sensors[0]) if sensors else "base_link"
-    draft.decide("base frame", name, "the topmost frame above the sensor" if sensors else "default")
-    return name
-
-
-def sensor_frames(draft: Draft) -> set[str]:
-    """Frames of all lasers and cameras in the log."""
-    kinds = (
-        MessageKind.LASER_SCAN,
-        MessageKind.CAMERA_INFO,
-        MessageKind.IMAGE,
-        MessageKind.POINT_CLOUD,
-    )
-    return {
-        frame_name(sample.frame_id)
-        for kind in kinds
-        for stream in draft.survey.of_kind(kind)
-        for sample in stream.samples[:1]
-        if hasattr(sample, "frame_id") and sample.frame_id
-    }
-
-
-def _serves(draft: Draft, base: str) -> bool:
-    """Whether some sensor hangs on this base, or no tf says otherwise."""
-    sensors = sensor_frames(draft)
-    if not draft.tree.frames() or not sensors:
-        return True
-    return any(base == s or draft.tree.chain(base, s) is not None for s in sensors)
-
-
-def _root(draft: Draft, frame: str) -> str:
-    chain = [n for n in draft.tree.ancestors(frame) if n not in _ODOMS and n not in _WORLDS]
-    return chain[-1] if chain else frame
 
 
 def choose_odometry(draft: Draft, base: str) -> OdometrySource | None:
@@ -95,7 +39,20 @@ def choose_odometry(draft: Draft, base: str) -> OdometrySource | None:
     best = ranked[0][1]
     others = tuple(f"{source.name}: {why}" for _, source, why in ranked[1:])
     draft.decide("odometry", best.name, ranked[0][2], others)
+    _check_child(draft, best, base)
     return best
+
+
+def _check_child(draft: Draft, odometry: OdometrySource, base: str) -> None:
+    """Words about odometry of another frame, of which tf does not say where on the base it is."""
+    child = frame_name(draft.survey.odometry_frames.get(odometry.name, ("", ""))[1])
+    if not child or child == base or draft.tree.chain(child, base) is not None:
+        return
+    alike = is_called(child, BASES) and is_called(base, BASES)
+    (draft.warnings if alike else draft.losses).append(
+        f"no transform from {child} to {base}: {odometry.name} is taken to tell the motion of "
+        f"{base}; record /tf_static, or set sensing.base_frame"
+    )
 
 
 def _candidates(draft: Draft, base: str) -> list[tuple[float, OdometrySource, str]]:
@@ -111,13 +68,13 @@ def _candidates(draft: Draft, base: str) -> list[tuple[float, OdometrySource, st
         edge = draft.tree.edge_to(
             draft.tree.ancestors(base)[draft.tree.ancestors(base).index(parent) - 1]
         )
-        if parent in _WORLDS or edge is None or edge.motion is None:
+        if is_called(parent, WORLDS) or edge is None or edge.motion is None:
             continue
         chain = draft.tree.chain(parent, base)
         if chain is not None and len(chain[0]) == 1:
             source = OdometrySource(f"tf {parent} -> {base}", edge.motion)
             found.append(
-                (3.0 if parent in _ODOMS else 1.5, source, f"{len(edge.motion)} transforms")
+                (3.0 if is_called(parent, ODOMS) else 1.5, source, f"{len(edge.motion)} transforms")
             )
     return [item for item in found if len(item[1].motion) > 1]
 

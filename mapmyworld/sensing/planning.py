@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
-from mapmyworld.sensing import plan_cameras, plan_checks, plan_lasers, plan_motion
+from mapmyworld.sensing import plan_base, plan_cameras, plan_checks, plan_lasers, plan_motion
 from mapmyworld.sensing.order import check_stamps, choose_order
 from mapmyworld.sensing.plan import Draft, Plan
 from mapmyworld.sensing.plan_more_cameras import choose_more_cameras
@@ -22,7 +22,7 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
             problems=list(dict.fromkeys([*survey.info.problems, *survey.losses])),
         )
     check_topics(draft)
-    base = plan_motion.choose_base(draft)
+    base = plan_base.choose_base(draft)
     odometry = plan_motion.choose_odometry(draft, base)
     scan = plan_lasers.choose_scan(draft, base)
     camera = plan_cameras.choose_camera(draft, base)

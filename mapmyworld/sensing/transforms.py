@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from array import array
+from collections.abc import Collection
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +13,18 @@ from mapmyworld.geometry.rigid import invert
 from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion, is_place
 from mapmyworld.types import TransformsMessage
 
+_STILL_NS = 100_000_000  # between the times at which one that may yet move was seen to stand
 _CONSTANT = 1e-6  # metres and radians within which a transform on /tf counts as fixed
 
 
 def frame_name(name: str) -> str:
     """A frame's name without the leading slash of older ROS versions."""
     return name.strip().lstrip("/")
+
+
+def is_called(name: str, usual: Collection[str]) -> bool:
+    """Whether a frame has one of these names, behind a robot's own too: r1/odom, r1_base_link."""
+    return any(name == u or name.endswith((f"/{u}", f"_{u}")) for u in usual)
 
 
 @dataclass(slots=True)
@@ -30,6 +38,8 @@ class Edge:
     static: bool
     """Whether it came on the topic of static transforms."""
     count: int = 0
+    still_ns: array[int] = field(default_factory=lambda: array("q"))
+    """When it was seen to be `first`: the first and last time, and others between."""
     recorder: MotionRecorder | None = None
     motion: RecordedMotion | None = None
 
@@ -146,8 +156,19 @@ def _record(edge: Edge, stamp_ns: int, pose: NDArray[np.float64]) -> None:
         edge.first = pose
     elif np.abs(pose - edge.first).max() > _CONSTANT:
         edge.recorder = MotionRecorder()
-        edge.recorder.add(stamp_ns - 1, edge.first)
+        for still_ns in edge.still_ns:
+            edge.recorder.add(still_ns, edge.first)
         edge.recorder.add(stamp_ns, pose)
+    else:
+        _stand_still(edge.still_ns, stamp_ns)
+
+
+def _stand_still(seen_ns: array[int], stamp_ns: int) -> None:
+    """One more time at which a transform had not moved; of close ones the last is kept."""
+    if len(seen_ns) > 1 and 0 <= stamp_ns - seen_ns[-2] < _STILL_NS:
+        seen_ns[-1] = stamp_ns
+    else:
+        seen_ns.append(stamp_ns)
 
 
 def _climb(edges: list[Edge], stamp_ns: int) -> NDArray[np.float64] | None:

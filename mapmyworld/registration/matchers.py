@@ -5,12 +5,33 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping
 
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import RegistrationConfig
 from mapmyworld.errors import ConfigError
 from mapmyworld.registration.point_to_line import point_to_line
-from mapmyworld.registration.scan_matching import Match
+from mapmyworld.registration.scan_matching import Match, PreparedScan, ScanSet
 
-Matcher = Callable[..., Match]
-"""Takes what `match_scan` takes, by position, and keeps the laws of its tests."""
+Array = NDArray[np.float64]
+Matcher = Callable[
+    [
+        PreparedScan,
+        ScanSet,
+        NDArray[np.int64],
+        Array,
+        Array,
+        RegistrationConfig,
+        Array,
+        Array,
+        Array,
+    ],
+    Match,
+]
+"""Takes scan, targets, which of them, their poses (S, 3), guess (3,), settings, prior (3,) and its
+information (3, 3), and reaches: metres within which lines are looked for, one a step. It keeps
+the laws of its tests.
+"""
 
 MATCHERS: Mapping[str, Matcher] = {
     "point_to_line": point_to_line,

@@ -92,12 +92,6 @@ class Facts:
         assert self.sources.grid is not None
         return grid_score(self.grid, read_grid(self.sources.grid))
 
-    def count(self, kind: ConstraintKind, *, accepted: bool = True) -> float:
-        """Constraints of a kind with this verdict."""
-        return float(
-            sum(c.kind == kind and c.accepted == accepted for c in self.store.constraints())
-        )
-
     def largest_sigma(self) -> float:
         """Metres of the least certain node."""
         poses = self.store.poses()
@@ -117,18 +111,20 @@ class Key:
     """The option without which it cannot be found."""
 
 
-def _counted(kind: ConstraintKind, *, accepted: bool = True) -> Callable[[Facts], float]:
-    return lambda facts: facts.count(kind, accepted=accepted)
+def _accepted(kind: ConstraintKind) -> Callable[[Facts], float]:
+    return lambda facts: float(
+        sum(c.kind == kind and c.accepted for c in facts.store.constraints())
+    )
 
 
 KEYS: dict[str, Key] = {
     "nodes": Key("nodes of the graph", lambda f: float(len(f.store.nodes()))),
     "sessions": Key("sessions", lambda f: float(len({n.session for n in f.store.nodes()}))),
     "frames": Key("tracked moments", lambda f: float(len(f.store.tracked_frames().stamps_ns))),
-    "neighbour": Key("neighbour constraints", _counted(ConstraintKind.NEIGHBOUR)),
-    "loop_closures": Key("accepted loop closures", _counted(ConstraintKind.LOOP_CLOSURE)),
-    "proximity": Key("accepted proximity constraints", _counted(ConstraintKind.PROXIMITY)),
-    "landmarks": Key("accepted landmark constraints", _counted(ConstraintKind.LANDMARK)),
+    "neighbour": Key("neighbour constraints", _accepted(ConstraintKind.NEIGHBOUR)),
+    "loop_closures": Key("accepted loop closures", _accepted(ConstraintKind.LOOP_CLOSURE)),
+    "proximity": Key("accepted proximity constraints", _accepted(ConstraintKind.PROXIMITY)),
+    "landmarks": Key("accepted landmark constraints", _accepted(ConstraintKind.LANDMARK)),
     "rejected": Key(
         "rejected constraints of any kind",
         lambda f: float(sum(not c.accepted for c in f.store.constraints())),

@@ -28,12 +28,12 @@ def export_beside(store: MapStore, map_path: Path, config: Config) -> list[str]:
     return [str(path) for path in written]
 
 
-def export_grid(store: MapStore, stem: Path, mode: Any = "trinary") -> list[Path]:
+def export_grid(store: MapStore, stem: Path) -> list[Path]:
     """Writes the stored grid; nothing where there is none."""
     from formats.grid import write_grid
 
     grid = store.grid()
-    return [] if grid is None else list(write_grid(stem, grid, mode))
+    return [] if grid is None else list(write_grid(stem, grid))
 
 
 def export_trajectory(

@@ -30,18 +30,17 @@ def merge_files(
     config: Config,
     progress: StderrProgress,
     *,
-    first: Path | None = None,
-    export: bool = True,
+    export: bool,
 ) -> dict[str, Any]:
     """Writes OUTPUT, and OUTPUT_2, ... for what does not connect; nothing if anything fails.
 
-    `first` names the source whose sessions go into OUTPUT itself. OUTPUT may be a source here.
+    OUTPUT may be a source here.
     """
     from formats.database.lock import only_writer
 
     started, cpu = time.monotonic(), time.process_time()
     with only_writer(output), ResultMaps(output, config) as results:
-        maps = _merged(sources, results, config, progress, first)
+        maps = _merged(sources, results, config, progress)
         results.put_in_place()
     return _summary(maps, results.names, config, progress, (started, cpu), export)
 
@@ -77,8 +76,9 @@ def _merged(
     results: ResultMaps,
     config: Config,
     progress: StderrProgress,
-    first: Path | None,
+    first: Path | None = None,
 ) -> list[MergedMap]:
+    """The maps of the sources; the sessions of the `first` go into the first of them."""
     from mapmyworld.sessions import merge_maps
 
     with ExitStack() as stack:

@@ -80,10 +80,10 @@ class Connection:
         with self._ready():
             return self._sqlite.execute(sql, parameters).fetchone()
 
-    def iterate(self, sql: str, parameters: Sequence[Any] = ()) -> Iterator[Any]:
+    def iterate(self, sql: str) -> Iterator[Any]:
         """Rows of a query, as they are asked for."""
         with self._ready():
-            yield from self._sqlite.execute(sql, parameters)
+            yield from self._sqlite.execute(sql)
 
     def in_chunks(self, sql: str, parameters: Sequence[Any] = ()) -> Iterator[list[Any]]:
         """Rows of a query, some hundreds at a time, so that few are held at once."""

@@ -47,9 +47,9 @@ def field(value: Any, name: str, default: Any = None) -> Any:
 END_NS = (1 << 62) - 1  # the year 2116: JSON can claim any time
 
 
-def stamp_of(value: Any, name: str = "timestamp") -> int:
-    """Nanoseconds of a Timestamp (protobuf), {sec, nsec} (JSON) or Time (ROS)."""
-    time = field(value, name)
+def stamp_of(value: Any) -> int:
+    """Nanoseconds of its Timestamp (protobuf), {sec, nsec} (JSON) or Time (ROS)."""
+    time = field(value, "timestamp")
     seconds = field(time, "seconds", field(time, "sec", 0))
     fractions = (field(time, name) for name in ("nanos", "nsec", "nanosec"))
     rest = next((fraction for fraction in fractions if fraction is not None), 0)

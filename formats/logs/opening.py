@@ -29,6 +29,7 @@ from formats.logs.tum_rgbd import LISTS, TumRgbdLog
 from mapmyworld.errors import LogError
 from mapmyworld.types import LogSource
 
+_HEAD = 1 << 16  # bytes that show what a file is
 _BAG_NAMES = (".db3", ".mcap", ".bag", ".db3.zstd", ".mcap.zstd")
 _KINDS = (
     "a ROS 1 .bag, a rosbag2 folder, .db3 or .mcap, a CARMEN .log/.clf, a TUM RGB-D folder "
@@ -141,12 +142,12 @@ def _tables(path: Path) -> set[str]:
         raise LogError(f"{path}: damaged SQLite file ({one_line(error)})") from error
 
 
-def _first_bytes(path: Path, count: int = 65536) -> bytes:
+def _first_bytes(path: Path) -> bytes:
     """What can be had of them: a compressed file may be damaged soon after its start."""
     found = b""
     try:
         with open_binary(path) as stream:
-            while len(found) < count and (block := cast(io.BufferedReader, stream).read1(4096)):
+            while len(found) < _HEAD and (block := cast(io.BufferedReader, stream).read1(4096)):
                 found += block
     except DECOMPRESSION_ERRORS as error:
         if not found:

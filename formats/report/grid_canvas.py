@@ -12,6 +12,7 @@ from mapmyworld.types import OccupancyGrid
 
 Picture = NDArray[np.uint8]
 _UNKNOWN, _FREE, _OCCUPIED = 225, 255, 40  # grey
+_MARGIN = 0.5  # m around what was observed
 _SHIFT = 4  # bits of a pixel to which lines are drawn
 
 
@@ -53,14 +54,14 @@ def canvas_from_grid(
     return Canvas(pixels, grid.origin + first * grid.resolution, ratio / grid.resolution)
 
 
-def observed_bounds(grid: OccupancyGrid, margin: float = 0.5) -> NDArray[np.float64]:
-    """Lower left and upper right (2, 2), in metres, of what was observed."""
+def observed_bounds(grid: OccupancyGrid) -> NDArray[np.float64]:
+    """Lower left and upper right (2, 2), in metres, of what was observed and a margin around it."""
     rows, columns = np.nonzero(np.isfinite(grid.log_odds))
     if len(rows) == 0:
         return np.stack([grid.origin, grid.origin + 1.0])
     low = grid.origin + grid.resolution * np.array([columns.min(), rows.min()])
     high = grid.origin + grid.resolution * np.array([columns.max() + 1, rows.max() + 1])
-    return np.stack([low - margin, high + margin])
+    return np.stack([low - _MARGIN, high + _MARGIN])
 
 
 def _grey(grid: OccupancyGrid) -> NDArray[np.uint8]:

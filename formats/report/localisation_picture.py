@@ -13,12 +13,13 @@ from mapmyworld.types.localisation import Localisation, State
 _TRACKED = (30, 90, 200)  # RGB
 _AFTERWARDS = (240, 150, 60)
 _FOUND = (0, 150, 70)
+_SIDE = 1000  # pixels of the longer side
 _LEAP = 1.0  # m between neighbouring moments, beyond which no line is drawn
 
 
-def localisation_picture(grid: OccupancyGrid, found: Localisation, side: int = 1000) -> Picture:
+def localisation_picture(grid: OccupancyGrid, found: Localisation) -> Picture:
     """The grid (H, W, 3) RGB under the path: tracked, known afterwards, and first recognitions."""
-    canvas = canvas_from_grid(grid, side)
+    canvas = canvas_from_grid(grid, _SIDE)
     places = np.array([e.map_from_base[:2, 3] for e in found.estimates]).reshape(-1, 2)
     lost = np.array([e.state == State.LOST for e in found.estimates], np.bool_)
     known = np.array([e.known for e in found.estimates], np.bool_)

@@ -51,7 +51,7 @@ class GridScore:
 
 def grid_score(grid: OccupancyGrid, reference: OccupancyGrid) -> GridScore:
     """Agreement of a grid with the true one; raises `MapError` where either has no wall."""
-    occupied, true = cell_centres(grid, 100), cell_centres(reference, 100)
+    occupied, true = occupied_centres(grid), occupied_centres(reference)
     for points, name in ((occupied, "the grid"), (true, "the reference")):
         if len(points) == 0:
             raise MapError(f"{name} has no occupied cell: there is nothing to compare")
@@ -64,9 +64,9 @@ def grid_score(grid: OccupancyGrid, reference: OccupancyGrid) -> GridScore:
     return GridScore(unaligned, aligned, motion, unknown)
 
 
-def cell_centres(grid: OccupancyGrid, value: int) -> Points:
-    """Centres (N, 2) in metres of the cells with that trinary value."""
-    row, column = np.nonzero(grid.trinary() == value)
+def occupied_centres(grid: OccupancyGrid) -> Points:
+    """Centres (N, 2) in metres of the occupied cells."""
+    row, column = np.nonzero(grid.trinary() == 100)
     return grid.origin + (np.stack([column, row], axis=1) + 0.5) * grid.resolution
 
 

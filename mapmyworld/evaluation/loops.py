@@ -39,9 +39,6 @@ def loop_closure_score(
     first_from_second: NDArray[np.float64],
     truth: Trajectory,
     true_pairs_ns: NDArray[np.int64],
-    *,
-    max_distance: float = MAX_DISTANCE,
-    max_angle_deg: float = MAX_ANGLE_DEG,
 ) -> LoopScore:
     """Closures between the moments (K, 2), measured as (K, 4, 4), judged by the truth.
 
@@ -52,7 +49,7 @@ def loop_closure_score(
     error = between(between(first, second), first_from_second)
     distance = np.linalg.norm(error[:, :3, 3], axis=1)
     angle = np.degrees(rotation_angle(error))
-    right = (distance <= max_distance) & (angle <= max_angle_deg)
+    right = (distance <= MAX_DISTANCE) & (angle <= MAX_ANGLE_DEG)
     return LoopScore(
         count=len(right),
         precision=float(right.mean()) if len(right) else 1.0,

@@ -28,6 +28,7 @@ from mapmyworld.graph.cholesky import NotPositiveDefiniteError, factorise
 from mapmyworld.graph.elimination import Symbolic, analyse
 from mapmyworld.kernels.bundle import list_links, subtract_points_sparsely
 
+_WIDTH = 2.0  # sigmas from which Huber's weights begin
 _LINKS_AT_ONCE = 1 << 20  # pairs of cameras that are gathered before doubles among them go
 
 
@@ -60,17 +61,17 @@ class _Pattern:
         return np.asarray(np.searchsorted(self.links, rows * free + columns), np.int64)
 
 
-def adjust_features(bundle: Bundle, *, rounds: int = 20, width: float = 2.0) -> Adjusted:
+def adjust_features(bundle: Bundle, *, rounds: int = 20) -> Adjusted:
     """Cameras and points of least robust cost, by Levenberg-Marquardt; the cost never grows."""
     pattern = _pattern_of(bundle)
-    blocks, cost = linearise(bundle, width)
+    blocks, cost = linearise(bundle, _WIDTH)
     before, damping = cost, 1e-5
     for _ in range(rounds):
         trial = _step(bundle, blocks, pattern, damping)
         if trial is None:
             damping *= 10.0
             continue
-        trial_blocks, trial_cost = linearise(trial, width)
+        trial_blocks, trial_cost = linearise(trial, _WIDTH)
         if trial_cost > cost:
             damping *= 10.0
             continue

@@ -21,9 +21,7 @@ from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.threads import Workers
 from mapmyworld.particles.tiles import TileMaps
 
-REACHES = np.array([3, 2, 2, 2, 2, 2, 2, 2], np.int64)
-REACHES_WIDE = np.array([8, 7, 6, 5, 4, 3, 2, 2, 2, 2, 2, 2], np.int64)
-_STILL = np.zeros((1, 3))
+_REACHES = np.array([3, 2, 2, 2, 2, 2, 2, 2], np.int64)  # cells searched around end points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,26 +54,19 @@ def improved_proposal(
     m: TileMaps,
     config: ParticlesConfig,
     workers: Workers,
-    shifts: NDArray[np.float64] = _STILL,
 ) -> Proposal:
-    """Where particles at `x` (P, 3) go after a motion u that ended with the scan z.
-
-    `shifts` (K, 3), in the body frame, are further places around the prediction to start from.
-    """
+    """Where particles at `x` (P, 3) go after a motion u that ended with the scan z."""
     count = len(x)
     scale = min(1.0, config.beams_effective / max(len(z.points), 1))
-    predicted = compose_planar(x, u)
-    starts = np.ascontiguousarray(compose_planar(predicted[:, None, :], shifts[None]))
-    starts[:, 0] = predicted
+    starts = compose_planar(x, u)[:, None, :]
     mean, information = np.zeros((count, 3)), np.zeros((count, 3, 3))
     quality = np.zeros((count, 3))
-    reaches = REACHES if len(shifts) == 1 else REACHES_WIDE
     prior = np.linalg.inv(u_covariance)
     workers.run_maps(
         kernels.match,
         m.surfaces,
         count,
-        (z, starts, prior, 0.0, reaches, config.sigma, scale, mean, information, quality),
+        (z, starts, prior, 0.0, _REACHES, config.sigma, scale, mean, information, quality),
     )
     log_z = quality[:, 1]
     if config.measurement == "beams":

@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+_QUANTILE = 2.33  # of the normal distribution: 99 %
+
 
 def normalised_weights(log_weights: NDArray[np.float64]) -> NDArray[np.float64]:
     """Weights w (P,) that sum to one, of logarithms known up to a constant."""
@@ -30,13 +32,13 @@ def low_variance_sampler(w: NDArray[np.float64], count: int, r: float) -> NDArra
     return np.minimum(np.searchsorted(cumulated / cumulated[-1], comb, "right"), len(w) - 1)
 
 
-def kld_sample_size(bins: int, error: float, quantile: float = 2.33) -> int:
+def kld_sample_size(bins: int, error: float) -> int:
     """Particles after which the sampled distribution over `bins` bins is `error` from the true one.
 
-    In Kullback-Leibler divergence, with the certainty of the normal `quantile` (Fox 2003, by the
-    Wilson-Hilferty approximation of the chi-squared distribution).
+    In Kullback-Leibler divergence, with a certainty of 99 % (Fox 2003, by the Wilson-Hilferty
+    approximation of the chi-squared distribution).
     """
     if bins < 2:
         return 1
     a = 2.0 / (9.0 * (bins - 1))
-    return math.ceil((bins - 1) / (2.0 * error) * (1.0 - a + math.sqrt(a) * quantile) ** 3)
+    return math.ceil((bins - 1) / (2.0 * error) * (1.0 - a + math.sqrt(a) * _QUANTILE) ** 3)

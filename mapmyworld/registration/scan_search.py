@@ -49,16 +49,16 @@ class Found:
     """Score of the best pose elsewhere in the window; 0 if none comes near."""
 
 
-def likelihood_grid(points: Array, resolution: float = _RESOLUTION) -> LikelihoodGrid:
+def likelihood_grid(points: Array) -> LikelihoodGrid:
     """The grid of surface points (N, 2); of none, where a blind laser saw nothing."""
     margin = 1 << (_LEVELS - 1)
-    corner = points.min(axis=0, initial=np.inf if len(points) else 0.0) - 2.0 * resolution
-    cells = np.floor((points - corner) / resolution).astype(np.int64) + margin
+    corner = points.min(axis=0, initial=np.inf if len(points) else 0.0) - 2.0 * _RESOLUTION
+    cells = np.floor((points - corner) / _RESOLUTION).astype(np.int64) + margin
     width, height = cells.max(axis=0, initial=margin) + 3 + margin
     pyramid = np.zeros((_LEVELS, height, width), np.uint8)
     pyramid[0, cells[:, 1], cells[:, 0]] = FULL
     fill_pyramid(pyramid, round(_NEAR * FULL))
-    return LikelihoodGrid(pyramid, corner, margin, resolution)
+    return LikelihoodGrid(pyramid, corner, margin, _RESOLUTION)
 
 
 def search_grid(

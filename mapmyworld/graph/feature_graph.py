@@ -37,7 +37,6 @@ class Adjusted:
     """What an adjustment of all features and poses came to."""
 
     bundle: Bundle
-    cost_before: float
     cost: float
 
 
@@ -65,7 +64,7 @@ def adjust_features(bundle: Bundle, *, rounds: int = 20) -> Adjusted:
     """Cameras and points of least robust cost, by Levenberg-Marquardt; the cost never grows."""
     pattern = _pattern_of(bundle)
     blocks, cost = linearise(bundle, _WIDTH)
-    before, damping = cost, 1e-5
+    damping = 1e-5
     for _ in range(rounds):
         trial = _step(bundle, blocks, pattern, damping)
         if trial is None:
@@ -79,7 +78,7 @@ def adjust_features(bundle: Bundle, *, rounds: int = 20) -> Adjusted:
         bundle, blocks, cost, damping = trial, trial_blocks, trial_cost, damping * 0.2
         if done:
             break
-    return Adjusted(bundle, before, cost)
+    return Adjusted(bundle, cost)
 
 
 def _pattern_of(bundle: Bundle) -> _Pattern:

@@ -52,7 +52,7 @@ class LocalTracker:
         if found[1][0] < _POOR:
             wider = np.concatenate([guesses, motion + _WIDER, _WIDER])
             found = self._match(beams, wider, recorded=odometry is not None)
-        before, (self.pose, self.quality) = self.pose, found
+        before, self.pose = self.pose, found[0]
         self._last_step = between_planar(before, self.pose)
         return self.pose
 

@@ -33,8 +33,6 @@ class JointAlignment:
     """Root mean square movement of the scans in each round, metres."""
     residual: float
     """Root mean square distance between a point and the other scan's line, metres."""
-    systems: Array
-    """(P, 12) the pairs' normal equations in the last round."""
 
 
 def align_jointly(
@@ -81,9 +79,8 @@ def align_jointly(
             break
     forget_patterns()  # nobody aligns the same pairs again
     weights = max(float(systems[:, 9].sum()), 1e-9)
-    return JointAlignment(
-        poses, tuple(moved), float(np.sqrt(systems[:, 10].sum() / weights)), systems
-    )
+    residual = float(np.sqrt(systems[:, 10].sum() / weights))
+    return JointAlignment(poses, tuple(moved), residual)
 
 
 def _length(step: Array, held: NDArray[np.bool_]) -> float:

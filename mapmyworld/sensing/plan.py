@@ -34,8 +34,6 @@ class ScanSource:
     frame_id: str
     base_from_lidar: NDArray[np.float64]
     """(4, 4)."""
-    mount_assumed: bool
-    """Whether no transform says where the lidar sits."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,9 +42,7 @@ class CameraSource:
 
     colour_topic: str
     depth_topic: str
-    info_topic: str
     model: CameraModel
-    mount_assumed: bool
     grey_bits: int = 0
     """Bits of a 16-bit grey image's pixels; 0 where colour has eight a channel."""
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from mapmyworld.errors import LogError
 from mapmyworld.sensing.grey_images import bits_of, eight_bits, is_grey
+from mapmyworld.sensing.mounts import mount_of
 from mapmyworld.sensing.plan import CameraSource, Draft, ScanSource
-from mapmyworld.sensing.plan_lasers import mount_of
 from mapmyworld.sensing.survey import Stream
 from mapmyworld.sensing.transforms import frame_name
 from mapmyworld.types import CameraInfoMessage, CameraModel, ImageMessage, MessageKind
@@ -214,8 +214,7 @@ def source_of(
         distortion=np.zeros(0) if rectified else info.distortion,
         base_from_camera=mount,
     )
-    topics = colour.topic, depth.topic, info_stream.topic
-    return CameraSource(*topics, model, assumed, colour.grey_bits)
+    return CameraSource(colour.topic, depth.topic, model, colour.grey_bits)
 
 
 def _fault_of(info: CameraInfoMessage) -> str:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.errors import ConfigError, LogError
-from mapmyworld.geometry.rigid import make_transform
-from mapmyworld.geometry.rotations import roll_pitch_yaw_to_rotation
+from mapmyworld.errors import LogError
 from mapmyworld.sensing.cloud_scans import points_of_cloud, scan_of_points, view_of
+from mapmyworld.sensing.mounts import mount_of
 from mapmyworld.sensing.plan import Draft, ScanSource
 from mapmyworld.sensing.survey import Stream
 from mapmyworld.sensing.transforms import frame_name
@@ -18,7 +17,6 @@ _TILTED = 0.17  # rad from level beyond which a laser does not see walls as wall
 _FAULTY = -1.0  # of a laser that could serve if it were sound: a loss; 0: one made for else
 _LEAST_BEAMS = 2  # a single one is a range finder's
 _WHOLE = 6.3  # rad, more than which no two beams lie apart
-_FARTHEST = 1000.0  # m or rad of a mount
 _NARROW = 2.0  # rad that clouds show at least where they are a lidar's and not a camera's
 _AFTER_SCANS = 1e-4  # weight of clouds: any usable laser comes first
 
@@ -131,32 +129,6 @@ def share_of(mask: NDArray[np.bool_]) -> float:
     return float(mask.mean()) if len(mask) else 0.0
 
 
-def mount_of(draft: Draft, base: str, frame_id: str, role: str) -> tuple[NDArray[np.float64], bool]:
-    """`base_from_sensor` (4, 4), and whether it had to be assumed."""
-    setting = getattr(draft.config, f"{role}_mount")
-    if setting:
-        return parse_mount(setting, f"sensing.{role}_mount"), False
-    name = frame_name(frame_id)
-    if name == base:
-        return np.eye(4), False
-    found = draft.tree.lookup(base, name, 0) if draft.tree.is_fixed(base, name) else None
-    if found is None and draft.tree.chain(base, name) is not None:
-        middle = (draft.survey.info.start_ns + draft.survey.end_ns) // 2
-        found = draft.tree.lookup(base, name, middle)
-    return (np.eye(4), True) if found is None else (found, False)
-
-
-def parse_mount(text: str, name: str) -> NDArray[np.float64]:
-    """The transform (4, 4) of "x y z roll pitch yaw" in metres and radians."""
-    try:
-        x, y, z, roll, pitch, yaw = (float(part) for part in text.replace(",", " ").split())
-    except ValueError:
-        raise ConfigError(f'{name} = {text!r}: give six numbers "x y z roll pitch yaw"') from None
-    if not all(abs(value) < _FARTHEST for value in (x, y, z, roll, pitch, yaw)):
-        raise ConfigError(f"{name} = {text!r}: no place on a robot: give metres and radians")
-    return make_transform(roll_pitch_yaw_to_rotation(roll, pitch, yaw), [x, y, z])
-
-
 def _source(draft: Draft, stream: Stream, base: str) -> ScanSource:
     scan = next(m for m in stream.samples if isinstance(m, LaserScanMessage | PointCloudMessage))
     mount, assumed = mount_of(draft, base, scan.frame_id, "scan")
@@ -175,4 +147,4 @@ def _source(draft: Draft, stream: Stream, base: str) -> ScanSource:
             f"{stream.topic} does not say when each beam was taken (time_increment 0): sweeps are "
             "not corrected for the robot's motion"
         )
-    return ScanSource(stream.topic, frame_name(scan.frame_id), mount, assumed)
+    return ScanSource(stream.topic, frame_name(scan.frame_id), mount)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
+from mapmyworld.sensing.mounts import mount_of
 from mapmyworld.sensing.plan import CameraSource, Draft
 from mapmyworld.sensing.plan_cameras import (
     Images,
@@ -16,7 +17,6 @@ from mapmyworld.sensing.plan_cameras import (
     score_pair,
     source_of,
 )
-from mapmyworld.sensing.plan_lasers import mount_of
 from mapmyworld.sensing.survey import Stream
 from mapmyworld.sensing.transforms import frame_name
 

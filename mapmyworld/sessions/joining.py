@@ -90,7 +90,7 @@ def locate_unit(
         joint = compose_planar(found.match.pose, invert_planar(pose))
         support, against = _testify(unit, place, joint, config)
         if support >= _SUPPORT and support >= _MAJORITY * against:
-            return Joint(earlier, later, planar_to_matrix(joint), support, against)
+            return Joint(earlier, later, planar_to_matrix(joint))
         attempts += 1
         if attempts == _ATTEMPTS:
             return None

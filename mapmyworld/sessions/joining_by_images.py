@@ -41,7 +41,7 @@ def locate_unit(a: Unit, b: Unit, earlier: int, later: int, config: Config) -> J
     agree, against = int(support[best]), len(found) - int(support[best])
     if agree < _SUPPORT or agree < _MAJORITY * against:
         return None
-    return Joint(earlier, later, joints[best], agree, against)
+    return Joint(earlier, later, joints[best])
 
 
 def _views(unit: Unit, images: KnownImages) -> Iterator[tuple[int, View]]:

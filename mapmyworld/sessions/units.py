@@ -63,6 +63,3 @@ class Joint:
     later: int
     earlier_from_later: Array
     """(4, 4)."""
-    support: int
-    """Scans, or images, that bear it out."""
-    against: int

@@ -36,7 +36,6 @@ class NodeSelector:
 
     def __init__(self, config: SensingConfig, *, wants_images: bool) -> None:
         self.config, self.wants_images = config, wants_images
-        self.session = 0
         self._last: Node | None = None
         self._since: list[Motion] = []
 
@@ -59,7 +58,7 @@ class NodeSelector:
         odometry = pose if frame.odom_from_base is None else frame.odom_from_base
         node = Node(
             id=1 if last is None else last.id + 1,
-            session=self.session,
+            session=0,
             stamp_ns=frame.stamp_ns,
             odom_from_base=odometry,
             tracked_from_base=pose,

@@ -1,7 +1,7 @@
 """Numba kernels of the particle filter; each treats particles or poses one by one."""
 
 from mapmyworld.particles.kernels.insertion import insert, insert_path, mark_path, touched_tiles
-from mapmyworld.particles.kernels.likelihood import beam_log_likelihoods, log_likelihoods
+from mapmyworld.particles.kernels.likelihood import beam_log_likelihoods
 from mapmyworld.particles.kernels.matching import linearise_path, match
 from mapmyworld.particles.kernels.surfaces import TILE, Beams, Surfaces
 
@@ -13,7 +13,6 @@ __all__ = [
     "insert",
     "insert_path",
     "linearise_path",
-    "log_likelihoods",
     "mark_path",
     "match",
     "touched_tiles",

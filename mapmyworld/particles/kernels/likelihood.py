@@ -42,22 +42,6 @@ def log_likelihood(
 
 
 @jit
-def log_likelihoods(
-    maps: Any,
-    first: int,
-    last: int,
-    beams: Any,
-    poses: NDArray[np.float64],
-    reach: int,
-    sigma: float,
-    out: NDArray[np.float64],
-) -> None:
-    """Logarithm of p(z | x, m) (P,) of particles `first` to `last` by the likelihood field."""
-    for particle in range(first, last):
-        out[particle] = log_likelihood(maps, particle, beams, poses[particle], reach, sigma)
-
-
-@jit
 def beam_log_likelihoods(
     maps: Any,
     first: int,

@@ -120,5 +120,5 @@ def _read_pcd(path: Path) -> NDArray[np.void]:
         kinds = [_PCD_SIZES[t][s] for t, s in zip(head["TYPE"], sizes, strict=True)]
         dtype = np.dtype(list(zip(head["FIELDS"], kinds, strict=True)))
         return np.frombuffer(data, dtype, count, end.end())
-    except (KeyError, IndexError, ValueError) as error:
+    except (KeyError, IndexError, ValueError, OverflowError) as error:
         raise MapError(f"{path}: a damaged PCD file ({error})") from None

@@ -226,7 +226,8 @@ def _read_picture(path: Path) -> NDArray[np.uint8]:
 
 def _parse_pgm(data: bytes, path: Path) -> NDArray[np.uint8]:
     head = re.match(
-        rb"P5(?:\s|#[^\n]*\n)+(\d+)(?:\s|#[^\n]*\n)+(\d+)(?:\s|#[^\n]*\n)+(\d+)\s", data
+        rb"P5(?:\s|#[^\n]*\n)+(\d{1,18})(?:\s|#[^\n]*\n)+(\d{1,18})(?:\s|#[^\n]*\n)+(\d{1,18})\s",
+        data,
     )
     if head is None:
         raise MapError(f"{path}: a damaged PGM header")

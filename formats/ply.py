@@ -55,7 +55,7 @@ def read_vertices(path: Path) -> NDArray[np.void]:
         return np.frombuffer(data, head.vertex_type, head.vertex_count, head.start)
     except FloatingPointError:
         raise MapError(f"{path}: holds a number that its type cannot hold") from None
-    except ValueError:
+    except (ValueError, OverflowError):
         raise MapError(f"{path}: ends before its {head.vertex_count} vertices") from None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,17 @@ def test_a_header_without_an_element_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "cloud.ply"
     path.write_bytes(b"ply\nformat ascii 1.0\nend_header\n0 0 0\n")  # found by a fuzzer
     with pytest.raises(MapError, match="PLY header"):
+        read_cloud(path)
+
+
+@pytest.mark.parametrize(("suffix", "word"), [(".ply", b"element vertex"), (".pcd", b"POINTS")])
+def test_more_points_than_a_number_can_count_are_refused(
+    tmp_path: Path, suffix: str, word: bytes
+) -> None:
+    path = tmp_path / f"cloud{suffix}"
+    write_cloud(path, PointCloud(POINTS, COLOURS, None))
+    path.write_bytes(re.sub(word + rb" \d+", word + b" " + b"6" * 50, path.read_bytes()))
+    with pytest.raises(MapError):
         read_cloud(path)
 
 

@@ -118,6 +118,7 @@ def test_descriptions_that_cannot_be_used(tmp_path: Path, old: str, new: str, wo
         b"P5\n3 2\n65535\n" + bytes(12),
         b"P5\n3 2\n255\n" + bytes(5),
         b"P5\n99999999 99999999\n255\n",
+        b"P5\n" + b"9" * 5000 + b" 2\n255\n",
         b"GIF89a",
     ],
 )

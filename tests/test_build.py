@@ -26,7 +26,7 @@ from formats.trajectory import read_trajectory
 from mapmyworld.errors import MapMyWorldError
 from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between
-from mapmyworld.types import LaserScanMessage
+from mapmyworld.types import LaserScanMessage, Message
 
 
 def run(*arguments: object) -> Result:
@@ -237,6 +237,22 @@ def test_without_tf_the_map_is_partial_and_says_so(room: Drive, tmp_path: Path) 
     assert found.exit_code == 3
     assert run("build", tmp_path / "log.mcap", "--dry-run").exit_code == 3
     assert run("inspect", "log", tmp_path / "log.mcap", "--quick").exit_code == 3
+
+
+def test_a_laser_that_hangs_upside_down_unsaid_makes_the_map_partial(
+    room: Drive, tmp_path: Path
+) -> None:
+    """Its map is a mirror image, as sound in itself as the right one; only the wheels know."""
+
+    def mirrored(message: Message) -> Message:
+        assert isinstance(message, LaserScanMessage)
+        return replace(message, ranges=np.ascontiguousarray(message.ranges[::-1]))
+
+    room.changed("/scan", mirrored).write(tmp_path / "log.mcap")
+    lost = build(tmp_path / "log.mcap", tmp_path)["losses"]
+    assert len(lost) == 1
+    assert "mirror image" in lost[0]
+    assert "sensing.scan_mount (roll 3.14159)" in lost[0]
 
 
 def test_ranges_that_are_nan_leave_the_rest(room: Drive, tmp_path: Path) -> None:

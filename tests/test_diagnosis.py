@@ -14,6 +14,7 @@ from memory_log import MemoryLog
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.diagnosis import Finding, diagnose
+from mapmyworld.diagnosis.finding import SENSE_OF_TURNING
 from mapmyworld.diagnosis.rotation import time_offset
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import make_transform
@@ -82,6 +83,20 @@ def test_averaged_noise_is_no_time_offset() -> None:
     assert finding is not None
     assert finding.good
     assert (finding.value, finding.text[:14]) == (0.0, "no time offset")
+
+
+@pytest.mark.parametrize("upside_down", [False, True])
+def test_a_laser_upside_down_is_told_by_the_sense_of_its_turns(*, upside_down: bool) -> None:
+    """Late besides: what turns the other way is no matter of stamps."""
+    noise = np.random.default_rng(1)
+    times = np.arange(200) * 0.1
+    heading, seen = np.sin(times * 0.6), np.sin((times - 0.12) * 0.6)
+    turns = np.diff(-heading if upside_down else heading) + noise.normal(0.0, 0.001, 199)
+    finding = time_offset(("laser", "odometry"), times[:-1], times[1:], turns, (times, seen))
+    assert finding is not None
+    assert not finding.good
+    assert (finding.name == SENSE_OF_TURNING) == upside_down
+    assert ("upside down" in finding.remedy) == upside_down
 
 
 @pytest.mark.parametrize("late_s", [0.12, -0.08])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from laser_rooms import WALLS, cast
@@ -110,6 +112,17 @@ def test_scans_that_begin_empty_are_tracked_from_the_first_that_is_not(empty: in
     far, turned = errors(tracked, truth)
     assert far < 0.03
     assert turned < 0.01
+
+
+def test_a_laser_that_tells_nothing_of_most_of_the_drive_is_a_loss() -> None:
+    """Ranges in millimetres: all lie beyond what is matched."""
+    truth, scans = drive()
+    sound = follow(scans, truth)[1]
+    assert sound.losses() == ()
+    far = [replace(scan, points=scan.points * 1000) for scan in scans]
+    lost = follow(far, truth)[1].losses()
+    assert len(lost) == 1
+    assert f"{len(scans) - 1} of {len(scans)} scans fit nothing" in lost[0]
 
 
 def test_a_corridor_is_reported_with_the_stretch() -> None:

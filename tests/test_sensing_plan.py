@@ -254,6 +254,10 @@ def test_all_topics_that_the_log_lacks_are_refused_at_once() -> None:
             [scan_at(i * STEP_NS + 1, angle_increment=np.nan) for i in range(9)],
             "angle_increment nan",
         ),
+        (
+            [scan_at(i * STEP_NS + 1, angle_min=-90.0, angle_increment=1.0) for i in range(9)],
+            "are its angles in degrees",
+        ),
         ([scan_at(1)], "a map needs scans of two times"),
     ],
 )

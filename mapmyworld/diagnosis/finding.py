@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+SENSE_OF_TURNING = "sense of turning"
+"""Name of what finds a map to be a mirror image."""
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:

@@ -1,10 +1,10 @@
-"""Time offsets between sensors, from how they saw the robot turn."""
+"""Time offsets between sensors, and whether one is upside down, by how they saw the robot turn."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mapmyworld.diagnosis.finding import Finding
+from mapmyworld.diagnosis.finding import SENSE_OF_TURNING, Finding
 from mapmyworld.geometry import Array
 
 _REACH = 0.4  # s, offsets that are tried to both sides
@@ -22,7 +22,7 @@ def time_offset(
 
     `turns` (N,) of the first between `starts` and `ends`; `clock`: times and unwrapped headings
     of the second. The offset is that at which both agree best; the error is capped, so that slips
-    and mismatches weigh little.
+    and mismatches weigh little. Where they agree once one is turned round, that is said instead.
     """
     known = (starts > clock[0][0] + _REACH) & (ends < clock[0][-1] - _REACH)
     starts, ends, turns = starts[known], ends[known], turns[known]
@@ -30,6 +30,9 @@ def time_offset(
         return None
     offsets = np.arange(-_REACH, _REACH + _STEP / 2, _STEP)
     errors = np.array([_error(starts + d, ends + d, turns, clock) for d in offsets])
+    mirrored = min(_error(starts + d, ends + d, -turns, clock) for d in offsets)
+    if errors.min() > _BETTER * mirrored:
+        return _backwards(names, len(turns))
     best = int(np.argmin(errors))
     offset = _vertex(offsets, errors, best)
     # Half-way between two headings their noise is averaged, which agrees better on both sides.
@@ -56,6 +59,19 @@ def time_offset(
 def _between_headings(clock: tuple[Array, Array]) -> float:
     """Most seconds between the headings of the second sensor: what averaging alone can feign."""
     return float(np.percentile(np.diff(np.unique(clock[0])), 90))
+
+
+def _backwards(names: tuple[str, str], pairs: int) -> Finding:
+    mount = "camera_mount" if names[0] == "camera" else "scan_mount"
+    text = (
+        f"by {names[1]} the robot turns left where by the {names[0]} it turns right ({pairs} "
+        "pairs): the map may be a mirror image"
+    )
+    remedy = (
+        f"where the {names[0]} hangs upside down, say so in tf or with sensing.{mount} (roll "
+        f"3.14159); else correct the sign of {names[1]}'s turns"
+    )
+    return Finding(SENSE_OF_TURNING, -1.0, "", False, text, remedy)
 
 
 def _none_seen(names: tuple[str, str], pairs: int) -> Finding:

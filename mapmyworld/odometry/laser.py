@@ -119,6 +119,18 @@ class LaserTracker:
                 found.append(f"{self.verdicts[verdict]} scans {text}")
         return tuple(found)
 
+    def losses(self) -> tuple[str, ...]:
+        """Whether most scans told nothing, so that the path owes them next to nothing."""
+        useless = self.verdicts["odometry only"] + self.verdicts["lost"]
+        total = self.verdicts.total()
+        if 2 * useless <= total:
+            return ()
+        return (
+            f"{useless} of {total} scans fit nothing that was seen before: the path is not the "
+            "laser's; see that its ranges are in metres, its angles in radians, and that it sees "
+            "walls",
+        )
+
     def _recorded_steps(self, frames: Sequence[Frame]) -> Array:
         """Odometry's motion (B, 3) from frame to frame, NaN where it is not known."""
         poses = [self._last_odometry, *(frame.odom_from_base for frame in frames)]

@@ -17,6 +17,7 @@ _TILTED = 0.17  # rad from level beyond which a laser does not see walls as wall
 _FAULTY = -1.0  # of a laser that could serve if it were sound: a loss; 0: one made for else
 _LEAST_BEAMS = 2  # a single one is a range finder's
 _WHOLE = 6.3  # rad, more than which no two beams lie apart
+_TWICE_ROUND = 2 * _WHOLE  # rad from the first beam to the last that no sweep spans
 _NARROW = 2.0  # rad that clouds show at least where they are a lidar's and not a camera's
 _AFTER_SCANS = 1e-4  # weight of clouds: any usable laser comes first
 
@@ -86,6 +87,8 @@ def _fault_of(scans: list[LaserScanMessage]) -> str:
             f"angle_increment {scans[0].angle_increment:g} rad: all beams would point one way; "
             "correct what the driver writes, (angle_max - angle_min) / (beams - 1)"
         )
+    if all(abs(s.angle_increment) * len(s.ranges) > _TWICE_ROUND for s in scans):
+        return "its beams go more than twice round: are its angles in degrees, not radians?"
     return ""
 
 

@@ -32,6 +32,7 @@ from mapmyworld.stages.trackers import Tracker, make_tracker, needs_inertial
 from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
 
 if TYPE_CHECKING:
+    from mapmyworld.diagnosis import Finding
     from mapmyworld.places.features_ahead import FeaturesAhead
 
 _TOGETHER = 8  # frames that pass from thread to thread at once
@@ -63,13 +64,14 @@ def track(
         with algebra_on_one_thread(), made_ready(needs_of(plan), later, load=is_kept):
             _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
     writer.finish()
-    notes = [*tracker.notes(), *_count_notes(counts)]
+    faults = [finding for finding in _diagnose(store, plan) if not finding.good]
+    notes = [*tracker.notes(), *_count_notes(counts), *_advice(faults, spoilt=False)]
     for note in notes:
         progress.note(note)
-    losses = [*log.losses(), *tracker.losses(), *_count_losses(counts, guard)]
+    counted = _count_losses(counts, guard)
+    losses = [*log.losses(), *tracker.losses(), *counted, *_advice(faults, spoilt=True)]
     store.put("track", {"frames": counts.frames, "losses": losses, "notes": notes})
     store.put("felt_force", writer.force.mean())
-    _diagnose(store, plan)
 
 
 def _frames(
@@ -96,10 +98,21 @@ def _follow(tracker: Tracker, frames: Iterator[Frame], writer: _Writer) -> None:
 
 
 @on_one_thread
-def _diagnose(store: MapStore, plan: Plan) -> None:
+def _diagnose(store: MapStore, plan: Plan) -> tuple[Finding, ...]:
     from mapmyworld.diagnosis import diagnose_tracked
 
-    store.put("diagnosis", [asdict(finding) for finding in diagnose_tracked(store, plan)])
+    findings = diagnose_tracked(store, plan)
+    store.put("diagnosis", [asdict(finding) for finding in findings])
+    return findings
+
+
+def _advice(faults: Sequence[Finding], *, spoilt: bool) -> Iterator[str]:
+    """What sensors say against one another, and what to do; `spoilt`: what makes the map wrong."""
+    from mapmyworld.diagnosis.finding import SENSE_OF_TURNING
+
+    for fault in faults:
+        if (fault.name == SENSE_OF_TURNING) == spoilt:
+            yield f"{fault.text}: {fault.remedy}"
 
 
 class _Writer:

@@ -121,7 +121,7 @@ class LaserFollower:
         return self._tracker.notes()
 
     def losses(self) -> tuple[str, ...]:
-        return ()
+        return self._tracker.losses()
 
 
 _PLANE = np.ix_(PLANAR_IN_TANGENT, PLANAR_IN_TANGENT)

@@ -10,9 +10,8 @@ from mapmyworld.config.settings import as_toml, list_settings
 
 
 @click.command()
-@click.option("--markdown", is_flag=True, help="As a table for the documentation.")
 @format_option
-def config(markdown: bool, style: str) -> None:
+def config(style: str) -> None:
     """Print every setting as commented TOML.
 
     \b
@@ -21,10 +20,5 @@ def config(markdown: bool, style: str) -> None:
     """
     if style == "json":
         show_json({s.name: {"default": s.value, "meaning": s.meaning} for s in list_settings()})
-    elif markdown:
-        click.echo("| setting | default | meaning |\n| --- | --- | --- |")
-        for setting in list_settings():
-            meaning = setting.meaning.replace("|", "\\|")
-            click.echo(f"| `{setting.name}` | `{setting.value!r}` | {meaning} |")
     else:
         click.echo(as_toml(), nl=False)

@@ -1,4 +1,4 @@
-"""Settings of grids, clouds and meshes."""
+"""Settings of the grid; those of clouds and meshes stand with the images they are made of."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settings of laser and visual odometry."""
+"""Settings of laser odometry and of joint alignment."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mapmyworld.config.ranges import Count, FromZero, Positive, Share, Whole
 
 @dataclass(frozen=True, slots=True)
 class OdometryConfig:
-    """Settings of tracking by laser."""
+    """Settings of tracking by laser, and of aligning all scans in the end."""
 
     keyscan_distance: FromZero = 0.15  # m of motion after which a scan joins the local submap
     keyscan_angle: FromZero = 0.2  # rad of rotation after which a scan joins the local submap

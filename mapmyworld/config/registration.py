@@ -1,4 +1,4 @@
-"""Settings of scan matching, PnP and ICP."""
+"""Settings of scan matching."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mapmyworld.config.ranges import Count, Positive
 
 @dataclass(frozen=True, slots=True)
 class RegistrationConfig:
-    """Settings of aligning two scans."""
+    """Settings of aligning laser scans."""
 
     matcher: str = "point_to_line"  # that aligns laser scans: a name of registration/matchers.py
     point_spacing: Positive = 0.04  # m between neighbouring points of a scan that are matched

@@ -86,6 +86,28 @@ def test_points_lie_on_their_walls_with_normals_towards_the_lidar() -> None:
     assert gaps.max() < 0.02
 
 
+def _wall_with_recesses(step: float, noise: float) -> Scan:
+    """A wall 1.2 m to the left, set back by 0.1 m for every other 0.9 m, as doors are."""
+    bearings = np.radians(np.arange(20.0, 160.0, step))
+    ranges = 1.2 / np.sin(bearings)
+    recessed = np.floor(ranges * np.cos(bearings) / 0.9) % 2 == 1
+    ranges = np.where(recessed, 1.3, 1.2) / np.sin(bearings)
+    ranges += np.random.default_rng(1).normal(size=len(ranges)) * noise
+    points = np.stack([ranges * np.cos(bearings), ranges * np.sin(bearings)], axis=-1)
+    angle = np.radians(step)
+    return Scan(points.astype(np.float32), np.zeros(3), np.zeros(0, np.float32), 30.0, angle)
+
+
+@pytest.mark.parametrize(("step", "noise"), [(1.0, 0.0), (1.0, 0.005), (2.7, 0.0), (2.7, 0.005)])
+def test_no_line_spans_the_step_between_two_surfaces(step: float, noise: float) -> None:
+    """A slanted line would stand elsewhere the nearer one looks, and stretch the corridor."""
+    rows = prepare_scan(_wall_with_recesses(step, noise), CONFIG).rows
+    straight = np.hypot(rows[:, 2], rows[:, 3]) > 0.5
+    slants = np.degrees(np.arctan2(rows[straight, 2], -rows[straight, 3]))
+    assert straight.mean() > 0.6
+    assert np.sqrt(np.mean(slants**2)) < (0.1 if noise == 0.0 else 3.0)
+
+
 @pytest.mark.parametrize("noise", [0.005, 0.01, 0.03, 0.05])
 @pytest.mark.parametrize("step", [0.25, 1.0])
 def test_the_noise_of_a_sweep_is_measured_at_any_angle_to_the_walls(

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.kernels.compiling import inner_jit, jit
+from mapmyworld.kernels.line_fits import is_line, side_sums, surface_line
 
 _GAP = 6.0  # beam spacings between neighbours beyond which a surface is taken to end
 _LEAST_GAP = 0.08  # m, gaps that never end a surface
 _SPAN = 2.3  # beam spacings to each side that a line's support reaches at least
-_STRAIGHT = 9.0  # times its variance across a line, that along it is at least
 _THICK = 0.05  # m, standard deviation across a line, at most
 _NOISE_SPAN = 8.0  # standard deviations of a range to each side that a line's support reaches
 _NOISE_GAP = 6.0  # standard deviations of a range between neighbours that never end a surface
@@ -120,33 +120,18 @@ def prepare_points(
         distance = np.sqrt(dx * dx + dy * dy)
         gap = max(least_gap, _GAP * distance * increment)
         reach = max(radius, _SPAN * distance * increment)
-        n, sx, sy, sxx, sxy, syy = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for side in (-1, 1):
-            k = i + side
-            while 0 <= k < count:
-                dx, dy = xs[k] - xs[i], ys[k] - ys[i]
-                far = dx * dx + dy * dy > reach * reach and abs(k - i) > 1
-                if far or steps[max(k, k - side)] > gap:
-                    break
-                n += 1.0
-                sx, sy = sx + dx, sy + dy
-                sxx, sxy, syy = sxx + dx * dx, sxy + dx * dy, syy + dy * dy
-                k += side
+        before = side_sums(xs, ys, steps, i, -1, reach, gap)
+        after = side_sums(xs, ys, steps, i, 1, reach, gap)
         out[kept, 0], out[kept, 1] = xs[i], ys[i]
         out[kept, 2], out[kept, 3], out[kept, 4] = 0.0, 0.0, bearings[i]
-        if n >= 3.0:
-            mx, my = sx / n, sy / n
-            cxx, cxy, cyy = sxx / n - mx * mx, sxy / n - mx * my, syy / n - my * my
-            half, root = 0.5 * (cxx + cyy), np.hypot(0.5 * (cxx - cyy), cxy)
-            thick, long = max(half - root, 0.0), half + root
-            if long > _STRAIGHT * thick and thick < thickest * thickest:
-                angle = 0.5 * np.arctan2(2.0 * cxy, cxx - cyy) + 0.5 * np.pi
-                nx, ny = np.cos(angle), np.sin(angle)
-                if nx * (origin[0] - xs[i]) + ny * (origin[1] - ys[i]) < 0.0:
-                    nx, ny = -nx, -ny
-                offset = nx * mx + ny * my
-                out[kept, 0], out[kept, 1] = xs[i] + offset * nx, ys[i] + offset * ny
-                out[kept, 2], out[kept, 3] = nx, ny
+        line = surface_line(before, after, dx, dy, noise)
+        if is_line(line, thickest):
+            nx, ny = line.normal_x, line.normal_y
+            if nx * dx + ny * dy > 0.0:
+                nx, ny = -nx, -ny
+            offset = nx * line.centre_x + ny * line.centre_y
+            out[kept, 0], out[kept, 1] = xs[i] + offset * nx, ys[i] + offset * ny
+            out[kept, 2], out[kept, 3] = nx, ny
         kept += 1
     return kept
 

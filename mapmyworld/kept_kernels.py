@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 # Calls ask for these two when they are first made, and threads would import them crosswise.
@@ -25,8 +27,15 @@ def keep(compiled: Kernel) -> Kernel:
 class _Cache(FunctionCache):  # type: ignore[misc]
     """numba's own, which would first learn all it can compile: 0.3 s for a program's start.
 
-    What a kernel compiled now needs, numba learns when it compiles.
+    What a kernel compiled now needs, numba learns when it compiles. It would also keep a kernel
+    whose own file is the same while another kernel that it calls has changed.
     """
+
+    def __init__(self, py_func: Callable[..., Any]) -> None:
+        super().__init__(py_func)
+        file = self._cache_file
+        if hasattr(file, "_source_stamp"):  # else another numba than those we know
+            file._source_stamp = (file._source_stamp, *_sources_stamp())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The kernel for arguments of these types; None where it is not kept."""
@@ -35,3 +44,10 @@ class _Cache(FunctionCache):  # type: ignore[misc]
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
             return self._load_overload(sig, target_context)
+
+
+@functools.cache
+def _sources_stamp() -> tuple[int, int]:
+    """When the last of all files of kernels was changed, and how large they are together."""
+    found = [file.stat() for file in (Path(__file__).parent / "kernels").glob("*.py")]
+    return max((one.st_mtime_ns for one in found), default=0), sum(one.st_size for one in found)

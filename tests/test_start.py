@@ -45,6 +45,12 @@ def test_what_is_kept_is_loaded_without_what_compiles(tmp_path: Path) -> None:
     assert printed_by(KERNEL, tmp_path) == "False"
 
 
+def test_a_kernel_is_compiled_again_when_another_one_has_changed(tmp_path: Path) -> None:
+    printed_by(KERNEL, tmp_path)
+    changed = "from mapmyworld import kept_kernels\nkept_kernels._sources_stamp = lambda: (1, 1)\n"
+    assert printed_by(changed + KERNEL, tmp_path) == "True"
+
+
 def test_kernels_run_where_numba_may_not_compile(tmp_path: Path) -> None:
     printed_by(f"import mapmyworld.kernels.rays\n{KERNEL}", tmp_path, NUMBA_DISABLE_JIT="1")
     assert not list(tmp_path.rglob("*.nbi"))

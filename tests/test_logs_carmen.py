@@ -300,6 +300,16 @@ def test_a_range_too_large_for_single_precision_is_no_return(tmp_path: Path) -> 
     assert scan.ranges.tolist() == [1.0, math.inf, 2.0]
 
 
+@pytest.mark.parametrize("far", ["1e308", "-1e308"])
+def test_a_laser_farther_than_anything_lies_has_no_place_on_the_robot(
+    tmp_path: Path, far: str
+) -> None:
+    """Without a warning; found by Atheris."""
+    line = flaser(["1.0", "2.0"], "0 0 0", f"{far} 0 0", "1.0")
+    messages = log_of(tmp_path, f"{line}PARAM robot_frontlaser_offset {far} 1 h 1\n")
+    assert mounting_of(messages, "laser") == [0.0, 0.0, 0.0]
+
+
 def test_damaged_lines_are_skipped_and_counted(tmp_path: Path) -> None:
     path = tmp_path / "a.log"
     good = SMALL.splitlines(keepends=True)

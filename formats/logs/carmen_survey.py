@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.bounds import FARTHEST
 from formats.logs.carmen_records import (
     LASER_FRAMES,
     LASER_TOPICS,
@@ -78,8 +79,10 @@ class LaserSurvey:
         self._pending.append(record.ranges)
         if len(self._pending) >= _TOGETHER:
             self.count()
-        if len(record.odom_from_base) and len(self.mountings) < _MOUNTING_SAMPLES:
-            self.mountings.append(between_planar(record.odom_from_base, record.odom_from_laser))
+        poses = record.odom_from_base, record.odom_from_laser
+        wanted = len(poses[0]) and len(self.mountings) < _MOUNTING_SAMPLES
+        if wanted and np.abs(poses).max() < FARTHEST:
+            self.mountings.append(between_planar(*poses))
 
     def count(self) -> None:
         """Counts the ranges that wait."""
@@ -173,7 +176,7 @@ def _number(text: bytes) -> float:
         value = float(text)
     except ValueError:
         return 0.0
-    return value if np.isfinite(value) else 0.0
+    return value if abs(value) < FARTHEST else 0.0
 
 
 def survey_lines(lines: Iterable[tuple[bytes, bytes, int, int]]) -> Survey:

@@ -39,8 +39,8 @@ def write_report(
     every_match: bool = False,
 ) -> None:
     """The page as a file; with what the build took, where a file beside the map tells."""
-    page = report_page(store, timing or timing_beside(store), every_match=every_match)
-    write_whole(path, page)
+    timing = timing or timing_beside(store)
+    write_whole(path, report_html(report_contents(store, timing, every_match=every_match)))
 
 
 def timing_file(map_path: Path) -> Path:
@@ -86,13 +86,6 @@ def _read_timing(path: Path) -> dict[str, Any] | None:
     except (OSError, ValueError, KeyError, TypeError):
         return None
     return found if stages else None
-
-
-def report_page(
-    store: MapStore, timing: Mapping[str, Any] | None = None, *, every_match: bool = False
-) -> str:
-    """One HTML page on a map, finished or not."""
-    return report_html(report_contents(store, timing, every_match=every_match))
 
 
 def report_contents(

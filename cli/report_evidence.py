@@ -39,7 +39,7 @@ class Fetched:
 
 
 def fetch_evidence(
-    store: MapStore, constraints: Sequence[Constraint], *, every_match: bool = False
+    store: MapStore, constraints: Sequence[Constraint], *, every_match: bool
 ) -> Fetched:
     """The closures that moved the map most, and the rejected ones that came closest."""
     nodes = {node.id: node for node in store.nodes()}

@@ -14,9 +14,10 @@ import pytest
 from database_samples import fill
 from sample_maps import apartment  # noqa: F401
 
-from cli.report import report_contents, report_page
+from cli.report import report_contents
 from formats.database import open_store
 from formats.report.page import embedded_json
+from formats.report.report import report_html
 from mapmyworld.types import Constraint, ConstraintKind
 
 NASTY = '</script><script>document.title="broken"</script><img src=x onerror=alert(1)>&"'
@@ -52,7 +53,7 @@ def small(tmp_path: Path) -> Path:
         store.put("plan", plan | {"warnings": [NASTY], "losses": [NASTY]})
         bad_wheel = {"good": False, "text": "0.9 of the distance", "remedy": NASTY}
         store.put("diagnosis", [{"good": True, "text": NASTY, "remedy": ""}, bad_wheel])
-        page = report_page(store)
+        page = report_html(report_contents(store))
     (tmp_path / "map.html").write_text(page)
     return tmp_path / "map.html"
 
@@ -266,7 +267,7 @@ def test_a_build_tells_its_time_apart_from_the_map(
     with open_store(apartment, read_only=True) as store:
         started = time.process_time()
         contents = report_contents(store)
-        again = report_page(store, {"stages": [], "wall_s": 1.0})
+        again = report_html(report_contents(store, {"stages": [], "wall_s": 1.0}))
         assert time.process_time() - started < 10.0
     assert len(contents.evidence) > 5
 

@@ -22,6 +22,7 @@ class Stretch:
     why: str
 
     def text(self) -> str:
+        """When, for how long and why."""
         start, seconds = self.start_ns * 1e-9, (self.end_ns - self.start_ns) * 1e-9
         return f"blind at {start:.2f} s for {seconds:.1f} s ({self.frames} frames): {self.why}"
 

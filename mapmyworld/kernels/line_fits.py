@@ -82,7 +82,7 @@ def surface_line(before: Sums, after: Sums, x: float, y: float, noise: float) ->
     one, other = _fitted(before, nothing), _fitted(nothing, after)
     if is_line(one, thin) != is_line(other, thin):
         return one if is_line(one, thin) else other
-    return line if max(before.members, after.members) > 2.0 else _fitted(nothing, nothing)
+    return line if max(before.members, after.members) > 1.0 else _fitted(nothing, nothing)
 
 
 @inner_jit

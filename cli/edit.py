@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -12,29 +13,49 @@ from cli.progress import StderrProgress
 from cli.settings import config_options, load_config
 from mapmyworld.errors import GraphError, MapError
 
+if TYPE_CHECKING:
+    from mapmyworld.config import Config
+    from mapmyworld.types import MapStore
+
 
 @click.command()
 @map_argument
 @click.argument("edits_path", metavar="EDITS.toml", type=PATH)
 @config_options
+@click.option("--no-export", is_flag=True, help="Leave what lies beside MAP as it was.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no notes.")
 def edit(
     map_path: Path,
     edits_path: Path,
     config_path: Path | None,
     changes: tuple[str, ...],
+    no_export: bool,
     quiet: bool,
 ) -> None:
     """Accept, reject or add constraints of MAP, pin nodes, add priors; then optimise again.
 
     EDITS.toml replaces the edits that MAP has; an empty file undoes them. The next `build` of the
-    same log into MAP replays them. `mapmyworld inspect graph` prints lines to paste.
+    same log into MAP replays them. `mapmyworld inspect graph` prints lines to paste. The grid,
+    path, cloud and report that `build` wrote beside MAP are written again.
 
     \b
-    [[reject]]
+    [[reject]]                  # or [[accept]]; kind = "proximity" may be added
     from = 12
     to = 340
     reason = "two identical corridors"
+    \b
+    [[add]]                     # where node 250 is, seen from node 3
+    from = 3
+    to = 250
+    pose = [1.2, 0.0, 90.0]     # m, m, degrees
+    sigma = [0.05, 2.0]         # m, degrees
+    reason = "measured with a tape"
+    \b
+    [[prior]]                   # the same of one node in the map; [[pin]] needs no sigma
+    node = 1
+    pose = [0.0, 0.0, 0.0]
+    sigma = [0.01, 0.5]
+    reason = "the dock"
     \b
     mapmyworld edit map.db edits.toml
     """
@@ -62,12 +83,34 @@ def edit(
             solve_and_judge(store, config, progress, scan_loader(store, config))
         with store.write_stage("map", "edit"):
             draw_maps(store, config, progress)
+        written = [] if no_export else _renewed(store, map_path, config, progress)
         progress.finish()
         constraints, solved = store.constraints(), store.get("solve") or {}
     now = sum(c.accepted for c in constraints)
     click.echo(f"{len(edits)} edits applied: {before} -> {now} constraints accepted")
+    for name in written:
+        click.echo(f"written: {name}")
     losses = solved.get("losses", [])
     for loss in losses:
         click.echo(f"mapmyworld: {loss}", err=True)
     if losses:
         raise SystemExit(EXIT_PARTIAL)
+
+
+def _renewed(
+    store: MapStore, map_path: Path, config: Config, progress: StderrProgress
+) -> list[str]:
+    """What lies beside the map, written again where `build` had: it showed the graph of before."""
+    from cli.exporting import export_beside
+    from cli.report import write_report
+
+    written: list[str] = []
+    page = map_path.with_suffix(".html")
+    if any(map_path.with_suffix(ending).exists() for ending in (".pgm", ".tum", ".ply")):
+        progress.stage("export")
+        written += export_beside(store, map_path, config)
+    if page.exists():
+        progress.stage("report")
+        write_report(store, page)
+        written.append(str(page))
+    return written

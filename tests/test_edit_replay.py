@@ -89,3 +89,27 @@ def test_edits_that_are_taken_back_leave_no_trace(flat: Path) -> None:
     edits.write_text("")
     run("edit", flat, edits, "-q")
     assert state(flat) == before
+
+
+PIN = '[[pin]]\nnode = 1\npose = [100.0, 50.0, 0.0]\nreason = "surveyed"\n'
+
+
+@pytest.mark.slow
+def test_what_a_build_wrote_beside_its_map_shows_the_edited_one(flat: Path) -> None:
+    """A robot would else load the grid of before."""
+    edits, path = flat.with_name("edits.toml"), flat.with_suffix(".tum")
+    edits.write_text(PIN)
+    run("edit", flat, edits, "-q")
+    assert not path.exists()  # nothing was beside it
+    run("edit", flat, edits, "-q", "--no-export")
+    run("build", flat.with_suffix(".mcap"), "-o", flat, "-q")
+    pinned = {e: flat.with_suffix(e).read_bytes() for e in (".pgm", ".yaml", ".tum")}
+    edits.write_text("")
+    run("edit", flat, edits, "-q", "--no-export")
+    assert path.read_bytes() == pinned[".tum"]
+    run("edit", flat, edits, "-q")
+    assert path.read_text().split()[1:3] == ["0.000000000", "0.000000000"]
+    assert b"origin: [9" not in flat.with_suffix(".yaml").read_bytes()
+    edits.write_text(PIN)
+    run("edit", flat, edits, "-q")
+    assert {e: flat.with_suffix(e).read_bytes() for e in pinned} == pinned

@@ -13,7 +13,7 @@ from cli.arguments import PATH, format_option, map_argument
 from cli.outputs import require_outputs
 from cli.streams import show_json
 from mapmyworld.errors import MapError
-from mapmyworld.types import MapStore, OccupancyGrid
+from mapmyworld.types import MapStore, Node, OccupancyGrid, Poses
 
 
 @click.command("map")
@@ -63,18 +63,16 @@ def _draw_particles(store: MapStore, path: Path) -> None:
 def map_facts(store: MapStore) -> dict[str, Any]:
     """Everything that `inspect map` shows."""
     nodes, poses, grid = store.nodes(), store.poses(), store.grid()
-    stamps = [node.stamp_ns for node in nodes]
+    session_of = {node.id: node.session for node in nodes}
     facts: dict[str, Any] = {
-        "sessions": len({node.session for node in nodes}),
+        "sessions": len(set(session_of.values())),
         "nodes": len(nodes),
         "frames": len(store.tracked_frames().stamps_ns) if nodes else 0,
-        "duration_s": (max(stamps) - min(stamps)) * 1e-9 if stamps else 0.0,
+        "duration_s": _duration(nodes),
         "solved": poses is not None,
     }
     if poses is not None:
-        positions = poses.map_from_node[poses.ids > 0][:, :3, 3]
-        steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-        facts["length_m"] = float(steps.sum())
+        facts["length_m"] = _length(poses, session_of)
         if poses.covariances is not None and len(poses.covariances):
             sigmas = np.sqrt(
                 np.maximum(np.trace(poses.covariances[:, 3:, 3:], axis1=1, axis2=2), 0)
@@ -87,6 +85,23 @@ def map_facts(store: MapStore) -> dict[str, Any]:
         if value is not None:
             facts[key] = value
     return facts
+
+
+def _duration(nodes: Sequence[Node]) -> float:
+    """Seconds of all sessions, without those between them."""
+    ends: dict[int, tuple[int, int]] = {}
+    for node in nodes:
+        first, last = ends.get(node.session, (node.stamp_ns, node.stamp_ns))
+        ends[node.session] = min(first, node.stamp_ns), max(last, node.stamp_ns)
+    return sum(last - first for first, last in ends.values()) * 1e-9
+
+
+def _length(poses: Poses, session_of: Mapping[int, int]) -> float:
+    """Metres from node to node, without what lies between sessions."""
+    known = [int(i) in session_of for i in poses.ids]
+    sessions = np.array([session_of[int(i)] for i in poses.ids[known]])
+    steps = np.linalg.norm(np.diff(poses.map_from_node[known][:, :3, 3], axis=0), axis=1)
+    return float(steps[np.diff(sessions) == 0].sum())
 
 
 def _grid_facts(grid: OccupancyGrid) -> dict[str, Any]:

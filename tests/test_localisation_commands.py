@@ -188,6 +188,14 @@ def test_sessions_of_one_room_merge_in_any_order(folder: Path, tmp_path: Path) -
     off = matrix_to_planar(poses) - between_planar(drive(seed=1).truth[0], truth)
     assert np.hypot(off[:, 0], off[:, 1]).max() < 0.03
     assert len(frames.stamps_ns) == len(truth)
+    parts = [facts(path) for path in (one, two)]
+    for name in ("duration_s", "length_m"):  # without what lies between the sessions
+        total = sum(part[name] for part in parts)
+        assert facts(tmp_path / "ab.db")[name] == pytest.approx(total, rel=0.01)
+
+
+def facts(path: Path) -> dict[str, float]:
+    return dict(json.loads(run("inspect", "map", path, "--format", "json").stdout))
 
 
 def test_sessions_of_different_rooms_are_kept_apart(folder: Path, tmp_path: Path) -> None:

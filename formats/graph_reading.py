@@ -2,13 +2,14 @@
 
 Read are (translation before rotation, upper triangles row by row):
 g2o   VERTEX_SE2 EDGE_SE2 VERTEX_SE3:QUAT EDGE_SE3:QUAT VERTEX_XY EDGE_SE2_XY VERTEX_TRACKXYZ
-      EDGE_SE3_TRACKXYZ EDGE_PRIOR_SE2 EDGE_SE3_PRIOR FIX PARAMS_SE3OFFSET
+      EDGE_SE3_TRACKXYZ EDGE_PRIOR_SE2 EDGE_SE3_PRIOR FIX PARAMS_SE3OFFSET; # begins a comment
 TORO  VERTEX2 EDGE2 VERTEX3 EDGE3
 GTSAM ODOMETRY LANDMARK (with covariances) BR (bearing, range and their standard deviations)
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,7 +44,9 @@ _COLUMNS = {
     "EDGE_PRIOR_SE2": Columns(10, ids=1),
     "EDGE_SE3_PRIOR": Columns(30, ids=2, quaternion=5),
     "PARAMS_SE3OFFSET": Columns(8, ids=1, quaternion=4),
+    "PARAMS_SE2OFFSET": Columns(4, ids=1),  # of kinds of edges that are not read
 }
+_COMMENT = re.compile("#[^\r\n]*")
 _PLANAR = {"VERTEX_SE2", "VERTEX2", "EDGE_SE2", "EDGE2", "ODOMETRY", "EDGE_PRIOR_SE2"}
 _SPATIAL = {"VERTEX_SE3:QUAT", "VERTEX3", "EDGE_SE3:QUAT", "EDGE3", "EDGE_SE3_PRIOR"}
 
@@ -77,6 +80,8 @@ def graph_from_text(text: str) -> GraphFile:
 
     Edges between a node and the next one by id are taken for odometry.
     """
+    if "#" in text:
+        text = _COMMENT.sub("", text)
     tables, others, problems = tables_from_text(text, _COLUMNS)
     planar, spatial = bool(_PLANAR & set(tables)), bool(_SPATIAL & set(tables))
     if planar and spatial:

@@ -118,6 +118,13 @@ def test_trajectories_of_different_times_are_refused() -> None:
         ate(later, truth)
 
 
+def test_stamps_that_lie_between_one_anothers_are_told_what_to_allow() -> None:
+    truth = wandering(1)
+    between = Trajectory(truth.stamps_ns + 30_000_000, truth.poses)
+    with pytest.raises(MapError, match="--max-difference"):
+        ate(between, truth)
+
+
 def test_unsorted_stamps_find_their_own_poses() -> None:
     """Where stamps step back, a pose recorded with the wanted stamp wins over any mixture."""
     truth = wandering(5)

@@ -126,6 +126,13 @@ def test_tabs_and_a_byte_order_mark_change_nothing():
     assert_same(read.graph, graph_from_text(PLANAR).graph)
 
 
+def test_comments_and_offsets_of_sensors_that_no_edge_uses_change_nothing():
+    text = "# by hand\nPARAMS_SE2OFFSET 0 0 0 0\n" + PLANAR.replace("\n", "  # measured\n")
+    read = graph_from_text(text)
+    assert read.problems == ()
+    assert_same(read.graph, graph_from_text(PLANAR).graph)
+
+
 def test_a_number_too_few_and_one_too_many_do_not_make_up_for_each_other():
     short, long = "EDGE_SE2 0 2 1 0 0 1 0 0 1 0", "EDGE_SE2 0 2 1 0 0 1 0 0 1 0 1 1"
     read = graph_from_text(f"{PLANAR}{short}\n{long}\n")

@@ -43,11 +43,15 @@ def nearest_stamps(stamps_ns: NDArray[np.int64], wanted_ns: NDArray[np.int64]) -
 
 
 def _nothing_common(first: Trajectory, second: Trajectory, max_difference_s: float) -> str:
-    spans = [
-        f"{t.stamps_ns.min() * 1e-9:.3f} to {t.stamps_ns.max() * 1e-9:.3f} s"
-        for t in (first, second)
-    ]
+    ends = [(t.stamps_ns.min() * 1e-9, t.stamps_ns.max() * 1e-9) for t in (first, second)]
+    spans = [f"{start:.3f} to {end:.3f} s" for start, end in ends]
+    apart = ends[0][1] < ends[1][0] or ends[1][1] < ends[0][0]
+    advice = (
+        "compare trajectories of the same log"
+        if apart
+        else "allow a larger difference (evaluate trajectory --max-difference)"
+    )
     return (
         f"no two poses lie within {max_difference_s} s of each other: one trajectory has stamps "
-        f"from {spans[0]}, the other from {spans[1]}; compare trajectories of the same log"
+        f"from {spans[0]}, the other from {spans[1]}; {advice}"
     )

@@ -40,8 +40,8 @@ class VisualConfig:
     least_inliers: Count = 25  # sightings that agree on a pose, at least
     inlier_sigmas: Positive = 3.0  # a sighting agrees within so many standard deviations
     ransac_rounds: Count = 512  # hypotheses tried for a pose, at most
-    unrest_translation: Positive = 1.0  # m/s per root of a second by which a camera's speed wanders
-    unrest_rotation: Positive = 3.0  # rad/s per root of a second by which its turning wanders
+    motion_noise_translation: Positive = 1.0  # m/s per root of a second, process noise of velocity
+    motion_noise_rotation: Positive = 3.0  # rad/s per root of a second, process noise of turning
     keyframe_share: Share = 0.7  # of the last keyframe's points; fewer seen make a new one
     keyframe_distance: FromZero = 0.15  # m of motion that makes a keyframe
     keyframe_angle: FromZero = 0.2  # rad of rotation that makes a keyframe

@@ -35,8 +35,8 @@ class MotionFilter:
 
     def __init__(self, config: Config) -> None:
         settings = config.visual
-        unrest = [settings.unrest_rotation, settings.unrest_translation]
-        self._unrest = np.diag(np.repeat(np.square(unrest), 3))
+        noise = [settings.motion_noise_rotation, settings.motion_noise_translation]
+        self._noise = np.diag(np.repeat(np.square(noise), 3))
         self.pose = np.eye(4)
         self._velocity = np.zeros(6)
         self._covariance = np.zeros((12, 12))
@@ -54,7 +54,7 @@ class MotionFilter:
         (3, 3) and constant velocity, or by that alone.
         """
         seconds = max(seconds, _LEAST_STEP)
-        noise = self._unrest
+        noise = self._noise
         step = se3_exp(self._velocity * seconds) if motion is None else motion
         moving = np.eye(12)
         moving[:6, 6:] = np.eye(6) * seconds

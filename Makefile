@@ -22,7 +22,8 @@ demo: install
 	$(BIN)/mapmyworld build sample_logs/apartment.mcap -o demo/map.db
 	$(BIN)/mapmyworld inspect graph demo/map.db --image demo/graph.png > demo/graph.txt
 	@echo "The map of sample_logs/apartment.mcap is in demo/: map.pgm + map.yaml (grid), map.ply"
-	@echo "(cloud), map.tum (trajectory), map.db (everything), graph.png + graph.txt (the graph)."
+	@echo "(cloud), map.tum (trajectory), map.html (the report: open it), map.db (everything),"
+	@echo "graph.png + graph.txt (the graph)."
 
 test: install
 	$(BIN)/ruff format --check .

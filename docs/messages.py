@@ -13,10 +13,11 @@ _SHORTEST = 10  # letters of a remedy; less is a word and a value
 _ROOMS = ("cli", "formats", "mapmyworld")
 # Messages of these end in words that say what to do, more often than not.
 _VERBS = (
-    "add", "allow", "ask", "build", "check", "choose", "close", "expected", "finish", "free",
-    "give", "install", "is it running", "keep", "leave", "make", "map it", "merge", "name", "pip",
-    "please", "put", "record", "run", "set", "state", "turn", "try", "update", "use", "wait",
-    "write",
+    "add", "allow", "ask", "build", "change", "check", "choose", "close", "convert", "copy",
+    "correct", "expected", "export", "finish", "free", "give", "have the", "install",
+    "is it running", "keep", "leave", "make", "map it", "merge", "name", "pip", "please", "put",
+    "raise", "record", "run", "say where", "set", "state", "turn", "try", "update", "use",
+    "wait", "write",
 )  # fmt: skip
 # What to do where the message does not say it itself but these words tell: the first that fits.
 BY_WORDS = {
@@ -34,6 +35,33 @@ BY_WORDS = {
     "exclude each other": "leave one of them away",
     "goes with none of": "leave the others away",
     "has no grid": "build the map to its end, from a log with scans or depth",
+    "cannot be opened": "check the path and its permissions",
+    "no log given": "name a file or a folder of a kind that [logs](logs.md) lists",
+    "no log in this folder": "name a file or a folder of a kind that [logs](logs.md) lists",
+    "not a log this program knows": "name a file or a folder of a kind that [logs](logs.md) lists",
+    "neither a rosbag2 nor": "name the recording, or a map of `mapmyworld` or RTAB-Map",
+    "not an MCAP file": "name a whole MCAP file",
+    "no whole FLASER": "name a whole CARMEN log",
+    "rosbag migrate": "convert it with `rosbag migrate`",
+    "none of its files": "copy the recording again, or repair it (see above)",
+    "the file is empty": "copy it again, or record anew",
+    "list no images": "correct the paths in rgb.txt and depth.txt, or copy the folder again",
+    "damaged SQLite file": "copy it again, or repair it (see above)",
+    "damaged zstd file": "copy it again",
+    "no camera_matrix": "correct the calibration that is named",
+    "is a database, but neither": "give a map of `mapmyworld` or RTAB-Map",
+    "is a folder, not a map": "give the map's file",
+    "holds no nodes": "build the map to its end",
+    "has no visual words": "give a map made with a camera",
+    "holds no covariances": "build it with graph.covariances = true",
+    "has no covariances": "build it with graph.covariances = true",
+    "no accepted closure": "draw something else with `--what`",
+    "no topic": "`mapmyworld inspect log LOG` lists the topics",
+    "nothing to write": "ask for more with `--start`, `--duration` and `--topic`",
+    "this node has no image": "`mapmyworld export images` writes those that there are",
+    "no message of the selection": "ask for more with `--start`, `--duration` and `--topic`",
+    "fx fy cx cy": "correct the calibration that is named",
+    "limits.chunk_mb": "the chunk is left out; set limits.chunk_mb higher if its size is right",
 }  # fmt: skip
 # What to do where neither does: the longest prefix of the file's path counts.
 REMEDIES = {
@@ -54,7 +82,7 @@ REMEDIES = {
     "formats/scene": "export the mesh again as PLY, OBJ or GLB, with faces",
     "formats/trajectory": "correct the line of the trajectory file that is named",
     "formats/truth": "record the simulated log again, with its truth",
-    "formats/vocabulary": "train the vocabulary again",
+    "formats/vocabulary": "write the words again: `mapmyworld export vocabulary MAP`",
     "formats/": "check that the file is whole and of the kind that its name says",
     "mapmyworld/config/": "`mapmyworld config` lists every setting with its type and meaning",
     "mapmyworld/evaluation/": "check that both files are of the same drive and clock",
@@ -88,7 +116,7 @@ class Told:
             self.text.rsplit("(", 1),
         ):
             own = part[1].rstrip(")") if len(part) == 2 else ""
-            if own.lower().startswith(_VERBS) and len(own) >= _SHORTEST:
+            if own.lower().lstrip("`").startswith(_VERBS) and len(own) >= _SHORTEST:
                 return own
         if told := next((do for words, do in BY_WORDS.items() if words in self.text), None):
             return told
@@ -130,7 +158,9 @@ def _told(node: ast.AST) -> Iterator[tuple[str, str]]:
 
 # Functions that word a message which others raise.
 WRITERS = {"_remedy", "_nothing_common"}
-_NOT_OURS = {"ValueError", "TypeError", "RuntimeError", "KeyError", "AssertionError"}
+_NOT_OURS = {
+    "ValueError", "TypeError", "RuntimeError", "KeyError", "AssertionError", "AttributeError",
+}  # fmt: skip
 
 
 def _template(node: ast.expr) -> str:

@@ -10,7 +10,7 @@ from mapmyworld.config import SensingConfig
 from mapmyworld.errors import ConfigError, LogError
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.sensing import Plan, make_plan, survey_log
-from mapmyworld.types import Message
+from mapmyworld.types import ImageMessage, Message
 
 STEP_NS = 100_000_000
 Entries = list[tuple[str, Message, int]]
@@ -176,6 +176,32 @@ def test_a_camera_without_camera_info_is_a_loss_when_there_is_a_laser() -> None:
     plan = plan_of(entries)
     assert plan.camera is None
     assert "record the camera_info topic" in "\n".join(plan.losses)
+
+
+@pytest.mark.parametrize("laser", [True, False])
+def test_images_that_cannot_be_decoded_are_named_with_the_reason(*, laser: bool) -> None:
+    """Depth of an encoding that nobody knows passed for colour, and depth for not recorded."""
+
+    def unknown() -> np.ndarray:
+        raise LogError("image encoding '64FC1' is not known")
+
+    entries = with_mount(drive()) if laser else []
+    for i in range(5):
+        time = i * STEP_NS
+        entries += [
+            ("/rgb/image", image_at(time, "rgb8"), time),
+            ("/rgb/camera_info", camera_info_at(time), time),
+            ("/depth/image", ImageMessage(time, "optical", "64FC1", 64, 48, unknown), time),
+        ]
+    told = "\n".join(plan_of(entries).losses) if laser else refusal_of(entries)
+    assert "/depth/image: image encoding '64FC1' is not known" in told
+    assert "no depth" in told
+
+
+def refusal_of(entries: Entries) -> str:
+    with pytest.raises(LogError, match="no map can be made") as error:
+        plan_of(entries)
+    return str(error.value)
 
 
 def test_the_registered_depth_of_the_same_size_wins() -> None:

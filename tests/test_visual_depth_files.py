@@ -77,8 +77,10 @@ def test_damaged_depth_is_left_out_and_counted() -> None:
     data = bytearray(depth_file())
     data[len(data) // 2] ^= 255
     guard = ImageGuard()
+    assert guard.reason == ""
     assert guard.sound(guard.guarded(message_of(bytes(data)))) is None
     assert guard.failures == 1
+    assert "cannot be decoded" in guard.reason
 
 
 @settings(max_examples=40)

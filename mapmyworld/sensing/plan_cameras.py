@@ -104,6 +104,11 @@ def _wanted(topic: str, images: list[Images]) -> list[Images]:
 
 def _explain_missing(draft: Draft, missing: list[str], images: list[Images]) -> None:
     what = " and ".join(missing)
+    unread = _unreadable(draft)
+    draft.losses += unread
+    if not images and unread:
+        draft.decide("camera", "", "its images cannot be decoded")
+        return
     if not images:
         draft.problems.append("no camera images in the log")
         draft.decide("camera", "", "no images in the log")
@@ -116,6 +121,19 @@ def _explain_missing(draft: Draft, missing: list[str], images: list[Images]) -> 
     }[missing[-1]]
     draft.losses.append(f"{line}: {remedy}")
     draft.decide("camera", "", f"no {what}")
+
+
+def _unreadable(draft: Draft) -> list[str]:
+    """The streams of images of which nothing is seen, each with the reason."""
+    found = []
+    for stream in draft.survey.of_kind(MessageKind.IMAGE):
+        sample = next((m for m in stream.samples if isinstance(m, ImageMessage)), None)
+        try:
+            if sample is not None:
+                sample.pixels()
+        except LogError as error:
+            found.append(f"{stream.topic}: {error}")
+    return found
 
 
 def _best(

@@ -18,13 +18,18 @@ class ImageGuard:
     """Lets images through that decode; others are blank, and counted once each."""
 
     def __init__(self) -> None:
-        self._failed: set[tuple[bool, str, int]] = set()
+        self._failed: dict[tuple[bool, str, int], str] = {}
         self._lock = threading.Lock()
 
     @property
     def failures(self) -> int:
         """Images that could not be used so far."""
         return len(self._failed)
+
+    @property
+    def reason(self) -> str:
+        """What is wrong with the first of them, whichever thread saw it first."""
+        return self._failed[min(self._failed)] if self._failed else ""
 
     def guarded(self, image: RgbdImage) -> RgbdImage:
         """The image, whose parts decode as late as before, and never raise."""
@@ -62,10 +67,12 @@ class ImageGuard:
             cells = message.pixels()
             if _fits(cells.shape[:2], shape, depth=message.is_depth):
                 return cells
-        except LogError:
-            pass
+            (height, width), (rows, columns) = cells.shape[:2], shape
+            reason = f"{width} x {height} pixels instead of {columns} x {rows}"
+        except LogError as error:
+            reason = str(error)
         with self._lock:
-            self._failed.add(_key(message))
+            self._failed[_key(message)] = reason
         return np.zeros(shape, np.float32) if message.is_depth else np.zeros((*shape, 3), np.uint8)
 
 

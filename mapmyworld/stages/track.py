@@ -202,7 +202,10 @@ def _count_losses(counts: FrameCounts, guard: ImageGuard) -> Iterator[str]:
     if counts.unusable:
         yield f"{counts.unusable} messages beside them could not be decoded and are left out"
     if guard.failures:
-        yield f"{guard.failures} image(s) that do not decode, or have another size, are left out"
+        yield (
+            f"{guard.failures} image(s) that do not decode, or have another size, are left out; "
+            f"the first: {guard.reason}"
+        )
     if counts.without_odometry:
         yield f"{counts.without_odometry} frames have no odometry near their stamp"
     if counts.unpaired_images:

@@ -12,6 +12,20 @@ import click
 PATH = click.Path(path_type=Path, readable=False)  # what cannot be read is told by its reader
 
 F = TypeVar("F", bound=Callable[..., Any])
+_LARGEST = 1e9  # metres, seconds or shares: beyond it products overflow
+
+
+class FiniteRange(click.FloatRange):
+    """A number that an option takes, from its least value on; neither NaN nor beyond all sense."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """The number; click's own ranges let NaN pass."""
+        number = float(super().convert(value, param, ctx))
+        if not abs(number) <= _LARGEST:
+            self.fail(f"{value} is no number up to {_LARGEST:g}.", param, ctx)
+        return number
 
 
 def default_map() -> Path:

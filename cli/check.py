@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from cli.arguments import PATH, format_option, map_argument
+from cli.arguments import PATH, FiniteRange, format_option, map_argument
 from cli.checking import KEYS, Sources, measure
 from cli.exit_codes import EXIT_CHECK_FAILED
 from cli.gates import BETTER, WHOLE, judged, no_worse, read_requirements, require_known, wholeness
@@ -24,7 +24,7 @@ from mapmyworld.errors import ConfigError, MapError
 @click.option("--baseline", type=PATH, metavar="OLD", help="No figure may be worse than OLD's.")
 @click.option(
     "--tolerance",
-    type=click.FloatRange(min=0.0),
+    type=FiniteRange(min=0.0),
     default=0.05,
     show_default=True,
     help="Share of OLD's figures by which MAP's may be worse.",

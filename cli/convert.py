@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from cli.arguments import PATH
+from cli.arguments import PATH, FiniteRange
 from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import require_apart, require_output_name
 
@@ -18,8 +18,17 @@ from cli.outputs import require_apart, require_output_name
     "-o", "--output", required=True, type=PATH,
     help="OUT.mcap, OUT.bag, OUT.db3, or a folder for a rosbag2 recording.",
 )  # fmt: skip
-@click.option("--start", type=float, default=0.0, help="Seconds of the log to leave out first.")
-@click.option("--duration", type=float, help="Seconds of the log to write; all when not given.")
+@click.option(
+    "--start",
+    type=FiniteRange(0),
+    default=0.0,
+    metavar="S",
+    help="Seconds of the log to leave out first.",
+)
+@click.option(
+    "--duration", type=FiniteRange(0), metavar="S",
+    help="Seconds of the log to write; all when not given.",
+)  # fmt: skip
 @click.option("--topic", "topics", multiple=True, help="Only this topic; may be repeated.")
 @click.option(
     "--compress", type=click.Choice(["none", "lz4", "zstd", "bz2"]),

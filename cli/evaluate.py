@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.arguments import PATH, format_option
+from cli.arguments import PATH, FiniteRange, format_option
 from cli.exit_codes import EXIT_PARTIAL
 from cli.streams import show_json
 from mapmyworld.errors import MapError
@@ -39,14 +39,14 @@ def evaluate() -> None:
 )
 @click.option(
     "--delta",
-    type=click.FloatRange(0),
+    type=FiniteRange(0),
     default=1.0,
     show_default=True,
     metavar="M",
     help="Metres between RPE's poses.",
 )
 @click.option(
-    "--max-difference", type=click.FloatRange(0), default=0.01, show_default=True, metavar="S",
+    "--max-difference", type=FiniteRange(0), default=0.01, show_default=True, metavar="S",
     help="Seconds between poses of one moment, at most.",
 )  # fmt: skip
 @format_option

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.arguments import map_argument
+from cli.arguments import FiniteRange, map_argument
 from cli.exit_codes import EXIT_CHECK_FAILED
 from cli.export_options import open_map, output_option, output_or, save_option, tell
 from cli.outputs import require_utf8
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @click.command()
 @map_argument
 @output_option("STEM", "Writes STEM.pgm and STEM.yaml.  [default: the map's name]")
-@click.option("--resolution", type=click.FloatRange(min=0.001), metavar="M", help="Metres a cell.")
+@click.option("--resolution", type=FiniteRange(min=0.001), metavar="M", help="Metres a cell.")
 @click.option(
     "--mode",
     type=click.Choice(["trinary", "scale", "raw"]),
@@ -82,8 +82,8 @@ def _verify(path: Path, made: Any, mode: Any) -> None:
 @click.command()
 @map_argument
 @output_option("FILE", "A .ply or .pcd file.  [default: the map's name with .ply]")
-@click.option("--voxel", type=click.FloatRange(min=0.001), metavar="M", help="Metres a voxel.")
-@click.option("--max-range", type=click.FloatRange(min=0.1), metavar="M", help="Depth used up to.")
+@click.option("--voxel", type=FiniteRange(min=0.001), metavar="M", help="Metres a voxel.")
+@click.option("--max-range", type=FiniteRange(min=0.1), metavar="M", help="Depth used up to.")
 @save_option
 @config_options
 def cloud(

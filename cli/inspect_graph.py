@@ -33,7 +33,10 @@ from mapmyworld.types import Constraint, ConstraintKind, Poses
     metavar="A B",
     help="The pose of node B seen from node A, and how sure it is.",
 )
-@click.option("--worst", default=10, show_default=True, help="Constraints listed of each sort.")
+@click.option(
+    "--worst", type=click.IntRange(0), default=10, show_default=True,
+    help="Constraints listed of each sort.",
+)  # fmt: skip
 @click.option("--all", "everything", is_flag=True, help="List every rejected constraint.")
 def graph(
     map_path: Path,

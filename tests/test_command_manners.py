@@ -47,6 +47,21 @@ def test_every_command_can_be_quiet_and_verbose() -> None:
             assert names.count(name) == 1, f"{command.name} {name}"
 
 
+@pytest.mark.parametrize("text", ["nan", "inf", "-inf", "1e300", "-1"])
+def test_no_option_takes_a_number_beyond_sense(text: str) -> None:
+    """NaN as a cell's side gave a grid of one, and as a start a traceback."""
+    kinds = [
+        option.type
+        for command in commands()
+        for option in command.params
+        if isinstance(option.type, click.types.FloatParamType)
+    ]
+    assert len(kinds) >= 8
+    for kind in kinds:
+        with pytest.raises(click.BadParameter):
+            kind.convert(text, None, None)
+
+
 def test_quiet_leaves_out_notes_but_no_data(filled: Path) -> None:
     picture = filled.with_name("graph.png")
     words = ("inspect", "graph", filled, "--image", picture)

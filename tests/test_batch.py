@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -69,6 +70,10 @@ def test_a_batch_sums_up_goes_on_and_gives_the_same_again(tmp_path: Path) -> Non
     suite = ElementTree.parse(out / "summary.xml").getroot()
     assert (suite.get("tests"), suite.get("errors"), suite.get("failures")) == ("3", "1", "1")
     assert "UNMET" in (out / "summary.html").read_text("utf-8")
+    words = (out / "summary.txt").read_text("utf-8")
+    assert re.search(r"\(is \d+\)", words)  # a count is no 16.0
+    assert "(no map to measure)" in words
+    assert "None" not in words
     before = {name: (out / name).read_bytes() for name in FORMS}
     built = (out / "good" / "map.db").stat().st_mtime_ns
     (out / "strict" / "result.json").unlink()  # as if killed before its end

@@ -239,6 +239,21 @@ def test_without_tf_the_map_is_partial_and_says_so(room: Drive, tmp_path: Path) 
     assert run("inspect", "log", tmp_path / "log.mcap", "--quick").exit_code == 3
 
 
+def test_a_robot_that_stands_still_is_told_to(room: Drive, tmp_path: Path) -> None:
+    """Ten times the sweep and the odometry of the drive's first moment."""
+    topics = ("/scan", "/odom")
+    first = {topic: next(e for e in room.entries if e[0] == topic) for topic in topics}
+    entries = [e for e in room.entries if e[0] not in topics]
+    for k in range(10):
+        for topic, message, at_ns in first.values():
+            later = replace(message, stamp_ns=message.stamp_ns + k * 10**8)  # type: ignore[type-var]
+            entries.append((topic, later, at_ns + k * 10**8))
+    write(tmp_path / "log.mcap", entries)
+    found = run("build", tmp_path / "log.mcap", "-o", tmp_path / "map.db")
+    assert found.exit_code == 0
+    assert "the robot stood still" in found.stderr
+
+
 def test_a_laser_that_hangs_upside_down_unsaid_makes_the_map_partial(
     room: Drive, tmp_path: Path
 ) -> None:

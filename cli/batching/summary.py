@@ -105,9 +105,13 @@ def _figures(result: Result) -> str:
     )
 
 
+def _figure(value: float | None) -> str:
+    return "no map to measure" if value is None else f"is {value:.6g}"
+
+
 def _faults(result: Result) -> list[str]:
     unmet = [
-        f"{check['require']} (is {check['value']})"
+        f"{check['require']} ({_figure(check['value'])})"
         for check in result.checks
         if not check["passed"]
     ]

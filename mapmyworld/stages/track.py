@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config import Config
+from mapmyworld.config import Config, SensingConfig
 from mapmyworld.odometry.felt_force import FeltForce
 from mapmyworld.parallel import (
     algebra_on_one_thread,
@@ -65,7 +65,8 @@ def track(
             _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
     writer.finish()
     faults = [finding for finding in _diagnose(store, plan) if not finding.good]
-    notes = [*tracker.notes(), *_count_notes(counts), *_advice(faults, spoilt=False)]
+    still = _standing(writer.nodes, counts.frames, config.sensing)
+    notes = [*tracker.notes(), *still, *_count_notes(counts), *_advice(faults, spoilt=False)]
     for note in notes:
         progress.note(note)
     counted = _count_losses(counts, guard)
@@ -135,6 +136,11 @@ class _Writer:
         self._moved, self._odometry = array("d"), array("d")
         self.force = FeltForce()
 
+    @property
+    def nodes(self) -> int:
+        """How many there are."""
+        return 0 if self._selector.last is None else self._selector.last.id
+
     def add_all(self, followed: Sequence[tuple[Frame, Motion]]) -> None:
         for frame, motion in followed:
             self.add(frame, motion)
@@ -189,6 +195,14 @@ def _guarded(frame: Frame, guard: ImageGuard) -> Frame:
     if not frame.images:
         return frame
     return replace(frame, images=tuple(guard.guarded(image) for image in frame.images))
+
+
+def _standing(nodes: int, frames: int, config: SensingConfig) -> Iterator[str]:
+    if nodes == 1 < frames:
+        yield (
+            f"the robot stood still: it never moved by {config.node_distance:g} m or turned by "
+            f"{config.node_angle:g} rad, and the map is what is seen from one place"
+        )
 
 
 def _count_notes(counts: FrameCounts) -> Iterator[str]:

@@ -9,6 +9,7 @@ looked at again a moment later; and once more where a stage reports, should it h
 
 from __future__ import annotations
 
+import math
 import signal
 import threading
 import time
@@ -32,8 +33,11 @@ _LOCKING = frozenset(
     }
 )  # fmt: skip
 
+_UNDER_WAY_S = 0.5  # so long nothing is raised again: what was raised is being seen to
+
 _wish: type[BaseException] | None = None
 _since = 0.0
+_raised = -math.inf
 _calls = 0
 _working = False
 
@@ -48,13 +52,19 @@ def ending_with(exception: type[BaseException]) -> Callable[[int, FrameType | No
     """A signal handler that raises as soon as it may, and keeps the wish until `forget_wish`."""
 
     def end_soon(number: int, frame: FrameType | None) -> None:
-        global _wish, _since
+        global _wish, _since, _raised
+        now = time.monotonic()
+        if number == signal.SIGALRM and _wish is None:
+            return  # an alarm that was set before the wish was forgotten
         if _wish is None:
-            _wish, _since = exception, time.monotonic()
+            _wish, _since = exception, now
         if number == signal.SIGINT:
             _count_call()
-        if may_end(frame, time.monotonic() - _since):
+        if now - _raised < _UNDER_WAY_S:
+            return
+        if may_end(frame, now - _since):
             signal.setitimer(signal.ITIMER_REAL, 0)
+            _raised = now
             raise _wish
         signal.signal(signal.SIGALRM, end_soon)
         signal.setitimer(signal.ITIMER_REAL, _AGAIN_AFTER_S)
@@ -116,9 +126,9 @@ def heed_wish() -> None:
 
 def forget_wish(kind: type[BaseException]) -> None:
     """The work that it was to end has ended."""
-    global _wish
+    global _wish, _raised
     if _wish is kind:
-        _wish = None
+        _wish, _raised = None, -math.inf
         signal.setitimer(signal.ITIMER_REAL, 0)
 
 

@@ -202,6 +202,7 @@ def run_as(module: str, source: str, file: str = "code.py", **names: object) -> 
     exec(compile(source, file, "exec"), {**scope, "__name__": module})
 
 
+_ALARM = signal.SIGALRM
 _STRUCK = "raise_signal(SIGUSR1)\nleft.append(True)\n"
 
 
@@ -221,6 +222,19 @@ def test_a_signal_is_heeded_at_once_in_code_of_ours() -> None:
     with ending(), pytest.raises(_Ended):
         run_as("formats.logs", _STRUCK, left=left)
     assert left == []
+
+
+def test_what_is_raised_is_seen_to_before_it_is_raised_again() -> None:
+    """An alarm on its way, or a second Ctrl-C, would end in a traceback of the first one's end."""
+    left: list[bool] = []
+    with ending():
+        with pytest.raises(_Ended):
+            run_as("formats.logs", _STRUCK, left=left)
+        run_as("cli.main", _STRUCK, left=left)
+        run_as("cli.main", _STRUCK.replace("SIGUSR1", "SIGALRM"), left=left, SIGALRM=_ALARM)
+        forget_wish(_Ended)
+        run_as("cli.main", _STRUCK.replace("SIGUSR1", "SIGALRM"), left=left, SIGALRM=_ALARM)
+    assert left == [True] * 3
 
 
 def test_code_of_others_that_does_not_end_is_ended_after_a_while() -> None:
@@ -260,12 +274,12 @@ def work():
         run_in_chunks(lambda a, b: None, 8, 2)
 heed_interrupts()
 interrupts._PATIENCE_S = 0.05
-signal.signal(signal.SIGALRM, ending_with(Ended))
+signal.signal(signal.SIGPROF, ending_with(Ended))
 faulthandler.dump_traceback_later(60, exit=True)
 rng, ended = random.Random(3), 0
 for _ in range(6):
     sums = []
-    signal.setitimer(signal.ITIMER_REAL, rng.uniform(0.001, 0.02))
+    signal.setitimer(signal.ITIMER_PROF, rng.uniform(0.001, 0.02))
     try:
         work()
     except Ended:

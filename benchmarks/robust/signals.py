@@ -36,7 +36,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "cloud": ("export", "cloud", _MAP, "-o", f"{_OUT}.ply"),
     "mesh": ("export", "mesh", _MAP, "-o", f"{_OUT}.ply"),
     "optimise": ("optimise", _MAP, "-o", f"{_OUT}.g2o"),
-    "merge": ("merge", _MAP, "COPY", "-o", f"{_OUT}.db"),
+    "merge": ("merge", _MAP, "COPY", "-o", f"{_OUT}.db", "-q"),
     "batch": ("batch", "JOBS", "-o", f"{_OUT}.d", "-q"),
 }
 

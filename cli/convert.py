@@ -23,7 +23,7 @@ from cli.outputs import require_apart, require_output_name
     type=FiniteRange(0),
     default=0.0,
     metavar="S",
-    help="Seconds of the log to leave out first.",
+    help="Seconds of the log to leave out first, but for /tf_static.",
 )
 @click.option(
     "--duration", type=FiniteRange(0), metavar="S",

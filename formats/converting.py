@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from formats.logs.channels import Channel, Payload, Record
@@ -14,7 +15,7 @@ from formats.logs.recorded import RecordedLog
 from formats.recording import LogWriter
 from formats.transcoding import Transcoder, transcoder_for
 from mapmyworld.errors import LogError
-from mapmyworld.types import LogSource, MessageKind
+from mapmyworld.types import LogSource, MessageKind, RawMessage
 
 _REPORT_S = 0.2  # between two reports of progress
 
@@ -63,19 +64,25 @@ def convert_log(
     end_ns = None if selection.duration_s is None else first_ns + round(selection.duration_s * 1e9)
     clock = _Clock(report)
     with LogWriter(output, compression=compression, overwrite=overwrite) as writer:
-        copier = Copier(writer)
-        for time_ns, write in copier.writes(log, selection.topics):
+        copier, latched = Copier(writer), 0
+        for time_ns, topic, write in copier.writes(log, selection.topics):
             if end_ns is not None and time_ns >= end_ns:
                 break
-            if time_ns >= first_ns:
-                write()
-                clock.tick(time_ns)
-        if clock.messages == 0:
+            if time_ns >= first_ns or _is_latched(topic):
+                latched += time_ns < first_ns
+                write(max(time_ns, first_ns))
+                clock.tick(max(time_ns, first_ns))
+        if clock.messages == latched:
             raise LogError(
                 f"nothing to write: no message of the selection in {', '.join(info.paths)}",
                 problems=(*copier.losses(), *log.losses()),
             )
     return Conversion(clock.messages, clock.span_s, (*log.losses(), *copier.losses()))
+
+
+def _is_latched(topic: str) -> bool:
+    """Whether what came before the part that is wanted still holds in it: fixed transforms."""
+    return topic.rstrip("/").endswith("tf_static")
 
 
 def _check_topics(selection: Selection, known: set[str]) -> None:
@@ -117,19 +124,15 @@ class Copier:
 
     def writes(
         self, log: LogSource, topics: frozenset[str] | None
-    ) -> Iterator[tuple[int, Callable[[], None]]]:
-        """Log time and the act of writing, message by message."""
+    ) -> Iterator[tuple[int, str, Callable[[int], None]]]:
+        """Log time, topic and the act of writing at a log time, message by message."""
         recorded = _recorded(log)
         if recorded is not None:
-            for record in recorded(topics):
-                yield record[0], lambda record=record: self._copy(record)  # type: ignore[misc]
+            for time_ns, channel, data in recorded(topics):
+                yield time_ns, channel.topic, partial(self._copy, channel, data)
             return
         for raw in log.messages(topics):
-
-            def write(raw: object = raw) -> None:
-                self._encode(raw)
-
-            yield raw.log_time_ns, write
+            yield raw.log_time_ns, raw.topic, partial(self._encode, raw)
 
     def losses(self) -> tuple[str, ...]:
         """What could not be read or written, for people."""
@@ -137,8 +140,7 @@ class Copier:
             f"{reason}: {count} message(s) left out" for reason, count in sorted(self._lost.items())
         )
 
-    def _copy(self, record: Record) -> None:
-        log_time_ns, channel, data = record
+    def _copy(self, channel: Channel, data: Payload, log_time_ns: int) -> None:
         if channel not in self._transcoders:
             self._transcoders[channel] = transcoder_for(channel, self.writer.sink)
         transcoder = self._transcoders[channel]
@@ -162,12 +164,9 @@ class Copier:
             )
         self.writer.write(channel.topic, decoder.decode(data, log_time_ns), log_time_ns)
 
-    def _encode(self, raw: object) -> None:
-        from mapmyworld.types import RawMessage
-
-        assert isinstance(raw, RawMessage)
+    def _encode(self, raw: RawMessage, log_time_ns: int) -> None:
         try:
-            self.writer.write(raw.topic, raw.decode(), raw.log_time_ns)
+            self.writer.write(raw.topic, raw.decode(), log_time_ns)
         except LogError as error:
             self._lose(str(error))
 

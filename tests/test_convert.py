@@ -94,6 +94,30 @@ def test_a_selection_of_time_and_topics(tmp_path: Path) -> None:
     assert {t.topic for t in open_log([output]).info().topics} == {"/scan"}
 
 
+def test_what_is_fixed_is_kept_from_before_the_part_that_is_wanted(tmp_path: Path) -> None:
+    """tf_static is recorded once, at the start; without it nobody knows where a sensor sits."""
+    make, source = Make(2), tmp_path / "a.mcap"
+    fixed = (
+        "/tf_static",
+        "tf2_msgs/msg/TFMessage",
+        10**18,
+        make.transforms(0, [("base", "laser")]),
+    )
+    scans = [
+        ("/scan", "sensor_msgs/msg/LaserScan", 10**18 + k * 10**8, make.scan(10**18 + k * 10**8))
+        for k in range(10)
+    ]
+    write_mcap(source, [fixed, *scans])
+    for output in ("b.mcap", "b.bag"):
+        assert run(source, "-o", tmp_path / output, "--start", 0.5).exit_code == 0
+        found = [(m.topic, m.log_time_ns) for m in open_log([tmp_path / output]).messages()]
+        times = [10**18 + k * 10**8 for k in range(5, 10)]
+        assert found == [("/tf_static", times[0]), *(("/scan", t) for t in times)]
+    late = run(source, "-o", tmp_path / "c.mcap", "--start", 5)
+    assert "nothing to write" in str(late.exception)
+    assert not (tmp_path / "c.mcap").exists()
+
+
 def test_two_parts_become_one_log(tmp_path: Path) -> None:
     middle = next(i for i in range(50, 60) if ROS1[i][2] != ROS1[i - 1][2])
     parts = [

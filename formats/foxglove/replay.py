@@ -175,8 +175,8 @@ class _Replay:
             yield raw.log_time_ns, 1, partial(_write_tf, raw, self.frames, self.writer)
 
     def _copies(self, topics: frozenset[str]) -> Iterator[Act]:
-        for time_ns, write in self.copier.writes(self.log, topics):
-            yield time_ns, 2, write
+        for time_ns, _, write in self.copier.writes(self.log, topics):
+            yield time_ns, 2, partial(write, time_ns)
 
 
 def _write_tf(raw: RawMessage, frames: _Frames, writer: LogWriter) -> None:

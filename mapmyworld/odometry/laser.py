@@ -262,7 +262,10 @@ class LaserTracker:
         )  # fmt: skip
         if found is not None:
             again = self._keyscans.match(scan, found.pose, _WEAK_PRIOR, COARSE)
-            if _quality(again) > _quality(best) + 0.02:
+            # One that is not to be believed replaces none that still tells where the robot is.
+            doubtful = is_doubtful(again, between_planar(predicted, again.pose))
+            welcome = best.overlap < poor or not doubtful
+            if welcome and _quality(again) > _quality(best) + 0.02:
                 best = again
         return best, "searched" if best.overlap >= poor else "lost"
 

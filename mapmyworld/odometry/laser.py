@@ -26,6 +26,7 @@ from mapmyworld.types import Frame, Scan
 Array = NDArray[np.float64]
 _CLEARLY = 0.05  # by which one match must be better to be preferred over a nearer one
 _POOR = 0.6  # of the least overlap, with which a match still tells where the robot is
+_NEARLY = 0.8  # of it, with which a match is kept before a farther one that is not to be believed
 _REFUTED = 0.5  # share of the points seen through surfaces from which nobody can have been there
 _BORNE_OUT = 0.3  # share up to which somebody can
 _DOUBT_FROM = 6.0  # squared sigmas between odometry and match from which neither is sure
@@ -262,10 +263,9 @@ class LaserTracker:
         )  # fmt: skip
         if found is not None:
             again = self._keyscans.match(scan, found.pose, _WEAK_PRIOR, COARSE)
-            # One that is not to be believed replaces none that still tells where the robot is.
             doubtful = is_doubtful(again, between_planar(predicted, again.pose))
-            welcome = best.overlap < poor or not doubtful
-            if welcome and _quality(again) > _quality(best) + 0.02:
+            kept = doubtful and best.overlap >= _NEARLY * self._odometry.least_overlap
+            if not kept and _quality(again) > _quality(best) + 0.02:
                 best = again
         return best, "searched" if best.overlap >= poor else "lost"
 

@@ -23,7 +23,7 @@ from mapmyworld.types import Constraint
 
 _SPACING = 4.0  # m of path between places that are looked at: what a submap covers
 _SAME = 1.0  # m of path around the place that was found, whose own rivals are known
-_AS_GOOD = 0.85  # share of the score from which a place is as good: no two submaps show as much
+_AS_GOOD = 0.88  # share of the score from which a place is as good: no two submaps show as much
 _OTHER_VISIT = 8.0  # m of path before the later place, of which the rest is that place itself
 
 Pairs = Sequence[tuple[int, int]]

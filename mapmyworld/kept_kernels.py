@@ -49,5 +49,7 @@ class _Cache(FunctionCache):  # type: ignore[misc]
 @functools.cache
 def _sources_stamp() -> tuple[int, int]:
     """When the last of all files of kernels was changed, and how large they are together."""
-    found = [file.stat() for file in (Path(__file__).parent / "kernels").glob("*.py")]
+    package = Path(__file__).parent
+    files = [*package.glob("kernels/*.py"), *package.glob("*/kernels/*.py")]
+    found = [file.stat() for file in files]
     return max((one.st_mtime_ns for one in found), default=0), sum(one.st_size for one in found)

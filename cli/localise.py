@@ -155,7 +155,8 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     return [
         f"recognised:    {recognised}; lost {summary['times_lost']} times afterwards",
         "states:        " + ", ".join(f"{name} {part:.1%}" for name, part in share.items()),
-        f"known:         {summary['known_share']:.1%} of {summary['moments']} moments",
+        f"known:         {summary['known_share']:.1%} of {summary['moments']} moments in the end, "
+        "by looking back from later ones",
         f"time:          {summary['wall_s']:.1f} s ({speed:.0f}x real time), "
         f"{summary['cpu_s']:.1f} CPU s",
         *(f"written:       {path}" for path in summary["files"]),

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     "-o",
     "--output",
     type=PATH,
-    help="The optimised graph, as g2o, or as a map (.db).  [default: FILE with _optimised.g2o]",
+    help="The optimised graph: .g2o, or .db for a map.  [default: FILE with _optimised.g2o]",
 )
 @click.option("--robust", is_flag=True, help="Reject closures that contradict the rest.")
 @click.option("--image", type=PATH, help="Draw the result into this PNG.")
@@ -96,13 +96,15 @@ def optimise(
 
 
 def _require_place(output: Path, path: Path) -> None:
-    """Refuses to replace the graph itself, or what is neither a graph nor a map."""
+    """Refuses what it would not write, and to replace the graph itself or anything else."""
     require_outputs([output], [path])
     if output.suffix == ".db":
         require_no_other(output)
         require_no_other_log(output, path)
     else:
         require_graph_place(output)
+        if output.suffix != ".g2o":
+            raise click.UsageError(f"{output}: give a name that ends in .g2o, or in .db for a map")
 
 
 def _timed(

@@ -31,7 +31,7 @@ from mapmyworld.simulation.worlds import find_world
 @click.option("--route", help="A route of the world, or steps such as '2,0 2,3 turn:90 <0,0'.")
 @click.option(
     "--laps",
-    type=click.IntRange(1),
+    type=click.IntRange(1, 1000),
     help="How often to drive the route.  [default: the world's number, or 1]",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)

@@ -108,6 +108,16 @@ def test_merge_and_optimise_replace_only_what_they_write(m: Path, tmp_path: Path
     assert [path.read_bytes() for path in (m, other, bag, graph)] == before
 
 
+@pytest.mark.parametrize("name", ["x.toro", "x.graph", "x"])
+def test_optimise_writes_no_graph_of_another_kind(name: str, tmp_path: Path) -> None:
+    graph = tmp_path / "given.g2o"
+    graph.write_text(TRIANGLE)
+    result = given("optimise", graph, "-o", tmp_path / name)
+    assert result.exit_code != 0
+    assert "ends in .g2o" in result.output
+    assert not (tmp_path / name).exists()
+
+
 def test_optimise_replaces_what_it_made_but_no_map_of_a_log(m: Path, tmp_path: Path) -> None:
     graph, made = tmp_path / "x.g2o", tmp_path / "made"
     graph.write_text(TRIANGLE)

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.bounds import FARTHEST
 from formats.picture_files import decoded_file, picture_size
 from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
@@ -22,7 +23,6 @@ _OCCUPIED, _FREE, _UNKNOWN = 0, 254, 205
 _OCCUPIED_THRESHOLD, _FREE_THRESHOLD = 0.65, 0.196
 _MAX_CELLS = 1 << 28
 _MOST_PACKED = 8 * 1032  # cells of one bit in a byte of a PNG; deflate packs up to 1032 to 1
-_FARTHEST = 1e9  # m
 
 
 def write_grid(stem: Path, grid: OccupancyGrid, mode: Mode = "trinary") -> tuple[Path, Path]:
@@ -182,7 +182,7 @@ def _origin(path: Path, text: str) -> NDArray[np.float64]:
         x, y, yaw = (float(part) for part in text.strip("[] ").split(","))
     except ValueError:
         raise MapError(f"{path}: origin: {text!r} is not [x, y, yaw]") from None
-    if not (math.isfinite(x) and math.isfinite(y) and max(abs(x), abs(y)) < _FARTHEST):
+    if not (math.isfinite(x) and math.isfinite(y) and max(abs(x), abs(y)) < FARTHEST):
         raise MapError(f"{path}: origin: {text!r} is no place on earth: correct the YAML")
     if yaw != 0.0:
         raise MapError(f"{path}: a grid turned by {yaw} rad cannot be read: turn it to yaw 0")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from formats.recording import LogWriter
 from formats.stamps import seconds_text
 from formats.whole_files import write_whole
+from mapmyworld.geometry.planar import PLANAR_IN_TANGENT
 from mapmyworld.geometry.rigid import SWAP_ROTATION_TRANSLATION
 from mapmyworld.geometry.rotations import rotation_to_quaternion
 from mapmyworld.types import PoseMessage, TextMessage, TransformsMessage, TransformStamped
@@ -18,7 +19,6 @@ from mapmyworld.types.localisation import Estimate, Localisation
 
 _CORRECTION = tuple(f"correction_{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw"))
 _SIGMAS = ("sigma_x", "sigma_y", "sigma_yaw")
-_ON_PLANE = np.array([3, 4, 2])  # x, y, yaw of a rotation-first tangent
 CSV_COLUMNS = (
     "stamp_ns", "time_s", "state", "known", "x", "y", "z", "qx", "qy", "qz", "qw", *_SIGMAS, "fit",
     *_CORRECTION,
@@ -32,7 +32,7 @@ def write_localisation_csv(path: Path, localisation: Localisation) -> None:
 
 
 def _row(estimate: Estimate) -> str:
-    sigmas = np.sqrt(np.diag(estimate.covariance)[_ON_PLANE])
+    sigmas = np.sqrt(np.diag(estimate.covariance)[PLANAR_IN_TANGENT])
     correction = estimate.map_from_odom
     shown = [""] * 7 if correction is None else _numbers(correction)
     return ",".join(

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.planar import between_planar, compose_planar
+from mapmyworld.geometry.planar import between_planar, compose_planar, planar_adjoint
 from mapmyworld.geometry.rigid import between, se3_adjoint, se3_exp, se3_log
 from mapmyworld.geometry.rotations import skew
 from mapmyworld.graph.block_solver import solver_of
@@ -20,7 +20,6 @@ from mapmyworld.graph.residuals import (
     edge_fits,
     edge_jacobians,
     edge_residuals,
-    planar_adjoint,
     planar_exp,
     planar_log,
     retract,

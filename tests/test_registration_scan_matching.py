@@ -17,18 +17,18 @@ from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
     invert_planar,
+    planar_adjoint,
     transform_points_planar,
 )
 from mapmyworld.kernels.branch_and_bound import best_shift
 from mapmyworld.kernels.scan_alignment import invert3, nearest, pair_systems, solve3
 from mapmyworld.kernels.scan_preparation import range_noise
 from mapmyworld.registration.joint_alignment import align_jointly
-from mapmyworld.registration.joint_equations import Motions, adjoint_planar
-from mapmyworld.registration.matchers import MATCHERS, find_matcher
+from mapmyworld.registration.joint_equations import Motions
+from mapmyworld.registration.matchers import MATCHERS, find_matcher, match_scan
 from mapmyworld.registration.scan_matching import (
     COARSE,
     PreparedScan,
-    match_scan,
     prepare_scan,
     prepare_scans,
     scan_set,
@@ -283,7 +283,7 @@ def test_a_pair_seen_from_either_end_is_the_same() -> None:
     upper = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
     there, back = systems[:, upper]
     # A step of the second scan is the opposite step of the first, seen in the first's frame.
-    adjoint = adjoint_planar(between_planar(poses[1], poses[0]))
+    adjoint = planar_adjoint(between_planar(poses[1], poses[0]))
     np.testing.assert_allclose(adjoint.T @ there @ adjoint, back, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(-adjoint.T @ systems[0, 6:9], systems[1, 6:9], rtol=1e-6, atol=1e-6)
     assert systems[0, 9] == pytest.approx(systems[1, 9])
@@ -291,7 +291,7 @@ def test_a_pair_seen_from_either_end_is_the_same() -> None:
 
 def test_the_adjoint_carries_small_motions_across() -> None:
     a_from_b, small = np.array([1.0, -2.0, 0.8]), np.array([1e-6, -2e-6, 3e-6])
-    left = compose_planar(adjoint_planar(a_from_b) @ small, a_from_b)
+    left = compose_planar(planar_adjoint(a_from_b) @ small, a_from_b)
     np.testing.assert_allclose(left, compose_planar(a_from_b, small), atol=1e-11)
 
 

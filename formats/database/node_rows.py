@@ -22,6 +22,7 @@ from formats.database.surroundings import (
 )
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import between
+from mapmyworld.geometry.rotations import rotation_to_roll_pitch_yaw
 from mapmyworld.types import Node, NodeData, RgbdImage
 
 INSERT_NODE = (
@@ -75,17 +76,10 @@ def _velocities(items: Sequence[tuple[Node, Node | None]]) -> Iterator[bytes | N
     since = [0 if before is None else node.stamp_ns - before.stamp_ns for node, before in items]
     seconds = np.maximum(since, 1) * 1e-9
     motions = between(befores, nodes)
-    turns = _roll_pitch_yaw(motions[:, :3, :3])
+    turns = rotation_to_roll_pitch_yaw(motions[:, :3, :3])
     velocities = (np.column_stack([motions[:, :3, 3], turns]) / seconds[:, None]).astype("<f4")
     for velocity, passed in zip(velocities, since, strict=True):
         yield velocity.tobytes() if passed > 0 else None
-
-
-def _roll_pitch_yaw(r: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Angles (N, 3) of rotations (N, 3, 3) about the fixed axes x, then y, then z."""
-    pitch = np.arctan2(-r[:, 2, 0], np.hypot(r[:, 0, 0], r[:, 1, 0]))
-    roll, yaw = np.arctan2(r[:, 2, 1], r[:, 2, 2]), np.arctan2(r[:, 1, 0], r[:, 0, 0])
-    return np.stack([roll, pitch, yaw], axis=-1)
 
 
 def wants_cells(node: Node, last: Node | None, options: StorageOptions) -> bool:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from formats.database.blobs import text_to_blob
 from mapmyworld.geometry.rigid import between, invert
+from mapmyworld.geometry.rotations import rotation_to_roll_pitch_yaw
 from mapmyworld.types import Constraint, ConstraintKind, Node, Poses
 
 INSERT_STATISTICS = "INSERT INTO Statistics (id, stamp, data) VALUES (?,?,?)"
@@ -129,10 +130,8 @@ def _pose_figures(
     if not place:
         return {}
     poses = np.array(list(place.values()))
-    r = poses[:, :3, :3]
-    pitch = np.arctan2(-r[:, 2, 0], np.hypot(r[:, 0, 0], r[:, 1, 0]))
-    roll, yaw = np.arctan2(r[:, 2, 1], r[:, 2, 2]), np.arctan2(r[:, 1, 0], r[:, 0, 0])
-    columns = np.column_stack([poses[:, :3, 3], np.degrees(np.stack([roll, pitch, yaw], axis=1))])
+    angles = np.degrees(rotation_to_roll_pitch_yaw(poses[:, :3, :3]))
+    columns = np.column_stack([poses[:, :3, 3], angles])
     names = [f"{name}_{axis}/m" for axis in "xyz"]
     names += [f"{name}_{axis}/deg" for axis in ("roll", "pitch", "yaw")]
     return {

@@ -13,6 +13,7 @@ from mapmyworld.types import OccupancyGrid
 Picture = NDArray[np.uint8]
 _UNKNOWN, _FREE, _OCCUPIED = 225, 255, 40  # grey
 _MARGIN = 0.5  # m around what was observed
+_RING = 10.0  # pixels, the radius of what marks a place
 _SHIFT = 4  # bits of a pixel to which lines are drawn
 
 
@@ -36,6 +37,12 @@ class Canvas:
         # OpenCV counts from the middle of a pixel.
         points = list(np.rint((place - 0.5) * (1 << _SHIFT)).astype(np.int32))
         cv2.polylines(self.pixels, points, False, colour, width, cv2.LINE_AA, _SHIFT)
+
+    def draw_rings(self, centres: NDArray[np.floating], colour: tuple[int, int, int]) -> None:
+        """Draws rings of `_RING` pixels about places (L, 2) in the map."""
+        angle = np.linspace(0.0, 2.0 * np.pi, 33)
+        circle = _RING / self.scale * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        self.draw_lines(np.asarray(centres, np.float64)[:, None, :] + circle, colour, 2)
 
 
 def canvas_from_grid(

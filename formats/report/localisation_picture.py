@@ -26,7 +26,7 @@ def localisation_picture(grid: OccupancyGrid, found: Localisation) -> Picture:
     canvas.draw_lines(_lines(places, known & lost), _AFTERWARDS, 2)
     canvas.draw_lines(_lines(places, ~lost), _TRACKED, 2)
     again = np.flatnonzero(~lost & np.concatenate([[True], lost[:-1]]))
-    canvas.draw_lines(_rings(places[again], 10.0 / canvas.scale), _FOUND, 2)
+    canvas.draw_rings(places[again], _FOUND)
     caption = (
         f"{len(places)} moments; blue: tracked ({np.mean(~lost):.1%}), orange: worked out "
         f"afterwards, green: recognised after being lost ({len(again)})"
@@ -40,10 +40,3 @@ def _lines(places: NDArray[np.float64], which: NDArray[np.bool_]) -> NDArray[np.
     near = np.hypot(*np.diff(places, axis=0).T) < _LEAP if len(places) > 1 else both
     ends = np.stack([places[:-1], places[1:]], axis=1)
     return np.asarray(ends[both & near])
-
-
-def _rings(centres: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
-    """Circles (L, 33, 2) about centres (L, 2)."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 33)
-    circle = radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return np.asarray(centres[:, None, :] + circle)

@@ -31,14 +31,7 @@ def particle_picture(
     if len(path) > 1:
         canvas.draw_lines(np.asarray(path)[None], _BEST)
     if len(loops):
-        canvas.draw_lines(_rings(np.asarray(loops, np.float64), 8.0 / canvas.scale), _LOOP, 2)
+        canvas.draw_rings(loops, _LOOP)
     caption = f"{len(path)} updates; orange: all particles, blue: the best one"
     caption += f", green: {len(loops)} returns to known places" if len(loops) else ""
     return with_caption(canvas.pixels, caption)
-
-
-def _rings(centres: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
-    """Circles (L, 33, 2) about centres (L, 2)."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 33)
-    circle = radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return np.asarray(centres[:, None, :] + circle)

@@ -81,6 +81,16 @@ def transform_points_planar(a_from_b: ArrayLike, points: ArrayLike) -> Array:
     )
 
 
+def planar_adjoint(a_from_b: Array) -> Array:
+    """The adjoint (..., 3, 3), over x, y, yaw: `a_from_b exp(t) == exp(adjoint @ t) a_from_b`."""
+    cos, sin = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
+    matrix = np.zeros((*a_from_b.shape, 3))
+    matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2] = cos, -sin, a_from_b[..., 1]
+    matrix[..., 1, 0], matrix[..., 1, 1], matrix[..., 1, 2] = sin, cos, -a_from_b[..., 0]
+    matrix[..., 2, 2] = 1.0
+    return matrix
+
+
 def interpolate_planar(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array:
     """Planar poses (..., 3) between a (fraction 0) and b (1), turning the shorter way."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
@@ -115,7 +125,19 @@ def information_from_planar(information: ArrayLike, *, off_plane: float = 1e6) -
 
     Height, roll and pitch, which a planar measurement knows to be zero, get `off_plane`.
     """
-    planar = np.asarray(information, np.float64)
+    return _spatial(information, off_plane)
+
+
+def covariance_from_planar(covariance: ArrayLike, *, off_plane: float = 0.0) -> Array:
+    """Covariance (..., 6, 6), rotation first, of one over x, y, yaw (..., 3, 3).
+
+    Height, roll and pitch, which a planar pose has exactly, get the variance `off_plane`.
+    """
+    return _spatial(covariance, off_plane)
+
+
+def _spatial(matrix: ArrayLike, off_plane: float) -> Array:
+    planar = np.asarray(matrix, np.float64)
     full = np.zeros((*planar.shape[:-2], 6, 6))
     full[..., [0, 1, 5], [0, 1, 5]] = off_plane
     full[..., PLANAR_IN_TANGENT[:, None], PLANAR_IN_TANGENT] = planar

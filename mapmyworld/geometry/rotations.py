@@ -64,6 +64,14 @@ def roll_pitch_yaw_to_rotation(roll: float, pitch: float, yaw: float) -> Array:
     )
 
 
+def rotation_to_roll_pitch_yaw(rotation: ArrayLike) -> Array:
+    """Angles (..., 3) of rotations (..., 3, 3) about the fixed axes x, then y, then z."""
+    r = np.asarray(rotation, np.float64)
+    pitch = np.arctan2(-r[..., 2, 0], np.hypot(r[..., 0, 0], r[..., 1, 0]))
+    roll, yaw = np.arctan2(r[..., 2, 1], r[..., 2, 2]), np.arctan2(r[..., 1, 0], r[..., 0, 0])
+    return np.stack([roll, pitch, yaw], axis=-1)
+
+
 def skew(vector: ArrayLike) -> Array:
     """The matrix (..., 3, 3) whose product with u is the cross product `vector x u`."""
     v = np.asarray(vector, np.float64)

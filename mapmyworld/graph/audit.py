@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.planar import information_to_planar
+from mapmyworld.geometry.planar import PLANAR_IN_TANGENT, information_to_planar
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph.pose_graph import components, positions
@@ -56,7 +56,7 @@ def misfits_of(
     information = np.array([constraints[k].information for k in usable.tolist()])
     residuals = edge_residuals(False, tails, heads, measured)
     if planar:
-        residuals, information = residuals[:, [3, 4, 2]], information_to_planar(information)
+        residuals, information = residuals[:, PLANAR_IN_TANGENT], information_to_planar(information)
     chi2 = np.maximum(squared_sigmas(residuals, information), 0.0)
     error = between(measured, between(tails, heads))
     metres = np.linalg.norm(error[:, :3, 3], axis=1)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.planar import PLANAR_IN_TANGENT, between_planar, planar_to_matrix
+from mapmyworld.geometry.planar import between_planar, covariance_from_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between
 from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.joint_covariance import predicted_covariances
@@ -95,8 +95,4 @@ def relative_covariances(system: System, poses: Array, tails: Index, heads: Inde
 
 def spatial_covariances(planar: bool, covariances: Array) -> Array:
     """(N, 6, 6), rotation first; a planar one knows height, roll and pitch exactly."""
-    if not planar:
-        return covariances
-    full = np.zeros((len(covariances), 6, 6))
-    full[:, PLANAR_IN_TANGENT[:, None], PLANAR_IN_TANGENT] = covariances
-    return full
+    return covariance_from_planar(covariances) if planar else covariances

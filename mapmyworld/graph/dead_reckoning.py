@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from mapmyworld.geometry import Array
+from mapmyworld.geometry.planar import planar_adjoint
 from mapmyworld.geometry.rigid import se3_adjoint
 from mapmyworld.graph.consistency import Odometry
 from mapmyworld.graph.pose_graph import Index, components
-from mapmyworld.graph.residuals import planar_adjoint
 from mapmyworld.graph.starts import along_tree, spanning_tree
 
 

@@ -100,16 +100,6 @@ def _plain(array: Array) -> Array:
     return np.ascontiguousarray(array, np.float64)
 
 
-def planar_adjoint(a_from_b: Array) -> Array:
-    """The adjoint (..., 3, 3) over x, y, yaw of planar motions (..., 3)."""
-    cos, sin = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
-    matrix = np.zeros((*a_from_b.shape, 3))
-    matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2] = cos, -sin, a_from_b[..., 1]
-    matrix[..., 1, 0], matrix[..., 1, 1], matrix[..., 1, 2] = sin, cos, -a_from_b[..., 0]
-    matrix[..., 2, 2] = 1.0
-    return matrix
-
-
 def chi_squared_quantile(probability: float, freedom: Array | int) -> Array:
     """What chi-squared stays below; importing `scipy.stats` for it takes 0.8 s."""
     return np.asarray(2.0 * gammaincinv(0.5 * freedom, probability))

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
-    PLANAR_IN_TANGENT,
     between_planar,
     compose_planar,
+    covariance_from_planar,
     matrix_to_planar,
+    planar_adjoint,
     planar_to_matrix,
 )
 from mapmyworld.geometry.rigid import between
@@ -34,7 +35,6 @@ from mapmyworld.localisation.observation import (
 from mapmyworld.localisation.search import elsewhere, search_map
 from mapmyworld.localisation.seeking import Discovery, Seeker
 from mapmyworld.odometry.laser import LaserTracker, Tracked
-from mapmyworld.registration.joint_equations import adjoint_planar
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match
 from mapmyworld.types import Frame
 from mapmyworld.types.localisation import Estimate, State
@@ -106,7 +106,7 @@ class LaserLocaliser:
     def _predict(self, step: Array, covariance: Array) -> None:
         """The pose after a motion; its uncertainty is carried into the new frame and grows."""
         self._pose = compose_planar(self._pose, step)
-        adjoint = adjoint_planar(between_planar(step, np.zeros(3)))
+        adjoint = planar_adjoint(between_planar(step, np.zeros(3)))
         self._covariance = adjoint @ self._covariance @ adjoint.T + covariance
 
     # While the place is known
@@ -207,8 +207,7 @@ class LaserLocaliser:
     # What is said of it
 
     def _report(self, frame: Frame, fit: float) -> None:
-        covariance = np.diag(np.full(6, _OFF_PLANE))
-        covariance[PLANAR_IN_TANGENT[:, None], PLANAR_IN_TANGENT] = self._covariance
+        covariance = covariance_from_planar(self._covariance, off_plane=_OFF_PLANE)
         pose, known = planar_to_matrix(self._pose), self._state != State.LOST
         stamp, odometry = frame.stamp_ns, frame.odom_from_base
         self.estimates.append(Estimate(stamp, pose, covariance, self._state, fit, known, odometry))

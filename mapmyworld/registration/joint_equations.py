@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import RegistrationConfig
-from mapmyworld.geometry.planar import between_planar, wrap_angle
+from mapmyworld.geometry.planar import between_planar, planar_adjoint, wrap_angle
 from mapmyworld.graph.cholesky import Factors, factorise
 from mapmyworld.graph.elimination import analyse, links, summed
 
@@ -62,18 +62,8 @@ def equations_of(
         heads,
         np.concatenate([systems[:, _UPPER] / sigma_squared, motions.information]),
         np.concatenate([systems[:, 6:9] / sigma_squared, pulls]),
-        -adjoint_planar(between_planar(poses[heads], poses[tails])),
+        -planar_adjoint(between_planar(poses[heads], poses[tails])),
     )
-
-
-def adjoint_planar(a_from_b: Array) -> Array:
-    """(..., 3, 3): `a_from_b * exp(t) == exp(adjoint t) * a_from_b`."""
-    c, s = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
-    result = np.zeros((*a_from_b.shape[:-1], 3, 3))
-    result[..., 0, 0], result[..., 0, 1], result[..., 0, 2] = c, -s, a_from_b[..., 1]
-    result[..., 1, 0], result[..., 1, 1], result[..., 1, 2] = s, c, -a_from_b[..., 0]
-    result[..., 2, 2] = 1.0
-    return result
 
 
 def factors_of(equations: Equations, held: NDArray[np.bool_]) -> Factors:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import make_transform
-from mapmyworld.geometry.rotations import roll_pitch_yaw_to_rotation
+from mapmyworld.geometry.rotations import roll_pitch_yaw_to_rotation, rotation_to_roll_pitch_yaw
 from mapmyworld.simulation.settings import SimulationSettings
 
 BASE, ODOM, CHASSIS = "robot_footprint", "odom", "chassis"
@@ -120,14 +120,9 @@ def _joint(parent: str, child: str, parent_from_child: NDArray[np.float64]) -> s
     kind = "continuous" if rolling else "fixed"
     axis = '<axis xyz="0 1 0"/>' if rolling else ""
     xyz = " ".join(f"{value:g}" for value in parent_from_child[:3, 3])
-    rpy = " ".join(f"{value:.6f}" for value in _roll_pitch_yaw(parent_from_child))
+    angles = rotation_to_roll_pitch_yaw(parent_from_child[:3, :3])
+    rpy = " ".join(f"{value:.6f}" for value in angles)
     return (
         f'  <joint name="{child}_joint" type="{kind}"><parent link="{parent}"/>'
         f'<child link="{child}"/><origin xyz="{xyz}" rpy="{rpy}"/>{axis}</joint>'
     )
-
-
-def _roll_pitch_yaw(pose: NDArray[np.float64]) -> tuple[float, float, float]:
-    r = pose[:3, :3]
-    pitch = -np.arcsin(np.clip(r[2, 0], -1.0, 1.0))
-    return float(np.arctan2(r[2, 1], r[2, 2])), float(pitch), float(np.arctan2(r[1, 0], r[0, 0]))

@@ -8,7 +8,7 @@ import numpy as np
 
 from mapmyworld.config import Config
 from mapmyworld.errors import LogError
-from mapmyworld.geometry.planar import planar_to_matrix
+from mapmyworld.geometry.planar import covariance_from_planar, planar_to_matrix
 from mapmyworld.graph.trajectory import pose_every_frame
 from mapmyworld.parallel import on_one_thread
 from mapmyworld.particles.fastslam import FastSlamResult, run_fastslam
@@ -18,7 +18,6 @@ from mapmyworld.stages.track import track
 from mapmyworld.types import Frame, LogSource, MapStore, Poses, Progress
 
 _STEP_COVARIANCE = np.diag([1e-8, 1e-8, 1e-6, 1e-6, 1e-6, 1e-8])  # of one step of a smoothed path
-_PLANE = np.array([3, 4, 2])  # x, y, yaw in a rotation-first tangent
 
 
 @on_one_thread
@@ -43,8 +42,7 @@ def settle_particles(store: MapStore) -> None:
     """The best particle's path as the map's poses, its spread as their covariances."""
     nodes = store.nodes()
     spread = np.array(store.get("particle_spread")).reshape(-1, 3, 3)
-    covariances = np.zeros((len(nodes), 6, 6))
-    covariances[:, _PLANE[:, None], _PLANE] = spread[: len(nodes)]
+    covariances = covariance_from_planar(spread[: len(nodes)])
     ids = np.array([node.id for node in nodes], np.int64)
     poses = Poses(ids, np.stack([node.tracked_from_base for node in nodes]), covariances)
     store.set_poses(poses)

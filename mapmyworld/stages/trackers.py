@@ -6,10 +6,9 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.planar import PLANAR_IN_TANGENT, planar_to_matrix
+from mapmyworld.geometry.planar import covariance_from_planar, planar_to_matrix
 from mapmyworld.odometry.recorded import RecordedMotionModel
 from mapmyworld.parallel import batches
 from mapmyworld.sensing import Plan
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from mapmyworld.odometry.visual import VisualMotion
 
 _AT_ONCE = 64  # scans that are followed in one go
+_OUT_OF_PLANE = 1e-8  # rad^2 and m^2 by which a planar robot leaves its plane, a step
 Followed = Iterator[tuple[Frame, Motion]]
 
 
@@ -114,7 +114,7 @@ class LaserFollower:
             poses = planar_to_matrix(np.stack([moment.pose for moment in tracked]))
             for frame, moment, pose in zip(some, tracked, poses, strict=True):
                 reason = f"scan matching: {moment.verdict}, overlap {moment.overlap:.0%}"
-                covariance = _planar_covariance(moment.covariance)
+                covariance = covariance_from_planar(moment.covariance, off_plane=_OUT_OF_PLANE)
                 yield frame, Motion(pose, covariance, reason, moment.is_break)
 
     def notes(self) -> tuple[str, ...]:
@@ -122,14 +122,3 @@ class LaserFollower:
 
     def losses(self) -> tuple[str, ...]:
         return self._tracker.losses()
-
-
-_PLANE = np.ix_(PLANAR_IN_TANGENT, PLANAR_IN_TANGENT)
-_OUT_OF_PLANE = 1e-8  # rad^2 and m^2 by which a planar robot leaves its plane, a step
-
-
-def _planar_covariance(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Covariance (6, 6), rotation first, of one over x, y, yaw (3, 3)."""
-    full = np.diag(np.full(6, _OUT_OF_PLANE))
-    full[_PLANE] = covariance
-    return full

@@ -14,9 +14,9 @@ import click
 
 from cli.arguments import PATH, default_map, format_option
 from cli.exit_codes import EXIT_PARTIAL
-from cli.memory import memory_limit
+from cli.memory import memory_limit, peak_memory_mb
 from cli.outputs import require_map_place
-from cli.progress import StderrProgress, peak_memory_mb
+from cli.progress import StderrProgress
 from cli.repeating import given_options, repeat_and_compare
 from cli.settings import config_options, load_config, settings_that_differ
 from cli.storing import storage_arguments

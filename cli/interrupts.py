@@ -22,9 +22,7 @@ _PATIENCE_S = 1.0
 _MOST_CALLS = 3  # so many times Ctrl-C: whatever the program waits for, it ends at once
 _OURS = frozenset({"cli", "formats", "mapmyworld"})
 # These hand work from thread to thread: both must know how it ended.
-HANDING_OVER = frozenset(
-    {"mapmyworld.parallel", "mapmyworld.particles.threads", "mapmyworld.registration.threads"}
-)
+HANDING_OVER = frozenset({"mapmyworld.parallel", "mapmyworld.particles.threads"})
 _LOCKING = frozenset(
     {
         "_frozen_importlib", "_frozen_importlib_external", "_weakrefset", "asyncio", "concurrent",

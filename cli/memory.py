@@ -30,6 +30,18 @@ def resident_mb() -> float:
     return pages * resource.getpagesize() / (1 << 20)
 
 
+def peak_memory_mb() -> float:
+    """The most memory that this process has held.
+
+    Linux tells it of the program alone; what getrusage tells may be that of who started it.
+    """
+    try:
+        status = Path("/proc/self/status").read_text("ascii")
+        return int(status.partition("VmHWM:")[2].split()[0]) / 1024
+    except (OSError, ValueError, IndexError):
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
 @contextmanager
 def memory_limit(megabytes: int | None) -> Iterator[None]:
     """Ends what is done under it once the process holds more; None = no limit.

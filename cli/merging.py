@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.exit_codes import EXIT_PARTIAL
+from cli.memory import peak_memory_mb
 from cli.outputs import require_map_place, require_no_other, require_output_name
-from cli.progress import StderrProgress, peak_memory_mb
+from cli.progress import StderrProgress
 from cli.result_maps import ResultMaps, numbered
 from cli.streams import show_json
 from mapmyworld.errors import MapError

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import resource
 import sys
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import click
 
 from cli.interrupts import heed_wish
 from cli.manners import is_verbose
+from cli.memory import peak_memory_mb
 from mapmyworld.heap import give_back
 
 _LINE_EVERY_S = 15.0  # between lines of progress where there is no terminal
@@ -119,15 +118,3 @@ class StderrProgress:
         )
         self._bar.start()
         self._bar.add_task(self._name, total=self._total, speed="")
-
-
-def peak_memory_mb() -> float:
-    """The most memory that this process has held.
-
-    Linux tells it of the program alone; what getrusage tells may be that of who started it.
-    """
-    try:
-        status = Path("/proc/self/status").read_text("ascii")
-        return int(status.partition("VmHWM:")[2].split()[0]) / 1024
-    except (OSError, ValueError, IndexError):
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

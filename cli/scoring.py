@@ -7,26 +7,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.database.connection import is_sqlite
 from formats.truth import read_loop_pairs
-from mapmyworld.errors import MapError
 from mapmyworld.evaluation import LoopScore, loop_closure_score
 from mapmyworld.types import CLOSURES, MapStore, Trajectory
-
-_SQLITE = b"SQLite format 3\x00"
-
-
-def is_map(path: Path) -> bool:
-    """Whether a file is a database, by its first bytes."""
-    try:
-        with path.open("rb") as file:
-            return file.read(len(_SQLITE)) == _SQLITE
-    except OSError as error:
-        raise MapError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
 def read_any_trajectory(path: Path) -> Trajectory:
     """The trajectory of a map (every tracked frame where kept) or of a TUM file."""
-    if is_map(path):
+    if is_sqlite(path):
         from cli.exporting import trajectory_of
         from formats.database import open_store
 

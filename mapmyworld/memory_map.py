@@ -20,16 +20,7 @@ from mapmyworld.types import (
     Scan,
     TrackedFrames,
 )
-
-_RANKS = {
-    "plan": 0,
-    "track": 1,
-    "recognise": 2,
-    "fastslam": 2,
-    "optimise": 3,
-    "judge": 4,
-    "map": 5,
-}
+from mapmyworld.types.seams import STAGE_RANKS
 
 
 class MemoryMap:
@@ -61,13 +52,13 @@ class MemoryMap:
 
     @contextmanager
     def write_stage(self, stage: str, inputs: str) -> Iterator[None]:
-        self._clear(_RANKS[stage])
+        self._clear(STAGE_RANKS[stage])
         with self.extend_stage(stage, inputs):
             yield
 
     @contextmanager
     def extend_stage(self, stage: str, inputs: str) -> Iterator[None]:
-        self._rank = _RANKS[stage]
+        self._rank = STAGE_RANKS[stage]
         try:
             yield
             self._stages[stage] = inputs
@@ -75,14 +66,14 @@ class MemoryMap:
             self._rank = None
 
     def _clear(self, rank: int) -> None:
-        self._stages = {s: i for s, i in self._stages.items() if _RANKS[s] < rank}
+        self._stages = {s: i for s, i in self._stages.items() if STAGE_RANKS[s] < rank}
         self._keys = {at: v for at, v in self._keys.items() if at[1] < rank}
         self._values = {at: v for at, v in self._values.items() if at[1] < rank}
         self._constraints = [(r, c) for r, c in self._constraints if r < rank]
         self._replaced = {r for r in self._replaced if r < rank}
-        if rank <= _RANKS["track"]:
+        if rank <= STAGE_RANKS["track"]:
             self._nodes, self._scans = {}, {}
-        if rank <= _RANKS["recognise"]:
+        if rank <= STAGE_RANKS["recognise"]:
             self._words = {}
             self._features = {
                 node_id: (r, replace(features, words=None))
@@ -93,7 +84,7 @@ class MemoryMap:
     def _current_rank(self) -> int:
         if self._rank is not None:
             return self._rank
-        return max((_RANKS[stage] for stage in self._stages), default=0)
+        return max((STAGE_RANKS[stage] for stage in self._stages), default=0)
 
     def get(self, key: str) -> Any:
         ranks = [rank for name, rank in self._keys if name == key]

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 if TYPE_CHECKING:
     from threadpoolctl import LibController, ThreadpoolController
 
+_CHUNKS_PER_THREAD = 4  # so that a slow piece does not keep the others waiting
 _AHEAD = 3  # items per thread that are prepared before they are asked for
 
 In = TypeVar("In")
@@ -130,6 +131,21 @@ def in_threads(
         finally:
             for future in waiting:
                 future.cancel()
+
+
+def run_in_chunks(work: Callable[[int, int], None], count: int, threads: int) -> None:
+    """`work(first, last)` over all of `range(count)`; pieces share no results."""
+    workers = threads or os.cpu_count() or 1
+    pieces = min(workers * _CHUNKS_PER_THREAD, count)
+    if workers == 1 or pieces < 2:
+        if count:
+            work(0, count)
+        return
+    edges = [count * piece // pieces for piece in range(pieces + 1)]
+    with ThreadPoolExecutor(workers) as pool:
+        jobs = [pool.submit(work, a, b) for a, b in itertools.pairwise(edges)]
+        for job in jobs:
+            job.result()
 
 
 class Aside:

@@ -264,7 +264,7 @@ import random, signal, faulthandler
 from cli import interrupts
 from cli.interrupts import ending_with, forget_wish, heed_interrupts
 from mapmyworld.parallel import done_behind, in_threads, made_ahead
-from mapmyworld.registration.threads import run_in_chunks
+from mapmyworld.parallel import run_in_chunks
 __name__ = "cli.struck"
 class Ended(BaseException): pass
 def work():

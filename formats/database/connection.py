@@ -198,7 +198,7 @@ def says_ours(path: Path) -> bool:
         with path.open("rb") as file:
             return int.from_bytes(file.read(72)[68:], "big") == APPLICATION_ID
     except OSError as error:
-        raise MapError(f"{path}: {error.strerror}") from None
+        raise MapError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
 def is_sqlite(path: Path) -> bool:
@@ -207,4 +207,4 @@ def is_sqlite(path: Path) -> bool:
         with path.open("rb") as file:
             return file.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC
     except OSError as error:
-        raise MapError(f"{path}: {error.strerror}") from None
+        raise MapError(f"{path}: cannot be read: {error.strerror or error}") from None

@@ -14,17 +14,6 @@ RTABMAP_VERSION = "0.20.0"
 # Of our own tables; a file with a higher number was written by a later mapmyworld.
 FORMAT = 1
 
-# A stage's rank orders it in time; alternatives share one.
-STAGE_RANKS: Mapping[str, int] = {
-    "plan": 0,
-    "track": 1,
-    "recognise": 2,
-    "fastslam": 2,
-    "optimise": 3,
-    "judge": 4,
-    "map": 5,
-}
-
 _RTABMAP_TABLES: Mapping[str, str] = {
     "Node": "id INTEGER NOT NULL, map_id INTEGER NOT NULL, weight INTEGER, stamp FLOAT, pose BLOB,"
     " ground_truth_pose BLOB, velocity BLOB, label TEXT, gps BLOB, env_sensors BLOB,"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from formats.database.connection import Connection
-from formats.database.schema import STAGE_RANKS
 from mapmyworld.errors import MapError
+from mapmyworld.types.seams import STAGE_RANKS
 
 _TRACK, _RECOGNISE, _OPTIMISE = (STAGE_RANKS[name] for name in ("track", "recognise", "optimise"))
 REPLACED = "mapmyworld constraints replaced"  # key that marks a complete set of constraints

@@ -15,9 +15,9 @@ from formats.database.graph_tables import GraphTables
 from formats.database.node_rows import StorageOptions
 from formats.database.node_tables import NodeTables
 from formats.database.result_tables import ResultTables
-from formats.database.schema import STAGE_RANKS
 from formats.database.stages import clear_from, rank_of
 from formats.database.statistics import INSERT_STATISTICS, statistics_rows
+from mapmyworld.types.seams import STAGE_RANKS
 
 _SECONDS = "seconds a node took"
 

@@ -14,7 +14,8 @@ from mapmyworld.diagnosis.sample import Sample, odometry_yaw
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between
-from mapmyworld.registration.scan_matching import COARSE, match_scan, prepare_scans
+from mapmyworld.registration.matchers import match_scan
+from mapmyworld.registration.scan_matching import COARSE, prepare_scans
 from mapmyworld.types import Frame
 
 _LEAST_OVERLAP = 0.6

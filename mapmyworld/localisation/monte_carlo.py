@@ -17,13 +17,13 @@ from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.kernels.localisation import field_scores
 from mapmyworld.localisation.known_place import KnownPlace
 from mapmyworld.localisation.search import search_map
+from mapmyworld.parallel import run_in_chunks
 from mapmyworld.particles.motion_model import MotionNoise, sample_motion_model
 from mapmyworld.particles.resampling import (
     kld_sample_size,
     low_variance_sampler,
     normalised_weights,
 )
-from mapmyworld.registration.threads import run_in_chunks
 
 Array = NDArray[np.float64]
 _BIN = np.array([0.25, 0.25, np.radians(10.0)])  # m, m, rad: poses in one bin count as the same

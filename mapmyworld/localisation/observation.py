@@ -11,7 +11,8 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar
 from mapmyworld.localisation.known_place import Fit, KnownPlace
 from mapmyworld.odometry.laser import Tracked
-from mapmyworld.registration.scan_matching import Match, PreparedScan, match_scan, prepare_scan
+from mapmyworld.registration.matchers import match_scan
+from mapmyworld.registration.scan_matching import Match, PreparedScan, prepare_scan
 from mapmyworld.types import Frame
 
 Array = NDArray[np.float64]

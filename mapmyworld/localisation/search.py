@@ -15,7 +15,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.kernels.localisation import best_in_blocks, block_bounds
 from mapmyworld.localisation.known_place import KnownPlace
-from mapmyworld.registration.threads import run_in_chunks
+from mapmyworld.parallel import run_in_chunks
 
 Array = NDArray[np.float64]
 _LEVEL = 2  # of the pyramid at which squares are bounded: four cells wide

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.kernels.scan_tracking import chosen_keyscans, remember_scan
 from mapmyworld.registration.line_of_sight import share_seen_through
+from mapmyworld.registration.matchers import match_scan
 from mapmyworld.registration.scan_matching import (
     Match,
     PreparedScan,
     ScanSet,
-    match_scan,
     scan_set,
 )
 

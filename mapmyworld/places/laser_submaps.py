@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar
 from mapmyworld.places.laser_nodes import LaserNodes
-from mapmyworld.registration.scan_matching import FINE, Match, PreparedScan, match_scan
+from mapmyworld.registration.matchers import match_scan
+from mapmyworld.registration.scan_matching import FINE, Match, PreparedScan
 from mapmyworld.registration.scan_search import rows_of, submap_points
 
 Array = NDArray[np.float64]

@@ -16,7 +16,8 @@ from mapmyworld.geometry.planar import (
     planar_to_matrix,
 )
 from mapmyworld.registration.image_pairs import ImagePair
-from mapmyworld.registration.scan_matching import Match, match_scan, prepare_scans
+from mapmyworld.registration.matchers import match_scan
+from mapmyworld.registration.scan_matching import Match, prepare_scans
 from mapmyworld.types import Registration, Scan
 
 Array = NDArray[np.float64]

@@ -16,9 +16,9 @@ from mapmyworld.config import RegistrationConfig
 from mapmyworld.geometry.planar import compose_planar
 from mapmyworld.graph.elimination import forget_patterns
 from mapmyworld.kernels.scan_alignment import pair_systems
+from mapmyworld.parallel import run_in_chunks
 from mapmyworld.registration.joint_equations import Motions, equations_of, factors_of, step_of
 from mapmyworld.registration.scan_matching import ScanSet
-from mapmyworld.registration.threads import run_in_chunks
 
 Array = NDArray[np.float64]
 

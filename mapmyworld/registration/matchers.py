@@ -1,4 +1,4 @@
-"""Who aligns laser scans: matchers by the names that `registration.matcher` takes."""
+"""One scan aligned with others, by the matcher that `registration.matcher` names."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from mapmyworld.config import RegistrationConfig
 from mapmyworld.errors import ConfigError
 from mapmyworld.registration.point_to_line import point_to_line
-from mapmyworld.registration.scan_matching import Match, PreparedScan, ScanSet
+from mapmyworld.registration.scan_matching import FINE, Match, PreparedScan, ScanSet
 
 Array = NDArray[np.float64]
+_NO_PRIOR = np.zeros((3, 3))
 Matcher = Callable[
     [
         PreparedScan,
@@ -44,3 +45,26 @@ def find_matcher(name: str) -> Matcher:
     if name not in MATCHERS:
         raise ConfigError(f'registration.matcher is "{name}": choose one of {", ".join(MATCHERS)}')
     return MATCHERS[name]
+
+
+def match_scan(
+    scan: PreparedScan,
+    targets: ScanSet,
+    which: NDArray[np.int64],
+    poses: Array,
+    guess: Array,
+    config: RegistrationConfig,
+    *,
+    prior: Array | None = None,
+    prior_information: Array | None = None,
+    reaches: Array = FINE,
+) -> Match:
+    """Aligns a scan with targets `which` at `poses` (S, 3), from `guess` (3,), by the set matcher.
+
+    `prior` (3,) with its information pulls as another measurement; the match's own information
+    leaves it out.
+    """
+    prior = guess if prior is None else prior
+    known = _NO_PRIOR if prior_information is None else prior_information
+    match = find_matcher(config.matcher)
+    return match(scan, targets, which, poses, guess, config, prior, known, reaches)

@@ -1,4 +1,4 @@
-"""Scans made ready for matching, and one scan aligned with others of known poses."""
+"""Scans made ready for matching, and where a match says that one lies."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from mapmyworld.config import RegistrationConfig
 from mapmyworld.kernels.scan_preparation import prepare_many
 from mapmyworld.types import Scan
 
-_NO_PRIOR = np.zeros((3, 3))
 _UNKNOWN_INCREMENT = 0.01  # rad between beams where the log does not say
 FINE = np.array([0.3, 0.2, 0.15, 0.12, 0.12, 0.12])  # m, reaches from a good guess
 COARSE = np.array([0.8, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.15, 0.12, 0.12])  # m, from a poor guess
@@ -108,28 +107,3 @@ def scan_set(scans: Sequence[PreparedScan]) -> ScanSet:
         bounds,
         np.array([scan.origin for scan in scans], np.float64),
     )
-
-
-def match_scan(
-    scan: PreparedScan,
-    targets: ScanSet,
-    which: NDArray[np.int64],
-    poses: NDArray[np.float64],
-    guess: NDArray[np.float64],
-    config: RegistrationConfig,
-    *,
-    prior: NDArray[np.float64] | None = None,
-    prior_information: NDArray[np.float64] | None = None,
-    reaches: NDArray[np.float64] = FINE,
-) -> Match:
-    """Aligns a scan with targets `which` at `poses` (S, 3), from `guess` (3,), by the set matcher.
-
-    `prior` (3,) with its information pulls as another measurement; the match's own information
-    leaves it out.
-    """
-    from mapmyworld.registration.matchers import find_matcher
-
-    prior = guess if prior is None else prior
-    known = _NO_PRIOR if prior_information is None else prior_information
-    match = find_matcher(config.matcher)
-    return match(scan, targets, which, poses, guess, config, prior, known, reaches)

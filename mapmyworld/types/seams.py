@@ -1,4 +1,4 @@
-"""The two seams of the house as Protocols: where logs come from, where maps are kept."""
+"""The seams of the house as Protocols: where logs come from, where maps are kept, who is told."""
 
 from __future__ import annotations
 
@@ -13,6 +13,17 @@ from mapmyworld.types.frames import Features, Node, NodeData, Scan, TrackedFrame
 from mapmyworld.types.graph import Constraint, Poses
 from mapmyworld.types.maps import OccupancyGrid
 from mapmyworld.types.messages import LogInfo, RawMessage
+
+# A stage's rank orders it in time; alternatives share one.
+STAGE_RANKS: Mapping[str, int] = {
+    "plan": 0,
+    "track": 1,
+    "recognise": 2,
+    "fastslam": 2,
+    "optimise": 3,
+    "judge": 4,
+    "map": 5,
+}
 
 
 class LogSource(Protocol):

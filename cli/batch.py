@@ -22,7 +22,13 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("manifest", metavar="MANIFEST.toml", type=PATH)
-@click.option("-o", "--output", default="batch", show_default=True, help="Folder or URL of folder.")
+@click.option(
+    "-o",
+    "--output",
+    default="batch",
+    show_default=True,
+    help="Folder for all that is made, or its URL.",
+)
 @click.option(
     "-j",
     "--jobs",

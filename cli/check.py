@@ -20,7 +20,13 @@ from mapmyworld.errors import ConfigError, MapError
 
 @click.command()
 @map_argument
-@click.option("--require", "texts", multiple=True, metavar="'KEY OP VALUE'", help="A gate.")
+@click.option(
+    "--require",
+    "texts",
+    multiple=True,
+    metavar="'KEY OP VALUE'",
+    help="What must hold, e.g. 'nodes >= 10'. May be repeated.",
+)
 @click.option("--baseline", type=PATH, metavar="OLD", help="No figure may be worse than OLD's.")
 @click.option(
     "--tolerance",
@@ -30,11 +36,13 @@ from mapmyworld.errors import ConfigError, MapError
     help="Share of OLD's figures by which MAP's may be worse.",
 )
 @click.option("--allow-partial", is_flag=True, help="Let a map pass that lost something.")
-@click.option("--reference", type=PATH, help="True trajectory: MAP or TUM.")
-@click.option("--relations", type=PATH, help="A relations file.")
+@click.option("--reference", type=PATH, help="True trajectory, a TUM file or a MAP.")
+@click.option("--relations", type=PATH, help="Known relative poses.")
 @click.option("--grid", type=PATH, help="YAML of the true grid.")
 @click.option("--junit", type=PATH, metavar="FILE", help="Write the verdicts as JUnit XML.")
-@click.option("--markdown", "comment", type=PATH, metavar="FILE", help="... as Markdown.")
+@click.option(
+    "--markdown", "comment", type=PATH, metavar="FILE", help="Write the verdicts as Markdown."
+)
 @click.option("--keys", "listing", is_flag=True, help="Print what can be required.")
 @format_option
 def check(

@@ -41,7 +41,7 @@ _METHODS = ("graph", "fastslam", "neighbour")
     show_default=True,
     help="Folder for the maps that --methods builds.",
 )
-@click.option("--reference", type=PATH, help="True path (TUM or a MAP).")
+@click.option("--reference", type=PATH, help="True trajectory, a TUM file or a MAP.")
 @click.option("--relations", type=PATH, help="Known relative poses.")
 @click.option("--image", type=PATH, help="Draw all maps into one PNG.")
 @config_options

@@ -191,8 +191,13 @@ def loops(map_path: Path, reference: Path, style: str) -> None:
 @evaluate.command()
 @click.argument("cloud", type=PATH)
 @click.argument("mesh", type=PATH)
-@click.option("--trajectory", "est", type=PATH, help="The map's own, with --reference: aligns.")
-@click.option("--reference", type=PATH, help="The true trajectory.")
+@click.option(
+    "--trajectory",
+    "est",
+    type=PATH,
+    help="The map's trajectory: with --reference, aligns the cloud first.",
+)
+@click.option("--reference", type=PATH, help="True trajectory, a TUM file or a MAP.")
 @format_option
 def cloud(cloud: Path, mesh: Path, est: Path | None, reference: Path | None, style: str) -> None:
     """Metres of CLOUD's points from the surfaces of MESH. CLOUD is .ply or .pcd, MESH .ply.

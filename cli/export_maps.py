@@ -134,7 +134,7 @@ def mesh(
     config_path: Path | None,
     changes: tuple[str, ...],
 ) -> None:
-    """A coloured triangle mesh of all depth images. Needs open3d and the libraries it needs.
+    """A coloured triangle mesh of all depth images. Needs Open3D and its system libraries.
 
     \b
     mapmyworld export mesh

@@ -158,6 +158,15 @@ FAULTS: dict[str, tuple[Fault, str, float | None]] = {
     "depth in metres as mm": (
         depth(lambda cells: cells * np.float32(0.001)), "depth scale", 0.001),
     "depth in mm as m": (depth(lambda cells: cells * np.float32(1000)), "depth scale", 1000.0),
+    "depth in 1/5000 m as mm": (
+        depth(lambda cells: cells * np.float32(5)), "depth scale", 5.0),
+    "sound, no laser": (without(LaserScanMessage), "", None),
+    "no laser, depth 1.3 times": (
+        _both(without(LaserScanMessage), depth(lambda cells: cells * np.float32(1.3))),
+        "depth scale", 1.3),
+    "no laser, depth in 1/5000 m as mm": (
+        _both(without(LaserScanMessage), depth(lambda cells: cells * np.float32(5))),
+        "depth scale", 5.0),
     "depth moved 7 pixels": (
         depth(lambda cells: np.roll(cells, 7, axis=1)), "camera and depth", 7.0),
     "laser 0.2 m ahead": (mounted("LASER", (0.2, 0.0, 0.0)), "scan against depth", None),

@@ -8,7 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from mapmyworld.config import Config
 from mapmyworld.diagnosis.alignment import alignment_findings, grey_levels
+from mapmyworld.diagnosis.depth_motion import depth_motion_findings, pairs_on_the_way
 from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.diagnosis.mounts import DEPTH_SCALE, mount_findings
 from mapmyworld.diagnosis.rotation import time_offset
@@ -34,7 +36,7 @@ _TILT = 2.0  # deg
 _HEIGHT = 0.05  # m
 
 
-def camera_findings(sample: Sample) -> Iterator[Finding]:
+def camera_findings(sample: Sample, config: Config) -> Iterator[Finding]:
     """What the depth and colour images say of units, mounts and clocks."""
     guard = ImageGuard()
     framed = [frame for frame in sample.frames if frame.images]
@@ -42,6 +44,9 @@ def camera_findings(sample: Sample) -> Iterator[Finding]:
         return
     spread = np.unique(np.linspace(0, len(framed) - 1, _IMAGES).astype(int))
     yield from image_findings([framed[i] for i in spread], sample.plan)
+    if sample.plan.scan is None:
+        pairs = pairs_on_the_way([frame.odom_from_base for frame in framed])
+        yield from depth_motion_findings([(framed[i], framed[k]) for i, k in pairs], config)
     yield from _clock(framed, sample, guard)
 
 

@@ -16,4 +16,4 @@ def diagnose(log: LogSource, plan: Plan, config: Config) -> tuple[Finding, ...]:
     sample = take_sample(log, plan, config.sensing)
     if not sample.frames:
         return ()
-    return (*laser_findings(sample, config.registration), *camera_findings(sample))
+    return (*laser_findings(sample, config.registration), *camera_findings(sample, config))

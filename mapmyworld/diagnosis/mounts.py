@@ -78,7 +78,7 @@ def mount_findings(
     count = f"{len(both)} points of {len(pairs)} images"
     good = abs(scale - 1.0) < _SCALE_OFF
     text = f"depth is {scale:.3f} of the laser's ({count})"
-    yield Finding(DEPTH_SCALE, scale, "", good, text, "" if good else _unit_remedy(scale))
+    yield Finding(DEPTH_SCALE, scale, "", good, text, "" if good else unit_remedy(scale))
     yield _mounts(found if aligned else None, apart, count)
 
 
@@ -98,12 +98,14 @@ def _mounts(found: Agreement | None, apart: float, count: str) -> Finding:
     return Finding("scan against depth", apart, "m", good, text, "" if good else remedy)
 
 
-def _unit_remedy(scale: float) -> str:
-    for factor, unit in (
-        (1000.0, "millimetres recorded as metres"),
-        (0.001, "metres as millimetres"),
+def unit_remedy(scale: float) -> str:
+    """What to do about depth that is so many times what it should be."""
+    for factor, unit, near in (
+        (1000.0, "millimetres recorded as metres", 1.25),
+        (0.001, "metres as millimetres", 1.25),
+        (5.0, "1/5000 m, as TUM's folders have it, recorded as millimetres", 1.06),
     ):
-        if 0.8 < scale / factor < 1.25:
+        if 1.0 / near < scale / factor < near:
             return f"depth is in another unit ({unit}): record 16UC1 in mm or 32FC1 in m"
     return f"correct the driver's depth scale by a factor of {1.0 / scale:.3f}"
 

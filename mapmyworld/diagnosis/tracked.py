@@ -6,7 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from mapmyworld.config import Config
 from mapmyworld.diagnosis.cameras import image_findings
+from mapmyworld.diagnosis.depth_motion import depth_motion_findings, pairs_on_the_way
 from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.diagnosis.lasers import distance_scale
 from mapmyworld.diagnosis.rotation import time_offset
@@ -20,13 +22,13 @@ from mapmyworld.types import Frame, MapStore, Node, TrackedFrames
 _IMAGES = 12  # nodes whose images are looked at, spread over the drive
 
 
-def diagnose_tracked(store: MapStore, plan: Plan) -> tuple[Finding, ...]:
+def diagnose_tracked(store: MapStore, plan: Plan, config: Config) -> tuple[Finding, ...]:
     """What a tracked log's sensors say of one another: the whole path, and some nodes' images.
 
     Scans followed the odometry closely where they said nothing themselves, so a fault shows
     smaller than it is where walls are missing.
     """
-    return (*_motion_findings(store, plan), *_camera_findings(store, plan))
+    return (*_motion_findings(store, plan), *_camera_findings(store, plan, config))
 
 
 def _motion_findings(store: MapStore, plan: Plan) -> Iterator[Finding]:
@@ -57,14 +59,20 @@ def _steps(poses: Array) -> Array:
     return np.asarray(matrix_to_planar(between(poses[:-1], poses[1:])))
 
 
-def _camera_findings(store: MapStore, plan: Plan) -> Iterator[Finding]:
+def _camera_findings(store: MapStore, plan: Plan, config: Config) -> Iterator[Finding]:
     nodes = store.nodes()
     if plan.camera is None or not nodes:
         return
     chosen = np.unique(np.linspace(0, len(nodes) - 1, _IMAGES).astype(int)).tolist()
-    frames = []
-    for node in (nodes[k] for k in chosen):
-        data = store.node_data(node.id)
-        if data.images:
-            frames.append(Frame(node.stamp_ns, None, data.scan, data.images))
-    yield from image_findings(frames, plan)
+    found = [_frame(store, nodes[k]) for k in chosen]
+    yield from image_findings([frame for frame in found if frame.images], plan)
+    if plan.scan is None and plan.odometry is not None:
+        pairs = pairs_on_the_way([node.odom_from_base for node in nodes])
+        both = [(_frame(store, nodes[i]), _frame(store, nodes[k])) for i, k in pairs]
+        yield from depth_motion_findings([(a, b) for a, b in both if a.images and b.images], config)
+
+
+def _frame(store: MapStore, node: Node) -> Frame:
+    """What the map kept of a node's frame, to be looked at once more."""
+    data = store.node_data(node.id)
+    return Frame(node.stamp_ns, node.odom_from_base, data.scan, data.images)

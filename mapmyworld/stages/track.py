@@ -64,7 +64,7 @@ def track(
         with algebra_on_one_thread(), made_ready(needs_of(plan), later, load=is_kept):
             _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
     writer.finish()
-    faults = [finding for finding in _diagnose(store, plan) if not finding.good]
+    faults = [finding for finding in _diagnose(store, plan, config) if not finding.good]
     still = _standing(writer.nodes, counts.frames, config.sensing)
     notes = [*tracker.notes(), *still, *_count_notes(counts), *_advice(faults, spoilt=False)]
     for note in notes:
@@ -99,10 +99,10 @@ def _follow(tracker: Tracker, frames: Iterator[Frame], writer: _Writer) -> None:
 
 
 @on_one_thread
-def _diagnose(store: MapStore, plan: Plan) -> tuple[Finding, ...]:
+def _diagnose(store: MapStore, plan: Plan, config: Config) -> tuple[Finding, ...]:
     from mapmyworld.diagnosis import diagnose_tracked
 
-    findings = diagnose_tracked(store, plan)
+    findings = diagnose_tracked(store, plan, config)
     store.put("diagnosis", [asdict(finding) for finding in findings])
     return findings
 

@@ -13,7 +13,8 @@ from cli.checking import KEYS, Sources, measure
 from cli.exit_codes import EXIT_CHECK_FAILED
 from cli.gates import BETTER, WHOLE, judged, no_worse, read_requirements, require_known, wholeness
 from cli.outputs import require_apart
-from cli.streams import show_json, shown
+from cli.streams import own_words, show_json, shown
+from formats.readable import readable
 from formats.verdicts import Verdict, junit_xml, markdown
 from mapmyworld.errors import ConfigError, MapError
 
@@ -165,7 +166,8 @@ def _show(verdicts: Sequence[Verdict], style: str) -> None:
     for v in verdicts:
         word = click.style("ok", fg="green") if v.passed else click.style("FAILED", fg="red")
         pad = " " * (8 - len("ok" if v.passed else "FAILED"))
-        click.echo(f"{word}{pad}{v.requirement}  ({v.message})")
+        told = readable(f"{v.requirement}  ({v.message})")
+        click.echo(f"{word}{pad}{told}", file=own_words(sys.stdout))
 
 
 def _finite(value: float | None) -> float | None:

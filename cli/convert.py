@@ -10,6 +10,7 @@ import click
 from cli.arguments import PATH, FiniteRange
 from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import require_apart, require_output_name
+from cli.streams import own_words
 
 
 @click.command()
@@ -65,7 +66,7 @@ def convert(
     report = None if quiet or not sys.stderr.isatty() else _show
     result = convert_log(log, output, selection, compress, overwrite=overwrite, report=report)
     if report:
-        click.echo("\r\x1b[K", nl=False, err=True)
+        click.echo("\r\x1b[K", nl=False, file=own_words(sys.stderr))
     for line in result.losses:
         click.echo(f"mapmyworld: {line}", err=True)
     if not quiet:
@@ -79,5 +80,5 @@ def _show(messages: int, log_s: float, rate: float) -> None:
     click.echo(
         f"\r\x1b[Kconvert {messages} messages, {log_s:.0f} s, {rate:.0f}x real time",
         nl=False,
-        err=True,
+        file=own_words(sys.stderr),
     )

@@ -16,11 +16,14 @@ from cli.exit_codes import EXIT_PARTIAL
 from cli.plan_text import plan_json, plan_lines
 from cli.settings import config_options, load_config
 from cli.streams import show_json
+from formats.readable import one_line
 from mapmyworld.errors import LogError
 from mapmyworld.types import LogInfo, TopicInfo
 
 if TYPE_CHECKING:
     from mapmyworld.diagnosis import Finding
+
+_WIDEST = 60  # characters that the column of topics takes, at most
 
 
 @click.command("log")
@@ -95,7 +98,8 @@ def info_lines(info: LogInfo) -> list[str]:
         *info.details,
     ]
     lines = [f"{name + ':':<14} {value}" for name, value in rows]
-    width = max((len(topic.topic) for topic in info.topics), default=0)
+    width = max((len(one_line(topic.topic)) for topic in info.topics), default=0)
+    width = min(width, _WIDEST)
     lines += ["topics:", *(_topic_line(topic, width) for topic in info.topics)]
     if info.problems:
         lines += ["damage:", *(f"  - {problem}" for problem in info.problems)]
@@ -105,7 +109,8 @@ def info_lines(info: LogInfo) -> list[str]:
 def _topic_line(topic: TopicInfo, width: int) -> str:
     count = f"{topic.count} msgs" if topic.count >= 0 else "? msgs"
     rate = f" ({topic.frequency:.2f} Hz)" if topic.frequency else ""
-    return f"  {topic.topic:<{width}}  {count}{rate} : {topic.type_name} [{topic.encoding}]"
+    kind = f"{one_line(topic.type_name)} [{one_line(topic.encoding)}]"
+    return f"  {one_line(topic.topic):<{width}}  {count}{rate} : {kind}"
 
 
 def _time(stamp_ns: int) -> str:

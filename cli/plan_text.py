@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from formats.readable import one_line
 from mapmyworld.sensing.plan import Plan
 
 
@@ -11,9 +12,8 @@ def plan_lines(plan: Plan) -> list[str]:
     """The plan for people: one line a decision, then what to know and what is lost."""
     lines = ["plan:"]
     for decision in plan.decisions:
-        lines.append(
-            f"  {decision.role + ':':<14} {decision.choice or 'none':<28} {decision.reason}"
-        )
+        choice = one_line(decision.choice or "none")
+        lines.append(f"  {decision.role + ':':<14} {choice:<28} {decision.reason}")
         lines += [f"  {'':<14} not {other}" for other in decision.others]
     if plan.warnings:
         lines += ["to know:", *(f"  - {warning}" for warning in plan.warnings)]

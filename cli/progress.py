@@ -12,6 +12,8 @@ import click
 from cli.interrupts import heed_wish
 from cli.manners import is_verbose
 from cli.memory import peak_memory_mb
+from cli.streams import own_words
+from formats.readable import readable
 from mapmyworld.heap import give_back
 
 _LINE_EVERY_S = 15.0  # between lines of progress where there is no terminal
@@ -70,7 +72,7 @@ class StderrProgress:
         if not self.quiet:
             text = f"note: {message}"
             if self._bar is not None:
-                self._bar.console.print(text, markup=False, highlight=False)
+                self._bar.console.print(readable(text), markup=False, highlight=False)
             else:
                 click.echo(text, err=True)
 
@@ -113,7 +115,7 @@ class StderrProgress:
             BarColumn(),
             TextColumn("{task.percentage:>3.0f}% {task.fields[speed]}"),
             TimeRemainingColumn(),
-            console=Console(stderr=True),
+            console=Console(file=own_words(sys.stderr)),
             transient=True,
         )
         self._bar.start()

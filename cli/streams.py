@@ -13,6 +13,8 @@ from typing import Any
 
 import click
 
+from formats.readable import readable
+
 
 def mend_streams() -> None:
     """Before any file is opened: words that nobody can read end no command.
@@ -59,10 +61,36 @@ class _Words(io.FileIO):
         return len(data) if written is None else written
 
 
-def _lenient(number: int, before: Any, dropped: Container[int | None]) -> io.TextIOWrapper:
+class _ReadableText(io.TextIOWrapper):
+    """A stream whose text may hold names from files: what a terminal would obey is written out."""
+
+    def write(self, text: str) -> int:
+        super().write(readable(text))
+        return len(text)
+
+
+class _OwnWords:
+    """The stream below a readable one."""
+
+    def __init__(self, stream: _ReadableText) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        return io.TextIOWrapper.write(self._stream, text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def own_words(stream: Any) -> Any:
+    """The stream for words of ours that colour or move the cursor: bars, counters, verdicts."""
+    return _OwnWords(stream) if isinstance(stream, _ReadableText) else stream
+
+
+def _lenient(number: int, before: Any, dropped: Container[int | None]) -> _ReadableText:
     """The stream of that number in the manner of the one before, None where that was closed."""
     lines = number == 2 or os.isatty(number) or (before is not None and before.line_buffering)
-    return io.TextIOWrapper(
+    return _ReadableText(
         io.BufferedWriter(_Words(number, dropped)),
         encoding="utf-8" if before is None else before.encoding,
         errors="backslashreplace" if before is None else before.errors,

@@ -26,7 +26,7 @@ def junit_xml(suite: str, verdicts: Sequence[Verdict]) -> str:
     """One test case a requirement."""
     failed = sum(not v.passed for v in verdicts)
     root = ElementTree.Element(
-        "testsuite", name=suite, tests=str(len(verdicts)), failures=str(failed), errors="0"
+        "testsuite", name=_clean(suite), tests=str(len(verdicts)), failures=str(failed), errors="0"
     )
     for verdict in verdicts:
         case = ElementTree.SubElement(
@@ -42,7 +42,7 @@ def junit_xml(suite: str, verdicts: Sequence[Verdict]) -> str:
 
 def _clean(text: str) -> str:
     """Without the characters that XML cannot hold."""
-    return "".join(c for c in text if c in "\t\n" or ord(c) >= 32)
+    return "".join(c for c in text if c in "\t\n" or (ord(c) >= 32 and c not in "\ufffe\uffff"))
 
 
 def markdown(title: str, verdicts: Sequence[Verdict]) -> str:

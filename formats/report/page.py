@@ -10,6 +10,8 @@ from html import escape
 from importlib import resources
 from typing import Any
 
+from formats.readable import readable
+
 
 @dataclass(slots=True)
 class Page:
@@ -40,7 +42,10 @@ class Page:
 
     def html(self) -> str:
         """The page; its data stand last, one block a line."""
-        links = "".join(f'<a href="#{key}">{escape(name)}</a>' for key, name in self._contents)
+        links = "".join(
+            f'<a href="#{key}">{escape(readable(name))}</a>' for key, name in self._contents
+        )
+        title, subtitle = (escape(readable(text)) for text in (self.title, self.subtitle))
         blocks = "\n".join(
             f'<script type="application/json" id="{name}">{text}</script>'
             for name, text in self._data
@@ -48,12 +53,12 @@ class Page:
         return (
             '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f"<title>{escape(self.title)}</title>\n"
+            f"<title>{title}</title>\n"
             f"<style>\n{_asset('uPlot.min.css')}\n{_asset('report.css')}</style>\n"
-            f"</head>\n<body>\n<header><h1>{escape(self.title)}</h1>\n"
-            f'<p class="sub">{escape(self.subtitle)}</p>\n<nav>{links}'
+            f"</head>\n<body>\n<header><h1>{title}</h1>\n"
+            f'<p class="sub">{subtitle}</p>\n<nav>{links}'
             '<button id="theme" type="button" hidden>dark</button></nav></header>\n<main>\n'
-            + "\n".join(self._parts)
+            + readable("\n".join(self._parts))
             + f"\n</main>\n<script>{_asset('libraries.min.js')}</script>\n{blocks}\n"
             + f"<script>\n{_asset('report.js')}</script>\n</body>\n</html>\n"
         )

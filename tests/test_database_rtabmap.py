@@ -113,7 +113,7 @@ def test_admin_and_info_have_one_row_each(written: decode.Decoder) -> None:
     assert nodes[0]["time_enter"] == "2011-05-10 12:40:29"  # the log's start, in UTC
 
 
-def test_nodes(written: decode.Decoder) -> None:
+def test_nodes_keep_session_stamp_odometry_truth_and_velocity(written: decode.Decoder) -> None:
     rows = written.rows("Node")
     assert [row["label"] for row in rows] == ["map0", None, None]
     for row in rows:
@@ -135,7 +135,7 @@ def test_nodes(written: decode.Decoder) -> None:
     assert velocity[5] == pytest.approx(yaw, abs=1e-5)
 
 
-def test_sensor_data(written: decode.Decoder) -> None:
+def test_images_depth_and_calibration_are_kept(written: decode.Decoder) -> None:
     for row in written.rows("Data"):
         original = image(row["id"])
         assert original.colour is not None
@@ -192,7 +192,7 @@ def test_local_cells_are_one_row_of_centres(written: decode.Decoder) -> None:
     assert np.linalg.norm(empty[0] - origin[:2], axis=1).max() < 5.1
 
 
-def test_links(written: decode.Decoder) -> None:
+def test_accepted_constraints_are_links_both_ways(written: decode.Decoder) -> None:
     numbers = {"neighbour": 0, "loop_closure": 1, "proximity": 2, "user": 4, "prior": 7}
     numbers["landmark"] = 8
     links = {(r["from_id"], r["to_id"], r["type"]): r for r in written.rows("Link")}
@@ -240,7 +240,7 @@ def test_features_and_words(written: decode.Decoder) -> None:
     assert len(set(alone)) == len(alone)
 
 
-def test_results(written: decode.Decoder) -> None:
+def test_solved_poses_and_grid_are_those_of_the_map(written: decode.Decoder) -> None:
     optimised, expected = written.optimised(), sample_poses()
     assert list(optimised) == sorted(expected.ids.tolist())
     for node_id, solved in zip(expected.ids, expected.map_from_node, strict=True):
@@ -343,7 +343,9 @@ def test_several_cameras_stand_side_by_side(tmp_path: Path) -> None:
         ("rational_polynomial", [0.1] * 8, [0.1] * 8),
     ],
 )
-def test_distortion(tmp_path: Path, model: str, given: list[float], stored: list[float]) -> None:
+def test_a_lens_is_stored_at_a_length_that_rtabmap_knows(
+    tmp_path: Path, model: str, given: list[float], stored: list[float]
+) -> None:
     lens = camera(distortion_model=model, distortion=np.array(given))
     pair = RgbdImage(lens, image().colour, None)
     row = one_node(tmp_path, NodeData(images=(pair,)))
@@ -356,7 +358,7 @@ def test_distortion(tmp_path: Path, model: str, given: list[float], stored: list
         assert back.distortion.tolist() == given
 
 
-def test_3d_scan(tmp_path: Path) -> None:
+def test_a_3d_scan_keeps_every_point(tmp_path: Path) -> None:
     cloud = np.random.default_rng(0).normal(size=(500, 3)).astype(np.float32)
     row = one_node(tmp_path, NodeData(cloud=cloud))
     np.testing.assert_array_equal(decode.matrix(row["scan"])[0], cloud)

@@ -37,7 +37,7 @@ def run(*words: str | Path) -> Result:
 
 
 @pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
-def test_grid(ours: Path, tmp_path: Path, mode: str) -> None:
+def test_a_grid_of_every_mode_reads_back(ours: Path, tmp_path: Path, mode: str) -> None:
     result = run("grid", ours, "-o", tmp_path / "floor", "--mode", mode, "--verify")
     image = tmp_path / ("floor.png" if mode == "scale" else "floor.pgm")
     assert result.output.split() == [str(image), str(tmp_path / "floor.yaml")]
@@ -53,7 +53,7 @@ def test_grid_of_another_resolution_is_drawn_anew(ours: Path, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("style", ["tum", "kitti", "csv"])
-def test_trajectory(ours: Path, tmp_path: Path, style: str) -> None:
+def test_a_trajectory_of_every_style_reads_back(ours: Path, tmp_path: Path, style: str) -> None:
     run("trajectory", ours, "-o", tmp_path / "t", "--style", style)
     with open_store(ours, read_only=True) as store:
         poses, frames = store.frame_poses(), store.tracked_frames()
@@ -63,7 +63,7 @@ def test_trajectory(ours: Path, tmp_path: Path, style: str) -> None:
         np.testing.assert_array_equal(read.stamps_ns, frames.stamps_ns)
 
 
-def test_odometry(ours: Path, tmp_path: Path) -> None:
+def test_odometry_is_that_of_all_tracked_frames(ours: Path, tmp_path: Path) -> None:
     run("trajectory", ours, "-o", tmp_path / "t", "--which", "odometry")
     with open_store(ours, read_only=True) as store:
         expected = store.tracked_frames().odom_from_base
@@ -71,7 +71,7 @@ def test_odometry(ours: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(read_trajectory(tmp_path / "t").poses, expected, atol=2e-9)
 
 
-def test_graph(ours: Path, tmp_path: Path) -> None:
+def test_a_graph_holds_accepted_constraints_and_solved_poses(ours: Path, tmp_path: Path) -> None:
     run("graph", ours, "-o", tmp_path / "graph.g2o")
     graph = read_graph(tmp_path / "graph.g2o").graph
     with open_store(ours, read_only=True) as store:

@@ -13,7 +13,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
 from mapmyworld.graph.draft import kept_nodes
 from mapmyworld.graph.trajectory import pose_every_frame
-from mapmyworld.odometry.laser import LaserTracker, Tracked
+from mapmyworld.odometry.laser import LaserMotion, LaserTracker
 from mapmyworld.odometry.laser_breaks import Breaks
 from mapmyworld.odometry.laser_stretches import is_weak, leaves_turn_open
 from mapmyworld.places.laser_breaks import unseen_path
@@ -56,7 +56,7 @@ def odometry_of(truth: Array, unmoved: int | None = None) -> Array:
 
 def follow(
     scans: list[Scan], odometry: Array, pause: tuple[int, float]
-) -> tuple[list[Tracked], LaserTracker]:
+) -> tuple[list[LaserMotion], LaserTracker]:
     """`pause`: seconds without a scan before one of them."""
     tracker = LaserTracker(CONFIG)
     stamps = np.arange(len(scans)) * 100_000_000

@@ -259,14 +259,14 @@ def test_every_type_in_every_encoding(messages: dict[str, Message]) -> None:
     assert set(messages) == set(VALUES)
 
 
-def test_scan(messages: dict[str, Message]) -> None:
+def test_a_scan_keeps_ranges_angles_and_frame(messages: dict[str, Message]) -> None:
     scan = messages["LaserScan"]
     assert isinstance(scan, LaserScanMessage)
     assert scan.ranges.tolist() == [1.0, 2.5, 4.0]
     assert (scan.angle_min, scan.angle_increment, scan.frame_id) == (-1.0, 1.0, "laser")
 
 
-def test_images(messages: dict[str, Message]) -> None:
+def test_images_raw_and_compressed_show_the_same(messages: dict[str, Message]) -> None:
     for name in ("RawImage", "CompressedImage"):
         image = messages[name]
         assert isinstance(image, ImageMessage)
@@ -275,7 +275,7 @@ def test_images(messages: dict[str, Message]) -> None:
     assert messages["CompressedImage"].encoded == PNG  # type: ignore[union-attr]
 
 
-def test_calibration(messages: dict[str, Message]) -> None:
+def test_a_calibration_keeps_lens_and_size(messages: dict[str, Message]) -> None:
     info = messages["CameraCalibration"]
     assert isinstance(info, CameraInfoMessage)
     assert (info.width, info.height, info.distortion_model) == (640, 480, "plumb_bob")
@@ -301,7 +301,7 @@ def test_poses_and_transforms(messages: dict[str, Message]) -> None:
     assert odometry.pose_covariance.ravel().tolist() == list(range(36))
 
 
-def test_cloud(messages: dict[str, Message]) -> None:
+def test_a_cloud_loses_points_that_are_not_finite(messages: dict[str, Message]) -> None:
     cloud = messages["PointCloud"]
     assert isinstance(cloud, PointCloudMessage)
     np.testing.assert_array_equal(cloud.points, POINTS[[0, 2]])

@@ -64,7 +64,7 @@ def test_deep_colour_keeps_its_high_bytes(big_endian: bool) -> None:
 
 
 @pytest.mark.parametrize("encoding", ["mono8", "8UC1"])
-def test_grey(encoding: str) -> None:
+def test_grey_stays_as_recorded(encoding: str) -> None:
     np.testing.assert_array_equal(decode(encoding, GREY, pad=3), GREY)
 
 

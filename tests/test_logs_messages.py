@@ -74,7 +74,7 @@ def assert_same(a: Any, b: Any) -> None:
 
 
 @pytest.mark.parametrize("ros", [1, 2])
-def test_laser_scan(ros: int) -> None:
+def test_a_scan_keeps_every_reading_as_recorded(ros: int) -> None:
     message = Make(ros).scan(STAMP, [1.0, np.nan, np.inf, 0.0, 81.83])
     scan = decode(ros, "sensor_msgs/msg/LaserScan", message)
     assert isinstance(scan, LaserScanMessage)
@@ -107,7 +107,7 @@ def test_multi_echo_scan_gives_first_echoes(ros: int) -> None:
 
 @pytest.mark.parametrize("ros", [1, 2])
 @pytest.mark.parametrize("child", ["", "b", "base_link", "/base_footprint"])
-def test_odometry(ros: int, child: str) -> None:
+def test_odometry_is_read_behind_child_names_of_any_length(ros: int, child: str) -> None:
     """Child names of all lengths move what follows them, and its alignment."""
     odometry = decode(ros, "nav_msgs/msg/Odometry", Make(ros).odometry(STAMP, child))
     assert isinstance(odometry, OdometryMessage)
@@ -120,7 +120,7 @@ def test_odometry(ros: int, child: str) -> None:
 
 @pytest.mark.parametrize("ros", [1, 2])
 @pytest.mark.parametrize(("topic", "static"), [("/tf", False), ("/tf_static", True)])
-def test_transforms(ros: int, topic: str, static: bool) -> None:
+def test_transforms_are_static_by_their_topic(ros: int, topic: str, static: bool) -> None:
     names = [("/odom", "/base"), ("a", "bcd"), ("", "x")]
     message = Make(ros).transforms(STAMP, names)
     found = decode(ros, "tf2_msgs/msg/TFMessage", message, topic)
@@ -147,7 +147,9 @@ def test_the_first_tf_type_of_ros1_is_read() -> None:
     ("first", "quaternion", "known"),
     [(0.1, (0, 0, 0, 1), True), (-1.0, (0, 0, 0, 1), False), (0.0, (0, 0, 0, 0), False)],
 )
-def test_imu(ros: int, first: float, quaternion: tuple[float, ...], known: bool) -> None:
+def test_an_orientation_that_a_device_denies_is_none(
+    ros: int, first: float, quaternion: tuple[float, ...], known: bool
+) -> None:
     make, covariance = Make(ros), np.full(9, first)
     orientation = make("geometry_msgs/msg/Quaternion", *map(float, quaternion))
     message = make(
@@ -165,7 +167,7 @@ def test_imu(ros: int, first: float, quaternion: tuple[float, ...], known: bool)
 @pytest.mark.parametrize(
     ("model", "count"), [("plumb_bob", 5), ("rational_polynomial", 8), ("equidistant", 4), ("", 0)]
 )
-def test_camera_info(ros: int, model: str, count: int) -> None:
+def test_camera_info_keeps_all_matrices(ros: int, model: str, count: int) -> None:
     make = Make(ros)
     roi = make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
     k, r, p = np.arange(9.0), np.arange(9.0) + 20, np.arange(12.0) + 40
@@ -183,7 +185,7 @@ def test_camera_info(ros: int, model: str, count: int) -> None:
 
 
 @pytest.mark.parametrize("ros", [1, 2])
-def test_poses(ros: int) -> None:
+def test_poses_with_and_without_covariance(ros: int) -> None:
     make = Make(ros)
     plain = make("geometry_msgs/msg/PoseStamped", make.header(STAMP, "map"), make.pose())
     with_covariance = make(

@@ -43,7 +43,7 @@ def test_everything_comes_in_time_order(tmp_path: Path) -> None:
     ]
 
 
-def test_values(tmp_path: Path) -> None:
+def test_pose_colour_and_depth_are_those_of_the_files(tmp_path: Path) -> None:
     found = {m.topic: m.decode() for m in open_log([make(tmp_path / "a")]).messages()}
     truth, colour = found["/ground_truth"], found["/camera/rgb/image_color"]
     depth = found["/camera/depth/image"]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config, RegistrationConfig
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
-from mapmyworld.odometry.laser import LaserTracker, Tracked
+from mapmyworld.odometry.laser import LaserMotion, LaserTracker
 from mapmyworld.odometry.laser_stretches import WeakStretches, is_weak
 from mapmyworld.registration.matchers import MATCHERS, find_matcher
 from mapmyworld.registration.point_to_line import point_to_line
@@ -31,7 +31,7 @@ def drive(walls: NDArray[np.float64] = WALLS) -> tuple[NDArray[np.float64], list
 
 def follow(
     scans: list[Scan], odometry: NDArray[np.float64] | None
-) -> tuple[list[Tracked], LaserTracker]:
+) -> tuple[list[LaserMotion], LaserTracker]:
     tracker = LaserTracker(Config())
     tracked = []
     for k, scan in enumerate(scans):
@@ -40,7 +40,7 @@ def follow(
     return tracked, tracker
 
 
-def errors(tracked: list[Tracked], truth: NDArray[np.float64]) -> tuple[float, float]:
+def errors(tracked: list[LaserMotion], truth: NDArray[np.float64]) -> tuple[float, float]:
     """Largest error of position (m) and of yaw (rad) against the drive's first pose."""
     error = between_planar(
         between_planar(truth[0], truth), np.stack([moment.pose for moment in tracked])

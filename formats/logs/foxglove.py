@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.bounds import LATEST_NS
 from formats.logs.images import compressed_image, raw_image
 from formats.logs.point_clouds import PointField, cloud_points
 from formats.logs.poses import pose_matrix
@@ -44,16 +45,13 @@ def field(value: Any, name: str, default: Any = None) -> Any:
     return default if found is None else found
 
 
-END_NS = (1 << 62) - 1  # the year 2116: JSON can claim any time
-
-
 def stamp_of(value: Any) -> int:
     """Nanoseconds of its Timestamp (protobuf), {sec, nsec} (JSON) or Time (ROS)."""
     time = field(value, "timestamp")
     seconds = field(time, "seconds", field(time, "sec", 0))
     fractions = (field(time, name) for name in ("nanos", "nsec", "nanosec"))
     rest = next((fraction for fraction in fractions if fraction is not None), 0)
-    return min(max(int(seconds) * 1_000_000_000 + int(rest), 0), END_NS)
+    return min(max(int(seconds) * 1_000_000_000 + int(rest), 0), LATEST_NS)
 
 
 def _octets(value: Any) -> bytes:

@@ -8,8 +8,9 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+from formats.bounds import LATEST_NS
 from formats.logs.channels import Channel, Payload
-from formats.logs.foxglove import CONVERTERS, END_NS, foxglove_name, stamp_of
+from formats.logs.foxglove import CONVERTERS, foxglove_name, stamp_of
 from formats.nested_text import json_from_text
 from mapmyworld.errors import LogError
 from mapmyworld.types import Message, MessageKind, TransformsMessage
@@ -113,7 +114,7 @@ def _json_stamp(data: bytes) -> int | None:
     found = _STAMP.search(data, 0, _HEAD_BYTES)
     if found is None:
         return None
-    return min(int(found.group(1)) * 1_000_000_000 + int(found.group(2)), END_NS)
+    return min(int(found.group(1)) * 1_000_000_000 + int(found.group(2)), LATEST_NS)
 
 
 def _protobuf_stamp(data: bytes) -> int | None:

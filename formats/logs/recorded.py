@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from functools import partial
 
+from formats.bounds import LATEST_NS
 from formats.logs.channels import Channel, Container, Record
 from formats.logs.decoding import ChannelDecoder, decoder_for
 from formats.logs.files import hash_files
 from formats.logs.topics import merged_topics
 from mapmyworld.types import LogInfo, RawMessage, TopicInfo
-
-_END_NS = (1 << 62) - 1  # the year 2116, beyond what ROS can stamp: damage says later times
 
 
 class RecordedLog:
@@ -49,7 +48,7 @@ class RecordedLog:
     def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
         """Messages as recorded, undecoded."""
         for time, channel, data in self.container.records(topics):
-            yield min(max(time, 0), _END_NS), channel, data
+            yield min(max(time, 0), LATEST_NS), channel, data
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         decoders = self._decoders
@@ -60,7 +59,7 @@ class RecordedLog:
             yield RawMessage(
                 channel.topic,
                 decoder.kind,
-                time if 0 <= time <= _END_NS else min(max(time, 0), _END_NS),
+                time if 0 <= time <= LATEST_NS else min(max(time, 0), LATEST_NS),
                 decoder.stamp(data),
                 partial(decoder.decode, data, time),
             )

@@ -34,7 +34,7 @@ from mapmyworld.localisation.observation import (
 )
 from mapmyworld.localisation.search import elsewhere, search_map
 from mapmyworld.localisation.seeking import Discovery, Seeker
-from mapmyworld.odometry.laser import LaserTracker, Tracked
+from mapmyworld.odometry.laser import LaserMotion, LaserTracker
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match
 from mapmyworld.types import Frame
 from mapmyworld.types.localisation import Estimate, State
@@ -87,7 +87,7 @@ class LaserLocaliser:
         self.notes += self._tracker.notes()
         return self.estimates
 
-    def _moment(self, frame: Frame, moved: Tracked) -> Moment:
+    def _moment(self, frame: Frame, moved: LaserMotion) -> Moment:
         step = np.zeros(3) if self._tracked is None else between_planar(self._tracked, moved.pose)
         self._tracked = moved.pose
         scan = scan_of(frame, self._config)

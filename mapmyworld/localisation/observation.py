@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar
 from mapmyworld.localisation.known_place import Fit, KnownPlace
-from mapmyworld.odometry.laser import Tracked
+from mapmyworld.odometry.laser import LaserMotion
 from mapmyworld.registration.matchers import match_scan
 from mapmyworld.registration.scan_matching import Match, PreparedScan, prepare_scan
 from mapmyworld.types import Frame
@@ -44,12 +44,12 @@ class Moment:
         return len(self.scan.rows) < _FEWEST
 
 
-def is_shaken(moved: Tracked) -> bool:
+def is_shaken(moved: LaserMotion) -> bool:
     """Whether a scan was not simply matched with the ones before."""
     return moved.verdict in ("lost", "odometry only", "searched")
 
 
-def is_broken(moved: Tracked, step: Array, recorded: Array | None) -> bool:
+def is_broken(moved: LaserMotion, step: Array, recorded: Array | None) -> bool:
     """Whether a motion `step` (3,) of the tracker says nothing of how the robot moved.
 
     A scan that was found again by a wide search counts where the `recorded` motion (3,) agrees.

@@ -37,8 +37,8 @@ _EMPTY = Scan(np.zeros((0, 2), np.float32), np.zeros(3), np.zeros(0, np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tracked:
-    """What the tracker says of one frame."""
+class LaserMotion:
+    """What the laser says of one frame."""
 
     pose: Array
     """(3,) tracked_from_base."""
@@ -80,17 +80,17 @@ class LaserTracker:
             odometry.least_overlap, odometry.keyscan_distance, odometry.keyscan_angle, _DOUBT_FROM,
         ])  # fmt: skip
 
-    def track(self, frame: Frame) -> Tracked:
+    def track(self, frame: Frame) -> LaserMotion:
         """The robot's pose at a frame, from its scan, its odometry and the scans before."""
         return self.track_all([frame])[0]
 
-    def track_all(self, frames: Sequence[Frame]) -> list[Tracked]:
+    def track_all(self, frames: Sequence[Frame]) -> list[LaserMotion]:
         """The same of some frames in a row, with the same result and faster."""
         scans = prepare_scans([frame.scan or _EMPTY for frame in frames], self._matching)
         recorded = self._recorded_steps(frames)
         self._keyscans.make_room(int(np.diff(scans.bounds).max(initial=0)))
         out, covariances = np.zeros((len(frames), 7)), np.zeros((len(frames), 3, 3))
-        tracked: list[Tracked] = []
+        tracked: list[LaserMotion] = []
         while len(tracked) < len(frames):
             first = len(tracked)
             # Most scans need no second look: a kernel follows them, up to one that does.
@@ -101,7 +101,7 @@ class LaserTracker:
                     self._state, FINE, self._settings, _FEWEST, out, covariances,
                 )  # fmt: skip
             for k in range(first, last):
-                tracked.append(Tracked(out[k, :3], covariances[k], "matched", float(out[k, 3])))
+                tracked.append(LaserMotion(out[k, :3], covariances[k], "matched", float(out[k, 3])))
                 self._stretches.add(frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0)
             if last > first:
                 self._breaks.see_again(frames[last - 1].stamp_ns)
@@ -140,11 +140,13 @@ class LaserTracker:
         planar = matrix_to_planar(np.stack([unknown if p is None else p for p in poses]))
         return np.ascontiguousarray(between_planar(planar[:-1], planar[1:]))
 
-    def _look_closely(self, frame: Frame, scan: PreparedScan, recorded: Array | None) -> Tracked:
+    def _look_closely(
+        self, frame: Frame, scan: PreparedScan, recorded: Array | None
+    ) -> LaserMotion:
         """One frame that needs more than a match: the first, an empty or a contradicting one."""
         if not self._begun:
             self._begun = True
-            tracked = Tracked(np.zeros(3), np.diag(_FIRST), "first", 1.0)
+            tracked = LaserMotion(np.zeros(3), np.diag(_FIRST), "first", 1.0)
         else:
             tracked = self._follow(frame, scan, recorded)
         self._state[3:6] = between_planar(self._state[:3], tracked.pose)
@@ -158,7 +160,7 @@ class LaserTracker:
             self._keyscans.remember(scan, tracked.pose, tracked.overlap)
         return tracked
 
-    def _follow(self, frame: Frame, scan: PreparedScan, recorded: Array | None) -> Tracked:
+    def _follow(self, frame: Frame, scan: PreparedScan, recorded: Array | None) -> LaserMotion:
         # Without odometry the robot is expected to go on as it did.
         step = self._state[3:6] if recorded is None else recorded
         predicted = compose_planar(self._state[:3], step)
@@ -166,7 +168,7 @@ class LaserTracker:
         if len(scan.rows) < _FEWEST or not self._keyscans.count:
             verdict = "lost" if recorded is None else "odometry only"
             self._breaks.go_unseen(frame.stamp_ns, step)
-            return Tracked(predicted, np.diag(variances), verdict, 0.0)
+            return LaserMotion(predicted, np.diag(variances), verdict, 0.0)
         if self._breaks.is_blind:
             variances = self._variances(recorded, self._breaks.since_seen(step))
         match, verdict = self._matched(scan, predicted, variances)
@@ -181,16 +183,16 @@ class LaserTracker:
         if not believed:
             if recorded is not None and lately:
                 self._breaks.go_unseen(frame.stamp_ns, step)
-                return Tracked(predicted, np.diag(reckoned), "odometry only", match.overlap)
+                return LaserMotion(predicted, np.diag(reckoned), "odometry only", match.overlap)
             unknown, is_break = self._breaks.found(frame.stamp_ns, variances, apart, match.overlap)
             pose, said = (match.pose, "lost") if recorded is None else (predicted, "odometry only")
-            return Tracked(pose, np.diag(unknown), said, match.overlap, is_break)
+            return LaserMotion(pose, np.diag(unknown), said, match.overlap, is_break)
         return self._placed(frame.stamp_ns, recorded, predicted, variances, match, verdict)
 
     def _placed(
         self, stamp_ns: int, recorded: Array | None, predicted: Array, variances: Array,
         match: Match, verdict: str,
-    ) -> Tracked:  # fmt: skip
+    ) -> LaserMotion:  # fmt: skip
         """What a match that is believed says of the motion, and of the odometry."""
         moved = between_planar(self._state[:3], match.pose)
         weak = is_weak(match.information)
@@ -204,7 +206,7 @@ class LaserTracker:
                 # A door that swings past looks like a turn: either may be right.
                 doubt = apart**2
         covariance = self._covariance(match, moved, variances, doubt)
-        return Tracked(match.pose, covariance, verdict, match.overlap)
+        return LaserMotion(match.pose, covariance, verdict, match.overlap)
 
     def _is_surer(self, scan: PreparedScan, match: Match, predicted: Array) -> bool:
         """Whether from where the odometry leads one would see through walls, but not from there.

@@ -16,21 +16,32 @@ import subprocess
 import sys
 import tempfile
 import warnings
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 
 import atheris
+import cv2
+import numpy as np
 
 _INTERPRETED = "NUMBA_DISABLE_JIT"
 os.environ[_INTERPRETED] = "1"  # compiled kernels would be blind to it
-with atheris.instrument_imports(include=["formats", "mapmyworld"]):
+with atheris.instrument_imports(include=["formats", "mapmyworld", "rosbags"]):
     from formats.cloud import read_cloud
     from formats.database import open_store
     from formats.edits import read_edits
     from formats.grid import read_grid
     from formats.logs import open_log
+    from formats.logs.channels import Channel
+    from formats.logs.decoding import decoder_for
+    from formats.logs.definitions import standard_store
+    from formats.logs.foxglove import CONVERTERS
+    from formats.logs.ros_decoders import STAMPED, TEXT, TRANSFORMS
     from formats.mesh import read_mesh
+    from formats.nested_text import read_toml
     from formats.pose_graph import read_graph
     from formats.relations import read_relations
     from formats.scene_claims import check_claims
@@ -38,6 +49,8 @@ with atheris.instrument_imports(include=["formats", "mapmyworld"]):
     from formats.trajectory import read_trajectory
     from formats.truth import read_loop_pairs
     from formats.vocabulary import read_vocabulary
+    from mapmyworld.config import Config
+    from mapmyworld.config.settings import apply_settings, flatten
     from mapmyworld.errors import LogError, MapMyWorldError
     from mapmyworld.types import ImageMessage
 
@@ -53,6 +66,16 @@ if ending == ".db":
     corpus.make_maps(folder / "maps", next(log for log in logs if log.name == "whole.mcap"))
 """
 _MOST_MESSAGES = 2000
+_MOST_OF_A_TOPIC = 3  # messages that become seeds
+CHANNELS = [
+    Channel("/topic", name, encoding)
+    for name in sorted({*STAMPED, *TRANSFORMS, TEXT})
+    for encoding in ("ros1", "cdr")
+] + [Channel("/topic", f"foxglove.{name}", "json") for name in sorted(CONVERTERS)]
+_LISTS = (  # of a TUM folder
+    b"# colour\n1.5 1.png\n2.5 1.png\n\0\0# depth\n1.51 1.png\n2.5 1.png\n"
+    b"\0\0# truth\n1.5 0 0 0 0 0 0 1\n\0\0fx: 525.0\nfy: 525.0\ncx: 31.5\ncy: 23.5\n"
+)
 FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
 
 
@@ -69,6 +92,51 @@ def _log(path: Path) -> None:
         if number > _MOST_MESSAGES:
             break
     log.losses()
+
+
+def _tum(path: Path) -> None:
+    """The lists of a TUM folder's colour and depth, its truth and its calibration."""
+    names = ("rgb.txt", "depth.txt", "groundtruth.txt", "calibration.yaml")
+    folder = FOLDER / "tum"
+    if not folder.exists():
+        folder.mkdir()
+        picture = cv2.imencode(".png", np.full((48, 64), 9000, np.uint16))[1].tobytes()
+        (folder / "1.png").write_bytes(picture)
+    for name, data in zip_longest(names, path.read_bytes().split(b"\0\0", 3), fillvalue=b""):
+        (folder / name).write_bytes(data)
+    _log(folder)
+
+
+def _settings(path: Path) -> None:
+    apply_settings(Config(), flatten(read_toml(path)))
+
+
+def _message(path: Path) -> None:
+    """The first byte names the channel, the rest is one message: no container is in its way."""
+    data = path.read_bytes()
+    _decode(_channel(data), data[1:])
+
+
+def _definition(path: Path) -> None:
+    """As a message, of a type that the bytes before the two zeros define."""
+    data = path.read_bytes()
+    schema, _, body = data[1:].partition(b"\0\0")
+    channel = _channel(data)
+    kind = {"ros1": "ros1msg", "cdr": "ros2idl" if b"module" in schema else "ros2msg"}
+    encoding = kind.get(channel.encoding, "jsonschema")
+    _decode(replace(channel, schema_encoding=encoding, schema=schema), body)
+
+
+def _channel(data: bytes) -> Channel:
+    return CHANNELS[data[0] % len(CHANNELS)] if data else CHANNELS[0]
+
+
+def _decode(channel: Channel, body: bytes) -> None:
+    decoder = decoder_for(channel)
+    decoder.stamp(body)
+    message = decoder.decode(body, 0)
+    if isinstance(message, ImageMessage):
+        message.pixels()
 
 
 def _world(path: Path) -> None:
@@ -115,6 +183,10 @@ KINDS: dict[str, tuple[str, Callable[[Path], object], bytes]] = {
     "mesh": (".ply", read_mesh, b"ply\n"),
     "pcd": (".pcd", read_cloud, b"# .PCD v0.7"),
     "relations": (".relations", read_relations, b""),
+    "message": (".message", _message, b""),
+    "definition": (".definition", _definition, b""),
+    "tum": (".lists", _tum, b""),
+    "settings": (".toml", _settings, b""),
 }
 
 
@@ -128,6 +200,24 @@ def _give_seeds(folder: Path, ending: str) -> None:
     for number, file in enumerate(sorted(made.rglob(f"*{ending}"))):
         if file.is_file():
             shutil.copyfile(file, folder / f"sound-{number}")
+    if ending == ".lists":
+        (folder / "sound").write_bytes(_LISTS)
+    if ending in (".message", ".definition"):
+        for log in ("whole.mcap", "whole.bag", "json.mcap"):
+            _give_messages(folder, made / "logs" / log, defined=ending == ".definition")
+
+
+def _give_messages(folder: Path, log: Path, *, defined: bool) -> None:
+    """The first messages of every type: its channel, where `defined` its definition, its bytes."""
+    numbers = {(one.type_name, one.encoding): k for k, one in enumerate(CHANNELS)}
+    seen: Counter[tuple[str, str]] = Counter()
+    for _, channel, data in open_log([log]).records():  # type: ignore[attr-defined]
+        kind = (channel.type_name, channel.encoding)
+        if kind in numbers and seen[kind] < _MOST_OF_A_TOPIC:
+            name = f"sound-{log.name}-{numbers[kind]}-{seen[kind]}"
+            schema = channel.schema + b"\0\0" if defined else b""
+            (folder / name).write_bytes(bytes([numbers[kind]]) + schema + data)
+            seen[kind] += 1
 
 
 def main() -> None:
@@ -147,6 +237,8 @@ def main() -> None:
         with suppress(MapMyWorldError):
             read(path)
 
+    for encoding in ("ros1", "cdr"):
+        standard_store(encoding)  # made once, not by the first case
     warnings.simplefilter("error")  # which a user would see; compiled, kernels give none
     # Bytes that wrap around are meant; compiled, they do so without a word.
     warnings.filterwarnings("ignore", module=r"formats\.(logs\.decimal_text|depth_png|rvl)")

@@ -120,6 +120,16 @@ def test_missing_images_and_damaged_lines_are_reported(tmp_path: Path) -> None:
     assert ["3 line(s)" in loss or "2 line(s)" in loss for loss in log.losses()] == [True, True]
 
 
+def test_names_that_no_file_can_have_cost_their_line_alone(tmp_path: Path) -> None:
+    folder = make(tmp_path / "a")
+    (folder / "ring.png").symlink_to("ring.png")
+    with (folder / "rgb.txt").open("ab") as lines:
+        lines.write(b"3.0 " + b"x" * 5000 + b"\n3.1 a\0b.png\n3.2 ring.png\n3.3 ../a/rgb/../../b\n")
+    log = open_log([folder])
+    assert log.info().topics[1].count == 2
+    assert "4 line(s) skipped" in log.losses()[0]
+
+
 def test_an_image_that_is_none_disturbs_only_who_looks(tmp_path: Path) -> None:
     folder = make(tmp_path / "freiburg1")
     (folder / "depth" / "a.png").write_bytes(b"no picture")

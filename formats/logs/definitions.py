@@ -20,6 +20,13 @@ _TF_MESSAGE = "geometry_msgs/TransformStamped[] transforms\n"
 _TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 # Everything a parser raises at a text that is no definition.
 DEFINITION_ERRORS = (Exception,)
+# No type that we read comes near these; beyond them, parsing and the code that rosbags makes of a
+# definition, value by value, take minutes and gigabytes.
+_MOST_TEXT = 1 << 16  # bytes of a definition
+_MOST_QUOTES = 4000  # in IDL, whose comments are strings
+_MOST_VALUES = 1000  # of basic types in a message, where every sequence holds one element
+_DEEPEST = 50  # types within types
+_NOTHING = "structure_needs_at_least_one_member"  # rosbags' only field of a type without fields
 
 
 @cache
@@ -50,9 +57,12 @@ def standard_store(encoding: str) -> Typestore:
 def recorded_store(channel: Channel) -> Typestore:
     """The types that the channel's own definition names.
 
-    Raises rosbags' errors, or ValueError, where the definition cannot be parsed.
+    Raises rosbags' errors, or ValueError, where the definition cannot be parsed or is beyond
+    sense.
     """
     text = channel.schema.decode("utf-8", "replace")
+    if len(text) > _MOST_TEXT or text.count('"') > _MOST_QUOTES:
+        raise ValueError(f"a definition of {len(text)} characters")
     if channel.schema_encoding == "ros2idl" or text.startswith("=" * 80 + "\nIDL: "):
         types = get_types_from_idl(text)
     else:
@@ -64,25 +74,60 @@ def recorded_store(channel: Channel) -> Typestore:
         header = standard_store(channel.encoding).fielddefs["std_msgs/msg/Header"]
         types["std_msgs/msg/Header"] = header
     store.register(types)
+    if values_of(store, channel.type_name, {}) > _MOST_VALUES:
+        raise ValueError(f"a {channel.type_name} of more than {_MOST_VALUES} values")
     return store
 
 
-def layout(store: Typestore, type_name: str, depth: int = 0) -> Layout:
-    """The sequence of basic types that a message is on the wire, names left out."""
-    if depth > 50:
+def values_of(store: Typestore, type_name: str, known: dict[str, int], depth: int = 0) -> int:
+    """How many basic values a message holds where every sequence has one element.
+
+    `known` holds the types counted so far: a type of two of a type of two, thirty times over, is
+    a short text and a billion values.
+    """
+    if depth > _DEEPEST:
         raise ValueError(f"{type_name} contains itself")
-    return tuple(_layout(store, field, depth) for _, field in store.fielddefs[type_name][1])
+    if type_name not in known:
+        fields = [field for name, field in store.fielddefs[type_name][1] if name != _NOTHING]
+        known[type_name] = sum(_values_of(store, field, known, depth) for field in fields)
+    return known[type_name]
 
 
-def _layout(store: Typestore, field: Any, depth: int) -> Layout:
+def _values_of(store: Typestore, field: Any, known: dict[str, int], depth: int) -> int:
+    kind, what = field
+    if kind == Nodetype.BASE:
+        return 1
+    if kind == Nodetype.NAME:
+        return values_of(store, what, known, depth + 1)
+    element, size = what
+    inside = _values_of(store, element, known, depth)
+    if kind == Nodetype.ARRAY:
+        return min(size, 1) if _is_number(element) else size * max(inside, 1)
+    if inside == 0:
+        raise ValueError("a sequence of messages without content, which may claim any length")
+    return inside
+
+
+def _is_number(field: Any) -> bool:
+    """Arrays of which are read at once, whatever their size."""
+    kind, what = field
+    return kind == Nodetype.BASE and what[0] not in ("string", "wstring")
+
+
+def layout(store: Typestore, type_name: str) -> Layout:
+    """The sequence of basic types that a message is on the wire, names left out."""
+    return tuple(_layout(store, field) for _, field in store.fielddefs[type_name][1])
+
+
+def _layout(store: Typestore, field: Any) -> Layout:
     kind, what = field
     if kind == Nodetype.BASE:
         return (_same_size(what[0]),)
     if kind == Nodetype.NAME:
-        return layout(store, what, depth + 1)
+        return layout(store, what)
     element, size = what
     fixed = size if kind == Nodetype.ARRAY else -1
-    return (fixed, _layout(store, element, depth))
+    return (fixed, _layout(store, element))
 
 
 def _same_size(base: str) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import heapq
+import os
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -133,7 +134,7 @@ class TumRgbdLog:
                     _pose(entry)
                 elif len(entry.fields) < fields or not self._file(entry).is_file():
                     raise ValueError("no such file")
-            except (ValueError, LogError):
+            except (ValueError, LogError, OSError, RuntimeError):  # these two of names: see _file
                 bad += 1
                 continue
             entries.append(entry)
@@ -144,8 +145,11 @@ class TumRgbdLog:
         return sorted(entries, key=lambda entry: entry.stamp_ns)
 
     def _file(self, entry: _Entry) -> Path:
-        """Raises ValueError for a name that leads out of the folder."""
-        file = self.folder / entry.fields[0].decode("utf-8", "replace")
+        """Raises ValueError for a name that leads out of the folder.
+
+        OSError for one that no file can have, RuntimeError for a link to itself.
+        """
+        file = self.folder / os.fsdecode(entry.fields[0])
         if not file.resolve().is_relative_to(self.folder.resolve()):
             raise ValueError("a file outside the folder")
         return file

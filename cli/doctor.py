@@ -15,10 +15,10 @@ import mapmyworld
 from cli.arguments import format_option
 from cli.exit_codes import EXIT_BAD_INPUT
 from cli.streams import show_json
+from mapmyworld.open3d_library import PACKAGES
 
 _NEEDED = ("numpy", "scipy", "numba", "gtsam", "cv2", "mcap", "rosbags", "rich", "click")
 _DISTRIBUTIONS = {"cv2": "opencv-python-headless"}
-_OPEN3D_PACKAGES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libgomp1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ def _open3d() -> Finding:
     try:
         importlib.import_module("open3d")
     except (ImportError, OSError) as error:
-        text = f"{version} needs system libraries ({error}): apt-get install {_OPEN3D_PACKAGES}"
+        text = f"{version} needs system libraries ({error}): apt-get install {PACKAGES}"
         return Finding("open3d", False, False, text)
     return Finding("open3d", True, False, f"{version} (meshes, simulation)")
 

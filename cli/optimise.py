@@ -166,10 +166,11 @@ def _write(
 
 def load_graph(path: Path) -> tuple[PoseGraph, list[str], list[str]]:
     """The graph of a text file or of a map, its problems, and its notes."""
-    if path.is_file() and path.read_bytes()[:15] == b"SQLite format 3":
-        return _graph_of_map(path), [], []
+    from formats.database.connection import is_sqlite
     from formats.pose_graph import read_graph
 
+    if path.is_file() and is_sqlite(path):
+        return _graph_of_map(path), [], []
     read = read_graph(path)
     return read.graph, list(read.problems), list(read.notes)
 

@@ -59,9 +59,10 @@ def write_map(
 
 def _is_map(path: Path) -> bool:
     from formats.database import open_store
+    from formats.database.connection import is_sqlite
     from formats.database.store import DatabaseStore
 
-    if path.read_bytes()[:15] != b"SQLite format 3":
+    if not is_sqlite(path):
         return False
     with open_store(path, read_only=True) as store:
         return isinstance(store, DatabaseStore)

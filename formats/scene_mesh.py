@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from formats.scene_claims import check_claims
 from formats.scene_reading import NOT_THERE
-from mapmyworld.errors import MapError, MissingDependencyError
+from mapmyworld.errors import MapError
+from mapmyworld.open3d_library import missing_open3d
 from mapmyworld.types import Mesh
 
 SCENE_SUFFIXES = (".ply", ".obj", ".glb", ".gltf", ".stl", ".off")
-_PACKAGES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libgomp1"
 _FARTHEST = 10_000.0  # m from the origin, where a robot could drive
 _Y_UP = (".glb", ".gltf")  # formats whose standard says that y points up
 
@@ -50,10 +50,7 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     command = [sys.executable, "-c", task, str(path.resolve())]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
     if done.returncode == NOT_THERE:
-        raise MissingDependencyError(
-            f"reading {path.name} needs Open3D ({done.stdout.decode('utf-8', 'replace')}): "
-            f"`pip install open3d` and, on a bare system, `apt-get install {_PACKAGES}`"
-        )
+        raise missing_open3d(f"reading {path.name}", done.stdout.decode("utf-8", "replace"))
     try:
         with np.load(io.BytesIO(done.stdout)) as found:
             return dict(found)

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.errors import MapError, MissingDependencyError
+from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import invert
+from mapmyworld.open3d_library import import_open3d
 from mapmyworld.types import CameraModel, Mesh, NodeData, RgbdImage
 
 Array = NDArray[np.float64]
 _BLOCK = 16  # voxels along the edge of a block
 _FIRST_BLOCKS = 2000  # room at the start; the volume grows
-_PACKAGES = "libgl1 libegl1 libx11-6 libgomp1 libusb-1.0-0"
 
 
 def build_mesh(items: Iterable[tuple[Array, NodeData]], config: Config) -> Mesh:
@@ -26,7 +26,7 @@ def build_mesh(items: Iterable[tuple[Array, NodeData]], config: Config) -> Mesh:
     Curless and Levoy, "A volumetric method for building complex models from range images" (1996),
     by Open3D. Raises `MissingDependencyError` where Open3D is absent or cannot load.
     """
-    o3d = _open3d()
+    o3d = import_open3d("a mesh")
     core, settings = o3d.core, config.visual
     single, triple = core.SizeVector([1]), core.SizeVector([3])
     # The tensor volume: Open3D 0.20's older one integrates nothing.
@@ -85,17 +85,6 @@ def _extracted(volume: Any, least_weight: int) -> Mesh:
         mesh.triangle.indices.numpy().astype(np.int32),
         colours.astype(np.uint8),
     )
-
-
-def _open3d() -> Any:
-    try:
-        import open3d
-    except (ImportError, OSError) as error:
-        raise MissingDependencyError(
-            f"meshes need Open3D, which does not load ({error}): install open3d "
-            f"and the system packages {_PACKAGES}"
-        ) from error
-    return open3d
 
 
 def _rectified(image: RgbdImage) -> tuple[NDArray[np.uint8], NDArray[np.float32], Array]:

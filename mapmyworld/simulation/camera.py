@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.errors import MissingDependencyError
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.kernels.texture_lookup import shade_pixels
+from mapmyworld.open3d_library import import_open3d
 from mapmyworld.simulation import robot
 from mapmyworld.simulation.camera_noise import disturb_colour, disturb_depth, exposure_at
 from mapmyworld.simulation.clocks import Schedule, random_of
@@ -29,7 +28,6 @@ INFO_TOPIC = "/camera_ir/rgb/camera_info"
 _SKY = np.array([188, 208, 230], np.uint8)
 _LIGHT = np.array([0.35, 0.52, 0.78])  # where the light comes from, not quite from above
 _AMBIENT = 0.66  # share of the light that comes from everywhere
-_PACKAGES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libgomp1"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +46,7 @@ class Renderer:
     """A scene made ready for views; raises `MissingDependencyError` where Open3D is absent."""
 
     def __init__(self, scene: Scene, settings: SimulationSettings) -> None:
-        open3d = import_open3d()
+        open3d = import_open3d("a camera (--no-camera leaves it out)")
         solid = np.flatnonzero(~scene.glass)
         corners = scene.faces.corners[solid].astype(np.float32)
         self._width, self._height = settings.camera.width, settings.camera.height
@@ -185,23 +183,6 @@ def _info(settings: SimulationSettings, stamp_ns: int) -> CameraInfoMessage:
         rectification=np.eye(3),
         projection=np.concatenate([matrix, np.zeros((3, 1))], axis=1),
     )
-
-
-def import_open3d() -> Any:
-    """Open3D, or an error that names what to install."""
-    try:
-        import open3d
-    except ImportError as error:
-        raise MissingDependencyError(
-            "rendering needs Open3D: `pip install open3d` and, on a bare system, "
-            f"`apt-get install {_PACKAGES}` ({error}); or simulate with --no-camera"
-        ) from None
-    except OSError as error:
-        raise MissingDependencyError(
-            f"Open3D cannot load ({error}): `apt-get install {_PACKAGES}`; "
-            "or simulate with --no-camera"
-        ) from None
-    return open3d
 
 
 def _optical_rays(settings: SimulationSettings) -> NDArray[np.float32]:

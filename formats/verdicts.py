@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from xml.etree import ElementTree
+
+from formats.junit import Case, suite_xml
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,25 +25,11 @@ class Verdict:
 
 def junit_xml(suite: str, verdicts: Sequence[Verdict]) -> str:
     """One test case a requirement."""
-    failed = sum(not v.passed for v in verdicts)
-    root = ElementTree.Element(
-        "testsuite", name=_clean(suite), tests=str(len(verdicts)), failures=str(failed), errors="0"
-    )
-    for verdict in verdicts:
-        case = ElementTree.SubElement(
-            root, "testcase", classname="mapmyworld.check", name=_clean(verdict.requirement)
-        )
-        if not verdict.passed:
-            failure = ElementTree.SubElement(case, "failure", message=_clean(verdict.message))
-            failure.text = _clean(verdict.message)
-        ElementTree.SubElement(case, "system-out").text = _clean(verdict.message)
-    ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
-
-
-def _clean(text: str) -> str:
-    """Without the characters that XML cannot hold."""
-    return "".join(c for c in text if c in "\t\n" or (ord(c) >= 32 and c not in "\ufffe\uffff"))
+    cases = [
+        Case(v.requirement, "passed" if v.passed else "failure", v.message, v.message)
+        for v in verdicts
+    ]
+    return suite_xml(suite, "mapmyworld.check", cases)
 
 
 def markdown(title: str, verdicts: Sequence[Verdict]) -> str:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json
-import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
-from xml.sax.saxutils import escape, quoteattr
 
 from cli.batching.job import Result
 from cli.exit_codes import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PARTIAL
-
-_NOT_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
+from formats.junit import Case, suite_xml
 
 
 def exit_code(results: Sequence[Result]) -> int:
@@ -43,24 +40,17 @@ def as_text(results: Sequence[Result]) -> str:
 
 def as_junit(results: Sequence[Result]) -> str:
     """A JUnit report: a log without a map is an error, a requirement that is not met a failure."""
-    counts = _counts(results)
-    lines = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        f'<testsuite name="mapmyworld batch" tests="{len(results)}" '
-        f'errors="{counts["failed"]}" failures="{counts["unmet"]}">',
-    ]
-    for result in results:
-        lines.append(f'  <testcase classname="mapmyworld" name={_attribute(result.name)}>')
-        told = _text("\n".join(_faults(result)))
-        if result.status == "failed":
-            first = result.message.splitlines()[0] if result.message else "no map"
-            lines.append(f"    <error message={_attribute(first)}>{told}</error>")
-        elif not result.passed:
-            lines.append(f'    <failure message="requirements not met">{told}</failure>')
-        elif told:
-            lines.append(f"    <system-out>{told}</system-out>")
-        lines.append("  </testcase>")
-    return "\n".join([*lines, "</testsuite>"]) + "\n"
+    return suite_xml("mapmyworld batch", "mapmyworld", [_case(result) for result in results])
+
+
+def _case(result: Result) -> Case:
+    told = "\n".join(_faults(result))
+    if result.status == "failed":
+        first = result.message.splitlines()[0] if result.message else "no map"
+        return Case(result.name, "error", first, told)
+    if not result.passed:
+        return Case(result.name, "failure", "requirements not met", told)
+    return Case(result.name, "passed", told=told)
 
 
 def as_html(results: Sequence[Result]) -> str:
@@ -117,11 +107,3 @@ def _faults(result: Result) -> list[str]:
     ]
     told = result.message.splitlines() if result.message else []
     return [*told, *unmet, *result.figures.get("losses", [])]
-
-
-def _text(text: str) -> str:
-    return escape(_NOT_XML.sub("?", text))
-
-
-def _attribute(text: str) -> str:
-    return quoteattr(_NOT_XML.sub("?", text))

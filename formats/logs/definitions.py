@@ -99,7 +99,7 @@ def _values_of(store: Typestore, field: Any, known: dict[str, int], depth: int) 
         return 1
     if kind == Nodetype.NAME:
         return values_of(store, what, known, depth + 1)
-    element, size = what
+    element, size = what[0], int(what[1])
     inside = _values_of(store, element, known, depth)
     if kind == Nodetype.ARRAY:
         return min(size, 1) if _is_number(element) else size * max(inside, 1)

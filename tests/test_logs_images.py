@@ -184,7 +184,7 @@ def test_compressed_depth_of_floats_is_inverse_depth() -> None:
 
 
 def encode_rvl(depth: NDArray[np.uint16]) -> bytes:
-    """Wilson's coder, nibble by nibble, after the paper: the twin of the vectorised decoder."""
+    """Wilson's coder, nibble by nibble, after the paper: the twin of the compiled one."""
     nibbles: list[int] = []
 
     def put(value: int) -> None:

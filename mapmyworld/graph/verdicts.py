@@ -85,36 +85,43 @@ def judged(
     metres, degrees = misfits(system, solution.poses)
     closure_at = {int(k): n for n, k in enumerate(solution.closures)}
     for place, k in enumerate(used.tolist()):
-        evidence = {
-            "residual_metres": float(metres[place]),
-            "residual_degrees": float(degrees[place]),
-            "sigmas": float(np.sqrt(solution.chi2[place])),
-            "sigmas_limit": float(np.sqrt(solution.limit)),
-        }
-        fit = (
-            f"misses by {metres[place]:.3g} m, {degrees[place]:.3g} deg = "
-            f"{evidence['sigmas']:.1f} sigma (limit {evidence['sigmas_limit']:.1f})"
-        )
-        accepted = bool(solution.inliers[place])
-        reason = fit
-        if place in closure_at:
-            n = closure_at[place]
-            supporters = int(solution.consistency.supporters[n])
-            partners = int(solution.consistency.partners[n])
-            evidence |= {"supporters": supporters, "partners": partners}
-            reason = f"{fit}; {_support(supporters, partners)}"
-            if not accepted:
-                reason = f"contradicts the rest of the graph: {reason}"
-                if evidence["sigmas"] <= evidence["sigmas_limit"]:
-                    reason = f"nothing supports it and it may fit by chance: {fit}"
-        before = result[k]
+        before, missed = result[k], (float(metres[place]), float(degrees[place]))
+        reason, evidence = _judgement(solution, place, closure_at.get(place), missed)
         result[k] = replace(
             before,
-            accepted=accepted,
+            accepted=bool(solution.inliers[place]),
             reason=" | ".join(part for part in (before.reason, _MARK + reason) if part),
             evidence={**before.evidence, **evidence},
         )
     return tuple(result)
+
+
+def _judgement(
+    solution: RobustSolution, place: int, closure: int | None, missed: tuple[float, float]
+) -> tuple[str, dict[str, float]]:
+    """Reason and evidence of the edge at a `place`, which is that `closure`, if it is one.
+
+    `missed`: metres and degrees.
+    """
+    sigmas, limit = float(np.sqrt(solution.chi2[place])), float(np.sqrt(solution.limit))
+    metres, degrees = missed
+    evidence = {
+        "residual_metres": metres,
+        "residual_degrees": degrees,
+        "sigmas": sigmas,
+        "sigmas_limit": limit,
+    }
+    fit = f"misses by {metres:.3g} m, {degrees:.3g} deg = {sigmas:.1f} sigma (limit {limit:.1f})"
+    if closure is None:
+        return fit, evidence
+    supporters = int(solution.consistency.supporters[closure])
+    partners = int(solution.consistency.partners[closure])
+    evidence |= {"supporters": supporters, "partners": partners}
+    if solution.inliers[place]:
+        return f"{fit}; {_support(supporters, partners)}", evidence
+    if sigmas <= limit:
+        return f"nothing supports it and it may fit by chance: {fit}", evidence
+    return f"contradicts the rest of the graph: {fit}; {_support(supporters, partners)}", evidence
 
 
 def unjudged(constraint: Constraint) -> Constraint:

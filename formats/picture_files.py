@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import struct
+
 import numpy as np
 from numpy.typing import NDArray
 
 from formats.limits import limits
 
-_PNG = b"\x89PNG"
+_PNG, _JPEG = b"\x89PNG", b"\xff\xd8"
+# JPEG segments that hold the size: all start-of-frame markers but DHT, JPG and DAC.
+_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 def picture_size(data: bytes) -> tuple[int, int]:
@@ -16,14 +20,20 @@ def picture_size(data: bytes) -> tuple[int, int]:
         return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     if data[8:15] == b"WEBPVP8" and len(data) >= 30:
         return _webp_size(data)
-    position = 2
-    while data[:2] == b"\xff\xd8" and position + 9 <= len(data) and data[position] == 0xFF:
-        marker = data[position + 1]
-        if 0xC0 <= marker <= 0xCF and marker not in {0xC4, 0xC8, 0xCC}:
-            height = int.from_bytes(data[position + 5 : position + 7], "big")
-            return int.from_bytes(data[position + 7 : position + 9], "big"), height
-        position += 2 + int.from_bytes(data[position + 2 : position + 4], "big")
-    return 0, 0
+    frame = jpeg_frame(data)
+    return (0, 0) if frame is None else frame[:2]
+
+
+def jpeg_frame(data: bytes) -> tuple[int, int, int] | None:
+    """Width, height and number of channels that a JPEG's head states; None where it does not."""
+    at = 2
+    while data[:2] == _JPEG and at + 10 <= len(data) and data[at] == 0xFF:
+        marker = data[at + 1]
+        if marker in _JPEG_FRAMES:
+            height, width = struct.unpack_from(">2H", data, at + 5)
+            return width, height, data[at + 9]
+        at += 1 if marker == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    return None
 
 
 def _webp_size(data: bytes) -> tuple[int, int]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.limits import limits
-from formats.picture_files import decoded_file
+from formats.picture_files import decoded_file, jpeg_frame
 from formats.rvl import rvl_decode, rvl_encode
 from mapmyworld.errors import MapError
 
@@ -17,8 +17,6 @@ JPEG_MAGIC = b"\xff\xd8\xff"
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 _RVL_MAGIC = b"DEPTHRVL"
 _MAX_MILLIMETRES = 65535
-# JPEG segments that hold the size: all start-of-frame markers but DHT, JPG and DAC.
-_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
@@ -45,15 +43,10 @@ def is_grey(data: bytes, what: str) -> bool:
 
 
 def _jpeg_frame(data: bytes, what: str) -> tuple[int, int, int]:
-    """Width, height and number of channels."""
-    at = 2
-    while at + 10 <= len(data) and data[at] == 0xFF:
-        marker = data[at + 1]
-        if marker in _JPEG_FRAMES:
-            height, width = struct.unpack_from(">2H", data, at + 5)
-            return width, height, data[at + 9]
-        at += 1 if marker == 0xFF else 2 + struct.unpack_from(">H", data, at + 2)[0]
-    raise MapError(f"{what}: a JPEG image without a size")
+    frame = jpeg_frame(data)
+    if frame is None:
+        raise MapError(f"{what}: a JPEG image without a size")
+    return frame
 
 
 def decode_picture(data: bytes, what: str) -> NDArray[np.uint8]:

@@ -99,11 +99,11 @@ def _yaml(image: str, grid: OccupancyGrid, mode: Mode) -> str:
     )
 
 
-def read_grid(path: Path, *, anywhere: bool = False) -> OccupancyGrid:
+def read_grid(path: Path) -> OccupancyGrid:
     """The grid of a YAML file by map_server's rules.
 
-    Its picture must lie in the YAML's folder or below, unless it may lie `anywhere`: a YAML from
-    a stranger must not choose which files are opened.
+    Its picture must lie in the YAML's folder or below: a YAML from a stranger must not choose
+    which files are opened.
 
     Trinary cells come back as the log-odds of 0.95, 0.05 and NaN, so that `trinary()` gives
     what a robot would load; scaled and raw ones as the log-odds of their probability.
@@ -112,7 +112,7 @@ def read_grid(path: Path, *, anywhere: bool = False) -> OccupancyGrid:
     mode = keys.get("mode", "trinary")
     if mode not in ("trinary", "scale", "raw"):
         raise MapError(f"{path}: mode {mode!r} is none of trinary, scale, raw")
-    picture = _read_picture(_picture_path(path, keys["image"], anywhere=anywhere))
+    picture = _read_picture(_picture_path(path, keys["image"]))
     occupied, free = _number(path, keys, "occupied_thresh"), _number(path, keys, "free_thresh")
     negate = keys["negate"].lower() in ("1", "true")
     probability = _probabilities(picture, mode, negate, occupied, free)
@@ -189,12 +189,12 @@ def _origin(path: Path, text: str) -> NDArray[np.float64]:
     return np.array([x, y])
 
 
-def _picture_path(path: Path, name: str, *, anywhere: bool) -> Path:
+def _picture_path(path: Path, name: str) -> Path:
     try:
         folder, picture = path.parent.resolve(), (path.parent / name).resolve()
     except (OSError, ValueError) as error:  # a loop of links, a zero byte
         raise MapError(f"{path}: image: {name!r} is no name of a file ({error})") from None
-    if not anywhere and not picture.is_relative_to(folder):
+    if not picture.is_relative_to(folder):
         raise MapError(f"{path}: image: {name!r} lies outside its folder: put it beside the YAML")
     if picture.exists() and not picture.is_file():
         raise MapError(f"{path}: image: {name!r} is no file: a folder, a device or a pipe")

@@ -89,11 +89,11 @@ def _put_in_place(part: Path, path: Path) -> None:
 
 
 class McapSink:
-    """A lone .mcap file; takes messages of any encoding, profile "ros2" unless told."""
+    """A lone .mcap file; takes messages of any encoding."""
 
     encoding = "cdr"
 
-    def __init__(self, path: Path, compression: str, profile: str = "ros2") -> None:
+    def __init__(self, path: Path, compression: str) -> None:
         self.path = path
         self._part = _part_of(path)
         self._stream = self._part.open("wb")
@@ -103,7 +103,7 @@ class McapSink:
             "none": CompressionType.NONE,
         }[compression]
         self._writer = McapWriter(self._stream, _CHUNK_BYTES, kind)
-        self._writer.start(profile, f"mapmyworld {mapmyworld.__version__}")
+        self._writer.start("ros2", f"mapmyworld {mapmyworld.__version__}")
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._sequences: dict[int, int] = {}
 

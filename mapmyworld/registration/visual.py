@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 _BATCH = 64  # hypotheses scored between two looks at whether more are needed
 _POLISHES = 4  # refinements of a hypothesis, at most
 _FEWEST = 6  # sightings that a pose is refined on
+_ROUNDS = 10  # of Gauss-Newton, at most
 _MISS = 1e-4  # probability of having overlooked the best hypothesis at which the search ends
 
 
@@ -110,16 +111,14 @@ def _polished(pose: Array, count: int, sightings: Sightings, limit: float) -> tu
     return pose, count
 
 
-def refine_pose(
-    start: Array, sightings: Sightings, *, width: float = 2.0, rounds: int = 10
-) -> tuple[Array, Array]:
+def refine_pose(start: Array, sightings: Sightings, *, width: float = 2.0) -> tuple[Array, Array]:
     """map_from_camera (4, 4) of least robust error near `start`, and its information (6, 6).
 
     Gauss-Newton on reprojection and inverse depth with Huber's weights from `width` sigmas on;
     a step that makes things worse is taken back and ends it.
     """
     pose, information = _dense(start).copy(), np.eye(6)
-    refine(pose, sightings.points, sightings.seen, sightings.sigmas, width, rounds, information)
+    refine(pose, sightings.points, sightings.seen, sightings.sigmas, width, _ROUNDS, information)
     return pose, information
 
 

@@ -13,9 +13,10 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
 from mapmyworld.graph.draft import kept_nodes
 from mapmyworld.graph.trajectory import pose_every_frame
+from mapmyworld.kernels.laser_motion import leaves_open
 from mapmyworld.odometry.laser import LaserMotion, LaserTracker
 from mapmyworld.odometry.laser_breaks import Breaks
-from mapmyworld.odometry.laser_stretches import is_weak, leaves_turn_open
+from mapmyworld.odometry.laser_stretches import leaves_turn_open
 from mapmyworld.places.laser_breaks import unseen_path
 from mapmyworld.places.laser_candidates import candidate_pairs, drift_window
 from mapmyworld.places.laser_closures import compare_places
@@ -227,7 +228,7 @@ def test_a_circle_says_nothing_of_the_heading() -> None:
     rows = np.column_stack([normals, arms])
     round_about = rows.T @ rows / 0.02**2
     assert leaves_turn_open(round_about)
-    assert not is_weak(round_about)
+    assert not leaves_open(round_about)
     assert not leaves_turn_open(round_about + np.diag([0.0, 0.0, 1e4]))
 
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config, RegistrationConfig
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
+from mapmyworld.kernels.laser_motion import leaves_open
 from mapmyworld.odometry.laser import LaserMotion, LaserTracker
-from mapmyworld.odometry.laser_stretches import WeakStretches, is_weak
+from mapmyworld.odometry.laser_stretches import WeakStretches
 from mapmyworld.registration.matchers import MATCHERS, find_matcher
 from mapmyworld.registration.point_to_line import point_to_line
 from mapmyworld.registration.scan_matching import Match
@@ -140,12 +141,12 @@ def test_a_corridor_is_reported_with_the_stretch() -> None:
 
 def test_weak_stretches_are_bridged_and_measured() -> None:
     weak, good = np.diag([1.0, 1e5, 1e5]), np.diag([1e5, 1e5, 1e5])
-    assert is_weak(weak)
-    assert not is_weak(good)
+    assert leaves_open(weak)
+    assert not leaves_open(good)
     stretches = WeakStretches()
     for k in range(60):
         open_now = 10 <= k < 40 and k != 20
-        stretches.add(k * 10**9, 0.1, weak=is_weak(weak if open_now else good))
+        stretches.add(k * 10**9, 0.1, weak=leaves_open(weak if open_now else good))
     (note,) = stretches.notes()
     assert note.startswith("from 10 s to 39 s (2.9 m)")
 

@@ -11,11 +11,16 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
-from mapmyworld.kernels.laser_motion import motion_variances, step_covariance, surprise_of
+from mapmyworld.kernels.laser_motion import (
+    leaves_open,
+    motion_variances,
+    step_covariance,
+    surprise_of,
+)
 from mapmyworld.kernels.scan_tracking import learnt_scale, track_scans
 from mapmyworld.odometry.keyscans import Keyscans
 from mapmyworld.odometry.laser_breaks import Breaks, is_doubtful
-from mapmyworld.odometry.laser_stretches import WeakStretches, is_weak
+from mapmyworld.odometry.laser_stretches import WeakStretches
 from mapmyworld.odometry.laser_trust import OdometryFaults
 from mapmyworld.registration.matchers import find_matcher
 from mapmyworld.registration.point_to_line import point_to_line
@@ -195,7 +200,7 @@ class LaserTracker:
     ) -> LaserMotion:  # fmt: skip
         """What a match that is believed says of the motion, and of the odometry."""
         moved = between_planar(self._state[:3], match.pose)
-        weak = is_weak(match.information)
+        weak = leaves_open(match.information)
         self._stretches.add(stamp_ns, float(np.hypot(*moved[:2])), weak=weak)
         doubt = np.zeros(3)
         if recorded is not None:

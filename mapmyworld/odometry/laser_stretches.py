@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.kernels.laser_motion import leaves_open
-
 _LEAST = 1.0  # m of path from which a weak stretch is worth a word
 _TURN = 0.05  # rad of uncertainty from which a heading counts as unknown
 _FAINT = 1e-3  # information that keeps an open direction finite
@@ -60,11 +58,6 @@ class WeakStretches:
             "the position along it is poorly constrained and rests on the odometry"
             for s in sorted(longest, key=lambda s: s.start_ns)
         )
-
-
-def is_weak(information: NDArray[np.float64]) -> bool:
-    """Whether a match (3, 3) knows one direction of the plane far worse than the other."""
-    return bool(leaves_open(information))
 
 
 def leaves_turn_open(information: NDArray[np.float64]) -> bool:

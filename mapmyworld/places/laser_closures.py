@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, information_from_planar, planar_to_matrix
-from mapmyworld.odometry.laser_stretches import is_weak, leaves_turn_open
+from mapmyworld.kernels.laser_motion import leaves_open
+from mapmyworld.odometry.laser_stretches import leaves_turn_open
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_candidates import (
     FIRST_WINDOW,
@@ -181,7 +182,7 @@ def _verdict(
         reason = f"ambiguous: another pose scores {found.rival:.2f} against {found.score:.2f}"
     elif np.hypot(*slipped[:2]) > 0.5 or abs(slipped[2]) > 0.15:
         reason = "not converged: the refined pose left the best one of the search"
-    elif is_weak(match.information) or leaves_turn_open(match.information):
+    elif leaves_open(match.information) or leaves_turn_open(match.information):
         reason = "poorly constrained: the surfaces leave a direction open"
     else:
         return _constraint(nodes, a, b, settled, match, evidence)

@@ -19,7 +19,8 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     planar_to_matrix,
 )
-from mapmyworld.odometry.laser_stretches import is_weak, leaves_turn_open
+from mapmyworld.kernels.laser_motion import leaves_open
+from mapmyworld.odometry.laser_stretches import leaves_turn_open
 from mapmyworld.places.laser_closures import closure_information
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps
@@ -61,7 +62,7 @@ def _reviewed(c: Constraint, nodes: LaserNodes, row: dict[int, int], config: Con
     a, b = row[c.from_id], row[c.to_id]
     guess = between_planar(nodes.poses[a], nodes.poses[b])
     match = match_submaps(nodes, a, b, guess, config)
-    weak = is_weak(match.information) or leaves_turn_open(match.information)
+    weak = leaves_open(match.information) or leaves_turn_open(match.information)
     if weak or match.overlap < config.places.laser_overlap:
         return _refused(c, nodes, a, b)
     anew = replace(

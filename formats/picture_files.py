@@ -12,6 +12,8 @@ from formats.limits import limits
 _PNG, _JPEG = b"\x89PNG", b"\xff\xd8"
 # JPEG segments that hold the size: all start-of-frame markers but DHT, JPG and DAC.
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_BARE = frozenset({0x00, 0x01, *range(0xD0, 0xD8), 0xFF})  # no segment follows
+_SCAN, _MOST_SCANS = b"\xff\xda", 100  # each visits all pixels; a progressive file has some ten
 
 
 def picture_size(data: bytes) -> tuple[int, int]:
@@ -25,14 +27,20 @@ def picture_size(data: bytes) -> tuple[int, int]:
 
 
 def jpeg_frame(data: bytes) -> tuple[int, int, int] | None:
-    """Width, height and number of channels that a JPEG's head states; None where it does not."""
-    at = 2
-    while data[:2] == _JPEG and at + 10 <= len(data) and data[at] == 0xFF:
-        marker = data[at + 1]
+    """Width, height and number of channels that a JPEG's head states; None where it does not.
+
+    Found as decoders find it (ITU-T T.81, annex B.1.1), so that no head hides its size from us
+    and not from them: they pass over what is no marker and over bytes that fill, and take a
+    segment that is shorter than its own length for an empty one.
+    """
+    at = 2 if data[:2] == _JPEG else len(data)
+    while (at := data.find(b"\xff", at) + 1) > 0 and at + 9 <= len(data):
+        marker = data[at]
         if marker in _JPEG_FRAMES:
-            height, width = struct.unpack_from(">2H", data, at + 5)
-            return width, height, data[at + 9]
-        at += 1 if marker == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+            height, width = struct.unpack_from(">2H", data, at + 4)
+            return width, height, data[at + 8]
+        if marker not in _BARE:
+            at += 1 + max(int.from_bytes(data[at + 1 : at + 3], "big"), 2)
     return None
 
 
@@ -53,12 +61,14 @@ def is_16_bit_png(data: bytes) -> bool:
 
 
 def claims_too_much(data: bytes) -> bool:
-    """Whether a file says of itself what would fill the memory before anybody looks at it.
+    """Whether a file says of itself what would fill the memory, or does not say how large it is.
 
     OpenCV takes room for a chunk of a PNG, up to 4 GB, before it reads it; so each must be there.
     """
     width, height = picture_size(data)
-    return width * height > limits().image_pixels or not _chunks_are_there(data)
+    if not 0 < width * height <= limits().image_pixels:
+        return True
+    return data.count(_SCAN) > _MOST_SCANS if data[:2] == _JPEG else not _chunks_are_there(data)
 
 
 def _chunks_are_there(data: bytes) -> bool:
@@ -75,7 +85,10 @@ def _chunks_are_there(data: bytes) -> bool:
 
 
 def decoded_file(data: bytes, mode: int) -> NDArray[np.generic] | None:
-    """What OpenCV decodes in one of its modes; None of what is damaged or claims too much."""
+    """What OpenCV decodes of a JPEG, PNG or WebP file in one of its modes.
+
+    None of one that is damaged or claims too much, and of every other kind of file.
+    """
     import cv2
 
     if claims_too_much(data):

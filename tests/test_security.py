@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import bz2
 import os
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from formats.database.pictures import decode_picture
 from formats.grid import read_grid, write_grid
 from formats.limits import Limits, limits, set_limits
 from formats.logs import open_log
+from formats.logs.compressed_depth import decode_compressed_depth
 from formats.logs.images import encoded_pixels
 from formats.picture_files import claims_too_much, picture_size
 from formats.scene_mesh import read_scene_mesh
@@ -102,6 +104,44 @@ def test_the_size_of_a_webp_is_known_before_it_is_decoded() -> None:
     for quality in (50, 101):  # lossy, lossless
         data = cv2.imencode(".webp", picture, [cv2.IMWRITE_WEBP_QUALITY, quality])[1].tobytes()
         assert picture_size(data) == (53, 37)
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [b"\xff\xff\xff", b"\x00\x00", b"\xff\xd0", b"\xff\x01", b"\xff\xe0\x00\x00"],
+    ids=["filled", "no marker", "restart", "bare", "too short"],
+)
+def test_no_jpeg_hides_its_size_from_us_alone(hidden: bytes) -> None:
+    """OpenCV passes over all of these; 700 bytes would become 3 GB."""
+    cv2 = pytest.importorskip("cv2")
+    sound = cv2.imencode(".jpg", np.zeros((37, 53, 3), np.uint8))[1].tobytes()
+    place = sound.find(b"\xff\xc0")
+    data = sound[:place] + hidden + sound[place:]
+    assert picture_size(data) == (53, 37)
+    assert encoded_pixels(data, "rgb8").shape == (37, 53, 3)
+    size = data.find(b"\xff\xc0") + 5
+    huge = data[:size] + struct.pack(">2H", 16_000, 65_000) + data[size + 4 :]
+    with pytest.raises(LogError, match="claims 65000 x 16000"):
+        encoded_pixels(huge, "rgb8")
+
+
+def test_a_jpeg_of_ten_thousand_scans_reaches_no_decoder() -> None:
+    """Ten bytes each, and each visits every pixel."""
+    cv2 = pytest.importorskip("cv2")
+    options = [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]
+    sound = cv2.imencode(".jpg", np.zeros((37, 53, 3), np.uint8), options)[1].tobytes()
+    assert encoded_pixels(sound, "rgb8").shape == (37, 53, 3)
+    last = sound.rfind(b"\xff\xda")
+    many = sound[:last] + sound[last : last + 10] * 10_000 + sound[last:]
+    with pytest.raises(LogError, match="cannot be decoded"):
+        encoded_pixels(many, "rgb8")
+
+
+def test_depth_that_is_no_png_reaches_no_decoder() -> None:
+    cv2 = pytest.importorskip("cv2")
+    tiff = cv2.imencode(".tiff", np.ones((4, 5), np.uint16))[1].tobytes()
+    with pytest.raises(LogError, match="cannot be decoded"):
+        decode_compressed_depth(bytes(12) + tiff, "16UC1", "16UC1; compressedDepth png")
 
 
 def test_a_png_whose_chunk_claims_gigabytes_reaches_no_decoder(tmp_path: Path) -> None:

@@ -83,6 +83,38 @@ BY_WORDS = {
     "topics are set that the log": "correct the names; `mapmyworld inspect log LOG` lists them",
     "was its driver stopped": "check driver and cable before the next recording",
     "angles are not finite": "the scan is left out; check the driver",
+    "stand elsewhere than its index": "copy it again; `mapmyworld convert` writes a sound index",
+    "before the times that its index": "copy it again; `mapmyworld convert` writes a sound index",
+    "they show ... deg": "nothing; it is used where no better sensor is",
+    "beams over ... deg": "nothing; it is used where no better sensor is",
+    "scans of two times": "have the driver fill header.stamp",
+    "not one usable range": "see that ranges are in metres and within range_min and range_max",
+    "not a level scan": "mount it level, or correct its mount: tf, or sensing.scan_mount",
+    "none of its messages can be decoded": "record it with its standard type",
+    "holds a point": "see that the lidar looks beyond the robot",
+    "too narrow for a lidar": "nothing; a camera's points are no scan",
+    "is not in the log; ": "correct the name; `mapmyworld inspect log LOG` lists the topics",
+    "after the other sensors": "start the recording when all drivers run",
+    "falls silent": "check driver and cable before the next recording",
+    "silent for": "check driver and cable before the next recording",
+    "scans fit nothing": "see that ranges are in metres, angles in radians",
+    "tracking broke at": "see there in the report; `mapmyworld edit` can join or part places",
+    "leave one direction open": "nothing; record odometry, or pass such places twice",
+    "odometry ... at ... of ... scans": "check the wheels' encoders and stamps",
+    "shorter blind stretches": "light the place, turn slowly, or record wheels as well",
+    "left the camera's place open": "keep textured things within 5 m in view, or record wheels",
+    "the camera was blind": "light the place, turn slowly, or record wheels as well",
+    "wheels and images differ": "see there whether the wheels slipped or something moved in view",
+    "motions are corrected by that": "nothing; or calibrate the wheels",
+    "wheels against images": "nothing; or calibrate the wheels",
+    "looks alike, but contradicts": "nothing; `mapmyworld edit` can accept the constraint",
+    "no depth image near their stamp": "raise sensing.image_tolerance, or have stamps corrected",
+    "frames could not be decoded": "check the driver; the sound messages are used",
+    "beside them could not be decoded": "check the driver; the sound messages are used",
+    "the very stamp of the one before": "nothing; was the log written twice?",
+    "no odometry near their stamp": "keep the machines' clocks in step; check the odometry's rate",
+    "image(s) that do not decode": "check the driver; the sound images are used",
+    "the robot stood still": "drive it through the place that is to be mapped",
     "limits.chunk_mb": "the chunk is left out; set limits.chunk_mb higher if its size is right",
 }  # fmt: skip
 # What to do where neither does: the longest prefix of the file's path counts.
@@ -153,8 +185,14 @@ def gathered() -> list[Told]:
         for path in sorted((ROOT / room).rglob("*.py")):
             name = path.relative_to(ROOT).as_posix()
             for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-                found |= {Told(name, text, kind) for kind, text in _told(node) if len(text) > 8}
+                told = {Told(name, text, kind) for kind, text in _told(node) if len(text) > 8}
+                found |= {one for one in told if not _is_on_a_page(one)}
     return sorted(found)
+
+
+def _is_on_a_page(told: Told) -> bool:
+    """Whether it is a line of a report about what went well."""
+    return told.file.startswith("formats/report/") and told.kind in {"loss", "note"}
 
 
 def _told(node: ast.AST) -> Iterator[tuple[str, str]]:
@@ -163,6 +201,10 @@ def _told(node: ast.AST) -> Iterator[tuple[str, str]]:
             _template(n.value) for n in ast.walk(node) if isinstance(n, ast.Return) and n.value
         )
         yield from (("MapError", text) for text in texts)
+    if isinstance(node, ast.FunctionDef) and node.name in TELLERS:
+        yield from (("note", text) for text in _sentences(node))
+    if isinstance(node, ast.Yield) and isinstance(node.value, ast.JoinedStr):
+        yield from (("loss", text) for text in [_template(node.value)] if len(text) >= _SENTENCE)
     if not isinstance(node, ast.Call) or not node.args:
         return
     if isinstance(node.func, ast.Name) and node.func.id == "_require":
@@ -171,13 +213,34 @@ def _told(node: ast.AST) -> Iterator[tuple[str, str]]:
         name = node.func.id if isinstance(node.func, ast.Name) else node.func.attr
         if name.endswith("Error") and name not in _NOT_OURS:
             yield name, _template(node.args[0])
-    if isinstance(node.func, ast.Attribute) and node.func.attr == "append":
+    if isinstance(node.func, ast.Attribute) and node.func.attr in {"append", "insert"}:
         owner = node.func.value
-        if isinstance(owner, ast.Attribute) and owner.attr in {"losses", "warnings", "problems"}:
-            kind = {"losses": "loss", "warnings": "note"}.get(owner.attr, "problem")
-            yield kind, _template(node.args[0])
+        name = getattr(owner, "attr", getattr(owner, "id", "")).lstrip("_")
+        if name in {"losses", "warnings", "problems"}:
+            kind = {"losses": "loss", "warnings": "note"}.get(name, "problem")
+            yield kind, _template(node.args[-1])
 
 
+def _sentences(function: ast.FunctionDef) -> Iterator[str]:
+    """All longer texts in a function, without its docstring and what is part of another."""
+    within = {
+        id(part) for n in ast.walk(function) if isinstance(n, ast.JoinedStr) for part in n.values
+    }
+    told = (n for s in function.body if not _is_docstring(s) for n in ast.walk(s))
+    texts = (_template(n) for n in told if id(n) not in within and not isinstance(n, ast.BinOp))
+    yield from (text for text in texts if len(text) >= _SENTENCE)
+
+
+def _is_docstring(statement: ast.stmt) -> bool:
+    return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
+
+
+_SENTENCE = 24  # letters of a text that says something by itself
+# Functions that list what a user should know, or say why a sensor is not used.
+TELLERS = {
+    "losses", "lines", "notes", "check_silence", "_judge", "_judge_clouds", "_open_lines",
+    "_blind_lines",
+}  # fmt: skip
 # Functions that word a message which others raise.
 WRITERS = {"_remedy", "_nothing_common"}
 _NOT_OURS = {

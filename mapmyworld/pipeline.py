@@ -164,8 +164,17 @@ def _result(store: MapStore, log: LogSource, record: StageRecord) -> BuildResult
         nodes=len(store.nodes()),
         frames=len(path),
         distance_m=float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()),
-        duration_s=log.info().duration_s,
+        duration_s=_duration_s(store, log, notes["plan"]),
         constraints={kind: {"tried": tried[kind], "accepted": accepted[kind]} for kind in tried},
         reused_stages=tuple(record.reused),
         losses=tuple(dict.fromkeys(losses)),
     )
+
+
+def _duration_s(store: MapStore, log: LogSource, plan: Mapping[str, Any]) -> float:
+    """Of the log; of what was tracked where log times were not believed, or do not pass."""
+    recorded = log.info().duration_s
+    stamps_ns = store.tracked_frames().stamps_ns
+    tracked = float(stamps_ns[-1] - stamps_ns[0]) * 1e-9 if len(stamps_ns) else 0.0
+    is_sorted = any(decision["role"] == "order" for decision in plan.get("decisions", ()))
+    return tracked if is_sorted or recorded <= 0.0 else recorded

@@ -56,6 +56,18 @@ def test_every_message_says_what_to_do_about_it() -> None:
 
 
 @pytest.mark.parametrize(
+    "words",
+    [
+        "frames have no odometry near their stamp", "had the very stamp of the one before",
+        "no usable index (...)", "a message of ...: ...", "silent for ... s",
+        "scans fit nothing that was seen before", "the camera was blind in ... frames",
+    ],
+)  # fmt: skip
+def test_what_a_map_lacks_stands_in_the_table_as_well(words: str) -> None:
+    assert any(words in entry.text for entry in messages.gathered())
+
+
+@pytest.mark.parametrize(
     ("text", "remedy"),
     [
         ("cannot be written: it is a folder", "check the folder"),

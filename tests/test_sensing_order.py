@@ -10,7 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from memory_log import MemoryLog, odometry_at, scan_at, transform
 
-from mapmyworld.config import SensingConfig
+from mapmyworld.api import Silent
+from mapmyworld.config import Config, SensingConfig
+from mapmyworld.memory_map import MemoryMap
+from mapmyworld.pipeline import build_map
 from mapmyworld.sensing import Plan, make_plan, read_frames, survey_log
 from mapmyworld.sensing.order import in_stamp_order
 from mapmyworld.sensing.synchronise import FrameCounts
@@ -148,3 +151,27 @@ def test_a_short_silence_is_a_note(silent: tuple[int, int]) -> None:
     plan = read(kept)[0]
     assert not plan.losses
     assert "/scan: " in "\n".join(plan.warnings)
+
+
+@pytest.mark.parametrize("log_time", [0, 2**63 - 2])
+def test_log_times_that_do_not_pass_cost_no_sensor(log_time: int) -> None:
+    """All at zero, or at the end of time, as where the recorder had no clock: stamps are there."""
+    plan, frames, _ = read(drive(20, lambda _: log_time))
+    assert plan.scan is not None
+    assert not plan.use_log_time
+    assert [frame.stamp_ns for frame in frames] == [(i + 100) * STEP for i in range(20)]
+
+
+def test_a_log_that_runs_backwards_is_not_called_one_without_stamps() -> None:
+    plan, frames, _ = read(drive(20, lambda stamp: 1000 * S - stamp))
+    assert len(frames) == 20
+    assert not plan.use_log_time
+    assert any("stamps step back 19 times, by up to 1.900 s" in loss for loss in plan.losses)
+    assert not any("no header stamps" in loss for loss in plan.losses)
+
+
+def test_a_build_tells_the_length_of_the_drive_by_its_stamps() -> None:
+    log = MemoryLog(drive(20, lambda _: 0))
+    result = build_map(log, MemoryMap(), Config(), Silent())
+    assert result.duration_s == pytest.approx(1.9)
+    assert result.frames == 20

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -18,6 +19,54 @@ class DamagedBlockError(Exception):
 IndexReader = Callable[[BinaryIO, Path], Index]
 BlockReader = Callable[[BinaryIO, Block, dict[int, Channel], bool], list[Record]]
 """Reads a block's records on these channels; the last argument says whether to check sums."""
+
+
+def more_of(index: Index, scanned: Index, path: Path) -> Index:
+    """Of a file with places where no chunk stands: what the index says, or what there is.
+
+    Where reading it through finds no chunk elsewhere, those that the index names were hit.
+    """
+    named = {block.offset for block in index.blocks}
+    if all(block.offset in named for block in scanned.blocks if not block.bare):
+        return index
+    scanned.problems.insert(
+        0, f"{path}: the index points to places without a chunk: chunks were read one by one"
+    )
+    return scanned
+
+
+class _Found:
+    """What blocks held in fact, beside what the index says of them."""
+
+    def __init__(self) -> None:
+        self._counts: dict[int, Counter[Channel]] = {}
+        self._early: dict[int, int] = {}
+
+    def add(self, block: Block, records: list[Record]) -> None:
+        """A block as it was read, the first time or again."""
+        self._counts[block.offset] = Counter(channel for _, channel, _ in records)
+        earliest_ns = min((time for time, _, _ in records), default=block.start_ns)
+        self._early[block.offset] = block.start_ns - earliest_ns
+
+    def contradictions(self, name: object, index: Index, wanted: dict[int, Channel]) -> list[str]:
+        """Where an index lies: what stands elsewhere than it says is not read, or in no order."""
+        losses = list[str]()
+        early = max(self._early.values(), default=0)
+        if early > 0:
+            losses.append(
+                f"{name}: chunks begin up to {early * 1e-9:.3f} s before the times that its index "
+                "has: messages may be out of order"
+            )
+        if len(self._counts) < len(index.blocks):
+            met = sum(self._counts.values(), Counter[Channel]())
+            for key, channel in wanted.items():
+                missing = index.counts.get(key, 0) - met[channel]
+                if missing > 0:
+                    losses.append(
+                        f"{name}: {missing} messages of {channel.topic} stand elsewhere than its "
+                        "index says"
+                    )
+        return losses
 
 
 class BlockFile:
@@ -61,6 +110,7 @@ class BlockFile:
         ]
         losses: list[str] = []
         self._losses = losses
+        found = _Found()
         with open_binary(self.path) as stream:
 
             def read(block: Block) -> list[Record]:
@@ -68,6 +118,7 @@ class BlockFile:
                 try:
                     records = self._read_block(stream, block, wanted, check)
                     self._checked.add(block.offset)
+                    found.add(block, records)
                     return records
                 except DamagedBlockError as error:
                     losses.append(
@@ -77,3 +128,5 @@ class BlockFile:
                     return []
 
             yield from in_time_order(blocks, read)
+        if not losses:
+            losses += found.contradictions(self.path, index, wanted)

@@ -35,17 +35,30 @@ def _decompress(data: Buffer, compression: str, size: int) -> bytes:
     if compression == "zstd":
         return _unzstd(data, size) if size else b""
     if compression == "lz4":
-        return _bounded(lz4.frame.LZ4FrameDecompressor(), data, size)
+        return _bounded(lz4.frame.LZ4FrameDecompressor, data, size)
     if compression == "bz2":
-        return _bounded(bz2.BZ2Decompressor(), data, size)
+        return _bounded(bz2.BZ2Decompressor, data, size)
     raise DamagedBlockError(f"compression {compression!r} is unknown")
 
 
-def _bounded(
-    decompressor: lz4.frame.LZ4FrameDecompressor | bz2.BZ2Decompressor, data: Buffer, size: int
-) -> bytes:
-    """At most `size` + 1 bytes, so that a lying chunk cannot fill the memory."""
-    return bytes(decompressor.decompress(data, max_length=size + 1))
+_Made = type[lz4.frame.LZ4FrameDecompressor] | type[bz2.BZ2Decompressor]
+
+
+def _bounded(made: _Made, data: Buffer, size: int) -> bytes:
+    """At most `size` + 1 bytes, so that a lying chunk cannot fill the memory.
+
+    Of all frames, where compressing on several threads left one after the other.
+    """
+    decompressor = made()
+    plain = bytes(decompressor.decompress(data, max_length=size + 1))
+    while decompressor.eof and decompressor.unused_data and len(plain) <= size:
+        rest = decompressor.unused_data
+        decompressor = made()
+        part = bytes(decompressor.decompress(rest, max_length=size + 1 - len(plain)))
+        if not part:
+            break
+        plain += part
+    return plain
 
 
 def decompress_beginning(data: bytes, compression: str, size: int) -> bytes:
@@ -72,4 +85,12 @@ def _as_far_as_it_goes(reader: zstandard.ZstdDecompressionReader, size: int) -> 
 
 def _unzstd(data: Buffer, size: int) -> bytes:
     # A decompressor of one's own each time: they must not be shared by threads.
-    return bytes(zstandard.ZstdDecompressor().decompress(data, max_output_size=size))
+    plain = bytes(zstandard.ZstdDecompressor().decompress(data, max_output_size=size))
+    return plain if len(plain) == size else _across_frames(data, size)
+
+
+def _across_frames(data: Buffer, size: int) -> bytes:
+    """At most `size` + 1 bytes of frames that stand one after the other."""
+    decompressor = zstandard.ZstdDecompressor()
+    with decompressor.stream_reader(data, read_across_frames=True) as reader:
+        return bytes(reader.read(size + 1))

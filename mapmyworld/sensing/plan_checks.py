@@ -56,7 +56,9 @@ def choose_clock(draft: Draft, streams: list[Stream]) -> bool:
 
 def _is_stamped(stream: Stream) -> bool:
     return bool(stream.last_stamp_ns) and (
-        stream.count < 2 or stream.latest_stamp_ns != stream.first_stamp_ns
+        stream.count < 2
+        or stream.latest_stamp_ns != stream.first_stamp_ns
+        or stream.backward_steps > 0
     )
 
 

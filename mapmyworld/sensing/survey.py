@@ -87,8 +87,10 @@ class Stream:
 
     @property
     def frequency(self) -> float:
-        """Mean rate in Hz by log time; 0 where unknown."""
+        """Mean rate in Hz by log time, or by stamp where all log times are one; 0 where unknown."""
         span = self.last_log_ns - self.first_log_ns
+        if span == 0 and self.first_stamp_ns is not None:
+            span = self.latest_stamp_ns - self.first_stamp_ns
         return (self.count - 1) / (span * 1e-9) if self.count > 1 and span > 0 else 0.0
 
     @property

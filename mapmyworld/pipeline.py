@@ -177,4 +177,4 @@ def _duration_s(store: MapStore, log: LogSource, plan: Mapping[str, Any]) -> flo
     stamps_ns = store.tracked_frames().stamps_ns
     tracked = float(stamps_ns[-1] - stamps_ns[0]) * 1e-9 if len(stamps_ns) else 0.0
     is_sorted = any(decision["role"] == "order" for decision in plan.get("decisions", ()))
-    return tracked if is_sorted or recorded <= 0.0 else recorded
+    return tracked if is_sorted or recorded < 0.5 * tracked else recorded

@@ -12,6 +12,8 @@ from typing import Any
 from urllib.parse import quote
 from weakref import finalize
 
+from formats.database.schema import TABLES, TRIGGERS
+from formats.stored_tables import made_up
 from mapmyworld.errors import MapError
 
 SQLITE_MAGIC = b"SQLite format 3\0"
@@ -21,6 +23,7 @@ _PAGE_SIZE = 4096
 _MOVED = "SQLITE_READONLY_DBMOVED"  # its extended code, as sqlite3 names it
 _EPOCH = "1970-01-01 00:00:00"
 _LAST_SECOND = 253402300799  # 9999-12-31 23:59:59 UTC
+_TRIGGERS = "SELECT name, sql FROM sqlite_master WHERE type = 'trigger'"
 _QUEUE_BYTES = 4 << 20  # of rows that wait to be written together
 _CHUNK = 512  # rows that are made something of together
 _ROW_BYTES = 1024  # of a row apart from its blobs, roughly
@@ -42,6 +45,7 @@ class Connection:
         with self._explained():
             self._sqlite = self._connect(mode)
             finalize(self, self._sqlite.close)  # logs are not closed by those who read them
+            self._refuse_programs()
             if writable:
                 self._prepare_writing()
 
@@ -54,6 +58,19 @@ class Connection:
             sqlite.close()
             raise
         return sqlite
+
+    def _refuse_programs(self) -> None:
+        """No map has views as tables, or triggers that are not its own: a few bytes never end."""
+        if names := made_up(self._sqlite) & TABLES:
+            raise MapError(
+                f"{self.path}: is not a map ({min(names)} is no table): give another file"
+            )
+        if self.writable:
+            for name, made in self._sqlite.execute(_TRIGGERS):
+                if made not in TRIGGERS:
+                    raise MapError(
+                        f"{self.path}: is not a map (trigger {name!r}): give another file"
+                    )
 
     def _prepare_writing(self) -> None:
         # RTAB-Map's triggers stamp rows with the wall clock. The same log must give the same

@@ -81,7 +81,7 @@ def _time_trigger(table: str, stamped: str) -> str:
     )
 
 
-_TRIGGERS = (
+TRIGGERS = (
     "CREATE TRIGGER insert_Feature BEFORE INSERT ON Feature"
     " WHEN NOT EXISTS (SELECT Node.id FROM Node WHERE Node.id = NEW.node_id)"
     " BEGIN SELECT RAISE(ABORT, 'Foreign key constraint failed in Feature table'); END",
@@ -92,8 +92,11 @@ _TRIGGERS = (
 )
 
 
+TABLES = frozenset({*_RTABMAP_TABLES, *_OWN_TABLES})
+
+
 def statements() -> tuple[str, ...]:
     """The SQL that makes an empty map's tables, indexes and triggers."""
     tables = {**_RTABMAP_TABLES, **_OWN_TABLES}
     creates = tuple(f"CREATE TABLE {name} ({columns})" for name, columns in tables.items())
-    return creates + _INDEXES + _TRIGGERS
+    return creates + _INDEXES + TRIGGERS

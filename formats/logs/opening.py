@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import io
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from pathlib import Path
 from typing import cast
 
@@ -26,6 +26,7 @@ from formats.logs.rosbag2 import (
     one_line,
 )
 from formats.logs.tum_rgbd import LISTS, TumRgbdLog
+from formats.stored_tables import stored_tables
 from mapmyworld.errors import LogError
 from mapmyworld.types import LogSource
 
@@ -126,12 +127,11 @@ def _open_sqlite(path: Path) -> LogSource:
     raise LogError(f"{path}: an SQLite file that is neither a rosbag2 nor an RTAB-Map database")
 
 
-def _tables(path: Path) -> set[str]:
+def _tables(path: Path) -> Set[str]:
     try:
         database = connect_read_only(path)
         try:
-            rows = database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
-            return {str(name) for (name,) in rows}
+            return stored_tables(database)
         finally:
             database.close()
     except SQLITE_ERRORS as error:

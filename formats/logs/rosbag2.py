@@ -21,6 +21,7 @@ from formats.logs.mcap_file import open_mcap
 from formats.logs.mcap_records import MAGIC as MCAP_MAGIC
 from formats.logs.mcap_records import is_transient_local
 from formats.logs.rosbag2_salvage import Salvage, salvage
+from formats.stored_tables import stored_tables
 from mapmyworld.errors import LogError
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # never the start of a CDR message
@@ -220,9 +221,11 @@ def _plain(data: object) -> bytes:
 
 
 def _read_index(database: sqlite3.Connection) -> Index:
-    index = Index()
+    index, tables = Index(), stored_tables(database)
+    if not {"topics", "messages"} <= tables:
+        raise ValueError("no tables of topics and messages")
     columns = {str(row[1]) for row in database.execute("PRAGMA table_info(topics)")}
-    definitions = _definitions(database)
+    definitions = _definitions(database) if "message_definitions" in tables else {}
     qos = "offered_qos_profiles" if "offered_qos_profiles" in columns else "''"
     digest = "type_description_hash" if "type_description_hash" in columns else "''"
     query = f"SELECT id, name, type, serialization_format, {qos}, {digest} FROM topics"

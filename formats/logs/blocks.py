@@ -35,6 +35,14 @@ def more_of(index: Index, scanned: Index, path: Path) -> Index:
     return scanned
 
 
+def _tell_nameless(index: Index, path: Path) -> None:
+    for key in sorted(index.counts.keys() - index.channels.keys()):
+        index.problems.append(
+            f"{path}: {index.counts[key]} message(s) of channel number {key}, which is defined "
+            "nowhere, are left out"
+        )
+
+
 class _Found:
     """What blocks held in fact, beside what the index says of them."""
 
@@ -87,6 +95,7 @@ class BlockFile:
         if self._index is None:
             with open_binary(self.path) as stream:
                 self._index = self._read_index(stream, self.path)
+            _tell_nameless(self._index, self.path)
         return self._index
 
     def files(self) -> tuple[Path, ...]:

@@ -14,12 +14,12 @@ from formats.logs.files import DECOMPRESSION_ERRORS, begins_about_as, open_binar
 from formats.logs.mcap_file import open_mcap
 from formats.logs.mcap_records import MAGIC as MCAP_MAGIC
 from formats.logs.merged import MergedLog
+from formats.logs.packed import PackedBag
 from formats.logs.recorded import RecordedLog
 from formats.logs.ros1_bag import open_ros1_bag
 from formats.logs.rosbag2 import (
     SQLITE_ERRORS,
     ZSTD_MAGIC,
-    PackedBag,
     SqliteBag,
     connect_read_only,
     listed_files,
@@ -75,19 +75,34 @@ def _open_folder(path: Path) -> LogSource:
     if metadata.is_file():
         listed = listed_files(metadata)
         if listed:
-            return _open_several(path, listed)
-    found = sorted(
-        (child for child in path.iterdir() if child.name.endswith(_BAG_NAMES)), key=_numbered
-    )
-    if found:
+            return _open_several(path, listed, _in_place_of_missing(path, listed))
+    if found := _recordings_in(path):
         return _open_several(path, found)
     raise LogError(f"{path}: no log in this folder: name " + _KINDS)
 
 
-def _open_several(folder: Path, files: list[Path]) -> LogSource:
-    """The parts of a split recording, as one; parts that are missing or unreadable are reported."""
+def _recordings_in(folder: Path) -> list[Path]:
+    return sorted(
+        (child for child in folder.iterdir() if child.name.endswith(_BAG_NAMES)), key=_numbered
+    )
+
+
+def _in_place_of_missing(folder: Path, listed: list[Path]) -> list[Path]:
+    """Recordings beside a metadata.yaml that names others, which are not there: renamed ones."""
+    if all(file.exists() for file in listed):
+        return []
+    return [file for file in _recordings_in(folder) if file not in listed]
+
+
+def _open_several(folder: Path, files: list[Path], more: Sequence[Path] = ()) -> LogSource:
+    """The parts of a split recording, as one; parts that are missing or unreadable are reported.
+
+    `more`: files that stand beside those, and are read as well.
+    """
     sources, problems = list[LogSource](), list[str]()
-    for file in files:
+    for file in more:
+        problems.append(f"{file}: is read instead of missing files that metadata.yaml names")
+    for file in (*files, *more):
         try:
             sources.append(_open_one(file))
         except LogError as error:

@@ -1,24 +1,19 @@
-"""rosbag2 recordings in SQLite: .db3 files, plain or compressed, and the folders around them."""
+"""rosbag2 recordings in SQLite: .db3 files, and the folders around them."""
 
 from __future__ import annotations
 
 import re
-import shutil
 import sqlite3
-import tempfile
-import weakref
 from collections.abc import Collection, Iterator
 from contextlib import closing
 from pathlib import Path
 
 import zstandard
 
-from formats.limits import check_unpacked, limits
-from formats.logs.blocks import BlockFile, DamagedBlockError
+from formats.limits import limits
+from formats.logs.blocks import DamagedBlockError
 from formats.logs.channels import Block, Channel, Index, Record, normalised_type
 from formats.logs.compression import decompress, decompress_beginning
-from formats.logs.mcap_file import open_mcap
-from formats.logs.mcap_records import MAGIC as MCAP_MAGIC
 from formats.logs.mcap_records import is_transient_local
 from formats.logs.rosbag2_salvage import Salvage, salvage
 from formats.stored_tables import stored_tables
@@ -113,15 +108,17 @@ class SqliteBag:
     ) -> Iterator[tuple[int, int, object]]:
         """Rows in order; where the file is damaged, what follows is looked for page by page."""
         marks = ",".join(str(int(key)) for key in wanted)
+        too_much = f"typeof(data) = 'blob' AND length(data) > {limits().chunk_bytes}"
+        data = f"CASE WHEN {too_much} THEN length(data) ELSE data END"
         query = (
-            "SELECT id, timestamp, topic_id, data FROM messages"
+            f"SELECT id, timestamp, topic_id, {data} FROM messages"
             f" WHERE topic_id IN ({marks}) AND {_IS_TIMED}"
         )
         seen, last_ns = 0, 0
         try:
-            for row, time, key, data in database.execute(query + " ORDER BY timestamp, id"):
+            for row, time, key, cell in database.execute(query + " ORDER BY timestamp, id"):
                 seen, last_ns = row, time
-                yield time, key, data
+                yield time, key, cell
         except SQLITE_ERRORS as error:
             where = f"{self.path}: damaged after {last_ns * 1e-9:.2f} s ({one_line(error)})"
             self._salvage = salvage(self.path)
@@ -161,55 +158,9 @@ class SqliteBag:
         return connect_read_only(self.path)
 
 
-class PackedBag:
-    """A Container over a .db3.zstd or .mcap.zstd file, unpacked into a temporary one."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._inner: SqliteBag | BlockFile | None = None
-
-    @property
-    def name(self) -> str:
-        return f"{self._unpacked().name}, packed with zstd"
-
-    def files(self) -> tuple[Path, ...]:
-        return (self.path,)
-
-    def index(self) -> Index:
-        return self._unpacked().index()
-
-    def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
-        return self._unpacked().records(topics)
-
-    def losses(self) -> tuple[str, ...]:
-        return self._unpacked().losses()
-
-    def _unpacked(self) -> SqliteBag | BlockFile:
-        if self._inner is None:
-            folder = Path(tempfile.mkdtemp(prefix="mapmyworld-"))
-            weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
-            file = folder / self.path.stem
-            unpack_zstd(self.path, file)
-            with file.open("rb") as stream:
-                is_mcap = stream.read(len(MCAP_MAGIC)) == MCAP_MAGIC
-            self._inner = open_mcap(file) if is_mcap else SqliteBag(file)
-        return self._inner
-
-
-def unpack_zstd(source: Path, target: Path) -> None:
-    """Decompresses a file; a cut one as far as it goes."""
-    with source.open("rb") as packed, target.open("wb") as plain:
-        reader = zstandard.ZstdDecompressor().stream_reader(packed)
-        try:
-            while block := reader.read(1 << 20):
-                check_unpacked(plain.tell() + len(block), source, LogError)
-                plain.write(block)
-        except zstandard.ZstdError as error:
-            if plain.tell() == 0:
-                raise LogError(f"{source}: damaged zstd file ({error})") from error
-
-
 def _plain(data: object) -> bytes:
+    if isinstance(data, int) and data > limits().chunk_bytes:
+        raise DamagedBlockError(f"it claims {data} bytes, more than limits.chunk_mb allows")
     if not isinstance(data, bytes):
         raise DamagedBlockError("its data are missing")
     if not data.startswith(ZSTD_MAGIC):
@@ -251,6 +202,10 @@ def _read_index(database: sqlite3.Connection) -> Index:
         elif key in index.channels:
             topic = index.channels[key].topic
             index.problems.append(f"{count} message(s) of {topic} have no time and are left out")
+        elif isinstance(key, int):
+            index.problems.append(
+                f"{count} message(s) of topic number {key}, which is not listed, are left out"
+            )
     return index
 
 

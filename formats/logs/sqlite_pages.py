@@ -16,6 +16,7 @@ Value = int | float | str | bytes | None
 _TABLE_LEAF = 13
 _FILE_HEAD = 100  # bytes before the first page's own head
 _LEAF_HEAD = 8
+_MAPPED_BYTES = 1 << 25
 _INTEGERS = {1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8}  # serial type -> bytes
 
 
@@ -41,13 +42,22 @@ class Pages:
         size = int.from_bytes(data[16:18], "big")
         self.size = 65536 if size == 1 else max(size, 512)
         self._usable = self.size - data[20] if len(data) > 20 else self.size
+        self._read_bytes = 0  # since pages were last given back
 
     def cells(self) -> Iterator[Cell]:
         """Those of all leaves of tables that are there in full, by their place."""
         for start in range(0, len(self._data) - self.size + 1, self.size):
+            self._give_back(self.size)
             head = start + (_FILE_HEAD if start == 0 else 0)
             if self._data[head] == _TABLE_LEAF:
                 yield from self._page_cells(start, head)
+
+    def _give_back(self, size: int) -> None:
+        """After so many bytes more: a mapped file counts as memory as far as it was read."""
+        self._read_bytes += size
+        if self._read_bytes >= _MAPPED_BYTES and isinstance(self._data, mmap.mmap):
+            self._data.madvise(mmap.MADV_DONTNEED)
+            self._read_bytes = 0
 
     def _page_cells(self, start: int, head: int) -> Iterator[Cell]:
         count = int.from_bytes(self._data[head + 3 : head + 5], "big")
@@ -87,6 +97,7 @@ class Pages:
         return found
 
     def _payload(self, cell: Cell) -> bytes:
+        self._give_back(cell.length)
         parts, left = [bytes(self._data[cell.at : cell.at + cell.here])], cell.length - cell.here
         at = cell.at + cell.here
         while left:

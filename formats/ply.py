@@ -81,7 +81,7 @@ def positions(vertices: NDArray[np.void], path: Path) -> NDArray[np.float32]:
     """(N, 3) of the vertices, metres; infinite where single precision cannot hold them."""
     if not set("xyz") <= set(vertices.dtype.names or ()):
         raise MapError(f"{path}: its points have no x, y, z")
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
         return np.column_stack([vertices[axis] for axis in "xyz"]).astype(np.float32)
 
 

@@ -157,6 +157,16 @@ def test_points_that_lie_nowhere_are_left_out_with_their_colours(tmp_path: Path)
     np.testing.assert_array_equal(read.normals, NORMALS[kept])
 
 
+@pytest.mark.filterwarnings("error")
+def test_numbers_of_several_sizes_stand_side_by_side(tmp_path: Path) -> None:
+    """One of them a signalling NaN, which says so when it changes its size."""
+    row = np.array([(1.0, 2.0, 3.0), (1.0, 0.0, 3.0)], [("x", "<f8"), ("y", "<f4"), ("z", "<f4")])
+    row["y"].view("<u4")[1] = 0x7FA00000
+    head = "FIELDS x y z\nSIZE 8 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 2\nHEIGHT 1\nPOINTS 2\n"
+    (tmp_path / "a.pcd").write_bytes(f"{head}DATA binary\n".encode() + row.tobytes())
+    assert read_cloud(tmp_path / "a.pcd").points.tolist() == [[1.0, 2.0, 3.0]]
+
+
 def test_meshes_that_are_none_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "mesh.ply"
     write_mesh(path, Mesh(tetrahedron().vertices, np.zeros((0, 3), np.int32)))

@@ -307,6 +307,24 @@ AILMENTS: tuple[Ailment, ...] = (
     Ailment("camera starts late", _between(0.6, 1.0, *CAMERA)),
     Ailment("camera info only once", _once),
     Ailment(
+        "camera info beyond sense",
+        _info(intrinsics=np.diag([1e300, 1e300, 1.0])),
+        (3,),
+        "numbers that no camera has",
+    ),
+    Ailment(
+        "camera info nearly zero",
+        _info(intrinsics=np.diag([1e-300, 1e-300, 1.0])),
+        (3,),
+        "numbers that no camera has",
+    ),
+    Ailment(
+        "distortion beyond sense",
+        _info(distortion_model="plumb_bob", distortion=np.full(5, 1e30)),
+        (3,),
+        "numbers that no camera has",
+    ),
+    Ailment(
         "camera info zero",
         _info(intrinsics=np.zeros((3, 3)), projection=np.zeros((3, 4))),
         (3,),

@@ -14,6 +14,7 @@ from mapmyworld.kernels.projection import EQUIDISTANT, PLUMB_BOB, STRAIGHT, proj
 from mapmyworld.types import CameraModel, RgbdImage
 
 Array = NDArray[np.float64]
+_FAR = 1e6  # pixels, beside every picture
 
 
 def rays_of_pixels(camera: CameraModel, pixels: NDArray[np.floating]) -> Array:
@@ -104,7 +105,8 @@ def _grid_rays(
 def depth_at(image: RgbdImage, depth: NDArray[np.float32], pixels: NDArray[np.floating]) -> Array:
     """Depths (N,) in metres of pixels (N, 2) of the full image, NaN where there is none."""
     factor = image.camera.width / depth.shape[1]
-    cells = np.round((np.nan_to_num(pixels, nan=-1e6) + 0.5) / factor - 0.5).astype(np.int64)
+    pixels = np.clip(np.nan_to_num(pixels, nan=-_FAR), -_FAR, _FAR)
+    cells = np.round((pixels + 0.5) / factor - 0.5).astype(np.int64)
     inside = ((cells >= 0) & (cells < depth.shape[::-1])).all(axis=1)
     found = np.full(len(cells), np.nan)
     found[inside] = depth[cells[inside, 1], cells[inside, 0]]

@@ -115,14 +115,15 @@ def match_around(
     """
     k = view.camera.intrinsics
     z = camera_points[:, 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         projected = camera_points[:, :2] / z[:, None] * np.diag(k)[:2] + k[:2, 2]
+        pixels = np.nan_to_num(projected).astype(np.float32)
     radii = np.broadcast_to(np.asarray(radius, np.float32), (len(projected),))
     margin = 20.0
     size = np.array([view.camera.width, view.camera.height])
     ahead = (z > 0.05) & ((projected > -margin) & (projected < size + margin)).all(axis=1)
     matches: NDArray[np.int32] = match_projected(
-        np.nan_to_num(projected).astype(np.float32),
+        pixels,
         np.where(ahead, radii, np.float32(0.0)).astype(np.float32),
         words,
         view.pixels,

@@ -210,7 +210,7 @@ def source_of(
     info: CameraInfoMessage,
 ) -> CameraSource | None:
     """The camera of these topics; None, and why in the draft's losses, where it cannot serve."""
-    fault = _fault_of(info)
+    fault = _fault_of(info, colour)
     if fault:
         draft.losses.append(f"the camera is not used: {info_stream.topic} holds {fault}")
         return None
@@ -235,15 +235,20 @@ def source_of(
     return CameraSource(colour.topic, depth.topic, model, colour.grey_bits)
 
 
-def _fault_of(info: CameraInfoMessage) -> str:
+def _fault_of(info: CameraInfoMessage, colour: Images) -> str:
     """What makes a calibration useless; empty where it can be used."""
-    k = info.intrinsics
+    k, p = info.intrinsics, info.projection
     finite = np.isfinite(k).all() and np.isfinite(info.distortion).all()
     if not (finite and k[0, 0] > 0 and k[1, 1] > 0):
         return "no intrinsics (uncalibrated)"
     if np.any(info.distortion) and len(info.distortion) not in _COEFFICIENTS:
         model = info.distortion_model or "no model"
         return f"{len(info.distortion)} distortion coefficients ({model}), which no model has"
+    largest = max(np.abs(x).max(initial=0) for x in (k, info.distortion, p[np.isfinite(p)]))
+    if min(k[0, 0], k[1, 1]) < _LEAST_FOCAL or largest > _MOST:
+        return "numbers that no camera has"
+    if max(colour.width, colour.height) > _LONGEST_SIDE:
+        return f"what belongs to pictures of {colour.width} x {colour.height} pixels, too long"
     return ""
 
 
@@ -258,6 +263,8 @@ def first_pose(camera: CameraSource | None, scan: ScanSource | None) -> NDArray[
     return np.eye(4)
 
 
+_LEAST_FOCAL, _MOST = 0.1, 1e6  # pixels; coefficients of distortion are far below as well
+_LONGEST_SIDE = 1 << 15  # pixels, which OpenCV and a map hold
 _COEFFICIENTS = (4, 5, 8, 12, 14)  # of plumb_bob, rational_polynomial, equidistant
 _LOOKING_FORWARD = np.array(
     [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]

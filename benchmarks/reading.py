@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -25,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cli.memory import peak_memory_mb
 from formats.converting import Selection, convert_log
 from formats.logs import open_log
 from formats.logs.compression import decompress
@@ -141,17 +141,13 @@ def write_long_log(path: Path, seconds: int) -> None:
                 writer.write("/depth", ImageMessage(t, "c", "16UC1", 640, 480, lambda: depth), t)
 
 
-def peak_megabytes() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
 def report_memory(path: Path) -> None:
     """In a process of its own: prints the peak before and after reading."""
-    before = peak_megabytes()
+    before = peak_memory_mb()
     log = opened(path)
     count = read_all(log)
     print(f"| {log.info().duration_s:.0f} s | {path.stat().st_size / 1e6:.0f} MB | {count} "
-          f"| {before:.0f} | {peak_megabytes():.0f} |")  # fmt: skip
+          f"| {before:.0f} | {peak_memory_mb():.0f} |")  # fmt: skip
 
 
 def memory_table(folder: Path) -> None:

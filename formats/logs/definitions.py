@@ -5,6 +5,7 @@ Parsing, and messages of types laid out in another way, are rosbags' work.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import cache, lru_cache
 from typing import Any
@@ -24,6 +25,7 @@ DEFINITION_ERRORS = (Exception,)
 # definition, value by value, take minutes and gigabytes.
 _MOST_TEXT = 1 << 16  # bytes of a definition
 _MOST_QUOTES = 4000  # in IDL, whose comments are strings
+_COMPUTES = re.compile(r"<<|(?<!/)\*(?!/)")  # 1 << 80000000000 is a number of 10 GB
 _MOST_VALUES = 1000  # of basic types in a message, where every sequence holds one element
 _DEEPEST = 50  # types within types
 _NOTHING = "structure_needs_at_least_one_member"  # rosbags' only field of a type without fields
@@ -64,6 +66,8 @@ def recorded_store(channel: Channel) -> Typestore:
     if len(text) > _MOST_TEXT or text.count('"') > _MOST_QUOTES:
         raise ValueError(f"a definition of {len(text)} characters")
     if channel.schema_encoding == "ros2idl" or text.startswith("=" * 80 + "\nIDL: "):
+        if "const" in text and _COMPUTES.search(text):
+            raise ValueError("constants that are computed, to whatever length")
         types = get_types_from_idl(text)
     else:
         types = get_types_from_msg(text, channel.type_name)

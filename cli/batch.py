@@ -60,13 +60,16 @@ def batch(
     \b
     mapmyworld batch logs.toml -o maps --jobs 4
     mapmyworld batch logs.toml -o s3://robots/maps --scheduler tcp://cluster:8786
+
     \b
     [defaults]                          # for all logs; every line may be left out
     require = ["nodes >= 10"]           # what `mapmyworld check --keys` lists
     set = { "mapping.resolution" = 0.05 }
+
     \b
     [[log]]
     log = "monday.bag"                  # or a list of parts, or a URL such as s3://...
+
     \b
     [[log]]
     name = "tuesday-again"

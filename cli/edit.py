@@ -43,6 +43,7 @@ def edit(
     from = 12
     to = 340
     reason = "two identical corridors"
+
     \b
     [[add]]                     # where node 250 is, seen from node 3
     from = 3
@@ -50,12 +51,14 @@ def edit(
     pose = [1.2, 0.0, 90.0]     # m, m, degrees
     sigma = [0.05, 2.0]         # m, degrees
     reason = "measured with a tape"
+
     \b
     [[prior]]                   # the same of one node in the map; [[pin]] needs no sigma
     node = 1
     pose = [0.0, 0.0, 0.0]
     sigma = [0.01, 0.5]
     reason = "the dock"
+
     \b
     mapmyworld edit map.db edits.toml
     """

@@ -137,3 +137,4 @@ def test_help_fits_the_terminal(name: str) -> None:
     result = CliRunner().invoke(group, [name, "--help"], terminal_width=80)
     assert result.exit_code == 0
     assert max(map(len, result.output.splitlines())) <= 100
+    assert all(sign.isprintable() or sign == "\n" for sign in result.output)

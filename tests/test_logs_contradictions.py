@@ -77,6 +77,19 @@ def test_a_summary_that_points_elsewhere_is_not_believed(where: int, tmp_path: P
     assert "the index points to places without a chunk" in said
 
 
+def test_a_summary_that_points_beyond_any_file_is_not_believed(tmp_path: Path) -> None:
+    """By more than 63 bits, each chunk elsewhere."""
+    path = write_mcap(tmp_path / "a.mcap", drive(2, count=60), chunk_bytes=4000)
+    whole = read(path)
+
+    def moved(content: bytes) -> bytes:
+        return content[:23] + b"\xff" + content[24:]
+
+    count, times, said = read(changed_mcap(path, moved))
+    assert (count, times) == whole[:2]
+    assert "the index points to places without a chunk" in said
+
+
 def test_a_summary_that_hides_channels_is_told(tmp_path: Path) -> None:
     """Every second chunk is said to hold a channel that does not exist, and no other."""
     path = write_mcap(tmp_path / "a.mcap", drive(2, count=200), chunk_bytes=4000)

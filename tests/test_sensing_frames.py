@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from memory_log import MemoryLog, camera_info_at, image_at, odometry_at, scan_at, transform
@@ -106,6 +108,12 @@ def test_invalid_ranges_are_no_points_and_only_real_misses_are_missing() -> None
     bearings = -np.pi / 2 + np.radians([1, 2, 4]) + np.pi / 2
     assert scan.missing == pytest.approx(bearings, abs=1e-6)
     assert scan.points[85] == pytest.approx([0.5, 2.0], abs=1e-3)
+
+
+@pytest.mark.filterwarnings("error")
+def test_angles_beyond_single_precision_warn_nobody() -> None:
+    message = replace(scan_at(0, np.full(181, 2.0)), angle_increment=3e38)
+    assert len(scan_from_message(message, np.eye(4), None).points) == 181
 
 
 def test_a_laser_mounted_upside_down_sees_its_bearings_mirrored() -> None:

@@ -114,7 +114,8 @@ def _from_summary(stream: BinaryIO, size: int) -> Index:
         position += HEAD_BYTES + length
     if statistics is None or not _says_all(statistics, chunks, definitions):
         raise _NoSummaryError
-    blocks = [Block(c.offset, 0, c.start_ns, c.end_ns, c.channels) for c in chunks]
+    # No seek goes beyond 63 bits; at the file's end there is no chunk either.
+    blocks = [Block(min(c.offset, size), 0, c.start_ns, c.end_ns, c.channels) for c in chunks]
     return Index(definitions.channels, statistics.counts, blocks, _chunk_details(chunks))
 
 

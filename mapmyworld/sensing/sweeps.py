@@ -66,7 +66,8 @@ def _beams(angle_min: float, increment: float, count: int, mount: bytes) -> _Bea
     origin = matrix_to_planar(base_from_lidar)
     upside_down = base_from_lidar[2, 2] < 0
     bearings = angles * (-1.0 if upside_down else 1.0) + origin[2]
-    return _Beams(flat @ base_from_lidar[:3, :3].T, bearings.astype(np.float32), origin)
+    with np.errstate(over="ignore"):  # of angles that no laser has
+        return _Beams(flat @ base_from_lidar[:3, :3].T, bearings.astype(np.float32), origin)
 
 
 def _sorted_beams(

@@ -6,8 +6,10 @@ import ast
 import bz2
 import os
 import struct
+import tracemalloc
 from pathlib import Path
 
+import lz4.frame
 import numpy as np
 import pytest
 import zstandard
@@ -18,7 +20,9 @@ from formats.database.pictures import decode_picture
 from formats.grid import read_grid, write_grid
 from formats.limits import Limits, limits, set_limits
 from formats.logs import open_log
+from formats.logs.blocks import DamagedBlockError
 from formats.logs.compressed_depth import decode_compressed_depth
+from formats.logs.compression import decompress
 from formats.logs.images import encoded_pixels
 from formats.picture_files import claims_too_much, picture_size
 from formats.scene_mesh import read_scene_mesh
@@ -90,6 +94,24 @@ def test_bombs_stop_at_the_limit(tmp_path: Path) -> None:
             open_log([packed]).info()
     finally:
         set_limits(before)
+
+
+@pytest.mark.parametrize("kind", ["zstd", "lz4", "bz2"])
+def test_a_chunk_unpacks_to_no_more_than_it_claims(kind: str) -> None:
+    """Though its frame says, truly, that it is 64 MB."""
+    plain = bytes(64 << 20)
+    pack = {
+        "zstd": zstandard.ZstdCompressor().compress,
+        "lz4": lz4.frame.compress,
+        "bz2": bz2.compress,
+    }
+    packed = pack[kind](plain)
+    tracemalloc.start()
+    with pytest.raises(DamagedBlockError, match="1000 are announced"):
+        decompress(packed, kind, 1000)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 8 << 20
 
 
 def test_images_of_other_kinds_reach_no_decoder() -> None:

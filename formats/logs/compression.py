@@ -84,6 +84,8 @@ def _as_far_as_it_goes(reader: zstandard.ZstdDecompressionReader, size: int) -> 
 
 
 def _unzstd(data: Buffer, size: int) -> bytes:
+    if zstandard.frame_content_size(data) > size:  # zstd would take the frame's word for it
+        return _across_frames(data, size)
     # A decompressor of one's own each time: they must not be shared by threads.
     plain = bytes(zstandard.ZstdDecompressor().decompress(data, max_output_size=size))
     return plain if len(plain) == size else _across_frames(data, size)

@@ -21,12 +21,17 @@ BlockReader = Callable[[BinaryIO, Block, dict[int, Channel], bool], list[Record]
 """Reads a block's records on these channels; the last argument says whether to check sums."""
 
 
-def more_of(index: Index, scanned: Index, path: Path) -> Index:
-    """Of a file with places where no chunk stands: what the index says, or what there is.
+def borne_out(
+    index: Index, is_chunk: Callable[[int], bool], scan: Callable[[], Index], path: Path
+) -> Index:
+    """The index where a chunk of its own stands at each of its places; else what `scan` finds.
 
-    Where reading it through finds no chunk elsewhere, those that the index names were hit.
+    Where that finds no chunk elsewhere, those that the index names were hit: then it stays.
     """
     named = {block.offset for block in index.blocks}
+    if len(named) == len(index.blocks) and all(map(is_chunk, sorted(named))):
+        return index
+    scanned = scan()
     if all(block.offset in named for block in scanned.blocks if not block.bare):
         return index
     scanned.problems.insert(

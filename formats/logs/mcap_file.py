@@ -8,7 +8,7 @@ from typing import BinaryIO
 
 from isal.isal_zlib import crc32
 
-from formats.logs.blocks import BlockFile, DamagedBlockError, more_of
+from formats.logs.blocks import BlockFile, DamagedBlockError, borne_out
 from formats.logs.channels import Block, Channel, Index, Record
 from formats.logs.files import begins_about_as
 from formats.logs.mcap_chunks import chunk_beginning, chunk_data
@@ -53,8 +53,12 @@ def read_index(stream: BinaryIO, path: Path) -> Index:
     size = path.stat().st_size
     try:
         index = _from_summary(stream, size)
-        if not _points_to_chunks(stream, index):
-            index = more_of(index, scan(stream, path, size), path)
+        index = borne_out(
+            index,
+            lambda place: _opcode_at(stream, place) == CHUNK,
+            lambda: scan(stream, path, size),
+            path,
+        )
     except _NoSummaryError:
         index = scan(stream, path, size)
     except DamagedBlockError as error:
@@ -128,14 +132,6 @@ def _says_all(
         and (statistics.messages == 0 or statistics.chunks > 0)
         and sum(statistics.counts.values()) == statistics.messages
         and spoken <= set(definitions.channels)
-    )
-
-
-def _points_to_chunks(stream: BinaryIO, index: Index) -> bool:
-    """Whether a chunk of its own stands wherever the summary says so."""
-    places = {block.offset for block in index.blocks}
-    return len(places) == len(index.blocks) and all(
-        _opcode_at(stream, place) == CHUNK for place in sorted(places)
     )
 
 

@@ -7,7 +7,7 @@ from struct import Struct
 from typing import BinaryIO
 
 from formats.limits import limits
-from formats.logs.blocks import BlockFile, DamagedBlockError, more_of
+from formats.logs.blocks import BlockFile, DamagedBlockError, borne_out
 from formats.logs.channels import Block, Channel, Index, Payload, Record
 from formats.logs.compression import (
     MAX_DEFINITION_BYTES,
@@ -62,9 +62,12 @@ def read_index(stream: BinaryIO, path: Path) -> Index:
         index = _scanned(stream, path, size)
         index.problems.insert(0, f"{path}: no usable index ({error}): chunks were read one by one")
         return index
-    if _points_to_chunks(stream, index, size):
-        return index
-    return more_of(index, _scanned(stream, path, size), path)
+    return borne_out(
+        index,
+        lambda place: _is_chunk(stream, place, size),
+        lambda: _scanned(stream, path, size),
+        path,
+    )
 
 
 def _record(stream: BinaryIO, size: int) -> tuple[Fields, int, int]:
@@ -105,14 +108,6 @@ def _indexed(stream: BinaryIO, size: int) -> Index:
         raise DamagedBlockError("the index is incomplete")
     index.details = [("compression", _compression(stream, index)), ("chunks", str(chunks))]
     return index
-
-
-def _points_to_chunks(stream: BinaryIO, index: Index, size: int) -> bool:
-    """Whether a chunk of its own stands wherever the index says so."""
-    places = {block.offset for block in index.blocks}
-    return len(places) == len(index.blocks) and all(
-        _is_chunk(stream, place, size) for place in sorted(places)
-    )
 
 
 def _is_chunk(stream: BinaryIO, place: int, size: int) -> bool:

@@ -21,9 +21,9 @@ import numpy as np
 from formats.database import RtabmapStore, open_store
 from mapmyworld.types import (
     CameraModel,
-    Constraint,
     ConstraintKind,
     ImageMessage,
+    Judged,
     Node,
     NodeData,
     Poses,
@@ -74,7 +74,7 @@ def share(log: Path) -> None:
     from mapmyworld.pipeline import build_map
 
     spent: dict[str, float] = {}
-    for name in ("add_node", "add_scan", "add_constraints", "replace_constraints", "close",
+    for name in ("add_node", "add_scan", "add_constraints", "judge", "close",
                  "set_poses", "set_grid", "set_tracked_frames", "set_frame_poses", "set_features",
                  "set_words", "_tell_rtabmap"):  # fmt: skip
         timed(DatabaseStore, name, spent)
@@ -190,7 +190,7 @@ def questions(path: Path, count: int, megabytes: int) -> None:
                 pose[0, 3] = i * 0.1
                 store.add_node(Node(i, 0, i * 10**8, pose, pose), data)
             steps = [
-                Constraint(i, i + 1, ConstraintKind.NEIGHBOUR, np.eye(4), np.eye(6))
+                Judged(i, i + 1, ConstraintKind.NEIGHBOUR, np.eye(4), np.eye(6))
                 for i in range(1, count)
             ]
             store.add_constraints(steps)

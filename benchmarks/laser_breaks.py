@@ -107,7 +107,7 @@ def row(number: int, world: str, kind: str, breaks: int, beams: int) -> str:
               for k in (parts == part for part in np.unique(parts))]  # fmt: skip
     sizes = np.unique(parts, return_counts=True)[1]
     inside = np.sqrt(np.average(np.square(within), weights=sizes))
-    lost = sum("odometry only" in c.reason for c in built.map.constraints())
+    lost = sum(getattr(c.source, "state", "") == "odometry only" for c in built.map.constraints())
     return (
         f"| {number} | {world} | {kind} | {score.translation.rmse:.4f} | "
         f"{score.translation.maximum:.3f} | {score.rotation_deg.rmse:.2f} | {len(sizes)} | "

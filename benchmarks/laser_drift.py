@@ -30,7 +30,7 @@ from mapmyworld.graph.solve import solve
 from mapmyworld.places.laser_closures import find_laser_closures
 from mapmyworld.places.laser_nodes import NodeScans, load_node_scans
 from mapmyworld.stages.recognise import closures_by_laser
-from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, Poses
+from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, Poses
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class Silent:
 class Known:
     """As much of a store as looking for closures needs."""
 
-    def __init__(self, nodes: list[Node], constraints: list[Constraint]) -> None:
+    def __init__(self, nodes: list[Node], constraints: list[Judged]) -> None:
         self.listed, self.found = nodes, constraints
 
     def nodes(self) -> list[Node]:
@@ -57,7 +57,7 @@ class Known:
     def get(self, key: str) -> dict[str, bool] | None:
         return {"planar": True} if key == "plan" else None
 
-    def constraints(self) -> tuple[Constraint, ...]:
+    def constraints(self) -> tuple[Judged, ...]:
         return tuple(self.found)
 
 
@@ -111,7 +111,7 @@ def drifted(poses: Array, bend: float, stretch: float) -> Array:
     return np.stack(bent)
 
 
-def neighbours(nodes: list[Node], store: MapStore) -> list[Constraint]:
+def neighbours(nodes: list[Node], store: MapStore) -> list[Judged]:
     """The map's neighbour constraints, measuring the bent motion, as wide as its errors."""
     pose = {node.id: node.tracked_from_base for node in nodes}
     result = []
@@ -128,7 +128,7 @@ def apart(a: Array, b: Array) -> float:
 
 
 def report(
-    turn: int, constraints: tuple[Constraint, ...], poses: Poses, truth: dict[int, Array]
+    turn: int, constraints: tuple[Judged, ...], poses: Poses, truth: dict[int, Array]
 ) -> None:
     """One line a round: closures, how many of them are right, and what the poses are off by."""
     closures = [c for c in constraints if c.kind is not ConstraintKind.NEIGHBOUR]

@@ -25,7 +25,16 @@ from typing import Any
 import numpy as np
 
 from formats.database import open_store
-from mapmyworld.types import Constraint, ConstraintKind, Poses, TrackedFrames
+from mapmyworld.types import (
+    ConstraintKind,
+    Judge,
+    Judged,
+    Poses,
+    ScanMatch,
+    TrackedFrames,
+    Verdict,
+    Why,
+)
 
 SAMPLE = Path(__file__).resolve().parent.parent / "sample_logs" / "apartment.mcap"
 
@@ -90,15 +99,16 @@ def repeat(source: Path, target: Path, rounds: int) -> None:
             new.put(key, old.get(key))
 
 
-def _moved(constraint: Constraint, by: int) -> Constraint:
+def _moved(constraint: Judged, by: int) -> Judged:
     return replace(constraint, from_id=constraint.from_id + by, to_id=constraint.to_id + by)
 
 
-def _closure(node: int, step: int) -> Constraint:
+def _closure(node: int, step: int) -> Judged:
     """The same place a round later."""
-    information, reason = np.eye(6) * 1e4, "overlap 97%, residual 0.005 m"
+    information, numbers = np.eye(6) * 1e4, {"overlap": 0.97, "residual": 0.005}
+    aligned = Verdict(Judge.LASER, True, Why.SCANS_ALIGNED, numbers)
     kind = ConstraintKind.LOOP_CLOSURE
-    return Constraint(node, node + step, kind, np.eye(4), information, True, reason)
+    return Judged(node, node + step, kind, np.eye(4), information, ScanMatch(), (aligned,))
 
 
 def opened(page: Path, times: int) -> tuple[float, float, float]:

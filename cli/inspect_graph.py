@@ -14,7 +14,8 @@ from cli.outputs import require_outputs
 from cli.streams import show_json
 from mapmyworld.errors import MapError
 from mapmyworld.sensing.plan import moves_in_plane
-from mapmyworld.types import Constraint, ConstraintKind, Poses
+from mapmyworld.types import ConstraintKind, Judged, Poses
+from mapmyworld.types.wording import in_words, reason_of
 
 
 @click.command()
@@ -104,20 +105,21 @@ def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:
     with open_store(map_path, read_only=True) as store:
         found = compare_nodes(store, *pair, Config())
     matches, registration = found.pair, found.pair.registration
+    reason = in_words(registration.verdict)
     picture = match_picture(
         found.picture_a,
         found.picture_b,
         found.features_a.pixels[matches.features_a],
         found.features_b.pixels[matches.features_b],
         matches.agreed,
-        registration.reason,
+        reason,
     )
     words, count = words_picture(
         found.picture_a, found.features_a, found.picture_b, found.features_b
     )
     write_picture(path, np.vstack([picture, words]) if count else picture)
     verdict = "fits" if registration.converged else "does not fit"
-    click.echo(f"{pair[0]} and {pair[1]}: {verdict}: {registration.reason}")
+    click.echo(f"{pair[0]} and {pair[1]}: {verdict}: {reason}")
     note(f"drew {path}")
 
 
@@ -151,7 +153,7 @@ def _start(nodes: Any) -> Poses:
 
 def graph_facts(
     poses: Poses,
-    constraints: tuple[Constraint, ...],
+    constraints: tuple[Judged, ...],
     start: Poses,
     planar: bool,
     rejected_shown: int | None,
@@ -184,27 +186,20 @@ def graph_facts(
             for m, metres, degrees in corrections[:worst]
         ],
         "rejected": [_shown(c, m) for c, m in rejected[:rejected_shown]],
-        "rejected_reasons": dict(Counter(_short(c.reason) for c, _ in rejected).most_common()),
+        "rejected_reasons": dict(Counter(c.verdicts[-1].why for c, _ in rejected).most_common()),
     }
 
 
-def _shown(constraint: Constraint, misfit: Any) -> dict[str, Any]:
+def _shown(constraint: Judged, misfit: Any) -> dict[str, Any]:
     row: dict[str, Any] = {
         "kind": str(constraint.kind),
         "from": constraint.from_id,
         "to": constraint.to_id,
-        "reason": constraint.reason,
+        "reason": reason_of(constraint),
     }
     if misfit is not None:
         row |= {"metres": misfit.metres, "degrees": misfit.degrees, "sigmas": misfit.sigmas}
     return row
-
-
-def _short(reason: str) -> str:
-    """A reason without its figures, so that like ones are counted together."""
-    last = reason.split(" | ")[-1]
-    words = last.partition(": misses")[0] if ": misses" in last else last
-    return "".join("#" if letter.isdigit() else letter for letter in words)[:70]
 
 
 def _lines(facts: dict[str, Any]) -> list[str]:

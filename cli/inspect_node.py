@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ from cli.outputs import require_outputs
 from cli.streams import show_json
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.planar import matrix_to_planar
-from mapmyworld.types import Constraint, MapStore, Node, NodeData
+from mapmyworld.types import Judged, MapStore, Node, NodeData
+from mapmyworld.types.wording import reason_of
 
 
 @click.command("node")
@@ -96,14 +98,16 @@ def _sensors(data: NodeData) -> dict[str, str]:
     return found
 
 
-def _constraint(constraint: Constraint, node_id: int) -> dict[str, Any]:
+def _constraint(constraint: Judged, node_id: int) -> dict[str, Any]:
     other = constraint.to_id if constraint.from_id == node_id else constraint.from_id
     return {
         "with": other,
         "kind": str(constraint.kind),
         "accepted": constraint.accepted,
-        "reason": constraint.reason,
-        "evidence": dict(constraint.evidence),
+        "reason": reason_of(constraint),
+        "source": type(constraint.source).__name__,
+        "evidence": asdict(constraint.source),
+        "verdicts": [asdict(verdict) for verdict in constraint.verdicts],
     }
 
 

@@ -203,18 +203,18 @@ def draw(image: Path, graph: PoseGraph, accepted: Any) -> None:
 
     from formats.report.graph_picture import write_graph_picture
     from mapmyworld.geometry.planar import planar_to_matrix
-    from mapmyworld.types import Constraint, ConstraintKind, Poses
+    from mapmyworld.types import ConstraintKind, Judge, Judged, Poses, Verdict, Why
 
     poses = planar_to_matrix(graph.map_from_node) if graph.planar else graph.map_from_node
     nothing = np.eye(6)
     constraints = [
-        Constraint(
+        Judged(
             int(a),
             int(b),
             ConstraintKind.NEIGHBOUR if odometry else ConstraintKind.LOOP_CLOSURE,
             nothing[:4, :4],
             nothing,
-            bool(good),
+            verdicts=(Verdict(Judge.GRAPH, bool(good), Why.MISSES),),
         )
         for a, b, odometry, good in zip(
             graph.edges.from_ids, graph.edges.to_ids, graph.edges.odometry, accepted, strict=True

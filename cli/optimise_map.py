@@ -4,19 +4,28 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mapmyworld.geometry.planar import information_from_planar, planar_to_matrix
-from mapmyworld.types import Constraint, ConstraintKind, Node, NodeData, Poses
+from mapmyworld.types import (
+    ConstraintKind,
+    Judge,
+    Judged,
+    Node,
+    NodeData,
+    Poses,
+    Verdict,
+    Why,
+)
 
 if TYPE_CHECKING:
     from mapmyworld.graph.optimise import OptimisedGraph
     from mapmyworld.types.pose_graph import PoseGraph
 
+_CARRIED = Verdict(Judge.GRAPH, False, Why.CARRIED_OVER)
 _LOOSE = 1e-9  # information of a landmark's orientation: it has none
 
 
@@ -30,7 +39,6 @@ def write_map(
     """
     from formats.database import open_store
     from mapmyworld.graph.covariance import graph_covariances
-    from mapmyworld.graph.verdicts import unjudged
 
     graph = solved.graph
     ours = _is_map(source)
@@ -50,9 +58,11 @@ def write_map(
         judged = _rejudged(before, solved) if ours else constraints_of(solved, shift)
         if not ours:
             with store.write_stage("recognise", "graph"):
-                store.add_constraints([unjudged(constraint) for constraint in judged])
+                store.add_constraints([c.before(Judge.GRAPH) for c in judged])
         with store.write_stage("optimise", "graph"):
-            store.replace_constraints(judged)
+            # What was cleared of a map's verdicts, and of what they measured, is carried over.
+            carried = [c.judged(_CARRIED) for c in store.constraints()] if ours else []
+            store.judge([*carried, *judged])
             store.set_poses(poses)
             store.put("solve", {"certainty": solved.certainty, "losses": list(losses)})
 
@@ -80,36 +90,38 @@ def _placed(graph: PoseGraph, shift: int) -> tuple[np.ndarray, np.ndarray]:
     return ids, np.concatenate([_matrices(graph.planar, graph.map_from_node), marks])
 
 
-def _rejudged(constraints: Sequence[Constraint], solved: OptimisedGraph) -> tuple[Constraint, ...]:
+def _rejudged(constraints: Sequence[Judged], solved: OptimisedGraph) -> tuple[Judged, ...]:
     """A map's own constraints, those left out by the solution rejected."""
-    edges = solved.graph.edges.chosen(~solved.accepted)
-    out = set(zip(edges.from_ids.tolist(), edges.to_ids.tolist(), strict=True))
-    word = "graph: contradicts the rest of the graph"
+    edges, chi2 = solved.graph.edges.chosen(~solved.accepted), solved.squared_sigmas
+    ends = zip(edges.from_ids.tolist(), edges.to_ids.tolist(), strict=True)
+    out = dict(zip(ends, chi2[~solved.accepted].tolist(), strict=True))
     return tuple(
-        replace(c, accepted=False, reason=" | ".join(p for p in (c.reason, word) if p))
+        c.judged(_missing(False, out[c.from_id, c.to_id]))
         if c.accepted and (c.from_id, c.to_id) in out
         else c
         for c in constraints
     )
 
 
-def constraints_of(solved: OptimisedGraph, shift: int = 0) -> tuple[Constraint, ...]:
-    """Edges, priors and sightings of the solved graph, with verdict and reason."""
+def _missing(accepted: bool, chi2: float) -> Verdict:
+    return Verdict(Judge.GRAPH, accepted, Why.MISSES, {"sigmas": float(chi2**0.5)})
+
+
+def constraints_of(solved: OptimisedGraph, shift: int = 0) -> tuple[Judged, ...]:
+    """Edges, priors and sightings of the solved graph, with their verdicts."""
     graph, edges = solved.graph, solved.graph.edges
     planar = graph.planar
     motions = _matrices(planar, edges.from_from_to)
     information = information_from_planar(edges.information) if planar else edges.information
     kinds = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.NEIGHBOUR)
     made = [
-        Constraint(
+        Judged(
             int(a) + shift,
             int(b) + shift,
             kinds[int(odometry)],
             motion,
             weight,
-            bool(good),
-            f"graph: misses by {chi2**0.5:.1f} sigma",
-            {"sigmas": float(chi2**0.5)},
+            verdicts=(_missing(bool(good), chi2),),
         )
         for a, b, odometry, motion, weight, good, chi2 in zip(
             edges.from_ids,
@@ -125,19 +137,19 @@ def constraints_of(solved: OptimisedGraph, shift: int = 0) -> tuple[Constraint, 
     return (*made, *_priors(graph, shift), *_sightings(graph, shift))
 
 
-def _priors(graph: PoseGraph, shift: int) -> list[Constraint]:
+def _priors(graph: PoseGraph, shift: int) -> list[Judged]:
     priors = graph.priors
     poses = _matrices(
         graph.planar, priors.map_from_node.reshape(-1, *graph.map_from_node.shape[1:])
     )
     weights = information_from_planar(priors.information) if graph.planar else priors.information
     return [
-        Constraint(int(k) + shift, int(k) + shift, ConstraintKind.PRIOR, pose, weight)
+        Judged(int(k) + shift, int(k) + shift, ConstraintKind.PRIOR, pose, weight)
         for k, pose, weight in zip(priors.ids, poses, weights, strict=True)
     ]
 
 
-def _sightings(graph: PoseGraph, shift: int) -> list[Constraint]:
+def _sightings(graph: PoseGraph, shift: int) -> list[Judged]:
     from formats.pose_graph import cartesian
 
     if len(graph.sightings) == 0:
@@ -152,5 +164,5 @@ def _sightings(graph: PoseGraph, shift: int) -> list[Constraint]:
         weight[:3, :3] *= _LOOSE
         weight[3 : 3 + size, 3 : 3 + size] = seen.information[k]
         ends = int(seen.node_ids[k]) + shift, -1 - int(marks[k])
-        made.append(Constraint(*ends, ConstraintKind.LANDMARK, motion, weight))
+        made.append(Judged(*ends, ConstraintKind.LANDMARK, motion, weight))
     return made

@@ -25,7 +25,8 @@ from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph import audit
 from mapmyworld.graph.variance import variance_factors
-from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, OccupancyGrid, Poses
+from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, OccupancyGrid, Poses
+from mapmyworld.types.wording import reason_of
 
 Floats = NDArray[np.float64]
 _LOOKED_AT = 20  # frames that show whether there are scans
@@ -178,7 +179,7 @@ def _shown_nodes(nodes: Sequence[Node], solved: Poses) -> ShownNodes:
 
 
 def _shown_constraints(
-    constraints: Sequence[Constraint], misfits: Sequence[Any], nodes: Sequence[Node]
+    constraints: Sequence[Judged], misfits: Sequence[Any], nodes: Sequence[Node]
 ) -> list[ShownConstraint]:
     place = {node.id: k for k, node in enumerate(nodes)}
     tracked = np.stack([node.tracked_from_base for node in nodes])
@@ -202,7 +203,7 @@ def _shown_constraints(
             c.to_id,
             c.kind,
             c.accepted,
-            c.reason,
+            reason_of(c),
             None if m is None else (m.metres, m.degrees, m.sigmas),
             start.get(k),
         )
@@ -211,7 +212,7 @@ def _shown_constraints(
 
 
 def _headline(
-    nodes: Sequence[Node], constraints: Sequence[Constraint], path: Floats
+    nodes: Sequence[Node], constraints: Sequence[Judged], path: Floats
 ) -> list[tuple[str, str]]:
     length = float(np.linalg.norm(np.diff(path[:, 1:], axis=0), axis=1).sum())
     closures = [c for c in constraints if c.kind != ConstraintKind.NEIGHBOUR]

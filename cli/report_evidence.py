@@ -15,7 +15,15 @@ from mapmyworld.errors import MapMyWorldError
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between
 from mapmyworld.parallel import in_threads
-from mapmyworld.types import Constraint, ConstraintKind, ImageMessage, MapStore, Node
+from mapmyworld.types import (
+    ConstraintKind,
+    ImageMatch,
+    ImageMessage,
+    Judged,
+    MapStore,
+    Node,
+    ScanMatch,
+)
 
 if TYPE_CHECKING:
     from mapmyworld.places.node_pairs import NodePair
@@ -38,9 +46,7 @@ class Fetched:
     scans: Mapping[int, NDArray[np.float32]]
 
 
-def fetch_evidence(
-    store: MapStore, constraints: Sequence[Constraint], *, every_match: bool
-) -> Fetched:
+def fetch_evidence(store: MapStore, constraints: Sequence[Judged], *, every_match: bool) -> Fetched:
     """The closures that moved the map most, and the rejected ones that came closest."""
     nodes = {node.id: node for node in store.nodes()}
     chosen, left_out = _chosen(constraints, nodes)
@@ -78,7 +84,7 @@ def _images(
             yield i, data.images[0].colour
 
 
-def _chosen(constraints: Sequence[Constraint], nodes: Mapping[int, Node]) -> tuple[list[int], int]:
+def _chosen(constraints: Sequence[Judged], nodes: Mapping[int, Node]) -> tuple[list[int], int]:
     """Places of the constraints that are shown, accepted first; how many accepted are not."""
     loops = [
         k
@@ -100,29 +106,30 @@ def _chosen(constraints: Sequence[Constraint], nodes: Mapping[int, Node]) -> tup
     return shown + rejected[:_REJECTED], len(accepted) - len(shown)
 
 
-def _moved(c: Constraint, nodes: Mapping[int, Node]) -> float:
+def _moved(c: Judged, nodes: Mapping[int, Node]) -> float:
     """Metres by which tracking alone had missed what the constraint measures."""
     start = between(nodes[c.from_id].tracked_from_base, nodes[c.to_id].tracked_from_base)
     return float(np.linalg.norm(start[:3, 3] - c.from_from_to[:3, 3]))
 
 
-def _nearly(c: Constraint) -> tuple[float, float]:
+def _nearly(c: Judged) -> tuple[float, float]:
     """How far a rejected constraint got: matches or overlap, then its score."""
-    found = c.evidence
-    return (
-        max(float(found.get("overlap", 0.0)), float(found.get("inliers", 0.0)) / 100.0),
-        float(found.get("score", 0.0)),
-    )
+    match c.source:
+        case ScanMatch(overlap=overlap, score=score):
+            return overlap, score
+        case ImageMatch(inliers=inliers):
+            return inliers / 100.0, 0.0
+    return 0.0, 0.0
 
 
-def _overlay(c: Constraint, nodes: Mapping[int, Node]) -> ScanOverlay:
+def _overlay(c: Judged, nodes: Mapping[int, Node]) -> ScanOverlay:
     start = between(nodes[c.from_id].tracked_from_base, nodes[c.to_id].tracked_from_base)
     return ScanOverlay(matrix_to_planar(start), matrix_to_planar(c.from_from_to))
 
 
 def _matches(
     store: MapStore,
-    shown: Mapping[int, Constraint],
+    shown: Mapping[int, Judged],
     scans: Container[int],
     most: int | None,
 ) -> dict[int, ImageMatches]:
@@ -133,7 +140,7 @@ def _matches(
     by_images = {
         k: (c.from_id, c.to_id)
         for k, c in shown.items()
-        if "matches" in c.evidence or c.from_id not in scans or c.to_id not in scans
+        if isinstance(c.source, ImageMatch) or c.from_id not in scans or c.to_id not in scans
     }
     found = zip(by_images, compare_pairs(store, by_images.values(), Config()), strict=True)
     compared = ((k, _shared(pair)) for k, pair in found if pair is not None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -11,14 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.types import (
-    Constraint,
     Features,
+    Judged,
     Node,
     NodeData,
     OccupancyGrid,
     Poses,
     Scan,
     TrackedFrames,
+    Verdict,
 )
 from mapmyworld.types.seams import STAGE_RANKS
 
@@ -33,8 +35,8 @@ class MemoryMap:
         self._values: dict[tuple[str, int], Any] = {}
         self._nodes: dict[int, tuple[Node, NodeData]] = {}
         self._scans: dict[int, Scan] = {}
-        self._constraints: list[tuple[int, Constraint]] = []
-        self._replaced: set[int] = set()
+        self._constraints: dict[int, tuple[int, Judged]] = {}
+        self._verdicts: list[tuple[int, int, Verdict]] = []
         self._features: dict[int, tuple[int, Features]] = {}
         self._words: dict[int, NDArray[Any]] = {}
 
@@ -69,8 +71,8 @@ class MemoryMap:
         self._stages = {s: i for s, i in self._stages.items() if STAGE_RANKS[s] < rank}
         self._keys = {at: v for at, v in self._keys.items() if at[1] < rank}
         self._values = {at: v for at, v in self._values.items() if at[1] < rank}
-        self._constraints = [(r, c) for r, c in self._constraints if r < rank]
-        self._replaced = {r for r in self._replaced if r < rank}
+        self._constraints = {k: (r, c) for k, (r, c) in self._constraints.items() if r < rank}
+        self._verdicts = [(r, k, verdict) for r, k, verdict in self._verdicts if r < rank]
         if rank <= STAGE_RANKS["track"]:
             self._nodes, self._scans = {}, {}
         if rank <= STAGE_RANKS["recognise"]:
@@ -130,19 +132,25 @@ class MemoryMap:
             np.ones(len(nodes), np.bool_),
         )
 
-    def add_constraints(self, constraints: Sequence[Constraint]) -> None:
-        rank = self._current_rank()
-        self._constraints += [(rank, constraint) for constraint in constraints]
+    def add_constraints(self, constraints: Sequence[Judged]) -> None:
+        first, rank = max(self._constraints, default=0) + 1, self._current_rank()
+        self._constraints |= {k: (rank, c) for k, c in enumerate(constraints, first)}
 
-    def replace_constraints(self, constraints: Sequence[Constraint]) -> None:
-        rank = self._current_rank()
-        self._constraints = [(r, c) for r, c in self._constraints if r < rank]
-        self._replaced.add(rank)
-        self.add_constraints(constraints)
+    def judge(self, constraints: Sequence[Judged]) -> None:
+        known, rank = self._in_force(), self._current_rank()
+        for (k, before), judged in zip(known.items(), constraints[: len(known)], strict=True):
+            self._verdicts += [(rank, k, v) for v in judged.verdicts[len(before.verdicts) :]]
+        self.add_constraints(constraints[len(known) :])
 
-    def constraints(self) -> tuple[Constraint, ...]:
-        newest = max(self._replaced, default=-1)
-        return tuple(c for rank, c in self._constraints if rank >= newest)
+    def constraints(self) -> tuple[Judged, ...]:
+        return tuple(self._in_force().values())
+
+    def _in_force(self) -> dict[int, Judged]:
+        verdicts = defaultdict[int, list[Verdict]](list)
+        for _, k, verdict in self._verdicts:
+            verdicts[k].append(verdict)
+        every = {k: c.judged(*verdicts[k]) for k, (_, c) in self._constraints.items()}
+        return {k: c for k, c in every.items() if not c.is_superseded}
 
     def set_features(self, node_id: int, features: Features) -> None:
         rank = self._features[node_id][0] if node_id in self._features else self._current_rank()

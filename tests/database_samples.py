@@ -7,14 +7,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from sample_verdicts import REJECTED
 
 from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.types import (
     CameraModel,
-    Constraint,
     ConstraintKind,
     Features,
+    ImageMatch,
     ImageMessage,
+    Judge,
+    Judged,
     MapStore,
     Node,
     NodeData,
@@ -23,6 +26,8 @@ from mapmyworld.types import (
     RgbdImage,
     Scan,
     TrackedFrames,
+    Verdict,
+    Why,
 )
 
 START_NS = 1_305_031_229_528_748_123
@@ -115,18 +120,18 @@ def node(number: int, session: int = 0, **changes: Any) -> Node:
     return Node(**(values | changes))
 
 
-def constraint(from_id: int, to_id: int, kind: ConstraintKind, **changes: Any) -> Constraint:
+def constraint(from_id: int, to_id: int, kind: ConstraintKind, **changes: Any) -> Judged:
     root = np.random.default_rng(from_id * 31 + to_id).normal(size=(6, 6))
     values: dict[str, Any] = {
         "from_from_to": pose(from_id * 100 + to_id),
         "information": root @ root.T + 6 * np.eye(6),
-        "reason": "score 0.83 of at least 0.60",
-        "evidence": {"score": 0.83, "inliers": 120.0},
+        "source": ImageMatch(posterior=0.83, inliers=120),
+        "verdicts": (Verdict(Judge.CAMERA, True, Why.IMAGES_AGREE, {"inliers": 120, "sigmas": 3}),),
     }
-    return Constraint(from_id, to_id, kind, **(values | changes))
+    return Judged(from_id, to_id, kind, **(values | changes))
 
 
-def sample_constraints() -> list[Constraint]:
+def sample_constraints() -> list[Judged]:
     """One of every kind, and a rejected one."""
     kinds = ConstraintKind
     return [
@@ -137,7 +142,7 @@ def sample_constraints() -> list[Constraint]:
         constraint(2, 3, kinds.USER),
         constraint(2, 2, kinds.PRIOR),
         constraint(3, -7, kinds.LANDMARK),
-        constraint(1, 3, kinds.LOOP_CLOSURE, accepted=False, reason="9 inliers of at least 25"),
+        constraint(1, 3, kinds.LOOP_CLOSURE, verdicts=(REJECTED,)),
     ]
 
 
@@ -162,7 +167,7 @@ def fill(store: MapStore) -> None:
     with store.write_stage("optimise", "o"):
         store.set_poses(sample_poses())
     with store.write_stage("judge", "j"):
-        store.replace_constraints(sample_constraints())
+        store.judge(sample_constraints())
     with store.write_stage("map", "m"):
         store.set_frame_poses(np.stack([pose(70 + i) for i in range(6)]))
         store.set_grid(grid())

@@ -11,7 +11,7 @@ import pytest
 from formats.constraint_kinds import COLOURS, PATH, REJECTED, rgb, with_other_kinds
 from formats.database import links
 from formats.report import graph_picture
-from mapmyworld.types import CLOSURES, TRUSTED, Constraint, ConstraintKind, Poses
+from mapmyworld.types import CLOSURES, TRUSTED, ConstraintKind, Judged, Poses
 
 KNOWN = {ConstraintKind.NEIGHBOUR: "path", ConstraintKind.USER: "by hand"}
 
@@ -49,8 +49,8 @@ class _Kind:
     value: str = "wall_parallel"
 
 
-def _constraint(kind: object) -> Constraint:
-    return Constraint(1, 2, kind, np.eye(4), np.eye(6))  # type: ignore[arg-type]
+def _constraint(kind: object) -> Judged:
+    return Judged(1, 2, kind, np.eye(4), np.eye(6))  # type: ignore[arg-type]
 
 
 def test_the_store_writes_a_link_for_a_kind_that_rtabmap_has_no_number_for() -> None:

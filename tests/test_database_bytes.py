@@ -71,7 +71,7 @@ def test_a_stage_done_again_gives_the_same_bytes(tmp_path: Path) -> None:
                 with store.write_stage("optimise", "o"):
                     store.set_poses(sample_poses())
                 with store.write_stage("judge", "j"):
-                    store.replace_constraints(sample_constraints())
+                    store.judge(sample_constraints())
                 with store.write_stage("map", "m"):
                     pass
             else:

@@ -21,10 +21,22 @@ from database_samples import (
     tracked_frames,
 )
 from memory_store import MemoryStore
+from sample_verdicts import REJECTED
 
 from formats.database import open_store
 from mapmyworld.errors import MapError
-from mapmyworld.types import Constraint, ConstraintKind, MapStore, NodeData, Poses, Scan
+from mapmyworld.types import (
+    ConstraintKind,
+    Judge,
+    Judged,
+    MapStore,
+    NodeData,
+    Poses,
+    Scan,
+    Verdict,
+    Why,
+)
+from mapmyworld.types.wording import reason_of
 
 Reopen = Callable[[], MapStore]
 
@@ -59,9 +71,9 @@ def same_scan(a: Scan, b: Scan, tolerance: float = 0.0) -> None:
     assert (a.range_max, a.angle_increment) == (b.range_max, b.angle_increment)
 
 
-def same_constraint(a: Constraint, b: Constraint) -> None:
+def same_constraint(a: Judged, b: Judged) -> None:
     assert (a.from_id, a.to_id, a.kind) == (b.from_id, b.to_id, b.kind)
-    assert (a.accepted, a.reason, dict(a.evidence)) == (b.accepted, b.reason, dict(b.evidence))
+    assert (a.source, a.verdicts) == (b.source, b.verdicts)
     np.testing.assert_array_equal(a.from_from_to, b.from_from_to)
     np.testing.assert_array_equal(a.information, b.information)
 
@@ -161,18 +173,16 @@ def test_verdicts_of_a_later_stage_do_not_outlive_it(store: MapStore) -> None:
         constraint(1, 2, ConstraintKind.NEIGHBOUR),
         constraint(1, 3, ConstraintKind.LOOP_CLOSURE),
     )
-    rejected = constraint(1, 3, ConstraintKind.LOOP_CLOSURE, accepted=False, reason="no")
+    rejected = second.judged(REJECTED)
     with store.write_stage("track", "t"):
         store.add_constraints([first])
     with store.write_stage("recognise", "r"):
         store.add_constraints([second])
     with store.write_stage("judge", "j"):
-        store.replace_constraints([first, rejected])
+        store.judge([first, rejected])
     assert [c.accepted for c in store.constraints()] == [True, False]
     with store.write_stage("judge", "j2"):
         assert [c.accepted for c in store.constraints()] == [True, True]
-        store.replace_constraints([first])
-    assert len(store.constraints()) == 1
     with store.write_stage("recognise", "r2"):
         assert len(store.constraints()) == 1
         assert store.constraints()[0].to_id == 2
@@ -238,11 +248,29 @@ def test_poses_solved_again_without_covariances_have_none(filled: MapStore) -> N
         assert kept.covariances is not None
 
 
-def test_constraints_hidden_by_an_empty_set_come_back(store: MapStore) -> None:
+def test_a_superseded_measurement_comes_back_when_its_verdict_is_cleared(store: MapStore) -> None:
+    old, new = (constraint(1, 2, ConstraintKind.NEIGHBOUR, from_from_to=pose(k)) for k in (5, 6))
     with store.write_stage("track", "t"):
-        store.add_constraints([constraint(1, 2, ConstraintKind.NEIGHBOUR)])
+        store.add_constraints([old])
     with store.write_stage("judge", "j"):
-        store.replace_constraints([])
-    assert store.constraints() == ()
+        store.judge([old.judged(Verdict(Judge.CAMERA, False, Why.CORRECTED)), new])
+        (found,) = store.constraints()
+        np.testing.assert_array_equal(found.from_from_to, new.from_from_to)
     with store.write_stage("judge", "j2"):
-        assert len(store.constraints()) == 1
+        (found,) = store.constraints()
+        np.testing.assert_array_equal(found.from_from_to, old.from_from_to)
+
+
+def test_verdicts_are_appended_and_the_last_one_counts(store: MapStore) -> None:
+    """Nothing of the measurement, or of what was judged before, is written over."""
+    found = constraint(1, 3, ConstraintKind.LOOP_CLOSURE)
+    by_hand = Verdict(Judge.PERSON, True, Why.ACCEPTED_BY_HAND, note="{I was there}")
+    with store.write_stage("recognise", "r"):
+        store.add_constraints([found.judged(REJECTED)])
+    with store.write_stage("optimise", "o"):
+        store.judge([c.judged(by_hand) for c in store.constraints()])
+        (judged,) = store.constraints()
+    assert judged.accepted
+    assert judged.verdicts == (*found.verdicts, REJECTED, by_hand)
+    assert "score below 0.5 | by hand: accepted: {I was there}" in reason_of(judged)
+    same_constraint(judged.before(Judge.PERSON), found.judged(REJECTED))

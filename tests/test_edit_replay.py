@@ -14,7 +14,8 @@ from room_drive import write
 from cli.main import group
 from formats.database import open_store
 from mapmyworld.simulation import SimulationSettings, simulate
-from mapmyworld.types import CLOSURES, Constraint, ConstraintKind
+from mapmyworld.types import CLOSURES, ConstraintKind, Judged
+from mapmyworld.types.wording import reason_of
 
 
 def run(*arguments: object) -> None:
@@ -46,14 +47,14 @@ def flat(built: Path, tmp_path: Path) -> Path:
 def state(path: Path) -> tuple[list[Any], bytes, bytes]:
     """Constraints with their verdicts, poses and the grid."""
     with open_store(path, read_only=True) as store:
-        told = [(c.from_id, c.to_id, c.kind, c.accepted, c.reason) for c in store.constraints()]
+        told = [(c.from_id, c.to_id, c.kind, c.accepted, reason_of(c)) for c in store.constraints()]
         poses, grid = store.poses(), store.grid()
         assert poses is not None
         assert grid is not None
         return told, poses.map_from_node.tobytes(), grid.log_odds.tobytes()
 
 
-def closures(path: Path) -> list[Constraint]:
+def closures(path: Path) -> list[Judged]:
     with open_store(path, read_only=True) as store:
         return [c for c in store.constraints() if c.kind in CLOSURES and c.accepted]
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from sample_verdicts import REJECTED
 
 from cli.main import group
 from formats.database import open_store
@@ -16,8 +17,8 @@ from formats.trajectory import write_trajectory
 from mapmyworld.errors import ConfigError
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.types import (
-    Constraint,
     ConstraintKind,
+    Judged,
     Node,
     NodeData,
     OccupancyGrid,
@@ -57,12 +58,8 @@ def folder(tmp_path: Path) -> Path:
                 store.add_node(Node(k + 1, 0, int(STAMPS[k]), pose, pose), NodeData())
             store.set_tracked_frames(frames)
         with store.write_stage("judge", "x"):
-            store.replace_constraints(
-                [
-                    Constraint(1, 12, ConstraintKind.LOOP_CLOSURE, np.eye(4), np.eye(6), ok)
-                    for ok in (True, False)
-                ]
-            )
+            found = Judged(1, 12, ConstraintKind.LOOP_CLOSURE, np.eye(4), np.eye(6))
+            store.add_constraints([found, found.judged(REJECTED)])
             store.set_poses(Poses(np.arange(1, COUNT + 1), circle(0.02)))
             store.set_frame_poses(circle(0.02))
         with store.write_stage("map", "x"):

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from sample_verdicts import REJECTED
 
 from cli.inspect_graph import graph_facts
 from cli.main import group
@@ -22,7 +23,7 @@ from formats.pose_graph import read_graph
 from formats.report.graph_picture import draw_graph
 from mapmyworld.errors import MapError
 from mapmyworld.graph.solve import solve
-from mapmyworld.types import Constraint, ConstraintKind, Poses
+from mapmyworld.types import ConstraintKind, Judged, Poses
 from tests.test_graph_solve import false_closures, noisy_constraints, square_walk
 
 SQUARE = """\
@@ -137,7 +138,8 @@ def test_the_legend_shows_rejected_closures_as_they_are_drawn():
     ids, closure = np.arange(1, 81), ConstraintKind.LOOP_CLOSURE
     red = {}
     for accepted in (True, False):
-        made = Constraint(1, 21, closure, np.eye(4), np.eye(6), accepted=accepted)
+        verdicts = () if accepted else (REJECTED,)
+        made = Judged(1, 21, closure, np.eye(4), np.eye(6), verdicts=verdicts)
         legend = draw_graph(Poses(ids, truth), [made])[:60, :50].astype(int)
         red[accepted] = (legend[..., 2] > legend[..., 0] + 100).sum()
     assert 0 < red[False] < 0.8 * red[True]  # dotted, and in the colour of its kind

@@ -32,7 +32,7 @@ from mapmyworld.graph.system import (
     number_free,
     residuals_of,
 )
-from mapmyworld.types import Constraint, ConstraintKind
+from mapmyworld.types import ConstraintKind, Judged
 from mapmyworld.types.pose_graph import Edges, PoseGraph
 
 
@@ -139,7 +139,7 @@ def test_a_straight_chain_gathers_variance_as_theory_says():
     information = information_from_planar(np.diag([s**-2, s**-2, a**-2]))
     motion = planar_to_matrix(np.array([1.0, 0, 0]))
     made = [
-        Constraint(k, k + 1, ConstraintKind.NEIGHBOUR, motion, information) for k in range(1, count)
+        Judged(k, k + 1, ConstraintKind.NEIGHBOUR, motion, information) for k in range(1, count)
     ]
     truth = planar_to_matrix(np.c_[np.arange(count), np.zeros((count, 2))])
     solved = solve(np.arange(1, count + 1), truth, made, planar=True)

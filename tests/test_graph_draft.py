@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sample_verdicts import REJECTED
 
 from mapmyworld.config import GraphConfig
 from mapmyworld.geometry.planar import (
@@ -19,12 +20,12 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.graph.chains import solve_by_chains
 from mapmyworld.graph.draft import landmark_guesses, solve_draft
 from mapmyworld.graph.solve import solve
-from mapmyworld.types import Constraint, ConstraintKind, Node
+from mapmyworld.types import ConstraintKind, Judged, Node
 
 SIGMAS = np.array([0.01, 0.01, 0.004])
 
 
-def drive(count: int = 120) -> tuple[NDArray[np.float64], list[Node], list[Constraint]]:
+def drive(count: int = 120) -> tuple[NDArray[np.float64], list[Node], list[Judged]]:
     """True poses of three rounds on a circle, nodes that drifted, and their motions."""
     random = np.random.default_rng(3)
     angle = np.linspace(0, 6 * np.pi, count)
@@ -37,16 +38,16 @@ def drive(count: int = 120) -> tuple[NDArray[np.float64], list[Node], list[Const
     nodes = [Node(k + 1, 0, k, pose, pose) for k, pose in enumerate(matrices)]
     information = information_from_planar(np.diag(SIGMAS**-2.0))
     motions = [
-        Constraint(k + 1, k + 2, ConstraintKind.NEIGHBOUR, planar_to_matrix(step), information)
+        Judged(k + 1, k + 2, ConstraintKind.NEIGHBOUR, planar_to_matrix(step), information)
         for k, step in enumerate(steps)
     ]
     return truth, nodes, motions
 
 
-def closure(truth: NDArray[np.float64], a: int, b: int) -> Constraint:
+def closure(truth: NDArray[np.float64], a: int, b: int) -> Judged:
     motion = planar_to_matrix(between_planar(truth[a], truth[b]))
     information = information_from_planar(np.diag([1e4, 1e4, 1e5]))
-    return Constraint(a + 1, b + 1, ConstraintKind.LOOP_CLOSURE, motion, information)
+    return Judged(a + 1, b + 1, ConstraintKind.LOOP_CLOSURE, motion, information)
 
 
 def test_a_draft_is_the_solution_but_for_its_linearisation() -> None:
@@ -83,7 +84,7 @@ def test_landmarks_are_guessed_where_they_are_seen_first() -> None:
     _, nodes, motions = drive(6)
     at = planar_to_matrix([1.0, 0.5, 0.0])
     seen = [
-        Constraint(k, -7, ConstraintKind.LANDMARK, at, information_from_planar(np.eye(3)))
+        Judged(k, -7, ConstraintKind.LANDMARK, at, information_from_planar(np.eye(3)))
         for k in (2, 4)
     ]
     starts = {node.id: node.tracked_from_base for node in nodes}
@@ -98,7 +99,7 @@ def test_chains_say_what_the_whole_graph_says() -> None:
     truth, nodes, motions = drive()
     closures = [closure(truth, a, a + 80) for a in range(0, 40, 8)]
     false = replace(closure(truth, 3, 60), from_from_to=planar_to_matrix([2.0, 1.0, 0.3]))
-    refused = replace(closure(truth, 9, 66), accepted=False, reason="score below 0.5")
+    refused = closure(truth, 9, 66).judged(REJECTED)
     strange = replace(motions[0], from_id=900, to_id=901)
     constraints = [*motions[:50], *closures, refused, *motions[50:], false, strange]
     ids = [node.id for node in nodes]
@@ -108,8 +109,8 @@ def test_chains_say_what_the_whole_graph_says() -> None:
     np.testing.assert_array_equal(chains.poses.ids, whole.poses.ids)
     np.testing.assert_array_equal(chains.component, whole.component)
     assert [c.accepted for c in chains.constraints] == [c.accepted for c in whole.constraints]
-    assert chains.constraints[55].reason == "score below 0.5"
-    assert chains.constraints[-1].reason == whole.constraints[-1].reason
+    assert chains.constraints[55].verdicts == (REJECTED,)
+    assert chains.constraints[-1].verdicts == whole.constraints[-1].verdicts
     np.testing.assert_allclose(chains.poses.map_from_node, whole.poses.map_from_node, atol=0.01)
     assert chains.poses.covariances is not None
     assert whole.poses.covariances is not None

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from sample_verdicts import REJECTED
 
 from formats.edits import read_edits
 from mapmyworld.errors import ConfigError, GraphError, MapError
 from mapmyworld.graph.edits import apply_edits, edits_from_json, edits_to_json, resolve_pins, unmet
 from mapmyworld.graph.solve import solve
-from mapmyworld.types import Constraint, ConstraintKind, Poses
+from mapmyworld.types import ConstraintKind, Judged, Poses
+from mapmyworld.types.wording import reason_of
 from tests.test_graph_solve import noisy_constraints, square_walk
 
 TEXT = """
@@ -58,10 +59,10 @@ def test_edits_are_applied_and_undone_when_the_file_no_longer_says_so(tmp_path):
     edited = apply_edits(constraints, edits)
     rejected = [c for c in edited if not c.accepted]
     assert [(c.from_id, c.to_id) for c in rejected] == [(1, 41)]
-    assert "two corridors alike" in rejected[0].reason
+    assert "two corridors alike" in reason_of(rejected[0])
     assert [str(c.kind) for c in edited[len(constraints) :]] == ["user", "prior", "prior"]
     again = apply_edits(apply_edits(edited, edits), ())
-    assert [(c.accepted, c.reason) for c in again] == [(c.accepted, c.reason) for c in constraints]
+    assert [c.verdicts for c in again] == [c.verdicts for c in constraints]
 
 
 def test_edits_survive_the_store(tmp_path):
@@ -73,7 +74,7 @@ def test_edits_survive_the_store(tmp_path):
 
 def test_the_solver_obeys_a_rejection_an_acceptance_and_a_prior(tmp_path):
     truth, constraints = world()
-    wrong = Constraint(2, 60, ConstraintKind.LOOP_CLOSURE, np.eye(4), constraints[0].information)
+    wrong = Judged(2, 60, ConstraintKind.LOOP_CLOSURE, np.eye(4), constraints[0].information)
     ids = np.arange(1, 81)
     first = solve(ids, truth, [*constraints, wrong], planar=True)
     assert not first.constraints[-1].accepted
@@ -86,13 +87,13 @@ def test_the_solver_obeys_a_rejection_an_acceptance_and_a_prior(tmp_path):
     assert solved.cost > 10 * first.cost
     restored = solve(ids, truth, apply_edits(solved.constraints, ()), planar=True)
     assert [c.accepted for c in restored.constraints] == [c.accepted for c in first.constraints]
-    assert [c.reason for c in restored.constraints] == [c.reason for c in first.constraints]
+    assert [c.verdicts for c in restored.constraints] == [c.verdicts for c in first.constraints]
 
 
 def test_what_was_measured_to_be_false_is_so_again_when_its_acceptance_is_undone(tmp_path):
     truth, constraints = world()
-    ids, reason = np.arange(1, 81), "overlap 12 %, 30 % needed"
-    doubtful = replace(constraints[-1], accepted=False, reason=reason)
+    ids = np.arange(1, 81)
+    doubtful = constraints[-1].judged(REJECTED)
     measured = [*constraints[:-1], doubtful]
     first = solve(ids, truth, measured, planar=True)
     ends = f"from = {doubtful.from_id}\nto = {doubtful.to_id}\n"
@@ -103,7 +104,7 @@ def test_what_was_measured_to_be_false_is_so_again_when_its_acceptance_is_undone
         assert found.constraints[-1].accepted
     restored = solve(ids, truth, apply_edits(found.constraints, ()), planar=True)
     assert not restored.constraints[-1].accepted
-    assert restored.constraints[-1].reason == first.constraints[-1].reason
+    assert restored.constraints[-1].verdicts == first.constraints[-1].verdicts == (REJECTED,)
 
 
 def test_an_edit_of_nothing_is_told(tmp_path):

@@ -25,10 +25,10 @@ from mapmyworld.places.laser_submaps import submap_members
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.types import (
-    BREAK,
-    Constraint,
     ConstraintKind,
     Frame,
+    Judged,
+    LaserTracking,
     Node,
     Poses,
     Scan,
@@ -145,11 +145,11 @@ def test_scans_that_fit_a_little_break_tracking_once_in_a_moment() -> None:
     assert breaks.notes() == ()
 
 
-def neighbour(to_id: int, sigmas: Array, *, lost: bool) -> Constraint:
+def neighbour(to_id: int, sigmas: Array, *, lost: bool) -> Judged:
     covariance = np.diag([1e-6, 1e-6, sigmas[2], sigmas[0], sigmas[1], 1e-6]) ** 2
-    return Constraint(
+    return Judged(
         to_id - 1, to_id, ConstraintKind.NEIGHBOUR, np.eye(4), np.linalg.inv(covariance),
-        evidence={BREAK: 1.0} if lost else {},
+        LaserTracking("lost", 0.0, lost),
     )  # fmt: skip
 
 
@@ -238,7 +238,7 @@ def test_a_break_makes_a_node_at_once_and_shares_no_error() -> None:
     made = []
     for k in range(4):
         pose = planar_to_matrix([0.02 * k, 0.0, 0.0])
-        motion = Motion(pose, np.eye(6), "test", is_break=k == 3)
+        motion = Motion(pose, np.eye(6), LaserTracking("lost", 0.0, k == 3))
         made.append(selector.consider(Frame(k, pose), motion))
     nodes = [node for node, _, _ in made if node]
     assert [node.stamp_ns for node in nodes] == [0, 3]

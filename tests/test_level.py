@@ -26,12 +26,13 @@ from mapmyworld.odometry.felt_force import FeltForce
 from mapmyworld.pipeline import build_map
 from mapmyworld.stages.level import levelled_poses
 from mapmyworld.types import (
-    Constraint,
     ConstraintKind,
     ImageMessage,
     ImuSample,
+    Judged,
     Node,
     NodeData,
+    Person,
     Poses,
     RgbdImage,
     Scan,
@@ -271,7 +272,9 @@ def test_a_pinned_node_and_a_robot_keep_the_map_where_it_is() -> None:
     views = room_views()
     askew = make_transform(so3_exp([0.2, 0.0, 0.0]), np.zeros(3))
     poses = Poses(np.arange(1, 7), np.stack([askew @ pose for _, pose in views]))
-    pin = Constraint(2, 2, ConstraintKind.PRIOR, poses.map_from_node[1], np.eye(6), True, "pin")
+    pin = Judged(
+        2, 2, ConstraintKind.PRIOR, poses.map_from_node[1], np.eye(6), Person("pin", "it is there")
+    )
     carried_by_hand = carried_map(poses.map_from_node, [image for image, _ in views])
     robot = ROOM.image(planar_pose(3.0, 2.5, 0.0))
     on_wheels = carried_map(poses.map_from_node, [robot] * 6)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
+from sample_verdicts import REJECTED
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
@@ -24,7 +25,8 @@ from mapmyworld.places.laser_lost import loose_way, lost_pairs
 from mapmyworld.places.laser_nodes import calm_spots, laser_nodes, spaced
 from mapmyworld.places.laser_pairs import first_visits, neighbour_pairs
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
-from mapmyworld.types import Constraint, ConstraintKind
+from mapmyworld.types import ConstraintKind, ImageMatch, Judged, ScanMatch, Why
+from mapmyworld.types.wording import reason_of
 
 CONFIG = Config()
 
@@ -42,7 +44,7 @@ def closures(
     *,
     settled: bool = False,
     threads: int = 2,
-) -> list[Constraint]:
+) -> list[Judged]:
     scans = scan_set(
         [prepare_scan(cast(p, walls, k), CONFIG.registration) for k, p in enumerate(two_visits())]
     )
@@ -65,7 +67,7 @@ def test_drift_is_found_and_measured() -> None:
         )
         assert np.hypot(*error[:2]) < 0.03
         assert abs(error[2]) < 0.01
-    assert all(c.reason for c in tried)
+    assert all(reason_of(c) for c in tried)
 
 
 def test_a_corridor_closes_nothing() -> None:
@@ -85,7 +87,7 @@ def corridor_with_doors(*more: list[float]) -> NDArray[np.float64]:
 
 def second_drive_along_it(
     walls: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], list[Constraint]]:
+) -> tuple[NDArray[np.float64], list[Judged]]:
     """True poses, and closures tried after 150 m that drifted by about a door's distance."""
     there = np.stack([np.linspace(-8.0, 8.0, 81), np.zeros(81), np.zeros(81)], axis=-1)
     truth = np.concatenate([there, there])
@@ -102,7 +104,7 @@ def second_drive_along_it(
 
 def test_one_of_many_equal_doors_is_not_taken_for_another() -> None:
     _, tried = second_drive_along_it(corridor_with_doors())
-    assert [c for c in tried if "another place near by" in c.reason]
+    assert [c for c in tried if c.verdicts[-1].why is Why.AMBIGUOUS_PLACE]
     assert not [c for c in tried if c.accepted and c.to_id >= 81 > c.from_id]
 
 
@@ -172,15 +174,15 @@ def test_a_drive_that_comes_back_after_500_m_of_drift_is_closed() -> None:
     assert np.abs(error[:, 2]).max() < 0.01
 
 
-def drive(believed: NDArray[np.float64]) -> list[Constraint]:
+def drive(believed: NDArray[np.float64]) -> list[Judged]:
     """Motions between the nodes; between the visits lie 500 m, of which little is known."""
     steps = planar_to_matrix(between_planar(believed[:-1], believed[1:]))
     sigmas = np.full((len(steps), 3), 0.01)
     sigmas[97] = 10.0, 10.0, 1.0
     return [
-        Constraint(
+        Judged(
             from_id=k, to_id=k + 1, kind=ConstraintKind.NEIGHBOUR, from_from_to=step,
-            information=information_from_planar(np.diag(sigmas[k] ** -2.0)), reason="",
+            information=information_from_planar(np.diag(sigmas[k] ** -2.0)),
         )
         for k, step in enumerate(steps)
     ]  # fmt: skip
@@ -194,9 +196,9 @@ def test_where_closures_hold_the_drive_nothing_is_lost() -> None:
     nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, truth)
     nodes = replace(nodes, path=np.linspace(0.0, 600.0, len(truth)))
     closed = [
-        Constraint(
+        Judged(
             from_id=k, to_id=k + 98, kind=ConstraintKind.LOOP_CLOSURE,
-            from_from_to=np.eye(4), information=np.eye(6), reason="",
+            from_from_to=np.eye(4), information=np.eye(6),
         )
         for k in range(0, 49, 4)
     ]  # fmt: skip
@@ -227,11 +229,13 @@ def test_joined_places_are_not_compared_again() -> None:
     poses = np.zeros((200, 3))
     poses[:, 0] = 0.2 * np.arange(200)
     nodes = laser_nodes(np.arange(200), scan_set([]), poses)
-    closure = Constraint(
+    closure = Judged(
         from_id=5, to_id=105, kind=ConstraintKind.LOOP_CLOSURE, from_from_to=np.eye(4),
-        information=np.eye(6), reason="", evidence={"rival": 0.0},
+        information=np.eye(6), source=ScanMatch(),
     )  # fmt: skip
     pairs = [(6, 106), (5, 120), (30, 106)]
     assert untied(nodes, pairs, [closure]) == pairs[1:]
-    assert untied(nodes, pairs, [replace(closure, accepted=False)]) == pairs
-    assert untied(nodes, pairs, [replace(closure, evidence={})]) == pairs  # by images: not as fine
+    assert untied(nodes, pairs, [closure.judged(REJECTED)]) == pairs
+    assert (
+        untied(nodes, pairs, [replace(closure, source=ImageMatch())]) == pairs
+    )  # by images: not as fine

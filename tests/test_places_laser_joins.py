@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
+from sample_verdicts import REJECTED
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
@@ -22,7 +23,8 @@ from mapmyworld.places.laser_lost import islands, lost_pairs
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.part_maps import View, part_map
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
-from mapmyworld.types import Constraint, ConstraintKind, Node
+from mapmyworld.types import ConstraintKind, Judged, Node
+from mapmyworld.types.wording import reason_of
 
 CONFIG = Config()
 Array = NDArray[np.float64]
@@ -53,7 +55,7 @@ def carried(walls: Array, *paths: Array, unseen: float = LENGTH) -> tuple[LaserN
     return nodes_at(loaded, None), loaded
 
 
-def found(walls: Array, *paths: Array) -> tuple[list[Constraint], Array]:
+def found(walls: Array, *paths: Array) -> tuple[list[Judged], Array]:
     """Closures from every later place to every earlier part, and how far off each is (K, 3)."""
     nodes, _ = carried(walls, *paths)
     pairs = lost_pairs(nodes, [], CONFIG)
@@ -64,7 +66,7 @@ def found(walls: Array, *paths: Array) -> tuple[list[Constraint], Array]:
     return tried, np.abs(error).max(axis=(1, 2))
 
 
-def judged(walls: Array, turn: float) -> Constraint:
+def judged(walls: Array, turn: float) -> Judged:
     """A closure from a robot's way back in a hall to where it was carried: true, or turned."""
     nodes, _ = carried(walls, AND_BACK, STRAIGHT)
     true = between_planar(AND_BACK[20], STRAIGHT[20])
@@ -79,8 +81,8 @@ def judged(walls: Array, turn: float) -> Constraint:
 def test_a_bare_hall_is_the_same_after_half_a_turn(turn: float) -> None:
     doubted = judged(HALL, turn)
     assert not doubted.accepted
-    assert "fits as well" in doubted.reason
-    assert "180 deg" in doubted.reason
+    assert "fits as well" in reason_of(doubted)
+    assert "180 deg" in reason_of(doubted)
 
 
 def test_a_pillar_in_the_hall_tells_its_ends_apart() -> None:
@@ -117,8 +119,9 @@ def test_what_no_beam_passed_says_nothing_and_what_walls_hide_fits_nowhere() -> 
     assert fit(0.0, 40.0)[1] == 0.0
 
 
-def closure(a: int, b: int, *, accepted: bool = True) -> Constraint:
-    return Constraint(a, b, ConstraintKind.LOOP_CLOSURE, np.eye(4), np.eye(6), accepted=accepted)
+def closure(a: int, b: int, *, accepted: bool = True) -> Judged:
+    made = Judged(a, b, ConstraintKind.LOOP_CLOSURE, np.eye(4), np.eye(6))
+    return made if accepted else made.judged(REJECTED)
 
 
 def test_islands_are_parts_that_neither_wheels_nor_closures_tie() -> None:
@@ -151,7 +154,7 @@ def test_of_closures_that_contradict_each_other_the_ones_that_more_supports_stay
     ]
     doubted = doubt_joins(nodes, pairs, given, CONFIG, 25.0)
     assert [c.accepted for c in doubted] == [True, True, False]
-    assert "explains more" in doubted[2].reason
+    assert "explains more" in reason_of(doubted[2])
 
 
 def test_where_wheels_tell_the_heading_nothing_is_doubted_here() -> None:

@@ -17,7 +17,8 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.places.laser_nodes import NodeScans
 from mapmyworld.places.laser_review import review_closures
 from mapmyworld.registration.scan_matching import prepare_scans, scan_set
-from mapmyworld.types import Constraint, ConstraintKind, Node, Poses
+from mapmyworld.types import ConstraintKind, ImageMatch, Judged, Node, Poses, ScanMatch, Source
+from mapmyworld.types.wording import reason_of
 
 CONFIG = Config()
 THERE = np.stack([np.linspace(-2.5, 2.3, 49), np.full(49, 0.5), np.zeros(49)], axis=-1)
@@ -39,11 +40,11 @@ def visits(moved: float) -> tuple[NodeScans, Poses]:
     return loaded, Poses(ids, poses, None)
 
 
-def closure(error: NDArray[np.float64], kind: ConstraintKind, by: str) -> Constraint:
+def closure(error: NDArray[np.float64], kind: ConstraintKind, by: Source) -> Judged:
     measured = compose_planar(between_planar(TRUTH[A], TRUTH[B]), error)
-    return Constraint(
+    return Judged(
         from_id=A + 1, to_id=B + 1, kind=kind, from_from_to=planar_to_matrix(measured),
-        information=np.eye(6), reason="", evidence={by: 0.0},
+        information=np.eye(6), source=by,
     )  # fmt: skip
 
 
@@ -53,18 +54,22 @@ def same() -> tuple[NodeScans, Poses]:
 
 
 def test_a_turned_closure_is_measured_anew(same: tuple[NodeScans, Poses]) -> None:
-    turned = closure(np.array([0.01, 0.0, np.radians(2.0)]), ConstraintKind.LOOP_CLOSURE, "rival")
-    (anew,) = review_closures([turned], same[1], CONFIG, same[0])
+    turned = closure(
+        np.array([0.01, 0.0, np.radians(2.0)]), ConstraintKind.LOOP_CLOSURE, ScanMatch(score=0.8)
+    )
+    old, anew = review_closures([turned], same[1], CONFIG, same[0])
     error = between_planar(between_planar(TRUTH[A], TRUTH[B]), matrix_to_planar(anew.from_from_to))
     assert anew.accepted
     assert np.hypot(*error[:2]) < 0.02
     assert abs(error[2]) < np.radians(0.3)
-    assert "anew" in anew.reason
+    assert "anew" in reason_of(anew)
+    assert old.is_superseded
+    np.testing.assert_array_equal(old.from_from_to, turned.from_from_to)
 
 
 def test_closures_that_fit_or_come_from_elsewhere_stay(same: tuple[NodeScans, Poses]) -> None:
-    good = closure(np.array([0.02, 0.01, 0.002]), ConstraintKind.PROXIMITY, "rival")
-    by_images = closure(np.array([0.4, 0.0, 0.1]), ConstraintKind.LOOP_CLOSURE, "inliers")
+    good = closure(np.array([0.02, 0.01, 0.002]), ConstraintKind.PROXIMITY, ScanMatch(score=0.8))
+    by_images = closure(np.array([0.4, 0.0, 0.1]), ConstraintKind.LOOP_CLOSURE, ImageMatch())
     kept = review_closures([good, by_images], same[1], CONFIG, same[0])
     assert kept[0] is good
     assert kept[1] is by_images
@@ -72,7 +77,7 @@ def test_closures_that_fit_or_come_from_elsewhere_stay(same: tuple[NodeScans, Po
 
 def test_a_closure_that_the_final_poses_deny_is_rejected() -> None:
     scans, poses = visits(0.6)
-    false = closure(np.array([0.6, 0.0, 0.0]), ConstraintKind.LOOP_CLOSURE, "rival")
+    false = closure(np.array([0.6, 0.0, 0.0]), ConstraintKind.LOOP_CLOSURE, ScanMatch(score=0.8))
     (judged,) = review_closures([false], poses, CONFIG, scans)
     assert not judged.accepted
-    assert "misses the refined poses by 0.60 m" in judged.reason
+    assert "misses the refined poses by 0.60 m" in reason_of(judged)

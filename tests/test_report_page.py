@@ -18,7 +18,7 @@ from cli.report import report_contents
 from formats.database import open_store
 from formats.report.page import embedded_json
 from formats.report.report import report_html
-from mapmyworld.types import Constraint, ConstraintKind
+from mapmyworld.types import ConstraintKind, Judge, Judged, Verdict, Why
 
 NASTY = '</script><script>document.title="broken"</script><img src=x onerror=alert(1)>&"'
 PHONE = {"width": 390, "height": 844}
@@ -45,8 +45,13 @@ def small(tmp_path: Path) -> Path:
     """The report of three nodes, with text that would break a careless page."""
     with open_store(tmp_path / "map.db", create=True) as store:
         fill(store)
-        bad = Constraint(
-            1, 3, ConstraintKind.LOOP_CLOSURE, np.eye(4), np.eye(6), accepted=False, reason=NASTY
+        bad = Judged(
+            1,
+            3,
+            ConstraintKind.LOOP_CLOSURE,
+            np.eye(4),
+            np.eye(6),
+            verdicts=(Verdict(Judge.PERSON, False, Why.REJECTED_BY_HAND, note=NASTY),),
         )
         store.add_constraints([bad])
         plan = {"decisions": [{"role": NASTY, "choice": NASTY, "reason": NASTY}]}

@@ -24,6 +24,7 @@ from mapmyworld.sessions.skeleton import skeleton_of
 from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve import solve_and_judge
 from mapmyworld.types import ConstraintKind, MapStore, NodeData, OccupancyGrid
+from mapmyworld.types.wording import reason_of
 
 DRIVES: dict[str, Drive] = {
     "one": drive(48, seed=1),
@@ -65,7 +66,7 @@ def content(store: MapStore) -> tuple[bytes, ...]:
     assert poses is not None
     assert frames is not None
     assert grid is not None
-    told = [(c.from_id, c.to_id, c.kind, c.accepted, c.reason) for c in store.constraints()]
+    told = [(c.from_id, c.to_id, c.kind, c.accepted, reason_of(c)) for c in store.constraints()]
     sessions = [(node.id, node.session) for node in store.nodes()]
     return (
         poses.map_from_node.tobytes(),

@@ -11,20 +11,20 @@ from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.graph.trajectory import pose_every_frame
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.record import StageRecord
-from mapmyworld.types import Constraint, Frame, Node, Poses, TrackedFrames
+from mapmyworld.types import Frame, Judged, Node, Odometry, Poses, TrackedFrames
 
 
 def frame_at(stamp_ns: int, pose: np.ndarray) -> Frame:
     return Frame(stamp_ns, pose)
 
 
-def select(path: list[list[float]]) -> tuple[list[Node], list[Constraint]]:
+def select(path: list[list[float]]) -> tuple[list[Node], list[Judged]]:
     selector = NodeSelector(SensingConfig(), wants_images=False)
     nodes, constraints = [], []
     for i, planar in enumerate(path):
         pose = planar_to_matrix(planar)
         node, constraint, _ = selector.consider(
-            frame_at(i, pose), Motion(pose, np.eye(6) * 1e-4, "test")
+            frame_at(i, pose), Motion(pose, np.eye(6) * 1e-4, Odometry())
         )
         nodes += [node] if node else []
         constraints += [constraint] if constraint else []

@@ -9,11 +9,12 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from sample_verdicts import REJECTED
 
 from mapmyworld.geometry.rigid import make_transform, se3_exp
 from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.places.unrecognised import told_of_unrecognised
-from mapmyworld.types import Constraint, ConstraintKind, Node, Poses
+from mapmyworld.types import ConstraintKind, Judged, Node, Poses
 
 Array = NDArray[np.float64]
 _LAP = 80  # nodes, 0.25 m apart, 10 a second
@@ -41,13 +42,11 @@ def solved(
     return nodes, Poses(ids, np.stack(path))
 
 
-def closure(
-    first: int, second: int, kind: ConstraintKind = ConstraintKind.LOOP_CLOSURE
-) -> Constraint:
-    return Constraint(first, second, kind, np.eye(4), np.eye(6), True, "", {})
+def closure(first: int, second: int, kind: ConstraintKind = ConstraintKind.LOOP_CLOSURE) -> Judged:
+    return Judged(first, second, kind, np.eye(4), np.eye(6))
 
 
-def closures(but: range = range(0)) -> list[Constraint]:
+def closures(but: range = range(0)) -> list[Judged]:
     """Each node of the second lap with its like of the first, except some."""
     return [closure(i - _LAP, i) for i in range(_LAP + 1, 2 * _LAP + 1) if i not in but]
 
@@ -78,7 +77,7 @@ def test_a_first_lap_and_ground_seen_the_other_way_round_are_not_known_ground() 
 
 def test_rejected_closures_and_those_to_the_nodes_just_before_recognise_nothing() -> None:
     nodes, poses = solved(laps(2))
-    rejected = [replace(c, accepted=False) for c in closures()]
+    rejected = [c.judged(REJECTED) for c in closures()]
     near = [closure(i, i + 2) for i in range(1, 2 * _LAP - 1)]
     for useless in (rejected, near):
         assert "nodes 81 to 160" in told_of_unrecognised(nodes, poses, useless)[1]

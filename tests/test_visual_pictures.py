@@ -12,6 +12,7 @@ from mapmyworld.config import Config
 from mapmyworld.errors import MapError
 from mapmyworld.places.node_pairs import NodePair, compare_nodes
 from mapmyworld.types import Node, NodeData
+from mapmyworld.types.wording import in_words
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +32,7 @@ def test_a_match_picture_shows_both_images_and_marks_every_match(pair: NodePair)
         pair.features_a.pixels[found.features_a],
         pair.features_b.pixels[found.features_b],
         found.agreed,
-        found.registration.reason,
+        in_words(found.registration.verdict),
     )
     assert picture.shape[0] > HEIGHT
     assert picture.shape[1] > 2 * WIDTH

@@ -12,7 +12,8 @@ from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between, se3_exp
 from mapmyworld.places.scan_check import refine_by_scans
 from mapmyworld.registration.image_pairs import ImagePair
-from mapmyworld.types import Registration, Scan
+from mapmyworld.types import Judge, Registration, Scan, Verdict, Why
+from mapmyworld.types.wording import in_words
 
 Array = NDArray[np.float64]
 
@@ -20,7 +21,9 @@ Array = NDArray[np.float64]
 def pair_with(a_from_b: Array, sigma: float) -> ImagePair:
     """A closure by images, certain to `sigma` metres and as many radians."""
     information = np.eye(6) / sigma**2
-    found = Registration(a_from_b, information, True, "60 matches agree", 60, 0.7, 0.5)
+    numbers = {"inliers": 60, "sigmas": 3.0}
+    agreed = Verdict(Judge.CAMERA, True, Why.IMAGES_AGREE, numbers)
+    found = Registration(a_from_b, information, agreed, 60, 0.7, 0.5)
     none = np.zeros(0, np.int64)
     return ImagePair(found, none, none, np.zeros(0, np.bool_), True, 20, sigma, sigma)
 
@@ -44,7 +47,7 @@ def test_scans_make_a_closure_more_exact_and_more_certain(seed: int) -> None:
     miss = np.abs(matrix_to_planar(between(truth, found.a_from_b)))
     assert found.converged
     assert (miss < [0.01, 0.01, 0.005]).all()
-    assert "aligned by the scans" in found.reason
+    assert "aligned by the scans" in in_words(found.verdict)
     assert (np.linalg.eigvalsh(found.information - pair.registration.information) > -1e-3).all()
     # Height, roll and pitch are none of a laser's business.
     before, after = pair.registration.a_from_b, found.a_from_b
@@ -57,7 +60,7 @@ def test_scans_that_contradict_the_images_make_it_no_closure() -> None:
     wrong = between(planar_to_matrix(a), planar_to_matrix(b)) @ se3_exp([0, 0, 0, 0.1, 0.05, 0])
     found = refine_by_scans(pair_with(wrong, 0.01), cast(a, WALLS, 1), cast(b, WALLS, 2), Config())
     assert not found.registration.converged
-    assert "contradict" in found.registration.reason
+    assert "contradict" in in_words(found.registration.verdict)
 
 
 def test_scans_that_see_other_walls_leave_a_closure_alone() -> None:

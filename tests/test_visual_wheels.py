@@ -8,16 +8,17 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from sample_verdicts import REJECTED
 
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between
 from mapmyworld.places.wheel_check import check_wheels, corrected
-from mapmyworld.types import Constraint, ConstraintKind, Node
+from mapmyworld.types import ConstraintKind, ImageMatch, Judged, Node, Odometry
 
 
 def drive(
     distance_share: float, turn_share: float, slip: float, twist: float = 0.0
-) -> tuple[list[Node], list[Constraint]]:
+) -> tuple[list[Node], list[Judged]]:
     """A winding drive as images see it, and as wheels tell it that are wrong by these shares."""
     random = np.random.default_rng(0)
     odometry, truth = np.eye(4), np.eye(4)
@@ -34,7 +35,7 @@ def drive(
         nodes.append(Node(k + 1, 0, k * 10**9, odometry, truth))
         motion = between(nodes[-2].tracked_from_base, truth)
         kind = ConstraintKind.PROXIMITY
-        seen.append(Constraint(k, k + 1, kind, motion, np.eye(6), True, "", {"steps": 1.0}))
+        seen.append(Judged(k, k + 1, kind, motion, np.eye(6), ImageMatch(steps=1)))
     return nodes, seen
 
 
@@ -73,22 +74,21 @@ def test_a_few_images_tell_nothing() -> None:
 
 def test_refused_pairs_and_longer_steps_do_not_count() -> None:
     nodes, seen = drive(0.0, 0.0, 0.0)
-    refused = [replace(c, accepted=False) for c in seen]
-    longer = [replace(c, evidence={"steps": 2.0}) for c in seen]
+    refused = [c.judged(REJECTED) for c in seen]
+    longer = [replace(c, source=ImageMatch(steps=2)) for c in seen]
     assert check_wheels(nodes, [*refused, *longer]) is None
 
 
-def told(nodes: list[Node]) -> list[Constraint]:
+def told(nodes: list[Node]) -> list[Judged]:
     """The motions from node to node as wheels told them."""
     kind = ConstraintKind.NEIGHBOUR
     steps = [between(a.odom_from_base, b.odom_from_base) for a, b in pairwise(nodes)]
     return [
-        Constraint(k, k + 1, kind, step, np.eye(6), True, "", {})
-        for k, step in enumerate(steps, start=1)
+        Judged(k, k + 1, kind, step, np.eye(6), Odometry()) for k, step in enumerate(steps, start=1)
     ]
 
 
-def end_of(steps: list[Constraint]) -> np.ndarray:
+def end_of(steps: list[Judged]) -> np.ndarray:
     """Where a path of these steps ends (4, 4)."""
     return reduce(np.matmul, [c.from_from_to for c in steps])
 
@@ -101,9 +101,11 @@ def test_what_all_motions_share_in_error_is_taken_out(distance: float, turn: flo
     assert check.is_far_off
     assert "corrected" in check.lines()[-1]
     mended = corrected([*wheels, *seen], check)
-    assert mended[len(wheels) :] == seen
+    count = len(wheels)
+    assert all(c.is_superseded for c in mended[:count])
+    assert mended[count:-count] == seen
     true = nodes[-1].tracked_from_base
-    before, after = (np.linalg.norm((end_of(s) - true)[:3, 3]) for s in (wheels, mended[:199]))
+    before, after = (np.linalg.norm((end_of(s) - true)[:3, 3]) for s in (wheels, mended[-count:]))
     assert after < min(0.06, 0.3 * before)
 
 

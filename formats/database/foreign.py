@@ -19,7 +19,7 @@ from formats.database.results import text_to_parameters
 from formats.database.surroundings import blob_to_gps, blob_to_readings, nanoseconds
 from mapmyworld.errors import MapError
 from mapmyworld.types import (
-    Constraint,
+    Judged,
     Node,
     NodeData,
     OccupancyGrid,
@@ -171,7 +171,7 @@ class RtabmapStore(ReadOnly, Opened):
 
     # The graph
 
-    def constraints(self) -> tuple[Constraint, ...]:
+    def constraints(self) -> tuple[Judged, ...]:
         """Links, one a pair and kind; dangling, null and damaged ones are left out."""
         known = {node.id for node in self.nodes()}
         found, problems = graph.constraints_from_links(self._db.rows(graph.SELECT_LINKS), known)

@@ -19,7 +19,7 @@ from formats.database.blobs import (
 from formats.database.links import KINDS
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import invert
-from mapmyworld.types import Constraint, ConstraintKind, Poses
+from mapmyworld.types import ConstraintKind, Given, Judged, Poses
 
 SELECT_LINKS = "SELECT from_id, to_id, type, information_matrix, transform FROM Link ORDER BY rowid"
 _GRAVITY = 9
@@ -30,12 +30,12 @@ _MANY = 20  # problems listed in full; the rest are counted
 
 def constraints_from_links(
     rows: Sequence[tuple[Any, ...]], nodes: Set[int]
-) -> tuple[tuple[Constraint, ...], tuple[str, ...]]:
+) -> tuple[tuple[Judged, ...], tuple[str, ...]]:
     """Constraints in the order of the rows, and a line on each link that was left out.
 
     Of the two directions of a pair the first one is kept, turned forward in time.
     """
-    found: dict[tuple[int, int, int], Constraint] = {}
+    found: dict[tuple[int, int, int], Judged] = {}
     problems: list[str] = []
     motions = blobs_to_poses([row[4] for row in rows])
     for row, motion in zip(rows, motions, strict=True):
@@ -65,7 +65,7 @@ def _key(row: tuple[Any, ...]) -> tuple[int, int, int]:
 
 def _constraint(
     row: tuple[Any, ...], motion: NDArray[np.float64], nodes: Set[int]
-) -> Constraint | None:
+) -> Judged | None:
     """A row's constraint, turned forward; None for a link of merged-away nodes."""
     from_id, to_id, number, information, transform = row
     what = f"link {from_id} to {to_id} of type {number}"
@@ -80,8 +80,8 @@ def _constraint(
         raise MapError(f"{what}: its information is not positive, left out")
     if 0 < to_id < from_id:
         from_id, to_id, motion = to_id, from_id, invert(motion)
-    reason = f"stored by RTAB-Map as a {_NAMES[number]}" if number in _NAMES else ""
-    return Constraint(from_id, to_id, kind, motion, matrix, True, reason or "stored by RTAB-Map")
+    named = f" as a {_NAMES[number]}" if number in _NAMES else ""
+    return Judged(from_id, to_id, kind, motion, matrix, Given(f"stored by RTAB-Map{named}"))
 
 
 def _check_ends(from_id: int, to_id: int, kind: ConstraintKind, nodes: Set[int], what: str) -> None:

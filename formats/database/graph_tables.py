@@ -10,52 +10,78 @@ from numpy.typing import NDArray
 from formats.database import features as feature_rows
 from formats.database import links
 from formats.database.connection import Connection
-from formats.database.stages import REPLACED
 from formats.database.transactions import Transactions
-from mapmyworld.types import Constraint
+from mapmyworld.types import Judged, Verdict
 
 
 class GraphTables(Transactions):
-    """Every constraint with its verdict, and RTAB-Map's links of the accepted ones."""
+    """Every constraint with its verdicts, and RTAB-Map's links of the accepted ones."""
 
     def __init__(self, connection: Connection) -> None:
         super().__init__(connection)
-        self._constraints: tuple[Constraint, ...] | None = None
+        self._known: dict[int, Judged] | None = None
+        self._next_id: int | None = None
         self._solved_anew = False
 
-    def add_constraints(self, constraints: Sequence[Constraint]) -> None:
+    def add_constraints(self, constraints: Sequence[Judged]) -> None:
         self._begin()
-        if self._constraints is not None:
-            self._constraints += tuple(constraints)
-        ranked = [(constraint, self._current_rank()) for constraint in constraints]
-        self._db.later(links.INSERT_CONSTRAINT, ranked, links.constraint_rows)
+        if self._next_id is None:
+            query = "SELECT COALESCE(MAX(id), 0) + 1 FROM mapmyworld_constraints"
+            (self._next_id,) = self._db.row(query)
+        made = dict(enumerate(constraints, self._next_id))
+        self._next_id += len(made)
+        if self._known is not None:
+            self._known |= made
+        rank = self._current_rank()
+        rows = [(number, rank, c) for number, c in made.items()]
+        self._db.later(links.INSERT_CONSTRAINT, rows, links.constraint_rows)
+        self._add_verdicts(
+            [(number, verdict) for number, c in made.items() for verdict in c.verdicts]
+        )
         self._db.later(links.INSERT_LINK, constraints, links.link_rows)
         self._settle()
 
-    def replace_constraints(self, constraints: Sequence[Constraint]) -> None:
+    def judge(self, constraints: Sequence[Judged]) -> None:
         self._begin()
-        rank = self._current_rank()
-        # Those of earlier stages stay, out of sight, for when this stage is done again.
-        self._db.run("DELETE FROM mapmyworld_constraints WHERE rank >= ?", (rank,))
-        ranked = [(constraint, rank) for constraint in constraints]
-        self._db.run_many(links.INSERT_CONSTRAINT, links.constraint_rows(ranked))
-        mark = "INSERT OR REPLACE INTO mapmyworld_keys VALUES (?,?,'true')"
-        self._db.run(mark, (REPLACED, rank))
-        self._constraints = tuple(constraints)
+        known = self._in_force()
+        judged = dict(zip(known, constraints[: len(known)], strict=True))
+        self._add_verdicts(
+            [
+                (k, verdict)
+                for k, c in judged.items()
+                for verdict in c.verdicts[len(known[k].verdicts) :]
+            ]
+        )
+        self._known = {k: c for k, c in judged.items() if not c.is_superseded}
+        self.add_constraints(constraints[len(known) :])
         self._rewrite_links()
         self._solved_anew = True
         self._settle()
 
-    def constraints(self) -> tuple[Constraint, ...]:
-        if self._constraints is None:
-            newest = "SELECT MAX(rank) FROM mapmyworld_keys WHERE key = ?"
-            (rank,) = self._db.row(newest, (REPLACED,))
-            first = -1 if rank is None else rank
-            found = self._db.in_chunks(links.SELECT_CONSTRAINTS, (first,))
-            self._constraints = tuple(
-                c for some in found for c in links.constraints_from_rows(some)
-            )
-        return self._constraints
+    def constraints(self) -> tuple[Judged, ...]:
+        return tuple(self._in_force().values())
+
+    def _add_verdicts(self, numbered: Sequence[tuple[int, Verdict]]) -> None:
+        rank = self._current_rank()
+        rows = [(number, rank, verdict) for number, verdict in numbered]
+        self._db.later(links.INSERT_VERDICT, rows, links.verdict_rows)
+
+    def _in_force(self) -> dict[int, Judged]:
+        """Id -> constraint, of those that no better measurement took the place of."""
+        if self._known is None:
+            verdicts = links.verdicts_from_rows(self._db.rows(links.SELECT_VERDICTS))
+            self._known = {
+                row[-1]: c
+                for rows in self._db.in_chunks(links.SELECT_CONSTRAINTS)
+                for row, c in zip(rows, links.constraints_from_rows(rows, verdicts), strict=True)
+                if not c.is_superseded
+            }
+        return self._known
+
+    def _forget_constraints(self) -> None:
+        """What is known of them, for an earlier stage is done again."""
+        self._known = self._next_id = None
+        self._rewrite_links()
 
     def _rewrite_links(self) -> None:
         self._db.run("DELETE FROM Link")

@@ -1,11 +1,13 @@
-"""Constraints as rows: ours, with verdict and reason, and RTAB-Map's links of the accepted ones."""
+"""Constraints and verdicts as rows: ours, and RTAB-Map's links of the accepted ones."""
 
 from __future__ import annotations
 
+import functools
 import json
 import sys
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, fields
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,18 +16,25 @@ from formats.database.blobs import doubles, information_to_blob, pose_to_blob, s
 from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import invert
-from mapmyworld.types import Constraint, ConstraintKind
+from mapmyworld.types import Constraint, ConstraintKind, Judge, Judged, Source, Verdict, Why
 
 INSERT_LINK = (
     "INSERT INTO Link (from_id, to_id, type, information_matrix, transform) VALUES (?,?,?,?,?)"
 )
 INSERT_CONSTRAINT = (
-    "INSERT INTO mapmyworld_constraints (rank, from_id, to_id, kind, from_from_to, information,"
-    " accepted, reason, evidence) VALUES (?,?,?,?,?,?,?,?,?)"
+    "INSERT INTO mapmyworld_constraints (id, rank, from_id, to_id, kind, from_from_to, information,"
+    " source, figures) VALUES (?,?,?,?,?,?,?,?,?)"
+)
+INSERT_VERDICT = (
+    "INSERT INTO mapmyworld_verdicts (constraint_id, rank, judge, accepted, why, numbers, note)"
+    " VALUES (?,?,?,?,?,?,?)"
 )
 SELECT_CONSTRAINTS = (
-    "SELECT from_id, to_id, kind, from_from_to, information, accepted, reason, evidence"
-    " FROM mapmyworld_constraints WHERE rank >= ? ORDER BY id"
+    "SELECT from_id, to_id, kind, from_from_to, information, source, figures, id"
+    " FROM mapmyworld_constraints ORDER BY id"
+)
+SELECT_VERDICTS = (
+    "SELECT constraint_id, judge, accepted, why, numbers, note FROM mapmyworld_verdicts ORDER BY id"
 )
 LINK_TYPES = {
     ConstraintKind.NEIGHBOUR: 0,
@@ -45,9 +54,11 @@ KINDS = {number: kind for kind, number in LINK_TYPES.items()} | {
 # Stored once: what it links to has no row of its own.
 _ONE_WAY = {ConstraintKind.PRIOR, ConstraintKind.LANDMARK}
 Row = tuple[Any, ...]
+_SOURCES = {source.__name__: source for source in get_args(Source)}
+_TYPES: Mapping[str, Any] = {"float": int | float, "int": int, "bool": bool, "str": str}
 
 
-def link_rows(constraints: Iterable[Constraint]) -> Iterator[Row]:
+def link_rows(constraints: Iterable[Judged]) -> Iterator[Row]:
     """RTAB-Map's links of the accepted constraints, both directions where it keeps both."""
     accepted = [c for c in constraints if c.accepted]
     backwards = invert(np.array([c.from_from_to for c in accepted]).reshape(-1, 4, 4))
@@ -59,60 +70,108 @@ def link_rows(constraints: Iterable[Constraint]) -> Iterator[Row]:
             yield (c.to_id, c.from_id, kind, information, pose_to_blob(to_from_from))
 
 
-def constraint_rows(ranked: Iterable[tuple[Constraint, int]]) -> Iterator[Row]:
-    """Our own rows, in double precision, of constraints with their stage's rank."""
-    for c, rank in ranked:
+def constraint_rows(numbered: Iterable[tuple[int, int, Constraint]]) -> Iterator[Row]:
+    """Our own rows, in double precision, of constraints with their id and their stage's rank."""
+    for constraint_id, rank, c in numbered:
         yield (
+            constraint_id,
             rank,
             c.from_id,
             c.to_id,
             str(c.kind),
             np.asarray(c.from_from_to, "<f8").tobytes(),
             np.asarray(c.information, "<f8").tobytes(),
-            int(c.accepted),
-            c.reason,
-            json.dumps(dict(c.evidence), default=float) if c.evidence else "{}",
+            type(c.source).__name__,
+            json.dumps(asdict(c.source)),
         )
 
 
-def constraints_from_rows(rows: Sequence[Row]) -> Iterator[Constraint]:
-    """The constraints of rows of `SELECT_CONSTRAINTS`."""
+def verdict_rows(numbered: Iterable[tuple[int, int, Verdict]]) -> Iterator[Row]:
+    """Rows of verdicts with the id of their constraint and their stage's rank."""
+    for constraint_id, rank, v in numbered:
+        numbers = json.dumps(dict(v.numbers))
+        yield (constraint_id, rank, str(v.judge), int(v.accepted), str(v.why), numbers, v.note)
+
+
+def verdicts_from_rows(rows: Iterable[Row]) -> dict[int, tuple[Verdict, ...]]:
+    """Id of a constraint -> the verdicts of rows of `SELECT_VERDICTS`."""
+    found: dict[int, tuple[Verdict, ...]] = {}
+    for constraint_id, *row in rows:
+        found[constraint_id] = (*found.get(constraint_id, ()), _verdict(constraint_id, *row))
+    return found
+
+
+def _verdict(
+    constraint_id: int, judge: Any, accepted: Any, why: Any, numbers: Any, note: Any
+) -> Verdict:
+    try:
+        figures = json_from_text(numbers, object_pairs_hook=_figures)
+        if not (isinstance(note, str) and all(_is_number(n) for n in figures.values())):
+            raise TypeError("a figure that is no number")
+        return Verdict(Judge(judge), bool(accepted), Why(why), figures, note)
+    except (ValueError, TypeError) as error:
+        raise MapError(
+            f"a verdict on constraint {constraint_id}: a damaged row ({error})"
+        ) from None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float)
+
+
+def constraints_from_rows(
+    rows: Sequence[Row], verdicts: Mapping[int, tuple[Verdict, ...]]
+) -> Iterator[Judged]:
+    """The constraints of rows of `SELECT_CONSTRAINTS`, with their verdicts."""
     transforms = stacked_doubles([row[3] for row in rows], 4)
     informations = stacked_doubles([row[4] for row in rows], 6)
     if transforms is None or informations is None:
-        yield from map(constraint_from_row, rows)
+        yield from (constraint_from_row(row, verdicts) for row in rows)
         return
     for row, transform, information in zip(rows, transforms, informations, strict=True):
-        yield _constraint(row, transform, information)
+        yield _constraint(row, transform, information, verdicts)
 
 
-def constraint_from_row(row: Row) -> Constraint:
+def constraint_from_row(row: Row, verdicts: Mapping[int, tuple[Verdict, ...]]) -> Judged:
     """The constraint of a row of `SELECT_CONSTRAINTS`."""
     try:
-        return _constraint(row, doubles(row[3], 4), doubles(row[4], 6))
+        return _constraint(row, doubles(row[3], 4), doubles(row[4], 6), verdicts)
     except (ValueError, TypeError) as error:
         raise MapError(f"constraint {row[0]} to {row[1]}: a damaged row ({error})") from None
 
 
 def _constraint(
-    row: Row, transform: NDArray[np.float64], information: NDArray[np.float64]
-) -> Constraint:
-    from_id, to_id, kind, _, _, accepted, reason, evidence = row
+    row: Row,
+    transform: NDArray[np.float64],
+    information: NDArray[np.float64],
+    verdicts: Mapping[int, tuple[Verdict, ...]],
+) -> Judged:
+    from_id, to_id, kind, _, _, source, figures, constraint_id = row
     try:
         if not (isinstance(from_id, int) and isinstance(to_id, int)):
             raise TypeError("an id that is no whole number")
-        return Constraint(
+        return Judged(
             from_id,
             to_id,
             ConstraintKind(kind),
             transform,
             information,
-            bool(accepted),
-            sys.intern(reason),  # most are alike
-            {} if evidence == "{}" else json_from_text(evidence, object_pairs_hook=_figures),
+            _source(source, figures),
+            verdicts.get(constraint_id, ()),
         )
     except (ValueError, TypeError) as error:
         raise MapError(f"constraint {from_id} to {to_id}: a damaged row ({error})") from None
+
+
+@functools.lru_cache(maxsize=4096)  # most of those of a long drive are alike
+def _source(name: str, figures: str) -> Source:
+    if name not in _SOURCES:
+        raise ValueError(f"an unknown source {name!r}")
+    found: Source = _SOURCES[name](**json_from_text(figures))
+    for item in fields(found):
+        if not isinstance(getattr(found, item.name), _TYPES[str(item.type)]):
+            raise TypeError(f"{item.name} is of another type")
+    return found
 
 
 def _figures(pairs: Sequence[tuple[str, float]]) -> dict[str, float]:

@@ -56,7 +56,7 @@ def open_store(
         return DatabaseStore(_created(path, settings, parameters or {}), settings)
     if not is_sqlite(path):
         raise MapError(f"{path}: is not a map (no SQLite database): give another file")
-    if not _is_ours(path):
+    if not _is_ours(path, replaced=create and overwrite):
         return _foreign(path, create=create)
     if create and overwrite:
         path.unlink()
@@ -83,7 +83,8 @@ def _is_blank(path: Path) -> bool:
         connection.close()
 
 
-def _is_ours(path: Path) -> bool:
+def _is_ours(path: Path, *, replaced: bool) -> bool:
+    """Whether it is a map of ours; of a format that is read here, unless it will be `replaced`."""
     connection = Connection(path, writable=False, frozen=True)
     try:
         if not connection.columns("mapmyworld_format"):
@@ -96,6 +97,11 @@ def _is_ours(path: Path) -> bool:
     if found > schema.FORMAT:
         raise MapError(
             f"{path}: was written by a newer mapmyworld (format {found}): update this one"
+        )
+    if found < schema.FORMAT and not replaced:
+        raise MapError(
+            f"{path}: was written by an older mapmyworld (format {found}, this one reads "
+            f"{schema.FORMAT}): build it anew with --overwrite"
         )
     return True
 

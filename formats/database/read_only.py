@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from mapmyworld.errors import MapError
 from mapmyworld.types import (
-    Constraint,
     Features,
+    Judged,
     Mesh,
     Node,
     NodeData,
@@ -54,10 +54,10 @@ class ReadOnly:
     def set_tracked_frames(self, frames: TrackedFrames) -> None:
         self._refuse()
 
-    def add_constraints(self, constraints: Sequence[Constraint]) -> None:
+    def add_constraints(self, constraints: Sequence[Judged]) -> None:
         self._refuse()
 
-    def replace_constraints(self, constraints: Sequence[Constraint]) -> None:
+    def judge(self, constraints: Sequence[Judged]) -> None:
         self._refuse()
 
     def set_features(self, node_id: int, features: Features) -> None:

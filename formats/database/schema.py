@@ -11,8 +11,8 @@ from collections.abc import Mapping
 # The oldest version whose columns hold everything we write: the file then opens in every
 # release since, and in distributions that ship 0.20 or 0.21.
 RTABMAP_VERSION = "0.20.0"
-# Of our own tables; a file with a higher number was written by a later mapmyworld.
-FORMAT = 1
+# Of our own tables; a file with another number was written by another mapmyworld.
+FORMAT = 2
 
 _RTABMAP_TABLES: Mapping[str, str] = {
     "Node": "id INTEGER NOT NULL, map_id INTEGER NOT NULL, weight INTEGER, stamp FLOAT, pose BLOB,"
@@ -60,8 +60,12 @@ _OWN_TABLES: Mapping[str, str] = {
     "mapmyworld_scans": "frame INTEGER PRIMARY KEY, scan BLOB NOT NULL",
     "mapmyworld_constraints": "id INTEGER PRIMARY KEY, rank INTEGER NOT NULL,"
     " from_id INTEGER NOT NULL, to_id INTEGER NOT NULL, kind TEXT NOT NULL,"
-    " from_from_to BLOB NOT NULL, information BLOB NOT NULL, accepted INTEGER NOT NULL,"
-    " reason TEXT NOT NULL, evidence TEXT NOT NULL",
+    " from_from_to BLOB NOT NULL, information BLOB NOT NULL, source TEXT NOT NULL,"
+    " figures TEXT NOT NULL",
+    # Of several verdicts on a constraint the last one counts.
+    "mapmyworld_verdicts": "id INTEGER PRIMARY KEY, constraint_id INTEGER NOT NULL,"
+    " rank INTEGER NOT NULL, judge TEXT NOT NULL, accepted INTEGER NOT NULL, why TEXT NOT NULL,"
+    " numbers TEXT NOT NULL, note TEXT NOT NULL",
 }
 
 _INDEXES = (

@@ -7,7 +7,6 @@ from mapmyworld.errors import MapError
 from mapmyworld.types.seams import STAGE_RANKS
 
 _TRACK, _RECOGNISE, _OPTIMISE = (STAGE_RANKS[name] for name in ("track", "recognise", "optimise"))
-REPLACED = "mapmyworld constraints replaced"  # key that marks a complete set of constraints
 _NODE_TABLES = (
     "Statistics",
     "GlobalDescriptor",
@@ -33,10 +32,10 @@ def clear_from(db: Connection, rank: int) -> bool:
     """
     judged = db.row(
         "SELECT EXISTS (SELECT 1 FROM mapmyworld_constraints WHERE rank >= ?)"
-        " OR EXISTS (SELECT 1 FROM mapmyworld_keys WHERE key = ? AND rank >= ?)",
-        (rank, REPLACED, rank),
+        " OR EXISTS (SELECT 1 FROM mapmyworld_verdicts WHERE rank >= ?)",
+        (rank, rank),
     )
-    for table in ("stages", "keys", "arrays", "constraints"):
+    for table in ("stages", "keys", "arrays", "constraints", "verdicts"):
         db.run(f"DELETE FROM mapmyworld_{table} WHERE rank >= ?", (rank,))
     if rank <= _TRACK:
         for table in _NODE_TABLES:

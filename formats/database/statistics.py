@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from formats.database.blobs import text_to_blob
 from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.geometry.rotations import rotation_to_roll_pitch_yaw
-from mapmyworld.types import Constraint, ConstraintKind, Node, Poses
+from mapmyworld.types import ConstraintKind, ImageMatch, Judged, Node, Poses, ScanMatch
 
 INSERT_STATISTICS = "INSERT INTO Statistics (id, stamp, data) VALUES (?,?,?)"
 _CLOSURES = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY, ConstraintKind.USER)
@@ -25,7 +25,7 @@ _CLOSURES = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY, ConstraintKi
 
 def statistics_rows(
     nodes: Sequence[Node],
-    constraints: Sequence[Constraint],
+    constraints: Sequence[Judged],
     poses: Poses,
     feature_counts: Mapping[int, int],
     word_count: int,
@@ -36,7 +36,7 @@ def statistics_rows(
     `seconds` (N,) that tracking spent from the node before to each.
     """
     place = {int(i): pose for i, pose in zip(poses.ids, poses.map_from_node, strict=True)}
-    closures = defaultdict[int, list[Constraint]](list)
+    closures = defaultdict[int, list[Judged]](list)
     for constraint in constraints:
         if constraint.kind in _CLOSURES:
             closures[max(constraint.from_id, constraint.to_id)].append(constraint)
@@ -81,7 +81,7 @@ def _corrections(
 
 
 def _closure_figures(
-    node_id: int, tried: Sequence[Constraint], place: Mapping[int, NDArray[np.float64]]
+    node_id: int, tried: Sequence[Judged], place: Mapping[int, NDArray[np.float64]]
 ) -> dict[str, float]:
     """What was tried at a node, what was accepted, how well it fits."""
     loops = [c for c in tried if c.kind is not ConstraintKind.PROXIMITY]
@@ -95,7 +95,7 @@ def _closure_figures(
         "Loop/Highest_hypothesis_value/": 0.0 if best is None else _score(best),
         "Loop/Accepted_hypothesis_id/": 0 if kept is None else _other(kept, node_id),
         "Loop/RejectedHypothesis/": int(bool(loops) and kept is None),
-        "Loop/Visual_inliers/": 0.0 if best is None else best.evidence.get("inliers", 0.0),
+        "Loop/Visual_inliers/": _inliers(best),
         "Loop/Optimization_max_error/m": max(
             (_misfit(c, place) for c in tried if c.accepted), default=0.0
         ),
@@ -105,17 +105,25 @@ def _closure_figures(
     }
 
 
-def _score(constraint: Constraint) -> float:
+def _score(constraint: Judged) -> float:
     """Likelihood of a hypothesis, by what its finder calls it."""
-    evidence = constraint.evidence
-    return float(evidence.get("posterior", evidence.get("score", evidence.get("similarity", 0.0))))
+    match constraint.source:
+        case ImageMatch(posterior=posterior):
+            return posterior
+        case ScanMatch(score=score):
+            return score
+    return 0.0
 
 
-def _other(constraint: Constraint, node_id: int) -> int:
+def _inliers(best: Judged | None) -> int:
+    return 0 if best is None or not isinstance(best.source, ImageMatch) else best.source.inliers
+
+
+def _other(constraint: Judged, node_id: int) -> int:
     return constraint.from_id if constraint.to_id == node_id else constraint.to_id
 
 
-def _misfit(constraint: Constraint, place: Mapping[int, NDArray[np.float64]]) -> float:
+def _misfit(constraint: Judged, place: Mapping[int, NDArray[np.float64]]) -> float:
     """Metres between where a constraint puts its node and where optimisation put it."""
     if constraint.from_id not in place or constraint.to_id not in place:
         return 0.0

@@ -53,8 +53,7 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
         if rank <= STAGE_RANKS["track"]:
             self._nodes = None
         if clear_from(self._db, rank):
-            self._constraints = None
-            self._rewrite_links()
+            self._forget_constraints()
         with self.extend_stage(stage, inputs):
             yield
 

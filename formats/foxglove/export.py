@@ -19,14 +19,15 @@ from formats.recording import LogWriter
 from formats.recording_sinks import McapSink
 from mapmyworld.types import (
     CameraModel,
-    Constraint,
     ConstraintKind,
+    Judged,
     Node,
     NodeData,
     OccupancyGrid,
     PointCloud,
     PoseMessage,
 )
+from mapmyworld.types.wording import reason_of
 
 Floats = NDArray[np.float64]
 MAP = "map"
@@ -46,7 +47,7 @@ class FoxgloveMap:
     """(F, 4, 4)."""
     nodes: Sequence[tuple[Node, Floats, Floats | None]]
     """Each with map_from_node and its covariance (6, 6), rotation first, in its own frame."""
-    constraints: Sequence[Constraint]
+    constraints: Sequence[Judged]
     grid: OccupancyGrid | None
     cloud: PointCloud | None
 
@@ -126,7 +127,7 @@ def _entities(start: int, shown: FoxgloveMap) -> Iterator[Any]:
             ends = np.array([(place[c.from_id], place[c.to_id]) for c in drawn])
             facts = {"constraints": str(len(members))}
             if name != str(ConstraintKind.NEIGHBOUR):
-                facts |= {f"{c.from_id} and {c.to_id}": c.reason for c in drawn[:_LISTED]}
+                facts |= {f"{c.from_id} and {c.to_id}": reason_of(c) for c in drawn[:_LISTED]}
             yield fox.lines_entity(start, MAP, name, ends, colour, facts)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from formats.constraint_kinds import COLOURS, rgb
 from formats.report.picture_file import write_picture
 from mapmyworld.geometry import Array
-from mapmyworld.types import Constraint, ConstraintKind, OccupancyGrid, Poses
+from mapmyworld.types import ConstraintKind, Judged, OccupancyGrid, Poses
 
 _SIZE = 1400  # pixels of the longer side
 _MARGIN = 40  # pixels
@@ -30,7 +30,7 @@ _WORDS = {
 
 def draw_graph(
     poses: Poses,
-    constraints: Sequence[Constraint],
+    constraints: Sequence[Judged],
     grid: OccupancyGrid | None = None,
     landmarks: Array | None = None,
 ) -> NDArray[np.uint8]:
@@ -60,7 +60,7 @@ def draw_graph(
 def write_graph_picture(
     path: Path,
     poses: Poses,
-    constraints: Sequence[Constraint],
+    constraints: Sequence[Judged],
     grid: OccupancyGrid | None = None,
     landmarks: Array | None = None,
 ) -> None:

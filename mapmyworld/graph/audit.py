@@ -14,7 +14,7 @@ from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph.pose_graph import components, positions
 from mapmyworld.graph.residuals import edge_residuals, squared_sigmas
-from mapmyworld.types import Constraint, ConstraintKind, Poses
+from mapmyworld.types import ConstraintKind, Judged, Poses
 
 _OVERCONFIDENT = 2.0  # times larger than stated: errors from which a kind is called over-confident
 
@@ -23,14 +23,14 @@ _OVERCONFIDENT = 2.0  # times larger than stated: errors from which a kind is ca
 class Misfit:
     """One constraint against the solution."""
 
-    constraint: Constraint
+    constraint: Judged
     metres: float
     degrees: float
     sigmas: float
 
 
 def misfits_of(
-    constraints: Sequence[Constraint], poses: Poses, planar: bool
+    constraints: Sequence[Judged], poses: Poses, planar: bool
 ) -> tuple[Misfit | None, ...]:
     """Every constraint against the solved poses, accepted or not; None where a node is missing."""
     order = np.argsort(poses.ids, kind="stable")
@@ -68,7 +68,7 @@ def misfits_of(
     return tuple(found)
 
 
-def counts_of(constraints: Sequence[Constraint]) -> dict[str, dict[str, int]]:
+def counts_of(constraints: Sequence[Judged]) -> dict[str, dict[str, int]]:
     """Kind -> how many were tried, accepted and rejected."""
     result: dict[str, dict[str, int]] = {}
     for kind in ConstraintKind:
@@ -110,7 +110,7 @@ def corrections_of(
     return tuple(sorted(found, key=lambda item: -item[1]))
 
 
-def parts_of(constraints: Sequence[Constraint], poses: Poses) -> tuple[tuple[int, int, int], ...]:
+def parts_of(constraints: Sequence[Judged], poses: Poses) -> tuple[tuple[int, int, int], ...]:
     """Connected parts as first node, last node and number of nodes."""
     order = np.argsort(poses.ids, kind="stable")
     known = poses.ids[order]

@@ -21,9 +21,9 @@ from mapmyworld.graph.elimination import forget_patterns
 from mapmyworld.graph.residuals import chi_squared_quantile
 from mapmyworld.graph.robust import RobustSolution
 from mapmyworld.graph.solve import SolvedGraph, solve
-from mapmyworld.graph.verdicts import judged, unjudged
+from mapmyworld.graph.verdicts import judged
 from mapmyworld.parallel import batches
-from mapmyworld.types import Constraint, Node, Poses
+from mapmyworld.types import Constraint, Judge, Judged, Node, Poses
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -34,12 +34,12 @@ _LONGEST = 16  # nodes of a chain, so that what is shared out along it is little
 def solve_by_chains(
     nodes: Sequence[Node],
     landmarks: Mapping[int, Array],
-    constraints: Sequence[Constraint],
+    constraints: Sequence[Judged],
     planar: bool,
     config: GraphConfig,
 ) -> SolvedGraph:
     """As `graph.solve`, all nodes and constraints, from the nodes that closures tie."""
-    fresh = [unjudged(c) for c in constraints]
+    fresh = [c.before(Judge.GRAPH) for c in constraints]
     ids = np.array([node.id for node in nodes], np.int64)
     is_motion = are_motions(fresh, set(ids.tolist()))
     motions = [c for c, own in zip(fresh, is_motion, strict=True) if own]
@@ -101,8 +101,8 @@ def _carried(covariance: Array, end: Array, own: Array) -> Array:
 
 
 def _judged_motions(
-    motions: Sequence[Constraint], ids: Index, poses: Poses, planar: bool, config: GraphConfig
-) -> tuple[Constraint, ...]:
+    motions: Sequence[Judged], ids: Index, poses: Poses, planar: bool, config: GraphConfig
+) -> tuple[Judged, ...]:
     """The motions, which nobody questions, with what they miss the poses by."""
     return tuple(
         one
@@ -112,8 +112,8 @@ def _judged_motions(
 
 
 def _judged_together(
-    motions: Sequence[Constraint], ids: Index, poses: Poses, planar: bool, config: GraphConfig
-) -> tuple[Constraint, ...]:
+    motions: Sequence[Judged], ids: Index, poses: Poses, planar: bool, config: GraphConfig
+) -> tuple[Judged, ...]:
     stated = stated_system(ids, poses.map_from_node[: len(ids)], motions, planar)
     system, count = stated.system, len(motions)
     trusted = np.ones(count, np.bool_)

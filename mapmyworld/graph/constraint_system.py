@@ -12,8 +12,7 @@ from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import information_to_planar, matrix_to_planar
 from mapmyworld.graph.pose_graph import Index, held_nodes, positions
 from mapmyworld.graph.system import System, number_free
-from mapmyworld.types import TRUSTED, Constraint
-from mapmyworld.types.edits import BY_HAND
+from mapmyworld.types import TRUSTED, Judge, Judged
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,7 +29,7 @@ class StatedSystem:
 
 
 def stated_system(
-    known: Index, guess: Array, constraints: Sequence[Constraint], planar: bool
+    known: Index, guess: Array, constraints: Sequence[Judged], planar: bool
 ) -> StatedSystem:
     """The system of usable constraints between `known` nodes at `guess` (N, 4, 4).
 
@@ -47,8 +46,14 @@ def stated_system(
     ends = np.array([(c.from_id, c.to_id) for c in constraints], np.int64).reshape(-1, 2)
     places = by_id[positions(known[by_id], ends.ravel())].reshape(-1, 2)
     tails = np.where(ends[:, 0] == ends[:, 1], world, places[:, 0])
-    trusted = np.array([c.kind in TRUSTED or BY_HAND in c.evidence for c in constraints], np.bool_)
+    trusted = np.array([_is_trusted(c) for c in constraints], np.bool_)
     heads = np.ascontiguousarray(places[:, 1])  # or a kernel is compiled twice
     stays = held_nodes(world + 1, tails, heads, np.array([world]))
     system = System(planar, tails, heads, measured, information, number_free(stays))
     return StatedSystem(system, start, trusted, np.flatnonzero(stays))
+
+
+def _is_trusted(constraint: Judged) -> bool:
+    """Whether it is motion, or a person stated it or judged it."""
+    by_hand = any(verdict.judge is Judge.PERSON for verdict in constraint.verdicts)
+    return constraint.kind in TRUSTED or by_hand

@@ -17,9 +17,9 @@ from mapmyworld.geometry.rigid import between, invert, se3_adjoint
 from mapmyworld.graph.elimination import forget_patterns
 from mapmyworld.graph.solve import solve
 from mapmyworld.graph.trajectory import pose_every_frame
-from mapmyworld.graph.verdicts import faults_of, unjudged
+from mapmyworld.graph.verdicts import faults_of
 from mapmyworld.parallel import batches
-from mapmyworld.types import Constraint, ConstraintKind, Node, Poses, TrackedFrames
+from mapmyworld.types import Constraint, ConstraintKind, Judge, Judged, Node, Poses, TrackedFrames
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -31,7 +31,7 @@ class Draft:
     """Where all nodes are, about."""
 
     poses: Poses
-    closures: tuple[Constraint, ...]
+    closures: tuple[Judged, ...]
     """All constraints but the motions, those that contradict the rest rejected."""
 
 
@@ -49,13 +49,14 @@ def landmark_guesses(
 def solve_draft(
     nodes: Sequence[Node],
     landmarks: Mapping[int, Array],
-    constraints: Sequence[Constraint],
+    constraints: Sequence[Judged],
     planar: bool,
     config: GraphConfig,
 ) -> Draft:
     """Poses of all nodes, and of landmarks at their guesses (id -> (4, 4)), from few of them."""
     quick = replace(config, covariances=False, certify=False, groups=False)
-    constraints = [c for c in map(unjudged, constraints) if c.accepted]
+    asked = [c.before(Judge.GRAPH) for c in constraints]
+    constraints = [c for c in asked if c.accepted]
     ids = np.array([node.id for node in nodes], np.int64)
     usable = are_motions(constraints, set(ids.tolist()))
     motions = [c for c, own in zip(constraints, usable, strict=True) if own]
@@ -72,7 +73,7 @@ def solve_draft(
     return Draft(poses, solved.constraints[len(composed) :])
 
 
-def are_motions(constraints: Sequence[Constraint], known: set[int]) -> list[bool]:
+def are_motions(constraints: Sequence[Judged], known: set[int]) -> list[bool]:
     """Which constraints are motions between known nodes that can be used."""
     motions = [c.accepted and c.kind == ConstraintKind.NEIGHBOUR for c in constraints]
     faults = iter(faults_of([c for c, own in zip(constraints, motions, strict=True) if own], known))
@@ -100,7 +101,7 @@ def kept_nodes(
     return np.asarray(opens | ~through | np.isin(ids, tied) | np.isin(ids, backwards))
 
 
-def composed_motions(motions: Sequence[Constraint], kept: set[int]) -> list[Constraint]:
+def composed_motions(motions: Sequence[Judged], kept: set[int]) -> list[Judged]:
     """One motion from each kept node to the next, with the uncertainty of all those between."""
     onward = {c.from_id: c for c in motions}
     starts = (c for c in motions if c.from_id in kept)
@@ -111,7 +112,7 @@ def composed_motions(motions: Sequence[Constraint], kept: set[int]) -> list[Cons
     ]
 
 
-def _chain(start: Constraint, onward: Mapping[int, Constraint], kept: set[int]) -> list[Constraint]:
+def _chain(start: Judged, onward: Mapping[int, Judged], kept: set[int]) -> list[Judged]:
     """The motions from a kept node to the next one."""
     links = [start]
     while links[-1].to_id not in kept:
@@ -119,7 +120,7 @@ def _chain(start: Constraint, onward: Mapping[int, Constraint], kept: set[int]) 
     return links
 
 
-def _composed(chains: Sequence[Sequence[Constraint]]) -> list[Constraint]:
+def _composed(chains: Sequence[Sequence[Judged]]) -> list[Judged]:
     order = [link for chain in chains for link in chain]
     firsts = np.cumsum([0, *(len(chain) for chain in chains)])[:-1].tolist()
     first = np.array(firsts)

@@ -9,28 +9,43 @@ from typing import Any
 import numpy as np
 
 from mapmyworld.errors import GraphError
-from mapmyworld.graph.verdicts import unjudged
-from mapmyworld.types import Constraint, ConstraintKind, Poses
-from mapmyworld.types.edits import BY_HAND, Edit, EditAction
+from mapmyworld.types import (
+    Constraint,
+    ConstraintKind,
+    Judge,
+    Judged,
+    Person,
+    Poses,
+    Verdict,
+    Why,
+)
+from mapmyworld.types.edits import Edit, EditAction
 
-_STATEMENTS = (EditAction.ACCEPT, EditAction.REJECT)
-_BEFORE = "accepted_before_edit"
-_MARK = "by hand: "
+_STATEMENTS = {
+    EditAction.ACCEPT: Verdict(Judge.PERSON, True, Why.ACCEPTED_BY_HAND),
+    EditAction.REJECT: Verdict(Judge.PERSON, False, Why.REJECTED_BY_HAND),
+}
 _PIN_SIGMA = (1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3)  # rad, m
 
 
-def apply_edits(constraints: Sequence[Constraint], edits: Sequence[Edit]) -> tuple[Constraint, ...]:
+def apply_edits(constraints: Sequence[Judged], edits: Sequence[Edit]) -> tuple[Judged, ...]:
     """The constraints as these edits want them; earlier edits that are not among them are undone.
 
     Edits of constraints that are not there, or not yet, change nothing.
     """
-    result = [_unedited(c) for c in constraints if c.evidence.get(BY_HAND) != 2.0]
+    result = list(as_found(constraints))
     for edit in edits:
         if edit.action in _STATEMENTS:
-            result = [_stated(c, edit) if _concerns(edit, c) else c for c in result]
+            verdict = replace(_STATEMENTS[edit.action], note=edit.reason)
+            result = [c.judged(verdict) if _concerns(edit, c) else c for c in result]
         else:
             result.append(_made(edit))
     return tuple(result)
+
+
+def as_found(constraints: Sequence[Judged]) -> tuple[Judged, ...]:
+    """What was measured, as its finders judged it: nothing that a person stated or a graph says."""
+    return tuple(c.before(Judge.PERSON) for c in constraints if not isinstance(c.source, Person))
 
 
 def unmet(constraints: Sequence[Constraint], edits: Sequence[Edit]) -> list[str]:
@@ -96,56 +111,22 @@ def _concerns(edit: Edit, constraint: Constraint) -> bool:
     ends = {constraint.from_id, constraint.to_id}
     return (
         ends == {edit.from_id, edit.to_id}
-        and constraint.evidence.get(BY_HAND) != 2.0
+        and not isinstance(constraint.source, Person)
         and (not edit.kind or constraint.kind == edit.kind)
     )
 
 
-def _stated(constraint: Constraint, edit: Edit) -> Constraint:
-    word = "accepted" if edit.action is EditAction.ACCEPT else "rejected"
-    evidence = constraint.evidence
-    before = float(constraint.accepted or "sigmas" in evidence)  # what the graph rejected counts
-    statement = f"{_MARK}{word}: {edit.reason}"
-    return replace(
-        constraint,
-        accepted=edit.action is EditAction.ACCEPT,
-        reason=" | ".join(part for part in (_measured(constraint), statement) if part),
-        evidence={_BEFORE: before, **evidence, BY_HAND: 1.0},
-    )
-
-
-def _unedited(constraint: Constraint) -> Constraint:
-    """The constraint as it was measured, and judged by nobody, where a person had judged it."""
-    if constraint.evidence.get(BY_HAND) != 1.0:
-        return constraint
-    constraint = unjudged(constraint)  # else what was measured to be false passes for judged so
-    kept = {k: v for k, v in constraint.evidence.items() if k not in (BY_HAND, _BEFORE)}
-    return replace(
-        constraint,
-        accepted=bool(constraint.evidence[_BEFORE]),
-        reason=_measured(constraint),
-        evidence=kept,
-    )
-
-
-def _measured(constraint: Constraint) -> str:
-    """The reason without what people said."""
-    return " | ".join(p for p in constraint.reason.split(" | ") if not p.startswith(_MARK))
-
-
-def _made(edit: Edit) -> Constraint:
+def _made(edit: Edit) -> Judged:
     assert edit.motion is not None
     covariance = edit.covariance
     if covariance is None:
         covariance = np.diag(np.square(_PIN_SIGMA))
     kind = ConstraintKind.USER if edit.action is EditAction.ADD else ConstraintKind.PRIOR
-    return Constraint(
+    return Judged(
         edit.from_id,
         edit.to_id,
         kind,
         np.asarray(edit.motion),
         np.asarray(np.linalg.inv(covariance), np.float64),
-        True,
-        f"{_MARK}{edit.action}: {edit.reason}",
-        {BY_HAND: 2.0},
+        Person(edit.action, edit.reason),
     )

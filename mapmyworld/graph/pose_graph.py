@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import information_to_planar, matrix_to_planar
-from mapmyworld.types import TRUSTED, Constraint
+from mapmyworld.types import TRUSTED, Judged
 from mapmyworld.types.pose_graph import Edges, PoseGraph, Priors, no_sightings
 
 Index = NDArray[np.int64]
@@ -20,7 +20,7 @@ Index = NDArray[np.int64]
 def graph_from_constraints(
     ids: Sequence[int] | Index,
     map_from_node: Array,
-    constraints: Sequence[Constraint],
+    constraints: Sequence[Judged],
     planar: bool,
 ) -> PoseGraph:
     """The graph of these nodes (N, 4, 4) and of the accepted constraints between them.

@@ -18,9 +18,9 @@ from mapmyworld.graph.descent import settle
 from mapmyworld.graph.pose_graph import Index, components
 from mapmyworld.graph.robust import RobustSolution, solve_robustly
 from mapmyworld.graph.system import System, believed_edges, edge_chi2, fit_of
-from mapmyworld.graph.verdicts import faults_of, judged, unjudged
+from mapmyworld.graph.verdicts import faults_of, judged
 from mapmyworld.parallel import on_one_thread
-from mapmyworld.types import Constraint, Poses
+from mapmyworld.types import Judge, Judged, Poses
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,8 +28,8 @@ class SolvedGraph:
     """Where the nodes are, what became of every constraint, and how sure that is."""
 
     poses: Poses
-    constraints: tuple[Constraint, ...]
-    """All that were given, in their order, with verdict, reason and evidence."""
+    constraints: tuple[Judged, ...]
+    """All that were given, in their order, with the graph's verdict where it was asked."""
     component: NDArray[np.int64]
     """(N,) connected part of every node of `poses`, numbered by first node."""
     cost: float
@@ -42,7 +42,7 @@ class SolvedGraph:
 def solve(
     ids: Sequence[int] | Index,
     initial: Array,
-    constraints: Sequence[Constraint],
+    constraints: Sequence[Judged],
     planar: bool,
     config: GraphConfig | None = None,
 ) -> SolvedGraph:
@@ -54,7 +54,7 @@ def solve(
     stays at its initial pose.
     """
     config = config or GraphConfig()
-    constraints = [unjudged(c) for c in constraints]
+    constraints = [c.before(Judge.GRAPH) for c in constraints]
     order = _nodes_first(np.asarray(ids, np.int64))
     known = np.asarray(ids, np.int64)[order]
     guess = np.asarray(initial, np.float64).reshape(-1, 4, 4)[order]

@@ -17,14 +17,12 @@ from mapmyworld.graph.constraint_system import stated_system
 from mapmyworld.graph.joint_covariance import predicted_covariances
 from mapmyworld.graph.linear_system import information_factors
 from mapmyworld.graph.system import edge_chi2
-from mapmyworld.types import Constraint, Poses
+from mapmyworld.types import Judged, Poses
 
 _LEAST = 3.0  # redundancy of a kind, below which its misfits say nothing
 
 
-def variance_factors(
-    constraints: Sequence[Constraint], poses: Poses, planar: bool
-) -> dict[str, float]:
+def variance_factors(constraints: Sequence[Judged], poses: Poses, planar: bool) -> dict[str, float]:
     """Kind -> how many times larger than stated its errors are (sigmas), by accepted constraints.
 
     Kinds that nothing else checks are left out.

@@ -1,9 +1,8 @@
-"""What became of every constraint, in words a user can act on."""
+"""What the solved graph judges of every constraint."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -15,22 +14,9 @@ from mapmyworld.graph.residuals import edge_residuals, planar_exp
 from mapmyworld.graph.robust import RobustSolution
 from mapmyworld.graph.system import System
 from mapmyworld.parallel import batches
-from mapmyworld.types import Constraint
-from mapmyworld.types.edits import BY_HAND
+from mapmyworld.types import Constraint, Judge, Judged, Verdict, Why
 
 _BLOCK = 2048  # constraints whose matrices are looked at together
-_MARK = "graph: "
-_UNUSABLE = "cannot be used: "
-_JUDGED = (
-    "residual_metres",
-    "residual_degrees",
-    "sigmas",
-    "sigmas_limit",
-    "supporters",
-    "partners",
-    "moved_metres",
-    "moved_degrees",
-)
 
 
 def faults_of(constraints: Sequence[Constraint], known: set[int]) -> list[str]:
@@ -71,77 +57,45 @@ def information_faults(information: Array) -> list[str]:
 
 
 def judged(
-    constraints: Sequence[Constraint],
+    constraints: Sequence[Judged],
     faults: Sequence[str],
     used: Index,
     solution: RobustSolution,
     system: System,
-) -> tuple[Constraint, ...]:
-    """All constraints with verdict, reason and evidence; `used` are those of the system."""
+) -> tuple[Judged, ...]:
+    """All constraints, those that were asked with the graph's verdict; `used` are the system's."""
     result = [
-        replace(c, accepted=False, reason=f"{_UNUSABLE}{fault}") if fault else c
+        c.judged(Verdict(Judge.GRAPH, False, Why.UNUSABLE, note=fault)) if fault else c
         for c, fault in zip(constraints, faults, strict=True)
     ]
     metres, degrees = misfits(system, solution.poses)
     closure_at = {int(k): n for n, k in enumerate(solution.closures)}
     for place, k in enumerate(used.tolist()):
-        before, missed = result[k], (float(metres[place]), float(degrees[place]))
-        reason, evidence = _judgement(solution, place, closure_at.get(place), missed)
-        result[k] = replace(
-            before,
-            accepted=bool(solution.inliers[place]),
-            reason=" | ".join(part for part in (before.reason, _MARK + reason) if part),
-            evidence={**before.evidence, **evidence},
-        )
+        missed = float(metres[place]), float(degrees[place])
+        verdict = _verdict(solution, place, closure_at.get(place), missed)
+        result[k] = result[k].judged(verdict)
     return tuple(result)
 
 
-def _judgement(
+def _verdict(
     solution: RobustSolution, place: int, closure: int | None, missed: tuple[float, float]
-) -> tuple[str, dict[str, float]]:
-    """Reason and evidence of the edge at a `place`, which is that `closure`, if it is one.
-
-    `missed`: metres and degrees.
-    """
+) -> Verdict:
+    """On the edge at a `place`, which is that `closure`, if it is one, `missed` by (m, deg)."""
     sigmas, limit = float(np.sqrt(solution.chi2[place])), float(np.sqrt(solution.limit))
-    metres, degrees = missed
-    evidence = {
-        "residual_metres": metres,
-        "residual_degrees": degrees,
+    numbers = {
+        "residual_metres": missed[0],
+        "residual_degrees": missed[1],
         "sigmas": sigmas,
         "sigmas_limit": limit,
     }
-    fit = f"misses by {metres:.3g} m, {degrees:.3g} deg = {sigmas:.1f} sigma (limit {limit:.1f})"
     if closure is None:
-        return fit, evidence
-    supporters = int(solution.consistency.supporters[closure])
-    partners = int(solution.consistency.partners[closure])
-    evidence |= {"supporters": supporters, "partners": partners}
+        return Verdict(Judge.GRAPH, bool(solution.inliers[place]), Why.FITS, numbers)
+    numbers["supporters"] = int(solution.consistency.supporters[closure])
+    numbers["partners"] = int(solution.consistency.partners[closure])
     if solution.inliers[place]:
-        return f"{fit}; {_support(supporters, partners)}", evidence
-    if sigmas <= limit:
-        return f"nothing supports it and it may fit by chance: {fit}", evidence
-    return f"contradicts the rest of the graph: {fit}; {_support(supporters, partners)}", evidence
-
-
-def unjudged(constraint: Constraint) -> Constraint:
-    """The constraint as it was before the graph judged it; what a person stated stays."""
-    unusable = constraint.reason.startswith(_UNUSABLE)
-    if "sigmas" not in constraint.evidence and not unusable:
-        return constraint
-    parts = [] if unusable else constraint.reason.split(" | ")
-    return replace(
-        constraint,
-        accepted=constraint.accepted if BY_HAND in constraint.evidence else True,
-        reason=" | ".join(part for part in parts if not part.startswith(_MARK)),
-        evidence={k: v for k, v in constraint.evidence.items() if k not in _JUDGED},
-    )
-
-
-def _support(supporters: int, partners: int) -> str:
-    if partners == 0:
-        return "no other closure near it"
-    return f"{supporters} of {partners} closures near it agree"
+        return Verdict(Judge.GRAPH, True, Why.FITS, numbers)
+    why = Why.UNSUPPORTED if sigmas <= limit else Why.CONTRADICTS
+    return Verdict(Judge.GRAPH, False, why, numbers)
 
 
 def misfits(system: System, poses: Array) -> tuple[Array, Array]:

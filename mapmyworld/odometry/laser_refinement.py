@@ -25,7 +25,7 @@ from mapmyworld.places.laser_pairs import first_visits, neighbour_pairs
 from mapmyworld.places.stored_scans import Scans
 from mapmyworld.registration.joint_alignment import align_jointly
 from mapmyworld.registration.joint_equations import Motions
-from mapmyworld.types import Constraint, ConstraintKind, MapStore, Node, Poses, Progress
+from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, Poses, Progress
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -91,7 +91,7 @@ class _Task:
     """(S,) the nodes they were taken at."""
     scans: Scans
     """Of all nodes."""
-    constraints: Sequence[Constraint]
+    constraints: Sequence[Judged]
     island: Index
     """(N,) of all nodes, the part of the path that each is in."""
     config: Config
@@ -165,9 +165,7 @@ def spaced_nodes(poses: Array, config: Config) -> Index:
     return np.array(kept, np.int64)
 
 
-def node_motions(
-    nodes: Sequence[Node], chosen: Index, constraints: Sequence[Constraint]
-) -> Motions:
+def node_motions(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged]) -> Motions:
     """Tracked motions between chosen nodes; their covariances are the neighbours', added up."""
     row_of = {node.id: row for row, node in enumerate(nodes)}
     steps = [

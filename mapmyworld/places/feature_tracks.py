@@ -20,7 +20,7 @@ from mapmyworld.places.node_images import NodeImages
 from mapmyworld.registration.image_pairs import match_by_pose
 from mapmyworld.registration.views import View
 from mapmyworld.registration.visual import Sightings, inliers
-from mapmyworld.types import Constraint, MapStore, Poses, Progress
+from mapmyworld.types import Constraint, ImageMatch, MapStore, Poses, Progress
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -56,7 +56,7 @@ def adjust_map(
     pairs = [
         (index_of[c.from_id], index_of[c.to_id])
         for c in constraints
-        if "matches" in c.evidence and c.from_id in index_of and c.to_id in index_of
+        if isinstance(c.source, ImageMatch) and c.from_id in index_of and c.to_id in index_of
     ]
     if not pairs:
         return None
@@ -175,7 +175,7 @@ def _motions(
     kept = [
         c
         for c in constraints
-        if "matches" not in c.evidence
+        if not isinstance(c.source, ImageMatch)
         and c.from_id != c.to_id
         and c.from_id in row_of
         and c.to_id in row_of

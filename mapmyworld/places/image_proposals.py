@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between
 from mapmyworld.places.appearance import Candidate, find_candidates
 from mapmyworld.places.node_images import NodeImages
-from mapmyworld.types import ConstraintKind, Poses
+from mapmyworld.types import ConstraintKind, ImageMatch, Poses
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,8 @@ class Proposal:
     other: int
     """Rows of `NodeImages`: an image each."""
     kind: ConstraintKind
-    evidence: Mapping[str, float]
+    source: ImageMatch
+    """What proposes them; what registration says of them is still open."""
     guess: Array | None = None
     """other_from_index where tracking tells it well enough to search around it only."""
 
@@ -47,8 +48,8 @@ def by_words(images: NodeImages, size: int, config: Config) -> list[Proposal]:
 
 
 def _proposal_of(candidate: Candidate) -> Proposal:
-    evidence = {"similarity": candidate.similarity, "posterior": candidate.posterior}
-    return Proposal(candidate.index, candidate.other, ConstraintKind.LOOP_CLOSURE, evidence)
+    source = ImageMatch(similarity=candidate.similarity, posterior=candidate.posterior)
+    return Proposal(candidate.index, candidate.other, ConstraintKind.LOOP_CLOSURE, source)
 
 
 def by_succession(images: NodeImages, config: Config) -> list[Proposal]:
@@ -60,7 +61,7 @@ def by_succession(images: NodeImages, config: Config) -> list[Proposal]:
             if sessions[i] == sessions[j] and cameras[i] == cameras[j]:
                 before, after = nodes[images.node_of[j]], nodes[images.node_of[i]]
                 motion = between(before.tracked_from_base, after.tracked_from_base)
-                steps = {"steps": float(i - j)}
+                steps = ImageMatch(steps=i - j)
                 found.append(Proposal(i, j, ConstraintKind.PROXIMITY, steps, motion))
     return found
 
@@ -88,8 +89,8 @@ def by_poses(
         order = order[np.argsort(distance[order], kind="stable")]
         for j in _spaced(order, settings.proximity_candidates):
             if (int(i), j) not in tried:
-                evidence = {"distance": float(distance[j])}
-                found.append(Proposal(int(i), j, ConstraintKind.PROXIMITY, evidence))
+                source = ImageMatch(distance=float(distance[j]))
+                found.append(Proposal(int(i), j, ConstraintKind.PROXIMITY, source))
     return found
 
 

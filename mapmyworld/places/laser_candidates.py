@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from mapmyworld.config import Config
 from mapmyworld.places.laser_nodes import Index, LaserNodes, calm_spots
-from mapmyworld.types import Constraint
+from mapmyworld.types import Judged, ScanMatch
 
 Pairs = list[tuple[int, int]]
 FIRST_WINDOW = 15.0
@@ -65,10 +65,10 @@ def drift_window(
     return distance, min(0.2 + config.places.laser_drift_angle * drifted, np.pi)
 
 
-def untied(nodes: LaserNodes, pairs: Pairs, closures: Sequence[Constraint]) -> Pairs:
+def untied(nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged]) -> Pairs:
     """The pairs whose places no accepted closure by laser joins already, or nearly so."""
     row = {int(i): k for k, i in enumerate(nodes.ids)}
-    tied = [c for c in closures if c.accepted and "rival" in c.evidence]
+    tied = [c for c in closures if c.accepted and isinstance(c.source, ScanMatch)]
     if not tied or not pairs:
         return pairs
     ends = np.array([sorted((row[c.from_id], row[c.to_id])) for c in tied])

@@ -33,7 +33,17 @@ from mapmyworld.registration.scan_search import (
     likelihood_grid,
     search_grid,
 )
-from mapmyworld.types import Constraint, ConstraintKind, MapStore, Poses, Progress
+from mapmyworld.types import (
+    ConstraintKind,
+    Judge,
+    Judged,
+    MapStore,
+    Poses,
+    Progress,
+    ScanMatch,
+    Verdict,
+    Why,
+)
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -46,11 +56,11 @@ _AGREEMENT = np.diag([0.02**2, 0.02**2, 0.005**2])  # m^2 and rad^2 that two map
 def first_closures(
     loaded: NodeScans,
     poses: Poses | None,
-    known: Sequence[Constraint],
+    known: Sequence[Judged],
     span: tuple[int, int],
     config: Config,
     progress: Progress,
-) -> list[Constraint]:
+) -> list[Judged]:
     """Pairs of places compared from poses that have drifted, the later one in this span of nodes.
 
     The search reaches as far as the drift may have gone, up to 15 m: since the earlier visit, or
@@ -71,9 +81,9 @@ def find_laser_closures(
     config: Config,
     progress: Progress,
     loaded: NodeScans,
-    tied: Sequence[Constraint] = (),
+    tied: Sequence[Judged] = (),
     since: int = 0,
-) -> list[Constraint]:
+) -> list[Judged]:
     """Every pair of places that was compared from optimised poses, with its verdict.
 
     The search reaches only a little, where the kind is `proximity`; and as far as the settings let
@@ -109,7 +119,7 @@ def compare_places(
     *,
     settled: bool,
     widest: float = FIRST_WINDOW,
-) -> list[Constraint]:
+) -> list[Judged]:
     """Each pair's constraint, accepted or not, in the order of the pairs.
 
     From settled poses the search is small, else as far as drift goes, `widest` metres at most.
@@ -118,7 +128,7 @@ def compare_places(
     for k, (a, _) in enumerate(pairs):
         by_target.setdefault(a, []).append(k)
 
-    def compare(target: tuple[LaserNodes, int, list[int]]) -> list[Constraint]:
+    def compare(target: tuple[LaserNodes, int, list[int]]) -> list[Judged]:
         held, a, rows = target
         grid = likelihood_grid(submap_around(held, a, config))  # large: one a thread is held
         return [_compare(held, grid, *pairs[k], config, settled, widest) for k in rows]
@@ -148,7 +158,7 @@ def _compare(
     config: Config,
     settled: bool,
     widest: float,
-) -> Constraint:
+) -> Judged:
     places = config.places
     guess = between_planar(nodes.poses[a], nodes.poses[b])
     distance, angle = _SETTLED_WINDOW, _SETTLED_ANGLE
@@ -157,72 +167,53 @@ def _compare(
     points = submap_around(nodes, b, config)
     found = search_grid(points, grid, guess, distance, angle, places.laser_score)
     if found is None:
-        return _rejected(nodes, a, b, settled, guess, f"score below {places.laser_score}", {})
+        verdict = Verdict(Judge.LASER, False, Why.LOW_SCORE, {"limit": places.laser_score})
+        return _constraint(nodes, a, b, settled, guess, np.eye(3), ScanMatch(), verdict)
     match = match_submaps(nodes, a, b, found.pose, config)
-    return _verdict(nodes, a, b, guess, found, match, config, settled)
-
-
-def _verdict(
-    nodes: LaserNodes, a: int, b: int, guess: Array, found: Found, match: Match,
-    config: Config, settled: bool,
-) -> Constraint:  # fmt: skip
-    places = config.places
     moved = between_planar(guess, match.pose)
+    source = ScanMatch(
+        float(found.score), float(found.rival), float(match.overlap), float(match.residual),
+        float(np.hypot(*moved[:2])),
+    )  # fmt: skip
+    verdict = _verdict(source, found, match, config)
+    information = closure_information(match) if verdict.accepted else np.eye(3)
+    return _constraint(nodes, a, b, settled, match.pose, information, source, verdict)
+
+
+def _verdict(source: ScanMatch, found: Found, match: Match, config: Config) -> Verdict:
+    places = config.places
     slipped = between_planar(found.pose, match.pose)
-    evidence = {
-        "score": found.score,
-        "rival": found.rival,
-        "overlap": match.overlap,
-        "residual": match.residual,
-        "moved": float(np.hypot(*moved[:2])),
-    }
+    metres, radians = float(np.hypot(*slipped[:2])), abs(float(slipped[2]))
     if match.overlap < places.laser_overlap:
-        reason = f"overlap {match.overlap:.0%} below {places.laser_overlap:.0%}"
-    elif found.rival > places.laser_rival * found.score:
-        reason = f"ambiguous: another pose scores {found.rival:.2f} against {found.score:.2f}"
-    elif np.hypot(*slipped[:2]) > 0.5 or abs(slipped[2]) > 0.15:
-        reason = "not converged: the refined pose left the best one of the search"
-    elif leaves_open(match.information) or leaves_turn_open(match.information):
-        reason = "poorly constrained: the surfaces leave a direction open"
-    else:
-        return _constraint(nodes, a, b, settled, match, evidence)
-    return _rejected(nodes, a, b, settled, match.pose, reason, evidence)
-
-
-def _kind(settled: bool) -> ConstraintKind:
-    return ConstraintKind.PROXIMITY if settled else ConstraintKind.LOOP_CLOSURE
+        numbers = {"overlap": source.overlap, "limit": places.laser_overlap}
+        return Verdict(Judge.LASER, False, Why.LOW_OVERLAP, numbers)
+    if found.rival > places.laser_rival * found.score:
+        numbers = {"rival": source.rival, "score": source.score}
+        return Verdict(Judge.LASER, False, Why.AMBIGUOUS_POSE, numbers)
+    if metres > 0.5 or radians > 0.15:
+        numbers = {"metres": metres, "degrees": float(np.degrees(radians))}
+        return Verdict(Judge.LASER, False, Why.NOT_CONVERGED, numbers)
+    if leaves_open(match.information) or leaves_turn_open(match.information):
+        return Verdict(Judge.LASER, False, Why.OPEN_DIRECTION)
+    numbers = {"overlap": source.overlap, "residual": source.residual}
+    return Verdict(Judge.LASER, True, Why.SCANS_ALIGNED, numbers)
 
 
 def _constraint(
-    nodes: LaserNodes, a: int, b: int, settled: bool, match: Match, evidence: dict[str, float]
-) -> Constraint:
-    return Constraint(
+    nodes: LaserNodes, a: int, b: int, settled: bool, pose: Array, information: Array,
+    source: ScanMatch, verdict: Verdict,
+) -> Judged:  # fmt: skip
+    return Judged(
         from_id=int(nodes.ids[a]),
         to_id=int(nodes.ids[b]),
-        kind=_kind(settled),
-        from_from_to=planar_to_matrix(match.pose),
-        information=information_from_planar(closure_information(match)),
-        reason=f"overlap {match.overlap:.0%}, residual {match.residual:.3f} m",
-        evidence=evidence,
+        kind=ConstraintKind.PROXIMITY if settled else ConstraintKind.LOOP_CLOSURE,
+        from_from_to=planar_to_matrix(pose),
+        information=information_from_planar(information),
+        source=source,
+        verdicts=(verdict,),
     )
 
 
 def closure_information(match: Match) -> Array:
     """(3, 3): nothing is known better than the maps of the two places agree in themselves."""
     return np.asarray(np.linalg.inv(np.linalg.inv(match.information) + _AGREEMENT))
-
-
-def _rejected(
-    nodes: LaserNodes, a: int, b: int, settled: bool, pose: Array, reason: str,
-    evidence: dict[str, float],
-) -> Constraint:  # fmt: skip
-    return Constraint(
-        from_id=int(nodes.ids[a]),
-        to_id=int(nodes.ids[b]),
-        kind=_kind(settled),
-        from_from_to=planar_to_matrix(pose),
-        information=information_from_planar(np.eye(3)),
-        accepted=False,
-        reason=reason,
-        evidence=evidence,
-    )

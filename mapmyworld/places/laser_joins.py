@@ -10,7 +10,6 @@ nothing that was seen contradicts it, the parts stay apart.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +34,7 @@ from mapmyworld.places.part_fits import (
     rival_of,
 )
 from mapmyworld.places.part_maps import part_map, view_around
-from mapmyworld.types import Constraint
+from mapmyworld.types import Constraint, Judge, Judged, Verdict, Why
 
 Array = NDArray[np.float64]
 Pairs = Sequence[tuple[int, int]]
@@ -46,22 +45,22 @@ _MAPPED = 0.5  # m of path between scans that maps are made of
 _SIGHT = 30.0  # m beyond the reach of a search that maps cover
 _MOST = 24  # such places of a part, at most
 
-_UNMET = "what was seen around does not fit what had been seen there"
-_LESS = "another closure between the same parts explains more of what was seen"
+_UNMET = Verdict(Judge.LASER, False, Why.SURROUNDINGS_UNMET)
+_LESS = Verdict(Judge.LASER, False, Why.LESS_EXPLAINED)
 
 
 def doubt_joins(
-    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Constraint], config: Config, widest: float
-) -> list[Constraint]:
+    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config, widest: float
+) -> list[Judged]:
     """The closures of these pairs, those rejected that join two parts in one of several ways."""
     result = list(closures)
     for which in _joins(nodes, pairs, closures):
-        for k, reason in _doubts(nodes, pairs, closures, which, config, widest):
-            result[k] = replace(closures[k], accepted=False, reason=reason)
+        for k, doubt in _doubts(nodes, pairs, closures, which, config, widest):
+            result[k] = closures[k].judged(doubt)
     return result
 
 
-def _joins(nodes: LaserNodes, pairs: Pairs, closures: Sequence[Constraint]) -> list[list[int]]:
+def _joins(nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged]) -> list[list[int]]:
     """Accepted closures between parts that nothing else ties, two parts at a time."""
     found: dict[tuple[int, int], list[int]] = {}
     for k, (a, b) in enumerate(pairs):
@@ -72,9 +71,9 @@ def _joins(nodes: LaserNodes, pairs: Pairs, closures: Sequence[Constraint]) -> l
 
 
 def _doubts(
-    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Constraint], which: list[int],
+    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], which: list[int],
     config: Config, widest: float,
-) -> list[tuple[int, str]]:  # fmt: skip
+) -> list[tuple[int, Verdict]]:  # fmt: skip
     """Number of each closure that is not believed, and why."""
     a, b = (np.array([pairs[k][end] for k in which]) for end in (0, 1))
     spots = _spots(nodes, b)
@@ -87,7 +86,7 @@ def _doubts(
     later = _seen(nodes, spots, nodes.poses[spots], window, config)
     best = _best(earlier, later, list(moves.values()), window, middle)
     doubt = _doubt(earlier, later, best, window, middle)
-    if doubt:
+    if doubt is not None:
         return [(k, doubt) for k in which]
     held = next(pairs[k] for k, move in moves.items() if move is best)
     misses = {k: apart_by(best, move, nodes.poses[pairs[k][1]]) for k, move in moves.items()}
@@ -111,15 +110,17 @@ def _best(
     return best if as_good else other
 
 
-def _doubt(earlier: Seen, later: Seen, best: Array, window: Window, middle: Array) -> str:
-    """Why two parts are not believed to lie as this move brings them; empty if they are."""
+def _doubt(
+    earlier: Seen, later: Seen, best: Array, window: Window, middle: Array
+) -> Verdict | None:
+    """Why two parts are not believed to lie as this move brings them; None if they are."""
     if not is_met(laid(earlier, later, best)):
         return _UNMET
     rival = rival_of(earlier, later, best, window)
     if rival is None:  # what looks like itself elsewhere fits twice wherever it fits
         turned = rival_of(None, later, np.zeros(3), (2.0 * window[0], window[1]))
         rival = None if turned is None else compose_planar(best, turned)
-    return "" if rival is None else _words(apart_by(best, rival, middle))
+    return None if rival is None else _ambiguous(apart_by(best, rival, middle))
 
 
 def _spots(nodes: LaserNodes, ends: Index) -> Index:
@@ -189,9 +190,7 @@ def _agrees(
     return bool((np.array([np.hypot(*apart[:2]), abs(apart[2])]) <= SAME + drift).all())
 
 
-def _words(apart: Array) -> str:
+def _ambiguous(apart: Array) -> Verdict:
     x, y, turn = apart.tolist()
-    return (
-        "ambiguous: what was seen after the break fits as well "
-        f"{np.hypot(x, y):.1f} m and {abs(np.degrees(turn)):.0f} deg from there"
-    )
+    numbers = {"metres": float(np.hypot(x, y)), "degrees": float(abs(np.degrees(turn)))}
+    return Verdict(Judge.LASER, False, Why.AMBIGUOUS_JOIN, numbers)

@@ -19,7 +19,7 @@ from mapmyworld.places.laser_candidates import drift_window
 from mapmyworld.places.laser_nodes import LaserNodes, spaced
 from mapmyworld.places.laser_submaps import submap_around, submap_members
 from mapmyworld.registration.scan_search import LikelihoodGrid, likelihood_grid, score_elsewhere
-from mapmyworld.types import Constraint
+from mapmyworld.types import Judge, Judged, ScanMatch, Verdict, Why
 
 _SPACING = 4.0  # m of path between places that are looked at: what a submap covers
 _SAME = 1.0  # m of path around the place that was found, whose own rivals are known
@@ -32,8 +32,8 @@ Look = tuple[LaserNodes, int, list[int]]
 
 
 def doubt_lookalikes(
-    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Constraint], config: Config, widest: float
-) -> list[Constraint]:
+    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config, widest: float
+) -> list[Judged]:
     """The closures of these pairs, those rejected for which another place scores as well."""
     wanted = _places_to_look_at(nodes, pairs, closures, config, widest)
 
@@ -57,7 +57,7 @@ def doubt_lookalikes(
 
 
 def _places_to_look_at(
-    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Constraint], config: Config, widest: float
+    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config, widest: float
 ) -> dict[int, list[int]]:
     """Place along the path -> closures that it may rival."""
     spots, path = spaced(nodes.path, _SPACING), nodes.path
@@ -74,22 +74,22 @@ def _places_to_look_at(
 
 def _score(
     nodes: LaserNodes, grid: LikelihoodGrid, spot: int, pair: tuple[int, int],
-    closure: Constraint, config: Config, widest: float,
+    closure: Judged, config: Config, widest: float,
 ) -> float:  # fmt: skip
     """How well what was seen around the later node fits around `spot`; 0 if not well enough."""
     a, b = pair
     found = compose_planar(nodes.poses[a], matrix_to_planar(closure.from_from_to))
     distance, angle = drift_window(nodes, a, b, config, widest)
-    least = _AS_GOOD * closure.evidence["score"]
+    least = _AS_GOOD * _score_of(closure)
     here, points = between_planar(nodes.poses[spot], found), submap_around(nodes, b, config)
     return score_elsewhere(points, grid, here, distance, angle, least)
 
 
-def _doubted(closure: Constraint, rival: float) -> Constraint:
-    score = closure.evidence["score"]
-    return replace(
-        closure,
-        accepted=False,
-        reason=f"ambiguous: another place near by scores {rival:.2f} against {score:.2f}",
-        evidence={**closure.evidence, "rival": rival},
-    )
+def _doubted(closure: Judged, rival: float) -> Judged:
+    numbers = {"rival": float(rival), "score": _score_of(closure)}
+    return closure.judged(Verdict(Judge.LASER, False, Why.AMBIGUOUS_PLACE, numbers))
+
+
+def _score_of(closure: Judged) -> float:
+    assert isinstance(closure.source, ScanMatch)
+    return closure.source.score

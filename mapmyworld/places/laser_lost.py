@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from mapmyworld.config import Config
 from mapmyworld.places.laser_candidates import drift_between
 from mapmyworld.places.laser_nodes import Index, LaserNodes, NodeScans, calm_spots
-from mapmyworld.types import CLOSURES, Constraint, ConstraintKind
+from mapmyworld.types import CLOSURES, ConstraintKind, Judged
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
 _LONG = 75.0  # m of way without a closure from which two places may be far from where they seem
@@ -26,7 +26,7 @@ _NEAR = 3.0  # m between two places that see the same
 
 
 def lost_pairs(
-    nodes: LaserNodes, constraints: Iterable[Constraint], config: Config
+    nodes: LaserNodes, constraints: Iterable[Judged], config: Config
 ) -> list[tuple[int, int]]:
     """(earlier, later) indices of places that drift may have moved apart, however far.
 
@@ -49,14 +49,14 @@ def lost_pairs(
     return pairs
 
 
-def held_by(nodes: LaserNodes, constraints: Iterable[Constraint]) -> LaserNodes:
+def held_by(nodes: LaserNodes, constraints: Iterable[Judged]) -> LaserNodes:
     """The nodes, knowing which accepted closures hold them and join what breaks divide."""
     closures = _closures(constraints)
     part = _joined(nodes.ids, nodes.part, closures)
     return replace(nodes, loose=loose_way(nodes, closures), part=part)
 
 
-def islands(loaded: NodeScans, constraints: Iterable[Constraint]) -> Index:
+def islands(loaded: NodeScans, constraints: Iterable[Judged]) -> Index:
     """(N,) number of the part of the path that each node is in, where nothing tells how parts lie:
     wheels were not there or are not to be believed, and no accepted closure joins them.
     """
@@ -65,11 +65,11 @@ def islands(loaded: NodeScans, constraints: Iterable[Constraint]) -> Index:
     return _joined(ids, part, _closures(constraints))
 
 
-def _closures(constraints: Iterable[Constraint]) -> list[Constraint]:
+def _closures(constraints: Iterable[Judged]) -> list[Judged]:
     return [c for c in constraints if c.accepted and c.kind in _CLOSURES]
 
 
-def _joined(ids: Index, part: Index, closures: Sequence[Constraint]) -> Index:
+def _joined(ids: Index, part: Index, closures: Sequence[Judged]) -> Index:
     """(N,) parts of the path, those as one that closures tie."""
     if not closures or not part.any():
         return part
@@ -81,7 +81,7 @@ def _joined(ids: Index, part: Index, closures: Sequence[Constraint]) -> Index:
     return np.asarray(connected_components(links, directed=False)[1][part], np.int64)
 
 
-def loose_way(nodes: LaserNodes, closures: Sequence[Constraint]) -> NDArray[np.float64]:
+def loose_way(nodes: LaserNodes, closures: Sequence[Judged]) -> NDArray[np.float64]:
     """(N,) metres of path from each node to the nearest one with a closure."""
     ends = {i for c in closures for i in (c.from_id, c.to_id)}
     tied: Index = np.flatnonzero(np.isin(nodes.ids, list(ends)))

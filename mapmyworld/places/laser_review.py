@@ -24,29 +24,43 @@ from mapmyworld.odometry.laser_stretches import leaves_turn_open
 from mapmyworld.places.laser_closures import closure_information
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps
-from mapmyworld.types import CLOSURES, Constraint, Poses
+from mapmyworld.types import (
+    CLOSURES,
+    Constraint,
+    Judge,
+    Judged,
+    Poses,
+    ScanMatch,
+    Verdict,
+    Why,
+)
 
 _METRES, _RADIANS = 0.2, np.radians(1.0)  # by which no true closure misses the final poses
 
 
 def review_closures(
-    constraints: Sequence[Constraint], poses: Poses, config: Config, loaded: NodeScans
-) -> tuple[Constraint, ...]:
+    constraints: Sequence[Judged], poses: Poses, config: Config, loaded: NodeScans
+) -> tuple[Judged, ...]:
     """The constraints; accepted laser closures that miss the refined poses are measured anew.
 
-    One that misses them still is rejected. Half of what makes a closure false is a miss.
+    The new measurements stand behind all others. What misses the poses still is rejected. Half of
+    what makes a closure false is a miss.
     """
     nodes = nodes_at(loaded, poses)
     row = {int(i): k for k, i in enumerate(nodes.ids)}
-    return tuple(
-        _reviewed(c, nodes, row, config) if _is_by_laser(c) and not _fits(c, nodes, row, 0.5) else c
-        for c in constraints
-    )
+    result, anew = list(constraints), []
+    for k, c in enumerate(constraints):
+        if _is_by_laser(c) and not _fits(c, nodes, row, 0.5):
+            verdict, measured = _reviewed(c, nodes, row, config)
+            result[k] = c.judged(verdict)
+            anew += measured
+    return (*result, *anew)
 
 
-def _is_by_laser(constraint: Constraint) -> bool:
+def _is_by_laser(constraint: Judged) -> bool:
     """Whether an accepted closure comes from `laser_closures`."""
-    return constraint.accepted and constraint.kind in CLOSURES and "rival" in constraint.evidence
+    by_laser = isinstance(constraint.source, ScanMatch)
+    return constraint.accepted and constraint.kind in CLOSURES and by_laser
 
 
 def _fits(c: Constraint, nodes: LaserNodes, row: dict[int, int], share: float) -> bool:
@@ -58,24 +72,34 @@ def _miss(measured: NDArray[np.float64], nodes: LaserNodes, a: int, b: int) -> N
     return between_planar(between_planar(nodes.poses[a], nodes.poses[b]), measured)
 
 
-def _reviewed(c: Constraint, nodes: LaserNodes, row: dict[int, int], config: Config) -> Constraint:
+def _reviewed(
+    c: Judged, nodes: LaserNodes, row: dict[int, int], config: Config
+) -> tuple[Verdict, list[Judged]]:
+    """The verdict on a closure, and what was measured in its place, if that fits."""
+    assert isinstance(c.source, ScanMatch)
     a, b = row[c.from_id], row[c.to_id]
     guess = between_planar(nodes.poses[a], nodes.poses[b])
     match = match_submaps(nodes, a, b, guess, config)
     weak = leaves_open(match.information) or leaves_turn_open(match.information)
     if weak or match.overlap < config.places.laser_overlap:
-        return _refused(c, nodes, a, b)
+        return _refusal(c, nodes, a, b), []
+    overlap, residual = float(match.overlap), float(match.residual)
+    numbers = {"overlap": overlap, "residual": residual}
     anew = replace(
         c,
         from_from_to=planar_to_matrix(match.pose),
         information=information_from_planar(closure_information(match)),
-        reason=f"{c.reason}; measured anew from the refined poses",
+        source=replace(c.source, overlap=overlap, residual=residual),
+        verdicts=(Verdict(Judge.ALIGNMENT, True, Why.MEASURED_ANEW, numbers),),
     )
-    return anew if _fits(anew, nodes, row, 1.0) else _refused(c, nodes, a, b)
+    if not _fits(anew, nodes, row, 1.0):
+        return _refusal(c, nodes, a, b), []
+    return Verdict(Judge.ALIGNMENT, False, Why.MEASURED_ANEW, numbers), [anew]
 
 
-def _refused(c: Constraint, nodes: LaserNodes, a: int, b: int) -> Constraint:
+def _refusal(c: Constraint, nodes: LaserNodes, a: int, b: int) -> Verdict:
     miss = _miss(matrix_to_planar(c.from_from_to), nodes, a, b)
-    metres, degrees = np.hypot(*miss[:2]), np.degrees(abs(miss[2]))
-    reason = f"misses the refined poses by {metres:.2f} m, {degrees:.1f} deg"
-    return replace(c, accepted=False, reason=reason)
+    numbers = {
+        "metres": float(np.hypot(*miss[:2])), "degrees": float(np.degrees(abs(miss[2])))
+    }  # fmt: skip
+    return Verdict(Judge.ALIGNMENT, False, Why.MISSES_ALIGNED, numbers)

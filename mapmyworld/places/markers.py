@@ -13,7 +13,18 @@ from mapmyworld.parallel import in_threads
 from mapmyworld.registration.camera import depth_at, rays_of_pixels
 from mapmyworld.registration.pictures import grey_picture
 from mapmyworld.registration.visual import Sightings, errors, refine_pose
-from mapmyworld.types import Constraint, ConstraintKind, MapStore, NodeData, Progress, RgbdImage
+from mapmyworld.types import (
+    ConstraintKind,
+    Judge,
+    Judged,
+    MapStore,
+    Marker,
+    NodeData,
+    Progress,
+    RgbdImage,
+    Verdict,
+    Why,
+)
 
 Array = NDArray[np.float64]
 _CORNER_SIGMA = 0.7  # pixels, of a marker's corner
@@ -21,7 +32,7 @@ _WRONG = 5.0  # sigmas by which a corner may miss before the sighting is rejecte
 _UNIT = np.array([[-0.5, 0.5, 0.0], [0.5, 0.5, 0.0], [0.5, -0.5, 0.0], [-0.5, -0.5, 0.0]])
 
 
-def find_markers(store: MapStore, config: Config, progress: Progress) -> list[Constraint]:
+def find_markers(store: MapStore, config: Config, progress: Progress) -> list[Judged]:
     """A landmark constraint for every marker seen from a node; marker m is landmark -(m + 1).
 
     The marker's frame lies in its middle, x to the right, y up, z towards the viewer. Nothing is
@@ -33,7 +44,7 @@ def find_markers(store: MapStore, config: Config, progress: Progress) -> list[Co
     nodes = store.nodes()
     progress.stage("markers", len(nodes), "nodes")
     data = (store.node_data(node.id) for node in nodes)
-    found: list[Constraint] = []
+    found: list[Judged] = []
 
     def look(item: NodeData) -> list[tuple[int, Array, Array, float]]:
         return [s for image in item.images for s in _sightings(detector, image, config)]
@@ -118,12 +129,9 @@ def _pose_of(image: RgbdImage, pixels: Array, length: float) -> tuple[Array, Arr
     return base_from_marker, inverse.T @ information @ inverse, worst
 
 
-def _constraint(
-    node: int, marker: int, pose: Array, information: Array, worst: float
-) -> Constraint:
-    accepted = worst < _WRONG
-    reason = f"marker {marker}: corners fit within {worst:.1f} sigma (limit {_WRONG:g})"
-    distance = float(np.linalg.norm(pose[:3, 3]))
-    evidence = {"marker": float(marker), "distance": distance, "worst_corner": worst}
+def _constraint(node: int, marker: int, pose: Array, information: Array, worst: float) -> Judged:
+    source = Marker(marker, float(np.linalg.norm(pose[:3, 3])), worst)
+    numbers = {"marker": marker, "worst": worst, "limit": _WRONG}
+    verdict = Verdict(Judge.CAMERA, worst < _WRONG, Why.MARKER_CORNERS, numbers)
     kind = ConstraintKind.LANDMARK
-    return Constraint(node, -(marker + 1), kind, pose, information, accepted, reason, evidence)
+    return Judged(node, -(marker + 1), kind, pose, information, source, (verdict,))

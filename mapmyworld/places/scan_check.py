@@ -18,7 +18,7 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.registration.image_pairs import ImagePair
 from mapmyworld.registration.matchers import match_scan
 from mapmyworld.registration.scan_matching import Match, prepare_scans
-from mapmyworld.types import Registration, Scan
+from mapmyworld.types import Judge, Registration, Scan, Verdict, Why
 
 Array = NDArray[np.float64]
 _ONLY = np.zeros(1, np.int64)
@@ -44,8 +44,8 @@ def refine_by_scans(pair: ImagePair, earlier: Scan, later: Scan, config: Config)
     miss = between_planar(guess, match.pose)
     sigmas = float(np.sqrt(miss @ np.linalg.inv(np.linalg.inv(prior) + np.diag(_FLOOR**2)) @ miss))
     if sigmas > config.visual.closure_gate:
-        reason = f"the scans of both nodes contradict the images by {sigmas:.1f} sigma"
-        return replace(pair, registration=replace(found, converged=False, reason=reason))
+        verdict = Verdict(Judge.LASER, False, Why.SCANS_CONTRADICT, {"sigmas": sigmas})
+        return replace(pair, registration=replace(found, verdict=verdict))
     return replace(pair, registration=_refined(found, match))
 
 
@@ -54,9 +54,10 @@ def _refined(found: Registration, match: Match) -> Registration:
     flat = planar_to_matrix(matrix_to_planar(found.a_from_b))
     rest = np.linalg.inv(flat) @ found.a_from_b
     told = np.linalg.inv(np.linalg.inv(match.information + 1e-6 * np.eye(3)) + np.diag(_FLOOR**2))
+    numbers = {**found.verdict.numbers, "overlap": float(match.overlap)}
     return replace(
         found,
         a_from_b=planar_to_matrix(match.pose) @ rest,
         information=found.information + information_from_planar(told, off_plane=0.0),
-        reason=f"{found.reason}; aligned by the scans, overlap {match.overlap:.0%}",
+        verdict=Verdict(Judge.LASER, True, Why.IMAGES_AND_SCANS_AGREE, numbers),
     )

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.types import CLOSURES, Constraint, ConstraintKind, Node, Poses
+from mapmyworld.types import CLOSURES, ConstraintKind, Judged, Node, Poses
 
 Array = NDArray[np.float64]
 _GROUND = 1.0  # m between two nodes that stand on the same ground
@@ -22,7 +22,7 @@ _NAMED = 5  # stretches that are named, the longest ones
 
 
 def told_of_unrecognised(
-    nodes: Sequence[Node], poses: Poses, constraints: Iterable[Constraint]
+    nodes: Sequence[Node], poses: Poses, constraints: Iterable[Judged]
 ) -> list[str]:
     """A line for each stretch, by the solved poses; none where all known ground was recognised."""
     if len(nodes) < 2:
@@ -44,7 +44,7 @@ def _way(placed: Array, sessions: NDArray[np.int64]) -> Array:
 
 
 def _recognised(
-    nodes: Sequence[Node], way: Array, constraints: Iterable[Constraint]
+    nodes: Sequence[Node], way: Array, constraints: Iterable[Judged]
 ) -> NDArray[np.bool_]:
     """(N,) nodes that a closure ties to another part of the path, or that saw a marker."""
     index = {node.id: k for k, node in enumerate(nodes)}

@@ -21,9 +21,14 @@ from mapmyworld.registration.views import View
 from mapmyworld.types import (
     CLOSURES,
     Constraint,
+    ImageMatch,
+    Judge,
+    Judged,
     MapStore,
     Poses,
     Progress,
+    Verdict,
+    Why,
 )
 
 Array = NDArray[np.float64]
@@ -37,8 +42,8 @@ def find_visual_closures(
     progress: Progress,
     given_words: Mapping[int, NDArray[np.uint8]] | None = None,
     ahead: FeaturesAhead | None = None,
-) -> list[Constraint]:
-    """Every pair of nodes that was tried, as a constraint with verdict, reason and evidence.
+) -> list[Judged]:
+    """Every pair of nodes that was tried, as a constraint with its verdict.
 
     Loop closures are proposed by words; with solved `poses` also proximity constraints, between
     nodes that these bring together. Pairs that the store holds already are not tried again.
@@ -118,32 +123,35 @@ def _loaded(
 
 def _judge(
     images: NodeImages, verified: Sequence[_Verified], drift: Drift, config: Config
-) -> list[Constraint]:
+) -> list[Judged]:
     """Constraints with their verdicts: geometry, drift of the tracked poses, ambiguity."""
     gate = config.visual.closure_gate
     aliases: dict[int, float] = defaultdict(lambda: np.inf)
-    reasons: list[str] = []
+    verdicts: list[Verdict] = []
     for item in verified:
-        reason = "" if item.pair.registration.converged else item.pair.registration.reason
+        verdict = item.pair.registration.verdict
         i, j = _nodes_of(images, item)
         if item.pair.fits and drift.comparable(i, j):
             own = item.pair.sigma_translation, item.pair.sigma_rotation
             motion = item.pair.registration.a_from_b
             sigma, metres, radians = drift.excess(j, i, motion, own)
             if sigma > gate:
-                reason = reason or (
-                    f"looks alike, but contradicts the tracked motion by {metres:.2f} m and "
-                    f"{np.degrees(radians):.0f} deg, {sigma:.1f} sigma"
-                )
+                numbers = {
+                    "metres": metres, "degrees": float(np.degrees(radians)), "sigmas": sigma
+                }  # fmt: skip
+                contradicts = Verdict(Judge.CAMERA, False, Why.MOTION_CONTRADICTS, numbers)
+                verdict = contradicts if verdict.accepted else verdict
                 for k in (i, j) if item.proposal.guess is None else ():
                     aliases[k] = min(aliases[k], metres)
-        reasons.append(reason)
+        verdicts.append(verdict)
     constraints = []
-    for item, given in zip(verified, reasons, strict=True):
+    for item, verdict in zip(verified, verdicts, strict=True):
         i, j = _nodes_of(images, item)
         guided = item.proposal.guess is not None
-        reason = given if guided else given or _ambiguity((i, j), aliases, drift, gate)
-        constraints.append(_constraint(images.nodes[j].id, images.nodes[i].id, item, reason))
+        asked = verdict.accepted and not guided
+        doubt = _ambiguity((i, j), aliases, drift, gate) if asked else None
+        ends = images.nodes[j].id, images.nodes[i].id
+        constraints.append(_constraint(*ends, item, doubt or verdict))
     return _best_of_pairs(constraints)
 
 
@@ -152,9 +160,9 @@ def _nodes_of(images: NodeImages, item: _Verified) -> tuple[int, int]:
     return int(images.node_of[item.proposal.index]), int(images.node_of[item.proposal.other])
 
 
-def _best_of_pairs(constraints: Sequence[Constraint]) -> list[Constraint]:
+def _best_of_pairs(constraints: Sequence[Judged]) -> list[Judged]:
     """Of several cameras' measurements between two nodes the accepted one with most inliers."""
-    best: dict[frozenset[int], Constraint] = {}
+    best: dict[frozenset[int], Judged] = {}
     for c in constraints:
         pair = frozenset((c.from_id, c.to_id))
         if pair not in best or _worth(c) > _worth(best[pair]):
@@ -162,14 +170,15 @@ def _best_of_pairs(constraints: Sequence[Constraint]) -> list[Constraint]:
     return list(best.values())
 
 
-def _worth(constraint: Constraint) -> tuple[bool, float]:
-    return constraint.accepted, constraint.evidence["inliers"]
+def _worth(constraint: Judged) -> tuple[bool, int]:
+    assert isinstance(constraint.source, ImageMatch)
+    return constraint.accepted, constraint.source.inliers
 
 
 def _ambiguity(
     nodes: tuple[int, int], aliases: Mapping[int, float], drift: Drift, gate: float
-) -> str:
-    """Why this closure could be one of several; empty where the tracked motion decides.
+) -> Verdict | None:
+    """Why this closure could be one of several; None where the tracked motion decides.
 
     A node that also fits a place where it cannot be has a double at that distance. Where drift
     may be as large as that, a fit proves nothing.
@@ -178,43 +187,46 @@ def _ambiguity(
     around = [k + s for k in (i, j) for s in range(-_NEAR_NODES, _NEAR_NODES + 1)]
     double = min((aliases[k] for k in around if k in aliases), default=np.inf)
     if not np.isfinite(double):
-        return ""
+        return None
     possible = gate * drift.sigmas(i, j)[0] if drift.comparable(i, j) else np.inf
     if double > possible:
-        return ""
-    return (
-        f"ambiguous: the same view fits {double:.1f} m away, and drift may reach {possible:.1f} m"
-    )
+        return None
+    numbers = {"metres": float(double), "drift": float(possible)}
+    return Verdict(Judge.CAMERA, False, Why.AMBIGUOUS_VIEW, numbers)
 
 
-def _constraint(from_id: int, to_id: int, item: _Verified, reason: str) -> Constraint:
+def _constraint(from_id: int, to_id: int, item: _Verified, verdict: Verdict) -> Judged:
     registration = item.pair.registration
-    evidence = {
-        **item.proposal.evidence,
-        "matches": float(len(item.pair.agreed)),
-        "inliers": float(registration.inliers),
-        "share": registration.overlap,
-        "cells": float(item.pair.cells),
-    }
+    source = replace(
+        item.proposal.source,
+        matches=len(item.pair.agreed),
+        inliers=int(registration.inliers),
+        share=float(registration.overlap),
+        cells=int(item.pair.cells),
+    )
     if np.isfinite(registration.residual):
-        evidence["residual_px"] = registration.residual
-        evidence["sigma_m"] = item.pair.sigma_translation
-        evidence["sigma_rad"] = item.pair.sigma_rotation
-    return Constraint(
+        source = replace(
+            source,
+            residual_px=float(registration.residual),
+            sigma_m=float(item.pair.sigma_translation),
+            sigma_rad=float(item.pair.sigma_rotation),
+        )
+    return Judged(
         from_id,
         to_id,
         item.proposal.kind,
         registration.a_from_b,
         registration.information,
-        reason == "",
-        reason or registration.reason,
-        evidence,
+        source,
+        (verdict,),
     )
 
 
 def _pairs(constraints: Sequence[Constraint]) -> set[tuple[int, int]]:
     """Pairs of ids, either way round, that were tried as closures before."""
     pairs = {
-        (c.from_id, c.to_id) for c in constraints if c.kind in CLOSURES and "matches" in c.evidence
+        (c.from_id, c.to_id)
+        for c in constraints
+        if c.kind in CLOSURES and isinstance(c.source, ImageMatch)
     }
     return pairs | {(b, a) for a, b in pairs}

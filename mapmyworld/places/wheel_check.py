@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import between, make_transform
 from mapmyworld.geometry.rotations import so3_exp, so3_log
-from mapmyworld.types import Constraint, ConstraintKind, Node
+from mapmyworld.types import (
+    ConstraintKind,
+    CorrectedOdometry,
+    ImageMatch,
+    Judge,
+    Judged,
+    Node,
+    Verdict,
+    Why,
+)
 
 Array = NDArray[np.float64]
 _ENOUGH = 20  # motions from which a share can be told
@@ -68,14 +77,14 @@ class WheelCheck:
         return head, *slips, *taken
 
 
-def check_wheels(nodes: Sequence[Node], constraints: Sequence[Constraint]) -> WheelCheck | None:
+def check_wheels(nodes: Sequence[Node], constraints: Sequence[Judged]) -> WheelCheck | None:
     """The recorded odometry of `nodes` against image pairs; None where too few were matched."""
     place = {node.id: k for k, node in enumerate(nodes)}
     seen = [
         c
         for c in constraints
-        if c.accepted and "steps" in c.evidence and c.from_id in place and c.to_id in place
-        if c.evidence["steps"] == 1.0
+        if c.accepted and c.from_id in place and c.to_id in place
+        if isinstance(c.source, ImageMatch) and c.source.steps == 1
     ]
     if len(seen) < _ENOUGH:
         return None
@@ -98,21 +107,24 @@ def check_wheels(nodes: Sequence[Node], constraints: Sequence[Constraint]) -> Wh
     return WheelCheck(len(seen), distance - 1.0, turned - 1.0, *scatter, slips)
 
 
-def corrected(constraints: Sequence[Constraint], check: WheelCheck) -> list[Constraint]:
-    """The constraints, the motions from node to node, told by wheels, by the shares of `check`.
+def corrected(constraints: Sequence[Judged], check: WheelCheck) -> list[Judged]:
+    """The constraints, and instead of the motions told by wheels these by the shares of `check`.
 
     The model of wheels takes one motion's error to know nothing of the next one's. An error that
     all motions share adds up much faster where images measure none of them.
     """
-    distance, turn = 1.0 + np.nan_to_num([check.distance_share, check.turn_share])
+    distance, turn = np.nan_to_num([check.distance_share, check.turn_share]).tolist()
+    source = CorrectedOdometry(distance, turn)
+    verdict = Verdict(Judge.CAMERA, False, Why.CORRECTED)
 
     def mended(motion: Array) -> Array:
-        turned = so3_exp(turn * so3_log(motion[:3, :3]))
-        return make_transform(turned, distance * motion[:3, 3])
+        turned = so3_exp((1.0 + turn) * so3_log(motion[:3, :3]))
+        return make_transform(turned, (1.0 + distance) * motion[:3, 3])
 
+    motions = [c for c in constraints if c.kind is ConstraintKind.NEIGHBOUR]
     return [
-        replace(c, from_from_to=mended(c.from_from_to)) if c.kind is ConstraintKind.NEIGHBOUR else c
-        for c in constraints
+        *(c.judged(verdict) if c.kind is ConstraintKind.NEIGHBOUR else c for c in constraints),
+        *(replace(c, from_from_to=mended(c.from_from_to), source=source) for c in motions),
     ]
 
 

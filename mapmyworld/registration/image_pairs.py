@@ -11,7 +11,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import invert, se3_adjoint, transform_points
 from mapmyworld.registration.views import View, match_around, match_views
 from mapmyworld.registration.visual import Sightings, errors, inliers, ransac_pose, refine_pose
-from mapmyworld.types import Registration
+from mapmyworld.types import Judge, Registration, Verdict, Why
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -63,8 +63,7 @@ def register_images(a: View, b: View, config: Config, *, guess: Array | None = N
         sightings, settings.inlier_sigmas, settings.ransac_rounds, config.seed, enough
     )
     if found < enough:
-        reason = f"{found} of {len(mine)} matches agree, {settings.closure_inliers} needed"
-        return _failed(mine, theirs, reason)
+        return _failed(mine, theirs, _few(found, len(mine), config))
     first = found / len(mine)
     pose, _ = refine_pose(
         pose, sightings.select(inliers(pose, sightings, 2 * settings.inlier_sigmas))
@@ -123,8 +122,9 @@ def _judged(
     sigmas = [
         float(np.sqrt(np.linalg.eigvalsh(covariance[k : k + 3, k : k + 3])[-1])) for k in (0, 3)
     ]
-    misfit = _misfit(count, share, cells, config)
-    reason = misfit or _uncertainty(sigmas, config)
+    misfit = _misfit(count, len(mine), share, cells, config)
+    agreement = {"inliers": count, "sigmas": settings.inlier_sigmas}
+    fits = Verdict(Judge.CAMERA, True, Why.IMAGES_AGREE, agreement)
     focal = float(b.camera.intrinsics[0, 0])
     residual = (
         float(np.sqrt(np.mean(squared * (sightings.sigmas[agreed, 0] * focal) ** 2)))
@@ -134,37 +134,45 @@ def _judged(
     registration = Registration(
         pose @ camera_from_base,
         information,
-        reason == "",
-        reason or f"{count} matches agree within {settings.inlier_sigmas:g} sigma",
+        misfit or _uncertainty(sigmas, config) or fits,
         count,
         share,
         residual,
     )
-    return ImagePair(registration, mine, theirs, agreed, misfit == "", cells, sigmas[0], sigmas[1])
+    return ImagePair(
+        registration, mine, theirs, agreed, misfit is None, cells, sigmas[0], sigmas[1]
+    )
 
 
-def _misfit(count: int, share: float, cells: int, config: Config) -> str:
-    """Empty when enough matches agree, else the first limit that is missed, with its value."""
+def _misfit(count: int, matches: int, share: float, cells: int, config: Config) -> Verdict | None:
+    """None when enough matches agree, else the first limit that is missed, with its value."""
     settings = config.visual
     if count < settings.closure_inliers:
-        return f"{count} matches agree, {settings.closure_inliers} needed"
+        return _few(count, matches, config)
     if share < settings.closure_share:
-        return f"{share:.0%} of the matches agree, {settings.closure_share:.0%} needed"
+        numbers = {"share": share, "limit": settings.closure_share}
+        return Verdict(Judge.CAMERA, False, Why.LOW_SHARE, numbers)
     if cells < settings.closure_cells:
-        return f"agreeing matches reach {cells} cells of the image, {settings.closure_cells} needed"
-    return ""
+        numbers = {"cells": cells, "limit": settings.closure_cells}
+        return Verdict(Judge.CAMERA, False, Why.FEW_CELLS, numbers)
+    return None
 
 
-def _uncertainty(sigmas: list[float], config: Config) -> str:
-    """Empty when the motion is certain enough, else the limit that is missed, with its value."""
+def _few(inliers: int, matches: int, config: Config) -> Verdict:
+    numbers = {"inliers": inliers, "matches": matches, "limit": config.visual.closure_inliers}
+    return Verdict(Judge.CAMERA, False, Why.FEW_INLIERS, numbers)
+
+
+def _uncertainty(sigmas: list[float], config: Config) -> Verdict | None:
+    """None when the motion is certain enough, else the limit that is missed, with its value."""
     settings = config.visual
     if sigmas[1] > settings.closure_translation_sigma:
-        limit = settings.closure_translation_sigma
-        return f"translation certain to {sigmas[1]:.3f} m only, {limit:g} m needed"
+        numbers = {"sigma": sigmas[1], "limit": settings.closure_translation_sigma}
+        return Verdict(Judge.CAMERA, False, Why.UNCERTAIN_TRANSLATION, numbers)
     if sigmas[0] > settings.closure_rotation_sigma:
-        limit = settings.closure_rotation_sigma
-        return f"rotation certain to {sigmas[0]:.4f} rad only, {limit:g} rad needed"
-    return ""
+        numbers = {"sigma": sigmas[0], "limit": settings.closure_rotation_sigma}
+        return Verdict(Judge.CAMERA, False, Why.UNCERTAIN_ROTATION, numbers)
+    return None
 
 
 def occupied_cells(view: View, chosen: Indices) -> int:
@@ -174,6 +182,6 @@ def occupied_cells(view: View, chosen: Indices) -> int:
     return len(np.unique(cells @ [1, 100]))
 
 
-def _failed(mine: Indices, theirs: Indices, reason: str) -> ImagePair:
-    nothing = Registration(np.eye(4), 1e-6 * np.eye(6), False, reason)  # says nothing
+def _failed(mine: Indices, theirs: Indices, verdict: Verdict) -> ImagePair:
+    nothing = Registration(np.eye(4), 1e-6 * np.eye(6), verdict)  # says nothing
     return ImagePair(nothing, mine, theirs, np.zeros(len(mine), np.bool_), False, 0, np.inf, np.inf)

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import invert
+from mapmyworld.graph.edits import as_found
 from mapmyworld.sessions.units import Unit
-from mapmyworld.types import Constraint, MapStore, Node, TrackedFrames
+from mapmyworld.types import Judged, MapStore, Node, TrackedFrames
 
 Array = NDArray[np.float64]
 
@@ -113,12 +114,12 @@ def _nodes(item: Placed) -> list[tuple[Node, Node]]:
     return pairs
 
 
-def copied_constraints(placed: Sequence[Placed]) -> list[Constraint]:
-    """All constraints of the units under the new ids, verdicts and all."""
+def copied_constraints(placed: Sequence[Placed]) -> list[Judged]:
+    """All that was measured in the units, under the new ids, as its finders judged it."""
     return [
         replace(c, from_id=item.new_id(c.from_id), to_id=item.new_id(c.to_id))
         for item in placed
-        for c in item.unit.store.constraints()
+        for c in as_found(item.unit.store.constraints())
     ]
 
 

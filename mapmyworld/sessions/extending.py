@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint
+from mapmyworld.graph.edits import as_found
 from mapmyworld.graph.trajectory import pose_every_frame
 from mapmyworld.localisation.known_place import known_place_from_store
 from mapmyworld.mapping.added_grid import added_grid
@@ -34,7 +35,7 @@ from mapmyworld.sessions.units import Joint, Unit, load_unit
 from mapmyworld.stages.maps import draw_maps
 from mapmyworld.stages.recognise import has_images, scan_loader
 from mapmyworld.stages.solve import solve_and_judge
-from mapmyworld.types import Constraint, MapStore, Poses, Progress
+from mapmyworld.types import Judged, MapStore, Poses, Progress, Why
 
 Array = NDArray[np.float64]
 _CONTRADICTING = 0.2  # share of a session's closures with the map from which it contradicts it
@@ -101,7 +102,7 @@ class _Laid:
     item: Placed
     poses: Poses
     """Of its nodes, under their ids in the map."""
-    constraints: tuple[Constraint, ...]
+    constraints: tuple[Judged, ...]
     """Its own and those with the map, judged."""
     links: int
     certainty: str
@@ -133,9 +134,8 @@ def _lay(base: Unit, unit: Unit, joint: Array, config: Config, progress: Progres
     return _Laid(item, poses, tuple(mine), accepted, *told)
 
 
-def _contradicts(closure: Constraint) -> bool:
-    sigmas = closure.evidence.get("sigmas", 0.0)
-    return not closure.accepted and sigmas > closure.evidence.get("sigmas_limit", np.inf)
+def _contradicts(closure: Judged) -> bool:
+    return any(verdict.why is Why.CONTRADICTS for verdict in closure.verdicts)
 
 
 def _held_poses(scratch: MapStore, skeleton: Unit, base: Unit, item: Placed) -> Poses:
@@ -179,9 +179,9 @@ def _write(base: Unit, laid: _Laid, store: MapStore, config: Config, progress: P
     with store.extend_stage("track", inputs):
         add_drive(laid.item, store)
     with store.extend_stage("recognise", inputs):
-        store.add_constraints(laid.constraints)
+        store.add_constraints(as_found(laid.constraints))
     with store.extend_stage("optimise", inputs):
-        store.replace_constraints((*judged, *laid.constraints))
+        store.judge((*judged, *laid.constraints))
         store.set_poses(_both(before, laid.poses))
         own = unit.store.tracked_frames()
         own = replace(own, node_ids=own.node_ids + laid.item.first_id)

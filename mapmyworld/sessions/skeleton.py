@@ -14,7 +14,7 @@ from mapmyworld.geometry.planar import information_from_planar, matrix_to_planar
 from mapmyworld.geometry.rigid import between
 from mapmyworld.memory_map import MemoryMap
 from mapmyworld.sessions.units import Unit
-from mapmyworld.types import Constraint, ConstraintKind, Node, NodeData, TrackedFrames
+from mapmyworld.types import ConstraintKind, Judged, Node, NodeData, TrackedFrames
 
 _TURNED = 0.6  # rad of difference in heading from which a node at the same place is left as well
 _AROUND = tuple(itertools.product((-1, 0, 1), repeat=2))
@@ -74,14 +74,14 @@ def _frames(nodes: list[Node]) -> TrackedFrames:
     )
 
 
-def _ties(nodes: list[Node]) -> list[Constraint]:
+def _ties(nodes: list[Node]) -> list[Judged]:
     """Every node to the map, for the graph, and to the next one, for the alignment of scans."""
     held = [
-        Constraint(node.id, node.id, ConstraintKind.PRIOR, node.tracked_from_base, _HELD)
+        Judged(node.id, node.id, ConstraintKind.PRIOR, node.tracked_from_base, _HELD)
         for node in nodes
     ]
     steps = [
-        Constraint(
+        Judged(
             a.id, b.id, ConstraintKind.NEIGHBOUR,
             between(a.tracked_from_base, b.tracked_from_base), _RIGID,
         )

@@ -8,11 +8,11 @@ from mapmyworld.config import Config
 from mapmyworld.graph.draft import Draft, landmark_guesses, solve_draft
 from mapmyworld.graph.edits import apply_edits, edits_from_json
 from mapmyworld.sensing.plan import moves_in_plane
-from mapmyworld.types import Constraint, MapStore
+from mapmyworld.types import Judged, MapStore
 
 
 def solve_draft_of(
-    store: MapStore, config: Config, more: Sequence[Constraint] = (), until: int | None = None
+    store: MapStore, config: Config, more: Sequence[Judged] = (), until: int | None = None
 ) -> Draft:
     """The graph of a store, and of `more` constraints, up to the node with the id `until`."""
     nodes = [node for node in store.nodes() if until is None or node.id <= until]

@@ -13,7 +13,7 @@ from mapmyworld.config import Config
 from mapmyworld.parallel import in_threads
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.stages.recognise import has_images, has_scans
-from mapmyworld.types import Constraint, ConstraintKind, MapStore, Poses, RgbdImage
+from mapmyworld.types import ConstraintKind, Judged, MapStore, Poses, RgbdImage
 
 if TYPE_CHECKING:
     from mapmyworld.mapping.level import Level, Surfaces
@@ -23,7 +23,7 @@ _VIEWS = 60  # nodes whose depth is looked at, at most
 
 
 def levelled_poses(
-    store: MapStore, poses: Poses, constraints: Iterable[Constraint], config: Config
+    store: MapStore, poses: Poses, constraints: Iterable[Judged], config: Config
 ) -> tuple[Poses, tuple[str, ...]]:
     """Solved poses, turned and lifted if the camera was carried, and a line that says so.
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import SensingConfig
 from mapmyworld.geometry.rigid import between, se3_adjoint
 from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.types import BREAK, Constraint, ConstraintKind, Frame, Node
+from mapmyworld.types import ConstraintKind, Frame, Judged, LaserTracking, Node, Source
 
 _ROUNDING = 1e-6  # share of the distance, so that ten steps of a centimetre are ten
 _PATIENCE = 1.5  # times the distance that a due node waits for a frame with an image
@@ -25,10 +25,13 @@ class Motion:
     """(4, 4)."""
     covariance: NDArray[np.float64]
     """(6, 6), rotation first, of the motion since the previous frame, in this frame's base."""
-    reason: str
-    """Where the motion comes from, in words."""
-    is_break: bool = False
-    """Whether nothing is known of it: the robot was lost."""
+    source: Source
+    """Where the motion comes from."""
+
+    @property
+    def is_break(self) -> bool:
+        """Whether nothing is known of it: the robot was lost."""
+        return isinstance(self.source, LaserTracking) and self.source.lost
 
 
 class NodeSelector:
@@ -46,7 +49,7 @@ class NodeSelector:
 
     def consider(
         self, frame: Frame, motion: Motion
-    ) -> tuple[Node | None, Constraint | None, NDArray[np.float64]]:
+    ) -> tuple[Node | None, Judged | None, NDArray[np.float64]]:
         """The node that the frame becomes, if it does, its constraint to the one before, and the
         frame's pose (4, 4) in its node: itself, or the last one.
         """
@@ -88,14 +91,13 @@ class NodeSelector:
         covariances = np.stack([motion.covariance for motion in self._since])
         return np.asarray((adjoint @ covariances @ adjoint.transpose(0, 2, 1)).sum(axis=0))
 
-    def _neighbour(self, last: Node, node: Node, moved: NDArray[np.float64]) -> Constraint:
+    def _neighbour(self, last: Node, node: Node, moved: NDArray[np.float64]) -> Judged:
         covariance = self._covariance(node.tracked_from_base) + 1e-12 * np.eye(6)
-        return Constraint(
+        return Judged(
             from_id=last.id,
             to_id=node.id,
             kind=ConstraintKind.NEIGHBOUR,
             from_from_to=moved,
             information=np.asarray(np.linalg.inv(covariance)),
-            reason=self._since[-1].reason,
-            evidence={BREAK: 1.0} if self._since[-1].is_break else {},
+            source=self._since[-1].source,
         )

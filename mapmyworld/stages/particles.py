@@ -15,7 +15,7 @@ from mapmyworld.particles.fastslam import FastSlamResult, run_fastslam
 from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.stages.nodes import Motion
 from mapmyworld.stages.track import track
-from mapmyworld.types import Frame, LogSource, MapStore, Poses, Progress
+from mapmyworld.types import Frame, LogSource, MapStore, Particles, Poses, Progress
 
 _STEP_COVARIANCE = np.diag([1e-8, 1e-8, 1e-6, 1e-6, 1e-6, 1e-8])  # of one step of a smoothed path
 
@@ -58,7 +58,7 @@ class _PathFollower:
     def follow(self, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Motion]]:
         with_scan = (frame for frame in frames if frame.scan is not None)
         for frame, pose in zip(with_scan, self._path, strict=True):
-            yield frame, Motion(pose, _STEP_COVARIANCE, "path of the best particle")
+            yield frame, Motion(pose, _STEP_COVARIANCE, Particles())
 
     def notes(self) -> tuple[str, ...]:
         return ()

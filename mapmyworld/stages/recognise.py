@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.heap import give_back
 from mapmyworld.parallel import on_one_thread
-from mapmyworld.types import Constraint, MapStore, Poses, Progress
+from mapmyworld.types import Judged, MapStore, Poses, Progress
 
 if TYPE_CHECKING:
     from mapmyworld.graph.draft import Draft
@@ -26,7 +26,7 @@ LoadScans = Callable[[], "NodeScans | None"]
 """Gives the nodes' laser scans, made ready once; None for a log without a laser."""
 
 
-Finder = Callable[[MapStore, Config, Progress], list[Constraint]]
+Finder = Callable[[MapStore, Config, Progress], list[Judged]]
 """Looks for constraints; gives none where its sensor or its setting is not there."""
 
 
@@ -74,7 +74,7 @@ def recognise(
 
 def closures_by_laser(
     store: MapStore, config: Config, progress: Progress, loaded: NodeScans
-) -> list[Constraint]:
+) -> list[Judged]:
     """Stretch by stretch, each from poses that the closures before it hold: so the search reaches
     no farther after hours than at first.
     """
@@ -87,10 +87,10 @@ def closures_by_laser(
     path = nodes_at(loaded, None).path
     count = max(1, round(float(path[-1]) / _STRETCH))
     edges = np.searchsorted(path, np.linspace(0.0, path[-1], count + 1)[1:-1])
-    found: list[Constraint] = []
+    found: list[Judged] = []
     for span in pairwise([0, *edges.tolist(), len(path)]):
         poses: Poses | None = None
-        known: Sequence[Constraint] = ()
+        known: Sequence[Judged] = ()
         if any(c.accepted for c in found):
             draft = solve_draft_of(store, config, found, loaded.nodes[span[1] - 1].id)
             poses, known = draft.poses, draft.closures
@@ -116,7 +116,7 @@ def _check_wheels(store: MapStore, progress: Progress, *, alone: bool) -> None:
 
     check = check_wheels(store.nodes(), store.constraints())
     if check is not None and check.is_far_off and alone:
-        store.replace_constraints(corrected(store.constraints(), check))
+        store.judge(corrected(store.constraints(), check))
     lines = () if check is None else check.lines()
     store.put("wheels", {"notes": lines})
     for line in lines:

@@ -19,7 +19,7 @@ from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.stages.draft import solve_draft_of
 from mapmyworld.stages.level import levelled_poses
 from mapmyworld.stages.recognise import LoadScans, add_closures, has_images
-from mapmyworld.types import CLOSURES, Constraint, MapStore, Poses, Progress
+from mapmyworld.types import CLOSURES, Judged, MapStore, Poses, Progress
 from mapmyworld.types.edits import Edit, EditAction
 
 _ROUNDS = 4  # looks from better poses, at most; each finds less than the one before
@@ -44,7 +44,7 @@ def solve_and_judge(
     solved = _solve(store, config, progress, chains=_is_refined(store, config, scans))
     give_back()
     poses, constraints = _refined(store, solved, config, progress, scans)
-    store.replace_constraints(constraints)
+    store.judge(constraints)
     if config.visual.adjust_features and _is_refined(store, config, scans):
         progress.note("features become no nodes: all scans, aligned jointly, tell the poses better")
     elif config.visual.adjust_features:
@@ -66,7 +66,7 @@ def solve_and_judge(
 
 def _refined(
     store: MapStore, solved: SolvedGraph, config: Config, progress: Progress, scans: LoadScans
-) -> tuple[Poses, tuple[Constraint, ...]]:
+) -> tuple[Poses, tuple[Judged, ...]]:
     """Poses after all laser scans have been aligned with each other, and closures judged by them.
 
     Without a laser they stay as they were solved.
@@ -85,7 +85,7 @@ def _refined(
     return refined.poses, review_closures(solved.constraints, refined.poses, config, loaded)
 
 
-def _told_of_islands(constraints: Sequence[Constraint], scans: LoadScans) -> list[str]:
+def _told_of_islands(constraints: Sequence[Judged], scans: LoadScans) -> list[str]:
     """That breaks of tracking divide the path, where nothing recognised joins its parts again."""
     loaded = scans()
     if loaded is None:
@@ -98,7 +98,7 @@ def _told_of_islands(constraints: Sequence[Constraint], scans: LoadScans) -> lis
 
 
 def _told_of_unrecognised(
-    store: MapStore, poses: Poses, constraints: Sequence[Constraint], scans: LoadScans
+    store: MapStore, poses: Poses, constraints: Sequence[Judged], scans: LoadScans
 ) -> list[str]:
     """Known ground that images did not recognise, where no laser holds the path there."""
     if scans() is not None or not has_images(store):

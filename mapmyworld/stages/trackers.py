@@ -13,7 +13,7 @@ from mapmyworld.odometry.recorded import RecordedMotionModel
 from mapmyworld.parallel import batches
 from mapmyworld.sensing import Plan
 from mapmyworld.stages.nodes import Motion
-from mapmyworld.types import Frame
+from mapmyworld.types import CameraTracking, Frame, LaserTracking, Odometry
 
 if TYPE_CHECKING:
     from mapmyworld.odometry.visual import VisualMotion
@@ -60,7 +60,7 @@ class WheelFollower:
         for frame in frames:
             if frame.odom_from_base is not None:
                 covariance = self._model.follow(frame.odom_from_base)
-                yield frame, Motion(frame.odom_from_base, covariance, "recorded odometry")
+                yield frame, Motion(frame.odom_from_base, covariance, Odometry())
 
     def notes(self) -> tuple[str, ...]:
         return ()
@@ -90,7 +90,7 @@ class CameraFollower:
         return Motion(
             self._start @ motion.tracker_from_base,
             np.asarray(covariance),
-            f"visual odometry: {motion.verdict}, {motion.inliers} inliers",
+            CameraTracking(motion.verdict, int(motion.inliers)),
         )
 
     def notes(self) -> tuple[str, ...]:
@@ -113,9 +113,9 @@ class LaserFollower:
             tracked = self._tracker.track_all(some)
             poses = planar_to_matrix(np.stack([moment.pose for moment in tracked]))
             for frame, moment, pose in zip(some, tracked, poses, strict=True):
-                reason = f"scan matching: {moment.verdict}, overlap {moment.overlap:.0%}"
+                source = LaserTracking(moment.verdict, float(moment.overlap), moment.is_break)
                 covariance = covariance_from_planar(moment.covariance, off_plane=_OUT_OF_PLANE)
-                yield frame, Motion(pose, covariance, reason, moment.is_break)
+                yield frame, Motion(pose, covariance, source)
 
     def notes(self) -> tuple[str, ...]:
         return self._tracker.notes()

@@ -8,9 +8,6 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-BY_HAND = "by_hand"
-"""Evidence of a constraint that a person has judged (1) or made (2)."""
-
 
 class EditAction(StrEnum):
     """What an edit does to the graph."""

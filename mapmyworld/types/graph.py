@@ -1,13 +1,16 @@
-"""The pose graph's parts: registrations, constraints with their verdicts, solved poses."""
+"""The pose graph's parts: registrations, constraints and what was judged of them, poses."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mapmyworld.types.sources import GIVEN, LaserTracking, Source
+from mapmyworld.types.verdicts import SUPERSEDING, Judge, Verdict
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -18,14 +21,17 @@ class Registration:
     """(4, 4)."""
     information: NDArray[np.float64]
     """(6, 6) inverse covariance of the right perturbation, rotation first."""
-    converged: bool
-    reason: str
-    """Why it is accepted or not, in words a user can act on."""
+    verdict: Verdict
     inliers: int = 0
     overlap: float = 0.0
     """Share of b's observation that a explains, 0 to 1."""
     residual: float = float("inf")
     """Root mean square over inliers; metres (scans) or pixels (images)."""
+
+    @property
+    def converged(self) -> bool:
+        """Whether it can be used."""
+        return self.verdict.accepted
 
 
 class ConstraintKind(StrEnum):
@@ -43,13 +49,12 @@ class ConstraintKind(StrEnum):
 TRUSTED = frozenset({ConstraintKind.NEIGHBOUR, ConstraintKind.USER, ConstraintKind.PRIOR})
 # Kinds that say: we have been here before.
 CLOSURES = frozenset({ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY})
-BREAK = "break"
-"""Evidence of a neighbour constraint across which tracking was lost."""
+_JUDGES = tuple(Judge)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Constraint:
-    """A measured relative pose between two nodes, and what became of it."""
+    """A measured relative pose between two nodes; what becomes of it changes nothing in it."""
 
     from_id: int
     to_id: int
@@ -59,16 +64,40 @@ class Constraint:
     """(4, 4): pose of `to` in the frame of `from`."""
     information: NDArray[np.float64]
     """(6, 6), rotation first."""
-    accepted: bool = True
-    reason: str = ""
-    """Why it was accepted or rejected: measured values and the limits they met or missed."""
-    evidence: Mapping[str, float] = field(default_factory=dict)
-    """Named figures: score, overlap, inliers, residual before and after, sigmas, ..."""
+    source: Source = GIVEN
+    """What measured it."""
 
     @property
     def is_break(self) -> bool:
         """Whether tracking was lost between the two nodes, and with it how they lie."""
-        return BREAK in self.evidence and self.kind == ConstraintKind.NEIGHBOUR
+        return isinstance(self.source, LaserTracking) and self.source.lost
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged(Constraint):
+    """A constraint with the verdicts on it, in their order; the last one counts."""
+
+    verdicts: tuple[Verdict, ...] = ()
+
+    @property
+    def accepted(self) -> bool:
+        """Whether it is believed, as it is where nobody judged it."""
+        return not self.verdicts or self.verdicts[-1].accepted
+
+    @property
+    def is_superseded(self) -> bool:
+        """Whether a better measurement of the same took its place."""
+        return bool(self.verdicts) and not self.accepted and self.verdicts[-1].why in SUPERSEDING
+
+    def judged(self, *verdicts: Verdict) -> Self:
+        """The same with further verdicts."""
+        return replace(self, verdicts=(*self.verdicts, *verdicts))
+
+    def before(self, judge: Judge) -> Self:
+        """The same without the verdicts of this judge and of those who judge later."""
+        later = _JUDGES[_JUDGES.index(judge) :]
+        kept = tuple(verdict for verdict in self.verdicts if verdict.judge not in later)
+        return self if len(kept) == len(self.verdicts) else replace(self, verdicts=kept)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

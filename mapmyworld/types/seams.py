@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.types.frames import Features, Node, NodeData, Scan, TrackedFrames
-from mapmyworld.types.graph import Constraint, Poses
+from mapmyworld.types.graph import Judged, Poses
 from mapmyworld.types.maps import OccupancyGrid
 from mapmyworld.types.messages import LogInfo, RawMessage
 
@@ -100,14 +100,17 @@ class MapStore(Protocol):
     def tracked_frames(self) -> TrackedFrames:
         """Every tracked moment; none before tracking has ended."""
 
-    def add_constraints(self, constraints: Sequence[Constraint]) -> None:
+    def add_constraints(self, constraints: Sequence[Judged]) -> None:
         """Constraints that were tried, after those that are there."""
 
-    def replace_constraints(self, constraints: Sequence[Constraint]) -> None:
-        """All constraints at once: verdicts change when the graph is judged."""
+    def judge(self, constraints: Sequence[Judged]) -> None:
+        """What `constraints` gave, in that order, with further verdicts; behind it new ones."""
 
-    def constraints(self) -> tuple[Constraint, ...]:
-        """Every constraint that was tried, in the order in which it was added."""
+    def constraints(self) -> tuple[Judged, ...]:
+        """Every constraint that was tried, in the order in which it was added.
+
+        Those that a better measurement superseded are kept, and left out here.
+        """
 
     def set_features(self, node_id: int, features: Features) -> None:
         """The features of a node's images."""

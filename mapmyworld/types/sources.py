@@ -1,0 +1,110 @@
+"""What measured a constraint, with the figures of the measurement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """A file, or the map itself: nothing more is known of it."""
+
+    by: str = ""
+
+
+GIVEN = Given()
+
+
+@dataclass(frozen=True, slots=True)
+class Odometry:
+    """Recorded odometry."""
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectedOdometry:
+    """Recorded odometry, lengthened by the shares by which images found it too short."""
+
+    distance_share: float
+    turn_share: float
+
+
+@dataclass(frozen=True, slots=True)
+class LaserTracking:
+    """Scan matching from frame to frame; the figures are those of the last frame."""
+
+    state: str
+    overlap: float
+    lost: bool = False
+    """Whether the scans before do not say where the robot is."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraTracking:
+    """Visual odometry; the figures are those of the last frame."""
+
+    state: str
+    inliers: int
+
+
+@dataclass(frozen=True, slots=True)
+class Particles:
+    """The path of the best particle."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScanMatch:
+    """Submaps of scans aligned; zeros where no pose scored well enough to be aligned."""
+
+    score: float = 0.0
+    """Mean likelihood of the best pose of the search."""
+    rival: float = 0.0
+    """That of the best pose elsewhere."""
+    overlap: float = 0.0
+    residual: float = 0.0
+    """m."""
+    moved: float = 0.0
+    """m between the guess and the alignment."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImageMatch:
+    """Two images registered; what proposed them is zero where something else did."""
+
+    similarity: float = 0.0
+    posterior: float = 0.0
+    """By words."""
+    steps: int = 0
+    """Nodes between the two, by succession."""
+    distance: float = 0.0
+    """m between the solved poses, by these."""
+    matches: int = 0
+    inliers: int = 0
+    share: float = 0.0
+    cells: int = 0
+    residual_px: float = 0.0
+    sigma_m: float = 0.0
+    sigma_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Marker:
+    """A marker seen in an image."""
+
+    marker: int
+    distance: float
+    worst_corner: float
+    """Sigmas by which the worst corner misses."""
+
+
+@dataclass(frozen=True, slots=True)
+class Person:
+    """A person's edit."""
+
+    action: str
+    reason: str
+
+
+Source = (
+    Given | Odometry | CorrectedOdometry | LaserTracking | CameraTracking | Particles
+    | ScanMatch | ImageMatch | Marker | Person
+)  # fmt: skip

@@ -1,0 +1,72 @@
+"""What was judged of a constraint: by whom, why, and by which numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+
+class Judge(StrEnum):
+    """Who judges, in the order in which they do."""
+
+    LASER = "laser"
+    CAMERA = "camera"
+    PERSON = "person"
+    GRAPH = "graph"
+    ALIGNMENT = "alignment"
+    """The poses after the joint alignment of all scans."""
+
+
+class Why(StrEnum):
+    """The ground of a verdict, in a few words; `wording` says it with its numbers."""
+
+    SCANS_ALIGNED = "scans aligned"
+    LOW_SCORE = "low score"
+    LOW_OVERLAP = "low overlap"
+    AMBIGUOUS_POSE = "ambiguous: another pose"
+    NOT_CONVERGED = "not converged"
+    OPEN_DIRECTION = "poorly constrained"
+    AMBIGUOUS_PLACE = "ambiguous: another place"
+    SURROUNDINGS_UNMET = "surroundings do not fit"
+    LESS_EXPLAINED = "another closure explains more"
+    AMBIGUOUS_JOIN = "ambiguous after a break"
+    IMAGES_AGREE = "images agree"
+    IMAGES_AND_SCANS_AGREE = "images and scans agree"
+    FEW_INLIERS = "few matches agree"
+    LOW_SHARE = "low share of matches agrees"
+    FEW_CELLS = "matches cover too little"
+    UNCERTAIN_TRANSLATION = "uncertain translation"
+    UNCERTAIN_ROTATION = "uncertain rotation"
+    SCANS_CONTRADICT = "scans contradict images"
+    MOTION_CONTRADICTS = "contradicts the tracked motion"
+    AMBIGUOUS_VIEW = "ambiguous: same view elsewhere"
+    MARKER_CORNERS = "corners of a marker"
+    CORRECTED = "corrected by images"
+    ACCEPTED_BY_HAND = "accepted by hand"
+    REJECTED_BY_HAND = "rejected by hand"
+    UNUSABLE = "cannot be used"
+    FITS = "fits the graph"
+    UNSUPPORTED = "nothing supports it"
+    CONTRADICTS = "contradicts the rest of the graph"
+    MISSES = "misses the rest of the graph"
+    MISSES_ALIGNED = "misses the refined poses"
+    MEASURED_ANEW = "measured anew"
+    CARRIED_OVER = "carried over"
+
+
+SUPERSEDING = frozenset({Why.CORRECTED, Why.MEASURED_ANEW, Why.CARRIED_OVER})
+"""Grounds on which a constraint gives way to another of the same, which is kept as well."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """One judgement; of several the last one counts."""
+
+    judge: Judge
+    accepted: bool
+    why: Why
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    """Measured values, and the limits they met or missed."""
+    note: str = ""
+    """What a person gave as reason, or what makes a constraint unusable."""

@@ -1,0 +1,97 @@
+"""Sources and verdicts in words a user can act on: the only place that words them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+
+from mapmyworld.types.graph import Judged
+from mapmyworld.types.sources import (
+    CameraTracking,
+    CorrectedOdometry,
+    Given,
+    LaserTracking,
+    Odometry,
+    Particles,
+    Person,
+    Source,
+)
+from mapmyworld.types.verdicts import Verdict, Why
+
+_SOURCES: Mapping[type[Source], str] = {
+    Given: "{by}",
+    Odometry: "recorded odometry",
+    CorrectedOdometry: "recorded odometry, by images {distance_share:+.1%} of distance and "
+    "{turn_share:+.1%} of turns",
+    LaserTracking: "scan matching: {state}, overlap {overlap:.0%}",
+    CameraTracking: "visual odometry: {state}, {inliers} inliers",
+    Particles: "path of the best particle",
+    Person: "by hand: {action}: {reason}",
+}
+"""What no finder judges is worded by its source, everything else by its verdicts."""
+_MISS = "{residual_metres:.3g} m, {residual_degrees:.3g} deg = {sigmas:.1f} sigma"
+_FIT = f"misses by {_MISS} (limit {{sigmas_limit:.1f}})"
+_VERDICTS: Mapping[Why, str] = {
+    Why.SCANS_ALIGNED: "overlap {overlap:.0%}, residual {residual:.3f} m",
+    Why.LOW_SCORE: "score below {limit:g}",
+    Why.LOW_OVERLAP: "overlap {overlap:.0%} below {limit:.0%}",
+    Why.AMBIGUOUS_POSE: "ambiguous: another pose scores {rival:.2f} against {score:.2f}",
+    Why.NOT_CONVERGED: "not converged: the refined pose left the best one of the search by "
+    "{metres:.2f} m, {degrees:.0f} deg",
+    Why.OPEN_DIRECTION: "poorly constrained: the surfaces leave a direction open",
+    Why.AMBIGUOUS_PLACE: "ambiguous: another place near by scores {rival:.2f} against {score:.2f}",
+    Why.SURROUNDINGS_UNMET: "what was seen around does not fit what had been seen there",
+    Why.LESS_EXPLAINED: "another closure between the same parts explains more of what was seen",
+    Why.AMBIGUOUS_JOIN: "ambiguous: what was seen after the break fits as well {metres:.1f} m and "
+    "{degrees:.0f} deg from there",
+    Why.IMAGES_AGREE: "{inliers} matches agree within {sigmas:g} sigma",
+    Why.IMAGES_AND_SCANS_AGREE: "{inliers} matches agree within {sigmas:g} sigma; aligned by the "
+    "scans, overlap {overlap:.0%}",
+    Why.FEW_INLIERS: "{inliers} of {matches} matches agree, {limit} needed",
+    Why.LOW_SHARE: "{share:.0%} of the matches agree, {limit:.0%} needed",
+    Why.FEW_CELLS: "agreeing matches reach {cells} cells of the image, {limit} needed",
+    Why.UNCERTAIN_TRANSLATION: "translation certain to {sigma:.3f} m only, {limit:g} m needed",
+    Why.UNCERTAIN_ROTATION: "rotation certain to {sigma:.4f} rad only, {limit:g} rad needed",
+    Why.SCANS_CONTRADICT: "the scans of both nodes contradict the images by {sigmas:.1f} sigma",
+    Why.MOTION_CONTRADICTS: "looks alike, but contradicts the tracked motion by {metres:.2f} m and "
+    "{degrees:.0f} deg, {sigmas:.1f} sigma",
+    Why.AMBIGUOUS_VIEW: "ambiguous: the same view fits {metres:.1f} m away, and drift may reach "
+    "{drift:.1f} m",
+    Why.MARKER_CORNERS: "marker {marker}: corners fit within {worst:.1f} sigma (limit {limit:g})",
+    Why.CORRECTED: "corrected by images",
+    Why.ACCEPTED_BY_HAND: "by hand: accepted: {note}",
+    Why.REJECTED_BY_HAND: "by hand: rejected: {note}",
+    Why.UNUSABLE: "cannot be used: {note}",
+    Why.FITS: f"graph: {_FIT}",
+    Why.UNSUPPORTED: f"graph: nothing supports it and it may fit by chance: {_FIT}",
+    Why.CONTRADICTS: f"graph: contradicts the rest of the graph: {_FIT}",
+    Why.MISSES: "graph: misses by {sigmas:.1f} sigma",
+    Why.MISSES_ALIGNED: "misses the refined poses by {metres:.2f} m, {degrees:.1f} deg",
+    Why.CARRIED_OVER: "carried over",
+    Why.MEASURED_ANEW: "overlap {overlap:.0%}, residual {residual:.3f} m, measured anew from the "
+    "refined poses",
+}
+
+
+def reason_of(constraint: Judged) -> str:
+    """Why a constraint is accepted or not: what measured it, and every verdict on it."""
+    source = _SOURCES.get(type(constraint.source), "").format(**asdict(constraint.source))
+    return " | ".join(part for part in (source, *map(in_words, constraint.verdicts)) if part)
+
+
+def in_words(verdict: Verdict) -> str:
+    """A verdict with its measured values and the limits they met or missed."""
+    try:
+        text = _VERDICTS[verdict.why].format(note=verdict.note, **verdict.numbers)
+    except (LookupError, ValueError):  # a damaged row of a map
+        return str(verdict.why)
+    return text + _support(verdict.numbers)
+
+
+def _support(numbers: Mapping[str, float]) -> str:
+    """Which of the closures near by agree, where the graph asked them."""
+    if "partners" not in numbers:
+        return ""
+    if numbers["partners"] == 0:
+        return "; no other closure near it"
+    return f"; {numbers['supporters']} of {numbers['partners']} closures near it agree"

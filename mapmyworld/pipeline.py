@@ -5,14 +5,15 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config import Config, VisualConfig
+from mapmyworld.config import Config
+from mapmyworld.config.stages import FIRST_READ, FIRST_READ_BY_PARTICLES, settings_of
 from mapmyworld.errors import ConfigError, MapError
 from mapmyworld.parallel import algebra_on_one_thread
 from mapmyworld.places.features_ahead import FeaturesAhead
@@ -64,25 +65,24 @@ def build_map(
         raise ConfigError("places.vocabulary names a file, but its words were not given")
     record = StageRecord(store, _same_log(store, log))
     plan = functools.cache(lambda: _plan(log, config, progress))
-    cfg, seed, given = config, config.seed, (store, config, progress)
+    given = (store, config, progress)
+    first_read = FIRST_READ_BY_PARTICLES if method == "fastslam" else FIRST_READ
 
-    record.run("plan", (cfg.sensing,), lambda: _note_plan(store, plan()))
-    motion = (cfg.odometry, cfg.registration, _seeing(cfg.visual), cfg.storage, seed)
+    def run(stage: str, work: Callable[[], None], *inputs: Any) -> None:
+        record.run(stage, (settings_of(stage, config, first_read), *inputs), work)
+
+    run("plan", lambda: _note_plan(store, plan()))
     if method == "fastslam":
         from mapmyworld.stages.particles import settle_particles, track_particles
 
-        particles = (method, cfg.particles, cfg.storage, seed)
-        record.run("track", particles, lambda: track_particles(log, plan(), *given))
-        record.run("fastslam", (), lambda: settle_particles(store))
+        run("track", lambda: track_particles(log, plan(), *given), method)
+        run("fastslam", lambda: settle_particles(store))
     else:
-        ahead = FeaturesAhead(cfg)
-        record.run("track", motion, lambda: track(log, plan(), *given, features=ahead, later=later))
-        scans, edits = scan_loader(store, cfg), store.get("edits") or None
-        places = (cfg.places, seed, _digest(words))
-        record.run("recognise", places, lambda: recognise(*given, scans, words, ahead))
-        solving = (cfg.graph, edits, cfg.visual.adjust_features)
-        record.run("optimise", solving, lambda: _solve(*given, scans))
-    record.run("map", (cfg.mapping, cfg.visual), lambda: draw_maps(*given))
+        ahead, scans = FeaturesAhead(config), scan_loader(store, config)
+        run("track", lambda: track(log, plan(), *given, features=ahead, later=later))
+        run("recognise", lambda: recognise(*given, scans, words, ahead), _digest(words))
+        run("optimise", lambda: _solve(*given, scans), store.get("edits") or None)
+    run("map", lambda: draw_maps(*given))
     return _result(store, log, record)
 
 
@@ -90,12 +90,6 @@ def _solve(store: MapStore, config: Config, progress: Progress, scans: LoadScans
     from mapmyworld.stages.solve import solve_and_judge
 
     solve_and_judge(store, config, progress, scans)
-
-
-def _seeing(visual: VisualConfig) -> dict[str, Any]:
-    """The settings of vision that concern motion and places, not the products."""
-    products = ("cloud_", "mesh_", "obstacle_", "floor_", "grid_", "adjust_")
-    return {k: v for k, v in asdict(visual).items() if not k.startswith(products)}
 
 
 def _digest(words: Mapping[int, NDArray[np.uint8]] | None) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 from memory_store import MemoryStore
@@ -87,7 +89,7 @@ def test_a_stage_is_done_once_and_again_only_when_something_before_it_changed() 
     def build(settings: SensingConfig, resolution: float, log_hash: str = "log") -> list[str]:
         done.clear()
         record = StageRecord(store, log_hash)
-        record.run("track", (settings,), lambda: done.append("track"))
+        record.run("track", (asdict(settings),), lambda: done.append("track"))
         record.run("map", (resolution,), lambda: done.append("map"))
         return list(done)
 

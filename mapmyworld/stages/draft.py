@@ -6,18 +6,15 @@ from collections.abc import Sequence
 
 from mapmyworld.config import Config
 from mapmyworld.graph.draft import Draft, landmark_guesses, solve_draft
-from mapmyworld.graph.edits import apply_edits, edits_from_json
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.types import Judged, MapStore
 
 
 def solve_draft_of(
-    store: MapStore, config: Config, more: Sequence[Judged] = (), until: int | None = None
+    store: MapStore, config: Config, constraints: Sequence[Judged], until: int | None = None
 ) -> Draft:
-    """The graph of a store, and of `more` constraints, up to the node with the id `until`."""
+    """The graph of a store's nodes with these constraints, up to the node with the id `until`."""
     nodes = [node for node in store.nodes() if until is None or node.id <= until]
-    edits = edits_from_json(store.get("edits"))
-    constraints = [*apply_edits(store.constraints(), edits), *more]
     if until is not None:
         constraints = [c for c in constraints if max(c.from_id, c.to_id) <= until]
     starts = {node.id: node.tracked_from_base for node in nodes}

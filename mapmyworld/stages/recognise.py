@@ -92,7 +92,8 @@ def closures_by_laser(
         poses: Poses | None = None
         known: Sequence[Judged] = ()
         if any(c.accepted for c in found):
-            draft = solve_draft_of(store, config, found, loaded.nodes[span[1] - 1].id)
+            so_far, last = [*store.constraints(), *found], loaded.nodes[span[1] - 1].id
+            draft = solve_draft_of(store, config, so_far, last)
             poses, known = draft.poses, draft.closures
         found += first_closures(loaded, poses, known, span, config, progress)
     return found

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import asdict
 from typing import Any
 
 import mapmyworld
@@ -16,8 +15,8 @@ from mapmyworld.types import MapStore
 class StageRecord:
     """Runs stages, and passes over those that the store holds already with the same inputs.
 
-    A stage's inputs are the stage before it (down to the log's bytes), the version, and the
-    sections of the configuration that concern it. Threads are no input: they change nothing.
+    A stage's inputs are the stage before it (down to the log's bytes), the version, and what it is
+    the first one to read of settings and statements.
     """
 
     def __init__(self, store: MapStore, log_hash: str) -> None:
@@ -27,8 +26,8 @@ class StageRecord:
         """Stages that were found done."""
 
     def run(self, stage: str, inputs: tuple[Any, ...], work: Callable[[], None]) -> None:
-        """Does the work of a stage unless it is done; `inputs` are settings or plain values."""
-        self._chain = _digest(self._chain, stage, *[_plain(value) for value in inputs])
+        """Does the work of a stage unless it is done; `inputs` are values of JSON."""
+        self._chain = _digest(self._chain, stage, *inputs)
         if self._store.stage_done(stage, self._chain):
             self.reused.append(stage)
             return
@@ -37,10 +36,6 @@ class StageRecord:
         give_back()
 
 
-def _plain(value: Any) -> Any:
-    return asdict(value) if hasattr(value, "__dataclass_fields__") else value
-
-
 def _digest(*parts: Any) -> str:
-    text = json.dumps(parts, sort_keys=True, default=str)
+    text = json.dumps(parts, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -36,7 +36,7 @@ def solve_and_judge(
     """
     for _ in range(_ROUNDS):
         progress.stage("optimise", len(store.nodes()), "nodes")
-        draft = solve_draft_of(store, config)
+        draft = solve_draft_of(store, config, _edited(store))
         new = add_closures(store, draft, config, progress, scans, since)
         if new <= _FEW * sum(c.accepted for c in store.constraints() if c.kind in CLOSURES):
             break
@@ -126,13 +126,18 @@ def _edits(store: MapStore) -> tuple[Edit, ...]:
     return edits_from_json(store.get("edits"))
 
 
+def _edited(store: MapStore) -> tuple[Judged, ...]:
+    """What was found, as people's edits want it: they concern the solution, not what is found."""
+    return apply_edits(store.constraints(), _edits(store))
+
+
 def _solve(store: MapStore, config: Config, progress: Progress, *, chains: bool) -> SolvedGraph:
     nodes = store.nodes()
     progress.stage("optimise", len(nodes), "nodes")
     starts = {node.id: node.tracked_from_base for node in nodes}
     landmarks = landmark_guesses(starts, store.constraints())
     planar = moves_in_plane(store)
-    constraints = apply_edits(store.constraints(), _edits(store))
+    constraints = _edited(store)
     if chains:
         return solve_by_chains(nodes, landmarks, constraints, planar, config.graph)
     starts |= landmarks

@@ -253,3 +253,16 @@ def test_a_stored_stream_is_one_of_zlibs(size: int) -> None:
     decoder = zlib.decompressobj()
     assert decoder.decompress(stored_stream(data)) == data
     assert decoder.eof
+
+
+def test_a_map_of_an_earlier_format_is_refused_unless_it_is_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "map.db"
+    with open_store(path, create=True) as store:
+        fill(store)
+    with closing(sqlite3.connect(path)) as sqlite, sqlite:
+        sqlite.execute("UPDATE mapmyworld_format SET version = 1")
+    assert "older mapmyworld (format 1, this one reads 2): build it anew" in problems_of_opening(
+        path
+    )
+    with open_store(path, create=True, overwrite=True) as store:
+        assert store.nodes() == ()

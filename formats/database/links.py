@@ -106,17 +106,15 @@ def _verdict(
 ) -> Verdict:
     try:
         figures = json_from_text(numbers, object_pairs_hook=_figures)
-        if not (isinstance(note, str) and all(_is_number(n) for n in figures.values())):
+        if not (isinstance(note, str) and isinstance(figures, dict)):
+            raise TypeError("a note or figures of another type")
+        if not all(isinstance(figure, int | float) for figure in figures.values()):
             raise TypeError("a figure that is no number")
         return Verdict(Judge(judge), bool(accepted), Why(why), figures, note)
     except (ValueError, TypeError) as error:
         raise MapError(
             f"a verdict on constraint {constraint_id}: a damaged row ({error})"
         ) from None
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float)
 
 
 def constraints_from_rows(

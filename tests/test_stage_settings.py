@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -47,12 +46,14 @@ def first_readers(read: Mapping[str, set[str]], stages: tuple[str, ...]) -> dict
 def by_graph() -> dict[str, set[str]]:
     """What builds by the graph read of a log with laser, wheels and camera, or parts of it."""
     log, found = open_log([APARTMENT]), defaultdict[str, set[str]](set)
-    blind = configured(sensing__use_scans=False)
     asked = [
         (log, configured(visual__closure_scans=True)),
-        (log, replace(blind, visual=configured(visual__markers="4x4_50").visual)),
-        (log, replace(blind, visual=configured(visual__adjust_features=True).visual)),
-        (Beginning(log, 8.0), replace(blind, sensing=no_odometry())),
+        (log, configured(sensing__use_scans=False, visual__markers="4x4_50")),
+        (log, configured(sensing__use_scans=False, visual__adjust_features=True)),
+        (
+            Beginning(log, 8.0),
+            configured(sensing__use_scans=False, sensing__odometry_topic="none"),
+        ),
     ]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
@@ -62,10 +63,6 @@ def by_graph() -> dict[str, set[str]]:
             for stage, names in settings_read(source, config).items():
                 found[stage] |= names
     return found
-
-
-def no_odometry() -> Any:
-    return configured(sensing__use_scans=False, sensing__odometry_topic="none").sensing
 
 
 def test_every_stage_names_the_settings_that_it_is_the_first_to_read(

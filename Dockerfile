@@ -8,7 +8,7 @@ COPY formats formats
 RUN python -m venv /opt/mapmyworld && /opt/mapmyworld/bin/pip install --no-cache-dir .
 
 FROM python:3.12-slim
-# What Open3D loads: meshes and simulation need it, nothing else does.
+# What Open3D loads: meshes need it, nothing else does.
 # Debian keeps no old versions: a pinned one would soon be gone.
 # hadolint ignore=DL3008
 RUN apt-get update \

@@ -35,7 +35,8 @@ class Finding:
 @format_option
 def doctor(style: str) -> None:
     """Say whether this machine is ready: versions, optional libraries, threads, cache."""
-    findings = [_python(), *[_library(name) for name in _NEEDED], _open3d(), _threads(), _cache()]
+    libraries = [*[_library(name) for name in _NEEDED], _embreex(), _open3d()]
+    findings = [_python(), *libraries, _threads(), _cache()]
     if style == "json":
         show_json({f.name: {"ok": f.ok, "needed": f.needed, "text": f.text} for f in findings})
     else:
@@ -64,13 +65,22 @@ def _library(name: str) -> Finding:
 
 
 def _open3d() -> Finding:
-    version = importlib.metadata.version("open3d")
     try:
-        importlib.import_module("open3d")
+        version = importlib.import_module("open3d").__version__
     except (ImportError, OSError) as error:
-        text = f"{version} needs system libraries ({error}): apt-get install {PACKAGES}"
+        text = f"meshes need it, and system libraries ({error}): apt-get install {PACKAGES}"
         return Finding("open3d", False, False, text)
-    return Finding("open3d", True, False, f"{version} (meshes, simulation)")
+    return Finding("open3d", True, False, f"{version} (meshes)")
+
+
+def _embreex() -> Finding:
+    try:
+        importlib.import_module("embreex.rtcore_scene")
+    except ImportError as error:
+        text = f"cameras of `simulate` need it ({error}): it exists for x86-64"
+        return Finding("embreex", False, False, text)
+    version = importlib.metadata.version("embreex")
+    return Finding("embreex", True, False, f"{version} (cameras of `simulate`)")
 
 
 def _threads() -> Finding:

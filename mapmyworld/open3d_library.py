@@ -1,4 +1,4 @@
-"""Open3D, which only meshes and rendering need: loaded when one is wanted, or what to install."""
+"""Open3D, which only meshes need: loaded when one is wanted, or what to install."""
 
 from __future__ import annotations
 
@@ -22,6 +22,6 @@ def import_open3d(wanted: str) -> Any:
 def missing_open3d(wanted: str, why: str) -> MissingDependencyError:
     """What to install for what was wanted, and why Open3D did not load."""
     return MissingDependencyError(
-        f"{wanted} needs Open3D, which does not load ({why}): `pip install open3d` and, on a bare "
-        f"system, `apt-get install {PACKAGES}`"
+        f"{wanted} needs Open3D, which does not load ({why}): on a bare system "
+        f"`apt-get install {PACKAGES}`; where it is not there at all, reinstall mapmyworld"
     )

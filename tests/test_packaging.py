@@ -77,9 +77,10 @@ def test_help_answers_at_once() -> None:
     assert min(run() for _ in range(5)) < 0.2
 
 
-def test_building_never_imports_open3d() -> None:
+def test_building_and_simulating_never_import_open3d() -> None:
     code = (
-        "import sys, mapmyworld.pipeline, formats.logs, formats.database, cli.build, cli.exporting;"
+        "import sys, mapmyworld.pipeline, formats.logs, formats.database, cli.build, cli.exporting,"
+        "mapmyworld.simulation.camera, mapmyworld.simulation.ray_caster;"
         "print('open3d' in sys.modules)"
     )
     found = subprocess.run(

@@ -14,8 +14,6 @@ from mapmyworld.simulation.settings import CameraSettings
 from mapmyworld.simulation.solids import wall
 from mapmyworld.simulation.world import Ground, World, build_scene, scene_from_mesh
 
-pytest.importorskip("open3d", exc_type=ImportError)
-
 SETTINGS = SimulationSettings()
 
 

@@ -10,7 +10,7 @@ from mapmyworld.kernels.compiling import jit
 
 @jit
 def shade_pixels(
-    triangles: NDArray[np.uint32],
+    triangles: NDArray[np.int32],
     barycentric: NDArray[np.float32],
     depths: NDArray[np.float32],
     slants: NDArray[np.float32],

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.kernels.texture_lookup import shade_pixels
-from mapmyworld.open3d_library import import_open3d
 from mapmyworld.simulation import robot
 from mapmyworld.simulation.camera_noise import disturb_colour, disturb_depth, exposure_at
 from mapmyworld.simulation.clocks import Schedule, random_of
 from mapmyworld.simulation.driver import Drive
 from mapmyworld.simulation.images import colour_message, depth_message
+from mapmyworld.simulation.ray_caster import Hits, RayCaster
 from mapmyworld.simulation.settings import SimulationSettings
 from mapmyworld.simulation.streams import Messages, Stream
 from mapmyworld.simulation.textures import EDGE, TextureSet, texture_set
@@ -43,10 +43,9 @@ class View:
 
 
 class Renderer:
-    """A scene made ready for views; raises `MissingDependencyError` where Open3D is absent."""
+    """A scene made ready for views; raises `MissingDependencyError` where embreex is absent."""
 
     def __init__(self, scene: Scene, settings: SimulationSettings) -> None:
-        open3d = import_open3d("a camera (--no-camera leaves it out)")
         solid = np.flatnonzero(~scene.glass)
         corners = scene.faces.corners[solid].astype(np.float32)
         self._width, self._height = settings.camera.width, settings.camera.height
@@ -55,12 +54,7 @@ class Renderer:
         self._normals = _normals(corners)
         self._lights = _lights(self._normals)
         self._paint = _Paint(scene, solid, self._lights)
-        self._tensor = open3d.core.Tensor
-        self._caster = open3d.t.geometry.RaycastingScene()
-        triangles = np.arange(corners.size // 3, dtype=np.uint32).reshape(-1, 3)
-        self._caster.add_triangles(
-            open3d.core.Tensor(corners.reshape(-1, 3)), open3d.core.Tensor(triangles)
-        )
+        self._caster = RayCaster(corners)
 
     def render(self, world_from_optical: NDArray[np.float64]) -> View:
         """What the camera sees from there."""
@@ -75,18 +69,12 @@ class Renderer:
 
         Rays have length one along the optical axis, so that the distance to the hit is the depth.
         """
-        rays = np.empty((len(ways), 6), np.float32)
-        rays[:, :3], rays[:, 3:] = origins, ways
-        met = self._caster.cast_rays(self._tensor(rays))
-        depth: NDArray[np.float32] = met["t_hit"].numpy()
-        triangle: NDArray[np.uint32] = met["primitive_ids"].numpy()
-        inside = np.where(np.isfinite(depth), triangle, 0)
-        length = np.linalg.norm(rays[:, 3:], axis=1)
-        slant = np.abs(np.einsum("ij,ij->i", self._normals[inside], rays[:, 3:])) / length
+        met = self._caster.cast(origins, ways)
+        length = np.linalg.norm(ways, axis=1)
+        slant = np.abs(np.einsum("ij,ij->i", self._normals[met.triangle], ways)) / length
         colour = np.empty((len(ways), 3), np.uint8)
-        uv = met["primitive_uvs"].numpy()
-        self._paint.fill(inside, uv, depth, slant, self._pixel_angle, colour)
-        return View(colour.reshape(*shape, 3), depth.reshape(shape), slant.reshape(shape))
+        self._paint.fill(met, slant, self._pixel_angle, colour)
+        return View(colour.reshape(*shape, 3), met.distance.reshape(shape), slant.reshape(shape))
 
 
 class _Paint:
@@ -110,24 +98,22 @@ class _Paint:
 
     def fill(
         self,
-        triangle: NDArray[np.uint32],
-        uv: NDArray[np.float32],
-        depth: NDArray[np.float32],
+        met: Hits,
         slant: NDArray[np.float32],
         pixel_angle: float,
         colour: NDArray[np.uint8],
     ) -> None:
         """Writes the pixels' colours (P, 3)."""
         if self._corners is not None:
-            weights = np.stack([1.0 - uv[:, 0] - uv[:, 1], uv[:, 0], uv[:, 1]], axis=1)
-            mixed = np.einsum("pk,pkc->pc", weights, self._corners[triangle])
-            lit = np.clip(mixed * self._lights[triangle, None], 0, 255)
-            colour[:] = np.where(np.isfinite(depth)[:, None], lit, _SKY)
+            weights = np.concatenate([1.0 - met.uv.sum(axis=1, keepdims=True), met.uv], axis=1)
+            mixed = np.einsum("pk,pkc->pc", weights, self._corners[met.triangle])
+            lit = np.clip(mixed * self._lights[met.triangle, None], 0, 255)
+            colour[:] = np.where(np.isfinite(met.distance)[:, None], lit, _SKY)
             return
         shade_pixels(
-            triangle.astype(np.uint32),
-            uv,
-            depth,
+            met.triangle,
+            met.uv,
+            met.distance,
             slant.astype(np.float32),
             self._uv,
             self._texture,

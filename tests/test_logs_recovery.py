@@ -50,9 +50,12 @@ CHECKED = {"zstd.mcap", "lz4.mcap", "plain.mcap", "ros1.mcap"}  # by a CRC over 
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the whole files: hypothesis shows arguments, and would show their bytes."""
     folder = tmp_path_factory.mktemp("whole")
-    return {name: write(folder / name).read_bytes() for name, (_, write) in FILES.items()}
+    for name, (_, write) in FILES.items():
+        write(folder / name)
+    return folder
 
 
 def read(path: Path) -> tuple[list[tuple[str, int, bytes]], tuple[str, ...]]:
@@ -101,10 +104,8 @@ def expected_of(name: str) -> list[tuple[str, int, bytes]]:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_cut_at_any_record_keeps_all_before(
-    files: dict[str, bytes], name: str, tmp_path: Path
-) -> None:
-    data, expected = files[name], expected_of(name)
+def test_a_file_cut_at_any_record_keeps_all_before(whole: Path, name: str, tmp_path: Path) -> None:
+    data, expected = (whole / name).read_bytes(), expected_of(name)
     path = tmp_path / name
     most = 0
     for cut in boundaries(data)[:-1]:
@@ -118,10 +119,8 @@ def test_a_file_cut_at_any_record_keeps_all_before(
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_cut_anywhere_keeps_whole_chunks(
-    files: dict[str, bytes], name: str, tmp_path: Path
-) -> None:
-    data, expected = files[name], expected_of(name)
+def test_a_file_cut_anywhere_keeps_whole_chunks(whole: Path, name: str, tmp_path: Path) -> None:
+    data, expected = (whole / name).read_bytes(), expected_of(name)
     ends = boundaries(data)
     counts = {}
     path = tmp_path / name
@@ -138,11 +137,9 @@ def test_a_file_cut_anywhere_keeps_whole_chunks(
 
 
 @pytest.mark.parametrize("name", ["zstd.mcap", "plain.mcap", "bz2.bag", "lz4.bag"])
-def test_a_bad_chunk_is_skipped_and_told(
-    files: dict[str, bytes], name: str, tmp_path: Path
-) -> None:
-    data = bytearray(files[name])
-    start, end = chunks(files[name])[1]
+def test_a_bad_chunk_is_skipped_and_told(whole: Path, name: str, tmp_path: Path) -> None:
+    data = bytearray((whole / name).read_bytes())
+    start, end = chunks((whole / name).read_bytes())[1]
     middle = (start + end) // 2
     data[middle : middle + 40] = bytes(40)
     path = tmp_path / name
@@ -159,11 +156,12 @@ def test_a_bad_chunk_is_skipped_and_told(
 @settings(max_examples=60, suppress_health_check=list(HealthCheck))
 @given(flips=changes(least=1))
 @example(flips=[(0.887135319980832, 0)])  # a channel of the summary becomes a message
+@example(flips=[(0.875, 0), (0.25, 0), (0.1723375713112405, 0)])  # a message of a broken chunk
 @example(flips=[(0.9140625, 0), (0.125, 0)])  # the one chunk that names a topic, and its other copy
 def test_flipped_bytes_never_raise_anything_else(
-    files: dict[str, bytes], name: str, tmp_path: Path, flips: list[tuple[float, int]]
+    whole: Path, name: str, tmp_path: Path, flips: list[tuple[float, int]]
 ) -> None:
-    data = bytearray(files[name])
+    data = bytearray((whole / name).read_bytes())
     for place, change in flips:
         data[int(place * len(data))] ^= change or 1
     path = tmp_path / name
@@ -176,6 +174,44 @@ def test_flipped_bytes_never_raise_anything_else(
             assert {record[1:] for record in records} <= sound
         else:
             assert set(records) <= set(expected_of(name)) or losses == ()
+
+
+def without_footer(whole: Path) -> bytearray:
+    """A file of plain chunks whose summary nothing vouches for."""
+    return bytearray((whole / "plain.mcap").read_bytes()[:-1] + b"?")
+
+
+def test_of_a_chunk_with_a_damaged_head_no_message_is_taken(whole: Path, tmp_path: Path) -> None:
+    """Its checksum cannot be told from the rest, and one of its messages is damaged as well."""
+    data = without_footer(whole)
+    start, end = chunks(bytes(data))[1]
+    data[start + 42] ^= 1  # how many bytes of messages it holds
+    data[(start + end) // 2] ^= 1
+    (tmp_path / "a.mcap").write_bytes(data)
+    records, losses = read(tmp_path / "a.mcap")
+    assert set(records) < set(expected_of("plain.mcap"))
+    assert any("a chunk contradicts itself" in line for line in losses)
+
+
+def test_an_index_of_messages_that_became_a_message_is_none(whole: Path, tmp_path: Path) -> None:
+    """Both begin with channel, a number and a time."""
+    data = without_footer(whole)
+    at = next(place for place, opcode in mcap_places(bytes(data)) if opcode == 7)
+    data[at] = 5
+    (tmp_path / "a.mcap").write_bytes(data)
+    assert read(tmp_path / "a.mcap")[0] == expected_of("plain.mcap")
+
+
+def test_topics_that_only_an_unchecked_summary_names_are_told(whole: Path, tmp_path: Path) -> None:
+    data = without_footer(whole)
+    start, end = chunks(bytes(data))[0]
+    data[(start + end) // 2] ^= 1
+    data[data.rindex(b"/odom") + 1] = ord("a")
+    (tmp_path / "a.mcap").write_bytes(data)
+    records, losses = read(tmp_path / "a.mcap")
+    assert {topic for topic, *_ in records} >= {"/adom"}
+    (told,) = (line for line in losses if "only its summary" in line)
+    assert "/adom" in told
 
 
 @pytest.mark.parametrize("name", ["a.mcap", "a.bag", "a.log", "a.db3"])
@@ -194,10 +230,10 @@ def test_noise_behind_a_good_start_is_survived(name: str, tmp_path: Path, conten
     assert found is None or found[1] or name == "a.log"
 
 
-def test_absurd_sizes_are_refused_without_memory(files: dict[str, bytes], tmp_path: Path) -> None:
+def test_absurd_sizes_are_refused_without_memory(whole: Path, tmp_path: Path) -> None:
     """A chunk that claims 2^60 bytes, compressed or not, is one bad chunk."""
     for name, field in (("zstd.mcap", 16), ("lz4.mcap", 16)):
-        data = bytearray(files[name])
+        data = bytearray((whole / name).read_bytes())
         start = data.index(b"zstd" if "zstd" in name else b"lz4") - 4 - 28
         data[start + field : start + field + 8] = (1 << 60).to_bytes(8, "little")
         path = tmp_path / name
@@ -207,11 +243,9 @@ def test_absurd_sizes_are_refused_without_memory(files: dict[str, bytes], tmp_pa
         assert "claims" in losses[0]
 
 
-def test_a_bag_that_was_never_closed_is_read_by_its_chunks(
-    files: dict[str, bytes], tmp_path: Path
-) -> None:
+def test_a_bag_that_was_never_closed_is_read_by_its_chunks(whole: Path, tmp_path: Path) -> None:
     """index_pos 0, as rosbag leaves it when the recorder is killed."""
-    data = bytearray(files["lz4.bag"])
+    data = bytearray((whole / "lz4.bag").read_bytes())
     at = data.index(b"index_pos=") + len(b"index_pos=")
     data[at : at + 8] = bytes(8)
     path = tmp_path / "a.bag.active"
@@ -221,8 +255,8 @@ def test_a_bag_that_was_never_closed_is_read_by_its_chunks(
     assert "not closed" in losses[0]
 
 
-def test_a_lying_footer_is_not_believed(files: dict[str, bytes], tmp_path: Path) -> None:
-    data = bytearray(files["zstd.mcap"])
+def test_a_lying_footer_is_not_believed(whole: Path, tmp_path: Path) -> None:
+    data = bytearray((whole / "zstd.mcap").read_bytes())
     data[-37 + 9 : -37 + 17] = (1 << 62).to_bytes(8, "little")
     path = tmp_path / "a.mcap"
     path.write_bytes(data)

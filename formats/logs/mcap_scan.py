@@ -49,6 +49,10 @@ class _Scan:
         self.definitions = Definitions()
         self.latest_ns = 0
         self.has_ended = False  # the data: what looks like a message behind it is a damaged index
+        # Whether the file has chunks. What looks like a message outside of them is then damage: part
+        # of one whose checksum cannot be told from the rest, or an index, which is laid out alike.
+        self.chunked = False
+        self.unchecked: set[int] = set()  # channels of which no chunk tells, only the summary
         self.bare: list[tuple[int, int, Payload]] = []
         self.bare_start = self.bare_end = 0
 
@@ -65,9 +69,18 @@ class _Scan:
                 )
                 position = following
         self._close_run()
+        self._tell_unchecked()
         self.index.channels = self.definitions.channels
         self.index.details.append(("blocks", str(len(self.index.blocks))))
         return self.index
+
+    def _tell_unchecked(self) -> None:
+        topics = {self.definitions.channels[key].topic for key in self.unchecked}
+        if topics:
+            self.index.problems.append(
+                f"{self.path}: only its summary, which nothing vouches for, names "
+                f"{', '.join(sorted(topics))}: names and types may be wrong; copy the file again"
+            )
 
     def _record(self, position: int) -> int:
         """Takes in the record at `position` and gives the position after it."""
@@ -89,8 +102,14 @@ class _Scan:
         elif opcode in {SCHEMA, CHANNEL}:
             if length > MAX_DEFINITION_BYTES:
                 raise DamagedBlockError(f"a definition claims {length} bytes")
-            self.definitions.take(opcode, self.stream.read(length))
+            self._definition(opcode, self.stream.read(length))
         return after
+
+    def _definition(self, opcode: int, content: bytes) -> None:
+        known = set(self.definitions.channels)
+        self.definitions.take(opcode, content)
+        if self.chunked:
+            self.unchecked |= self.definitions.channels.keys() - known
 
     def _head(self, position: int) -> tuple[int, int]:
         self.stream.seek(position)
@@ -108,6 +127,7 @@ class _Scan:
         consistent = position + HEAD_BYTES + head.data_at + head.data_bytes == after
         if not consistent or head.compression not in _COMPRESSIONS:
             raise DamagedBlockError("a chunk contradicts itself")
+        self.chunked = True
         self.stream.seek(position)
         if after > self.size:
             self._cut_chunk(position)
@@ -138,8 +158,8 @@ class _Scan:
         )
 
     def _message(self, position: int, after: int) -> None:
-        if self.has_ended:
-            raise DamagedBlockError("a message after the end of the data")
+        if self.has_ended or self.chunked:
+            raise DamagedBlockError("a message where none can be")
         if after - position < HEAD_BYTES + _MESSAGE_HEAD.size:
             raise DamagedBlockError("a message is shorter than its head")
         key, _, time = _MESSAGE_HEAD.unpack(self.stream.read(_MESSAGE_HEAD.size))
@@ -220,7 +240,7 @@ class _Scan:
             return head.compression in _COMPRESSIONS and head.data_at + head.data_bytes == length
         if opcode == DATA_END:
             return length == 4 and self._plausible(after)
-        if length < 22 or len(data) < HEAD_BYTES + 14:
+        if self.chunked or length < 22 or len(data) < HEAD_BYTES + 14:
             return False
         key, _, time = _MESSAGE_HEAD.unpack_from(data, HEAD_BYTES)
         near = abs(time - self._latest()) < _DAY_NS

@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+SEED ?= $(shell date +%s)# of the tests that draw their examples; a given one draws them again
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .PHONY: demo test install clean
@@ -29,4 +30,4 @@ test: install
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/pytest -n logical --dist loadfile
+	$(BIN)/pytest -n logical --dist loadfile --hypothesis-seed=$(SEED)

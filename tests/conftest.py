@@ -12,7 +12,9 @@ from hypothesis import settings
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data"))
 
-settings.register_profile("any machine", deadline=None)  # a busy one is no failure
+# No deadline: a busy machine is no failure. New examples every time, where CI is set as well: a
+# failure prints the example, and `make test` the seed, with which it is replayed.
+settings.register_profile("any machine", deadline=None, derandomize=False, print_blob=True)
 settings.load_profile("any machine")
 
 

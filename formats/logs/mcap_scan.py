@@ -49,8 +49,8 @@ class _Scan:
         self.definitions = Definitions()
         self.latest_ns = 0
         self.has_ended = False  # the data: what looks like a message behind it is a damaged index
-        # Whether the file has chunks. What looks like a message outside of them is then damage: part
-        # of one whose checksum cannot be told from the rest, or an index, which is laid out alike.
+        # Whether the file has chunks. What looks like a message outside of them is then damage:
+        # part of one whose checksum cannot be told from the rest, or an index, laid out alike.
         self.chunked = False
         self.unchecked: set[int] = set()  # channels of which no chunk tells, only the summary
         self.bare: list[tuple[int, int, Payload]] = []

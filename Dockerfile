@@ -12,7 +12,8 @@ FROM python:3.12-slim
 # Debian keeps no old versions: a pinned one would soon be gone.
 # hadolint ignore=DL3008
 RUN apt-get update \
-    && apt-get install -y --no-install-recommends libgl1 libegl1 libx11-6 libusb-1.0-0 libgomp1 \
+    && apt-get install -y --no-install-recommends \
+    libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0 libgomp1 \
     && rm -rf /var/lib/apt/lists/*
 COPY --from=build /opt/mapmyworld /opt/mapmyworld
 RUN useradd --create-home --uid 1000 mapper && mkdir /data && chown mapper /data

@@ -6,7 +6,7 @@ from typing import Any
 
 from mapmyworld.errors import MissingDependencyError
 
-PACKAGES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libgomp1"
+PACKAGES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0 libgomp1"
 """System packages whose libraries a slim server or container lacks."""
 
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 from browser import browser  # noqa: F401  one for all: a process runs one Playwright
 from hypothesis import settings
+
+from mapmyworld.open3d_library import PACKAGES
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data"))
@@ -24,3 +27,10 @@ def data() -> Path:
     if not DATA.is_dir():
         pytest.skip(f"recorded data not found at {DATA}: set MAPMYWORLD_DATA to their folder")
     return DATA
+
+
+@pytest.fixture(scope="session")
+def open3d() -> Any:
+    """The library; skips where it does not load."""
+    wanted = f"Open3D does not load: `apt-get install {PACKAGES}`"
+    return pytest.importorskip("open3d", exc_type=ImportError, reason=wanted)

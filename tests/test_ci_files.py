@@ -97,3 +97,13 @@ def test_the_image_is_slim_and_its_user_is_nobody_special() -> None:
     assert {"mapmyworld", "cli", "formats", "pyproject.toml"} <= copied
     allowed = (ROOT / ".dockerignore").read_text(encoding="utf-8").split()
     assert {f"!{name}" for name in copied} <= set(allowed)
+
+
+def test_ci_runs_the_users_command_before_it_installs_anything() -> None:
+    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    first, _, then = script.partition("\nmake test\n")
+    assert then
+    assert "install" not in first
+    assert "-m beyond_pip" in then
+    (job,) = loaded(".github/workflows/test.yml")["jobs"].values()
+    assert [step["run"] for step in job["steps"] if "run" in step] == ["bash .ci/run"]

@@ -61,6 +61,7 @@ def test_equations_are_part_of_the_pages(site: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.beyond_pip
 def test_the_site_asks_nobody_else_for_anything(site: Path, browser: Any) -> None:
     asked: list[str] = []
     page = browser.new_page()

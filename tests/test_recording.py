@@ -112,10 +112,9 @@ def test_what_is_written_is_read_back_bit_by_bit(written: Path) -> None:
             assert_same(raw.decode(), message)
 
 
+@pytest.mark.parametrize("written", ["a.mcap", "a.bag", "folder"], indirect=True)
 def test_stock_readers_take_it(written: Path) -> None:
     """Rosbags checks structure and types; a lone .db3 lacks the folder it insists on."""
-    if written.suffix == ".db3":
-        pytest.skip("rosbags reads folders only")
     with AnyReader([written], default_typestore=TYPE_STORE) as reader:
         found = {c.topic: reader.deserialize(data, c.msgtype) for c, _, data in reader.messages()}
     assert found["/scan"].ranges[0] == np.float32(1.07)

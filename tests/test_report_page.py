@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from browser import skip_without_browser
 from database_samples import fill
 from sample_maps import apartment  # noqa: F401
 
@@ -19,6 +20,9 @@ from formats.database import open_store
 from formats.report.page import embedded_json
 from formats.report.report import report_html
 from mapmyworld.types import ConstraintKind, Judge, Judged, Verdict, Why
+
+pytestmark = pytest.mark.beyond_pip
+skip_without_browser("15 tests of the report")
 
 NASTY = '</script><script>document.title="broken"</script><img src=x onerror=alert(1)>&"'
 PHONE = {"width": 390, "height": 844}

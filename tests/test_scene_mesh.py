@@ -14,8 +14,6 @@ from glb import write_glb
 from formats.scene_mesh import read_scene_mesh
 from mapmyworld.errors import MapError, MissingDependencyError
 
-pytest.importorskip("open3d", exc_type=ImportError, reason="Open3D cannot be loaded here")
-
 # A floor of two triangles and a wall of one, in metres, z up.
 VERTICES = np.array([[0, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0], [0, 0, 2]], np.float32)
 TRIANGLES = np.array([[0, 1, 2], [0, 2, 3], [0, 1, 4]], np.uint16)
@@ -74,6 +72,8 @@ def as_glb(path: Path, claimed: int = 5) -> None:
     write_glb(path, document, parts)
 
 
+@pytest.mark.beyond_pip
+@pytest.mark.usefixtures("open3d")
 @pytest.mark.parametrize(("suffix", "write"), [("ply", as_ply), ("obj", as_obj), ("glb", as_glb)])
 def test_every_format_gives_the_same_room_in_its_colours(
     tmp_path: Path, suffix: str, write
@@ -132,8 +132,9 @@ def test_what_holds_no_triangles_is_refused(tmp_path: Path) -> None:
         read_scene_mesh(tmp_path / "absent.ply")
 
 
-@pytest.mark.parametrize("corner", [-1, 3, 1 << 30])
-def test_triangles_of_corners_that_do_not_exist_are_refused(tmp_path: Path, corner: int) -> None:
+@pytest.mark.beyond_pip
+@pytest.mark.usefixtures("open3d")
+def test_triangles_of_corners_that_do_not_exist_are_refused(tmp_path: Path) -> None:
     """Found by a fuzzer: some of these end the process in which Open3D reads them."""
     path = tmp_path / "room.ply"
     head = (
@@ -141,11 +142,15 @@ def test_triangles_of_corners_that_do_not_exist_are_refused(tmp_path: Path, corn
         + "".join(f"property float {axis}\n" for axis in "xyz")
         + "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
     )
-    path.write_bytes(head.encode() + VERTICES[:3].tobytes() + struct.pack("<B3i", 3, 0, 1, corner))
-    with pytest.raises(MapError, match="no triangles"):
-        read_scene_mesh(path)
+    for corner in (-1, 3, 1 << 30):
+        face = struct.pack("<B3i", 3, 0, 1, corner)
+        path.write_bytes(head.encode() + VERTICES[:3].tobytes() + face)
+        with pytest.raises(MapError, match="no triangles"):
+            read_scene_mesh(path)
 
 
+@pytest.mark.beyond_pip
+@pytest.mark.usefixtures("open3d")
 def test_a_world_larger_than_any_drive_is_refused(tmp_path: Path) -> None:
     """Found by the campaign: the plan of its walls took all memory."""
     as_ply(tmp_path / "room.ply")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -120,8 +121,8 @@ def test_a_low_box_stops_the_beam_and_a_lamp_does_not() -> None:
     assert (scan.missing < -0.1).sum() > 10  # the way below it is free
 
 
-def test_a_mesh_of_a_wall_is_flat_and_coloured() -> None:
-    pytest.importorskip("open3d", exc_type=ImportError)
+@pytest.mark.beyond_pip
+def test_a_mesh_of_a_wall_is_flat_and_coloured(open3d: Any) -> None:
     from mapmyworld.mapping.mesh import build_mesh
 
     room = Room()

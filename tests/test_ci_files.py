@@ -107,3 +107,20 @@ def test_ci_runs_the_users_command_before_it_installs_anything() -> None:
     assert "-m beyond_pip" in then
     (job,) = loaded(".github/workflows/test.yml")["jobs"].values()
     assert [step["run"] for step in job["steps"] if "run" in step] == ["bash .ci/run"]
+
+
+def test_property_tests_draw_new_examples_in_ci_too_and_say_how_to_replay_them() -> None:
+    """Hypothesis itself would draw the same ones each time where CI is set."""
+    code = "import conftest as c; s = c.settings(); print(s.derandomize, s.print_blob, s.deadline)"
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(
+        command,
+        cwd=ROOT / "tests",
+        env=os.environ | {"CI": "true"},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
+    )
+    assert done.stdout.split() == ["False", "True", "None"]
+    assert "--hypothesis-seed=$(SEED)" in (ROOT / "Makefile").read_text(encoding="utf-8")

@@ -269,6 +269,24 @@ def test_no_label_is_empty_and_sessions_start_with_one(tmp_path: Path) -> None:
     decoder.close()
 
 
+def test_information_is_written_exactly_symmetric(tmp_path: Path) -> None:
+    """RTAB-Map's `rtabmap-report` gives up at a matrix that differs from its transpose by a bit."""
+    root = np.random.default_rng(3).normal(size=(6, 6))
+    turned = np.linalg.inv(root @ root.T + np.eye(6))
+    assert (turned != turned.T).any()  # as products and inverses leave it
+    with open_store(tmp_path / "map.db", create=True) as store:
+        for number in (1, 2):
+            store.add_node(node(number), NodeData())
+        store.add_constraints([constraint(1, 2, ConstraintKind.NEIGHBOUR, information=turned)])
+        kept = store.constraints()[0].information
+    decoder = decode.Decoder(tmp_path / "map.db")
+    links = [decode.information(row["information_matrix"]) for row in decoder.rows("Link")]
+    decoder.close()
+    for matrix in (kept, *links):
+        np.testing.assert_array_equal(matrix, matrix.T)
+    np.testing.assert_allclose(kept, turned, rtol=1e-12)
+
+
 def test_information_that_rtabmap_refuses_is_made_weak(tmp_path: Path) -> None:
     """A prior on position alone has no information on the angles; RTAB-Map wants it positive."""
     flat = np.diag([0.0, 0, 0, 4, 4, 0])

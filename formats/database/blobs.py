@@ -161,9 +161,17 @@ def orthonormal(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     return nearest
 
 
+def symmetric(information: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The matrix (6, 6) without the last bits in which products leave it unlike its transpose.
+
+    RTAB-Map's tools hand it to g2o, which refuses a graph with one that is not exactly symmetric.
+    """
+    return 0.5 * information + 0.5 * information.T  # halves first: a sum may overflow
+
+
 def information_to_blob(information: NDArray[np.float64]) -> bytes:
     """288 bytes, translation first, of a rotation-first matrix (6, 6); diagonal made positive."""
-    swapped: NDArray[np.float64] = information[_SWAP].astype("<f8")
+    swapped: NDArray[np.float64] = symmetric(information)[_SWAP].astype("<f8")
     diagonal = np.einsum("ii->i", swapped)
     if not (np.isfinite(swapped).all() and diagonal.min() > 0.0):
         swapped[~np.isfinite(swapped)] = 0.0

@@ -11,7 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.errors import MapError
-from mapmyworld.types import MapStore, Node, NodeData, OccupancyGrid, Poses, Scan, Trajectory
+from mapmyworld.types import (
+    MapStore,
+    Node,
+    NodeData,
+    OccupancyGrid,
+    Poses,
+    Scan,
+    Trajectory,
+    first_nodes,
+)
 
 if TYPE_CHECKING:
     from mapmyworld.config import Config
@@ -54,7 +63,7 @@ def export_cloud(store: MapStore, path: Path, config: Config) -> list[Path]:
     from formats.cloud import write_cloud
     from mapmyworld.mapping.cloud import build_cloud, views_of_cloud
 
-    kept = _kept_by_first_nodes(store)
+    kept = [store.node_data(node.id, features=False) for node in first_nodes(store.nodes())]
     if not any(data.cloud is not None or _depth_of(data) for data in kept):
         return []
     thinned = None
@@ -90,17 +99,11 @@ def _lifted(scan: Scan | None) -> NDArray[np.float32] | None:
     return np.column_stack([scan.points, np.zeros(len(scan.points), np.float32)])
 
 
-def _kept_by_first_nodes(store: MapStore) -> list[NodeData]:
-    """What the first nodes keep shows what the map keeps."""
-    return [store.node_data(node.id, features=False) for node in store.nodes()[:_LOOKED_AT]]
-
-
 def _depth_of(data: NodeData) -> bool:
     return any(image.depth is not None for image in data.images)
 
 
 _FLAT = 1e-3  # m, rad
-_LOOKED_AT = 20  # nodes that show what a map keeps
 
 
 def trajectory_of(store: MapStore, which: str = "optimised") -> Trajectory:

@@ -27,6 +27,7 @@ from mapmyworld.types import (
     Progress,
     RgbdImage,
     Scan,
+    first_nodes,
 )
 
 _REMEMBERED = 600  # views kept at hand
@@ -55,9 +56,8 @@ class NodeImages:
         self.nodes: list[Node] = list(nodes[::every])
         self.have_words = bool(store.words())
         if self.have_words:
-            cameras = max(
-                (len(usable_images(self._data(n, False))) for n in self.nodes[:20]), default=0
-            )
+            looked_at = first_nodes(self.nodes)
+            cameras = max((len(usable_images(self._data(n, False))) for n in looked_at), default=0)
             self._set_rows([(k, n) for k in range(cameras) for n in range(len(self.nodes))])
         else:
             self._extract(progress)

@@ -45,12 +45,22 @@ def place_units(units: Sequence[Unit], common_from_unit: Sequence[Array]) -> lis
 
 
 def copy_plan(sources: Sequence[MapStore], store: MapStore) -> None:
-    """What was decided for the first one, and what any of them lost."""
+    """What was decided for the first one that decided anything, role by role, and all losses."""
     plans = [source.get("plan") or {} for source in sources]
     merged: dict[str, Any] = dict(plans[0])
+    merged["decisions"] = _decided([plan.get("decisions", ()) for plan in plans])
     for key in ("warnings", "losses"):
         merged[key] = list(dict.fromkeys(line for plan in plans for line in plan.get(key, ())))
     store.put("plan", merged)
+
+
+def _decided(plans: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """For each role the first choice: a session without a camera decides nothing for others."""
+    found: dict[str, dict[str, Any]] = {}
+    for decision in (one for plan in plans for one in plan):
+        if not found.setdefault(decision["role"], decision)["choice"]:
+            found[decision["role"]] = decision
+    return list(found.values())
 
 
 def copy_drives(placed: Sequence[Placed], store: MapStore) -> None:

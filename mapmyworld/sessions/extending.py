@@ -32,8 +32,9 @@ from mapmyworld.sessions.joining import have_scans, locate_unit
 from mapmyworld.sessions.notes import digest_of, note_sessions
 from mapmyworld.sessions.skeleton import skeleton_of
 from mapmyworld.sessions.units import Joint, Unit, load_unit
+from mapmyworld.stages.kept import has_images
 from mapmyworld.stages.maps import draw_maps
-from mapmyworld.stages.recognise import has_images, scan_loader
+from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve import solve_and_judge
 from mapmyworld.types import Judged, MapStore, Poses, Progress, Why
 

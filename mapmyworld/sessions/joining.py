@@ -26,7 +26,7 @@ from mapmyworld.localisation.seeking import Seeker
 from mapmyworld.registration.scan_matching import COARSE, prepare_scan
 from mapmyworld.sessions import joining_by_images as by_images
 from mapmyworld.sessions.units import Joint, Unit
-from mapmyworld.stages.recognise import has_scans
+from mapmyworld.stages.kept import has_scans
 from mapmyworld.types import Progress, Scan
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.parallel import in_threads
 from mapmyworld.sensing.plan import moves_in_plane
-from mapmyworld.stages.recognise import has_images, has_scans
+from mapmyworld.stages.kept import has_images, has_scans
 from mapmyworld.types import ConstraintKind, Judged, MapStore, Poses, RgbdImage
 
 if TYPE_CHECKING:

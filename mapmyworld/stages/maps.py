@@ -11,7 +11,7 @@ from mapmyworld.config import Config
 from mapmyworld.errors import NothingToDrawError
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.parallel import in_threads, on_one_thread
-from mapmyworld.stages.recognise import has_images, has_scans
+from mapmyworld.stages.kept import has_images, has_scans
 from mapmyworld.types import MapStore, Progress, RgbdImage, Scan
 
 

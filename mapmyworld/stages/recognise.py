@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.heap import give_back
 from mapmyworld.parallel import on_one_thread
+from mapmyworld.stages.kept import has_images, has_scans
 from mapmyworld.types import Judged, MapStore, Poses, Progress
 
 if TYPE_CHECKING:
@@ -148,13 +149,3 @@ def add_closures(
         found += find_visual_closures(store, draft.poses, config, progress, None)
     store.add_constraints(found)
     return sum(constraint.accepted for constraint in found)
-
-
-def has_images(store: MapStore) -> bool:
-    """Whether nodes keep images with depth."""
-    return any(store.node_data(node.id, features=False).images for node in store.nodes()[:20])
-
-
-def has_scans(store: MapStore) -> bool:
-    """Whether tracked frames keep scans."""
-    return next(iter(store.scans(range(20))), None) is not None

@@ -17,8 +17,9 @@ from mapmyworld.heap import give_back
 from mapmyworld.parallel import on_one_thread
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.stages.draft import solve_draft_of
+from mapmyworld.stages.kept import has_images
 from mapmyworld.stages.level import levelled_poses
-from mapmyworld.stages.recognise import LoadScans, add_closures, has_images
+from mapmyworld.stages.recognise import LoadScans, add_closures
 from mapmyworld.types import CLOSURES, Judged, MapStore, Poses, Progress
 from mapmyworld.types.edits import Edit, EditAction
 

@@ -10,6 +10,7 @@ from mapmyworld.types.frames import (
     RgbdImage,
     Scan,
     TrackedFrames,
+    first_nodes,
 )
 from mapmyworld.types.graph import (
     CLOSURES,
@@ -118,6 +119,7 @@ __all__ = [
     "TransformsMessage",
     "Verdict",
     "Why",
+    "first_nodes",
     "no_priors",
     "no_sightings",
 ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -158,3 +160,17 @@ class TrackedFrames:
     """(F,) whether the frame is that node itself."""
     odom_from_base: NDArray[np.float64] | None = None
     """(F, 4, 4) recorded odometry; None where the log has none at some frame."""
+
+
+_LOOKED_AT = 20  # nodes of a session: a camera may be slower than the laser, or start late
+
+
+def first_nodes(nodes: Sequence[Node]) -> list[Node]:
+    """The first nodes of every session: sessions that were merged may carry different sensors."""
+    seen: Counter[int] = Counter()
+    found = []
+    for node in nodes:
+        seen[node.session] += 1
+        if seen[node.session] <= _LOOKED_AT:
+            found.append(node)
+    return found

@@ -118,9 +118,10 @@ def scores(result: object, reference: Path | None) -> dict[str, float]:
     if reference is None:
         return {}
     if reference.suffix == ".relations":
-        score = relations_score(path, read_relations(reference))
+        relations = read_relations(reference)
+        score = relations_score(path, relations)
         worst = float(score.translation_errors.max())
-        errors = score.translation_errors[spans_loop(path, read_relations(reference))]
+        errors = score.translation_errors[spans_loop(path, relations)[score.covered]]
         return {
             "across": len(errors),
             "missed": int((errors > MISSED).sum()),

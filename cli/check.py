@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 
 from cli.arguments import PATH, FiniteRange, format_option, map_argument
-from cli.checking import KEYS, Sources, measure
-from cli.exit_codes import EXIT_CHECK_FAILED
+from cli.checking import KEYS, Sources, measure, told_of_few_relations
+from cli.exit_codes import EXIT_CHECK_FAILED, EXIT_PARTIAL
 from cli.gates import BETTER, WHOLE, judged, no_worse, read_requirements, require_known, wholeness
 from cli.outputs import require_apart
 from cli.streams import own_words, show_json, shown
@@ -63,7 +63,8 @@ def check(
     """Say whether MAP meets every requirement; exit code 4 when one fails.
 
     A KEY is one that --keys lists, or the dotted name of a figure that `inspect map` or
-    `inspect graph` prints as JSON. A map that lost something fails, unless --allow-partial.
+    `inspect graph` prints as JSON. A map that lost something fails, unless --allow-partial. Where
+    most of the relations lie outside MAP's time, the exit code of a check that passes is 3.
 
     \b
     mapmyworld check map.db --require 'loop_closures >= 5' --require 'unknown_share < 0.6'
@@ -87,6 +88,10 @@ def check(
     _show(verdicts, style)
     if not all(verdict.passed for verdict in verdicts):
         sys.exit(EXIT_CHECK_FAILED)
+    if few := told_of_few_relations(sources):
+        click.echo(f"mapmyworld: {few}", err=True)
+        if not allow_partial:
+            sys.exit(EXIT_PARTIAL)
 
 
 def _verdicts(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from cli.scoring import coverage, read_any_trajectory, score_loops, truth_beside
+from cli.scoring import coverage, few_relations, read_any_trajectory, score_loops, truth_beside
 from mapmyworld.errors import ConfigError
 from mapmyworld.evaluation import (
     GridScore,
@@ -151,6 +151,11 @@ KEYS: dict[str, Key] = {
     "relations_translation": Key(
         "m, mean error", lambda f: f.related.translation_mean, "relations"
     ),
+    "relations_covered": Key(
+        "share of the relations in the map's time, which are scored",
+        lambda f: f.related.share,
+        "relations",
+    ),
     "relations_rotation": Key(
         "deg, mean error", lambda f: f.related.rotation_mean_deg, "relations"
     ),
@@ -160,6 +165,16 @@ KEYS: dict[str, Key] = {
     "grid_recall": Key("within one cell, aligned", lambda f: f.agreement.aligned.recall_1, "grid"),
     "grid_free": Key("share of free cells right", lambda f: f.agreement.aligned.free, "grid"),
 }
+
+
+def told_of_few_relations(sources: Sources) -> str:
+    """That few of the relations given are of the map's time; empty where most are."""
+    from formats.database import open_store
+
+    if sources.relations is None:
+        return ""
+    with open_store(sources.map_path, read_only=True) as store:
+        return few_relations(Facts(store, sources).related)
 
 
 def measure(wanted: Iterable[str], sources: Sources) -> dict[str, float]:

@@ -24,6 +24,7 @@ COLUMNS: dict[str, tuple[str, str]] = {
     "frames": ("frames", "d"),
     "length_m": ("length m", ".1f"),
     "ate_m": ("ATE m", ".4f"),
+    "relations": ("relations", "d"),
     "relations_m": ("relations m", ".4f"),
     "relations_std_m": ("+- m", ".4f"),
     "relations_deg": ("relations deg", ".3f"),
@@ -78,7 +79,7 @@ def figures_of(
     relations: Relations | None,
 ) -> dict[str, Any]:
     """Every figure that can be had of a map."""
-    from mapmyworld.evaluation import ate, relations_score
+    from mapmyworld.evaluation import ate
     from mapmyworld.evaluation.sharpness import grid_sharpness
 
     positions = candidate.trajectory.poses[:, :3, 3]
@@ -90,10 +91,7 @@ def figures_of(
     if reference is not None:
         figures["ate_m"] = ate(candidate.trajectory, reference).rmse
     if relations is not None:
-        score = relations_score(candidate.trajectory, relations)
-        figures["relations_m"] = score.translation.mean
-        figures["relations_std_m"] = score.translation.std
-        figures["relations_deg"] = score.rotation_deg.mean
+        figures |= _related(candidate.trajectory, relations)
     if candidate is not first:
         figures["apart_m"] = _quietly(lambda: ate(candidate.trajectory, first.trajectory).rmse)
     if candidate.grid is not None:
@@ -101,6 +99,22 @@ def figures_of(
     wanted = ("cpu_s", "wall_s", "peak_memory_mb")
     figures |= {key: candidate.summary[key] for key in wanted if key in candidate.summary}
     return {key: value for key, value in figures.items() if value is not None}
+
+
+def _related(trajectory: Trajectory, relations: Relations) -> dict[str, Any]:
+    """Errors against the known relations of the map's time; nothing where none is."""
+    from mapmyworld.evaluation import relations_score
+
+    try:
+        score = relations_score(trajectory, relations)
+    except MapError:
+        return {}
+    return {
+        "relations": score.count,
+        "relations_m": score.translation.mean,
+        "relations_std_m": score.translation.std,
+        "relations_deg": score.rotation_deg.mean,
+    }
 
 
 def _quietly(score: Callable[[], float]) -> float | None:

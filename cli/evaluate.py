@@ -100,10 +100,12 @@ def _show_errors(
 def relations(estimate: Path, relations: Path, style: str) -> None:
     """Kuemmerle's metric of ESTIMATE against known RELATIONS. ESTIMATE is a MAP or a TUM file.
 
+    Relations outside ESTIMATE's time are not scored; the exit code is 3 where they are most.
+
     \b
     mapmyworld evaluate relations map.db intel.relations
     """
-    from cli.scoring import read_any_trajectory
+    from cli.scoring import few_relations, read_any_trajectory
     from formats.relations import read_relations
     from mapmyworld.evaluation import relations_score
 
@@ -118,10 +120,14 @@ def relations(estimate: Path, relations: Path, style: str) -> None:
     if style == "json":
         shown: dict[str, Any] = {name: asdict(value) for name, value in figures.items()}
         show_json({"count": score.count, "outside": score.outside} | shown)
-        return
-    click.echo(f"{score.count} relations, {score.outside} of them outside the trajectory's time")
-    for name, value in figures.items():
-        click.echo(f"{name:28}{value.mean:9.4f} +- {value.std:.4f}")
+    else:
+        left_out = f", {score.outside} more lie outside its time" if score.outside else ""
+        click.echo(f"{score.count} relations in the trajectory's time{left_out}")
+        for name, value in figures.items():
+            click.echo(f"{name:28}{value.mean:9.4f} +- {value.std:.4f}")
+    if told := few_relations(score):
+        click.echo(f"mapmyworld: {told}", err=True)
+        sys.exit(EXIT_PARTIAL)
 
 
 @evaluate.command()

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from formats.database.connection import is_sqlite
 from formats.truth import read_loop_pairs
-from mapmyworld.evaluation import LoopScore, loop_closure_score
+from mapmyworld.evaluation import FEW, LoopScore, RelationsScore, loop_closure_score
 from mapmyworld.types import CLOSURES, MapStore, Trajectory
 
 
@@ -46,6 +46,16 @@ def score_loops(store: MapStore, truth: Trajectory, pairs: Path | None) -> LoopS
     if pairs is not None:
         true_pairs = read_loop_pairs(pairs)[0]
     return loop_closure_score(moments.reshape(-1, 2), measured.reshape(-1, 4, 4), truth, true_pairs)
+
+
+def few_relations(score: RelationsScore) -> str:
+    """That a score is of few of the relations, and what to do; empty where it is of most."""
+    if score.share >= FEW:
+        return ""
+    return (
+        f"only {score.count} of {len(score.covered)} relations lie in the trajectory's time: the "
+        "score is of these alone; give the map of the whole log"
+    )
 
 
 def coverage(estimate: Trajectory, reference: Trajectory) -> float:

@@ -14,7 +14,7 @@ from cli.main import group
 from formats.database import open_store
 from formats.grid import write_grid
 from formats.trajectory import write_trajectory
-from mapmyworld.errors import ConfigError
+from mapmyworld.errors import ConfigError, MapError
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.types import (
     ConstraintKind,
@@ -88,10 +88,43 @@ def test_a_trajectory_is_scored_from_a_file_and_from_a_map_alike(folder: Path) -
 def test_relations_and_grids_are_scored(folder: Path) -> None:
     (folder / "a.relations").write_text("1 2 0 0 0 0 0 0.5\n3.5 7 0 0 0 0 0 0\n")
     shown = run("evaluate", "relations", folder / "map.db", folder / "a.relations").stdout
-    assert "2 relations" in shown
+    assert "2 relations in the trajectory's time\n" in shown
     grid = folder / "grid.yaml"
     score = json.loads(run("evaluate", "grid", grid, grid, "--format", "json").stdout)
     assert score["aligned"]["precision_1"] == score["unaligned"]["free"] == 1.0
+
+
+def test_relations_outside_the_map_are_not_scored_and_few_inside_are_told(folder: Path) -> None:
+    """A map of the first 12 s against relations of a minute: its end pose is no answer there."""
+    inside, outside = "1 2 0.96 0.24 0 0 0 0.5", "40 60 7 0 0 0 0 0"
+    few = folder / "few.relations"
+    few.write_text("\n".join([inside, *4 * [outside], "11 13 9 9 0 0 0 0"]) + "\n")
+    result = run("evaluate", "relations", folder / "map.db", few, "--format", "json")
+    score = json.loads(result.stdout)
+    assert (score["count"], score["outside"]) == (1, 5)
+    assert score["translation_m"]["mean"] < 0.1
+    assert result.exit_code == 3
+    assert "only 1 of 6 relations lie in the trajectory's time" in result.stderr
+    checked = ["check", folder / "map.db", "--relations", few, "--require"]
+    passed = run(*checked, "relations_translation < 0.1")
+    assert passed.exit_code == 3
+    assert "only 1 of 6 relations" in passed.stderr
+    assert run(*checked, "relations_translation < 0.1", "--allow-partial").exit_code == 0
+    assert run(*checked, "relations_covered >= 0.5").exit_code == 4
+    most = folder / "most.relations"
+    most.write_text("\n".join([*3 * [inside], outside]) + "\n")
+    assert run("evaluate", "relations", folder / "map.db", most).exit_code == 0
+    assert run("check", folder / "map.db", "--relations", most, "--require",
+               "relations_translation < 0.1").exit_code == 0  # fmt: skip
+
+
+def test_relations_of_another_log_are_refused(folder: Path) -> None:
+    (folder / "far.relations").write_text("40 60 7 0 0 0 0 0\n")
+    refused = CliRunner().invoke(
+        group, ["evaluate", "relations", str(folder / "map.db"), str(folder / "far.relations")]
+    )
+    assert isinstance(refused.exception, MapError)
+    assert "none of 1 relations lies in the trajectory's time" in str(refused.exception)
 
 
 def test_a_check_passes_or_fails_with_its_own_exit_code(folder: Path) -> None:

@@ -99,7 +99,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     drive(40).without("/odom").write(folder / "alone.mcap")
     (folder / "broken.mcap").write_bytes(b"no log" * 100)
     (folder / "logs.toml").write_text(BATCH)
-    (folder / "a.relations").write_text("1 2 0 0 0 0 0 0.5\n")
+    (folder / "a.relations").write_text("1700000001 1700000002 0 0 0 0 0 0.5\n")
     return folder
 
 

@@ -19,6 +19,7 @@ from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.types import Trajectory
 from mapmyworld.types.relations import Relations
 
+FEW = 0.5  # share of the relations below which a score says little of the whole drive
 _SAME_STAMP_NS = 500  # two stamps written with six decimals are the same within half a unit
 
 
@@ -36,6 +37,7 @@ class RelationsScore:
     """Errors of an estimated trajectory against known relative poses."""
 
     count: int
+    """Relations that are scored: those of which the trajectory covers both moments."""
     translation: MeanStd
     """Metres, of `expected^-1 * measured`."""
     rotation_deg: MeanStd
@@ -44,12 +46,22 @@ class RelationsScore:
     squared_rotation_deg: MeanStd
     cartographer_translation: MeanStd
     """Metres, of `measured * expected^-1`."""
-    outside: int
-    """Relations of which a moment lies outside the trajectory, scored with its end pose."""
+    covered: NDArray[np.bool_]
+    """(M,) which of all relations are scored."""
     translation_errors: NDArray[np.float64]
-    """(N,) metres."""
+    """(N,) metres, of those that are scored."""
     rotation_errors_deg: NDArray[np.float64]
     """(N,)."""
+
+    @property
+    def outside(self) -> int:
+        """Relations of which a moment lies outside the trajectory's time, which are not scored."""
+        return len(self.covered) - self.count
+
+    @property
+    def share(self) -> float:
+        """Of all relations that are scored, 0 to 1."""
+        return self.count / len(self.covered)
 
     @property
     def translation_mean(self) -> float:
@@ -63,9 +75,14 @@ class RelationsScore:
 
 
 def relations_score(trajectory: Trajectory, relations: Relations) -> RelationsScore:
-    """How well a trajectory fits known relative poses; raises `MapError` where either is empty."""
+    """How well a trajectory fits the known relative poses of its time.
+
+    Raises `MapError` where either is empty, or none is of its time.
+    """
     if len(trajectory.stamps_ns) == 0 or len(relations.stamps_ns) == 0:
         raise MapError("the relations metric needs a trajectory with poses and some relations")
+    covered = _covered(trajectory, relations)
+    relations = Relations(relations.stamps_ns[covered], relations.first_from_second[covered])
     map_from_first = poses_at(trajectory, relations.stamps_ns[:, 0])
     map_from_second = poses_at(trajectory, relations.stamps_ns[:, 1])
     measured = between(map_from_first, map_from_second)
@@ -73,8 +90,6 @@ def relations_score(trajectory: Trajectory, relations: Relations) -> RelationsSc
     other = measured @ invert(relations.first_from_second)
     translation = np.linalg.norm(error[:, :3, 3], axis=1)
     rotation = np.degrees(rotation_angle(error))
-    first, last = trajectory.stamps_ns.min(), trajectory.stamps_ns.max()
-    outside = (relations.stamps_ns < first) | (relations.stamps_ns > last)
     return RelationsScore(
         count=len(translation),
         translation=_mean_std(translation),
@@ -82,10 +97,26 @@ def relations_score(trajectory: Trajectory, relations: Relations) -> RelationsSc
         squared_translation=_mean_std(translation**2),
         squared_rotation_deg=_mean_std(rotation**2),
         cartographer_translation=_mean_std(np.linalg.norm(other[:, :3, 3], axis=1)),
-        outside=int(outside.any(axis=1).sum()),
+        covered=covered,
         translation_errors=translation,
         rotation_errors_deg=rotation,
     )
+
+
+def _covered(trajectory: Trajectory, relations: Relations) -> NDArray[np.bool_]:
+    """(N,) the relations whose moments both lie within the trajectory's time."""
+    first, last = int(trajectory.stamps_ns.min()), int(trajectory.stamps_ns.max())
+    since, until = first - _SAME_STAMP_NS, last + _SAME_STAMP_NS
+    inside = (relations.stamps_ns >= since) & (relations.stamps_ns <= until)
+    covered = np.asarray(inside.all(axis=1))
+    if not covered.any():
+        moments = relations.stamps_ns
+        raise MapError(
+            f"none of {len(moments)} relations lies in the trajectory's time, {first * 1e-9:.3f} "
+            f"to {last * 1e-9:.3f} s: theirs is {moments.min() * 1e-9:.3f} to "
+            f"{moments.max() * 1e-9:.3f} s: give those of the same log"
+        )
+    return covered
 
 
 def poses_at(trajectory: Trajectory, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -68,6 +68,26 @@ def test_the_cloud_grows_with_the_room_and_not_with_the_log() -> None:
     assert len(twice.points) == len(often.points)
 
 
+def test_smaller_voxels_never_give_fewer_points() -> None:
+    """And say the same: fine ones were left out where few points fell into each."""
+    room, counts = Room(), []
+    for voxel in (0.1, 0.05, 0.03, 0.02, 0.01):
+        config = replace(Config(), visual=replace(VisualConfig(), cloud_voxel=voxel))
+        cloud = build_cloud(turning(room, 12), config)
+        assert np.quantile(distance_to_box(cloud.points, room.size), 0.95) < 0.005
+        counts.append(len(cloud.points))
+    assert counts == sorted(counts)
+    assert counts[-1] > 4 * counts[1]
+
+
+def test_a_point_that_nothing_near_it_confirms_is_left_out_of_fine_voxels_too() -> None:
+    voxels = VoxelMap(0.01)
+    points = np.array([[0.011, 0, 0], [0.031, 0, 0], [2.0, 0, 0]])
+    voxels.add(points, np.zeros((3, 3), np.uint8), np.zeros((3, 3), np.float32))
+    assert len(voxels.to_cloud(2).points) == 0
+    assert voxels.to_cloud(2, 0.05).points[:, 0] == pytest.approx([0.011, 0.031], abs=1e-4)
+
+
 def test_a_voxel_holds_the_mean_of_its_points() -> None:
     voxels = VoxelMap(0.1)
     points = np.array([[0.01, 0.02, 0.03], [0.05, 0.06, 0.07], [-0.31, 5.0, 2.0]])

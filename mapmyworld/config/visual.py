@@ -19,12 +19,12 @@ class VisualConfig:
 
     cloud_voxel: Positive = 0.02  # m, edge of the cloud's voxels
     cloud_spacing: Positive = 0.25  # m or rad between the nodes whose images make the cloud
-    cloud_stride: Count = 4  # pixels of the full image between neighbouring points of a view
+    cloud_stride: Count = 4  # pixels between neighbouring points of a view, at most
     depth_min: FromZero = 0.1  # m, nearer depth is ignored
     cloud_range: Positive = 5.0  # m, farther depth is not mapped
     cloud_view_angle: Positive = 75.0  # deg between a surface's normal and the ray to it, at most
     cloud_agreement: FromZero = 0.03  # share of the depth by which two views of a point may differ
-    cloud_views: Count = 2  # measurements that a voxel of the cloud needs
+    cloud_views: Count = 2  # measurements within 5 cm that a voxel of the cloud needs
     features: str = "orb"  # of images: "orb", "gftt" (corners described by ORB) or "sift"
     feature_count: Many = 1000  # features kept of an image, spread over it
     fast_threshold: Grey = 7  # grey levels by which a corner stands out

@@ -20,6 +20,8 @@ from mapmyworld.types import NodeData, PointCloud, RgbdImage
 
 Array = NDArray[np.float64]
 Posed = tuple[Array, NodeData]
+_AROUND = 0.05  # m within which measurements of a surface speak for one another
+_USUAL = 0.5  # of the cloud's range: at this depth a view has a point for each voxel
 
 
 def build_cloud(items: Iterable[Posed], config: Config) -> PointCloud:
@@ -27,6 +29,7 @@ def build_cloud(items: Iterable[Posed], config: Config) -> PointCloud:
 
     Streams: a few views and the voxels of the map are all that is held. A point counts when its
     surface is not seen too flat and the views before and after do not look through it.
+    Finer voxels are filled by more points of each view.
     3D scans of nodes without a depth image are added as they are, without colour.
     """
     settings = config.visual
@@ -42,7 +45,7 @@ def build_cloud(items: Iterable[Posed], config: Config) -> PointCloud:
     with done_behind(add, 1) as hand_over:  # while the next nodes are read
         for seen in _with_neighbours(views):
             hand_over(seen)
-    return voxels.to_cloud(settings.cloud_views)
+    return voxels.to_cloud(settings.cloud_views, _AROUND)
 
 
 def views_of_cloud(poses: Array, config: Config) -> NDArray[np.int64]:
@@ -85,15 +88,24 @@ def _view_of_scan(map_from_base: Array, cloud: NDArray[np.float32]) -> _View:
 
 def _view_of_image(map_from_camera: Array, image: RgbdImage, config: Config) -> _View:
     settings = config.visual
-    pixels, depth = depth_grid_points(image, settings.cloud_stride)
+    stride = _stride(image, config)
+    pixels, depth = depth_grid_points(image, stride)
     camera_points = organised_points(image, pixels, depth)
     normals, slant = organised_normals(camera_points)
     good = (depth > settings.depth_min) & (depth < settings.cloud_range)
     good &= slant > np.cos(np.radians(settings.cloud_view_angle))
     points = transform_points(map_from_camera, camera_points[good])
     turned = normals[good] @ map_from_camera[:3, :3].T
-    colours = colours_at(image, pixels[good], settings.cloud_stride)
+    colours = colours_at(image, pixels[good], stride)
     return _View(image, depth, map_from_camera, points, colours, turned.astype(np.float32))
+
+
+def _stride(image: RgbdImage, config: Config) -> int:
+    """Pixels between neighbouring points: as far apart, at the usual depth, as voxels are."""
+    settings = config.visual
+    depth = _USUAL * settings.cloud_range
+    pixels = int(settings.cloud_voxel * image.camera.intrinsics[0, 0] / depth)
+    return min(settings.cloud_stride, max(1, pixels))
 
 
 def organised_points(

@@ -47,9 +47,13 @@ class VoxelMap:
             self._count,
         )
 
-    def to_cloud(self, least_count: int = 1) -> PointCloud:
-        """The means of the voxels that hold at least `least_count` points, in the order of keys."""
-        kept = np.flatnonzero(self._sums[: self._count, 0] >= least_count)
+    def to_cloud(self, least_count: int = 1, around: float = 0.0) -> PointCloud:
+        """The means of the voxels, in the order of keys, with enough points near them.
+
+        Enough is `least_count` in the cube of about `around` metres that the voxel is part of: so
+        finer voxels, of which each holds fewer points, are not left out for being fine.
+        """
+        kept = np.flatnonzero(self._points_in_cubes(around) >= least_count)
         kept = kept[np.argsort(self._keys[kept], kind="stable")]
         count = len(kept)
         cloud = PointCloud(
@@ -61,14 +65,23 @@ class VoxelMap:
             self._write_means(kept[start : start + _AT_ONCE], cloud, start)
         return cloud
 
+    def _points_in_cubes(self, edge: float) -> NDArray[np.int64]:
+        """For each voxel the points (K,) of all voxels in its cube, which is of whole voxels."""
+        counts = self._sums[: self._count, 0].astype(np.int64)
+        voxels = round(edge / self._size)
+        if voxels <= 1:
+            return counts
+        x, y, z = (c // voxels for c in _indices(self._keys[: self._count]))
+        _, cube = np.unique(x << 2 * BITS | y << BITS | z, return_inverse=True)
+        return np.asarray(np.bincount(cube, counts).astype(np.int64)[cube])
+
     def _write_means(self, rows: NDArray[np.int64], cloud: PointCloud, start: int) -> None:
         """The means of these voxels, into the cloud from `start` on."""
         assert cloud.colours is not None
         assert cloud.normals is not None
         chosen = slice(start, start + len(rows))
         keys, sums = self._keys[rows], self._sums[rows]
-        mask = (1 << BITS) - 1
-        cells = np.stack([keys >> 2 * BITS, (keys >> BITS) & mask, keys & mask], axis=1) - OFFSET
+        cells = np.stack(_indices(keys), axis=1) - OFFSET
         means = sums[:, 1:] / np.maximum(sums[:, :1], 1).astype(np.float32)
         normals = means[:, 6:] / TURNS - 1.0
         length = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -88,6 +101,12 @@ class VoxelMap:
         self._sums = _grown(self._sums, room)
         self._table = np.zeros(2 * room, np.int32)
         fill_table(self._table, self._keys, self._count)
+
+
+def _indices(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
+    """A voxel's index along each axis, counted from the far corner, out of its key."""
+    mask = (1 << BITS) - 1
+    return keys >> 2 * BITS, (keys >> BITS) & mask, keys & mask
 
 
 def _grown(rows: NDArray[Kind], room: int) -> NDArray[Kind]:

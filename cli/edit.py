@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from cli.arguments import PATH, map_argument
+from cli.edit_account import Graph, account, fight
 from cli.exit_codes import EXIT_PARTIAL
 from cli.progress import StderrProgress
 from cli.settings import config_options, load_config
@@ -36,7 +37,9 @@ def edit(
 
     EDITS.toml replaces the edits that MAP has; an empty file undoes them. The next `build` of the
     same log into MAP replays them. `mapmyworld inspect graph` prints lines to paste. The grid,
-    path, cloud and report that `build` wrote beside MAP are written again.
+    path, cloud and report that `build` wrote beside MAP are written again. Printed is every
+    constraint that is accepted now and was not, or the other way round; the exit code is 3 where
+    what you state is contradicted by the rest of the graph.
 
     \b
     [[reject]]                  # or [[accept]]; kind = "proximity" may be added
@@ -67,6 +70,7 @@ def edit(
     from formats.database.lock import only_writer
     from formats.edits import read_edits
     from mapmyworld.graph.edits import edits_to_json, resolve_pins, unmet
+    from mapmyworld.sensing.plan import moves_in_plane
     from mapmyworld.stages.maps import draw_maps
     from mapmyworld.stages.recognise import scan_loader
     from mapmyworld.stages.solve import solve_and_judge
@@ -77,7 +81,7 @@ def edit(
         poses = store.poses()
         if poses is None:
             raise MapError(f"{map_path}: its graph is not solved yet: finish `build` first")
-        before = sum(c.accepted for c in store.constraints())
+        before = Graph(store.constraints(), poses)
         resolved = resolve_pins(edits, poses)
         if problems := unmet(store.constraints(), resolved):
             raise GraphError("the edits do not fit this map:", problems=problems)
@@ -88,14 +92,14 @@ def edit(
             draw_maps(store, config, progress)
         written = [] if no_export else _renewed(store, map_path, config, progress)
         progress.finish()
-        constraints, solved = store.constraints(), store.get("solve") or {}
-    now = sum(c.accepted for c in constraints)
-    click.echo(f"{len(edits)} edits applied: {before} -> {now} constraints accepted")
+        solved, planar = store.get("solve") or {}, moves_in_plane(store)
+        after = Graph(store.constraints(), store.poses() or poses)
+    click.echo("\n".join(account(before, after, len(edits))))
     for name in written:
         click.echo(f"written: {name}")
     losses = solved.get("losses", [])
-    for loss in losses:
-        click.echo(f"mapmyworld: {loss}", err=True)
+    for line in [*(f"mapmyworld: {loss}" for loss in losses), *fight(before, after, planar)]:
+        click.echo(line, err=True)
     if losses:
         raise SystemExit(EXIT_PARTIAL)
 

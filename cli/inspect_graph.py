@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from mapmyworld.errors import MapError
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.types import ConstraintKind, Judged, Poses
 from mapmyworld.types.wording import in_words, reason_of
+
+_LEVEL = 0.005  # deg: a turn about the vertical alone
 
 
 @click.command()
@@ -128,7 +131,7 @@ def _relative(store: Any, from_id: int, to_id: int) -> dict[str, Any]:
     import numpy as np
 
     from cli.exporting import graph_of
-    from mapmyworld.geometry.rotations import rotation_angle
+    from mapmyworld.geometry.rotations import rotation_angle, rotation_to_roll_pitch_yaw
     from mapmyworld.graph.covariance import relative_pose
 
     motion, covariance = relative_pose(graph_of(store), from_id, to_id)
@@ -137,6 +140,7 @@ def _relative(store: Any, from_id: int, to_id: int) -> dict[str, Any]:
         "to": to_id,
         "xyz": motion[:3, 3].tolist(),
         "degrees": float(np.degrees(rotation_angle(motion))),
+        "roll_pitch_yaw": np.degrees(rotation_to_roll_pitch_yaw(motion[:3, :3])).tolist(),
         "sigma_metres": float(np.sqrt(np.trace(covariance[3:, 3:]))),
         "sigma_degrees": float(np.degrees(np.sqrt(np.trace(covariance[:3, :3])))),
         "covariance": covariance.tolist(),
@@ -276,9 +280,17 @@ def _between_line(row: dict[str, Any]) -> str:
     x, y, z = row["xyz"]
     return (
         f"{row['from']} -> {row['to']}".ljust(12)
-        + f"{x:.3f} {y:.3f} {z:.3f} m, turned {row['degrees']:.2f} deg; one sigma "
+        + f"{x:.3f} {y:.3f} {z:.3f} m, turned {_turn(row['roll_pitch_yaw'])}; one sigma "
         f"{row['sigma_metres']:.3g} m, {row['sigma_degrees']:.2g} deg"
     )
+
+
+def _turn(roll_pitch_yaw: Sequence[float]) -> str:
+    """With its sign: to the left is positive."""
+    roll, pitch, yaw = roll_pitch_yaw
+    if max(abs(roll), abs(pitch)) < _LEVEL:
+        return f"{yaw:+.2f} deg"
+    return f"{roll:+.2f} {pitch:+.2f} {yaw:+.2f} deg (roll, pitch, yaw)"
 
 
 def _part_lines(parts: list[dict[str, int]]) -> list[str]:

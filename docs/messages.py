@@ -239,7 +239,7 @@ _SENTENCE = 24  # letters of a text that says something by itself
 # Functions that list what a user should know, or say why a sensor is not used.
 TELLERS = {
     "losses", "lines", "notes", "check_silence", "_judge", "_judge_clouds", "_open_lines",
-    "_blind_lines",
+    "_blind_lines", "_contradiction",
 }  # fmt: skip
 # Functions that word a message which others raise.
 WRITERS = {"_remedy", "_nothing_common"}

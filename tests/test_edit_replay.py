@@ -18,9 +18,9 @@ from mapmyworld.types import CLOSURES, ConstraintKind, Judged
 from mapmyworld.types.wording import reason_of
 
 
-def run(*arguments: object) -> None:
+def run(*arguments: object, code: int = 0) -> None:
     found = CliRunner().invoke(group, [str(a) for a in arguments])
-    assert found.exit_code == 0, found.output + repr(found.exception)
+    assert found.exit_code == code, found.output + repr(found.exception)
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,7 @@ def test_edits_that_are_taken_back_leave_no_trace(flat: Path) -> None:
         "[[add]]\nfrom = 1\nto = 9\npose = [0.0, 0.0, 40.0]\nsigma = [0.02, 1.0]\n"
         'reason = "wrong on purpose"\n'
     )
-    run("edit", flat, edits, "-q")
+    run("edit", flat, edits, "-q", code=3)
     assert state(flat) != before
     edits.write_text("")
     run("edit", flat, edits, "-q")

@@ -10,6 +10,7 @@ from sample_verdicts import REJECTED
 
 from formats.edits import read_edits
 from mapmyworld.errors import ConfigError, GraphError, MapError
+from mapmyworld.graph.edited import changes, contradicted, farthest_moved, strained
 from mapmyworld.graph.edits import apply_edits, edits_from_json, edits_to_json, resolve_pins, unmet
 from mapmyworld.graph.solve import solve
 from mapmyworld.types import ConstraintKind, Judged, Poses
@@ -146,3 +147,41 @@ def test_an_edit_of_nothing_is_told(tmp_path):
 def test_a_broken_edits_file_is_explained(text, word, tmp_path):
     with pytest.raises((ConfigError, MapError), match=word.replace("[", r"\[")):
         edits_from(text, tmp_path)
+
+
+def test_what_is_stated_and_not_met_is_told_with_what_fights_it(tmp_path):
+    """A wrong addition, sure of itself: closures that were accepted stand against it."""
+    truth, constraints = world()
+    ids = np.arange(1, 81)
+    before = solve(ids, truth, constraints, planar=True)
+    assert contradicted(before.constraints, before.poses, True) == []
+    text = '[[add]]\nfrom = 5\nto = 30\npose = [0, 0, 0]\nsigma = [0.01, 0.5]\nreason = "no"\n'
+    edits = edits_from(text, tmp_path)
+    after = solve(ids, truth, apply_edits(before.constraints, edits), planar=True)
+    (told,) = contradicted(after.constraints, after.poses, True)
+    assert told.startswith("user 5 -> 30, stated by hand, is contradicted by the rest of the graph")
+    assert "sigma (limit 4.0): correct the edit" in told
+    first, *others = changes(before.constraints, after.constraints)
+    assert (first.constraint.kind, first.what) == (ConstraintKind.USER, "accepted")
+    assert all(c.what == "rejected" for c in others)
+    fighting = strained((before.constraints, before.poses), (after.constraints, after.poses), True)
+    assert fighting
+    assert all(one.after > one.before + 1 for one in fighting)
+    rejected = {(c.constraint.from_id, c.constraint.to_id) for c in others}
+    assert rejected <= {(s.constraint.from_id, s.constraint.to_id) for s in fighting}
+    undone = solve(ids, truth, apply_edits(after.constraints, ()), planar=True)
+    assert [c.what for c in changes(after.constraints, undone.constraints)][:1] == [
+        "no longer found"
+    ]
+    assert changes(before.constraints, undone.constraints) == []
+
+
+def test_a_true_statement_is_not_called_contradicted(tmp_path):
+    truth, constraints = world()
+    ids = np.arange(1, 81)
+    text = '[[pin]]\nnode = 20\nreason = "surveyed"\n'
+    first = solve(ids, truth, constraints, planar=True)
+    edits = resolve_pins(edits_from(text, tmp_path), first.poses)
+    solved = solve(ids, truth, apply_edits(first.constraints, edits), planar=True)
+    assert contradicted(solved.constraints, solved.poses, True) == []
+    assert farthest_moved(first.poses, solved.poses)[1] < 0.01

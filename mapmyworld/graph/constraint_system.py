@@ -12,7 +12,7 @@ from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import information_to_planar, matrix_to_planar
 from mapmyworld.graph.pose_graph import Index, held_nodes, positions
 from mapmyworld.graph.system import System, number_free
-from mapmyworld.types import TRUSTED, Judge, Judged
+from mapmyworld.types import TRUSTED, Judged
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,5 +55,4 @@ def stated_system(
 
 def _is_trusted(constraint: Judged) -> bool:
     """Whether it is motion, or a person stated it or judged it."""
-    by_hand = any(verdict.judge is Judge.PERSON for verdict in constraint.verdicts)
-    return constraint.kind in TRUSTED or by_hand
+    return constraint.kind in TRUSTED or constraint.is_by_hand

@@ -9,6 +9,7 @@ import numpy as np
 from mapmyworld.config import Config
 from mapmyworld.graph.chains import solve_by_chains
 from mapmyworld.graph.draft import landmark_guesses
+from mapmyworld.graph.edited import contradicted
 from mapmyworld.graph.edits import apply_edits, edits_from_json, unmet
 from mapmyworld.graph.pose_graph import told_of_parts
 from mapmyworld.graph.solve import SolvedGraph, solve
@@ -60,7 +61,7 @@ def solve_and_judge(
     wanted = [edit for edit in _edits(store) if edit.action is EditAction.ACCEPT]
     losses = [
         *told_of_parts(solved.component), *_told_of_islands(constraints, scans),
-        *unmet(constraints, wanted),
+        *unmet(constraints, wanted), *contradicted(constraints, poses, moves_in_plane(store)),
     ]  # fmt: skip
     store.put("solve", {"certainty": solved.certainty, "losses": losses, "notes": notes})
 

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.types.sources import GIVEN, LaserTracking, Source
+from mapmyworld.types.sources import GIVEN, LaserTracking, Person, Source
 from mapmyworld.types.verdicts import SUPERSEDING, Judge, Verdict
 
 
@@ -88,6 +88,12 @@ class Judged(Constraint):
     def is_superseded(self) -> bool:
         """Whether a better measurement of the same took its place."""
         return bool(self.verdicts) and not self.accepted and self.verdicts[-1].why in SUPERSEDING
+
+    @property
+    def is_by_hand(self) -> bool:
+        """Whether a person made it or judged it."""
+        judges = (verdict.judge for verdict in self.verdicts)
+        return isinstance(self.source, Person) or Judge.PERSON in judges
 
     def judged(self, *verdicts: Verdict) -> Self:
         """The same with further verdicts."""

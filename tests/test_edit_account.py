@@ -1,0 +1,70 @@
+"""What `edit` says of what it did, and `inspect graph --between` of how a node is turned."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+from sample_maps import apartment  # noqa: F401
+
+from cli.main import group
+
+WRONG = """[[add]]
+from = 3
+to = 150
+pose = [4.2, 0.0, 90.0]
+sigma = [0.05, 2.0]
+reason = "wrong on purpose"
+"""
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(group, [str(a) for a in arguments], catch_exceptions=False)
+
+
+def test_an_edit_is_accounted_for_constraint_by_constraint(
+    apartment: Path,  # noqa: F811
+    tmp_path: Path,
+) -> None:
+    path, edits = tmp_path / "map.db", tmp_path / "edits.toml"
+    shutil.copy(apartment, path)
+    edits.write_text(WRONG)
+    result = run("edit", path, edits, "-q")
+    assert result.exit_code == 3
+    assert "1 edits applied: " in result.stdout
+    assert "  accepted: user 3 -> 150  by hand: add: wrong on purpose" in result.stdout
+    lost = result.stdout.count("  rejected: loop_closure ")
+    assert lost >= 4
+    assert (
+        "user 3 -> 150, stated by hand, is contradicted by the rest of the graph" in result.stderr
+    )
+    assert "measured constraints stand against the edits; the most strained:" in result.stderr
+    assert result.stderr.count("sigma, rejected") >= 4
+    edits.write_text("")
+    undone = run("edit", path, edits, "-q")
+    assert undone.exit_code == 0
+    assert "  no longer found: user 3 -> 150" in undone.stdout
+    assert undone.stdout.count("  accepted: loop_closure ") == lost
+    assert undone.stderr == ""
+
+
+@pytest.mark.parametrize("ends", [("1", "100"), ("100", "1")])
+def test_a_turn_between_nodes_has_its_sign(
+    apartment: Path,  # noqa: F811
+    ends: tuple[str, str],
+) -> None:
+    words = ["inspect", "graph", apartment, "--between", *ends]
+    facts = json.loads(run(*words, "--format", "json").stdout)["between"]
+    yaw = facts["roll_pitch_yaw"][2]
+    assert facts["degrees"] == pytest.approx(abs(yaw))
+    assert f"turned {yaw:+.2f} deg" in run(*words).stdout
+
+
+def test_a_turn_out_of_the_plane_has_three_signs() -> None:
+    from cli.inspect_graph import _turn
+
+    assert _turn((0.001, 0.0, -12.5)) == "-12.50 deg"
+    assert _turn((1.0, -2.0, -12.5)) == "+1.00 -2.00 -12.50 deg (roll, pitch, yaw)"

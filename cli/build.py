@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from mapmyworld.config import Config
     from mapmyworld.types import LogSource
 
-_LATER = ("cli.exporting", "cli.report", "formats.grid")  # imported while the log is tracked
+_LATER = ("mapmyworld.exporting", "cli.report", "formats.grid")  # imported while the log is tracked
 
 
 @click.command()
@@ -181,7 +181,7 @@ def _build(
         result = build_map(log, store, config, progress, method=method, words=words, later=_LATER)
         written = [str(map_path)]
         if export:
-            from cli.exporting import export_beside
+            from mapmyworld.exporting import export_beside
 
             progress.stage("export")
             written += export_beside(store, map_path, config)

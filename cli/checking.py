@@ -41,7 +41,7 @@ class Facts:
     @cached_property
     def trajectory(self) -> Trajectory:
         """Where the robot was, by the map."""
-        from cli.exporting import trajectory_of
+        from mapmyworld.exporting import trajectory_of
 
         return trajectory_of(self.store)
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cli.exporting import trajectory_of
 from mapmyworld.errors import MapError
+from mapmyworld.exporting import trajectory_of
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.types import MapStore, OccupancyGrid, Trajectory
 

@@ -12,7 +12,7 @@ from cli.edit_account import Graph, account, fight
 from cli.exit_codes import EXIT_PARTIAL
 from cli.progress import StderrProgress
 from cli.settings import config_options, load_config
-from mapmyworld.errors import GraphError, MapError
+from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
     from mapmyworld.config import Config
@@ -69,11 +69,8 @@ def edit(
     from formats.database import open_store
     from formats.database.lock import only_writer
     from formats.edits import read_edits
-    from mapmyworld.graph.edits import edits_to_json, resolve_pins, unmet
     from mapmyworld.sensing.plan import moves_in_plane
-    from mapmyworld.stages.maps import draw_maps
-    from mapmyworld.stages.recognise import scan_loader
-    from mapmyworld.stages.solve import solve_and_judge
+    from mapmyworld.stages.edit import edit_map
 
     edits = read_edits(edits_path)
     progress = StderrProgress(quiet=quiet)
@@ -82,22 +79,13 @@ def edit(
         if poses is None:
             raise MapError(f"{map_path}: its graph is not solved yet: finish `build` first")
         before = Graph(store.constraints(), poses)
-        resolved = resolve_pins(edits, poses)
-        if problems := unmet(store.constraints(), resolved):
-            raise GraphError("the edits do not fit this map:", problems=problems)
-        store.put("edits", edits_to_json(resolved))
-        with store.write_stage("optimise", "edit"):  # anew, as `build` does: without what it found
-            solve_and_judge(store, config, progress, scan_loader(store, config))
-        with store.write_stage("map", "edit"):
-            draw_maps(store, config, progress)
+        losses = edit_map(store, edits, config, progress)
         written = [] if no_export else _renewed(store, map_path, config, progress)
         progress.finish()
-        solved, planar = store.get("solve") or {}, moves_in_plane(store)
-        after = Graph(store.constraints(), store.poses() or poses)
+        after, planar = Graph(store.constraints(), store.poses() or poses), moves_in_plane(store)
     click.echo("\n".join(account(before, after, len(edits))))
     for name in written:
         click.echo(f"written: {name}")
-    losses = solved.get("losses", [])
     for line in [*(f"mapmyworld: {loss}" for loss in losses), *fight(before, after, planar)]:
         click.echo(line, err=True)
     if losses:
@@ -108,8 +96,8 @@ def _renewed(
     store: MapStore, map_path: Path, config: Config, progress: StderrProgress
 ) -> list[str]:
     """What lies beside the map, written again where `build` had: it showed the graph of before."""
-    from cli.exporting import export_beside
     from cli.report import write_report
+    from mapmyworld.exporting import export_beside
 
     written: list[str] = []
     page = map_path.with_suffix(".html")

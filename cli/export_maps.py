@@ -51,8 +51,8 @@ def grid(
     mapmyworld export grid
     mapmyworld export grid office.db -o maps/office --resolution 0.025
     """
-    from cli.exporting import grid_at
     from formats.grid import grid_files, write_grid
+    from mapmyworld.exporting import grid_at
 
     config = load_config(config_path, changes)
     stem = output_or(map_path, output, lambda: map_path.with_suffix(""))
@@ -101,8 +101,8 @@ def cloud(
     mapmyworld export cloud
     mapmyworld export cloud office.db -o office.pcd --voxel 0.05
     """
-    from cli.exporting import export_cloud, export_scan_cloud
     from formats.cloud import read_cloud
+    from mapmyworld.exporting import export_cloud, export_scan_cloud
 
     config = _for_cloud(load_config(config_path, changes), voxel, max_range)
     path = output_or(map_path, output, lambda: map_path.with_suffix(".ply"))
@@ -140,8 +140,8 @@ def mesh(
     mapmyworld export mesh
     mapmyworld export mesh office.db -o office.ply
     """
-    from cli.exporting import nodes_with_poses
     from formats.mesh import write_mesh
+    from mapmyworld.exporting import nodes_with_poses
     from mapmyworld.mapping.mesh import build_mesh
 
     config = load_config(config_path, changes)

@@ -31,7 +31,7 @@ def trajectory(map_path: Path, output: Path | None, style: Any, which: Any) -> N
     mapmyworld export trajectory
     mapmyworld export trajectory office.db --style csv --which odometry -o odometry.csv
     """
-    from cli.exporting import export_trajectory
+    from mapmyworld.exporting import export_trajectory
 
     ending = {"tum": ".tum", "kitti": ".kitti", "csv": ".csv"}[style]
     path = output_or(map_path, output, lambda: map_path.with_suffix(ending))
@@ -49,8 +49,8 @@ def graph(map_path: Path, output: Path | None) -> None:
     mapmyworld export graph
     mapmyworld export graph office.db -o office.g2o
     """
-    from cli.exporting import graph_of
     from formats.pose_graph import write_graph
+    from mapmyworld.exporting import graph_of
 
     path = output_or(map_path, output, lambda: map_path.with_suffix(".g2o"))
     with open_map(map_path, path) as store:
@@ -71,8 +71,8 @@ def images(map_path: Path, output: Path | None, names: Any) -> None:
     mapmyworld export images
     mapmyworld export images rtabmap.db -o pictures --names id
     """
-    from cli.exporting import node_items
     from formats.images import write_images
+    from mapmyworld.exporting import node_items
 
     folder = output or map_path.with_name(map_path.stem + "_images")
     with open_map(map_path) as store:

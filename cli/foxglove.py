@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cli.exporting import frame_poses, solved_poses
 from cli.report import cloud_beside
 from formats.foxglove import FoxgloveMap, write_foxglove
 from mapmyworld.errors import MapError
+from mapmyworld.exporting import frame_poses, solved_poses
 from mapmyworld.types import MapStore
 
 _BASE = "base_link"

@@ -130,7 +130,7 @@ def _relative(store: Any, from_id: int, to_id: int) -> dict[str, Any]:
     """The relative pose of two nodes and its uncertainty, from the accepted constraints."""
     import numpy as np
 
-    from cli.exporting import graph_of
+    from mapmyworld.exporting import graph_of
     from mapmyworld.geometry.rotations import rotation_angle, rotation_to_roll_pitch_yaw
     from mapmyworld.graph.covariance import relative_pose
 

@@ -134,8 +134,8 @@ def _summary(
 
 def _export(path: Path, config: Config, progress: StderrProgress) -> list[str]:
     """What `build` writes beside its database."""
-    from cli.exporting import export_beside
     from formats.database import open_store
+    from mapmyworld.exporting import export_beside
 
     progress.stage("export")
     with open_store(path, read_only=True) as store:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mapmyworld
-from cli.exporting import frame_poses, grid_at, is_planar
 from cli.figures import problems_of
 from cli.report_evidence import fetch_evidence
 from formats.report.contents import ReportContents, ShownConstraint, ShownNodes
@@ -20,6 +19,7 @@ from formats.report.report import ellipses_of, report_html
 from formats.whole_files import write_whole
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError, MapMyWorldError
+from mapmyworld.exporting import frame_poses, grid_at, is_planar
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.geometry.rotations import rotation_angle

@@ -16,8 +16,8 @@ from mapmyworld.types import CLOSURES, MapStore, Trajectory
 def read_any_trajectory(path: Path) -> Trajectory:
     """The trajectory of a map (every tracked frame where kept) or of a TUM file."""
     if is_sqlite(path):
-        from cli.exporting import trajectory_of
         from formats.database import open_store
+        from mapmyworld.exporting import trajectory_of
 
         with open_store(path, read_only=True) as store:
             return trajectory_of(store)

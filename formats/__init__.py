@@ -17,3 +17,7 @@ def __getattr__(name: str) -> object:
         raise AttributeError(f"module 'formats' has no attribute {name!r}")
     module, attribute = _PLACES[name]
     return getattr(importlib.import_module(module), attribute)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -9,22 +9,34 @@ import importlib
 __version__ = "0.1.0"
 
 _PLACES = {
-    "Built": "mapmyworld.api",
     "BuildResult": "mapmyworld.pipeline",
+    "Built": "mapmyworld.api",
     "Config": "mapmyworld.config",
     "MapMyWorldError": "mapmyworld.errors",
     "MemoryLog": "mapmyworld.memory_log",
     "MemoryMap": "mapmyworld.memory_map",
+    "Merged": "mapmyworld.api",
     "ate": "mapmyworld.evaluation",
     "build": "mapmyworld.api",
     "build_cloud": "mapmyworld.mapping.cloud",
     "build_grid": "mapmyworld.mapping.occupancy",
+    "cloud": "mapmyworld.conversions",
     "configured": "mapmyworld.api",
+    "edit": "mapmyworld.api",
+    "export": "mapmyworld.api",
     "grid_score": "mapmyworld.evaluation",
+    "localise": "mapmyworld.api",
     "make_plan": "mapmyworld.sensing",
+    "merge": "mapmyworld.api",
+    "open_log": "formats",
+    "open_map": "formats",
     "relations_score": "mapmyworld.evaluation",
     "rpe": "mapmyworld.evaluation",
     "survey_log": "mapmyworld.sensing",
+    "to_arrays": "mapmyworld.conversions",
+    "to_evo": "mapmyworld.conversions",
+    "to_open3d": "mapmyworld.conversions",
+    "trajectory": "mapmyworld.conversions",
 }
 __all__ = ["__version__", *sorted(_PLACES)]
 

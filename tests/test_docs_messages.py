@@ -15,7 +15,7 @@ import messages
 PASSED_ON = {
     "cli/batching/commands.py": 1,
     "cli/batching/places.py": 1,
-    "cli/exporting.py": 1,
+    "mapmyworld/exporting.py": 1,
     "formats/database/connection.py": 1,
     "formats/database/log_source.py": 1,
     "formats/database/pictures.py": 1,

@@ -79,8 +79,9 @@ def test_help_answers_at_once() -> None:
 
 def test_building_and_simulating_never_import_open3d() -> None:
     code = (
-        "import sys, mapmyworld.pipeline, formats.logs, formats.database, cli.build, cli.exporting,"
-        "mapmyworld.simulation.camera, mapmyworld.simulation.ray_caster;"
+        "import sys, mapmyworld.pipeline, formats.logs, formats.database, cli.build;"
+        "import mapmyworld.exporting;"
+        "import mapmyworld.simulation.camera, mapmyworld.simulation.ray_caster;"
         "print('open3d' in sys.modules)"
     )
     found = subprocess.run(

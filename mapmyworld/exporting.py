@@ -16,6 +16,7 @@ from mapmyworld.types import (
     Node,
     NodeData,
     OccupancyGrid,
+    PointCloud,
     Poses,
     Scan,
     Trajectory,
@@ -61,11 +62,21 @@ def export_trajectory(
 def export_cloud(store: MapStore, path: Path, config: Config) -> list[Path]:
     """Writes the cloud of depth images or 3D scans; nothing where there are none."""
     from formats.cloud import write_cloud
+
+    cloud = cloud_of(store, config)
+    if cloud is None:
+        return []
+    write_cloud(path, cloud)
+    return [path]
+
+
+def cloud_of(store: MapStore, config: Config) -> PointCloud | None:
+    """The cloud of depth images or 3D scans; None where there are none."""
     from mapmyworld.mapping.cloud import build_cloud, views_of_cloud
 
     kept = [store.node_data(node.id, features=False) for node in first_nodes(store.nodes())]
     if not any(data.cloud is not None or _depth_of(data) for data in kept):
-        return []
+        return None
     thinned = None
     if not any(_depth_of(data) for data in kept):
         config = _counting_each_point(config)
@@ -74,8 +85,7 @@ def export_cloud(store: MapStore, path: Path, config: Config) -> list[Path]:
         nodes = np.flatnonzero(poses.ids > 0)
         chosen = views_of_cloud(poses.map_from_node[nodes], config)
         thinned = set(poses.ids[nodes[chosen]].tolist())
-    write_cloud(path, build_cloud(nodes_with_poses(store, thinned), config))
-    return [path]
+    return build_cloud(nodes_with_poses(store, thinned), config)
 
 
 def export_scan_cloud(store: MapStore, path: Path, config: Config) -> list[Path]:

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from mapmyworld.types.wording import _SOURCES, _VERDICTS
+
 ROOT = Path(__file__).parent.parent
 _SHORTEST = 10  # letters of a remedy; less is a word and a value
 _ROOMS = ("cli", "formats", "mapmyworld")
@@ -105,9 +107,9 @@ BY_WORDS = {
     "left the camera's place open": "keep textured things within 5 m in view, or record wheels",
     "the camera was blind": "light the place, turn slowly, or record wheels as well",
     "wheels and images differ": "see there whether the wheels slipped or something moved in view",
+    "stamps are shifted by": "nothing; or correct the stamps where they are made",
     "motions are corrected by that": "nothing; or calibrate the wheels",
     "wheels against images": "nothing; or calibrate the wheels",
-    "looks alike, but contradicts": "nothing; `mapmyworld edit` can accept the constraint",
     "no depth image near their stamp": "raise sensing.image_tolerance, or have stamps corrected",
     "frames could not be decoded": "check the driver; the sound messages are used",
     "beside them could not be decoded": "check the driver; the sound messages are used",
@@ -139,6 +141,8 @@ REMEDIES = {
     "formats/vocabulary": "write the words again: `mapmyworld export vocabulary MAP`",
     "formats/": "check that the file is whole and of the kind that its name says",
     "mapmyworld/config/": "`mapmyworld config` lists every setting with its type and meaning",
+    "mapmyworld/diagnosis/": "`mapmyworld inspect log LOG` says beside it what to do",
+    "mapmyworld/odometry/": "see there in the report, and at `mapmyworld inspect node MAP ID`",
     "mapmyworld/evaluation/": "check that both files are of the same drive and clock",
     "mapmyworld/graph/": "`mapmyworld inspect graph` shows nodes and constraints",
     "mapmyworld/localisation/": "build the map to its end with the sensor that localises",
@@ -148,6 +152,7 @@ REMEDIES = {
     "mapmyworld/sensing/": "`mapmyworld inspect log LOG` says what there is and what is missing",
     "mapmyworld/simulation/": "`mapmyworld simulate --settings` and `--list` show what there is",
     "mapmyworld/stages/": "record the sensors that the method needs",
+    "mapmyworld/types/wording": "nothing; `mapmyworld edit` can accept or reject the constraint",
     "mapmyworld/": "check the inputs that are named",
 }  # fmt: skip
 
@@ -184,10 +189,36 @@ def gathered() -> list[Told]:
     for room in _ROOMS:
         for path in sorted((ROOT / room).rglob("*.py")):
             name = path.relative_to(ROOT).as_posix()
-            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            tree = ast.parse(path.read_text("utf-8"))
+            for node in ast.walk(tree):
                 told = {Told(name, text, kind) for kind, text in _told(node) if len(text) > 8}
                 found |= {one for one in told if not _is_on_a_page(one)}
-    return sorted(found)
+            if name.startswith(REASONING):
+                known = "\n".join(one.text for one in found)
+                found |= {Told(name, t, "reason") for t in _reasons(tree) if t not in known}
+    return sorted({*found, *_verdicts()})
+
+
+# Rooms that say why something was chosen or not: in the plan, in the diagnosis and in the report.
+# What they say is looked for here as well, so all of it is listed.
+REASONING = (
+    "mapmyworld/sensing/", "mapmyworld/odometry/", "mapmyworld/places/", "mapmyworld/stages/",
+    "mapmyworld/diagnosis/", "mapmyworld/graph/certificate", "mapmyworld/graph/solve",
+)  # fmt: skip
+
+
+def _verdicts() -> Iterator[Told]:
+    """Why a constraint is believed or not, as it stands beside it."""
+    for words in (*_SOURCES.values(), *_VERDICTS.values()):
+        text = re.sub(r"\{[^}]*\}", "...", words)
+        if len(text.replace("...", " ").split()) >= _PHRASE:
+            yield Told("mapmyworld/types/wording.py", text, "reason")
+
+
+def _reasons(tree: ast.Module) -> Iterator[str]:
+    """All texts of three words or more in functions, without docstrings."""
+    for function in (n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)):
+        yield from (t for t in _texts(function) if len(t.replace("...", " ").split()) >= _PHRASE)
 
 
 def _is_on_a_page(told: Told) -> bool:
@@ -223,23 +254,25 @@ def _told(node: ast.AST) -> Iterator[tuple[str, str]]:
 
 def _sentences(function: ast.FunctionDef) -> Iterator[str]:
     """All longer texts in a function, without its docstring and what is part of another."""
+    yield from (text for text in _texts(function) if len(text) >= _SENTENCE)
+
+
+def _texts(function: ast.FunctionDef) -> Iterator[str]:
+    """All texts in a function, without docstrings and what is part of another."""
     within = {
         id(part) for n in ast.walk(function) if isinstance(n, ast.JoinedStr) for part in n.values
     }
-    told = (n for s in function.body if not _is_docstring(s) for n in ast.walk(s))
-    texts = (_template(n) for n in told if id(n) not in within and not isinstance(n, ast.BinOp))
-    yield from (text for text in texts if len(text) >= _SENTENCE)
+    within |= {id(s.value) for s in ast.walk(function) if isinstance(s, ast.Expr)}
+    told = (n for n in ast.walk(function) if isinstance(n, ast.expr) and id(n) not in within)
+    yield from (_template(n) for n in told if not isinstance(n, ast.BinOp))
 
 
-def _is_docstring(statement: ast.stmt) -> bool:
-    return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
-
-
+_PHRASE = 3  # words of a reason that says something by itself
 _SENTENCE = 24  # letters of a text that says something by itself
 # Functions that list what a user should know, or say why a sensor is not used.
 TELLERS = {
     "losses", "lines", "notes", "check_silence", "_judge", "_judge_clouds", "_open_lines",
-    "_blind_lines", "_contradiction",
+    "_blind_lines", "_contradiction", "_lag_notes",
 }  # fmt: skip
 # Functions that word a message which others raise.
 WRITERS = {"_remedy", "_nothing_common"}
@@ -296,8 +329,9 @@ _HEAD = """# Troubleshooting: every message, and what to do
 
 Written by `python docs/generate.py` from the code; do not edit. `...` stands for what varies. A
 message names the file or topic before it. Errors end a command with exit code 2; a loss makes a
-map partial (exit code 3); a note changes nothing. `mapmyworld inspect log LOG` shows losses and
-notes with the remedy of each before you build.
+map partial (exit code 3); a note changes nothing; a reason stands beside what was chosen, and
+believed or not: in the plan, the diagnosis, the report, or `mapmyworld inspect graph`.
+`mapmyworld inspect log LOG` shows losses and notes with the remedy of each before you build.
 
 Damaged logs can be repaired by the tools of their formats: `mcap recover broken.mcap -o
 whole.mcap`, `rosbag reindex broken.bag`, `sqlite3 broken.db3 .recover | sqlite3 whole.db3`. It is

@@ -21,7 +21,7 @@ from mapmyworld.sensing import Plan, make_plan, survey_log
 from mapmyworld.stages.maps import draw_maps
 from mapmyworld.stages.recognise import LoadScans, recognise, scan_loader
 from mapmyworld.stages.record import StageRecord
-from mapmyworld.stages.track import track
+from mapmyworld.stages.track import odometry_lag, track
 from mapmyworld.types import LogSource, MapStore, Progress
 
 
@@ -80,6 +80,9 @@ def build_map(
     else:
         ahead, scans = FeaturesAhead(config), scan_loader(store, config)
         run("track", lambda: track(log, plan(), *given, features=ahead, later=later))
+        if lag := odometry_lag(store, config):  # measured by tracking: it is tracked once more
+            ahead, lag = FeaturesAhead(config), _refined(log, plan(), config, lag)
+            record.again("track", lambda: track(log, plan(), *given, features=ahead, lag_s=lag))
         run("recognise", lambda: recognise(*given, scans, words, ahead), _digest(words))
         run("optimise", lambda: _solve(*given, scans), store.get("edits") or None)
     run("map", lambda: draw_maps(*given))
@@ -90,6 +93,13 @@ def _solve(store: MapStore, config: Config, progress: Progress, scans: LoadScans
     from mapmyworld.stages.solve import solve_and_judge
 
     solve_and_judge(store, config, progress, scans)
+
+
+def _refined(log: LogSource, plan: Plan, config: Config, lag_s: float) -> float:
+    from mapmyworld.diagnosis.lasers import refined_lag
+
+    with algebra_on_one_thread():
+        return refined_lag(log, plan, config, lag_s)
 
 
 def _digest(words: Mapping[int, NDArray[np.uint8]] | None) -> str:

@@ -62,6 +62,8 @@ def test_every_message_says_what_to_do_about_it() -> None:
         "frames have no odometry near their stamp", "had the very stamp of the one before",
         "no usable index (...)", "a message of ...: ...", "silent for ... s",
         "scans fit nothing that was seen before", "the camera was blind in ... frames",
+        "runs the wrong way", "header stamps step back", "ambiguous: another place near by",
+        "contradicts the rest of the graph", "is stamped ... s ... than the", "no intrinsics",
     ],
 )  # fmt: skip
 def test_what_a_map_lacks_stands_in_the_table_as_well(words: str) -> None:

@@ -15,6 +15,7 @@ FIRST_READ: Mapping[str, tuple[str, ...]] = {
         "sensing.base_frame",
         "sensing.*_mount",
         "sensing.use_*",
+        "sensing.odometry_offset",
         "sensing.cloud_lowest",
         "sensing.cloud_highest",
         "sensing.cloud_nearest",
@@ -22,6 +23,9 @@ FIRST_READ: Mapping[str, tuple[str, ...]] = {
     "track": (
         "seed",
         "sensing.*_tolerance",
+        "sensing.scan_offset",
+        "sensing.camera_offset",
+        "sensing.imu_offset",
         "sensing.node_*",
         "sensing.cloud_spacing",
         "odometry.keyscan_*",
@@ -84,6 +88,9 @@ FIRST_READ_BY_PARTICLES: Mapping[str, tuple[str, ...]] = {
     "track": (
         "seed",
         "sensing.*_tolerance",
+        "sensing.scan_offset",
+        "sensing.camera_offset",
+        "sensing.imu_offset",
         "sensing.node_*",
         "sensing.cloud_spacing",
         "registration.line_radius",

@@ -7,22 +7,25 @@ from itertools import pairwise
 
 import numpy as np
 
-from mapmyworld.config import RegistrationConfig
+from mapmyworld.config import Config, RegistrationConfig
 from mapmyworld.diagnosis.finding import Finding
-from mapmyworld.diagnosis.rotation import time_offset
-from mapmyworld.diagnosis.sample import Sample, odometry_yaw
+from mapmyworld.diagnosis.rotation import nearest_offset, time_offset
+from mapmyworld.diagnosis.sample import Sample, odometry_yaw, take_sample
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between
 from mapmyworld.registration.matchers import match_scan
 from mapmyworld.registration.scan_matching import COARSE, prepare_scans
-from mapmyworld.types import Frame
+from mapmyworld.sensing.plan import Plan
+from mapmyworld.types import Frame, LogSource
 
 _LEAST_OVERLAP = 0.6
 _STRAIGHT = 0.02  # rad of turn below which a step tells of distances
 _LEAST_STEP = 0.02  # m
 _TOLD = 0.1  # share of a match's information that lies along the way, for it to tell of distances
 _LEAST_WAY = 0.5  # m in all, from which the scale is worth a word
+_ROUNDS = 5  # measurements of a time offset, each from the stamps that the one before gave
+_NOTHING_LEFT = 0.005  # s, half of the steps in which offsets are tried
 _SCALE_OFF = 0.03  # share by which odometry may be wrong before it is worth a word
 
 
@@ -36,8 +39,7 @@ def laser_findings(sample: Sample, config: RegistrationConfig) -> Iterator[Findi
     if not good.any():
         return
     first_ns = sample.frames[0].stamp_ns
-    starts = np.array([a.stamp_ns - first_ns for a, _ in pairs])[good] * 1e-9
-    ends = np.array([b.stamp_ns - first_ns for _, b in pairs])[good] * 1e-9
+    starts, ends = _times(pairs, first_ns)[:, good]
     turns = moves[good, 2]
     sure = good & (told > _TOLD)
     yield from distance_scale(_odometry_steps(pairs)[sure], moves[sure])
@@ -47,6 +49,33 @@ def laser_findings(sample: Sample, config: RegistrationConfig) -> Iterator[Findi
     gyro = _gyro_yaw(sample)
     if gyro is not None:
         yield from _some(time_offset(("laser", "gyroscope"), starts, ends, turns, gyro))
+
+
+def refined_lag(log: LogSource, plan: Plan, config: Config, lag_s: float) -> float:
+    """By how many seconds odometry is stamped later than the laser, from a first measurement.
+
+    That is off by up to half a sweep, because sweeps are put right by the very odometry: so it is
+    measured again with the stamps shifted by what was found, until nothing is left.
+    """
+    for _ in range(_ROUNDS):
+        sample = take_sample(log, plan.with_odometry_shifted(-lag_s), config.sensing)
+        pairs = [(a, b) for a, b in pairwise(sample.frames) if a.scan and b.scan]
+        clock = odometry_yaw(sample.plan, sample.frames[0].stamp_ns) if pairs else None
+        if clock is None:
+            break
+        moves, _ = _matched(pairs, config.registration)
+        good = np.isfinite(moves[:, 0])
+        starts, ends = _times(pairs, sample.frames[0].stamp_ns)[:, good]
+        rest = nearest_offset(starts, ends, moves[good, 2], clock)
+        lag_s += rest
+        if abs(rest) < _NOTHING_LEFT:
+            break
+    return lag_s
+
+
+def _times(pairs: list[tuple[Frame, Frame]], first_ns: int) -> Array:
+    """Seconds (2, N) since a stamp at which the frames of each pair were taken."""
+    return np.array([[f.stamp_ns - first_ns for f in pair] for pair in pairs]).T * 1e-9
 
 
 def _some(finding: Finding | None) -> Iterator[Finding]:

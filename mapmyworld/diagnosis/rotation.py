@@ -13,6 +13,9 @@ _LEAST_TURN = 0.006  # rad, mean turn between neighbouring frames below which no
 _LEAST_PAIRS = 30
 _BETTER = 1.5  # by which the error must fall at the offset, against none
 _WORTH_SAYING = 0.02  # s
+_SETTINGS = {"odometry": "odometry_offset", "gyroscope": "imu_offset"}
+ODOMETRY_TO_LASER = "time offset of odometry to laser"
+"""The finding of that name."""
 
 
 def time_offset(
@@ -28,8 +31,7 @@ def time_offset(
     starts, ends, turns = starts[known], ends[known], turns[known]
     if len(turns) < _LEAST_PAIRS or np.mean(np.abs(turns)) < _LEAST_TURN:
         return None
-    offsets = np.arange(-_REACH, _REACH + _STEP / 2, _STEP)
-    errors = np.array([_error(starts + d, ends + d, turns, clock) for d in offsets])
+    offsets, errors = _tried(starts, ends, turns, clock)
     mirrored = min(_error(starts + d, ends + d, -turns, clock) for d in offsets)
     if errors.min() > _BETTER * mirrored:
         return _backwards(names, len(turns))
@@ -51,9 +53,22 @@ def time_offset(
         ""
         if good
         else "correct the stamps where they are made (driver latency, clock synchronisation), or "
-        "shift one topic by this much when converting"
+        f"set sensing.{_SETTINGS[names[1]]} = {-offset:.3f}"
     )
     return Finding(f"time offset of {names[1]} to {names[0]}", offset, "s", good, text, remedy)
+
+
+def nearest_offset(starts: Array, ends: Array, turns: Array, clock: tuple[Array, Array]) -> float:
+    """The offset at which both agree best, however little better; arguments as of `time_offset`."""
+    offsets, errors = _tried(starts, ends, turns, clock)
+    return _vertex(offsets, errors, int(np.argmin(errors)))
+
+
+def _tried(
+    starts: Array, ends: Array, turns: Array, clock: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    offsets = np.arange(-_REACH, _REACH + _STEP / 2, _STEP)
+    return offsets, np.array([_error(starts + d, ends + d, turns, clock) for d in offsets])
 
 
 def _between_headings(clock: tuple[Array, Array]) -> float:

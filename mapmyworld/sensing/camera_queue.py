@@ -83,6 +83,8 @@ class CameraQueue:
     def _picture(self, colour: Pending) -> ImageMessage:
         message = colour.raw.decode()
         assert isinstance(message, ImageMessage)
+        if message.stamp_ns != colour.stamp_ns:
+            message = replace(message, stamp_ns=colour.stamp_ns)
         bits = self.source.grey_bits
         return eight_bits(message, bits) if bits else message
 

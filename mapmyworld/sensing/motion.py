@@ -76,6 +76,10 @@ class RecordedMotion:
         order = np.argsort(self.stamps_ns, kind="stable")
         return RecordedMotion(self.stamps_ns[order], self._values[order])
 
+    def shifted(self, seconds: float) -> RecordedMotion:
+        """The same poses with so much added to their stamps."""
+        return RecordedMotion(self.stamps_ns + round(seconds * 1e9), self._values)
+
     def way(self) -> float:
         """Metres from pose to pose, in the order in which they are."""
         return float(np.linalg.norm(np.diff(self._values[:, :, 3], axis=0), axis=1).sum())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +93,13 @@ class Plan:
     """How long messages wait to be put in the order of their header stamps; 0: the log's order."""
     more_cameras: tuple[CameraSource, ...] = ()
     """Cameras that look elsewhere than `camera`; their images join its own."""
+
+    def with_odometry_shifted(self, seconds: float) -> Plan:
+        """The same plan with so much added to the stamps of the odometry."""
+        if self.odometry is None:
+            return self
+        motion = self.odometry.motion.shifted(seconds)
+        return replace(self, odometry=OdometrySource(self.odometry.name, motion))
 
     @property
     def topics(self) -> tuple[str, ...]:

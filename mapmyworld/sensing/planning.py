@@ -36,7 +36,7 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
     plan_checks.check_streams(draft, used, scan, sorted_by_stamp=sort_ns > 0)
     if scan is None and camera is None:
         _refuse(draft)
-    return Plan(
+    plan = Plan(
         scan=scan,
         camera=camera,
         odometry=odometry,
@@ -53,6 +53,7 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
         losses=(*survey.losses, *draft.losses),
         more_cameras=more_cameras,
     )
+    return plan.with_odometry_shifted(config.odometry_offset) if config.odometry_offset else plan
 
 
 def _refuse(draft: Draft) -> None:

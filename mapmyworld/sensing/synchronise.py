@@ -103,6 +103,7 @@ class _Synchroniser:
         motion = plan.odometry.motion if plan.odometry else None
         sources = [s for s in (plan.camera, *plan.more_cameras) if s is not None]
         self.cameras = [CameraQueue(source, motion, config) for source in sources]
+        self.offsets_ns = _offsets_ns(plan, config)
         self.last_ns: int | None = None
         self.main_topic = plan.scan.topic if plan.scan else ""
         if plan.scan is None and plan.camera is not None:
@@ -110,7 +111,8 @@ class _Synchroniser:
 
     def add(self, raw: RawMessage) -> None:
         stamp = raw.log_time_ns if self.plan.use_log_time else raw.stamp_ns
-        pending = Pending(raw, raw.log_time_ns if stamp is None else stamp)
+        stamp = raw.log_time_ns if stamp is None else stamp
+        pending = Pending(raw, stamp + self.offsets_ns.get(raw.topic, 0))
         is_main = raw.topic == self.main_topic
         if is_main:
             self.buffers.main.append(pending)
@@ -191,7 +193,7 @@ class _Synchroniser:
             return _Seen(scan, points.astype(np.float32))
         assert isinstance(message, LaserScanMessage)
         odometry = self.plan.odometry
-        if self.plan.use_log_time:
+        if message.stamp_ns != main.stamp_ns:
             message = replace(message, stamp_ns=main.stamp_ns)
         motion = odometry.motion if odometry else None
         return _Seen(scan_from_message(message, base_from_lidar, motion))
@@ -263,6 +265,18 @@ class _Synchroniser:
         if nearest is None or abs(nearest.stamp_ns - stamp_ns) > tolerance_ns:
             return None
         return nearest.pose
+
+
+def _offsets_ns(plan: Plan, config: SensingConfig) -> dict[str, int]:
+    """Topic -> what the settings add to its stamps; the odometry's stand in its motion."""
+    cameras = [c for c in (plan.camera, *plan.more_cameras) if c is not None]
+    images = [topic for c in cameras for topic in (c.colour_topic, c.depth_topic)]
+    seconds = dict.fromkeys(images, config.camera_offset)
+    if plan.scan is not None:
+        seconds[plan.scan.topic] = config.scan_offset
+    if plan.imu is not None:
+        seconds[plan.imu.topic] = config.imu_offset
+    return {topic: round(s * 1e9) for topic, s in seconds.items() if s}
 
 
 def _is_sound(message: ImuMessage) -> bool:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from mapmyworld.places.features_ahead import FeaturesAhead
 
 _TOGETHER = 8  # frames that pass from thread to thread at once
+_LARGEST_LAG = 0.35  # s; near the end of what is tried the least error may lie beyond it
 _AHEAD = 4  # such groups that wait for the next thread, at most
 
 
@@ -48,12 +49,15 @@ def track(
     tracker: Tracker | None = None,
     features: FeaturesAhead | None = None,
     later: Sequence[str] = (),
+    lag_s: float = 0.0,
 ) -> None:
     """Follows the robot through the log; leaves nodes, scans and neighbour constraints.
 
     `features` is told of the nodes, to find their images' features in the meantime.
     `later`: modules that will be used then, to be imported in the meantime.
+    `lag_s`: by how much the odometry is known to be stamped later than the laser.
     """
+    plan = plan.with_odometry_shifted(-lag_s) if lag_s else plan
     counts, guard = FrameCounts(), ImageGuard()
     writer = _Writer(store, config, guard, features, wants_images=plan.camera is not None)
     ahead = nullcontext(True) if tracker else compile_ahead(plan, config.threads, progress)
@@ -66,13 +70,40 @@ def track(
     writer.finish()
     faults = [finding for finding in _diagnose(store, plan, config) if not finding.good]
     still = _standing(writer.nodes, counts.frames, config.sensing)
-    notes = [*tracker.notes(), *still, *_count_notes(counts), *_advice(faults, spoilt=False)]
-    for note in notes:
-        progress.note(note)
+    notes = [*_lag_notes(lag_s), *tracker.notes(), *still, *_count_notes(counts)]
+    notes += _advice(faults, spoilt=False)
     counted = _count_losses(counts, guard)
     losses = [*log.losses(), *tracker.losses(), *counted, *_advice(faults, spoilt=True)]
-    store.put("track", {"frames": counts.frames, "losses": losses, "notes": notes})
+    told = {"losses": losses, "notes": notes, "odometry_lag_s": lag_s}
+    store.put("track", {"frames": counts.frames, **told})
+    for note in () if odometry_lag(store, config) else notes:  # else it is tracked once more
+        progress.note(note)
     store.put("felt_force", writer.force.mean())
+
+
+def odometry_lag(store: MapStore, config: Config) -> float:
+    """By how many seconds a tracked log's odometry is stamped late, beyond doubt; else 0.
+
+    Where nobody set its offset, and it was not tracked by what was measured already.
+    """
+    from mapmyworld.diagnosis.rotation import ODOMETRY_TO_LASER
+
+    if config.sensing.odometry_offset or (store.get("track") or {}).get("odometry_lag_s"):
+        return 0.0
+    for found in store.get("diagnosis") or ():
+        if found["name"] == ODOMETRY_TO_LASER and not found["good"]:
+            return float(found["value"]) if abs(found["value"]) < _LARGEST_LAG else 0.0
+    return 0.0
+
+
+def _lag_notes(lag_s: float) -> Iterator[str]:
+    if lag_s:
+        order = "later" if lag_s > 0 else "earlier"
+        yield (
+            f"odometry is stamped {abs(lag_s):.3f} s {order} than the laser, by how both saw the "
+            f"robot turn: its stamps are shifted by {-lag_s:+.3f} s; sensing.odometry_offset "
+            "overrules that"
+        )
 
 
 def _frames(

@@ -80,8 +80,8 @@ def build_map(
     else:
         ahead, scans = FeaturesAhead(config), scan_loader(store, config)
         run("track", lambda: track(log, plan(), *given, features=ahead, later=later))
-        if lag := odometry_lag(store, config):  # measured by tracking: it is tracked once more
-            ahead, lag = FeaturesAhead(config), _refined(log, plan(), config, lag)
+        if lag := _sure_lag(log, plan, store, config):  # told by tracking: it is done once more
+            ahead = FeaturesAhead(config)
             record.again("track", lambda: track(log, plan(), *given, features=ahead, lag_s=lag))
         run("recognise", lambda: recognise(*given, scans, words, ahead), _digest(words))
         run("optimise", lambda: _solve(*given, scans), store.get("edits") or None)
@@ -95,11 +95,15 @@ def _solve(store: MapStore, config: Config, progress: Progress, scans: LoadScans
     solve_and_judge(store, config, progress, scans)
 
 
-def _refined(log: LogSource, plan: Plan, config: Config, lag_s: float) -> float:
+def _sure_lag(log: LogSource, plan: Callable[[], Plan], store: MapStore, config: Config) -> float:
+    """Seconds by which odometry is stamped later than the laser, beyond doubt; else 0."""
+    first = odometry_lag(store, config)
+    if not first:
+        return 0.0
     from mapmyworld.diagnosis.lasers import refined_lag
 
     with algebra_on_one_thread():
-        return refined_lag(log, plan, config, lag_s)
+        return refined_lag(log, plan(), config, first)
 
 
 def _digest(words: Mapping[int, NDArray[np.uint8]] | None) -> str:

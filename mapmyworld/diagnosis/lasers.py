@@ -25,6 +25,7 @@ _LEAST_STEP = 0.02  # m
 _TOLD = 0.1  # share of a match's information that lies along the way, for it to tell of distances
 _LEAST_WAY = 0.5  # m in all, from which the scale is worth a word
 _ROUNDS = 5  # measurements of a time offset, each from the stamps that the one before gave
+_FAR_BETTER = 2.5  # by which the error must fall for a time offset to be taken back
 _NOTHING_LEFT = 0.005  # s, half of the steps in which offsets are tried
 _SCALE_OFF = 0.03  # share by which odometry may be wrong before it is worth a word
 
@@ -55,22 +56,36 @@ def refined_lag(log: LogSource, plan: Plan, config: Config, lag_s: float) -> flo
     """By how many seconds odometry is stamped later than the laser, from a first measurement.
 
     That is off by up to half a sweep, because sweeps are put right by the very odometry: so it is
-    measured again with the stamps shifted by what was found, until nothing is left.
+    measured again with the stamps shifted by what was found, until nothing is left. 0 where both
+    then agree little better than unshifted: wheels slip as well.
     """
+    unshifted = _offset(log, plan, config)
+    if unshifted is None:
+        return 0.0
     for _ in range(_ROUNDS):
-        sample = take_sample(log, plan.with_odometry_shifted(-lag_s), config.sensing)
-        pairs = [(a, b) for a, b in pairwise(sample.frames) if a.scan and b.scan]
-        clock = odometry_yaw(sample.plan, sample.frames[0].stamp_ns) if pairs else None
-        if clock is None:
-            break
-        moves, _ = _matched(pairs, config.registration)
-        good = np.isfinite(moves[:, 0])
-        starts, ends = _times(pairs, sample.frames[0].stamp_ns)[:, good]
-        rest = nearest_offset(starts, ends, moves[good, 2], clock)
-        lag_s += rest
+        found = _offset(log, plan.with_odometry_shifted(-lag_s), config)
+        if found is None:
+            return 0.0
+        rest, error = found
         if abs(rest) < _NOTHING_LEFT:
-            break
-    return lag_s
+            return lag_s if unshifted[1] > _FAR_BETTER * error else 0.0
+        lag_s += rest
+    return 0.0
+
+
+def _offset(log: LogSource, plan: Plan, config: Config) -> tuple[float, float] | None:
+    """`nearest_offset` of odometry to laser in a log's first minutes; None where nothing tells."""
+    sample = take_sample(log, plan, config.sensing)
+    pairs = [(a, b) for a, b in pairwise(sample.frames) if a.scan and b.scan]
+    clock = odometry_yaw(plan, sample.frames[0].stamp_ns) if pairs else None
+    if clock is None:
+        return None
+    moves, _ = _matched(pairs, config.registration)
+    good = np.isfinite(moves[:, 0])
+    if not good.any():
+        return None
+    starts, ends = _times(pairs, sample.frames[0].stamp_ns)[:, good]
+    return nearest_offset(starts, ends, moves[good, 2], clock)
 
 
 def _times(pairs: list[tuple[Frame, Frame]], first_ns: int) -> Array:

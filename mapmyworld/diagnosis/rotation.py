@@ -58,10 +58,15 @@ def time_offset(
     return Finding(f"time offset of {names[1]} to {names[0]}", offset, "s", good, text, remedy)
 
 
-def nearest_offset(starts: Array, ends: Array, turns: Array, clock: tuple[Array, Array]) -> float:
-    """The offset at which both agree best, however little better; arguments as of `time_offset`."""
+def nearest_offset(
+    starts: Array, ends: Array, turns: Array, clock: tuple[Array, Array]
+) -> tuple[float, float]:
+    """The offset at which both agree best, however little better, and the error without any, rad.
+
+    Arguments as of `time_offset`.
+    """
     offsets, errors = _tried(starts, ends, turns, clock)
-    return _vertex(offsets, errors, int(np.argmin(errors)))
+    return _vertex(offsets, errors, int(np.argmin(errors))), float(errors[len(offsets) // 2])
 
 
 def _tried(

@@ -141,9 +141,10 @@ def _source(draft: Draft, stream: Stream, base: str) -> ScanSource:
             'taken to sit at the base; set sensing.scan_mount = "x y z roll pitch yaw"'
         )
     if isinstance(scan, PointCloudMessage):
-        draft.warnings.append(
-            f"{stream.topic}: 3D points serve as scans, cut at the heights of sensing.cloud_lowest "
-            "and cloud_highest; they are not corrected for the robot's motion"
+        draft.losses.append(
+            f"{stream.topic}: 3D points serve as flat scans, cut at the heights of "
+            "sensing.cloud_lowest and cloud_highest, and tell nothing of slopes and floors; they "
+            "are not corrected for the robot's motion"
         )
     elif scan.time_increment == 0:
         draft.warnings.append(

@@ -12,6 +12,7 @@ from mapmyworld.sensing.plan_base import BASES, ODOMS, WORLDS
 from mapmyworld.sensing.transforms import frame_name, is_called
 from mapmyworld.types import ImuMessage, MessageKind
 
+_SLOPE = 0.06  # rad for some seconds; thresholds, turns and braking stay below
 _FLAT = 0.02  # metres of height, radians of roll and pitch that a planar robot stays within
 
 
@@ -126,6 +127,10 @@ def choose_imu(draft: Draft, base: str) -> ImuSource | None:
     mount = np.eye(4) if frame in {"", base} else draft.tree.lookup(base, frame, 0)
     if mount is None:
         draft.decide("imu", "", f"{best.topic}: tf does not say how {frame} is mounted")
+        draft.losses.append(
+            f"{best.topic} is left out: tf does not say how {frame} is mounted on {base}; record "
+            "/tf_static"
+        )
         return None
     draft.decide("imu", best.topic, f"{best.count} samples at {best.frequency:.0f} Hz")
     return ImuSource(best.topic, mount)
@@ -144,4 +149,16 @@ def is_planar(draft: Draft, odometry: OdometrySource | None, scan: ScanSource | 
         flat = height < _FLAT and tilt < _FLAT
         reason = f"odometry rises {height:.3f} m and tilts {np.degrees(tilt):.2f} deg at most"
     draft.decide("dimensions", "2D" if flat else "3D", reason)
+    if flat:
+        _check_slopes(draft)
     return flat
+
+
+def _check_slopes(draft: Draft) -> None:
+    """Words about slopes that an inertial sensor feels, where the map is made flat."""
+    for topic, slope in sorted(draft.survey.slopes.items()):
+        if slope > _SLOPE:
+            draft.losses.append(
+                f"{topic} feels slopes of up to {np.degrees(slope):.1f} deg, and the map is flat: "
+                "what lies on them or beyond is out of place; map each level by itself"
+            )

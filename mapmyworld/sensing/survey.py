@@ -10,8 +10,10 @@ import numpy as np
 
 from mapmyworld.errors import LogError
 from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion
+from mapmyworld.sensing.slopes import Forces
 from mapmyworld.sensing.transforms import TransformTree
 from mapmyworld.types import (
+    ImuMessage,
     LogInfo,
     LogSource,
     Message,
@@ -112,6 +114,8 @@ class Survey:
     """Topic -> its frame and child frame, as recorded."""
     end_ns: int
     losses: tuple[str, ...]
+    slopes: dict[str, float]
+    """Inertial topic -> radians by which the robot leaned, for some seconds, at most."""
 
     def of_kind(self, kind: MessageKind) -> list[Stream]:
         """The streams of a kind that hold messages, by topic."""
@@ -125,6 +129,7 @@ class _Surveyor:
         self.tree = TransformTree()
         self.recorders: dict[str, MotionRecorder] = {}
         self.frames: dict[str, tuple[str, str]] = {}
+        self.forces: dict[str, Forces] = {}
         self.end_ns = 0
 
     def add(self, raw: RawMessage) -> None:
@@ -135,8 +140,13 @@ class _Surveyor:
         if raw.log_time_ns > self.end_ns:
             self.end_ns = raw.log_time_ns
         whole = raw.kind is MessageKind.TRANSFORMS or raw.kind is MessageKind.ODOMETRY
-        if whole or len(stream.samples) < _SAMPLES:
+        if whole or len(stream.samples) < _SAMPLES or self._wants_force(raw):
             self._decode(raw, stream)
+
+    def _wants_force(self, raw: RawMessage) -> bool:
+        if raw.kind is not MessageKind.IMU:
+            return False
+        return self.forces.setdefault(raw.topic, Forces()).wants(raw.log_time_ns)
 
     def _decode(self, raw: RawMessage, stream: Stream) -> None:
         try:
@@ -148,6 +158,8 @@ class _Surveyor:
             stream.samples.append(message)
         if isinstance(message, TransformsMessage):
             self.tree.add(message)
+        elif isinstance(message, ImuMessage):
+            self.forces.setdefault(raw.topic, Forces()).add(message, raw.log_time_ns)
         elif isinstance(message, OdometryMessage):
             recorder = self.recorders.get(raw.topic)
             recorder = MotionRecorder() if recorder is None else recorder
@@ -176,4 +188,5 @@ def survey_log(log: LogSource, watch: Callable[[int], None] | None = None) -> Su
         odometry_frames=surveyor.frames,
         end_ns=surveyor.end_ns,
         losses=log.losses(),
+        slopes={topic: forces.slope() for topic, forces in surveyor.forces.items()},
     )

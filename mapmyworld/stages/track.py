@@ -76,13 +76,13 @@ def track(
     losses = [*log.losses(), *tracker.losses(), *counted, *_advice(faults, spoilt=True)]
     told = {"losses": losses, "notes": notes, "odometry_lag_s": lag_s}
     store.put("track", {"frames": counts.frames, **told})
-    for note in () if odometry_lag(store, config) else notes:  # else it is tracked once more
+    for note in _lag_notes(lag_s) if lag_s else notes:  # the others were told the first time
         progress.note(note)
     store.put("felt_force", writer.force.mean())
 
 
 def odometry_lag(store: MapStore, config: Config) -> float:
-    """By how many seconds a tracked log's odometry is stamped late, beyond doubt; else 0.
+    """By how many seconds a tracked log's odometry is stamped late by its diagnosis; else 0.
 
     Where nobody set its offset, and it was not tracked by what was measured already.
     """

@@ -132,6 +132,16 @@ def test_colours_at_a_terminal(tmp_path: Path) -> None:
     assert "\x1b[32mok" in shown
 
 
+def test_no_code_follows_the_last_word_of_a_carmen_log(tmp_path: Path) -> None:
+    """numba, loaded for the log's numbers, had colorama end the program with a literal \\x1b[0m."""
+    sweep = f"FLASER 180 {' '.join(['2.5'] * 180)} 0 0 0 0 0 0"
+    lines = [f"{sweep} {k / 10:.6f} host {k / 10:.6f}\n" for k in range(20)]
+    (tmp_path / "drive.log").write_text("".join(lines))
+    shown = at_a_terminal(["inspect", "log", "drive.log", "--quick"], tmp_path)
+    assert "\\x1b" not in shown
+    assert "\x1b" not in shown
+
+
 @pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_help_fits_the_terminal(name: str) -> None:
     result = CliRunner().invoke(group, [name, "--help"], terminal_width=80)

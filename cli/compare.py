@@ -15,6 +15,7 @@ from cli.arguments import PATH, format_option
 from cli.manners import note
 from cli.outputs import require_outputs
 from cli.settings import config_options, load_config
+from cli.spelling import british
 from cli.streams import show_json
 from mapmyworld.errors import MapError
 
@@ -99,7 +100,7 @@ def _read_path(path: Path) -> Trajectory:
 
 
 def _chosen(methods: str) -> list[str]:
-    names = [name.strip() for name in methods.split(",") if name.strip()]
+    names = [british(name.strip()) for name in methods.split(",") if name.strip()]
     unknown = [name for name in names if name not in _METHODS]
     if unknown or not names:
         raise click.UsageError(

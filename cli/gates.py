@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from cli.checking import KEYS
+from cli.spelling import british
 from formats.verdicts import Verdict
 from mapmyworld.errors import ConfigError
 
@@ -66,7 +67,7 @@ def read_requirements(texts: Sequence[str]) -> list[Requirement]:
     """All requirements; raises `ConfigError` with everything that is not understood."""
     found, problems = [], []
     for text in texts:
-        match = _REQUIREMENT.fullmatch(text)
+        match = _REQUIREMENT.fullmatch(british(text))
         limit = _number(match[3]) if match else None
         if match is None or limit is None:
             problems.append(f"{text!r}: write KEY OP VALUE, e.g. 'loop_closures >= 5'")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
 from cli.lazy import LazyGroup
@@ -14,11 +16,33 @@ _PARTS = {
 }
 
 
-@click.group(cls=LazyGroup, table=_PARTS)
+class _InspectGroup(LazyGroup):
+    """Where a file stands in a command's place, `log` or `map` shows it."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        path = Path(args[0])
+        if args[0] not in _PARTS and (path.suffix or path.exists()):
+            args = ["map" if _is_map(path) else "log", *args]
+        return super().resolve_command(ctx, args)
+
+
+def _is_map(path: Path) -> bool:
+    """Whether it is a database of nodes, of ours or of RTAB-Map's."""
+    from formats.database.connection import is_sqlite
+    from formats.logs.opening import tables_of
+
+    return path.is_file() and is_sqlite(path) and "Node" in tables_of(path)
+
+
+@click.group(cls=_InspectGroup, table=_PARTS)
 def inspect() -> None:
     """Show what is in a log, a graph, a node or a map.
 
+    A FILE without a command is shown as the log or the map that it is.
+
     \b
-    mapmyworld inspect log drive.mcap
+    mapmyworld inspect drive.mcap
     mapmyworld inspect graph
     """

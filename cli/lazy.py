@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from cli.manners import with_manners
+from cli.spelling import british, meant, settings_named
 
 
 class LazyGroup(click.Group):
@@ -29,6 +30,33 @@ class LazyGroup(click.Group):
         assert isinstance(command, click.Command)
         return with_manners(command)
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        name = args[0]
+        if british(name) not in self._table and not (name.startswith("-") or ctx.resilient_parsing):
+            ctx.fail(f"No such command {name!r}.{meant(name, self._table)}")
+        return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Runs the command that is named; an option that there is not may be a setting."""
+        try:
+            return super().invoke(ctx)
+        except click.NoSuchOption as error:
+            raise _told_of_setting(error) from None
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl([(name, line) for name, (_, line) in self._table.items()])
+
+
+def _told_of_setting(error: click.NoSuchOption) -> click.UsageError:
+    """The same error, with the setting of that name where the command takes --set."""
+    command = error.ctx.command if error.ctx else None
+    if command is None or not any("--set" in one.opts for one in command.params):
+        return error
+    found = settings_named(error.option_name)
+    if not found:
+        return error
+    ways = " or ".join(f"--set {name}=VALUE" for name in found)
+    return click.UsageError(f"No such option {error.option_name!r}: give {ways}", error.ctx)

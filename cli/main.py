@@ -12,6 +12,7 @@ import mapmyworld
 from cli.exit_codes import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_USAGE
 from cli.interrupts import Interrupted, forget_interrupts, heed_interrupts, is_wished
 from cli.lazy import LazyGroup
+from cli.spelling import british
 from cli.streams import keep_names, mend_streams
 from mapmyworld.errors import MapMyWorldError
 
@@ -37,7 +38,9 @@ COMMANDS = {
 
 
 @click.group(
-    cls=LazyGroup, table=COMMANDS, context_settings={"help_option_names": ["-h", "--help"]}
+    cls=LazyGroup,
+    table=COMMANDS,
+    context_settings={"help_option_names": ["-h", "--help"], "token_normalize_func": british},
 )
 @click.version_option(mapmyworld.__version__, prog_name="mapmyworld")
 def group() -> None:

@@ -10,10 +10,12 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner, Result
+from conftest import ROOT
 from database_samples import fill
 
 from cli.main import group
 from formats.database import open_store
+from mapmyworld.errors import LogError
 
 
 def commands(inside: click.Group = group) -> Iterator[click.Command]:
@@ -92,3 +94,37 @@ def test_what_cannot_be_read_is_told_by_its_reader() -> None:
     paths = [kind for kind in kinds if isinstance(kind, click.Path)]
     assert len(paths) > 50
     assert not any(kind.readable for kind in paths)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["biuld"], "Did you mean 'build'?"),
+        (["inspct"], "Did you mean 'inspect'?"),
+        (["inspect", "grpah"], "Did you mean 'graph'?"),
+        (["build", "x.bag", "--resolution", "0.1"], "give --set mapping.resolution=VALUE"),
+        (["build", "x.bag", "--resum"], "Did you mean '--resume'?"),
+    ],
+)
+def test_what_is_mistyped_is_told(words: list[str], said: str) -> None:
+    done = CliRunner().invoke(group, words)
+    assert said in done.stderr
+    assert done.stderr.count("--resume") == said.count("--resume")
+
+
+def test_american_spelling_is_understood(filled: Path, tmp_path: Path) -> None:
+    for name in ("localize", "optimize"):
+        assert run(name, "--help").stdout == run(name.replace("ize", "ise"), "--help").stdout
+    path = filled.with_name("path.tum")
+    assert run("export", "trajectory", filled, "--which", "optimized", "-o", path).exit_code == 0
+    assert "neighbour >= 0" in run("check", filled, "--require", "neighbor >= 0").stdout
+    words = ["compare", str(tmp_path / "no.bag"), "--methods", "neighbor", "-o", str(tmp_path)]
+    assert "unknown" not in CliRunner().invoke(group, words).output
+
+
+def test_inspect_shows_a_file_as_the_log_or_the_map_that_it_is(filled: Path) -> None:
+    bag = ROOT / "sample_logs" / "hall.bag"
+    assert run("inspect", bag, "--quick").stdout == run("inspect", "log", bag, "--quick").stdout
+    assert run("inspect", filled).stdout == run("inspect", "map", filled).stdout
+    with pytest.raises(LogError, match="no such file"):
+        run("inspect", "hal.bag")

@@ -67,9 +67,9 @@ def test_every_command_line_is_one_that_can_be_given() -> None:
         command: click.Command = group
         while words and isinstance(command, click.Group):
             context = click.Context(command)
-            inner = command.get_command(context, words[0])
+            _, inner, rest = command.resolve_command(context, words)
             assert inner is not None, f"{page}: mapmyworld {' '.join(words)}"
-            command, words = inner, words[1:]
+            command, words = inner, rest
         known = {name for p in command.params for name in (*p.opts, *p.secondary_opts)}
         known |= {"--help", "-h", "--version"}
         for word in words:

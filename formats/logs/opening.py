@@ -132,7 +132,7 @@ _CREATED = re.compile(rb"CREATE TABLE \"?'?(\w+)")
 
 
 def _open_sqlite(path: Path) -> LogSource:
-    tables = _tables(path)
+    tables = tables_of(path)
     if {"topics", "messages"} <= tables:
         return RecordedLog(SqliteBag(path))
     if "Node" in tables:
@@ -142,7 +142,8 @@ def _open_sqlite(path: Path) -> LogSource:
     raise LogError(f"{path}: an SQLite file that is neither a rosbag2 nor an RTAB-Map database")
 
 
-def _tables(path: Path) -> Set[str]:
+def tables_of(path: Path) -> Set[str]:
+    """Names of an SQLite file's tables; `LogError` where it is too damaged to tell."""
     try:
         database = connect_read_only(path)
         try:

@@ -16,7 +16,7 @@ from cli.arguments import PATH, default_map, format_option
 from cli.exit_codes import EXIT_PARTIAL
 from cli.memory import memory_limit, peak_memory_mb
 from cli.outputs import require_map_place
-from cli.progress import StderrProgress
+from cli.progress import StderrProgress, rate_text
 from cli.repeating import given_options, repeat_and_compare
 from cli.settings import config_options, load_config, settings_that_differ
 from cli.storing import storage_arguments
@@ -254,8 +254,9 @@ def _summary_lines(summary: dict[str, Any]) -> list[str]:
         lines.append(
             f"reused:        {', '.join(summary['reused_stages'])} (same inputs as before)"
         )
+    speed = rate_text(summary["real_time_factor"])
     lines.append(
-        f"time:          {summary['wall_s']:.1f} s ({summary['real_time_factor']:.0f}x real time), "
+        f"time:          {summary['wall_s']:.1f} s ({speed}x real time), "
         f"{summary['cpu_s']:.1f} CPU s, {summary['peak_memory_mb']:.0f} MB at most"
     )
     lines += [f"written:       {path}" for path in summary["files"]]

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     "-o",
     "--output",
     type=PATH,
-    help="The optimised graph: .g2o, or .db for a map.  [default: FILE with _optimised.g2o]",
+    help="The optimised graph: .g2o, or .db for a map.  [default: FILE's name with "
+    "_optimised.g2o, in the current folder]",
 )
 @click.option("--robust", is_flag=True, help="Reject closures that contradict the rest.")
 @click.option("--image", type=PATH, help="Draw the result into this PNG.")
@@ -64,7 +65,7 @@ def optimise(
     """
     config = load_config(config_path, changes).graph
     require_output_name(path)
-    output = output or path.with_name(f"{path.stem}_optimised.g2o")
+    output = output or Path(f"{path.stem}_optimised.g2o")
     _require_place(output, path)
     require_outputs([] if image is None else [image], [path, output])
     import formats.pose_graph  # noqa: F401  so that its import does not count as reading

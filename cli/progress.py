@@ -80,9 +80,7 @@ class StderrProgress:
         """Ends the current stage and says what it took."""
         if not self._name:
             return
-        if self._bar is not None:
-            self._bar.stop()
-            self._bar = None
+        self._close_bar()
         elapsed = time.monotonic() - self._started
         cpu = time.process_time() - self._cpu
         self.costs.append(StageCost(self._name, elapsed, cpu, peak_memory_mb()))
@@ -96,8 +94,8 @@ class StderrProgress:
         elapsed = max(time.monotonic() - self._started, 1e-3)
         if not self._done:
             return ""
-        rate = self._done / elapsed
-        return f"({rate:.0f}x real time)" if self._unit == "s" else f"({rate:.0f} {self._unit}/s)"
+        rate = rate_text(self._done / elapsed)
+        return f"({rate}x real time)" if self._unit == "s" else f"({rate} {self._unit}/s)"
 
     def _left(self) -> str:
         """How long the stage will still take at this rate."""
@@ -105,6 +103,11 @@ class StderrProgress:
             return ""
         elapsed = time.monotonic() - self._started
         return f", {elapsed * max(self._total / self._done - 1.0, 0.0):.0f} s left"
+
+    def _close_bar(self) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
 
     def _open_bar(self) -> None:
         from rich.console import Console
@@ -120,3 +123,11 @@ class StderrProgress:
         )
         self._bar.start()
         self._bar.add_task(self._name, total=self._total, speed="")
+        context = click.get_current_context(silent=True)
+        if context is not None:  # however the command ends, what it says then has a line of its own
+            context.call_on_close(self._close_bar)
+
+
+def rate_text(rate: float) -> str:
+    """A rate as a person says it: 0.019, 3.7, 250; never 0 for what goes on."""
+    return f"{rate:.0f}" if rate >= 10 else f"{rate:.2g}"

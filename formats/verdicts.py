@@ -45,9 +45,14 @@ def markdown(title: str, verdicts: Sequence[Verdict]) -> str:
     for v in verdicts:
         mark = "✅" if v.passed else "❌"
         value = "" if v.value is None or not math.isfinite(v.value) else f"{v.value:.6g}"
-        lines.append(f"| {mark} | `{_cell(v.requirement)}` | {value} | {_cell(v.message)} |")
+        lines.append(f"| {mark} | `{_code(v.requirement)}` | {value} | {_cell(v.message)} |")
     return "\n".join(lines) + "\n"
 
 
+def _code(text: str) -> str:
+    """Inside a code span nothing is markup but its own end, and the table's bar."""
+    return text.replace("|", "\\|").replace("\n", " ").replace("`", "'")
+
+
 def _cell(text: str) -> str:
-    return text.replace("|", "\\|").replace("\n", " ").replace("`", "'").replace("<", "&lt;")
+    return _code(text).replace("<", "&lt;")

@@ -81,6 +81,7 @@ def test_verdicts_are_written_for_machines_and_for_people(small: Path, tmp_path:
     lines = comment.read_text().splitlines()
     assert lines[0] == "### map.db: 1 of 2 do not hold"
     assert sum(line.startswith("| ❌") for line in lines) == 1
+    assert "`nodes < 5`" in lines[-1]  # in a code span, an entity would be shown as it is written
 
 
 @given(st.text(), st.text(), st.booleans())

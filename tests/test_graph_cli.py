@@ -34,6 +34,12 @@ EDGE_SE2 3 0 1.1 0 1.5707963 100 0 0 100 0 100
 """
 
 
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where `optimise` writes what is given no name."""
+    monkeypatch.chdir(tmp_path)
+
+
 def run(path: Path, *options: str):
     return CliRunner().invoke(optimise, [str(path), *options], catch_exceptions=False)
 
@@ -49,6 +55,15 @@ def test_a_sound_graph_is_solved_written_and_drawn(tmp_path):
     solved = read_graph(tmp_path / "square_optimised.g2o").graph
     assert np.allclose(solved.map_from_node[2, :2], [1, 1], atol=0.1)
     assert cv2.imread(str(picture)) is not None
+
+
+def test_what_is_given_no_name_goes_into_the_current_folder(tmp_path):
+    """A folder of data may not be the user's, or be read-only."""
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "square.g2o").write_text(SQUARE)
+    assert run(Path("data/square.g2o")).exit_code == 0
+    assert [file.name for file in (tmp_path / "data").iterdir()] == ["square.g2o"]
+    assert (tmp_path / "square_optimised.g2o").exists()
 
 
 def test_what_is_sound_of_a_broken_graph_is_solved_with_exit_code_3(tmp_path):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from memory_log import MemoryLog, camera_info_at, image_at, odometry_at, scan_at, transform
@@ -241,12 +243,14 @@ def test_time_that_steps_back_is_told() -> None:
 
 def test_ranges_that_are_nan_are_told() -> None:
     ranges = np.full(181, 2.0)
-    ranges[:90] = np.nan
+    ranges[0] = np.nan
     entries = [
         (topic, scan_at(time, ranges) if topic == "/scan" else message, time)
         for topic, message, time in with_mount(drive())
     ]
-    assert "are NaN" in "\n".join(plan_of(entries).warnings)
+    (told,) = [line for line in plan_of(entries).warnings if "are NaN" in line]
+    nan, ranges_seen = (int(text.replace(",", "")) for text in re.findall(r"[\d,]+", told)[:2])
+    assert ranges_seen == 181 * nan
 
 
 def test_settings_override_and_unknown_topics_are_refused() -> None:

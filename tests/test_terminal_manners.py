@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import io
 import os
 import pty
 import re
@@ -11,13 +12,16 @@ import subprocess
 import sys
 import termios
 import threading
+from contextlib import suppress
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner
 from database_samples import fill
 from room_drive import drive
 
+from cli.interrupts import Interrupted
 from cli.main import COMMANDS, group
 from cli.progress import StderrProgress
 from formats.database import open_store
@@ -66,6 +70,40 @@ def test_a_line_of_progress_tells_the_time_left(
     (cost,) = progress.costs
     assert (cost.name, cost.wall_s) == ("track", 20.0)
     assert cost.peak_memory_mb > 10
+
+
+def test_a_slow_stage_has_a_rate_as_well(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two sessions joined in 53 s went at "0 sessions/s", and a slow log at "0x real time"."""
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    progress = StderrProgress()
+    for unit, speed in (("sessions", "(0.038 sessions/s)"), ("s", "(0.038x real time)")):
+        progress.stage("join sessions", 2, unit)
+        now[0] += 53.0
+        progress.update(2)
+        progress.finish()
+        assert capsys.readouterr().err.rstrip().endswith(speed)
+
+
+def test_what_an_interrupted_command_says_has_a_line_of_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    with suppress(Interrupted), click.Context(click.Command("build")):
+        StderrProgress().stage("track", 60.0, "s")
+        raise Interrupted
+    assert "track" in terminal.getvalue()
+    erased = terminal.getvalue().rpartition("track")[2]
+    assert "\x1b[2K" in erased  # the bar's line
+    assert "\x1b[?25h" in erased  # and the cursor is there again
 
 
 def test_no_colours_where_there_is_no_terminal(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mapmyworld.sensing.plan import CameraSource, Draft, OdometrySource, ScanSource
-from mapmyworld.sensing.plan_lasers import share_of, valid_ranges
+from mapmyworld.sensing.plan_lasers import valid_ranges
 from mapmyworld.sensing.silence import check_silence
 from mapmyworld.sensing.survey import Stream
 from mapmyworld.sensing.transforms import is_called
@@ -107,8 +107,9 @@ def _check_stream(draft: Draft, stream: Stream) -> None:
 
 def _check_ranges(draft: Draft, stream: Stream) -> None:
     scans = [m for m in stream.samples if isinstance(m, LaserScanMessage)]
-    nan = float(np.mean([share_of(np.isnan(s.ranges)) for s in scans])) if scans else 0.0
+    nan = sum(int(np.isnan(s.ranges).sum()) for s in scans)
     if nan:
-        draft.warnings.append(f"{stream.topic}: {nan:.0%} of the sampled ranges are NaN: left out")
+        count = f"{nan:,} of {sum(len(s.ranges) for s in scans):,}"
+        draft.warnings.append(f"{stream.topic}: {count} sampled ranges are NaN: left out")
     if scans and not np.any([np.any(valid_ranges(s)) for s in scans]):
         draft.losses.append(f"{stream.topic}: the sampled scans hold no usable range")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict
 
+from mapmyworld.shares import percent_below
 from mapmyworld.types.graph import Judged
 from mapmyworld.types.sources import (
     CameraTracking,
@@ -34,7 +35,7 @@ _FIT = f"misses by {_MISS} (limit {{sigmas_limit:.1f}})"
 _VERDICTS: Mapping[Why, str] = {
     Why.SCANS_ALIGNED: "overlap {overlap:.0%}, residual {residual:.3f} m",
     Why.LOW_SCORE: "score below {limit:g}",
-    Why.LOW_OVERLAP: "overlap {overlap:.0%} below {limit:.0%}",
+    Why.LOW_OVERLAP: "overlap {overlap} below {limit}",
     Why.AMBIGUOUS_POSE: "ambiguous: another pose scores {rival:.2f} against {score:.2f}",
     Why.NOT_CONVERGED: "not converged: the refined pose left the best one of the search by "
     "{metres:.2f} m, {degrees:.0f} deg",
@@ -48,7 +49,7 @@ _VERDICTS: Mapping[Why, str] = {
     Why.IMAGES_AND_SCANS_AGREE: "{inliers} matches agree within {sigmas:g} sigma; aligned by the "
     "scans, overlap {overlap:.0%}",
     Why.FEW_INLIERS: "{inliers} of {matches} matches agree, {limit} needed",
-    Why.LOW_SHARE: "{share:.0%} of the matches agree, {limit:.0%} needed",
+    Why.LOW_SHARE: "{share} of the matches agree, {limit} needed",
     Why.FEW_CELLS: "agreeing matches reach {cells} cells of the image, {limit} needed",
     Why.UNCERTAIN_TRANSLATION: "translation certain to {sigma:.3f} m only, {limit:g} m needed",
     Why.UNCERTAIN_ROTATION: "rotation certain to {sigma:.4f} rad only, {limit:g} rad needed",
@@ -71,6 +72,7 @@ _VERDICTS: Mapping[Why, str] = {
     Why.MEASURED_ANEW: "overlap {overlap:.0%}, residual {residual:.3f} m, measured anew from the "
     "refined poses",
 }
+_MISSED_SHARES: Mapping[Why, str] = {Why.LOW_OVERLAP: "overlap", Why.LOW_SHARE: "share"}
 
 
 def reason_of(constraint: Judged) -> str:
@@ -82,10 +84,19 @@ def reason_of(constraint: Judged) -> str:
 def in_words(verdict: Verdict) -> str:
     """A verdict with its measured values and the limits they met or missed."""
     try:
-        text = _VERDICTS[verdict.why].format(note=verdict.note, **verdict.numbers)
-    except (LookupError, ValueError):  # a damaged row of a map
+        text = _VERDICTS[verdict.why].format(note=verdict.note, **_shown(verdict))
+    except (LookupError, ValueError, OverflowError):  # a damaged row of a map
         return str(verdict.why)
     return text + _support(verdict.numbers)
+
+
+def _shown(verdict: Verdict) -> Mapping[str, float | str]:
+    """Its numbers; a share that misses its limit does not round up to it."""
+    name = _MISSED_SHARES.get(verdict.why)
+    if name is None:
+        return verdict.numbers
+    share, limit = percent_below(verdict.numbers[name], verdict.numbers["limit"])
+    return {**verdict.numbers, name: share, "limit": limit}
 
 
 def _support(numbers: Mapping[str, float]) -> str:

@@ -50,8 +50,8 @@ def log(
 
     config = load_config(config_path, changes)
     source = open_log(paths)
-    survey = survey_log(source)
-    info = source.info()
+    survey = survey_log(source, every_topic=True)
+    info = survey.info
     plan, failure = None, None
     try:
         plan = make_plan(survey, config.sensing)

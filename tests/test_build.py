@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import log_builders
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
@@ -169,6 +170,18 @@ def test_inspect_log_names_topics_plan_and_diagnosis(built: Path) -> None:
     assert "header stamps" in text
     facts = json.loads(run("inspect", "log", built / "room.mcap", "--format", "json").stdout)
     assert facts["plan"]["base_frame"] == "base_link"
+
+
+def test_inspect_log_tells_rates_by_messages_not_by_chunks(tmp_path: Path) -> None:
+    """One chunk holds all: what spoke at 20 Hz in the first second had 1 Hz of its 20 s."""
+    entries = list(log_builders.drive(2, count=400, step_ns=50_000_000))
+    early = [e for e in entries if e[0] != "/scan" or e[2] < entries[0][2] + 1_000_000_000]
+    early = [e for e in early if e[0] != "/chatter" or e[2] < entries[0][2] + 2_000_000_000]
+    log_builders.write_mcap(tmp_path / "log.mcap", early)
+    result = run("inspect", "log", tmp_path / "log.mcap", "--quick", "--format", "json")
+    rates = {t["topic"]: t["frequency_hz"] for t in json.loads(result.stdout)["log"]["topics"]}
+    assert rates["/scan"] == pytest.approx(20.0, rel=0.01)
+    assert rates["/chatter"] == pytest.approx(5.0, rel=0.01)  # a type that nobody knows
 
 
 def test_inspect_map_and_node_answer_in_text_and_json(built: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -106,6 +106,7 @@ class Survey:
     """Everything that deciding needs, in memory that grows only by tf and odometry."""
 
     info: LogInfo
+    """As the log has it, with the first and last log time of each topic that was read."""
     streams: dict[str, Stream]
     tree: TransformTree
     odometry: dict[str, RecordedMotion]
@@ -126,6 +127,8 @@ class Survey:
 class _Surveyor:
     def __init__(self) -> None:
         self.streams: dict[str, Stream] = {}
+        self.others: dict[str, Stream] = {}
+        """Of kinds that no map is made of: counted, not decoded."""
         self.tree = TransformTree()
         self.recorders: dict[str, MotionRecorder] = {}
         self.frames: dict[str, tuple[str, str]] = {}
@@ -133,14 +136,16 @@ class _Surveyor:
         self.end_ns = 0
 
     def add(self, raw: RawMessage) -> None:
-        stream = self.streams.get(raw.topic)
+        is_other = raw.kind is MessageKind.OTHER
+        streams = self.others if is_other else self.streams
+        stream = streams.get(raw.topic)
         if stream is None:
-            stream = self.streams[raw.topic] = Stream(raw.topic, raw.kind)
+            stream = streams[raw.topic] = Stream(raw.topic, raw.kind)
         stream.add(raw)
         if raw.log_time_ns > self.end_ns:
             self.end_ns = raw.log_time_ns
         whole = raw.kind is MessageKind.TRANSFORMS or raw.kind is MessageKind.ODOMETRY
-        if whole or len(stream.samples) < _SAMPLES or self._wants_force(raw):
+        if not is_other and (whole or len(stream.samples) < _SAMPLES or self._wants_force(raw)):
             self._decode(raw, stream)
 
     def _wants_force(self, raw: RawMessage) -> bool:
@@ -170,10 +175,30 @@ class _Surveyor:
             self.recorders[raw.topic] = recorder
 
 
-def survey_log(log: LogSource, watch: Callable[[int], None] | None = None) -> Survey:
-    """Reads the log once; `watch` is told the log time reached, for progress."""
+def _timed(info: LogInfo, streams: dict[str, Stream]) -> LogInfo:
+    """With the times that were met: an index may know only those of the chunks around."""
+    return replace(
+        info,
+        topics=tuple(
+            replace(t, first_ns=streams[t.topic].first_log_ns, last_ns=streams[t.topic].last_log_ns)
+            if t.count and t.topic in streams
+            else t
+            for t in info.topics
+        ),
+    )
+
+
+def survey_log(
+    log: LogSource, watch: Callable[[int], None] | None = None, *, every_topic: bool = False
+) -> Survey:
+    """Reads the log once; `watch` is told the log time reached, for progress.
+
+    `every_topic`: those of unknown types as well, for their times.
+    """
     surveyor = _Surveyor()
-    ignored = {t.topic for t in log.info().topics if t.kind is MessageKind.OTHER}
+    ignored = {
+        t.topic for t in log.info().topics if t.kind is MessageKind.OTHER and not every_topic
+    }
     wanted = [t.topic for t in log.info().topics if t.topic not in ignored]
     for raw in log.messages(wanted if log.info().topics else None):
         surveyor.add(raw)
@@ -181,7 +206,7 @@ def survey_log(log: LogSource, watch: Callable[[int], None] | None = None) -> Su
             watch(raw.log_time_ns)
     surveyor.tree.finish()
     return Survey(
-        info=log.info(),
+        info=_timed(log.info(), surveyor.others | surveyor.streams),
         streams=surveyor.streams,
         tree=surveyor.tree,
         odometry={topic: recorder.finish() for topic, recorder in surveyor.recorders.items()},

@@ -19,7 +19,7 @@ from cli.outputs import require_map_place
 from cli.progress import StderrProgress, rate_text
 from cli.repeating import given_options, repeat_and_compare
 from cli.settings import config_options, load_config, settings_that_differ
-from cli.storing import storage_arguments
+from cli.storing import no_empty_map, storage_arguments
 from cli.streams import show_json
 from mapmyworld.errors import MapError
 from mapmyworld.heap import no_search_for_garbage
@@ -174,7 +174,7 @@ def _build(
 
     stored = storage_arguments(config)
     opening = partial(open_store, map_path, create=True, overwrite=overwrite, **stored)
-    with only_writer(map_path), opening() as store:
+    with only_writer(map_path), no_empty_map(map_path), opening() as store:
         store.put("settings", settings_that_differ(config))
         words = _given_words(config.places.vocabulary)
         log = looked_at.result()

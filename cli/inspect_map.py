@@ -36,6 +36,8 @@ def inspect_map(map_path: Path, image: Path | None, style: str) -> None:
     require_outputs([] if image is None else [image], [map_path])
     with open_store(map_path, read_only=True) as store:
         facts = map_facts(store)
+        if not facts["nodes"]:
+            raise MapError(f"{map_path}: holds no nodes: its build did not get that far")
         if image is not None:
             _draw_particles(store, image)
     if style == "json":

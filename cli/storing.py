@@ -1,12 +1,41 @@
-"""The settings of a build as the database wants them."""
+"""A build's map as a file: with the settings its database wants, gone if it came to nothing."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from mapmyworld.errors import MapMyWorldError
 
 if TYPE_CHECKING:
     from mapmyworld.config import Config
+
+
+@contextmanager
+def no_empty_map(path: Path) -> Iterator[None]:
+    """Where what is done inside fails, a map without nodes goes: nothing could be made of it."""
+    try:
+        yield
+    except MapMyWorldError:
+        if _is_empty_map(path):
+            path.unlink()
+        raise
+
+
+def _is_empty_map(path: Path) -> bool:
+    from formats.database import open_store
+    from formats.database.connection import says_ours
+
+    if not path.is_file() or not says_ours(path):
+        return False
+    try:
+        with open_store(path, read_only=True) as store:
+            return not store.nodes()
+    except MapMyWorldError:
+        return False
 
 
 def storage_arguments(config: Config) -> dict[str, Any]:

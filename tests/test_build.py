@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -233,6 +234,20 @@ def test_without_scans_and_depth_there_is_no_map(room: Drive, tmp_path: Path) ->
     room.without("/scan").write(tmp_path / "log.mcap")
     message = refusal("build", tmp_path / "log.mcap", "-o", tmp_path / "map.db")
     assert "no laser scan topic" in message
+    assert [file.name for file in tmp_path.iterdir()] == ["log.mcap"]
+
+
+def test_a_map_without_nodes_is_no_map_to_look_at(tmp_path: Path) -> None:
+    """As a build leaves it that was killed before it had a node."""
+    open_store(tmp_path / "map.db", create=True).close()
+    assert "holds no nodes" in refusal("inspect", "map", tmp_path / "map.db")
+
+
+def test_a_map_stays_where_another_log_fails(built: Path, tmp_path: Path) -> None:
+    shutil.copy(built / "map.db", tmp_path / "map.db")
+    drive(30).write(tmp_path / "other.mcap")
+    refusal("build", tmp_path / "other.mcap", "-o", tmp_path / "map.db")
+    assert (tmp_path / "map.db").read_bytes() == (built / "map.db").read_bytes()
 
 
 def test_without_odometry_the_laser_finds_the_way(room: Drive, tmp_path: Path) -> None:

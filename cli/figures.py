@@ -38,6 +38,7 @@ def figures_of(store: MapStore) -> dict[str, float]:
             found[f"graph.constraints.{kind}.{verdict}"] = 0.0
     if poses is not None:
         from cli.inspect_graph import graph_facts
+        from mapmyworld.map_figures import divides_of
 
         nodes = store.nodes()
         start = Poses(
@@ -45,7 +46,7 @@ def figures_of(store: MapStore) -> dict[str, float]:
             np.array([node.tracked_from_base for node in nodes]).reshape(-1, 4, 4),
         )
         planar = moves_in_plane(store)
-        facts = graph_facts(poses, constraints, start, planar, None, 10)
+        facts = graph_facts(poses, constraints, start, planar, None, 10, divides_of(store))
         found |= flattened({"graph": facts})
     return found
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +62,7 @@ def graph(
     mapmyworld inspect graph office.db --between 3 17
     """
     from formats.database import open_store
+    from mapmyworld.map_figures import divides_of
 
     require_outputs([] if image is None else [image], [map_path])
     if pair is not None:
@@ -76,11 +77,13 @@ def graph(
         nodes = store.nodes()
         planar = moves_in_plane(store)
         solved = store.get("solve") or {}
+        divides = divides_of(store)
         relative = None if between is None or poses is None else _relative(store, *between)
     if poses is None:
         raise MapError(f"{map_path}: its graph is not solved yet: finish `mapmyworld build` first")
     start = _start(nodes)
-    facts = graph_facts(poses, constraints, start, planar, None if everything else worst, worst)
+    shown = None if everything else worst
+    facts = graph_facts(poses, constraints, start, planar, shown, worst, divides)
     facts["certainty"] = solved.get("certainty", "")
     if relative is not None:
         facts["between"] = relative
@@ -162,10 +165,12 @@ def graph_facts(
     planar: bool,
     rejected_shown: int | None,
     worst: int,
+    divides: Collection[int] = (),
 ) -> dict[str, Any]:
-    """Everything that `inspect graph` shows."""
+    """Everything that `inspect graph` shows; `divides` as in `mapmyworld.map_figures`."""
     from mapmyworld.graph import audit
     from mapmyworld.graph.variance import variance_factors
+    from mapmyworld.map_figures import components_of
 
     misfits = audit.misfits_of(constraints, poses, planar)
     known = [m for m in misfits if m is not None]
@@ -179,7 +184,7 @@ def graph_facts(
         "constraints": audit.counts_of(constraints),
         "parts": [
             {"first": first, "last": last, "nodes": count}
-            for first, last, count in audit.parts_of(constraints, poses)
+            for first, last, count in components_of(constraints, poses, divides)
         ],
         "overconfidence": factors,
         "overconfident": [kind for kind, f in factors.items() if audit.is_overconfident(f)],

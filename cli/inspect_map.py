@@ -13,7 +13,7 @@ from cli.arguments import PATH, format_option, map_argument
 from cli.outputs import require_outputs
 from cli.streams import show_json
 from mapmyworld.errors import MapError
-from mapmyworld.types import MapStore, Node, OccupancyGrid, Poses
+from mapmyworld.types import MapStore, OccupancyGrid
 
 
 @click.command("map")
@@ -64,17 +64,20 @@ def _draw_particles(store: MapStore, path: Path) -> None:
 
 def map_facts(store: MapStore) -> dict[str, Any]:
     """Everything that `inspect map` shows."""
-    nodes, poses, grid = store.nodes(), store.poses(), store.grid()
-    session_of = {node.id: node.session for node in nodes}
+    from mapmyworld.map_figures import map_figures
+
+    figures, poses, grid = map_figures(store), store.poses(), store.grid()
     facts: dict[str, Any] = {
-        "sessions": len(set(session_of.values())),
-        "nodes": len(nodes),
-        "frames": len(store.tracked_frames().stamps_ns) if nodes else 0,
-        "duration_s": _duration(nodes),
+        "sessions": figures.sessions,
+        "nodes": figures.nodes,
+        "frames": figures.frames,
+        "duration_s": figures.duration_s,
         "solved": poses is not None,
     }
     if poses is not None:
-        facts["length_m"] = _length(poses, session_of)
+        facts["length_m"] = figures.path_m
+        facts["closures"] = figures.closures
+        facts["components"] = len(figures.components)
         if poses.covariances is not None and len(poses.covariances):
             sigmas = np.sqrt(
                 np.maximum(np.trace(poses.covariances[:, 3:, 3:], axis1=1, axis2=2), 0)
@@ -87,23 +90,6 @@ def map_facts(store: MapStore) -> dict[str, Any]:
         if value is not None:
             facts[key] = value
     return facts
-
-
-def _duration(nodes: Sequence[Node]) -> float:
-    """Seconds of all sessions, without those between them."""
-    ends: dict[int, tuple[int, int]] = {}
-    for node in nodes:
-        first, last = ends.get(node.session, (node.stamp_ns, node.stamp_ns))
-        ends[node.session] = min(first, node.stamp_ns), max(last, node.stamp_ns)
-    return sum(last - first for first, last in ends.values()) * 1e-9
-
-
-def _length(poses: Poses, session_of: Mapping[int, int]) -> float:
-    """Metres from node to node, without what lies between sessions."""
-    known = [int(i) in session_of for i in poses.ids]
-    sessions = np.array([session_of[int(i)] for i in poses.ids[known]])
-    steps = np.linalg.norm(np.diff(poses.map_from_node[known][:, :3, 3], axis=0), axis=1)
-    return float(steps[np.diff(sessions) == 0].sum())
 
 
 def _grid_facts(grid: OccupancyGrid) -> dict[str, Any]:
@@ -134,6 +120,10 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         lines.append("solved:     no: the build did not get that far; build it again to go on")
     if "length_m" in facts:
         lines.append(f"length:     {facts['length_m']:.1f} m")
+        closures = facts["closures"]
+        lines.append(f"closures:   {closures['accepted']} accepted of {closures['tried']} tried")
+    if facts.get("components", 1) > 1:
+        lines.append(f"components: {facts['components']}, which nothing ties to each other")
     if "largest_sigma_m" in facts:
         lines.append(f"sigma:      {facts['largest_sigma_m']:.3f} m at the worst node")
     grid = facts.get("grid")

@@ -25,6 +25,7 @@ from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph import audit
 from mapmyworld.graph.variance import variance_factors
+from mapmyworld.map_figures import MapFigures, map_figures
 from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, OccupancyGrid, Poses
 from mapmyworld.types.wording import reason_of
 
@@ -106,7 +107,7 @@ def report_contents(
     return ReportContents(
         name=Path(_name(store)).name,
         version=mapmyworld.__version__,
-        headline=_headline(nodes, constraints, path),
+        headline=_headline(map_figures(store)),
         verdict=_verdict(store, problems),
         problems=problems,
         grid=_grid(store),
@@ -211,20 +212,16 @@ def _shown_constraints(
     ]
 
 
-def _headline(
-    nodes: Sequence[Node], constraints: Sequence[Judged], path: Floats
-) -> list[tuple[str, str]]:
-    length = float(np.linalg.norm(np.diff(path[:, 1:], axis=0), axis=1).sum())
-    closures = [c for c in constraints if c.kind != ConstraintKind.NEIGHBOUR]
-    accepted = sum(c.accepted for c in closures)
-    duration = path[-1, 0] - path[0, 0] if len(path) else 0.0
+def _headline(figures: MapFigures) -> list[tuple[str, str]]:
+    closures, count = figures.closures, len(figures.components)
     return [
-        ("path", f"{length:.1f} m"),
-        ("time", f"{duration:.0f} s"),
-        ("nodes", f"{len(nodes):,}"),
-        ("tracked frames", f"{len(path):,}"),
-        ("sessions", f"{len({node.session for node in nodes})}"),
-        ("closures", f"{accepted:,} accepted of {len(closures):,} tried"),
+        ("path", f"{figures.path_m:.1f} m"),
+        ("time", f"{figures.duration_s:.0f} s"),
+        ("nodes", f"{figures.nodes:,}"),
+        ("tracked frames", f"{figures.frames:,}"),
+        ("sessions", f"{figures.sessions}"),
+        ("closures", f"{closures['accepted']:,} accepted of {closures['tried']:,} tried"),
+        *([("components", f"{count}")] if count > 1 else []),
     ]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.config.stages import FIRST_READ, FIRST_READ_BY_PARTICLES, settings_of
 from mapmyworld.errors import ConfigError, MapError
+from mapmyworld.map_figures import map_figures
 from mapmyworld.parallel import algebra_on_one_thread
 from mapmyworld.places.features_ahead import FeaturesAhead
 from mapmyworld.sensing import Plan, make_plan, survey_log
@@ -34,9 +34,9 @@ class BuildResult:
     distance_m: float
     """Length of the final path."""
     duration_s: float
-    """Length of the log."""
+    """Of what was tracked."""
     constraints: dict[str, dict[str, int]]
-    """Kind -> tried and accepted."""
+    """Kind -> tried, accepted and rejected."""
     reused_stages: tuple[str, ...]
     losses: tuple[str, ...]
     """What the map lacks, one line each; empty for a complete map."""
@@ -86,7 +86,7 @@ def build_map(
         run("recognise", lambda: recognise(*given, scans, words, ahead), _digest(words))
         run("optimise", lambda: _solve(*given, scans), store.get("edits") or None)
     run("map", lambda: draw_maps(*given))
-    return _result(store, log, record)
+    return _result(store, record)
 
 
 def _solve(store: MapStore, config: Config, progress: Progress, scans: LoadScans) -> None:
@@ -161,28 +161,15 @@ def _note_plan(store: MapStore, plan: Plan) -> None:
     )
 
 
-def _result(store: MapStore, log: LogSource, record: StageRecord) -> BuildResult:
-    frames = store.frame_poses()
-    path = np.zeros((0, 3)) if frames is None else frames[:, :3, 3]
-    tried = Counter(str(c.kind) for c in store.constraints())
-    accepted = Counter(str(c.kind) for c in store.constraints() if c.accepted)
-    notes = {key: store.get(key) or {} for key in ("plan", "track", "solve")}
-    losses = [line for note in notes.values() for line in note.get("losses", ())]
+def _result(store: MapStore, record: StageRecord) -> BuildResult:
+    figures = map_figures(store)
+    notes = [store.get(key) or {} for key in ("plan", "track", "solve")]
     return BuildResult(
-        nodes=len(store.nodes()),
-        frames=len(path),
-        distance_m=float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()),
-        duration_s=_duration_s(store, log, notes["plan"]),
-        constraints={kind: {"tried": tried[kind], "accepted": accepted[kind]} for kind in tried},
+        nodes=figures.nodes,
+        frames=figures.frames,
+        distance_m=figures.path_m,
+        duration_s=figures.duration_s,
+        constraints=figures.constraints,
         reused_stages=tuple(record.reused),
-        losses=tuple(dict.fromkeys(losses)),
+        losses=tuple(dict.fromkeys(line for note in notes for line in note.get("losses", ()))),
     )
-
-
-def _duration_s(store: MapStore, log: LogSource, plan: Mapping[str, Any]) -> float:
-    """Of the log; of what was tracked where log times were not believed, or do not pass."""
-    recorded = log.info().duration_s
-    stamps_ns = store.tracked_frames().stamps_ns
-    tracked = float(stamps_ns[-1] - stamps_ns[0]) * 1e-9 if len(stamps_ns) else 0.0
-    is_sorted = any(decision["role"] == "order" for decision in plan.get("decisions", ()))
-    return tracked if is_sorted or recorded < 0.5 * tracked else recorded

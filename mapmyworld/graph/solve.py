@@ -69,7 +69,7 @@ def solve(
     linked = solution.inliers & (system.tails < len(known))
     part = components(len(known), system.tails[linked], system.heads[linked])
     cost = 0.5 * float(solution.chi2[solution.inliers].sum())
-    statement = _certainty(part, solution)
+    statement = _certainty(solution)
     if config.certify and config.covariances:  # a draft needs neither
         believed = believed_edges(system, solution.inliers)
         statement += f"; {proof_of(certify(believed, fit_of(believed, solution.poses)))}"
@@ -99,13 +99,6 @@ def _solved(stated: StatedSystem, config: GraphConfig) -> RobustSolution:
     return solution.moved(poses, edge_chi2(system, poses))
 
 
-def _certainty(part: Index, solution: RobustSolution) -> str:
-    count = int(part.max(initial=-1)) + 1
-    connected = "one connected graph" if count <= 1 else f"{count} parts with no link between them"
-    closures = solution.closures
-    kept = int(solution.inliers[closures].sum())
+def _certainty(solution: RobustSolution) -> str:
     agreeing = int(solution.consistency.clique.sum())
-    return (
-        f"{connected}; {kept} of {len(closures)} closures accepted, {agreeing} of them "
-        f"supported by a neighbouring closure"
-    )
+    return f"{agreeing} closures are supported by a neighbouring closure"

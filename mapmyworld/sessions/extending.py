@@ -108,6 +108,7 @@ class _Laid:
     links: int
     certainty: str
     losses: tuple[str, ...]
+    divides: tuple[int, ...]
 
 
 def _lay(base: Unit, unit: Unit, joint: Array, config: Config, progress: Progress) -> _Laid | None:
@@ -132,7 +133,8 @@ def _lay(base: Unit, unit: Unit, joint: Array, config: Config, progress: Progres
     solved = scratch.get("solve") or {}
     poses = _held_poses(scratch, skeleton, base, item)
     told = str(solved.get("certainty", "")), tuple(solved.get("losses", ()))
-    return _Laid(item, poses, tuple(mine), accepted, *told)
+    divides = tuple(i for i in solved.get("divides", ()) if i > item.first_id)
+    return _Laid(item, poses, tuple(mine), accepted, *told, divides)
 
 
 def _contradicts(closure: Judged) -> bool:
@@ -172,7 +174,7 @@ def _write(base: Unit, laid: _Laid, store: MapStore, config: Config, progress: P
     before, frame_poses, judged = store.poses(), store.frame_poses(), store.constraints()
     assert before is not None
     assert frame_poses is not None
-    lost = (store.get("solve") or {}).get("losses", ())
+    solved = store.get("solve") or {}
     inputs = digest_of([store, unit.store], config)
     note_sessions(store, [base, unit], inputs)
     with store.extend_stage("plan", inputs):
@@ -189,8 +191,10 @@ def _write(base: Unit, laid: _Laid, store: MapStore, config: Config, progress: P
         nodes = [node for node in store.nodes() if node.id > laid.item.first_id]
         fresh = pose_every_frame(nodes, laid.poses, own, laid.constraints)
         store.set_frame_poses(np.concatenate([frame_poses, fresh]))
-        losses = list(dict.fromkeys((*lost, *laid.losses)))
-        store.put("solve", {"certainty": laid.certainty, "losses": losses})
+        losses = list(dict.fromkeys((*solved.get("losses", ()), *laid.losses)))
+        divides = [*solved.get("divides", ()), *laid.divides]
+        told = {"certainty": laid.certainty, "losses": losses}
+        store.put("solve", told | ({"divides": divides} if divides else {}))
     with store.extend_stage("map", inputs):
         _draw(store, unit, fresh, config, progress)
 

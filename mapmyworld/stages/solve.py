@@ -11,10 +11,10 @@ from mapmyworld.graph.chains import solve_by_chains
 from mapmyworld.graph.draft import landmark_guesses
 from mapmyworld.graph.edited import contradicted
 from mapmyworld.graph.edits import apply_edits, edits_from_json, unmet
-from mapmyworld.graph.pose_graph import told_of_parts
 from mapmyworld.graph.solve import SolvedGraph, solve
 from mapmyworld.graph.trajectory import pose_every_frame
 from mapmyworld.heap import give_back
+from mapmyworld.map_figures import components_of
 from mapmyworld.parallel import on_one_thread
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.stages.draft import solve_draft_of
@@ -59,11 +59,13 @@ def solve_and_judge(
     frames = store.tracked_frames()
     store.set_frame_poses(pose_every_frame(store.nodes(), poses, frames, constraints))
     wanted = [edit for edit in _edits(store) if edit.action is EditAction.ACCEPT]
+    divides = _divides(scans)
     losses = [
-        *told_of_parts(solved.component), *_told_of_islands(constraints, scans),
-        *unmet(constraints, wanted), *contradicted(constraints, poses, moves_in_plane(store)),
+        *_told_of_parts(constraints, poses, divides), *unmet(constraints, wanted),
+        *contradicted(constraints, poses, moves_in_plane(store)),
     ]  # fmt: skip
-    store.put("solve", {"certainty": solved.certainty, "losses": losses, "notes": notes})
+    told = {"certainty": solved.certainty, "losses": losses, "notes": notes}
+    store.put("solve", told | ({"divides": divides} if divides else {}))
 
 
 def _refined(
@@ -87,16 +89,28 @@ def _refined(
     return refined.poses, review_closures(solved.constraints, refined.poses, config, loaded)
 
 
-def _told_of_islands(constraints: Sequence[Judged], scans: LoadScans) -> list[str]:
-    """That breaks of tracking divide the path, where nothing recognised joins its parts again."""
+def _divides(scans: LoadScans) -> list[int]:
+    """Nodes before which tracking was lost, and wheels do not tell what was driven meanwhile."""
     loaded = scans()
     if loaded is None:
         return []
     from mapmyworld.places.laser_lost import islands
 
-    count = len(np.unique(islands(loaded, constraints)))
+    begins = 1 + np.flatnonzero(np.diff(islands(loaded, ())))
+    return [loaded.nodes[row].id for row in begins.tolist()]
+
+
+def _told_of_parts(
+    constraints: Sequence[Judged], poses: Poses, divides: Sequence[int]
+) -> list[str]:
+    """What divides the map, where nothing recognised joins its components again."""
+    count = len(components_of(constraints, poses, divides))
+    if count < 2:
+        return []
+    if not divides:
+        return [f"the graph falls into {count} parts that nothing connects"]
     told = "whose places to each other nothing tells: none was recognised in another beyond doubt"
-    return [f"tracking broke and left {count} parts of the path {told}"] if count > 1 else []
+    return [f"tracking broke and left {count} parts of the path {told}"]
 
 
 def _told_of_unrecognised(

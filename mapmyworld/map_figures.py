@@ -1,0 +1,99 @@
+"""The figures of a map that terminal, report and `inspect` show: each is found here alone."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.graph.audit import counts_of, parts_of
+from mapmyworld.types import CLOSURES, ConstraintKind, Judged, MapStore, Node, Poses
+
+_CLOSURES = CLOSURES | {ConstraintKind.USER}
+
+
+@dataclass(frozen=True, slots=True)
+class MapFigures:
+    """What a map is made of."""
+
+    nodes: int
+    sessions: int
+    frames: int
+    path_m: float
+    """From node to node, without what lies between sessions or where tracking was lost."""
+    duration_s: float
+    """From the first tracked frame of each session to its last."""
+    constraints: dict[str, dict[str, int]]
+    """Kind -> tried, accepted, rejected."""
+    closures: dict[str, int]
+    """The same of all kinds that say: we have been here before."""
+    components: tuple[tuple[int, int, int], ...]
+    """First node, last node and number of nodes of what nothing ties to the rest."""
+
+
+def map_figures(store: MapStore) -> MapFigures:
+    """The figures of a map; by tracked poses where its graph is not solved."""
+    nodes, constraints = store.nodes(), store.constraints()
+    poses = store.poses() or _tracked(nodes)
+    frames = store.tracked_frames() if nodes else None
+    counts = counts_of(constraints)
+    closures = [counts[kind] for kind in map(str, _CLOSURES) if kind in counts]
+    return MapFigures(
+        nodes=len(nodes),
+        sessions=len({node.session for node in nodes}),
+        frames=0 if frames is None else len(frames.stamps_ns),
+        path_m=_path(nodes, poses, constraints),
+        duration_s=0.0 if frames is None else _duration(nodes, frames.node_ids, frames.stamps_ns),
+        constraints=counts,
+        closures={
+            name: sum(row[name] for row in closures) for name in ("tried", "accepted", "rejected")
+        },
+        components=components_of(constraints, poses, divides_of(store)),
+    )
+
+
+def divides_of(store: MapStore) -> frozenset[int]:
+    """Nodes of which nothing tells how they lie to the node before: tracking was lost there."""
+    return frozenset((store.get("solve") or {}).get("divides", ()))
+
+
+def components_of(
+    constraints: Sequence[Judged], poses: Poses, divides: Collection[int]
+) -> tuple[tuple[int, int, int], ...]:
+    """First node, last node and number of nodes of each connected component.
+
+    `divides`: nodes whose constraint to the node before ties nothing.
+    """
+    ties = [c for c in constraints if not (c.is_break and c.to_id in divides)]
+    return tuple(part for part in parts_of(ties, poses) if part[1] > 0)  # landmarks are no nodes
+
+
+def _tracked(nodes: Sequence[Node]) -> Poses:
+    ids = np.array([node.id for node in nodes], np.int64)
+    return Poses(ids, np.array([node.tracked_from_base for node in nodes]).reshape(-1, 4, 4))
+
+
+def _path(nodes: Sequence[Node], poses: Poses, constraints: Sequence[Judged]) -> float:
+    """Metres; by nodes, since the noise of frames adds up to a longer path than was driven."""
+    place = dict(zip(poses.ids.tolist(), poses.map_from_node[:, :3, 3], strict=True))
+    known = [node for node in nodes if node.id in place]
+    lost = {c.to_id for c in constraints if c.is_break}
+    steps = [
+        place[after.id] - place[before.id]
+        for before, after in pairwise(known)
+        if after.session == before.session and after.id not in lost
+    ]
+    return float(np.linalg.norm(np.reshape(steps, (-1, 3)), axis=1).sum())
+
+
+def _duration(
+    nodes: Sequence[Node], node_ids: NDArray[np.int64], stamps_ns: NDArray[np.int64]
+) -> float:
+    """Seconds of all sessions, without those between them."""
+    session_of = {node.id: node.session for node in nodes}
+    sessions = np.array([session_of[i] for i in node_ids.tolist()])
+    spans = [np.ptp(stamps_ns[sessions == session]) for session in np.unique(sessions)]
+    return float(sum(spans)) * 1e-9

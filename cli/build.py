@@ -15,7 +15,7 @@ import click
 from cli.arguments import PATH, default_map, format_option
 from cli.exit_codes import EXIT_PARTIAL
 from cli.memory import memory_limit, peak_memory_mb
-from cli.outputs import require_map_place
+from cli.outputs import forget_products, require_map_place
 from cli.progress import StderrProgress, rate_text
 from cli.repeating import given_options, repeat_and_compare
 from cli.settings import config_options, load_config, settings_that_differ
@@ -183,6 +183,8 @@ def _build(
         if export:
             from mapmyworld.exporting import export_beside
 
+            if overwrite:
+                forget_products(map_path)
             progress.stage("export")
             written += export_beside(store, map_path, config)
         progress.finish()
@@ -195,7 +197,10 @@ def _build(
             "peak_memory_mb": peak_memory_mb(),
         }
         if export:
-            written += _report(store, map_path, cost, progress, bool(result.reused_stages))
+            from cli.report import report_beside
+
+            reused = bool(result.reused_stages)
+            written += report_beside(store, map_path, cost, progress, continued=reused)
     return {**result.as_dict(), "files": written, **cost}
 
 
@@ -227,20 +232,6 @@ def _given_words(path: str) -> dict[int, Any] | None:
     from formats.vocabulary import read_vocabulary
 
     return read_vocabulary(Path(path))
-
-
-def _report(
-    store: Any, map_path: Path, cost: dict[str, Any], progress: StderrProgress, continued: bool
-) -> list[str]:
-    """The page about the map, and what its stages took, which the page shows apart."""
-    from cli.report import note_timing, write_report
-
-    progress.stage("report")
-    page = map_path.with_suffix(".html")
-    timing = note_timing(map_path, cost, progress.costs, continued=continued)
-    write_report(store, page, timing)
-    progress.finish()
-    return [str(page)]
 
 
 def _summary_lines(summary: dict[str, Any]) -> list[str]:

@@ -13,7 +13,13 @@ import click
 
 from cli.exit_codes import EXIT_PARTIAL
 from cli.memory import peak_memory_mb
-from cli.outputs import require_map_place, require_no_other, require_output_name
+from cli.outputs import (
+    forget_products,
+    products_of,
+    require_map_place,
+    require_no_other,
+    require_output_name,
+)
 from cli.progress import StderrProgress
 from cli.result_maps import ResultMaps, numbered
 from cli.streams import show_json
@@ -113,7 +119,13 @@ def _summary(
     begun: tuple[float, float],
     export: bool,
 ) -> dict[str, Any]:
-    beside = [line for path in results if export for line in _export(path, config, progress)]
+    """What resulted; what stands beside each map is written anew, or told to be of another."""
+    beside: list[str] = []
+    for path, made in zip(results, maps, strict=True):
+        if export:
+            beside += _export(path, config, progress, begun)
+        elif made.names != (str(path),):  # else it is what it was
+            _tell_stale(path, progress)
     return {
         "maps": [
             {
@@ -126,20 +138,39 @@ def _summary(
             for path, made in zip(results, maps, strict=True)
         ],
         "files": [*map(str, results), *beside],
+        **_cost(begun),
+    }
+
+
+def _cost(begun: tuple[float, float]) -> dict[str, float]:
+    """Since a time and a time of the processor."""
+    return {
         "wall_s": time.monotonic() - begun[0],
         "cpu_s": time.process_time() - begun[1],
         "peak_memory_mb": peak_memory_mb(),
     }
 
 
-def _export(path: Path, config: Config, progress: StderrProgress) -> list[str]:
+def _export(
+    path: Path, config: Config, progress: StderrProgress, begun: tuple[float, float]
+) -> list[str]:
     """What `build` writes beside its database."""
+    from cli.report import report_beside
     from formats.database import open_store
     from mapmyworld.exporting import export_beside
 
+    forget_products(path)
     progress.stage("export")
     with open_store(path, read_only=True) as store:
-        return export_beside(store, path, config)
+        written = export_beside(store, path, config)
+        progress.finish()
+        return written + report_beside(store, path, _cost(begun), progress, continued=False)
+
+
+def _tell_stale(path: Path, progress: StderrProgress) -> None:
+    stale = ", ".join(product.name for product in products_of(path))
+    if stale:
+        progress.note(f"{stale}: of the map before; `mapmyworld export` writes them anew")
 
 
 def require_maps(paths: Sequence[Path]) -> None:

@@ -58,6 +58,18 @@ def require_map_place(path: Path, inputs: Sequence[Path], *, export: bool) -> No
         raise MapError(f"{path}: the map's own {path.suffix} goes there: give a name ending in .db")
 
 
+def products_of(map_path: Path) -> list[Path]:
+    """What stands beside a map, of those files that commands write there."""
+    beside = [map_path.with_suffix(ending) for ending in PRODUCTS]
+    return [path for path in beside if path.is_file()]
+
+
+def forget_products(map_path: Path) -> None:
+    """Removes what stands beside a map and shows the one that was there before."""
+    for path in products_of(map_path):
+        path.unlink()
+
+
 def require_utf8(path: Path) -> None:
     """Refuses a name that the grid's YAML could not hold."""
     try:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,9 @@ from mapmyworld.map_figures import MapFigures, map_figures
 from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, OccupancyGrid, Poses
 from mapmyworld.types.wording import reason_of
 
+if TYPE_CHECKING:
+    from cli.progress import StderrProgress
+
 Floats = NDArray[np.float64]
 _LOOKED_AT = 20  # frames that show whether there are scans
 
@@ -43,6 +46,22 @@ def write_report(
     """The page as a file; with what the build took, where a file beside the map tells."""
     timing = timing or timing_beside(store)
     write_whole(path, report_html(report_contents(store, timing, every_match=every_match)))
+
+
+def report_beside(
+    store: MapStore,
+    map_path: Path,
+    cost: Mapping[str, Any],
+    progress: StderrProgress,
+    *,
+    continued: bool,
+) -> list[str]:
+    """The page about a map just made, and what its stages took, which the page shows apart."""
+    progress.stage("report")
+    page = map_path.with_suffix(".html")
+    write_report(store, page, note_timing(map_path, cost, progress.costs, continued=continued))
+    progress.finish()
+    return [str(page)]
 
 
 def timing_file(map_path: Path) -> Path:

@@ -6,6 +6,7 @@ import csv
 import hashlib
 import itertools
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -227,6 +228,28 @@ def test_logs_are_appended_to_a_map(folder: Path, tmp_path: Path) -> None:
     assert pair[1] is not None
     assert np.allclose(pair[0].map_from_node, pair[1].map_from_node, atol=0.01)
     assert {p.name for p in tmp_path.iterdir()} == {"map.db", "once.db"}
+
+
+def test_what_stands_beside_a_map_is_of_that_map(folder: Path, tmp_path: Path) -> None:
+    """The report, the cloud and the timing of before stood beside an extended map."""
+    out = tmp_path / "map.db"
+    assert run("build", folder / "one.mcap", "-o", out, "-q").exit_code == 0
+    (tmp_path / "map.ply").write_text("of a map with a camera")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    told = run("build", "--append", out, folder / "two.mcap", "--no-export")
+    assert "map.ply" in told.stderr
+    assert "of the map before" in told.stderr
+    shutil.copy(folder / "one.db", out)
+    done = run("build", "--append", out, folder / "two.mcap", "-q", "--format", "json")
+    written = {Path(name).name for name in json.loads(done.stdout)["files"]}
+    assert {path.name for path in tmp_path.iterdir()} == written | {"map.timing.json"}
+    assert "map.ply" not in written
+    after = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    changed = {name for name in after if after[name] != before[name]}
+    assert changed >= {"map.db", "map.tum", "map.html", "map.timing.json"}
+    assert "<dt>sessions</dt><dd>2</dd>" in after["map.html"].decode()
+    stages = [stage["name"] for stage in json.loads(after["map.timing.json"])["stages"]]
+    assert "join sessions" in stages
 
 
 def test_a_log_of_another_room_leaves_the_map_as_it_was(folder: Path, tmp_path: Path) -> None:

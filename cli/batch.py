@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("manifest", metavar="MANIFEST.toml", type=PATH)
+@click.argument("manifest", metavar="FOLDER|MANIFEST.toml", type=PATH)
 @click.option(
     "-o",
     "--output",
@@ -50,7 +50,9 @@ def batch(
     quiet: bool,
     style: str,
 ) -> None:
-    """Build the map of every log in MANIFEST, check it, and sum up: text, JSON, JUnit and HTML.
+    """Build the map of every log in FOLDER, check it, and sum up: text, JSON, JUnit and HTML.
+
+    A MANIFEST names the logs instead, with settings and requirements for each.
 
     Each log has a folder of its own under the output. Logs whose maps are finished are not done
     again, a build that was killed goes on where it stopped, and a broken log does not stop the
@@ -58,6 +60,7 @@ def batch(
     Exit code 2 where a log gave no map, 4 where a requirement is not met, 3 for partial maps.
 
     \b
+    mapmyworld batch recordings
     mapmyworld batch logs.toml -o maps --jobs 4
     mapmyworld batch logs.toml -o s3://robots/maps --scheduler tcp://cluster:8786
 
@@ -79,10 +82,10 @@ def batch(
     require = ["ate_rmse <= 0.1"]
     """
     from cli.batching.job import finished
-    from cli.batching.manifest import read_manifest
+    from cli.batching.manifest import jobs_of_folder, read_manifest
     from cli.batching.summary import as_json, as_text, exit_code
 
-    jobs = read_manifest(manifest)
+    jobs = jobs_of_folder(manifest) if manifest.is_dir() else read_manifest(manifest)
     place = _place(output)
     known = {} if again else {j.name: r for j in jobs if (r := finished(j, place)) is not None}
     waiting = [job for job in jobs if job.name not in known]

@@ -1,4 +1,6 @@
-"""The manifest of a batch: TOML that names logs, how to build them, and what their maps owe."""
+"""The jobs of a batch: of a folder of logs, or of a manifest, TOML that names logs, how to build
+them, and what their maps owe.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +19,8 @@ from mapmyworld.errors import ConfigError
 
 _FIELDS = {"name", "log", "method", "set", "require", "reference", "relations", "grid"}
 _NAME = re.compile(r"[\w.@+-]+")  # becomes a folder's name: no slash, no leading dot
+
+_NO_NAME = re.compile(r"[^\w.@+-]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +55,24 @@ def read_manifest(path: Path) -> tuple[Job, ...]:
     if problems:
         raise ConfigError(f"{path}: the batch cannot be run:", problems=problems)
     return tuple(job for job in jobs if job is not None)
+
+
+def jobs_of_folder(folder: Path) -> tuple[Job, ...]:
+    """A job for each log in a folder; raises `ConfigError` where there is none."""
+    from formats.logs.opening import logs_in
+
+    logs = logs_in(folder)
+    if not logs:
+        raise ConfigError(f"{folder}: no log in this folder: name another, or a manifest")
+    stems = [_stem(paths[0].name) for paths in logs]
+    names = [
+        stem if stems.count(stem) == 1 else paths[0].name
+        for stem, paths in zip(stems, logs, strict=True)
+    ]
+    return tuple(
+        Job(_NO_NAME.sub("_", name).lstrip(".") or "log", tuple(str(p.absolute()) for p in paths))
+        for name, paths in zip(names, logs, strict=True)
+    )
 
 
 def _job(entry: Any, defaults: Mapping[str, Any], folder: Path, problems: list[str]) -> Job | None:

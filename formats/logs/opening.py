@@ -14,6 +14,7 @@ from formats.logs.files import DECOMPRESSION_ERRORS, begins_about_as, open_binar
 from formats.logs.mcap_file import open_mcap
 from formats.logs.mcap_records import MAGIC as MCAP_MAGIC
 from formats.logs.merged import MergedLog
+from formats.logs.one_drive import require_one_drive
 from formats.logs.packed import PackedBag
 from formats.logs.recorded import RecordedLog
 from formats.logs.ros1_bag import open_ros1_bag
@@ -50,7 +51,51 @@ def open_log(paths: Sequence[Path | str]) -> LogSource:
     sources = [_open_one(Path(path)) for path in paths]
     if len(sources) == 1:
         return sources[0]
+    require_one_drive(sources)
     return MergedLog(sources)
+
+
+def logs_in(folder: Path) -> list[tuple[Path, ...]]:
+    """The logs in a folder, by name; the numbered parts of a split recording are one.
+
+    The folder itself, where it is one.
+    """
+    if _is_log_folder(folder):
+        return [(folder,)]
+    parts: dict[str, list[Path]] = {}
+    for path in sorted(folder.iterdir(), key=_numbered):
+        if _is_log_folder(path) or _is_log_file(path):
+            split = _PART.fullmatch(path.name)
+            whole = f"{split[1]}{split[3]}" if split else ""
+            if split and int(split[2]) == len(parts.get(whole, ())):
+                parts.setdefault(whole, []).append(path)
+            else:
+                parts[path.name] = [path]
+    return [tuple(found) for found in parts.values()]
+
+
+_PART = re.compile(r"(.+)_(\d+)(\..+)")
+_TEXT_LOGS = re.compile(r".+\.(log|clf|gfs)(\.bz2|\.gz)?")
+
+
+def _is_log_folder(path: Path) -> bool:
+    return path.is_dir() and (
+        (path / "metadata.yaml").is_file() or any(fits(path) for fits, _ in _FOLDERS)
+    )
+
+
+def _is_log_file(path: Path) -> bool:
+    if not path.is_file() or path.name.startswith("."):
+        return False
+    if path.name.endswith(_BAG_NAMES):
+        return True
+    if _TEXT_LOGS.fullmatch(path.name) is None:
+        return False
+    try:
+        start = _first_bytes(path)
+    except LogError:
+        return False
+    return any(mark in start for mark in MARKS)
 
 
 def _open_one(path: Path) -> LogSource:
@@ -77,7 +122,10 @@ def _open_folder(path: Path) -> LogSource:
         if listed:
             return _open_several(path, listed, _in_place_of_missing(path, listed))
     if found := _recordings_in(path):
-        return _open_several(path, found)
+        whole = _open_several(path, found)
+        if isinstance(whole, MergedLog):
+            require_one_drive(whole.sources)
+        return whole
     raise LogError(f"{path}: no log in this folder: name " + _KINDS)
 
 

@@ -82,8 +82,9 @@ def build(
     map.pgm + map.yaml are the grid, map.ply the cloud (where there is depth), map.tum the
     trajectory, map.html the report; map.timing.json says what each stage took.
 
-    Several LOGs that belong to one drive (split bags) are one log; other drives are refused. A map that exists already is
-    continued: stages that are done with the same inputs are not done again.
+    Several LOGs that belong to one drive (split bags) are one log; other drives are refused.
+    A map that exists already is continued: stages that are done with the same inputs are not
+    done again.
 
     \b
     mapmyworld build drive.mcap

@@ -76,7 +76,6 @@ BY_WORDS = {
     "leading slash": "nothing; frames are found all the same",
     "no /tf_static": "record it, or set sensing.scan_mount and sensing.camera_mount",
     "no header stamps": "have the driver fill header.stamp",
-    "hold no usable range": "see that ranges are in metres and within range_min and range_max",
     "clocks disagree": "keep the machines' clocks in step (chrony, PTP)",
     "when each beam was taken": "have the driver fill time_increment, or turn slowly",
     "3D points serve as scans": "nothing; turn slowly, or record a planar laser as well",

@@ -289,6 +289,10 @@ def test_all_topics_that_the_log_lacks_are_refused_at_once() -> None:
             "are its angles in degrees",
         ),
         ([scan_at(1)], "a map needs scans of two times"),
+        (
+            [scan_at(i * STEP_NS + 1, np.zeros(181)) for i in range(9)],
+            "not one usable range in the log",
+        ),
     ],
 )
 def test_scans_that_no_map_can_be_made_of_are_refused_with_the_reason(
@@ -309,6 +313,17 @@ def test_scans_that_no_map_can_be_made_of_are_refused_with_the_reason(
     plan = plan_of(entries)  # with the camera alone, and that is said
     assert plan.scan is None
     assert any(word in loss for loss in plan.losses)
+
+
+def test_a_laser_that_is_blind_for_the_first_half_is_used() -> None:
+    def half_blind(i: int) -> Message:
+        return scan_at(i * STEP_NS + 1, np.full(181, 2.0 if i > 9 else 0.0))
+
+    entries = [e for e in with_mount(drive()) if e[0] != "/scan"]
+    entries += [("/scan", half_blind(i), i * STEP_NS + 1) for i in range(20)]
+    plan = plan_of(entries)
+    assert plan.scan is not None
+    assert not plan.losses
 
 
 @pytest.mark.parametrize("metres", [np.nan, np.inf, 1e39])

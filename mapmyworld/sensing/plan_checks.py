@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from mapmyworld.sensing.plan import CameraSource, Draft, OdometrySource, ScanSource
-from mapmyworld.sensing.plan_lasers import valid_ranges
 from mapmyworld.sensing.silence import check_silence
 from mapmyworld.sensing.survey import Stream
 from mapmyworld.sensing.transforms import is_called
@@ -111,5 +110,3 @@ def _check_ranges(draft: Draft, stream: Stream) -> None:
     if nan:
         count = f"{nan:,} of {sum(len(s.ranges) for s in scans):,}"
         draft.warnings.append(f"{stream.topic}: {count} sampled ranges are NaN: left out")
-    if scans and not np.any([np.any(valid_ranges(s)) for s in scans]):
-        draft.losses.append(f"{stream.topic}: the sampled scans hold no usable range")

@@ -11,6 +11,7 @@ from mapmyworld.sensing.mounts import mount_of
 from mapmyworld.sensing.plan import Draft, ScanSource
 from mapmyworld.sensing.survey import Stream
 from mapmyworld.sensing.transforms import frame_name
+from mapmyworld.sensing.valid_ranges import valid_ranges
 from mapmyworld.types import LaserScanMessage, MessageKind, PointCloudMessage
 
 _TILTED = 0.17  # rad from level beyond which a laser does not see walls as walls
@@ -74,7 +75,7 @@ def _judge(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
     if not stream.frequency:
         return _FAULTY, f"{why}; a map needs scans of two times at least"
     if not returns:
-        return 0.01, f"{why}; not one usable range in the sample"
+        return _FAULTY, f"{why}; not one usable range in the log"
     return field * min(stream.frequency, 10.0) * (0.2 + returns) * (0.5 if assumed else 1.0), why
 
 
@@ -114,17 +115,6 @@ def _view(draft: Draft, cloud: PointCloudMessage, mount: NDArray[np.float64]) ->
     except LogError:
         return 0.0
     return view_of(scan_of_points(points, mount, draft.config))
-
-
-def valid_ranges(scan: LaserScanMessage) -> NDArray[np.bool_]:
-    """(N,) which beams came back from something: finite, above the minimum, below the maximum."""
-    ranges = scan.ranges
-    with np.errstate(invalid="ignore"):
-        return np.asarray(
-            np.isfinite(ranges)
-            & (ranges > max(0.0, scan.range_min))  # 0 where the limit is NaN
-            & (ranges < (scan.range_max if scan.range_max > 0 else np.inf))
-        )
 
 
 def share_of(mask: NDArray[np.bool_]) -> float:

@@ -12,8 +12,10 @@ from mapmyworld.errors import LogError
 from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion
 from mapmyworld.sensing.slopes import Forces
 from mapmyworld.sensing.transforms import TransformTree
+from mapmyworld.sensing.valid_ranges import valid_ranges
 from mapmyworld.types import (
     ImuMessage,
+    LaserScanMessage,
     LogInfo,
     LogSource,
     Message,
@@ -48,6 +50,8 @@ class Stream:
     """Log time at which it began."""
     undecodable: int = 0
     samples: list[Message] = field(default_factory=list)
+    has_returns: bool = False
+    """Whether a scan with a usable range is among them; until one is, all scans are looked at."""
     offsets_ns: array[int] = field(default_factory=lambda: array("q"))
     stamps_ns: array[int] = field(default_factory=lambda: array("q"))
     """Every header stamp, of laser scans only."""
@@ -136,17 +140,23 @@ class _Surveyor:
         self.end_ns = 0
 
     def add(self, raw: RawMessage) -> None:
-        is_other = raw.kind is MessageKind.OTHER
-        streams = self.others if is_other else self.streams
+        streams = self.others if raw.kind is MessageKind.OTHER else self.streams
         stream = streams.get(raw.topic)
         if stream is None:
             stream = streams[raw.topic] = Stream(raw.topic, raw.kind)
         stream.add(raw)
         if raw.log_time_ns > self.end_ns:
             self.end_ns = raw.log_time_ns
-        whole = raw.kind is MessageKind.TRANSFORMS or raw.kind is MessageKind.ODOMETRY
-        if not is_other and (whole or len(stream.samples) < _SAMPLES or self._wants_force(raw)):
+        if self._wants(raw, stream):
             self._decode(raw, stream)
+
+    def _wants(self, raw: RawMessage, stream: Stream) -> bool:
+        """Whether a message is decoded: all that move frames, of scans until one has a range."""
+        if raw.kind is MessageKind.OTHER:
+            return False
+        whole = raw.kind is MessageKind.TRANSFORMS or raw.kind is MessageKind.ODOMETRY
+        is_blind = raw.kind is MessageKind.LASER_SCAN and not stream.has_returns
+        return whole or is_blind or len(stream.samples) < _SAMPLES or self._wants_force(raw)
 
     def _wants_force(self, raw: RawMessage) -> bool:
         if raw.kind is not MessageKind.IMU:
@@ -159,8 +169,10 @@ class _Surveyor:
         except LogError:
             stream.undecodable += 1
             return
-        if len(stream.samples) < _SAMPLES:
+        found = isinstance(message, LaserScanMessage) and bool(valid_ranges(message).any())
+        if len(stream.samples) < _SAMPLES or (found and not stream.has_returns):
             stream.samples.append(message)
+        stream.has_returns |= found
         if isinstance(message, TransformsMessage):
             self.tree.add(message)
         elif isinstance(message, ImuMessage):

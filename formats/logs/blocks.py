@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from formats.logs.channels import Block, Channel, Index, Record
+from formats.logs.clock_steps import ClockSteps
 from formats.logs.files import open_binary
 from formats.logs.time_order import in_time_order
 
@@ -54,9 +55,11 @@ class _Found:
     def __init__(self) -> None:
         self._counts: dict[int, Counter[Channel]] = {}
         self._early: dict[int, int] = {}
+        self._clock = ClockSteps()
 
     def add(self, block: Block, records: list[Record]) -> None:
         """A block as it was read, the first time or again."""
+        self._clock.add(block.offset, records)
         self._counts[block.offset] = Counter(channel for _, channel, _ in records)
         earliest_ns = min((time for time, _, _ in records), default=block.start_ns)
         self._early[block.offset] = block.start_ns - earliest_ns
@@ -64,6 +67,12 @@ class _Found:
     def contradictions(self, name: object, index: Index, wanted: dict[int, Channel]) -> list[str]:
         """Where an index lies: what stands elsewhere than it says is not read, or in no order."""
         losses = list[str]()
+        set_back_s = self._clock.set_back_s()
+        if set_back_s:
+            losses.append(
+                f"{name}: the clock was set back by {set_back_s:.1f} s while recording: messages "
+                "of two times are mixed; record again, or cut the log there (`mapmyworld convert`)"
+            )
         early = max(self._early.values(), default=0)
         if early > 0:
             losses.append(

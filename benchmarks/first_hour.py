@@ -1,0 +1,275 @@
+"""A newcomer's first hour: what was broken there, done again as a user would, one line each.
+
+    python benchmarks/first_hour.py             # all items
+    python benchmarks/first_hour.py 7 12        # some of them
+
+Runs the installed command on sample_logs, on simulated logs and, where they are, on ../shared/data;
+prints what was run, what came, and whether that is as it should be. Exit code 1 where it is not.
+Items are functions `(desk) -> Came` in ITEMS, here and in first_hour_more.py.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import pty
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+SAMPLES = ROOT / "sample_logs"
+DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data"))
+_SHOWN = 110  # characters of what came
+
+
+@dataclass(frozen=True)
+class Came:
+    """What one item gave."""
+
+    run: str
+    told: str
+    ok: bool | None
+    """None where it could not be tried."""
+
+
+class Desk:
+    """A folder to work in, and the command."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def run(self, *words: object) -> subprocess.CompletedProcess[str]:
+        """`mapmyworld` with these words, in the folder."""
+        return subprocess.run(
+            [sys.executable, "-m", "cli.main", *map(str, words)],
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
+            check=False,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+        )
+
+    def json(self, *words: object) -> dict[str, object]:
+        """What it prints with --format json."""
+        return dict(json.loads(self.run(*words, "--format", "json").stdout))
+
+    def at_a_terminal(self, *words: object) -> str:
+        """What it shows on a terminal."""
+        shown = list[bytes]()
+
+        def keep(handle: int) -> bytes:
+            shown.append(os.read(handle, 65536))
+            return shown[-1]
+
+        here = Path.cwd()
+        os.chdir(self.folder)
+        silence = os.dup(1)
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), 1)
+            try:
+                pty.spawn([sys.executable, "-m", "cli.main", *map(str, words)], keep)
+            finally:
+                os.dup2(silence, 1)
+                os.chdir(here)
+        return b"".join(shown).decode("utf-8", "replace")
+
+    def simulated(self, name: str, *options: object) -> Path:
+        """A short drive in a simulated apartment, without a camera."""
+        path = self.folder / f"{name}.mcap"
+        if not path.exists():
+            words = ("simulate", "apartment", "-o", path, "--no-camera", "-q", *options)
+            done = self.run(*words)
+            assert path.exists(), done.stderr
+        return path
+
+    def sample_map(self) -> Path:
+        """The map of sample_logs/hall.bag."""
+        path = self.folder / "hall.db"
+        if not path.exists():
+            self.run("build", SAMPLES / "hall.bag", "-o", path, "-q")
+        return path
+
+
+def several_drives(desk: Desk) -> Came:
+    """1: logs of different drives are refused in one line."""
+    done = desk.run("build", SAMPLES)
+    lines = done.stderr.strip().splitlines()
+    ok = done.returncode == 2 and len(lines) == 1 and "batch" in lines[0]
+    return Came("build sample_logs", lines[-1], ok)
+
+
+def batch_of_a_folder(desk: Desk) -> Came:
+    """1: and `batch FOLDER` makes a map of each."""
+    done = desk.run("batch", SAMPLES, "-q")
+    return Came("batch sample_logs", _last(done), done.returncode in (0, 3))
+
+
+def appended(desk: Desk) -> Came:
+    """3: what stands beside an extended map is of that map; jumps are no path."""
+    desk.run("build", SAMPLES / "hall.bag", "-o", "both.db", "-q")
+    alone = desk.json("inspect", "map", "both.db")
+    again = desk.simulated("apart")
+    for ending in (".ply", ".html"):
+        (desk.folder / "both").with_suffix(ending).write_text("stale")
+    desk.run("build", "--append", "both.db", SAMPLES / "hall.bag", again, "-q")
+    both = desk.json("inspect", "map", "both.db")
+    page = (desk.folder / "both.html").read_text("utf-8")
+    ratio = both["length_m"] / alone["length_m"]  # type: ignore[operator]
+    ok = "stale" not in page and ratio < 2.1 and (desk.folder / "both.timing.json").exists()
+    told = f"{both['sessions']} sessions, path {ratio:.2f} times that of one; report is new"
+    return Came("build --append both.db hall.bag", told, ok)
+
+
+def carmen_at_a_terminal(desk: Desk) -> Came:
+    """7: no literal code ends the output."""
+    log = DATA / "laser" / "mit-csail.clf.bz2"
+    if not log.exists():
+        return _absent(log)
+    shown = desk.at_a_terminal("inspect", "log", log, "--quick")
+    return Came("inspect log mit-csail", shown.strip().splitlines()[-1], "\\x1b" not in shown)
+
+
+def failed_build(desk: Desk) -> Came:
+    """8: it leaves no map."""
+    path = desk.folder / "imu_only.mcap"
+    desk.run("convert", SAMPLES / "apartment.mcap", "-o", path, "--topic", "/imu", "-q")
+    done = desk.run("build", path, "-o", "dead.db", "-q")
+    left = (desk.folder / "dead.db").exists()
+    return Came("build imu_only.mcap", f"exit {done.returncode}, map left: {left}", not left)
+
+
+def figures_agree(desk: Desk) -> Came:
+    """9: terminal, report and `inspect map` show the same."""
+    built = desk.json("build", SAMPLES / "hall.bag", "-o", "figures.db", "-q")
+    seen = desk.json("inspect", "map", "figures.db")
+    page = (desk.folder / "figures.html").read_text("utf-8")
+    path, seconds = f"{built['distance_m']:.1f} m", f"{built['duration_s']:.0f} s"
+    ok = built["distance_m"] == seen["length_m"] and built["duration_s"] == seen["duration_s"]
+    ok = ok and f"<dd>{path}</dd>" in page and f"<dd>{seconds}</dd>" in page
+    return Came("build, inspect map, report", f"{path} in {seconds} in all three: {ok}", ok)
+
+
+def markdown(desk: Desk) -> Came:
+    """11: code spans hold what was given."""
+    options = ("--require", "nodes < 5", "--markdown", "check.md", "--allow-partial")
+    desk.run("check", desk.sample_map(), *options)
+    row = (desk.folder / "check.md").read_text("utf-8").splitlines()[-1]
+    return Came("check --markdown", row, "`nodes < 5`" in row)
+
+
+def shares(desk: Desk) -> Came:
+    """11: no share that misses a limit is shown as that limit."""
+    found = desk.run("inspect", "graph", desk.sample_map(), "--all").stdout
+    same = [line for line in found.splitlines() if "overlap 70% below 70%" in line]
+    return Came("inspect graph --all", f"{len(same)} of 'overlap 70% below 70%'", not same)
+
+
+def typos(desk: Desk) -> Came:
+    """12: what is mistyped is told; American spelling is understood."""
+    told = [desk.run(*words.split()).stderr for words in ("biuld", "inspct")]
+    asked = desk.run("build", "x.bag", "--resolution", "0.1").stderr
+    american = [desk.run(name, "--help").returncode for name in ("localize", "optimize")]
+    ok = "'build'" in told[0] and "'inspect'" in told[1] and american == [0, 0]
+    ok = ok and "mapping.resolution" in asked and "--resume" not in asked
+    return Came("biuld, inspct, localize, --resolution", asked.strip().splitlines()[-1], ok)
+
+
+def inspect_file(desk: Desk) -> Came:
+    """12: `inspect FILE` shows the log."""
+    done = desk.run("inspect", SAMPLES / "hall.bag", "--quick")
+    first = done.stdout.partition("\n")[0]
+    return Came("inspect hall.bag", first, "hall.bag" in first)
+
+
+def blind_laser(desk: Desk) -> Came:
+    """15: a log whose scans are all invalid is mapped with its camera."""
+    from formats.logs import open_log
+    from formats.recording import LogWriter
+    from mapmyworld.types import LaserScanMessage
+
+    path = desk.folder / "blind.mcap"
+    with LogWriter(path) as writer:
+        for raw in open_log([SAMPLES / "apartment.mcap"]).messages():
+            if raw.log_time_ns == 0 or raw.topic == "/robot_description":
+                continue
+            message = raw.decode()
+            if isinstance(message, LaserScanMessage):
+                message.ranges[:] = 0.0
+            writer.write(raw.topic, message, raw.log_time_ns)
+    done = desk.run("build", path, "-o", "blind.db", "-q", "--no-export")
+    return Came("build blind.mcap", f"exit {done.returncode}: {_last(done)}", done.returncode == 3)
+
+
+def optimised_here(desk: Desk) -> Came:
+    """16: the result goes into the current folder."""
+    graph = DATA / "graphs" / "tinyGrid3D.g2o"
+    if not graph.exists():
+        return _absent(graph)
+    done = desk.run("optimise", graph)
+    here = (desk.folder / "tinyGrid3D_optimised.g2o").exists()
+    return Came(f"optimise {graph.name}", f"exit {done.returncode}, in this folder: {here}", here)
+
+
+def rates(desk: Desk) -> Came:
+    """18: rates are those of the messages."""
+    found = desk.json("inspect", "log", SAMPLES / "apartment.mcap", "--quick")
+    topics = {t["topic"]: t["frequency_hz"] for t in found["log"]["topics"]}  # type: ignore[index]
+    info, image = (rate for name, rate in topics.items() if "/camera_ir/rgb" in name)
+    ok = bool(np.isclose(info, image, rtol=0.01))
+    return Came("inspect log apartment", f"camera_info {info:.2f} Hz, images {image:.2f} Hz", ok)
+
+
+def _last(done: subprocess.CompletedProcess[str]) -> str:
+    lines = (done.stdout + done.stderr).strip().splitlines()
+    return lines[-1] if lines else "no word"
+
+
+def _absent(path: Path) -> Came:
+    return Came("nothing", f"{path} is absent", None)
+
+
+ITEMS: dict[str, Callable[[Desk], Came]] = {
+    "1": several_drives,
+    "1 batch": batch_of_a_folder,
+    "3": appended,
+    "7": carmen_at_a_terminal,
+    "8": failed_build,
+    "9": figures_agree,
+    "11 markdown": markdown,
+    "11 shares": shares,
+    "12": typos,
+    "12 inspect": inspect_file,
+    "15 blind": blind_laser,
+    "16": optimised_here,
+    "18": rates,
+}
+
+
+def main() -> None:
+    """Runs the items that are named, or all."""
+    items = dict(ITEMS)
+    if (Path(__file__).parent / "first_hour_more.py").exists():
+        items |= importlib.import_module("first_hour_more").ITEMS
+    wanted = [n for n in items if not sys.argv[1:] or n.split()[0] in sys.argv[1:]]
+    failed = 0
+    with tempfile.TemporaryDirectory(prefix="first-hour-") as folder:
+        for name in sorted(wanted, key=lambda n: (int(n.split()[0]), n)):
+            try:
+                came = items[name](Desk(Path(folder)))
+            except Exception as error:  # one that cannot be told is one that is not as it should be
+                came = Came("?", f"{type(error).__name__}: {error}", False)
+            verdict = {True: "ok", False: "NOT OK", None: "not tried"}[came.ok]
+            failed += came.ok is False
+            print(f"{name:12} {verdict:9} {came.run}: {came.told[:_SHOWN]}", flush=True)
+    sys.exit(failed > 0)
+
+
+if __name__ == "__main__":
+    main()

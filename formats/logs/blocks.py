@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from formats.logs.channels import Block, Channel, Index, Record
-from formats.logs.clock_steps import ClockSteps
+from formats.logs.clock_steps import ClockStep, ClockSteps
 from formats.logs.files import open_binary
 from formats.logs.time_order import in_time_order
 
@@ -55,11 +55,9 @@ class _Found:
     def __init__(self) -> None:
         self._counts: dict[int, Counter[Channel]] = {}
         self._early: dict[int, int] = {}
-        self._clock = ClockSteps()
 
     def add(self, block: Block, records: list[Record]) -> None:
         """A block as it was read, the first time or again."""
-        self._clock.add(block.offset, records)
         self._counts[block.offset] = Counter(channel for _, channel, _ in records)
         earliest_ns = min((time for time, _, _ in records), default=block.start_ns)
         self._early[block.offset] = block.start_ns - earliest_ns
@@ -67,12 +65,6 @@ class _Found:
     def contradictions(self, name: object, index: Index, wanted: dict[int, Channel]) -> list[str]:
         """Where an index lies: what stands elsewhere than it says is not read, or in no order."""
         losses = list[str]()
-        set_back_s = self._clock.set_back_s()
-        if set_back_s:
-            losses.append(
-                f"{name}: the clock was set back by {set_back_s:.1f} s while recording: messages "
-                "of two times are mixed; record again, or cut the log there (`mapmyworld convert`)"
-            )
         early = max(self._early.values(), default=0)
         if early > 0:
             losses.append(
@@ -103,6 +95,9 @@ class BlockFile:
         self._index: Index | None = None
         self._losses: list[str] = []
         self._checked: set[int] = set()
+        self._clock = ClockSteps()
+        self.clock_step: ClockStep | None = None
+        """Where the clock was set back; known once the file was read."""
 
     def index(self) -> Index:
         """Blocks and channels; read from the file's summary, or by looking through all of it."""
@@ -141,6 +136,10 @@ class BlockFile:
                 try:
                     records = self._read_block(stream, block, wanted, check)
                     self._checked.add(block.offset)
+                    if check:
+                        self._clock.add(block.offset, records)
+                    if self.clock_step is not None:
+                        records = self.clock_step.mended(block, records)
                     found.add(block, records)
                     return records
                 except DamagedBlockError as error:
@@ -151,5 +150,18 @@ class BlockFile:
                     return []
 
             yield from in_time_order(blocks, read)
+        if self.clock_step is None:
+            self._mend(self._clock.found())
         if not losses:
             losses += found.contradictions(self.path, index, wanted)
+
+    def _mend(self, step: ClockStep | None) -> None:
+        """From now on the log is as if its clock had not been set back."""
+        if step is None:
+            return
+        self.clock_step, index = step, self.index()
+        index.blocks[:] = [step.moved(block) for block in index.blocks]
+        index.problems.append(
+            f"{self.path}: the clock was set back by {step.back_ns * 1e-9:.1f} s while recording: "
+            "what follows is moved by as much"
+        )

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from formats.logs.clock_steps import ClockStep
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +96,10 @@ class Container(Protocol):
 
     def losses(self) -> tuple[str, ...]:
         """What could not be read so far, for people."""
+
+    @property
+    def clock_step(self) -> ClockStep | None:
+        """Where the clock was set back while recording; known once all was read."""
 
 
 def normalised_type(name: str) -> str:

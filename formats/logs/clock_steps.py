@@ -3,41 +3,107 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from formats.logs.channels import Channel, Record
+from formats.logs.channels import Block, Channel, Record
 
 _LEAST_NS = 10**9  # less is a recorder that wrote late
-_ALIKE_NS = 10**9  # by which topics may differ in how far they step back: their own periods
+_ALIKE_NS = 10**9  # by which topics may differ in how far they step back
 _FEWEST = 2  # topics that must bear it out; one alone may be out of order in itself
+
+Place = tuple[int, int]
+"""Offset of a block, and number among the records of one channel in it."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockStep:
+    """By how much a clock was set back, and what came after that."""
+
+    back_ns: int
+    places: dict[Channel, Place]
+    """Each channel's first record by the new clock."""
+
+    @property
+    def first_offset(self) -> int:
+        """Of the block in which the new clock begins."""
+        return min(offset for offset, _ in self.places.values())
+
+    def moved(self, block: Block) -> Block:
+        """The block with times between which its records are, once mended."""
+        if block.offset < self.first_offset:
+            return block
+        moved_ns = self.back_ns if block.offset > self.first_offset else 0
+        start_ns, end_ns = block.start_ns + moved_ns, block.end_ns + self.back_ns
+        return replace(block, start_ns=start_ns, end_ns=end_ns)
+
+    def mended(self, block: Block, records: Sequence[Record]) -> list[Record]:
+        """The block's records, in their order there, as if the clock had not been set."""
+        seen: dict[Channel, int] = {}
+        found = []
+        for time, channel, data in records:
+            number = seen[channel] = seen.get(channel, -1) + 1
+            after = (block.offset, number) >= self.places.get(channel, (self.first_offset + 1, 0))
+            found.append((time + self.back_ns if after else time, channel, data))
+        return found
+
+
+@dataclass(slots=True)
+class _Run:
+    """A channel's log times in one block."""
+
+    first: int
+    last: int
+    count: int = 1
+    steps: list[tuple[int, int]] = field(default_factory=list)
+    """Number of a record, and by how much it lies before the one before it."""
+
+    def add(self, time: int) -> None:
+        """One more record's."""
+        if self.last - time > _LEAST_NS:
+            self.steps.append((self.count, self.last - time))
+        self.last, self.count = time, self.count + 1
 
 
 class ClockSteps:
     """Notes, block by block, where a channel's log times step back in the order of the file."""
 
     def __init__(self) -> None:
-        self._spans: dict[int, dict[Channel, tuple[int, int, int]]] = {}
+        self._runs: dict[Channel, dict[int, _Run]] = {}
 
     def add(self, offset: int, records: Sequence[Record]) -> None:
         """The records of the block at an offset, in their order there."""
-        spans: dict[Channel, tuple[int, int, int]] = {}
+        runs: dict[Channel, _Run] = {}
         for time, channel, _ in records:
-            first, last, step = spans.get(channel, (time, time, 0))
-            spans[channel] = first, time, max(step, last - time)
-        self._spans[offset] = spans
+            if channel in runs:
+                runs[channel].add(time)
+            else:
+                runs[channel] = _Run(time, time)
+        for channel, run in runs.items():
+            self._runs.setdefault(channel, {})[offset] = run
 
-    def set_back_s(self) -> float:
-        """Seconds by which the clock was set back; 0 where it was not."""
-        last: dict[Channel, int] = {}
-        steps: dict[Channel, list[int]] = {}
-        for offset in sorted(self._spans):
-            for channel, (first, end, inside) in self._spans[offset].items():
-                back = max(last.get(channel, first) - first, inside)
-                last[channel] = end
-                if back > _LEAST_NS:
-                    steps.setdefault(channel, []).append(back)
-        backs = [found[0] for found in steps.values() if len(found) == 1]
-        if len(backs) < max(_FEWEST, len(steps)) or np.ptp(backs) > _ALIKE_NS:
-            return 0.0
-        return float(np.median(backs)) * 1e-9
+    def found(self) -> ClockStep | None:
+        """The one time at which the clock was set back; None where it was not."""
+        steps = {channel: _steps(runs) for channel, runs in self._runs.items()}
+        once = {channel: found[0] for channel, found in steps.items() if len(found) == 1}
+        backs = [back for _, back in once.values()]
+        if len(once) < max(_FEWEST, sum(map(bool, steps.values()))) or np.ptp(backs) > _ALIKE_NS:
+            return None
+        places = {channel: place for channel, (place, _) in once.items()}
+        return ClockStep(int(np.median(backs)), places)
+
+
+def _steps(runs: dict[int, _Run]) -> list[tuple[Place, int]]:
+    """Where a channel steps back, and by how much, its period counted in."""
+    found, last, passed, count = list[tuple[Place, int]](), None, 0, 0
+    for offset in sorted(runs):
+        run = runs[offset]
+        if last is not None and last - run.first > _LEAST_NS:
+            found.append(((offset, 0), last - run.first))
+        found += [((offset, number), back) for number, back in run.steps]
+        passed += run.last - run.first + sum(back for _, back in run.steps)
+        count += run.count - 1 - len(run.steps)
+        last = run.last
+    period = passed // count if count else 0
+    return [(place, back + period) for place, back in found]

@@ -15,6 +15,7 @@ import zstandard
 from formats.limits import check_unpacked
 from formats.logs.blocks import BlockFile
 from formats.logs.channels import Index, Record
+from formats.logs.clock_steps import ClockStep
 from formats.logs.mcap_file import open_mcap
 from formats.logs.mcap_records import MAGIC as MCAP_MAGIC
 from formats.logs.rosbag2 import SqliteBag
@@ -37,6 +38,10 @@ class PackedBag:
     @property
     def name(self) -> str:
         return f"{self._unpacked().name}, packed with zstd"
+
+    @property
+    def clock_step(self) -> ClockStep | None:
+        return self._unpacked().clock_step
 
     def files(self) -> tuple[Path, ...]:
         return (self.path,)

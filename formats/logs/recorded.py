@@ -9,6 +9,7 @@ from formats.bounds import LATEST_NS
 from formats.logs.channels import Channel, Container, Record
 from formats.logs.decoding import ChannelDecoder, decoder_for
 from formats.logs.files import hash_files
+from formats.logs.moved_stamps import moved_stamps
 from formats.logs.topics import merged_topics
 from mapmyworld.types import LogInfo, RawMessage, TopicInfo
 
@@ -51,6 +52,11 @@ class RecordedLog:
             yield min(max(time, 0), LATEST_NS), channel, data
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
+        step = self.container.clock_step
+        raws = self._messages(topics)
+        yield from raws if step is None else (moved_stamps(raw, step.back_ns) for raw in raws)
+
+    def _messages(self, topics: Collection[str] | None) -> Iterator[RawMessage]:
         decoders = self._decoders
         for time, channel, data in self.container.records(topics):
             decoder = decoders.get(channel)

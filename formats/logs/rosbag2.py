@@ -13,6 +13,7 @@ import zstandard
 from formats.limits import limits
 from formats.logs.blocks import DamagedBlockError
 from formats.logs.channels import Block, Channel, Index, Record, normalised_type
+from formats.logs.clock_steps import ClockStep
 from formats.logs.compression import decompress, decompress_beginning
 from formats.logs.mcap_records import is_transient_local
 from formats.logs.rosbag2_salvage import Salvage, salvage
@@ -65,6 +66,7 @@ class SqliteBag:
     """A Container over one .db3 file."""
 
     name = "rosbag2 (sqlite3)"
+    clock_step: ClockStep | None = None  # rows are read by their times alone
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -207,15 +207,17 @@ def survey_log(
 
     `every_topic`: those of unknown types as well, for their times.
     """
-    surveyor = _Surveyor()
     ignored = {
         t.topic for t in log.info().topics if t.kind is MessageKind.OTHER and not every_topic
     }
     wanted = [t.topic for t in log.info().topics if t.topic not in ignored]
-    for raw in log.messages(wanted if log.info().topics else None):
-        surveyor.add(raw)
-        if watch is not None:
-            watch(raw.log_time_ns)
+    end_ns = None
+    while end_ns != log.info().end_ns:  # which moves where a clock was set: then all is read again
+        end_ns, surveyor = log.info().end_ns, _Surveyor()
+        for raw in log.messages(wanted if log.info().topics else None):
+            surveyor.add(raw)
+            if watch is not None:
+                watch(raw.log_time_ns)
     surveyor.tree.finish()
     return Survey(
         info=_timed(log.info(), surveyor.others | surveyor.streams),

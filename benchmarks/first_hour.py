@@ -193,6 +193,32 @@ def inspect_file(desk: Desk) -> Came:
     return Came("inspect hall.bag", first, "hall.bag" in first)
 
 
+def clock_set_back(desk: Desk) -> Came:
+    """15: what follows a clock that was set back by 7 s is moved, and that is said."""
+    from formats.logs import open_log
+    from formats.recording import LogWriter
+    from mapmyworld.types import TransformsMessage
+
+    path, plain = desk.folder / "set_back.mcap", desk.simulated("one")
+    middle, back = open_log([plain]).info().start_ns + 30 * 10**9, 7 * 10**9
+    with LogWriter(path) as writer:
+        for raw in open_log([plain]).messages():
+            late = back if raw.log_time_ns >= middle else 0
+            if raw.topic == "/robot_description":
+                continue
+            message = raw.decode()
+            if isinstance(message, TransformsMessage):
+                moved = (replace(t, stamp_ns=t.stamp_ns - late) for t in message.transforms)
+                message = replace(message, transforms=tuple(moved))
+            else:
+                message = replace(message, stamp_ns=message.stamp_ns - late)
+            writer.write(raw.topic, message, raw.log_time_ns - late)
+    done = desk.run("build", path, "-o", "set_back.db", "-q", "--no-export")
+    first = done.stdout.partition("\n")[0]
+    ok = done.returncode == 3 and "the clock was set back by 7.0 s" in done.stderr
+    return Came("build set_back.mcap", f"exit {done.returncode}, {first}", ok)
+
+
 def blind_laser(desk: Desk) -> Came:
     """15: a log whose scans are all invalid is mapped with its camera."""
     from formats.logs import open_log
@@ -252,6 +278,7 @@ ITEMS: dict[str, Callable[[Desk], Came]] = {
     "12": typos,
     "12 inspect": inspect_file,
     "15 blind": blind_laser,
+    "15 clock": clock_set_back,
     "16": optimised_here,
     "18": rates,
 }

@@ -56,6 +56,13 @@ def test_every_message_says_what_to_do_about_it() -> None:
     assert [entry.text for entry in told if len(entry.remedy) < 9] == []
 
 
+def test_no_remedy_is_left_of_words_that_nothing_says() -> None:
+    """It no longer stood beside a message that had been reworded."""
+    told = "\n".join(entry.text for entry in messages.gathered())
+    unsaid = [words for words in messages.BY_WORDS if words not in told]
+    assert unsaid == ["Permission denied"]  # the system's words
+
+
 @pytest.mark.parametrize(
     "words",
     [

@@ -61,6 +61,7 @@ def test_switches_are_read_from_text(text: str, expected: bool) -> None:
         ("odometry.contradiction", 1e300, "a number from 1e-15 to 1e"),
         ("graph.iterations", 10**23, "a number from 1e-15 to 1e"),
         ("seed", 1 << 64, "from 0 to"),
+        ("sensing.scan_offset", 1e10, "from -1e"),
         ("places.vocabulary", "\0", "text without zero bytes"),
     ],
 )

@@ -31,6 +31,7 @@ class Range:
 
 Positive = Annotated[float, Range(0.0, is_open=True)]
 FromZero = Annotated[float, Range(0.0)]
+Shift = Annotated[float, Range(-1e9, 1e9)]  # s; what 64 bits of nanoseconds hold, and to spare
 Share = Annotated[float, Range(0.0, 1.0)]
 Unlikely = Annotated[float, Range(0.0, 0.5, is_open=True)]
 Likely = Annotated[float, Range(0.5, 1.0, is_open=True)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mapmyworld.config.ranges import FromZero, Positive
+from mapmyworld.config.ranges import FromZero, Positive, Shift
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,10 +19,10 @@ class SensingConfig:
     base_frame: str = ""  # empty = chosen by the plan
     scan_mount: str = ""  # "x y z roll pitch yaw" of the laser on the base; empty = from tf
     camera_mount: str = ""  # the same for the camera's optical frame; empty = from tf
-    odometry_offset: float = 0.0  # s added to the stamps of the odometry; 0 = by what is measured
-    scan_offset: float = 0.0  # s added to the stamps of the laser
-    camera_offset: float = 0.0  # s added to the stamps of the cameras
-    imu_offset: float = 0.0  # s added to the stamps of the inertial sensor
+    odometry_offset: Shift = 0.0  # s added to the stamps of the odometry; 0 = by what is measured
+    scan_offset: Shift = 0.0  # s added to the stamps of the laser
+    camera_offset: Shift = 0.0  # s added to the stamps of the cameras
+    imu_offset: Shift = 0.0  # s added to the stamps of the inertial sensor
     image_tolerance: FromZero = 0.02  # s between colour and depth of one frame
     frame_tolerance: FromZero = 0.05  # s between the sensors of one frame
     node_distance: FromZero = 0.1  # m of motion that makes a new node

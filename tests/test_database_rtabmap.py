@@ -278,13 +278,15 @@ def test_information_is_written_exactly_symmetric(tmp_path: Path) -> None:
         for number in (1, 2):
             store.add_node(node(number), NodeData())
         store.add_constraints([constraint(1, 2, ConstraintKind.NEIGHBOUR, information=turned)])
+    with open_store(tmp_path / "map.db", read_only=True) as store:
         kept = store.constraints()[0].information
     decoder = decode.Decoder(tmp_path / "map.db")
     links = [decode.information(row["information_matrix"]) for row in decoder.rows("Link")]
     decoder.close()
-    for matrix in (kept, *links):
+    for matrix in links:
         np.testing.assert_array_equal(matrix, matrix.T)
-    np.testing.assert_allclose(kept, turned, rtol=1e-12)
+    # What was measured is read as it was: a build that is resumed must come to the same poses.
+    np.testing.assert_array_equal(kept, turned)
 
 
 def test_information_that_rtabmap_refuses_is_made_weak(tmp_path: Path) -> None:

@@ -12,13 +12,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.database.blobs import (
-    doubles,
-    information_to_blob,
-    pose_to_blob,
-    stacked_doubles,
-    symmetric,
-)
+from formats.database.blobs import doubles, information_to_blob, pose_to_blob, stacked_doubles
 from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import invert
@@ -86,7 +80,7 @@ def constraint_rows(numbered: Iterable[tuple[int, int, Constraint]]) -> Iterator
             c.to_id,
             str(c.kind),
             np.asarray(c.from_from_to, "<f8").tobytes(),
-            np.asarray(symmetric(c.information), "<f8").tobytes(),
+            np.asarray(c.information, "<f8").tobytes(),
             type(c.source).__name__,
             json.dumps(asdict(c.source)),
         )

@@ -2,4 +2,4 @@
 
 from mapmyworld.types import Judge, Verdict, Why
 
-REJECTED = Verdict(Judge.LASER, False, Why.LOW_SCORE, {"limit": 0.5})
+REJECTED = Verdict(Judge.LASER, False, Why.LITTLE_EVIDENCE, {"evidence": 12.0, "limit": 30.0})

@@ -75,9 +75,21 @@ def test_closures_that_fit_or_come_from_elsewhere_stay(same: tuple[NodeScans, Po
     assert kept[1] is by_images
 
 
-def test_a_closure_that_the_final_poses_deny_is_rejected() -> None:
+def test_a_closure_that_the_final_poses_deny_does_not_stand() -> None:
+    """Beside it stands what the same places measure from the final poses."""
     scans, poses = visits(0.6)
     false = closure(np.array([0.6, 0.0, 0.0]), ConstraintKind.LOOP_CLOSURE, ScanMatch(score=0.8))
-    (judged,) = review_closures([false], poses, CONFIG, scans)
+    judged, anew = review_closures([false], poses, CONFIG, scans)
     assert not judged.accepted
-    assert "misses the refined poses by 0.60 m" in reason_of(judged)
+    error = between_planar(between_planar(TRUTH[A], TRUTH[B]), matrix_to_planar(anew.from_from_to))
+    assert np.hypot(*error[:2]) < 0.02
+
+
+def test_a_closure_that_nothing_measures_from_the_final_poses_is_rejected() -> None:
+    scans, poses = visits(0.0)
+    matrices = poses.map_from_node.copy()
+    matrices[B - 10 :] = planar_to_matrix(np.array([0.0, 9.0, 0.0])) @ matrices[B - 10 :]
+    true = closure(np.zeros(3), ConstraintKind.LOOP_CLOSURE, ScanMatch(score=0.8))
+    (judged,) = review_closures([true], Poses(poses.ids, matrices, None), CONFIG, scans)
+    assert not judged.accepted
+    assert "misses the refined poses by 9.00 m" in reason_of(judged)

@@ -34,10 +34,10 @@ def test_what_a_person_wrote_is_shown_as_written() -> None:
 
 def test_a_verdict_without_its_numbers_is_named_by_its_ground() -> None:
     """As a damaged map may hold it."""
-    assert in_words(Verdict(Judge.LASER, False, Why.LOW_OVERLAP)) == "low overlap"
+    assert in_words(Verdict(Judge.LASER, False, Why.LOW_SHARE)) == "low share of matches agrees"
 
 
-@pytest.mark.parametrize(("why", "name"), [(Why.LOW_OVERLAP, "overlap"), (Why.LOW_SHARE, "share")])
+@pytest.mark.parametrize(("why", "name"), [(Why.LOW_SHARE, "share")])
 def test_a_share_that_misses_its_limit_does_not_round_up_to_it(why: Why, name: str) -> None:
     text = in_words(Verdict(Judge.LASER, False, why, {name: 0.6996, "limit": 0.7}))
     assert "69%" in text
@@ -47,8 +47,8 @@ def test_a_share_that_misses_its_limit_does_not_round_up_to_it(why: Why, name: s
 @pytest.mark.parametrize("overlap", [np.inf, np.nan])
 def test_a_share_that_is_no_number_is_named_by_its_ground(overlap: float) -> None:
     """As a damaged map may hold it."""
-    numbers = {"overlap": overlap, "limit": 0.7}
-    assert in_words(Verdict(Judge.LASER, False, Why.LOW_OVERLAP, numbers)) == "low overlap"
+    numbers = {"share": overlap, "limit": 0.7}
+    assert in_words(Verdict(Judge.LASER, False, Why.LOW_SHARE, numbers)) == "low share of matches agrees"
 
 
 def _numbers(template: str) -> dict[str, float]:

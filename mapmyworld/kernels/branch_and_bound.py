@@ -45,6 +45,7 @@ def _exceeds(
     cells: NDArray[np.int32],
     column: int,
     row: int,
+    outside: int,
     least: int,
 ) -> int:
     """The sum over all points, or -1 as soon as it cannot exceed `least`."""
@@ -56,7 +57,7 @@ def _exceeds(
     total = 0
     for i in range(count):
         x, y = np.uint64(cells[i, 0] + column), np.uint64(cells[i, 1] + row)
-        value = 0
+        value = outside
         if x < width and y < height:
             value = int(level[y, x])
         total += value
@@ -73,6 +74,7 @@ def best_shift(
     points: NDArray[np.float64],
     corner: NDArray[np.float64],
     resolution: float,
+    outside: int,
     guess: NDArray[np.float64],
     reach: int,
     angles: NDArray[np.float64],
@@ -83,7 +85,8 @@ def best_shift(
     """Fills `result` (score, x, y, yaw) with the best pose that scores above `least`.
 
     Shifts reach `reach` cells to each side of `guess`, at the yaws `guess + angles`. Poses within
-    `avoid` = (x, y, yaw, metres, radians) are left out. `margin` cells pad the grid on all sides.
+    `avoid` = (x, y, yaw, metres, radians) are left out. `margin` cells pad the grid on all sides,
+    beyond which every cell is worth `outside`.
     """
     top = pyramid.shape[0] - 1
     side, turns, count = 1 << top, len(angles), len(points)
@@ -99,7 +102,7 @@ def best_shift(
         for a in range(starts):
             for b in range(starts):
                 column, row = a * side - reach, b * side - reach
-                bound = _exceeds(pyramid[top], cells[turn], column, row, best)
+                bound = _exceeds(pyramid[top], cells[turn], column, row, outside, best)
                 if bound > best:
                     roots[found, 0], roots[found, 1], roots[found, 2] = turn, column, row
                     bounds[found] = bound
@@ -133,7 +136,7 @@ def best_shift(
                     c, r = column + a * half, row + b * half
                     if c > reach or r > reach:
                         continue
-                    bound = _exceeds(pyramid[level - 1], cells[turn], c, r, best)
+                    bound = _exceeds(pyramid[level - 1], cells[turn], c, r, outside, best)
                     if bound <= best:
                         continue
                     k = depth  # the most promising comes to the top of the stack

@@ -31,19 +31,24 @@ def between_poses(a: Array, b: Array) -> Array:
 
 
 @jit
-def motion_variances(step: Array, share: float, floor: float, scale: float) -> Array:
-    """Variances (3,) of a recorded motion (x, y, yaw): a share of it, and a floor."""
+def motion_variances(step: Array, share: float, floor: float, scales: Array) -> Array:
+    """Variances (3,) of a recorded motion (x, y, yaw): a share of it, and a floor.
+
+    `scales` (2,) are the factors on the variances of position and heading that the log showed.
+    """
     distance, angle = np.hypot(step[0], step[1]), abs(step[2])
-    along = floor + share * distance + 0.2 * share * angle
-    turn = 0.5 * floor + share * angle + 0.3 * share * distance
-    return np.array([along * along * scale, along * along * scale, turn * turn * scale])
+    along = share * distance + 0.2 * share * angle
+    turn = share * angle + 0.3 * share * distance
+    position = floor * floor + along * along * scales[0]
+    return np.array([position, position, 0.25 * floor * floor + turn * turn * scales[1]])
 
 
 @jit
-def surprise_of(predicted: Array, pose: Array, information: Array, variances: Array) -> float:
-    """Squared sigmas between prediction and match, the prior's pull on the match undone.
+def innovation(predicted: Array, pose: Array, information: Array, variances: Array) -> Array:
+    """(7,): the match less the prediction, the match's own variances, and their NIS.
 
-    `information` (3, 3) is the match's own, `variances` (3,) are the prediction's.
+    The prior's pull on the match is undone. `information` (3, 3) is the match's own, `variances`
+    (3,) are the prediction's; the NIS (normalised innovation squared) has three degrees of freedom.
     """
     error = between_poses(predicted, pose)
     known = information.copy()
@@ -52,14 +57,15 @@ def surprise_of(predicted: Array, pose: Array, information: Array, variances: Ar
     own = invert3(known)
     total = own.copy()
     x, y, yaw = error[0] / variances[0], error[1] / variances[1], error[2] / variances[2]
+    result = np.zeros(7)
     for i in range(3):
         error[i] += own[i, 0] * x + own[i, 1] * y + own[i, 2] * yaw
         total[i, i] += variances[i]
+        result[i], result[3 + i] = error[i], own[i, i]
     weights = invert3(total)
-    result = 0.0
     for i in range(3):
         for j in range(3):
-            result += error[i] * weights[i, j] * error[j]
+            result[6] += error[i] * weights[i, j] * error[j]
     return result
 
 
@@ -87,14 +93,10 @@ def step_covariance(
     step: Array,
     information: Array,
     variances: Array,
-    doubt: Array,
     keyscan_distance: float,
     keyscan_angle: float,
 ) -> Array:
-    """Covariance (3, 3) of a matched step: errors add up from keyscan to keyscan only.
-
-    `doubt` (3,) are variances on top, where odometry and match disagree.
-    """
+    """Covariance (3, 3) of a matched step: errors add up from keyscan to keyscan only."""
     moved = max(np.hypot(step[0], step[1]) / keyscan_distance, abs(step[2]) / keyscan_angle)
     share = min(max(moved, _LEAST_SHARE), 1.0)
     if moved > _STILL and leaves_open(information):
@@ -106,5 +108,5 @@ def step_covariance(
     for i in range(3):
         for j in range(3):
             covariance[i, j] *= share
-        covariance[i, i] += _STEP_VARIANCE + doubt[i]
+        covariance[i, i] += _STEP_VARIANCE
     return covariance

@@ -8,31 +8,34 @@ from numpy.typing import NDArray
 from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.kernels.laser_motion import (
     between_poses,
+    innovation,
     leaves_open,
     motion_variances,
     step_covariance,
-    surprise_of,
     wrapped,
 )
-from mapmyworld.kernels.scan_alignment import Rows, align
+from mapmyworld.kernels.scan_alignment import Rows, align, invert3
+from mapmyworld.kernels.wheel_model import anchor, learn, reckon, reckoned_variances
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_MEMORY = 0.95  # weight of the past in the running mean of squared surprises
-_MOVES = 0.01  # m and rad from which a frame's motion tells about odometry
-_LARGEST = 400.0  # squared sigmas that one step may teach
+_MEMORY = 0.95  # weight of the past in the running mean of disagreements
+_LARGEST = 9.0  # that one disagreement may teach, times its variance
+_FAINT = 1e-3  # information that keeps an open direction finite
 _WELL_EXPLAINED = 0.75  # overlap below which a scan joins the submap sooner
 _SOONER = 0.3  # of the motion after which others do
 
 
 @jit
-def learnt_scale(scale: float, recorded: Array, moved: Array, surprise: float) -> float:
-    """The factor on the odometry's variances after one more surprise (squared sigmas)."""
-    squared = min(surprise / 3.0 * scale, _LARGEST)
-    for i in range(3):
-        if max(abs(moved[i]), abs(recorded[i])) > _MOVES:
-            return max(_MEMORY * scale + (1.0 - _MEMORY) * squared, 1.0)
-    return scale
+def is_new(
+    pose: Array, overlap: float, distance: float, angle: float, key_poses: Array, keys: Index
+) -> bool:
+    """Whether a scan at this pose says something that the newest keyframe does not."""
+    if keys[1] == 0:
+        return True
+    step = between_poses(key_poses[keys[0]], pose)
+    near = 1.0 if overlap > _WELL_EXPLAINED else _SOONER
+    return bool(np.hypot(step[0], step[1]) >= near * distance or abs(step[2]) >= near * angle)
 
 
 @jit
@@ -40,17 +43,14 @@ def remember_scan(
     rows: Rows, origin: Array, pose: Array, overlap: float, distance: float, angle: float,
     key_rows: NDArray[np.float32], key_counts: Index, key_origins: Array, key_poses: Array,
     keys: Index,
-) -> None:  # fmt: skip
-    """Lets a scan join the submap, a ring of keyscans, where it says something new.
+) -> bool:  # fmt: skip
+    """Lets a scan join the submap, a ring of keyscans, where it says something new; if it did.
 
     `keys` holds the slot of the newest keyscan and how many there are.
     """
     slots = len(key_counts)
-    if keys[1] > 0:
-        step = between_poses(key_poses[keys[0]], pose)
-        near = 1.0 if overlap > _WELL_EXPLAINED else _SOONER
-        if np.hypot(step[0], step[1]) < near * distance and abs(step[2]) < near * angle:
-            return
+    if not is_new(pose, overlap, distance, angle, key_poses, keys):
+        return False
     slot = (keys[0] + 1) % slots
     # Number by number: numba's assignment of slices takes seconds to compile.
     for i in range(len(rows)):
@@ -61,6 +61,7 @@ def remember_scan(
     for i in range(3):
         key_poses[slot, i] = pose[i]
     keys[0], keys[1] = slot, min(keys[1] + 1, slots)
+    return True
 
 
 @jit
@@ -104,6 +105,42 @@ def match_keyscans(
             slot += 1
 
 
+@jit
+def learn_matching(
+    rows: Rows, first: int, last: int,
+    key_rows: NDArray[np.float32], key_counts: Index, key_origins: Array, key_poses: Array,
+    which: Index, pose: Array, reaches: Array, settings: Array,
+) -> None:  # fmt: skip
+    """Lets the variance factor of matches learn from how two keyframes differ about a scan.
+
+    Aligned with each alone, the scan comes out at two poses; these differ by what their
+    covariances say, times the factor.
+    """
+    if len(which) < 2:
+        return
+    found, none = np.zeros(16), np.zeros((3, 3))
+    poses, total = np.zeros((2, 3)), np.zeros((3, 3))
+    information = np.zeros((3, 3))
+    for k in range(2):
+        match_keyscans(
+            rows, first, last, key_rows, key_counts, key_origins, key_poses, which[k : k + 1],
+            pose, none, reaches, settings, found, information,
+        )  # fmt: skip
+        for i in range(3):
+            poses[k, i] = found[i]
+            information[i, i] += _FAINT
+        own = invert3(information)
+        for i in range(3):
+            for j in range(3):
+                total[i, j] += own[i, j]
+    apart, weights, sample = between_poses(poses[0], poses[1]), invert3(total), 0.0
+    for i in range(3):
+        for j in range(3):
+            sample += apart[i] * weights[i, j] * apart[j]
+    sample = min(sample / 3.0, _LARGEST) * settings[2]
+    settings[2] = max(_MEMORY * settings[2] + (1.0 - _MEMORY) * sample, settings[9])
+
+
 @inner_jit
 def gone_on(state: Array, step: Array, predicted: Array) -> None:
     """Fills where a step from the state's pose leads to."""
@@ -111,28 +148,6 @@ def gone_on(state: Array, step: Array, predicted: Array) -> None:
     predicted[0] = state[0] + c * step[0] - s * step[1]
     predicted[1] = state[1] + s * step[0] + c * step[1]
     predicted[2] = wrapped(state[2] + step[2])
-
-
-@inner_jit
-def weigh_step(
-    state: Array, step: Array, predicted: Array, pose: Array, moved: Array, surprise: float,
-    information: Array, variances: Array, settings: Array, covariance: Array,
-) -> None:  # fmt: skip
-    """Fills the covariance (3, 3) of a matched step; odometry's scale learns from it.
-
-    Where the two disagree, neither is sure. Without odometry `step` is NaN.
-    """
-    doubt = np.zeros(3)
-    if not np.isnan(step[0]):
-        state[6] = learnt_scale(state[6], step, moved, surprise)
-        if surprise > settings[9]:
-            apart = between_poses(predicted, pose)
-            for i in range(3):
-                doubt[i] = apart[i] * apart[i]
-    found = step_covariance(moved, information, variances, doubt, settings[7], settings[8])
-    for i in range(3):
-        for j in range(3):
-            covariance[i, j] = found[i, j]
 
 
 @jit
@@ -149,6 +164,7 @@ def track_scans(
     keys: Index,
     back: Index,
     state: Array,
+    wheels: Array,
     reaches: Array,
     settings: Array,
     fewest: int,
@@ -157,11 +173,11 @@ def track_scans(
 ) -> int:
     """Follows scans from `start` on; the index of the first that needs a closer look.
 
-    `recorded` (B, 3) are odometry's steps, NaN where there is none; `state` (7,) is the pose, the
-    last step and the scale of the odometry's variances; `settings` are residual share, sigma of a
-    range, correlation, share and floor of the motion model, limits of surprise and overlap,
-    keyscan distance and angle, surprise from which neither motion is sure. Fills `out` (B, 7):
-    pose, overlap, surprise, metres moved, weak (1 or 0); and `covariances` (B, 3, 3) of the steps.
+    `recorded` (B, 3) are odometry's steps, NaN where there is none; `state` (6,) is the pose and
+    the last step, `wheels` (15,) the model of the odometry; `settings` are residual share, sigma of
+    a range, correlation, share and floor of the motion model, limits of NIS and overlap, keyscan
+    distance and angle, the least correlation. Fills `out` (B, 7): pose, overlap, NIS, metres moved, weak (1 or 0); and
+    `covariances` (B, 3, 3) of the steps.
     """  # fmt: skip
     found, predicted, pose = np.zeros(16), np.empty(3), np.empty(3)
     information, known = np.zeros((3, 3)), np.zeros((3, 3))
@@ -170,11 +186,15 @@ def track_scans(
             return k
         has_odometry = not np.isnan(recorded[k, 0])
         if has_odometry:
-            gone_on(state, recorded[k], predicted)
-            variances = motion_variances(recorded[k], settings[3], settings[4], state[6])
+            before = wheels.copy()
+            reckon(wheels, recorded[k])
+            for i in range(3):
+                predicted[i] = wheels[8 + i]
+            variances = reckoned_variances(wheels, settings[3], settings[4])
         else:
+            before = wheels
             gone_on(state, state[3:6], predicted)
-            variances = motion_variances(state[3:6], 1.0, 0.1, 1.0)
+            variances = motion_variances(state[3:6], 1.0, 0.05, np.ones(2))
         for i in range(3):
             known[i, i] = 1.0 / variances[i]
         which = chosen_keyscans(back, keys, len(key_counts))
@@ -184,20 +204,29 @@ def track_scans(
         )  # fmt: skip
         for i in range(3):
             pose[i] = found[i]
-        surprise = surprise_of(predicted, pose, information, variances)
-        if surprise > settings[5] or found[9] < settings[6]:
+        surprise = innovation(predicted, pose, information, variances)
+        if surprise[6] > settings[5] or found[9] < settings[6]:
+            for i in range(8, 15):
+                wheels[i] = before[i]
             return k
         moved = between_poses(state, pose)
-        weigh_step(
-            state, recorded[k], predicted, pose, moved, surprise, information, variances,
-            settings, covariances[k],
-        )  # fmt: skip
+        total = step_covariance(moved, information, variances, settings[7], settings[8])
         for i in range(3):
+            for j in range(3):
+                covariances[k, i, j] = total[i, j]
             out[k, i], state[i], state[3 + i] = pose[i], pose[i], moved[i]
-        out[k, 3], out[k, 4], out[k, 5] = found[9], surprise, np.hypot(moved[0], moved[1])
+        out[k, 3], out[k, 4], out[k, 5] = found[9], surprise[6], np.hypot(moved[0], moved[1])
         out[k, 6] = 1.0 if leaves_open(information) else 0.0
-        remember_scan(
+        if is_new(pose, found[9], settings[7], settings[8], key_poses, keys):
+            learn_matching(
+                rows, bounds[k], bounds[k + 1], key_rows, key_counts, key_origins, key_poses,
+                which, pose, reaches, settings,
+            )  # fmt: skip
+        if remember_scan(
             rows[bounds[k] : bounds[k + 1]], origins[k], pose, found[9], settings[7], settings[8],
             key_rows, key_counts, key_origins, key_poses, keys,
-        )  # fmt: skip
+        ):  # fmt: skip
+            if has_odometry:
+                learn(wheels, surprise, variances, settings[3])
+            anchor(wheels, pose)
     return len(bounds) - 1

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.kernels.scan_tracking import chosen_keyscans, remember_scan
+from mapmyworld.kernels.scan_tracking import (
+    chosen_keyscans,
+    is_new,
+    learn_matching,
+    remember_scan,
+)
 from mapmyworld.registration.line_of_sight import share_seen_through
 from mapmyworld.registration.matchers import match_scan
 from mapmyworld.registration.scan_matching import (
+    FINE,
     Match,
     PreparedScan,
     ScanSet,
@@ -54,20 +62,37 @@ class Keyscans:
         """Begins a new submap."""
         self._newest[1] = 0
 
-    def remember(self, scan: PreparedScan, pose: Array, overlap: float) -> None:
-        """Lets a scan join, where it says something new."""
-        remember_scan(
+    def remember(self, scan: PreparedScan, pose: Array, overlap: float) -> bool:
+        """Lets a scan join, where it says something new; whether it did."""
+        return remember_scan(
             scan.rows, scan.origin, pose, overlap,
             self._odometry.keyscan_distance, self._odometry.keyscan_angle, *self.ring[:-1],
         )  # fmt: skip
 
-    def match(self, scan: PreparedScan, guess: Array, information: Array, reaches: Array) -> Match:
-        """Aligns a scan with the submap; `information` (3, 3) is how well the guess is known."""
+    def match(
+        self, scan: PreparedScan, guess: Array, information: Array, reaches: Array, settings: Array
+    ) -> Match:
+        """Aligns a scan with the submap; `information` (3, 3) is how well the guess is known.
+
+        `settings` are those of `track_scans`, of which the variance factor is learnt.
+        """
         scans, poses = self.targets()
         return match_scan(
-            scan, scans, np.arange(len(scans)), poses, guess, self._matching,
+            scan, scans, np.arange(len(scans)), poses, guess,
+            replace(self._matching, correlation=float(settings[2])),
             prior_information=information, reaches=reaches,
         )  # fmt: skip
+
+    def is_new(self, match: Match, settings: Array) -> bool:
+        """Whether a scan matched so is about to join."""
+        ring = self.ring
+        return bool(is_new(match.pose, match.overlap, settings[7], settings[8], ring[3], ring[4]))
+
+    def learn_matching(self, scan: PreparedScan, match: Match, settings: Array) -> None:
+        """Lets the variance factor learn from a scan that is about to join."""
+        learn_matching(
+            scan.rows, 0, len(scan.rows), *self.ring[:4], self._chosen(), match.pose, FINE, settings
+        )
 
     def share_seen_through(self, scan: PreparedScan, pose: Array) -> float:
         """How much of a scan, from this pose, lies beyond the submap's surfaces."""

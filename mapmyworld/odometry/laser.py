@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
 from mapmyworld.kernels.laser_motion import (
+    innovation,
     leaves_open,
     motion_variances,
     step_covariance,
-    surprise_of,
 )
-from mapmyworld.kernels.scan_tracking import learnt_scale, track_scans
+from mapmyworld.kernels.scan_tracking import track_scans
+from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, reckoned_variances
 from mapmyworld.odometry.keyscans import Keyscans
-from mapmyworld.odometry.laser_breaks import Breaks, is_doubtful
+from mapmyworld.odometry.laser_breaks import Breaks
 from mapmyworld.odometry.laser_stretches import WeakStretches
 from mapmyworld.odometry.laser_trust import OdometryFaults
 from mapmyworld.registration.matchers import find_matcher
@@ -29,12 +30,16 @@ from mapmyworld.registration.scan_search import search_pose
 from mapmyworld.types import Frame, Scan
 
 Array = NDArray[np.float64]
-_CLEARLY = 0.05  # by which one match must be better to be preferred over a nearer one
-_POOR = 0.6  # of the least overlap, with which a match still tells where the robot is
-_NEARLY = 0.8  # of it, with which a match is kept before a farther one that is not to be believed
-_REFUTED = 0.5  # share of the points seen through surfaces from which nobody can have been there
-_BORNE_OUT = 0.3  # share up to which somebody can
-_DOUBT_FROM = 6.0  # squared sigmas between odometry and match from which neither is sure
+_NEW_SUBMAP = 2  # scans in a row that fit nothing after which a new submap begins
+_VIEW = 1.0, 0.5  # m and rad since the last keyframe from which another view is to be expected
+_SEEN = 0.5  # share of the points seen through surfaces from which nobody can have been there
+_LEAST_STEP = 1e-8  # m^2 and rad^2 by which any step may err
+_FAULT = 1e-3  # probability that odometry says nothing of a step: it stalls, slips, catches up
+_CARRIED = 1e-9  # that a robot does not go on as it did, but is somewhere else at once
+_LOG_ODDS = 1.3  # nats by which a point on a surface speaks for a pose: 0.75 against 0.2
+_CORRELATED = 4.0  # neighbouring points of a scan that tell as much as one, at least
+_RECENT = 0.05  # weight of a scan in the running mean of overlaps
+_CHANCE = 0.5  # of what a submap usually explains of a scan: less is chance
 _FEWEST = 12  # points of a scan below which it is not matched
 _WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
 _FIRST = np.full(3, 1e-6)  # variances of the first pose, which is the origin
@@ -50,11 +55,11 @@ class LaserMotion:
     covariance: Array
     """(3, 3) of the motion since the previous frame, in this frame's base."""
     verdict: str
-    """"first", "matched", "odometry ignored", "searched", "odometry only" or "lost"."""
+    """"first", "matched", "odometry ignored", "odometry only" or "lost"."""
     overlap: float
     """Share of the scan that the local submap explains."""
     is_break: bool = False
-    """Whether the scans before no longer say where the robot is."""
+    """Whether the scans before no longer say where the robot is, and the odometry, if any, errs."""
 
     @property
     def information(self) -> Array:
@@ -71,10 +76,12 @@ class LaserTracker:
         self._stretches = WeakStretches()
         self._breaks = Breaks()
         self._keyscans = Keyscans(config)
-        self._state = np.zeros(7)  # pose, last step, scale of the odometry's variances
-        self._state[6] = 1.0
+        self._state = np.zeros(6)  # pose, last step
+        self._wheels = new_wheels()
         self._last_odometry: Array | None = None
         self._begun = False
+        self._missed = 0
+        self._typical = 1.0  # overlap of scans that were placed
         # The kernel that follows scans has its own matcher built in.
         self._in_kernel = find_matcher(config.registration.matcher) is point_to_line
         self.verdicts: Counter[str] = Counter()
@@ -82,7 +89,8 @@ class LaserTracker:
         self._settings = np.array([
             matching.residual_share, matching.range_sigma, matching.correlation,
             odometry.share_sigma, odometry.floor_sigma, odometry.contradiction**2,
-            odometry.least_overlap, odometry.keyscan_distance, odometry.keyscan_angle, _DOUBT_FROM,
+            odometry.least_overlap, odometry.keyscan_distance, odometry.keyscan_angle,
+            matching.correlation,
         ])  # fmt: skip
 
     def track(self, frame: Frame) -> LaserMotion:
@@ -103,13 +111,15 @@ class LaserTracker:
             if self._in_kernel:
                 last = track_scans(
                     first, scans.rows, scans.bounds, scans.origins, recorded, *self._keyscans.ring,
-                    self._state, FINE, self._settings, _FEWEST, out, covariances,
+                    self._state, self._wheels, FINE, self._settings, _FEWEST, out, covariances,
                 )  # fmt: skip
             for k in range(first, last):
                 tracked.append(LaserMotion(out[k, :3], covariances[k], "matched", float(out[k, 3])))
                 self._stretches.add(frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0)
             if last > first:
-                self._breaks.see_again(frames[last - 1].stamp_ns)
+                usual = float(out[first:last, 3].mean())
+                self._typical += (1.0 - (1.0 - _RECENT) ** (last - first)) * (usual - self._typical)
+                self._breaks.go_on(frames[last - 1].stamp_ns)
             self._faults.steps += int(np.isfinite(recorded[first:last, 0]).sum())
             if last < len(frames):
                 step = None if np.isnan(recorded[last, 0]) else recorded[last]
@@ -154,127 +164,151 @@ class LaserTracker:
             tracked = LaserMotion(np.zeros(3), np.diag(_FIRST), "first", 1.0)
         else:
             tracked = self._follow(frame, scan, recorded)
+        self._breaks.go_on(frame.stamp_ns)
         self._state[3:6] = between_planar(self._state[:3], tracked.pose)
         self._state[:3] = tracked.pose
-        placed = tracked.is_break or tracked.verdict != "odometry only"
+        placed = tracked.verdict != "odometry only"
         if len(scan.rows) >= _FEWEST and (placed or not self._keyscans.count):
             if tracked.is_break:
                 self._keyscans.forget()  # the old submap no longer says where the robot is
                 self._state[3:6] = 0.0
-            self._breaks.see_again(frame.stamp_ns)
-            self._keyscans.remember(scan, tracked.pose, tracked.overlap)
+            if self._keyscans.remember(scan, tracked.pose, tracked.overlap):
+                anchor(self._wheels, tracked.pose)
         return tracked
 
     def _follow(self, frame: Frame, scan: PreparedScan, recorded: Array | None) -> LaserMotion:
-        # Without odometry the robot is expected to go on as it did.
-        step = self._state[3:6] if recorded is None else recorded
-        predicted = compose_planar(self._state[:3], step)
-        reckoned = variances = self._variances(recorded, step)
+        if recorded is None:  # the robot is expected to go on as it did
+            predicted = compose_planar(self._state[:3], self._state[3:6])
+            variances = motion_variances(self._state[3:6], 1.0, 0.05, np.ones(2))
+            grown = variances
+        else:
+            before = self._reckoned()
+            reckon(self._wheels, recorded)
+            predicted, variances = self._wheels[8:11].copy(), self._reckoned()
+            grown = np.maximum(variances - before, _LEAST_STEP)
         if len(scan.rows) < _FEWEST or not self._keyscans.count:
             verdict = "lost" if recorded is None else "odometry only"
-            self._breaks.go_unseen(frame.stamp_ns, step)
-            return LaserMotion(predicted, np.diag(variances), verdict, 0.0)
-        if self._breaks.is_blind:
-            variances = self._variances(recorded, self._breaks.since_seen(step))
-        match, verdict = self._matched(scan, predicted, variances)
-        if verdict == "odometry ignored" and recorded is None:
+            return LaserMotion(predicted, np.diag(grown), verdict, 0.0)
+        fault = _CARRIED if recorded is None else _FAULT
+        match, verdict = self._matched(scan, predicted, variances, fault)
+        if verdict == "lost":
+            return self._unmatched(frame, scan, predicted, grown, match, recorded is not None)
+        self._missed = 0
+        if recorded is None:
             verdict = "matched"
+        is_new = self._keyscans.is_new(match, self._settings)
+        if is_new:
+            self._keyscans.learn_matching(scan, match, self._settings)
+        return self._placed(
+            frame.stamp_ns, recorded, predicted, variances, match, verdict, is_new=is_new
+        )
+
+    def _reckoned(self) -> Array:
+        """(3,) variances of the odometry since the last keyframe."""
+        share, floor = self._odometry.share_sigma, self._odometry.floor_sigma
+        return np.asarray(reckoned_variances(self._wheels, share, floor))
+
+    def _unmatched(
+        self, frame: Frame, scan: PreparedScan, predicted: Array, grown: Array, match: Match,
+        has_odometry: bool,
+    ) -> LaserMotion:  # fmt: skip
+        """A scan that fits nothing: the odometry leads on, unless it is refuted.
+
+        Where it says that the view has changed, a new submap begins; and where it says that the
+        robot is where it was, but from there one would see through walls: it was carried off.
+        """
+        self._missed += 1
         apart = between_planar(predicted, match.pose)
-        lately = self._breaks.fitted_lately(frame.stamp_ns)
-        believed = verdict == "matched"
-        if verdict not in ("matched", "lost"):
-            surer = lately and self._is_surer(scan, match, predicted)
-            believed = surer or not is_doubtful(match, apart)
-        if not believed:
-            if recorded is not None and lately:
-                self._breaks.go_unseen(frame.stamp_ns, step)
-                return LaserMotion(predicted, np.diag(reckoned), "odometry only", match.overlap)
-            unknown, is_break = self._breaks.found(frame.stamp_ns, variances, apart, match.overlap)
-            pose, said = (match.pose, "lost") if recorded is None else (predicted, "odometry only")
-            return LaserMotion(pose, np.diag(unknown), said, match.overlap, is_break)
-        return self._placed(frame.stamp_ns, recorded, predicted, variances, match, verdict)
+        if not has_odometry:
+            unknown, lost = self._breaks.found(frame.stamp_ns, grown, apart, match.overlap)
+            return LaserMotion(match.pose, np.diag(unknown), "lost", match.overlap, lost)
+        path, rotation = self._wheels[11:13]
+        changed, refuted = path > _VIEW[0] or rotation > _VIEW[1], False
+        if self._missed >= _NEW_SUBMAP:
+            if not changed:
+                refuted = self._keyscans.share_seen_through(scan, predicted) >= _SEEN
+            if changed or refuted:
+                self._missed = 0
+                self._keyscans.forget()
+        return LaserMotion(predicted, np.diag(grown), "odometry only", match.overlap, refuted)
 
     def _placed(
         self, stamp_ns: int, recorded: Array | None, predicted: Array, variances: Array,
-        match: Match, verdict: str,
+        match: Match, verdict: str, *, is_new: bool,
     ) -> LaserMotion:  # fmt: skip
         """What a match that is believed says of the motion, and of the odometry."""
         moved = between_planar(self._state[:3], match.pose)
         weak = leaves_open(match.information)
         self._stretches.add(stamp_ns, float(np.hypot(*moved[:2])), weak=weak)
-        doubt = np.zeros(3)
         if recorded is not None:
-            apart = between_planar(predicted, match.pose)
-            surprise = surprise_of(predicted, match.pose, match.information, variances)
-            self._learn(recorded, moved, surprise)
-            if surprise > _DOUBT_FROM:
-                # A door that swings past looks like a turn: either may be right.
-                doubt = apart**2
-        covariance = self._covariance(match, moved, variances, doubt)
-        return LaserMotion(match.pose, covariance, verdict, match.overlap)
-
-    def _is_surer(self, scan: PreparedScan, match: Match, predicted: Array) -> bool:
-        """Whether from where the odometry leads one would see through walls, but not from there.
-
-        Then the odometry is wrong, and nobody stands in the way.
-        """
-        at_odometry = self._keyscans.share_seen_through(scan, predicted)
-        at_match = self._keyscans.share_seen_through(scan, match.pose)
-        return at_odometry >= _REFUTED and at_match < _BORNE_OUT
-
-    def _covariance(self, match: Match, moved: Array, variances: Array, doubt: Array) -> Array:
-        return step_covariance(
-            moved, match.information, variances, doubt,
+            found = innovation(predicted, match.pose, match.information, variances)
+            if is_new or verdict != "matched":
+                learn(self._wheels, found, variances, self._odometry.share_sigma)
+                anchor(self._wheels, match.pose)
+            self._faults.steps += 1
+            if found[6] > self._odometry.contradiction**2:
+                self._faults.add(recorded, moved)
+                if verdict != "matched":
+                    variances = np.full(3, 1e6)
+        covariance = step_covariance(
+            moved, match.information, variances,
             self._odometry.keyscan_distance, self._odometry.keyscan_angle,
         )  # fmt: skip
+        return LaserMotion(match.pose, covariance, verdict, match.overlap)
 
-    def _variances(self, recorded: Array | None, step: Array) -> Array:
-        """(3,) of a step; wide where nothing was recorded and inertia is all there is."""
-        if recorded is None:
-            return np.asarray(motion_variances(step, 1.0, 0.1, 1.0))
-        share, floor = self._odometry.share_sigma, self._odometry.floor_sigma
-        return np.asarray(motion_variances(step, share, floor, self._state[6]))
-
-    def _learn(self, recorded: Array, moved: Array, surprise: float) -> None:
-        self._faults.steps += 1
-        self._state[6] = learnt_scale(self._state[6], recorded, moved, surprise)
-        if surprise > self._odometry.contradiction**2:
-            self._faults.add(recorded, moved)
-
-    def _matched(self, scan: PreparedScan, predicted: Array, variances: Array) -> tuple[Match, str]:
+    def _matched(
+        self, scan: PreparedScan, predicted: Array, variances: Array, fault: float
+    ) -> tuple[Match, str]:
         """The match near the prediction, or where that contradicts it, the best of several."""
         information = np.diag(1.0 / variances)
-        first = self._keyscans.match(scan, predicted, information, FINE)
-        surprise = surprise_of(predicted, first.pose, first.information, variances)
+        wide = 9.0 * variances[0] > FINE[0] ** 2
+        first = self._keyscans.match(
+            scan, predicted, information, COARSE if wide else FINE, self._settings
+        )
+        found = innovation(predicted, first.pose, first.information, variances)
         good = first.overlap >= self._odometry.least_overlap
-        if good and surprise <= self._odometry.contradiction**2:
+        if good and found[6] <= self._odometry.contradiction**2:
             return first, "matched"
-        return self._look_again(scan, predicted, first)
+        return self._look_again(scan, predicted, variances, first, fault)
 
-    def _look_again(self, scan: PreparedScan, predicted: Array, first: Match) -> tuple[Match, str]:
-        """The best of several starts that owe nothing to the odometry; at last a wide search."""
+    def _look_again(
+        self, scan: PreparedScan, predicted: Array, variances: Array, first: Match, fault: float
+    ) -> tuple[Match, str]:
+        """The likeliest of several hypotheses, with the odometry and without it."""
         pose = self._state[:3].copy()
         starts = [first.pose, compose_planar(pose, self._state[3:6]), pose, predicted]
-        tried = [self._keyscans.match(scan, s, _WEAK_PRIOR, COARSE) for s in starts]
-        best = max(tried, key=_quality)
-        poor = _POOR * self._odometry.least_overlap
-        if best.overlap >= self._odometry.least_overlap:
-            near = tried[0]
-            if _quality(near) < _quality(best) - _CLEARLY or near.overlap < poor:
-                return best, "odometry ignored"
-            good = first.overlap >= self._odometry.least_overlap
-            return near, "matched" if good else "odometry ignored"
-        found = search_pose(
-            scan, *self._keyscans.targets(), pose,
-            self._odometry.search_distance, self._odometry.search_angle,
-        )  # fmt: skip
-        if found is not None:
-            again = self._keyscans.match(scan, found.pose, _WEAK_PRIOR, COARSE)
-            doubtful = is_doubtful(again, between_planar(predicted, again.pose))
-            kept = doubtful and best.overlap >= _NEARLY * self._odometry.least_overlap
-            if not kept and _quality(again) > _quality(best) + 0.02:
-                best = again
-        return best, "searched" if best.overlap >= poor else "lost"
+        free = [self._keyscans.match(scan, s, _WEAK_PRIOR, COARSE, self._settings) for s in starts]
+        if max(match.overlap for match in free) < self._odometry.least_overlap:
+            found = search_pose(
+                scan, *self._keyscans.targets(), pose,
+                self._odometry.search_distance, self._odometry.search_angle,
+            )  # fmt: skip
+            if found is not None:
+                free.append(
+                    self._keyscans.match(scan, found.pose, _WEAK_PRIOR, COARSE, self._settings)
+                )
+        points = _LOG_ODDS * len(scan.rows) / max(float(self._settings[2]), _CORRELATED)
+
+        def likelihood(match: Match) -> float:
+            prior = self._log_prior(predicted, match.pose, variances, fault)
+            return points * _quality(match) + prior
+
+        best = max([first, *free], key=likelihood)
+        if best.overlap < _CHANCE * self._typical or (best is not first and likelihood(best) < 0.0):
+            return best, "lost"
+        return best, "matched" if best is first else "odometry ignored"
+
+    def _log_prior(self, predicted: Array, pose: Array, variances: Array, fault: float) -> float:
+        """Log density of a pose by the odometry over that of the predicted one.
+
+        A mixture: with the probability of a fault odometry says nothing, and the robot may be
+        anywhere in the window of a search.
+        """
+        apart = between_planar(predicted, pose)
+        window = 8.0 * self._odometry.search_distance**2 * self._odometry.search_angle
+        width = (2.0 * np.pi) ** 1.5 * np.sqrt(variances.prod())
+        anywhere = np.log(fault * min(width / window, 1.0))
+        return float(np.logaddexp(-0.5 * (apart**2 / variances).sum(), anywhere))
 
 
 def _quality(match: Match) -> float:
@@ -284,7 +318,6 @@ def _quality(match: Match) -> float:
 
 _NOTES = {
     "odometry ignored": "contradicted the odometry and were placed without it",
-    "searched": "were found again only by a wide search",
     "odometry only": "could not be matched; their motion is the odometry's",
     "lost": "could not be matched and have no odometry: the robot is taken to go on as before",
 }

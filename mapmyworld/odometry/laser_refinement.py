@@ -18,14 +18,14 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     planar_to_matrix,
 )
-from mapmyworld.geometry.rigid import between
+from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.heap import give_back
 from mapmyworld.places.laser_nodes import NodeScans, load_node_scans
 from mapmyworld.places.laser_pairs import first_visits, neighbour_pairs
 from mapmyworld.places.stored_scans import Scans
 from mapmyworld.registration.joint_alignment import align_jointly
 from mapmyworld.registration.joint_equations import Motions
-from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, Poses, Progress
+from mapmyworld.types import CLOSURES, ConstraintKind, Judged, MapStore, Node, Poses, Progress
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -49,6 +49,7 @@ class Refinement:
 def refine_poses(
     store: MapStore,
     poses: Poses,
+    constraints: Sequence[Judged],
     config: Config,
     progress: Progress,
     loaded: NodeScans | None = None,
@@ -68,7 +69,7 @@ def refine_poses(
     drives = _drives(nodes, unseen)
     chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in drives])
     island = np.zeros(len(nodes), np.int64) if island is None else island
-    task = _Task(nodes, chosen, scans, store.constraints(), island, config)
+    task = _Task(nodes, chosen, scans, constraints, island, config)
     refined, moved, residual = _aligned(task, solved[chosen], progress)
     every = np.concatenate(
         [
@@ -181,12 +182,35 @@ def node_motions(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Jud
     information = np.asarray(np.linalg.inv(summed + 1e-9 * np.eye(3)), np.float64)
     sessions = np.array([nodes[k].session for k in chosen])
     within = np.flatnonzero(sessions[:-1] == sessions[1:])
+    tails, heads, loops, known = _closed(nodes, chosen, constraints)
     return Motions(
-        within,
-        within + 1,
-        matrix_to_planar(between(tracked[within], tracked[within + 1])),
-        information[within],
+        np.concatenate([within, tails]),
+        np.concatenate([within + 1, heads]),
+        np.concatenate([matrix_to_planar(between(tracked[within], tracked[within + 1])), loops]),
+        np.concatenate([information[within], known]),
     )
+
+
+def _closed(
+    nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged]
+) -> tuple[Index, Index, Array, Array]:
+    """Accepted closures between the chosen nodes nearest to theirs: ends, motions, information."""
+    row_of = {node.id: row for row, node in enumerate(nodes)}
+    found = [
+        c for c in constraints
+        if c.kind in CLOSURES and c.accepted and c.from_id in row_of and c.to_id in row_of
+    ]  # fmt: skip
+    if not found:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3))
+    rows = np.array([(row_of[c.from_id], row_of[c.to_id]) for c in found])
+    near = np.searchsorted(chosen, rows, side="right") - 1
+    matrices = np.stack([node.tracked_from_base for node in nodes])
+    aside = between(matrices[chosen[near]], matrices[rows])
+    measured = np.stack([c.from_from_to for c in found])
+    moved = aside[:, 0] @ measured @ invert(aside[:, 1])
+    known = information_to_planar(np.stack([c.information for c in found]))
+    keep = near[:, 0] != near[:, 1]
+    return near[keep, 0], near[keep, 1], matrix_to_planar(moved)[keep], known[keep]
 
 
 def carry_along(solved: Array, chosen: Index, refined: Array) -> Array:

@@ -9,7 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.planar import between_planar, information_from_planar, planar_to_matrix
+from mapmyworld.geometry.planar import (
+    between_planar,
+    information_from_planar,
+    planar_to_matrix,
+)
 from mapmyworld.kernels.laser_motion import leaves_open
 from mapmyworld.odometry.laser_stretches import leaves_turn_open
 from mapmyworld.parallel import in_threads
@@ -19,19 +23,24 @@ from mapmyworld.places.laser_candidates import (
     drift_window,
     untied,
 )
+from mapmyworld.places.laser_evidence import (
+    FORTH,
+    Place,
+    needed_evidence,
+    place_around,
+)
 from mapmyworld.places.laser_joins import doubt_joins
 from mapmyworld.places.laser_lookalikes import doubt_lookalikes
 from mapmyworld.places.laser_lost import held_by, islands, lost_pairs
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
-from mapmyworld.places.laser_submaps import match_submaps, submap_around, submap_members
+from mapmyworld.places.laser_submaps import match_submaps, submap_members
 from mapmyworld.registration.scan_matching import (
     Match,
 )
 from mapmyworld.registration.scan_search import (
+    MARGIN,
     Found,
-    LikelihoodGrid,
-    likelihood_grid,
-    search_grid,
+    search_evidence,
 )
 from mapmyworld.types import (
     ConstraintKind,
@@ -130,8 +139,8 @@ def compare_places(
 
     def compare(target: tuple[LaserNodes, int, list[int]]) -> list[Judged]:
         held, a, rows = target
-        grid = likelihood_grid(submap_around(held, a, config))  # large: one a thread is held
-        return [_compare(held, grid, *pairs[k], config, settled, widest) for k in rows]
+        place = place_around(held, a, config)  # large: one a thread is held
+        return [_compare(held, place, *pairs[k], config, settled, widest) for k in rows]
 
     def targets() -> Iterator[tuple[LaserNodes, int, list[int]]]:
         for a, rows in by_target.items():
@@ -152,50 +161,55 @@ def compare_places(
 
 def _compare(
     nodes: LaserNodes,
-    grid: LikelihoodGrid,
+    place: Place,
     a: int,
     b: int,
     config: Config,
     settled: bool,
     widest: float,
 ) -> Judged:
-    places = config.places
     guess = between_planar(nodes.poses[a], nodes.poses[b])
     distance, angle = _SETTLED_WINDOW, _SETTLED_ANGLE
     if not settled:
         distance, angle = drift_window(nodes, a, b, config, widest)
-    points = submap_around(nodes, b, config)
-    found = search_grid(points, grid, guess, distance, angle, places.laser_score)
+    around = place_around(nodes, b, config)
+    needed = needed_evidence(distance, angle)
+    found = search_evidence(
+        around.submap.points, place.grid, guess, distance, angle, FORTH * needed
+    )
     if found is None:
-        verdict = Verdict(Judge.LASER, False, Why.LOW_SCORE, {"limit": places.laser_score})
+        verdict = Verdict(Judge.LASER, False, Why.NOTHING_IN_COMMON)
         return _constraint(nodes, a, b, settled, guess, np.eye(3), ScanMatch(), verdict)
     match = match_submaps(nodes, a, b, found.pose, config)
     moved = between_planar(guess, match.pose)
+    said = place.says(around, match.pose)
+    rival = place.says(around, found.rival_pose) if found.rival > 0.0 else None
     source = ScanMatch(
-        float(found.score), float(found.rival), float(match.overlap), float(match.residual),
+        said.evidence, rival.evidence if rival else 0.0,
+        said.beyond(rival) if rival and rival.evidence >= needed else said.evidence,
+        float(found.score), float(match.overlap), float(match.residual),
         float(np.hypot(*moved[:2])),
     )  # fmt: skip
-    verdict = _verdict(source, found, match, config)
+    verdict = _verdict(source, found, match, needed)
     information = closure_information(match) if verdict.accepted else np.eye(3)
     return _constraint(nodes, a, b, settled, match.pose, information, source, verdict)
 
 
-def _verdict(source: ScanMatch, found: Found, match: Match, config: Config) -> Verdict:
-    places = config.places
+def _verdict(source: ScanMatch, found: Found, match: Match, needed: float) -> Verdict:
     slipped = between_planar(found.pose, match.pose)
     metres, radians = float(np.hypot(*slipped[:2])), abs(float(slipped[2]))
-    if match.overlap < places.laser_overlap:
-        numbers = {"overlap": source.overlap, "limit": places.laser_overlap}
-        return Verdict(Judge.LASER, False, Why.LOW_OVERLAP, numbers)
-    if found.rival > places.laser_rival * found.score:
-        numbers = {"rival": source.rival, "score": source.score}
+    numbers = {"evidence": source.evidence, "limit": needed}
+    if source.evidence < needed:
+        return Verdict(Judge.LASER, False, Why.LITTLE_EVIDENCE, numbers)
+    if source.beyond < MARGIN:
+        numbers = {"rival": source.rival, "evidence": source.evidence, "beyond": source.beyond}
         return Verdict(Judge.LASER, False, Why.AMBIGUOUS_POSE, numbers)
     if metres > 0.5 or radians > 0.15:
         numbers = {"metres": metres, "degrees": float(np.degrees(radians))}
         return Verdict(Judge.LASER, False, Why.NOT_CONVERGED, numbers)
     if leaves_open(match.information) or leaves_turn_open(match.information):
         return Verdict(Judge.LASER, False, Why.OPEN_DIRECTION)
-    numbers = {"overlap": source.overlap, "residual": source.residual}
+    numbers |= {"overlap": source.overlap, "residual": source.residual}
     return Verdict(Judge.LASER, True, Why.SCANS_ALIGNED, numbers)
 
 

@@ -16,14 +16,19 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_candidates import drift_window
+from mapmyworld.places.laser_evidence import (
+    FORTH,
+    Place,
+    needed_evidence,
+    place_around,
+)
 from mapmyworld.places.laser_nodes import LaserNodes, spaced
-from mapmyworld.places.laser_submaps import submap_around, submap_members
-from mapmyworld.registration.scan_search import LikelihoodGrid, likelihood_grid, score_elsewhere
+from mapmyworld.places.laser_submaps import submap_members
+from mapmyworld.registration.scan_search import MARGIN, evidence_elsewhere
 from mapmyworld.types import Judge, Judged, ScanMatch, Verdict, Why
 
 _SPACING = 4.0  # m of path between places that are looked at: what a submap covers
 _SAME = 1.0  # m of path around the place that was found, whose own rivals are known
-_AS_GOOD = 0.88  # share of the score from which a place is as good: no two submaps show as much
 _OTHER_VISIT = 8.0  # m of path before the later place, of which the rest is that place itself
 
 Pairs = Sequence[tuple[int, int]]
@@ -39,13 +44,16 @@ def doubt_lookalikes(
 
     def looks() -> Iterator[Look]:
         for spot, which in wanted.items():
-            ends = [submap_members(nodes, k, config) for k in (spot, *(pairs[w][1] for w in which))]
+            asked = {spot, *(end for w in which for end in pairs[w])}
+            ends = [submap_members(nodes, k, config) for k in sorted(asked)]
             yield replace(nodes, scans=nodes.scans.hold(np.concatenate(ends))), spot, which
 
     def look(at: Look) -> list[tuple[int, float]]:
         held, spot, which = at
-        grid = likelihood_grid(submap_around(held, spot, config))
-        return [(k, _score(held, grid, spot, pairs[k], closures[k], config, widest)) for k in which]
+        place = place_around(held, spot, config)
+        return [
+            (k, _rival(held, place, spot, pairs[k], closures[k], config, widest)) for k in which
+        ]
 
     rivals = [0.0] * len(closures)
     for scores in in_threads(look, looks(), config.threads):
@@ -72,24 +80,35 @@ def _places_to_look_at(
     return found
 
 
-def _score(
-    nodes: LaserNodes, grid: LikelihoodGrid, spot: int, pair: tuple[int, int],
+def _rival(
+    nodes: LaserNodes, place: Place, spot: int, pair: tuple[int, int],
     closure: Judged, config: Config, widest: float,
 ) -> float:  # fmt: skip
-    """How well what was seen around the later node fits around `spot`; 0 if not well enough."""
+    """Evidence, in points, that what was seen around the later node lies around `spot` instead.
+
+    0 where it is too little to be as likely.
+    """
     a, b = pair
     found = compose_planar(nodes.poses[a], matrix_to_planar(closure.from_from_to))
     distance, angle = drift_window(nodes, a, b, config, widest)
-    least = _AS_GOOD * _score_of(closure)
-    here, points = between_planar(nodes.poses[spot], found), submap_around(nodes, b, config)
-    return score_elsewhere(points, grid, here, distance, angle, least)
+    here, there = between_planar(nodes.poses[spot], found), place_around(nodes, b, config)
+    needed = needed_evidence(distance, angle)
+    points = there.submap.points
+    other = evidence_elsewhere(points, place.grid, here, distance, angle, FORTH * needed)
+    if other is None:
+        return 0.0
+    rival = place.says(there, other)
+    if rival.evidence < needed:
+        return 0.0
+    said = place_around(nodes, a, config).says(there, matrix_to_planar(closure.from_from_to))
+    return rival.evidence if said.beyond(rival) < MARGIN else 0.0
 
 
 def _doubted(closure: Judged, rival: float) -> Judged:
-    numbers = {"rival": float(rival), "score": _score_of(closure)}
+    numbers = {"rival": rival, "evidence": _evidence(closure)}
     return closure.judged(Verdict(Judge.LASER, False, Why.AMBIGUOUS_PLACE, numbers))
 
 
-def _score_of(closure: Judged) -> float:
+def _evidence(closure: Judged) -> float:
     assert isinstance(closure.source, ScanMatch)
-    return closure.source.score
+    return closure.source.evidence

@@ -22,8 +22,10 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.kernels.laser_motion import leaves_open
 from mapmyworld.odometry.laser_stretches import leaves_turn_open
 from mapmyworld.places.laser_closures import closure_information
+from mapmyworld.places.laser_evidence import needed_evidence, place_around
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps
+from mapmyworld.registration.scan_search import MARGIN
 from mapmyworld.types import (
     CLOSURES,
     Constraint,
@@ -35,7 +37,7 @@ from mapmyworld.types import (
     Why,
 )
 
-_METRES, _RADIANS = 0.2, np.radians(1.0)  # by which no true closure misses the final poses
+_METRES, _RADIANS = 0.4, np.radians(3.0)  # by which no true closure misses the final poses
 
 
 def review_closures(
@@ -81,7 +83,10 @@ def _reviewed(
     guess = between_planar(nodes.poses[a], nodes.poses[b])
     match = match_submaps(nodes, a, b, guess, config)
     weak = leaves_open(match.information) or leaves_turn_open(match.information)
-    if weak or match.overlap < config.places.laser_overlap:
+    one, other = place_around(nodes, a, config), place_around(nodes, b, config)
+    said = one.says(other, match.pose).evidence
+    before = one.says(other, matrix_to_planar(c.from_from_to)).evidence
+    if weak or said < max(needed_evidence(_METRES, _RADIANS), before - MARGIN):
         return _refusal(c, nodes, a, b), []
     overlap, residual = float(match.overlap), float(match.residual)
     numbers = {"overlap": overlap, "residual": residual}

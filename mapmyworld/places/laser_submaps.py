@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.planar import between_planar
+from mapmyworld.geometry.planar import between_planar, transform_points_planar
 from mapmyworld.places.laser_nodes import LaserNodes
 from mapmyworld.registration.matchers import match_scan
 from mapmyworld.registration.scan_matching import FINE, Match, PreparedScan
-from mapmyworld.registration.scan_search import rows_of, submap_points
+from mapmyworld.registration.scan_search import Submap, rows_of, submap_points
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -27,11 +27,15 @@ def submap_members(nodes: LaserNodes, middle: int, config: Config) -> Index:
     return np.array(sorted(before | after), np.int64)
 
 
-def submap_around(nodes: LaserNodes, middle: int, config: Config) -> Array:
-    """Points (N, 2) of the submap around a node, in that node's frame."""
+def submap_around(nodes: LaserNodes, middle: int, config: Config) -> Submap:
+    """The submap around a node, in that node's frame."""
     members = submap_members(nodes, middle, config)
-    poses = between_planar(nodes.poses[middle], nodes.poses[members])
-    return submap_points(nodes.scans.some(members), np.arange(len(members)), poses)
+    scans, poses = (
+        nodes.scans.some(members),
+        between_planar(nodes.poses[middle], nodes.poses[members]),
+    )
+    origins = transform_points_planar(poses, scans.origins[:, None])[:, 0]
+    return Submap(submap_points(scans, np.arange(len(members)), poses), origins, scans.bounds)
 
 
 def match_submaps(nodes: LaserNodes, a: int, b: int, guess: Array, config: Config) -> Match:

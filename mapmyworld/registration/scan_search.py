@@ -7,17 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry.planar import transform_points_planar
 from mapmyworld.kernels.branch_and_bound import FULL, best_shift, fill_pyramid
+from mapmyworld.kernels.rays import count_scans
 from mapmyworld.registration.scan_matching import PreparedScan, ScanSet
 
 Array = NDArray[np.float64]
-Window = tuple[NDArray[np.uint8], int, Array, Array, float, Array, int, Array]
+Window = tuple[NDArray[np.uint8], int, Array, Array, float, int, Array, int, Array]
 """What `best_shift` is given of grid, points and window."""
 _RESOLUTION = 0.1  # m, cells of the likelihood grid
 _LEVELS = 6  # of the pyramid: the coarsest bounds 3.2 m x 3.2 m of shifts
 _NEAR = 0.6  # likelihood of a point one cell beside a surface
-_POINTS = 140  # of the scan that are scored
+_UNSEEN = 128  # value of a cell that no beam passed: it speaks neither for a pose nor against it
+POINTS = 140
+"""Of a scan or a submap that are scored, at most."""
+_NEAR_SEEN = 0.67  # the same in a grid that knows free cells
 _ELSEWHERE = np.array([0.6, 0.3])  # m and rad from the best pose where a rival counts
+NATS = 0.23
+"""By which a point of a submap speaks for a pose or against it: some four points tell as one."""
+MARGIN = float(np.log(100.0) / NATS)
+"""Evidence, in points, by which a pose is a hundred times as likely as another."""
 _NOWHERE = np.array([0.0, 0.0, 0.0, -1.0, -1.0])
 
 
@@ -31,10 +40,24 @@ class LikelihoodGrid:
     """(2,) of the first unpadded cell, in the frame of the points."""
     margin: int
     resolution: float
+    unseen: int = 0
+    """Value of a cell of which nothing is known."""
 
     def likelihoods(self, level: int) -> NDArray[np.float32]:
         """(H, W) of a level, 0 to 1."""
         return np.asarray(self.pyramid[level] * np.float32(1.0 / FULL), np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Submap:
+    """What the laser saw along a stretch of the path, as one."""
+
+    points: Array
+    """(N, 2), scan after scan."""
+    origins: Array
+    """(S, 2) where each scan's lidar was."""
+    bounds: NDArray[np.int64]
+    """(S + 1,) where each scan's points begin; the last one ends at N."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +70,8 @@ class Found:
     """Mean likelihood of the scan's points, 0 to 1."""
     rival: float
     """Score of the best pose elsewhere in the window; 0 if none comes near."""
+    rival_pose: Array
+    """(3,) of that pose."""
 
 
 def likelihood_grid(points: Array) -> LikelihoodGrid:
@@ -61,6 +86,39 @@ def likelihood_grid(points: Array) -> LikelihoodGrid:
     return LikelihoodGrid(pyramid, corner, margin, _RESOLUTION)
 
 
+def evidence_grid(submap: Submap) -> LikelihoodGrid:
+    """The grid of what scans say for and against a surface: 255 for, 0 against, 128 unseen."""
+    margin = 1 << (_LEVELS - 1)
+    low = submap.points.min(axis=0, initial=np.inf if len(submap.points) else 0.0)
+    corner = low - 2.0 * _RESOLUTION
+    ends = np.ascontiguousarray((submap.points - corner) / _RESOLUTION + margin)
+    cells = np.floor(ends).astype(np.int64)
+    width, height = cells.max(axis=0, initial=margin) + 3 + margin
+    edge = np.array([width, height]) - 1e-3
+    starts = np.clip((submap.origins - corner) / _RESOLUTION + margin, 0.0, edge)
+    hits, passes = np.zeros((2, height, width), np.uint16)
+    marks = np.zeros((height, width), np.uint8)
+    count_scans(hits, passes, marks, 0, starts, ends, np.ones(len(ends), np.bool_), submap.bounds)
+    pyramid = np.zeros((_LEVELS, height, width), np.uint8)
+    pyramid[0] = np.where(passes > 0, 0, _UNSEEN)
+    pyramid[0, cells[:, 1], cells[:, 0]] = FULL
+    fill_pyramid(pyramid, round(_NEAR_SEEN * FULL))
+    return LikelihoodGrid(pyramid, corner, margin, _RESOLUTION, _UNSEEN)
+
+
+def judged_points(points: Array, grid: LikelihoodGrid, pose: Array) -> NDArray[np.int64]:
+    """What a grid says of points (N, 2) at a pose: 1 on a surface, -1 where it is free, 0 unseen.
+
+    Of points one to a cell, `POINTS` at most, the same whatever the pose.
+    """
+    at = transform_points_planar(pose, _spread(points, grid.resolution))
+    column, row = np.floor((at - grid.corner) / grid.resolution).astype(np.int64).T + grid.margin
+    height, width = grid.pyramid.shape[1:]
+    inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
+    values = grid.pyramid[0, np.where(inside, row, 0), np.where(inside, column, 0)]
+    return np.sign(np.where(inside, values, grid.unseen).astype(np.int64) - grid.unseen)
+
+
 def search_grid(
     points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float, least: float
 ) -> Found | None:
@@ -72,15 +130,37 @@ def search_grid(
     best_shift(*fixed, least, _NOWHERE, best)
     if best[0] <= least:
         return None
-    rival = _best_elsewhere(fixed, best[1:], max(least, 0.8 * best[0]))[0]
-    return Found(best[1:].copy(), float(best[0]), float(rival))
+    rival = _best_elsewhere(fixed, best[1:], max(least, 0.8 * best[0]))
+    return Found(best[1:].copy(), float(best[0]), float(rival[0]), rival[1:].copy())
 
 
-def score_elsewhere(
+def search_evidence(
+    points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float, least: float
+) -> Found | None:
+    """The best pose of points (N, 2) about `guess` in a grid of evidence; None below `least`.
+
+    `least` and what a rival may be behind are evidence, in points.
+    """
+    if len(points) == 0:
+        return None
+    fixed = _window(points, grid, guess, distance, angle)
+    a_point = 0.5 / len(fixed[2])  # of score: from a miss over nothing to a hit it is one
+    best = np.zeros(4)
+    floor = 0.5 + least * a_point
+    best_shift(*fixed, floor, _NOWHERE, best)
+    if best[0] <= floor:
+        return None
+    rival = _best_elsewhere(fixed, best[1:], max(floor, best[0] - MARGIN * a_point))
+    return Found(best[1:].copy(), float(best[0]), float(rival[0]), rival[1:].copy())
+
+
+def evidence_elsewhere(
     points: Array, grid: LikelihoodGrid, pose: Array, distance: float, angle: float, least: float
-) -> float:
-    """The best score in a window about `pose` but not at it; 0 if none exceeds `least`."""
-    return float(_best_elsewhere(_window(points, grid, pose, distance, angle), pose, least)[0])
+) -> Array | None:
+    """The best pose (3,) in a window about `pose` but not at it, of more evidence than `least`."""
+    fixed = _window(points, grid, pose, distance, angle)
+    best = _best_elsewhere(fixed, pose, 0.5 + least * 0.5 / len(fixed[2]))
+    return best[1:] if best[0] > 0.0 else None
 
 
 def pose_elsewhere(
@@ -102,7 +182,10 @@ def _window(
     count = int(np.ceil(angle / step))
     angles = np.arange(-count, count + 1, dtype=np.float64) * step
     reach = int(np.ceil(distance / grid.resolution))
-    return grid.pyramid, grid.margin, used, grid.corner, grid.resolution, guess, reach, angles
+    return (
+        grid.pyramid, grid.margin, used, grid.corner, grid.resolution, grid.unseen, guess, reach,
+        angles,
+    )  # fmt: skip
 
 
 def _best_elsewhere(window: Window, pose: Array, least: float) -> Array:
@@ -116,7 +199,7 @@ def _spread(points: Array, spacing: float) -> Array:
     """Points one to a cell, so that what was seen twice does not count twice; not too many."""
     x, y = np.floor(points / spacing).astype(np.int64).T
     first = np.sort(np.unique((x << 32) + y, return_index=True)[1])
-    few = first[np.linspace(0, len(first) - 1, min(_POINTS, len(first))).astype(np.int64)]
+    few = first[np.linspace(0, len(first) - 1, min(POINTS, len(first))).astype(np.int64)]
     return np.ascontiguousarray(points[few], np.float64)
 
 

@@ -83,7 +83,9 @@ def _refined(
     from mapmyworld.places.laser_review import review_closures
 
     island = islands(loaded, solved.constraints)
-    refined = refine_poses(store, solved.poses, config, progress, loaded, island)
+    refined = refine_poses(
+        store, solved.poses, solved.constraints, config, progress, loaded, island
+    )
     if refined is None:
         return solved.poses, solved.constraints
     return refined.poses, review_closures(solved.constraints, refined.poses, config, loaded)

@@ -113,7 +113,9 @@ class LaserFollower:
             tracked = self._tracker.track_all(some)
             poses = planar_to_matrix(np.stack([moment.pose for moment in tracked]))
             for frame, moment, pose in zip(some, tracked, poses, strict=True):
-                source = LaserTracking(moment.verdict, float(moment.overlap), moment.is_break)
+                # What the scans refute the odometry still bridges: the path never breaks by it.
+                lost = moment.is_break and frame.odom_from_base is None
+                source = LaserTracking(moment.verdict, float(moment.overlap), lost)
                 covariance = covariance_from_planar(moment.covariance, off_plane=_OUT_OF_PLANE)
                 yield frame, Motion(pose, covariance, source)
 

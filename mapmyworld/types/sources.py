@@ -55,10 +55,14 @@ class Particles:
 class ScanMatch:
     """Submaps of scans aligned; zeros where no pose scored well enough to be aligned."""
 
+    evidence: float = 0.0
+    """Points of both that the other confirms, less those that it contradicts."""
+    rival: float = 0.0
+    """That of the best pose elsewhere in the search."""
+    beyond: float = 0.0
+    """Evidence beyond that pose's, what only one of them saw by a quarter; all without a rival."""
     score: float = 0.0
     """Mean likelihood of the best pose of the search."""
-    rival: float = 0.0
-    """That of the best pose elsewhere."""
     overlap: float = 0.0
     residual: float = 0.0
     """m."""

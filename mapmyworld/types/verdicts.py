@@ -22,8 +22,8 @@ class Why(StrEnum):
     """The ground of a verdict, in a few words; `wording` says it with its numbers."""
 
     SCANS_ALIGNED = "scans aligned"
-    LOW_SCORE = "low score"
-    LOW_OVERLAP = "low overlap"
+    NOTHING_IN_COMMON = "nothing in common"
+    LITTLE_EVIDENCE = "little evidence"
     AMBIGUOUS_POSE = "ambiguous: another pose"
     NOT_CONVERGED = "not converged"
     OPEN_DIRECTION = "poorly constrained"

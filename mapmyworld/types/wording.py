@@ -34,13 +34,15 @@ _MISS = "{residual_metres:.3g} m, {residual_degrees:.3g} deg = {sigmas:.1f} sigm
 _FIT = f"misses by {_MISS} (limit {{sigmas_limit:.1f}})"
 _VERDICTS: Mapping[Why, str] = {
     Why.SCANS_ALIGNED: "overlap {overlap:.0%}, residual {residual:.3f} m",
-    Why.LOW_SCORE: "score below {limit:g}",
-    Why.LOW_OVERLAP: "overlap {overlap} below {limit}",
-    Why.AMBIGUOUS_POSE: "ambiguous: another pose scores {rival:.2f} against {score:.2f}",
+    Why.NOTHING_IN_COMMON: "nothing that was seen at both places",
+    Why.LITTLE_EVIDENCE: "evidence {evidence:.0f} points below {limit:.0f}",
+    Why.AMBIGUOUS_POSE: "ambiguous: another pose has evidence {rival:.0f} against "
+    "{evidence:.0f} points",
     Why.NOT_CONVERGED: "not converged: the refined pose left the best one of the search by "
     "{metres:.2f} m, {degrees:.0f} deg",
     Why.OPEN_DIRECTION: "poorly constrained: the surfaces leave a direction open",
-    Why.AMBIGUOUS_PLACE: "ambiguous: another place near by scores {rival:.2f} against {score:.2f}",
+    Why.AMBIGUOUS_PLACE: "ambiguous: another place near by has evidence {rival:.0f} against "
+    "{evidence:.0f} points",
     Why.SURROUNDINGS_UNMET: "what was seen around does not fit what had been seen there",
     Why.LESS_EXPLAINED: "another closure between the same parts explains more of what was seen",
     Why.AMBIGUOUS_JOIN: "ambiguous: what was seen after the break fits as well {metres:.1f} m and "
@@ -72,7 +74,6 @@ _VERDICTS: Mapping[Why, str] = {
     Why.MEASURED_ANEW: "overlap {overlap:.0%}, residual {residual:.3f} m, measured anew from the "
     "refined poses",
 }
-_MISSED_SHARES: Mapping[Why, str] = {Why.LOW_OVERLAP: "overlap", Why.LOW_SHARE: "share"}
 
 
 def reason_of(constraint: Judged) -> str:
@@ -92,11 +93,10 @@ def in_words(verdict: Verdict) -> str:
 
 def _shown(verdict: Verdict) -> Mapping[str, float | str]:
     """Its numbers; a share that misses its limit does not round up to it."""
-    name = _MISSED_SHARES.get(verdict.why)
-    if name is None:
+    if verdict.why is not Why.LOW_SHARE:
         return verdict.numbers
-    share, limit = percent_below(verdict.numbers[name], verdict.numbers["limit"])
-    return {**verdict.numbers, name: share, "limit": limit}
+    share, limit = percent_below(verdict.numbers["share"], verdict.numbers["limit"])
+    return {**verdict.numbers, "share": share, "limit": limit}
 
 
 def _support(numbers: Mapping[str, float]) -> str:

@@ -1,0 +1,100 @@
+"""What a log shows of its own odometry: noise, and the systematic errors of wheels.
+
+Of the errors of wheels (Borenstein and Feng, "UMBmark", 1995) three grow with the drive: a wrong
+scale, and a heading that errs with the distance (unequal wheels) and with the rotation (a wrong
+wheelbase). Scan matching shows them: what a match says beyond the odometry since the last keyframe
+is an innovation, and each is one sample. The model is an array (15,) that kernels read and write:
+
+  0-1    factors on the variances of position and heading that `motion_variances` states
+  2-4    scale [m per m], heading by distance [rad per m], heading by rotation [rad per rad]
+  5-7    variances of these three
+  8-10   pose by odometry, from that of the last keyframe
+  11-14  since that keyframe: path [m], rotation [rad], both without sign, then with it
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.kernels.compiling import inner_jit, jit
+from mapmyworld.kernels.laser_motion import motion_variances, wrapped
+
+Array = NDArray[np.float64]
+_FIRST_SIGMAS = (0.03, 0.015, 0.03)  # m per m, rad per m, rad per rad: of wheels nobody calibrated
+_MEMORY = 0.95  # weight of the past in the running mean of squared innovations
+_LARGEST = 25.0  # that one innovation may teach
+_OUTLIER = 16.0  # NIS from which an innovation is a fault, and teaches nothing systematic
+_MOVES = 0.01  # m and rad from which a motion tells about odometry
+
+
+def new_wheels() -> Array:
+    """A model (15,) of wheels about which nothing is known yet."""
+    wheels = np.zeros(15)
+    wheels[:2], wheels[5:8] = 1.0, np.square(_FIRST_SIGMAS)
+    return wheels
+
+
+@jit
+def reckon(wheels: Array, step: Array) -> None:
+    """One more recorded step (3,), its systematic errors corrected."""
+    forward, rotation = step[0], step[2]
+    x, y = (1.0 + wheels[2]) * step[0], (1.0 + wheels[2]) * step[1]
+    yaw = rotation + wheels[3] * forward + wheels[4] * rotation
+    c, s = np.cos(wheels[10]), np.sin(wheels[10])
+    wheels[8] += c * x - s * y
+    wheels[9] += s * x + c * y
+    wheels[10] = wrapped(wheels[10] + yaw)
+    wheels[11] += np.hypot(x, y)
+    wheels[12] += abs(yaw)
+    wheels[13] += forward
+    wheels[14] += rotation
+
+
+@jit
+def anchor(wheels: Array, pose: Array) -> None:
+    """Odometry counts anew from a pose (3,)."""
+    for i in range(3):
+        wheels[8 + i] = pose[i]
+    for i in range(11, 15):
+        wheels[i] = 0.0
+
+
+@jit
+def reckoned_variances(wheels: Array, share: float, floor: float) -> Array:
+    """Variances (3,) of the odometry since the last keyframe."""
+    return motion_variances(np.array([wheels[11], 0.0, wheels[12]]), share, floor, wheels[:2])
+
+
+@jit
+def learn(wheels: Array, found: Array, variances: Array, share: float) -> None:
+    """Lets noise and systematic errors learn from one innovation (7,) of these variances (3,).
+
+    All of it counts as the odometry's: what the match errs by makes its prior no surer.
+    """
+    if wheels[11] < _MOVES and wheels[12] < _MOVES:
+        return
+    moved = np.array([wheels[11], 0.0, wheels[12]])
+    stated = motion_variances(moved, share, 0.0, np.ones(2))
+    _learn_noise(wheels, 0, 0.5 * (found[0] * found[0] + found[1] * found[1]) / stated[0])
+    _learn_noise(wheels, 1, found[2] * found[2] / stated[2])
+    if found[6] < _OUTLIER:
+        _learn_systematic(wheels, 0, found, variances, 0, wheels[13])
+        _learn_systematic(wheels, 1, found, variances, 2, wheels[13])
+        _learn_systematic(wheels, 2, found, variances, 2, wheels[14])
+
+
+@inner_jit
+def _learn_noise(wheels: Array, k: int, sample: float) -> None:
+    wheels[k] = _MEMORY * wheels[k] + (1.0 - _MEMORY) * min(sample, _LARGEST)
+
+
+@inner_jit
+def _learn_systematic(
+    wheels: Array, k: int, found: Array, variances: Array, axis: int, by: float
+) -> None:
+    """A scalar Kalman filter: the innovation of this axis grows `by` so much a unit of error."""
+    variance = wheels[5 + k]
+    gain = variance * by / (variances[axis] + found[3 + axis] + by * by * variance)
+    wheels[2 + k] += gain * found[axis]
+    wheels[5 + k] *= 1.0 - gain * by

@@ -1,0 +1,88 @@
+"""What two places say of each other: points that agree, less those that contradict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry.planar import invert_planar
+from mapmyworld.places.laser_nodes import LaserNodes
+from mapmyworld.places.laser_submaps import submap_around
+from mapmyworld.registration.scan_search import (
+    MARGIN,
+    NATS,
+    LikelihoodGrid,
+    Submap,
+    evidence_grid,
+    judged_points,
+)
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+FORTH = 0.3
+"""Share of the evidence that a search must find in the points of the later place."""
+_UNSEEN = 0.25  # weight of what one place knows of another and its rival does not
+_APART = 0.6, 0.3  # m and rad between poses that are hypotheses of their own
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """What was seen around a node, as points and as a grid, in that node's frame."""
+
+    submap: Submap
+    grid: LikelihoodGrid
+
+    def says(self, other: Place, here_from_there: Array) -> Said:
+        """What each says of the other's points, at a relative pose."""
+        back = invert_planar(here_from_there)
+        return Said(
+            judged_points(other.submap.points, self.grid, here_from_there),
+            judged_points(self.submap.points, other.grid, back),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Said:
+    """Points of a later place in an earlier one, and the other way: 1, -1 or 0 where unseen."""
+
+    forth: Index
+    back: Index
+
+    @property
+    def evidence(self) -> float:
+        """Points that agree, less those that contradict."""
+        return float(self.forth.sum() + self.back.sum())
+
+    def beyond(self, rival: Said) -> float:
+        """Evidence beyond that of a rival for the same later place.
+
+        What only one of them saw counts a quarter: it may well look like what both know, as where
+        equal doors follow each other.
+        """
+        known = (self.forth != 0) & (rival.forth != 0)
+        apart = (self.forth - rival.forth) * np.where(known, 1.0, _UNSEEN)
+        back = _weighed(self.back) - _weighed(rival.back)
+        return float(apart.sum() + back)
+
+
+def _weighed(back: Index) -> float:
+    """Contradictions in full, agreement by a quarter."""
+    return float(_UNSEEN * np.count_nonzero(back > 0) - np.count_nonzero(back < 0))
+
+
+def place_around(nodes: LaserNodes, middle: int, config: Config) -> Place:
+    """The place around a node."""
+    submap = submap_around(nodes, middle, config)
+    return Place(submap, evidence_grid(submap))
+
+
+def needed_evidence(distance: float, angle: float) -> float:
+    """Points from which the best pose of a window (m and rad to each side) is no chance.
+
+    The evidence of a false pose falls off exponentially, and each distinct pose is one try.
+    """
+    tries = (1.0 + 2.0 * distance / _APART[0]) ** 2 * (1.0 + 2.0 * angle / _APART[1])
+    return float(np.log(tries) / NATS + MARGIN)

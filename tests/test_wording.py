@@ -48,7 +48,10 @@ def test_a_share_that_misses_its_limit_does_not_round_up_to_it(why: Why, name: s
 def test_a_share_that_is_no_number_is_named_by_its_ground(overlap: float) -> None:
     """As a damaged map may hold it."""
     numbers = {"share": overlap, "limit": 0.7}
-    assert in_words(Verdict(Judge.LASER, False, Why.LOW_SHARE, numbers)) == "low share of matches agrees"
+    assert (
+        in_words(Verdict(Judge.LASER, False, Why.LOW_SHARE, numbers))
+        == "low share of matches agrees"
+    )
 
 
 def _numbers(template: str) -> dict[str, float]:

@@ -108,7 +108,7 @@ def test_report_is_one_page_without_links(ours: Path, tmp_path: Path) -> None:
     page = (tmp_path / "map.html").read_text()
     assert page.startswith("<!doctype html>")
     assert not re.findall(r'(?:src|href)="(?!data:|#)', page)
-    assert "score below 0.5" in page  # why the rejected one was
+    assert "evidence 12 points below 30" in page  # why the rejected one was
     assert page.count("<image id=") == 3
     assert "<svg" in page
     run("report", ours, "-o", tmp_path / "again.html")

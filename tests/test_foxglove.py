@@ -119,7 +119,7 @@ def test_the_graph_tells_its_facts(small: Path, tmp_path: Path) -> None:
     (scene,) = (m for _, topic, _, m in messages(tmp_path / "a.mcap") if topic == "/map/graph")
     facts = {e.id: {pair.key: pair.value for pair in e.metadata} for e in scene.entities}
     assert "rejected" in facts
-    assert any("score below 0.5" in text for text in facts["rejected"].values())
+    assert any("evidence 12 points below 30" in text for text in facts["rejected"].values())
     for entity in scene.entities:
         (line,) = entity.lines
         assert len(line.points) == 2 * int(facts[entity.id]["constraints"])

@@ -176,7 +176,8 @@ def track_scans(
     `recorded` (B, 3) are odometry's steps, NaN where there is none; `state` (6,) is the pose and
     the last step, `wheels` (15,) the model of the odometry; `settings` are residual share, sigma of
     a range, correlation, share and floor of the motion model, limits of NIS and overlap, keyscan
-    distance and angle, the least correlation. Fills `out` (B, 7): pose, overlap, NIS, metres moved, weak (1 or 0); and
+    distance and angle, the least correlation. Fills `out` (B, 7): pose, overlap, NIS, metres moved,
+    weak (1 or 0); and
     `covariances` (B, 3, 3) of the steps.
     """  # fmt: skip
     found, predicted, pose = np.zeros(16), np.empty(3), np.empty(3)

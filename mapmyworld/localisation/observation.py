@@ -46,15 +46,15 @@ class Moment:
 
 def is_shaken(moved: LaserMotion) -> bool:
     """Whether a scan was not simply matched with the ones before."""
-    return moved.verdict in ("lost", "odometry only", "searched")
+    return moved.verdict in ("lost", "odometry only", "odometry ignored")
 
 
 def is_broken(moved: LaserMotion, step: Array, recorded: Array | None) -> bool:
     """Whether a motion `step` (3,) of the tracker says nothing of how the robot moved.
 
-    A scan that was found again by a wide search counts where the `recorded` motion (3,) agrees.
+    A scan that was placed without the odometry counts where the `recorded` motion (3,) agrees.
     """
-    if moved.verdict != "searched":
+    if moved.verdict != "odometry ignored":
         return is_shaken(moved)
     if recorded is None:
         return True

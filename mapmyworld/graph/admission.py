@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.information import NotPositiveDefiniteError, information_of
+from mapmyworld.backend.parts import Index, components
+from mapmyworld.backend.predictions import predictions
+from mapmyworld.backend.system import System, believed_edges, chosen_edges, edge_chi2
 from mapmyworld.geometry import Array
-from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.clusters import HEAVY, allowed, chance_of
-from mapmyworld.graph.consistency import alternatives, definite
-from mapmyworld.graph.joint_covariance import predicted_covariances
-from mapmyworld.graph.linear_system import information_factors
-from mapmyworld.graph.pose_graph import Index, components
-from mapmyworld.graph.system import System, believed_edges, chosen_edges, edge_chi2
+from mapmyworld.graph.consistency import alternatives
 
 _CANDIDATES = 3000  # closures left out that are tried again at once, best fitting first
 _FALSE = 0.2  # false closures that chance may let into a whole graph, expected
@@ -86,12 +85,12 @@ def innovations(
 ) -> tuple[Array, Array]:
     """Squared sigmas (C,) of edges against what the inliers predict, and the volume of that."""
     part = believed_edges(system, inliers)
-    factors = information_factors(part, poses)
     tested = replace(chosen_edges(system, candidates), free=part.free)
-    predicted, residuals = predicted_covariances(factors, tested, poses)
-    covariance = definite(np.linalg.inv(tested.information) + predicted)
-    fit = np.einsum(
-        "ei,ei->e", residuals, np.linalg.solve(covariance, residuals[..., None])[..., 0]
-    )
-    volume = np.sqrt(np.maximum(np.linalg.det(2.0 * np.pi * covariance), 0.0))  # not by rounding
+    alone = list(np.arange(len(candidates)).reshape(-1, 1))
+    found = predictions(information_of(part, poses), tested, poses, alone)
+    missed = np.stack([one.residuals for one in found])
+    spread = np.stack([one.covariance for one in found]) + np.eye(system.dimension)
+    fit = np.einsum("ei,ei->e", missed, np.linalg.solve(spread, missed[..., None])[..., 0])
+    stated = np.linalg.det(tested.information)
+    volume = np.sqrt(np.linalg.det(2.0 * np.pi * spread) / stated)
     return fit, np.maximum(volume, 1e-300)

@@ -11,15 +11,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.sparse import diags_array
 
+from mapmyworld.backend.blocks import edge_blocks, factorised, metis_order_of
+from mapmyworld.backend.information import Factorised
+from mapmyworld.backend.parts import Index
+from mapmyworld.backend.starts import with_places
+from mapmyworld.backend.system import System, residuals_of
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.geometry.rotations import so3_exp
-from mapmyworld.graph.block_solver import Solver, solver_of
-from mapmyworld.graph.normal_equations import weighted_blocks
-from mapmyworld.graph.pose_graph import Index
-from mapmyworld.graph.starts import with_places
-from mapmyworld.graph.system import System, residuals_of
 
 _TURN = 2.0 * np.pi
 _WORTH = 60.0  # squared sigmas of headings up to which another turn is tried
@@ -89,18 +90,17 @@ def _at(edge: int, weights: Array) -> Array:
     return found
 
 
-def _headings(system: System, weights: Array) -> Solver:
+def _headings(system: System, weights: Array) -> Factorised:
     """The equations of all headings; those of nodes that stay are held."""
-    count = len(system.free)
-    ends, alike = (system.tails, system.heads), np.ones((len(weights), 1, 1))
-    rows, columns, blocks = weighted_blocks(count, *ends, alike, weights[:, None, None])
-    stays = system.free < 0
-    blocks[(stays[rows] | stays[columns])] = 0.0
-    blocks[:count][stays] = 1.0
-    return solver_of(count, rows, columns, blocks)
+    count, ends = len(system.free), (system.tails, system.heads)
+    alike = np.ones((len(weights), 1, 1))
+    matrix = edge_blocks(count, *ends, alike, weights[:, None, None])
+    moves = (system.free >= 0).astype(np.float64)
+    held = diags_array(moves) @ matrix @ diags_array(moves) + diags_array(1.0 - moves)
+    return factorised(held, metis_order_of(count, *ends))
 
 
-def _solved(system: System, solver: Solver, pull: Array) -> Array:
+def _solved(system: System, solver: Factorised, pull: Array) -> Array:
     """Headings (N,) for which edges pull (E,) at their heads, and as much against their tails."""
     count = len(system.free)
     right = np.bincount(system.heads, pull, count) - np.bincount(system.tails, pull, count)

@@ -65,10 +65,10 @@ def rows_of(system: System, poses: np.ndarray, k: int) -> np.ndarray:
     for end in (one.tails[0], one.heads[0]):
         for j in range(size):
             tangent = np.zeros((len(poses), size))
-            tangent[end, j] = 1e-5
-            there, back = (residuals_of(one, retract(system.planar, poses, sign * tangent))
-                           for sign in (1.0, -1.0))  # fmt: skip
-            rows[:, end, j] = (there - back)[0] / 2e-5
+            tangent[end, j] = 1e-3
+            at = [residuals_of(one, retract(system.planar, poses, k * tangent))[0]
+                  for k in (-2, -1, 1, 2)]  # fmt: skip
+            rows[:, end, j] = (at[0] - 8.0 * at[1] + 8.0 * at[2] - at[3]) / 12e-3
     return rows.reshape(size, -1)
 
 
@@ -101,8 +101,8 @@ def test_groups_of_edges_vary_together_as_the_dense_inverse_says(planar, count, 
         # Derivatives of an edge into the node that stays are another edge's, turned.
         if (system.heads[group] > 0).all():
             expected = rows @ dense @ rows.T
-            near = 1e-6 * np.abs(expected).max()
-            assert np.allclose(one.covariance, expected, rtol=1e-5, atol=near)
+            near = 1e-5 * np.abs(expected).max()
+            assert np.allclose(one.covariance, expected, rtol=1e-4, atol=near)
             missed = np.einsum("eji,ej->ei", roots, residuals_of(system, poses)[group])
             assert np.allclose(one.residuals, missed.ravel())
 
@@ -117,7 +117,7 @@ def test_solutions_and_marginals_are_those_of_the_dense_matrix(planar, count, ex
     assert found is not None
     tiles = dense.reshape(count - 1, size, count - 1, size)
     expected = tiles[np.arange(count - 1), :, np.arange(count - 1), :]
-    assert np.allclose(found[1:], expected, rtol=1e-4, atol=1e-6 * np.abs(dense).max())
+    assert np.allclose(found[1:], expected, rtol=1e-4, atol=1e-5 * np.abs(dense).max())
     assert not found[0].any()
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import gtsam
 
-from mapmyworld.backend.factors import FactorGraph, factor_graph, poses_of
+from mapmyworld.backend.factors import FactorGraph, elimination_order, factor_graph, poses_of
 from mapmyworld.backend.system import Fit, System, fit_of
 from mapmyworld.geometry import Array
 
@@ -44,17 +44,17 @@ def descend(system: System, start: Fit, tolerance: float, steps: int) -> Descent
 def optimised(graph: FactorGraph, tolerance: float, steps: int) -> tuple[Any, int]:
     """The values of least cost near those of the graph, and how many steps led there."""
     optimiser = gtsam.LevenbergMarquardtOptimizer(
-        graph.factors, graph.values, levenberg_marquardt(tolerance, steps)
-    )
+        graph.factors, graph.values, gtsam.Ordering(elimination_order(graph.factors)),
+        _parameters(tolerance, steps),
+    )  # fmt: skip
     return optimiser.optimize(), optimiser.iterations()
 
 
-def levenberg_marquardt(tolerance: float, steps: int) -> Any:
+def _parameters(tolerance: float, steps: int) -> Any:
     """Gtsam's parameters of a descent; elimination in METIS's order."""
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setMaxIterations(steps)
     parameters.setRelativeErrorTol(tolerance)
     parameters.setAbsoluteErrorTol(0.0)
     parameters.setErrorTol(_NOTHING)
-    parameters.setOrderingType("METIS")
     return parameters

@@ -32,6 +32,25 @@ class FactorGraph:
     """gtsam.Values."""
 
 
+def elimination_order(factors: Any) -> list[int]:
+    """All keys of gtsam's factors in METIS's order; METIS itself breaks down on variables that no
+    factor links to another, so these come first.
+    """
+    keys = [factors.at(k).keys() for k in range(factors.size())]
+    linked = {key for some in keys if len(some) > 1 for key in some}
+    alone = sorted({key for some in keys for key in some} - linked)
+    if alone:
+        among = gtsam.NonlinearFactorGraph()
+        for k, some in enumerate(keys):
+            if len(some) > 1:
+                among.push_back(factors.at(k))
+        factors = among
+    if not linked:
+        return alone
+    order = gtsam.Ordering.MetisNonlinearFactorGraph(factors)
+    return [*alone, *(order.at(k) for k in range(order.size()))]
+
+
 def factor_graph(system: System, poses: Array) -> FactorGraph:
     """The factors of all edges that a free node has, in their order, and all free nodes."""
     return FactorGraph(factors_of(system, poses), values_of(system, poses))

@@ -9,12 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import gtsam
 import numpy as np
 from scipy.sparse import csc_array, csr_array, sparray
 from scipy.sparse.linalg import SuperLU, splu
 
-from mapmyworld.backend.factors import FactorGraph, factor_graph
+from mapmyworld.backend.factors import FactorGraph, elimination_order, factor_graph
 from mapmyworld.backend.parts import Index
 from mapmyworld.backend.system import System
 from mapmyworld.errors import GraphError
@@ -99,10 +98,10 @@ class Variables:
 
     def elimination(self, factors: Any) -> Index:
         """(n,) unknowns in METIS's order; raises `NotPositiveDefiniteError` where some are free."""
-        order = gtsam.Ordering.MetisNonlinearFactorGraph(factors)
-        if order.size() < len(self.keys):
+        order = np.array(elimination_order(factors), np.int64)
+        if len(order) < len(self.keys):
             raise NotPositiveDefiniteError("the edges leave a node undetermined")
-        return self.unknowns(np.array([order.at(k) for k in range(order.size())], np.int64))
+        return self.unknowns(order)
 
     def jacobian(self, linear: Any) -> tuple[csr_array, Array]:
         """The whitened derivatives (R, n) of gtsam's linear factors, and their right-hand side

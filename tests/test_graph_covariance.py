@@ -8,9 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import expm
 from scipy.sparse import csc_array
 
-from mapmyworld.backend.information import Factorised, NotPositiveDefiniteError, information_of
+from mapmyworld.backend.factors import factors_of, values_of
+from mapmyworld.backend.information import (
+    Factorised,
+    NotPositiveDefiniteError,
+    Variables,
+    information_of,
+)
 from mapmyworld.backend.predictions import predictions
 from mapmyworld.backend.residuals import retract
 from mapmyworld.backend.system import (
@@ -21,8 +28,16 @@ from mapmyworld.backend.system import (
     residuals_of,
 )
 from mapmyworld.errors import GraphError
-from mapmyworld.geometry.planar import information_from_planar, planar_to_matrix
-from mapmyworld.geometry.rigid import se3_exp
+from mapmyworld.geometry.planar import (
+    between_planar,
+    compose_planar,
+    information_from_planar,
+    planar_adjoint,
+    planar_to_matrix,
+)
+from mapmyworld.geometry.rigid import between as rigid
+from mapmyworld.geometry.rigid import se3_adjoint, se3_exp
+from mapmyworld.geometry.rotations import skew
 from mapmyworld.graph.covariance import (
     marginal_covariances,
     relative_covariances,
@@ -47,10 +62,7 @@ def random_system(planar: bool, count: int, extra: int, seed: int) -> tuple[Syst
     tails = np.concatenate([chain, more[:, 0]])
     heads = np.concatenate([chain + 1, more[:, 1]])
     noise = rng.normal(size=(len(tails), size)) * 0.05
-    if planar:
-        from mapmyworld.geometry.planar import between_planar as between
-    else:
-        from mapmyworld.geometry.rigid import between
+    between = between_planar if planar else rigid
     measured = retract(planar, between(poses[tails], poses[heads]), noise)
     root = rng.normal(size=(len(tails), size, size))
     information = root @ np.swapaxes(root, 1, 2) + np.eye(size)
@@ -59,26 +71,50 @@ def random_system(planar: bool, count: int, extra: int, seed: int) -> tuple[Syst
 
 
 def rows_of(system: System, poses: np.ndarray, k: int) -> np.ndarray:
-    """The derivative (d, N d) of an edge's residual by the tangents of all nodes."""
+    """The derivative (d, n) of an edge's residual in sigmas by the tangents of all free nodes."""
     one = chosen_edges(system, np.array([k]))
-    size, rows = system.dimension, np.zeros((system.dimension, len(poses), system.dimension))
-    for end in (one.tails[0], one.heads[0]):
-        for j in range(size):
-            tangent = np.zeros((len(poses), size))
-            tangent[end, j] = 1e-3
-            at = [residuals_of(one, retract(system.planar, poses, k * tangent))[0]
-                  for k in (-2, -1, 1, 2)]  # fmt: skip
-            rows[:, end, j] = (at[0] - 8.0 * at[1] + 8.0 * at[2] - at[3]) / 12e-3
-    return rows.reshape(size, -1)
+    variables = Variables.of(values_of(system, poses))
+    linear = factors_of(one, poses).linearize(values_of(system, poses))
+    return variables.jacobian(linear)[0].toarray()
 
 
 def dense_information(system: System, poses: np.ndarray) -> np.ndarray:
     """The information over all nodes but the first, edge by edge."""
-    total = np.zeros((len(poses) * system.dimension,) * 2)
-    for k in range(len(system.tails)):
-        rows = rows_of(system, poses, k)
-        total += rows.T @ system.information[k] @ rows
-    return total[system.dimension :, system.dimension :]
+    rows = [rows_of(system, poses, k) for k in range(len(system.tails))]
+    return sum(one.T @ one for one in rows)
+
+
+def right_jacobian(planar: bool, tangent: np.ndarray) -> np.ndarray:
+    """(d, d) how the logarithm moves the motion: the integral of `exp(-s ad)` for s from 0 to 1,
+    which is a block of the exponential of a matrix twice as large.
+    """
+    size = len(tangent)
+    twice = np.zeros((2 * size, 2 * size))
+    if planar:
+        x, y, yaw = tangent
+        twice[:size, :size] = -np.array([[0.0, -yaw, y], [yaw, 0.0, -x], [0.0, 0.0, 0.0]])
+    else:
+        twice[:3, :3] = twice[3:6, 3:6] = -skew(tangent[:3])
+        twice[3:6, :3] = -skew(tangent[3:])
+    twice[:size, size:] = np.eye(size)
+    return expm(twice)[:size, size:]
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_derivatives_of_edges_are_those_of_the_logarithm(planar: bool) -> None:
+    """`log(m^-1 t^-1 h)` changes with h by the inverse of its right Jacobian."""
+    system, poses = random_system(planar, 12, 10, 5)
+    between, adjoint = (between_planar, planar_adjoint) if planar else (rigid, se3_adjoint)
+    size, residuals = system.dimension, residuals_of(system, poses)
+    for k in np.flatnonzero((system.tails > 0) & (system.heads > 0)).tolist():
+        tail, head = poses[system.tails[[k]]], poses[system.heads[[k]]]
+        by_head = np.linalg.inv(right_jacobian(planar, residuals[k]))
+        expected = np.zeros((size, len(poses), size))
+        expected[:, system.heads[k]] = by_head
+        expected[:, system.tails[k]] = -by_head @ adjoint(between(head, tail))[0]
+        whitened = rows_of(system, poses, k)
+        found = np.linalg.solve(np.linalg.cholesky(system.information[k]).T, whitened)
+        assert np.allclose(found, expected[:, 1:].reshape(size, -1), atol=1e-7)
 
 
 @settings(max_examples=20)
@@ -94,15 +130,11 @@ def test_groups_of_edges_vary_together_as_the_dense_inverse_says(planar, count, 
     groups = [group for group in groups if len(group)]
     found = predictions(information_of(chosen_edges(system, seen), poses), system, poses, groups)
     for group, one in zip(groups, found, strict=True):
-        roots = np.linalg.cholesky(system.information[group])
-        rows = np.concatenate(
-            [root.T @ rows_of(system, poses, k) for root, k in zip(roots, group, strict=True)]
-        )[:, system.dimension :]
-        # Derivatives of an edge into the node that stays are another edge's, turned.
-        if (system.heads[group] > 0).all():
-            expected = rows @ dense @ rows.T
-            near = 1e-5 * np.abs(expected).max()
-            assert np.allclose(one.covariance, expected, rtol=1e-4, atol=near)
+        rows = np.concatenate([rows_of(system, poses, k) for k in group])
+        expected = rows @ dense @ rows.T
+        assert np.allclose(one.covariance, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
+        if (system.heads[group] > 0).all():  # the residual of an edge into a held node is turned
+            roots = np.linalg.cholesky(system.information[group])
             missed = np.einsum("eji,ej->ei", roots, residuals_of(system, poses)[group])
             assert np.allclose(one.residuals, missed.ravel())
 
@@ -117,7 +149,7 @@ def test_solutions_and_marginals_are_those_of_the_dense_matrix(planar, count, ex
     assert found is not None
     tiles = dense.reshape(count - 1, size, count - 1, size)
     expected = tiles[np.arange(count - 1), :, np.arange(count - 1), :]
-    assert np.allclose(found[1:], expected, rtol=1e-4, atol=1e-5 * np.abs(dense).max())
+    assert np.allclose(found[1:], expected, rtol=1e-7, atol=1e-10 * np.abs(dense).max())
     assert not found[0].any()
 
 
@@ -147,8 +179,6 @@ def test_a_relative_covariance_of_neighbours_in_a_chain_is_the_edges_own():
     motion = system.measured.copy()
     for k in range(29):
         poses[k + 1] = retract(True, poses[k : k + 1], np.zeros((1, 3)))[0]
-        from mapmyworld.geometry.planar import compose_planar
-
         poses[k + 1] = compose_planar(poses[k], motion[k])
     found = relative_covariances(system, poses, np.array([4, 20]), np.array([5, 21]))
     assert np.allclose(found, np.linalg.inv(system.information[[4, 20]]))

@@ -18,13 +18,13 @@ from mapmyworld.kernels.first_kernels import KERNELS
 from mapmyworld.types import Progress
 
 ROOT = Path(first_start.__file__).parents[2]
-WORDS = {"log", "scan", "camera", "odometry", "sight", "plane", "space"}
+WORDS = {"log", "scan", "camera", "odometry", "sight"}
 
 SMALL = """
 from mapmyworld.kernels import first_start
 from mapmyworld.kernels.first_kernels import KERNELS
 from numba.core import event
-needs = frozenset({"plane", "space", "odometry"})
+needs = frozenset({"log", "odometry"})
 small = [k for k in KERNELS if k.needed_by in needs]
 helped, compiled, told = [], [], []
 class Ear(event.Listener):

@@ -11,9 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import bsr_array, diags_array
 
-from mapmyworld.backend.blocks import factorised
+from mapmyworld.backend.blocks import Blocks, diagonals
 from mapmyworld.backend.information import NotPositiveDefiniteError
 from mapmyworld.backend.system import Fit, System
 from mapmyworld.backend.twin import (
@@ -64,7 +63,7 @@ def certify(system: System, solved: Fit) -> Certificate:
 
 def _certified(system: System, solved: Fit, *, equal: bool) -> Certificate:
     cost, twin = solved.cost, twin_of(system, solved.residuals, equal=equal)
-    found = _multipliers_at_minimum(twin, twin_poses(system.planar, solved.poses))
+    found = _multipliers_at_minimum(twin, twin_poses(system.planar, solved.poses)[twin.order])
     if found is None:
         return Certificate(0.0, 1.0, False)
     dual = float(found.trace(0, 1, 2).sum())
@@ -80,22 +79,20 @@ def _is_positive(twin: Twin, multiplied: Array, slack: float) -> bool:
     nodes, size = multiplied.shape[:2]
     more = np.zeros((nodes, size + 1))
     more[:, 1:] = slack / (nodes * size)
-    more[twin.anchors, 0] += twin.matrix.max()
-    raised = _less(twin, multiplied) + diags_array(more.ravel())
+    more[twin.anchors, 0] += twin.matrix.matrix.data.max()
     try:
-        factorised(raised, twin.order)
+        _less(twin, multiplied).plus(diagonals(more)).factorised(np.arange(nodes))
     except NotPositiveDefiniteError:
         return False
     return True
 
 
-def _less(twin: Twin, multiplied: Array) -> bsr_array:
+def _less(twin: Twin, multiplied: Array) -> Blocks:
     """`S = M - L`; positive semi-definite at a global minimum."""
     nodes, size = multiplied.shape[:2]
     blocks = np.zeros((nodes, size + 1, size + 1))
-    blocks[:, 1:, 1:] = multiplied
-    own = np.arange(nodes)
-    return twin.matrix - bsr_array((blocks, own, np.arange(nodes + 1)), shape=twin.matrix.shape)
+    blocks[:, 1:, 1:] = -multiplied
+    return twin.matrix.plus(blocks)
 
 
 def _multipliers_at_minimum(twin: Twin, x: Array) -> Array | None:
@@ -122,18 +119,17 @@ def _newton_step(twin: Twin, x: Array, pulled: Array, multiplied: Array) -> Arra
     slope = pulled.copy()
     slope[:, :, 1:] -= x[:, :, 1:] @ multiplied
     gradient = np.einsum("nkxp,nxp->nk", bases, slope)
-    rows = np.repeat(np.arange(nodes), np.diff(less.indptr))
+    laid = less.matrix
+    rows = np.repeat(np.arange(nodes), np.diff(laid.indptr))
     flat = bases.reshape(*bases.shape[:2], -1)
-    left = (bases[rows] @ less.data[:, None]).reshape(len(rows), *flat.shape[1:])
-    blocks = left @ np.swapaxes(flat[less.indices], 1, 2)
-    count = nodes * bases.shape[1]
-    hessian = bsr_array((blocks, less.indices, less.indptr), shape=(count, count))
+    left = (bases[rows] @ laid.data[:, None]).reshape(len(rows), *flat.shape[1:])
+    blocks = left @ np.swapaxes(flat[laid.indices], 1, 2)
     # Landmarks have no rotation; the first node of every part does not move.
     firm = np.zeros(gradient.shape)
     firm[twin.anchors] = firm[twin.points, : bases.shape[1] - size] = np.abs(blocks).max()
     gradient[twin.anchors] = 0.0
     try:
-        found = factorised(hessian + diags_array(firm.ravel()), twin.order)
+        found = less.with_blocks(blocks).plus(diagonals(firm)).factorised(np.arange(nodes))
     except NotPositiveDefiniteError:
         return None
     return found.solve(-gradient.ravel()).reshape(gradient.shape)

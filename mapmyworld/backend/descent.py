@@ -7,7 +7,8 @@ from typing import Any
 
 import gtsam
 
-from mapmyworld.backend.factors import FactorGraph, elimination_order, factor_graph, poses_of
+from mapmyworld.backend.blocks import metis_order_of
+from mapmyworld.backend.factors import FactorGraph, factor_graph, poses_of
 from mapmyworld.backend.system import Fit, System, fit_of
 from mapmyworld.geometry import Array
 
@@ -34,18 +35,23 @@ def descend(system: System, start: Fit, tolerance: float, steps: int) -> Descent
     if system.size == 0 or start.cost < _NOTHING:
         return Descent(start, 0, True)
     graph = factor_graph(system, start.poses)
-    values, taken = optimised(graph, tolerance, steps)
+    order = metis_order_of(len(system.free), system.tails, system.heads)
+    free = order[system.free[order] >= 0].tolist()
+    values, taken = optimised(graph, free, tolerance, steps)
     fit = fit_of(system, poses_of(system, values, start.poses))
     if not fit.chi2 <= start.chi2:  # rounding at the minimum
         fit = start
     return Descent(fit, taken, taken < steps)
 
 
-def optimised(graph: FactorGraph, tolerance: float, steps: int) -> tuple[Any, int]:
-    """The values of least cost near those of the graph, and how many steps led there."""
+def optimised(
+    graph: FactorGraph, order: list[int], tolerance: float, steps: int
+) -> tuple[Any, int]:
+    """The values of least cost near those of the graph, and how many steps led there; variables
+    are eliminated in this order.
+    """
     optimiser = gtsam.LevenbergMarquardtOptimizer(
-        graph.factors, graph.values, gtsam.Ordering(elimination_order(graph.factors)),
-        _parameters(tolerance, steps),
+        graph.factors, graph.values, gtsam.Ordering(order), _parameters(tolerance, steps)
     )  # fmt: skip
     return optimiser.optimize(), optimiser.iterations()
 

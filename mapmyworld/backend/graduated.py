@@ -61,8 +61,9 @@ def _stepped(part: System, factors: Any, order: Index, poses: Array, weights: Ar
     jacobian, right = Variables.of(values).jacobian(factors.linearize(values))
     kinds = np.zeros(len(weights), np.int64) if part.kinds is None else part.kinds
     rows = np.where(kinds > 0, 2 if part.planar else 3, d)[moving_edges(part)]
-    weighted = diags_array(np.repeat(weights[moving_edges(part)], rows)) @ jacobian
-    step = Factorised.of(weighted.T @ jacobian, order).solve(weighted.T @ right)
+    roots = np.sqrt(np.repeat(weights[moving_edges(part)], rows))
+    weighted = diags_array(roots) @ jacobian
+    step = Factorised.of_rows(weighted, order).solve(weighted.T @ (roots * right))
     tangents = np.zeros((len(poses), d))
     unknown = np.tile((part.free >= 0)[:, None], d)
     unknown[part.points] &= np.arange(d) < 2 if part.planar else np.arange(d) >= 3

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, sparray
+from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from mapmyworld.backend.factors import FactorGraph, elimination_order, factor_graph
@@ -33,11 +33,10 @@ class Factorised:
     """(n,) the unknown at each row of L."""
 
     @staticmethod
-    def of(matrix: sparray, order: Index) -> Factorised:
-        """The factors, eliminated in this order; raises `NotPositiveDefiniteError`."""
-        ordered = csc_array(csr_array(matrix)[order][:, order])
+    def of(matrix: csc_array, order: Index) -> Factorised:
+        """The factors of a matrix of unknowns in this order; raises `NotPositiveDefiniteError`."""
         try:
-            found = splu(ordered, permc_spec="NATURAL", diag_pivot_thresh=0.0,
+            found = splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0,
                          options={"SymmetricMode": True})  # fmt: skip
         except RuntimeError:
             raise NotPositiveDefiniteError("the edges leave a node undetermined") from None
@@ -45,6 +44,12 @@ class Factorised:
         if swapped or not (found.U.diagonal() > 0.0).all():
             raise NotPositiveDefiniteError("the edges leave a node undetermined")
         return Factorised(found, order)
+
+    @staticmethod
+    def of_rows(jacobian: csr_array, order: Index) -> Factorised:
+        """The factors of `J' J`, its unknowns eliminated in this order; raises the same."""
+        ordered = jacobian[:, order]
+        return Factorised.of(csc_array(ordered.T @ ordered), order)
 
     def solve(self, right: Array) -> Array:
         """The solution (n,) or (n, K) for this right-hand side."""
@@ -131,7 +136,7 @@ class Information:
         variables = Variables.of(graph.values)
         jacobian, _ = variables.jacobian(graph.factors.linearize(graph.values))
         order = variables.elimination(graph.factors)
-        return Information(variables, Factorised.of(jacobian.T @ jacobian, order))
+        return Information(variables, Factorised.of_rows(jacobian, order))
 
     def marginals(self, keys: Index) -> list[Array]:
         """The covariance (d, d) of each of these variables."""

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
-from mapmyworld.backend.blocks import edge_blocks, factorised, metis_order_of
+from mapmyworld.backend.blocks import diagonals, edge_blocks, metis_order_of, place_in
 from mapmyworld.backend.parts import Index
 from mapmyworld.backend.system import System
 from mapmyworld.geometry import Array
@@ -174,13 +174,13 @@ def solve_weighted(
     """X' (N, d, K) that minimises the sum of `weight |X_head - X_tail T|^2` over edges, less
     `2 right X'`; anchors keep what is `held` of it, but for a share that is too small to matter.
     """
-    count = len(right)
-    alike = weights[:, None, None] * np.eye(turns.shape[1])
-    matrix = edge_blocks(count, tails, heads, turns, alike)
-    anchor, firm = _ANCHOR * float(weights.max(initial=1.0)), np.zeros((count, turns.shape[1]))
-    firm[anchors] = anchor
+    order = metis_order_of(len(right), tails, heads)
+    alike, place = weights[:, None, None] * np.eye(turns.shape[1]), place_in(order)
+    matrix = edge_blocks(len(right), place[tails], place[heads], turns, alike)
+    anchor, firm = _ANCHOR * float(weights.max(initial=1.0)), np.zeros((len(right), len(alike[0])))
+    firm[place[anchors]] = anchor
     right[anchors] += anchor * held
-    found = factorised(matrix + diags_array(firm.ravel()), metis_order_of(count, tails, heads))
+    found = matrix.plus(diagonals(firm)).factorised(order)
     return found.solve(right.reshape(firm.size, -1)).reshape(right.shape)
 
 

@@ -9,12 +9,11 @@ M, S and the bound are those of Rosen, Carlone, Bandeira, Leonard, "SE-Sync" (20
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import bsr_array
 
-from mapmyworld.backend.blocks import edge_blocks, metis_order_of
+from mapmyworld.backend.blocks import Blocks, edge_blocks, metis_order_of, place_in
 from mapmyworld.backend.landmarks import POINT, POLAR
 from mapmyworld.backend.parts import Index, first_nodes
 from mapmyworld.backend.system import System, chosen_edges
@@ -25,12 +24,15 @@ from mapmyworld.geometry.rotations import skew, so3_exp
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Twin:
-    """The matrix M of a twin, block by block; a block is one node's translation and rotation."""
+    """The matrix M of a twin, block by block; a block is one node's translation and rotation.
 
-    matrix: bsr_array
+    Nodes are numbered in the order of their elimination.
+    """
+
+    matrix: Blocks
     """Of blocks (d + 1, d + 1)."""
     order: Index
-    """(N,) nodes in the order of elimination."""
+    """(N,) the system's nodes."""
     anchors: Index
     """One node of every connected part, where the map's frame is held."""
     points: Index
@@ -55,11 +57,13 @@ def twin_of(system: System, residuals: Array, *, equal: bool = False) -> Twin:
     if system.kinds is not None:
         weights = np.where((system.kinds == POINT)[:, None, None], 0.0, weights)
     anchors = np.flatnonzero(first_nodes(count, tails, heads) == np.arange(count))
-    matrix = _laid(count, system, weights, tau)
-    return Twin(matrix, metis_order_of(count, tails, heads), anchors, points)
+    order = metis_order_of(count, tails, heads)
+    place = place_in(order)
+    matrix = _laid(replace(system, tails=place[tails], heads=place[heads]), weights, tau)
+    return Twin(matrix, order, place[anchors], place[points])
 
 
-def _laid(count: int, system: System, weights: Array, tau: Array) -> bsr_array:
+def _laid(system: System, weights: Array, tau: Array) -> Blocks:
     """M, where `weights` (E, r, r) are K.
 
     An angle a about the axis n costs `2 (1 - cos a) (trace W - n' W n)`: W is chosen so that a
@@ -72,7 +76,7 @@ def _laid(count: int, system: System, weights: Array, tau: Array) -> bsr_array:
     turns[:, 1:, 1:] = motions[:, :size, :size]
     half = 0.5 * weights.trace(0, 1, 2)[:, None, None] * np.eye(size)
     known[:, 0, 0], known[:, 1:, 1:] = tau, half if system.planar else half - weights
-    return edge_blocks(count, system.tails, system.heads, turns, known)
+    return edge_blocks(len(system.free), system.tails, system.heads, turns, known)
 
 
 # Weights of rotation against translation that are tried: where the information couples them, what
@@ -120,10 +124,10 @@ def _smallest(matrices: Array) -> Array:
     return np.asarray(np.linalg.eigvalsh(matrices)[:, 0], np.float64)
 
 
-def multiplied_out(matrix: bsr_array, x: Array) -> Array:
+def multiplied_out(blocks: Blocks, x: Array) -> Array:
     """(N, d, d + 1): X times a matrix, of poses X (N, d, d + 1)."""
     count, size = x.shape[:2]
-    found = matrix @ np.swapaxes(x, 1, 2).reshape(-1, size)
+    found = blocks.matrix @ np.swapaxes(x, 1, 2).reshape(-1, size)
     return np.swapaxes(found.reshape(count, size + 1, size), 1, 2)
 
 

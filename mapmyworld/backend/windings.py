@@ -11,9 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.sparse import diags_array
 
-from mapmyworld.backend.blocks import edge_blocks, factorised, metis_order_of
+from mapmyworld.backend.blocks import Blocks, metis_order_of, place_in
 from mapmyworld.backend.information import Factorised
 from mapmyworld.backend.parts import Index
 from mapmyworld.backend.starts import with_places
@@ -92,12 +91,15 @@ def _at(edge: int, weights: Array) -> Array:
 
 def _headings(system: System, weights: Array) -> Factorised:
     """The equations of all headings; those of nodes that stay are held."""
-    count, ends = len(system.free), (system.tails, system.heads)
-    alike = np.ones((len(weights), 1, 1))
-    matrix = edge_blocks(count, *ends, alike, weights[:, None, None])
-    moves = (system.free >= 0).astype(np.float64)
-    held = diags_array(moves) @ matrix @ diags_array(moves) + diags_array(1.0 - moves)
-    return factorised(held, metis_order_of(count, *ends))
+    order = metis_order_of(len(system.free), system.tails, system.heads)
+    place, moves = place_in(order), system.free >= 0
+    ends, inside = (system.tails, system.heads), moves[system.tails] & moves[system.heads]
+    rows = np.concatenate([*ends, ends[0][inside], ends[1][inside]])
+    columns = np.concatenate([*ends, ends[1][inside], ends[0][inside]])
+    pulls = np.concatenate([weights, weights, -weights[inside], -weights[inside]])
+    pulls[~moves[rows]] = 0.0
+    matrix = Blocks.summed(len(order), place[rows], place[columns], pulls[:, None, None])
+    return matrix.plus(1.0 - moves[order, None, None].astype(np.float64)).factorised(order)
 
 
 def _solved(system: System, solver: Factorised, pull: Array) -> Array:

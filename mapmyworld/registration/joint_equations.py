@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.backend.blocks import factorised, metis_order_of, summed_blocks
+from mapmyworld.backend.blocks import Blocks, metis_order_of, place_in
 from mapmyworld.backend.information import Factorised
 from mapmyworld.config import RegistrationConfig
 from mapmyworld.geometry.planar import between_planar, planar_adjoint, wrap_angle
@@ -68,6 +68,13 @@ def equations_of(
 
 def factors_of(equations: Equations, held: NDArray[np.bool_]) -> Factorised:
     """The factorised system over all scans (S,); those that are held link to none."""
+    free = ~(held[equations.tails] | held[equations.heads])
+    order = metis_order_of(len(held), equations.tails[free], equations.heads[free])
+    return _matrix_of(equations, held, place_in(order)).factorised(order)
+
+
+def _matrix_of(equations: Equations, held: NDArray[np.bool_], place: Index) -> Blocks:
+    """The matrix of the system, each scan in its `place` (S,)."""
     tails, heads, hessians = equations.tails, equations.heads, equations.hessians
     free, count = ~(held[tails] | held[heads]), len(held)
     across = hessians @ equations.towards
@@ -78,8 +85,7 @@ def factors_of(equations: Equations, held: NDArray[np.bool_]) -> Factorised:
     rows = np.concatenate([ends, heads[free], tails[free]])
     columns = np.concatenate([ends, tails[free], heads[free]])
     links = [across[free], np.swapaxes(across[free], 1, 2)]
-    matrix = summed_blocks(count, rows, columns, np.concatenate([blocks, *links]))
-    return factorised(matrix, metis_order_of(count, tails[free], heads[free]))
+    return Blocks.summed(count, place[rows], place[columns], np.concatenate([blocks, *links]))
 
 
 def step_of(equations: Equations, factors: Factorised, held: NDArray[np.bool_]) -> Array:

@@ -18,4 +18,4 @@ class RegistrationConfig:
     range_max: Positive = 40.0  # m, farther returns are not matched
     residual_share: Positive = 0.25  # of the search for a line: so far off a point counts half
     range_sigma: Positive = 0.02  # m, standard deviation of a point about its line
-    correlation: Positive = 2.0  # neighbouring points that together tell as much as one
+    correlation: Positive = 4.0  # neighbouring points that together tell as much as one

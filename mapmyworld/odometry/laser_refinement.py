@@ -219,7 +219,7 @@ def node_motions(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Jud
 def _closed(
     nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged]
 ) -> tuple[Index, Index, Array, Array]:
-    """Accepted laser closures between the chosen nodes nearest to theirs: ends, motions, information."""
+    """Accepted laser closures between the nearest chosen nodes: ends, motions, information."""
     row_of = {node.id: row for row, node in enumerate(nodes)}
     found = [
         c for c in constraints

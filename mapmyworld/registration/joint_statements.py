@@ -91,7 +91,7 @@ def _ends(constraint: Judged) -> tuple[int, int]:
 
 
 def holds(constraint: Judged) -> bool:
-    """Whether it holds poses by itself: no neighbour, and no closure by laser that nobody judged."""
+    """Whether it holds poses itself: no neighbour, no closure by laser that nobody judged."""
     by_hand = any(verdict.judge is Judge.PERSON for verdict in constraint.verdicts)
     scanned = isinstance(constraint.source, ScanMatch) and not by_hand
     moved = constraint.kind is ConstraintKind.NEIGHBOUR

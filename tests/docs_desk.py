@@ -53,6 +53,8 @@ def lay(folder: Path, apartment: Path) -> None:
     (folder / "logs.toml").write_text(BATCH)
     glb_room(folder / "house.glb")
     (folder / "maps").mkdir()
+    (folder / "recordings").mkdir()
+    (folder / "recordings" / "apartment.mcap").symlink_to(LOGS / "apartment.mcap")
 
 
 def _converted(log: Path, made: Path, start: float, duration: float) -> None:

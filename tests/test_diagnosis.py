@@ -249,7 +249,10 @@ def test_nothing_is_said_where_nothing_can_be() -> None:
 
 @pytest.mark.slow
 def test_a_tracked_log_tells_the_same_without_being_read_again() -> None:
-    """The build's own comparison against that of `inspect log`, on wheels believed too large."""
+    """The build's own comparison against that of `inspect log`, on wheels believed too large.
+
+    By then it has taken the time offset of 0.12 s back by itself.
+    """
 
     def change(message: Message) -> Message:
         if isinstance(message, OdometryMessage):
@@ -265,7 +268,7 @@ def test_a_tracked_log_tells_the_same_without_being_read_again() -> None:
     assert {"odometry scale", "time offset of odometry to laser", "floor tilt"} <= set(kept)
     assert not kept["odometry scale"]["good"]
     assert kept["odometry scale"]["value"] == pytest.approx(1 / 1.1, rel=0.02)
-    assert kept["time offset of odometry to laser"]["value"] == pytest.approx(0.12, abs=0.03)
+    assert kept["time offset of odometry to laser"]["value"] == pytest.approx(0.0, abs=0.03)
     assert kept["floor tilt"]["good"]
 
 

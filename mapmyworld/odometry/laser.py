@@ -37,6 +37,7 @@ _LEAST_STEP = 1e-8  # m^2 and rad^2 by which any step may err
 _FAULT = 1e-3  # probability that odometry says nothing of a step: it stalls, slips, catches up
 _CARRIED = 1e-9  # that a robot does not go on as it did, but is somewhere else at once
 _LOG_ODDS = 1.3  # nats by which a point on a surface speaks for a pose: 0.75 against 0.2
+_INDEPENDENT = 0.1  # variance factor of matches, at least: more than all points cannot tell
 _CORRELATED = 4.0  # neighbouring points of a scan that tell as much as one, at least
 _RECENT = 0.05  # weight of a scan in the running mean of overlaps
 _CHANCE = 0.5  # of what a submap usually explains of a scan: less is chance
@@ -90,7 +91,7 @@ class LaserTracker:
             matching.residual_share, matching.range_sigma, matching.correlation,
             odometry.share_sigma, odometry.floor_sigma, odometry.contradiction**2,
             odometry.least_overlap, odometry.keyscan_distance, odometry.keyscan_angle,
-            matching.correlation,
+            _INDEPENDENT,
         ])  # fmt: skip
 
     def track(self, frame: Frame) -> LaserMotion:

@@ -52,7 +52,7 @@ def review_closures(
     row = {int(i): k for k, i in enumerate(nodes.ids)}
     result, anew = list(constraints), []
     for k, c in enumerate(constraints):
-        if _is_by_laser(c) and not _fits(c, nodes, row, 0.5):
+        if _is_by_laser(c) and not _fits(c, nodes, row, 0.25):
             verdict, measured = _reviewed(c, nodes, row, config)
             result[k] = c.judged(verdict)
             anew += measured

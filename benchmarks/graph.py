@@ -27,13 +27,12 @@ from graph_restarts import random_starts
 from graph_worlds import HARD, KINDS, Maker, world
 
 from formats.pose_graph import read_graph
+from mapmyworld.backend.descent import descend
+from mapmyworld.backend.system import System, fit_of
 from mapmyworld.config.graph import GraphConfig
 from mapmyworld.graph.covariance import marginal_covariances
-from mapmyworld.graph.descent import descend
-from mapmyworld.graph.elimination import forget_patterns
 from mapmyworld.graph.optimise import OptimisedGraph, optimise, optimise_robustly
 from mapmyworld.graph.problem import Problem, problem_of
-from mapmyworld.graph.system import System, fit_of
 from mapmyworld.types.pose_graph import PoseGraph
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -94,7 +93,6 @@ def _timed_run(path: Path) -> tuple[OptimisedGraph, float, tuple[float, float, f
 
 def _timed(graph: PoseGraph, config: GraphConfig) -> tuple[OptimisedGraph, float]:
     """CPU seconds, the graph's pattern analysed anew."""
-    forget_patterns()
     started = time.process_time()
     solved = optimise(graph, config)
     return solved, time.process_time() - started

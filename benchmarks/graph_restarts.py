@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from mapmyworld.backend.starts import along_tree, spanning_tree
 from mapmyworld.graph.problem import Problem
-from mapmyworld.graph.starts import along_tree, spanning_tree
 
 
 def random_starts(problem: Problem, count: int, seed: int = 0) -> Iterator[np.ndarray]:

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial import cKDTree
 
+from mapmyworld.backend.residuals import retract
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between, se3_exp
 from mapmyworld.geometry.rotations import so3_exp
-from mapmyworld.graph.residuals import retract
 from mapmyworld.types.pose_graph import Edges, PoseGraph, no_priors, no_sightings
 
 

@@ -232,9 +232,8 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         f"{name} {cost:.6g}" + (f" -> {reached[name]:.6g}" if name in reached else "")
         for name, cost in facts["start_costs"].items()
     )
-    for made_late in ("winding", "lifted"):
-        if made_late in reached:
-            starts += f", {made_late} -> {reached[made_late]:.6g}"
+    if "winding" in reached:
+        starts += f", winding -> {reached['winding']:.6g}"
     seconds = facts["seconds"]
     lines = [
         f"graph       {facts['nodes']} nodes, {facts['edges']} edges, "

@@ -144,6 +144,7 @@ REMEDIES = {
     "mapmyworld/diagnosis/": "`mapmyworld inspect log LOG` says beside it what to do",
     "mapmyworld/odometry/": "see there in the report, and at `mapmyworld inspect node MAP ID`",
     "mapmyworld/evaluation/": "check that both files are of the same drive and clock",
+    "mapmyworld/backend/": "`mapmyworld inspect graph` shows nodes and constraints",
     "mapmyworld/graph/": "`mapmyworld inspect graph` shows nodes and constraints",
     "mapmyworld/localisation/": "build the map to its end with the sensor that localises",
     "mapmyworld/mapping/": "check ranges and mounts: `mapmyworld inspect log LOG`",
@@ -203,7 +204,7 @@ def gathered() -> list[Told]:
 # What they say is looked for here as well, so all of it is listed.
 REASONING = (
     "mapmyworld/sensing/", "mapmyworld/odometry/", "mapmyworld/places/", "mapmyworld/stages/",
-    "mapmyworld/diagnosis/", "mapmyworld/graph/certificate", "mapmyworld/graph/solve",
+    "mapmyworld/diagnosis/", "mapmyworld/backend/certificate", "mapmyworld/graph/solve",
 )  # fmt: skip
 
 

@@ -7,12 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from room_drive import write
 
 from cli.main import group
 from formats.database import open_store
+from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
 from mapmyworld.simulation import SimulationSettings, simulate
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged
 from mapmyworld.types.wording import reason_of
@@ -114,3 +116,33 @@ def test_what_a_build_wrote_beside_its_map_shows_the_edited_one(flat: Path) -> N
     edits.write_text(PIN)
     run("edit", flat, edits, "-q")
     assert {e: flat.with_suffix(e).read_bytes() for e in pinned} == pinned
+
+
+def placed(path: Path, node: int) -> np.ndarray:
+    """(x, y, yaw) of a node."""
+    with open_store(path, read_only=True) as store:
+        poses = store.poses()
+    assert poses is not None
+    return matrix_to_planar(poses.map_from_node[poses.ids == node])[0]
+
+
+def test_priors_hold_the_final_poses(flat: Path, tmp_path: Path) -> None:
+    """Beside all scans, which are aligned with each other: the map moves, and gives way a little.
+
+    Node 100 is put 15 mm from where the scans have it, to a millimetre; node 1 may give a
+    centimetre.
+    """
+    motion = np.array([2.0, 1.0, np.radians(70.0)])
+    wanted = [compose_planar(motion, placed(flat, node)) for node in (1, 100)]
+    wanted[1][0] += 0.015
+    sigmas = (np.array([0.01, 0.01, np.radians(0.5)]), np.array([0.001, 0.001, np.radians(0.5)]))
+    rows = [
+        f"[[prior]]\nnode = {node}\npose = [{x:.12g}, {y:.12g}, {np.degrees(yaw):.12g}]\n"
+        f'sigma = [{sigma[0]}, 0.5]\nreason = "surveyed"\n'
+        for node, (x, y, yaw), sigma in zip((1, 100), wanted, sigmas, strict=True)
+    ]
+    (tmp_path / "edits.toml").write_text("\n".join(rows), encoding="utf-8")
+    run("edit", flat, tmp_path / "edits.toml", "-q", "--no-export")
+    for node, pose, sigma in zip((1, 100), wanted, sigmas, strict=True):
+        missed = between_planar(pose, placed(flat, node))
+        assert (np.abs(missed) < 3.0 * sigma).all(), node

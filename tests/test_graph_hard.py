@@ -11,17 +11,17 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
+from mapmyworld.backend.descent import descend
+from mapmyworld.backend.residuals import retract
+from mapmyworld.backend.starts import along_tree, spanning_tree
+from mapmyworld.backend.system import fit_of
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.graph.candidates import dead_reckoning
-from mapmyworld.graph.descent import descend
 from mapmyworld.graph.optimise import optimise
 from mapmyworld.graph.problem import Problem, problem_of
-from mapmyworld.graph.residuals import retract
-from mapmyworld.graph.starts import along_tree, spanning_tree
-from mapmyworld.graph.system import fit_of
 from mapmyworld.types.pose_graph import Edges, PoseGraph, no_priors, no_sightings
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from formats.pose_graph import graph_from_text, read_graph
+from mapmyworld.backend.residuals import planar_exp, planar_log, retract
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.geometry.rigid import between, se3_exp
 from mapmyworld.graph.optimise import optimise, optimise_robustly
-from mapmyworld.graph.residuals import planar_exp, planar_log, retract
 from mapmyworld.types.pose_graph import Edges, PoseGraph, Sightings, no_priors, no_sightings
 
 OPTIMA = {

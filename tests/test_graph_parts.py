@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from mapmyworld.graph.pose_graph import components, held_nodes
+from mapmyworld.backend.parts import components, held_nodes
 
 NODES = 12
 ENDS = st.integers(0, NODES - 1)

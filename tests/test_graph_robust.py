@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mapmyworld.backend.descent import settle
+from mapmyworld.backend.system import edge_chi2
 from mapmyworld.config.graph import GraphConfig
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.graph.admission import expected_below
 from mapmyworld.graph.clusters import chance_of
-from mapmyworld.graph.descent import settle
 from mapmyworld.graph.optimise import optimise, optimise_robustly
 from mapmyworld.graph.problem import problem_of
 from mapmyworld.graph.robust import _afresh, _Found, _Question
-from mapmyworld.graph.system import edge_chi2
 from mapmyworld.types.pose_graph import Edges, PoseGraph, Sightings, no_priors, no_sightings
 
 SIGMA = np.array([0.03, 0.03, 0.01])

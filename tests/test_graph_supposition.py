@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from test_graph_robust import PLAIN, SIGMA, drive
 
+from mapmyworld.backend.descent import settle
+from mapmyworld.backend.parts import Index
+from mapmyworld.backend.residuals import chi_squared_quantile
+from mapmyworld.backend.system import System, believed_edges
 from mapmyworld.graph.admission import admissible
 from mapmyworld.graph.candidates import dead_reckoning
-from mapmyworld.graph.descent import settle
 from mapmyworld.graph.optimise import optimise_robustly
-from mapmyworld.graph.pose_graph import Index
 from mapmyworld.graph.problem import problem_of
-from mapmyworld.graph.residuals import chi_squared_quantile
 from mapmyworld.graph.supposition import explaining
-from mapmyworld.graph.system import System, believed_edges
 from mapmyworld.types.pose_graph import PoseGraph
 
 ROUND = 500  # nodes

@@ -49,7 +49,7 @@ def by_graph() -> dict[str, set[str]]:
     asked = [
         (log, configured(visual__closure_scans=True)),
         (log, configured(sensing__use_scans=False, visual__markers="4x4_50")),
-        (log, configured(sensing__use_scans=False, visual__adjust_features=True)),
+        (log, configured(sensing__use_scans=False)),
         (
             Beginning(log, 8.0),
             configured(sensing__use_scans=False, sensing__odometry_topic="none"),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,8 +10,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import between, invert, se3_exp, se3_log, transform_points
-from mapmyworld.graph.bundle import Bundle, RelativePoses, adjust_bundle, linearise
-from mapmyworld.graph.feature_graph import adjust_features
+from mapmyworld.graph.bundle import Bundle, RelativePoses, adjust_bundle
 from mapmyworld.kernels.pose_refinement import move_by_tangent, solve_damped
 from mapmyworld.registration.camera import pixels_of_points, rays_of_pixels
 from mapmyworld.registration.visual import Sightings, errors, inliers, ransac_pose, refine_pose
@@ -178,29 +175,6 @@ def test_measured_motions_hold_a_camera_that_sees_nothing() -> None:
     )
     error = se3_log(between(step[0], between(adjusted.cameras[3], adjusted.cameras[4])))
     assert np.abs(error).max() < 1e-3
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_features_as_nodes_of_a_graph_come_to_the_same_as_a_bundle(seed: int) -> None:
-    """The sparse solver of whole logs against the dense one of windows, with a measured motion."""
-    bundle, cameras, _ = make_bundle(seed, 1.0)
-    step = between(cameras[3], cameras[1])[None]
-    motions = RelativePoses(np.array([3]), np.array([1]), step, 1e4 * np.eye(6)[None])
-    bundle = replace(bundle, motions=motions)
-    dense, cost = adjust_bundle(bundle, rounds=60)
-    sparse = adjust_features(bundle, rounds=60)
-    assert sparse.cost == pytest.approx(cost, rel=1e-3)
-    assert sparse.cost < 0.1 * linearise(bundle, 2.0)[1]
-    motion = se3_log(between(dense.cameras, sparse.bundle.cameras))
-    assert np.abs(motion).max() < 1e-3
-    assert np.abs(dense.points - sparse.bundle.points).max() < 5e-3
-
-
-def test_without_noise_features_and_poses_come_out_exact() -> None:
-    bundle, cameras, points = make_bundle(0, 0.0)
-    adjusted = adjust_features(bundle, rounds=60).bundle
-    assert np.abs(adjusted.cameras - cameras).max() < 1e-4
-    assert np.abs(adjusted.points - points).max() < 1e-3
 
 
 @given(arrays(np.float64, 6, elements=st.floats(-2.0, 2.0)))

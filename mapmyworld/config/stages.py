@@ -73,7 +73,6 @@ FIRST_READ: Mapping[str, tuple[str, ...]] = {
         "graph.groups",
         "graph.covariances",
         "graph.certify",
-        "visual.adjust_features",
         "visual.proximity_*",
         "visual.cloud_view_angle",  # of the surfaces by which a carried camera's map is levelled
     ),

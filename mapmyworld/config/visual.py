@@ -83,6 +83,5 @@ class VisualConfig:
     mesh_voxel: Positive = 0.02  # m, edge of the mesh's voxels
     mesh_truncation: Positive = 0.08  # m on either side of a surface that a view informs about
     mesh_views: Count = 2  # measurements that a voxel of the mesh needs
-    adjust_features: bool = False  # whether features become nodes of the graph, without a laser
     markers: str = ""  # markers to look for: "4x4_50", "6x6_250", "apriltag_36h11", ...; "" = none
     marker_length: FromZero = 0.0  # m, edge of a marker's black square; 0 = measured by depth

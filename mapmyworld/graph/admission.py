@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.information import NotPositiveDefiniteError, information_of
+from mapmyworld.backend.parts import Index, components
+from mapmyworld.backend.predictions import predictions
+from mapmyworld.backend.system import System, believed_edges, chosen_edges, edge_chi2
 from mapmyworld.geometry import Array
-from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.clusters import HEAVY, allowed, chance_of
-from mapmyworld.graph.consistency import alternatives, definite
-from mapmyworld.graph.joint_covariance import predicted_covariances
-from mapmyworld.graph.linear_system import information_factors
-from mapmyworld.graph.pose_graph import Index, components
-from mapmyworld.graph.system import System, believed_edges, chosen_edges, edge_chi2
+from mapmyworld.graph.consistency import alternatives
 
 _CANDIDATES = 3000  # closures left out that are tried again at once, best fitting first
+_LOGARITHMS = -690.0, 690.0  # of volumes that a float can hold
 _FALSE = 0.2  # false closures that chance may let into a whole graph, expected
 
 
@@ -86,12 +86,13 @@ def innovations(
 ) -> tuple[Array, Array]:
     """Squared sigmas (C,) of edges against what the inliers predict, and the volume of that."""
     part = believed_edges(system, inliers)
-    factors = information_factors(part, poses)
     tested = replace(chosen_edges(system, candidates), free=part.free)
-    predicted, residuals = predicted_covariances(factors, tested, poses)
-    covariance = definite(np.linalg.inv(tested.information) + predicted)
-    fit = np.einsum(
-        "ei,ei->e", residuals, np.linalg.solve(covariance, residuals[..., None])[..., 0]
-    )
-    volume = np.sqrt(np.maximum(np.linalg.det(2.0 * np.pi * covariance), 0.0))  # not by rounding
-    return fit, np.maximum(volume, 1e-300)
+    alone = list(np.arange(len(candidates)).reshape(-1, 1))
+    found = predictions(information_of(part, poses), tested, poses, alone)
+    missed = np.stack([one.residuals for one in found])
+    predicted, axes = np.linalg.eigh(np.stack([one.covariance for one in found]))
+    variances = 1.0 + np.maximum(predicted, 0.0)  # of whitened residuals: rounding takes none
+    fit = (np.einsum("eia,ei->ea", axes, missed) ** 2 / variances).sum(1)
+    stated = np.linalg.slogdet(tested.information)[1]
+    volume = np.exp(np.clip(0.5 * (np.log(2.0 * np.pi * variances).sum(1) - stated), *_LOGARITHMS))
+    return fit, volume

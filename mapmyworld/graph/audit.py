@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from mapmyworld.backend.parts import components, positions
+from mapmyworld.backend.residuals import edge_residuals, squared_sigmas
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import PLANAR_IN_TANGENT, information_to_planar
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.graph.pose_graph import components, positions
-from mapmyworld.graph.residuals import edge_residuals, squared_sigmas
 from mapmyworld.types import ConstraintKind, Judged, Poses
 
 _OVERCONFIDENT = 2.0  # times larger than stated: errors from which a kind is called over-confident

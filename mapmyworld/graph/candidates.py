@@ -6,12 +6,12 @@ from contextlib import suppress
 
 import numpy as np
 
+from mapmyworld.backend.information import NotPositiveDefiniteError
+from mapmyworld.backend.landmarks import first_places
+from mapmyworld.backend.starts import chain_start, chordal_start
 from mapmyworld.geometry import Array
-from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.growth import grown_start
-from mapmyworld.graph.landmarks import first_places
 from mapmyworld.graph.problem import Problem
-from mapmyworld.graph.starts import chain_start, chordal_start
 
 
 def starts_of(problem: Problem) -> dict[str, Array]:

@@ -13,12 +13,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.residuals import chi_squared_quantile
 from mapmyworld.config import GraphConfig
 from mapmyworld.geometry.rigid import between, se3_adjoint
 from mapmyworld.graph.constraint_system import stated_system
 from mapmyworld.graph.draft import are_motions, composed_motions, followed, kept_nodes
-from mapmyworld.graph.elimination import forget_patterns
-from mapmyworld.graph.residuals import chi_squared_quantile
 from mapmyworld.graph.robust import RobustSolution
 from mapmyworld.graph.solve import SolvedGraph, solve
 from mapmyworld.graph.verdicts import judged
@@ -52,7 +51,6 @@ def solve_by_chains(
     composed = composed_motions(motions, set(ids[kept].tolist()))
     guess = np.stack(list(starts.values()))
     solved = solve(list(starts), guess, [*composed, *asked], planar, config)
-    forget_patterns()
     poses = followed(nodes, kept, solved.poses)
     if solved.poses.covariances is not None:
         spread = _bridged(poses.map_from_node, kept, solved.poses, composed)

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
+from mapmyworld.backend.information import information_of
+from mapmyworld.backend.parts import Index, components
+from mapmyworld.backend.predictions import Prediction, predictions
+from mapmyworld.backend.residuals import chi_squared_quantile
+from mapmyworld.backend.system import System, believed_edges
 from mapmyworld.geometry import Array
 from mapmyworld.graph.consistency import Consistency, alternatives
-from mapmyworld.graph.joint_covariance import joint_covariances
-from mapmyworld.graph.linear_system import information_factors
-from mapmyworld.graph.pose_graph import Index, components
-from mapmyworld.graph.residuals import chi_squared_quantile
-from mapmyworld.graph.system import System, believed_edges
 
 _NEAR = 30  # nodes of path between the ends of closures of one group, at most
 _LARGEST = 60  # closures of a group that are judged; more of them are taken as they are
@@ -101,7 +101,6 @@ def judge_groups(
     `r' W (W - W P W)^-1 W r`, all at the price of one factorisation.
     """
     part = believed_edges(system, inliers)
-    factors = information_factors(part, poses)
     believed = np.flatnonzero(inliers[closures])
     order = believed[np.argsort(groups[believed], kind="stable")]
     members = np.split(order, np.flatnonzero(np.diff(groups[order])) + 1)
@@ -109,9 +108,9 @@ def judge_groups(
     space = np.log(alternatives(system.planar, system.measured[closures]))
     found = np.zeros((len(kept), 3))
     anchored = replace(system, free=part.free)
-    predicted = zip(*joint_covariances(factors, anchored, poses, kept), strict=True)
-    for k, (residuals, covariance) in enumerate(predicted):
-        found[k] = _left_out(residuals, system.information[kept[k]], covariance)
+    predicted = predictions(information_of(part, poses), anchored, poses, kept)
+    for k, one in enumerate(predicted):
+        found[k] = _left_out(one, system.information[kept[k]])
     chi2, freedom, volume = found.T
     scale = float(np.median(chi2 / chi_squared_quantile(0.5, freedom))) if len(kept) else 1.0
     fit = chi2 * system.dimension / freedom
@@ -121,24 +120,19 @@ def judge_groups(
     return Judgement(kept, excess, evidence, scale)
 
 
-def _left_out(
-    residuals: Array, information: Array, covariance: Array
-) -> tuple[float, float, float]:
+def _left_out(predicted: Prediction, information: Array) -> tuple[float, float, float]:
     """Squared sigmas of a group of C edges, their degrees of freedom, and the prediction's volume.
 
     The volume is that of the best predicted member; none where the group is all that holds a part.
     """
-    count, size = residuals.shape
-    weights = np.zeros((count, size, count, size))
-    weights[np.arange(count), :, np.arange(count)] = information
-    root = np.linalg.cholesky(weights.reshape(count * size, count * size))
-    # In sigmas: what is left of the identity says how well the rest predicts each direction.
-    values, vectors = np.linalg.eigh(np.eye(len(root)) - root.T @ covariance @ root)
+    count, size = information.shape[:2]
+    # What is left of the identity says how well the rest predicts each direction.
+    values, vectors = np.linalg.eigh(np.eye(count * size) - predicted.covariance)
     if values[0] < _UNBIASED:
         return 0.0, 1.0, 1e-300
-    along = vectors.T @ (root.T @ residuals.ravel())
-    turned = np.linalg.inv(root.T) @ vectors
-    spread = ((turned / values) @ turned.T).reshape(count, size, count, size)
+    along = vectors.T @ predicted.residuals
+    spread = ((vectors / values) @ vectors.T).reshape(count, size, count, size)
     own = spread[np.arange(count), :, np.arange(count)]
-    volume = float(np.sqrt(np.linalg.det(2.0 * np.pi * own)).min())
-    return float(np.sum(along**2 / values)), float(len(root)), max(volume, 1e-300)
+    stated = np.linalg.det(information)
+    volume = float(np.sqrt(np.linalg.det(2.0 * np.pi * own) / stated).min())
+    return float(np.sum(along**2 / values)), float(count * size), max(volume, 1e-300)

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mapmyworld.backend.parts import Index
+from mapmyworld.backend.residuals import planar_log
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import compose_planar, invert_planar, planar_adjoint
 from mapmyworld.geometry.rigid import invert, se3_adjoint, se3_log
-from mapmyworld.graph.pose_graph import Index
-from mapmyworld.graph.residuals import planar_log
 
 _PARTNERS = 12  # nearest closures each one is compared with
 _EVIDENCE = 6.0  # log-likelihood ratio of true to chance from which two closures support each other

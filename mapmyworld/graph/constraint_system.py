@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.parts import Index, held_nodes, positions
+from mapmyworld.backend.system import System, number_free
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import information_to_planar, matrix_to_planar
-from mapmyworld.graph.pose_graph import Index, held_nodes, positions
-from mapmyworld.graph.system import System, number_free
 from mapmyworld.types import TRUSTED, Judged
 
 

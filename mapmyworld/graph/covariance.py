@@ -7,16 +7,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.information import NotPositiveDefiniteError, information_of
+from mapmyworld.backend.parts import Index, positions
+from mapmyworld.backend.predictions import predictions
+from mapmyworld.backend.system import System, chosen_edges
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, covariance_from_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between
-from mapmyworld.graph.cholesky import NotPositiveDefiniteError
-from mapmyworld.graph.joint_covariance import predicted_covariances
-from mapmyworld.graph.linear_system import information_factors
-from mapmyworld.graph.pose_graph import Index, positions
 from mapmyworld.graph.problem import Problem, problem_of
-from mapmyworld.graph.system import System, chosen_edges
 from mapmyworld.types.pose_graph import PoseGraph
 
 
@@ -25,11 +24,21 @@ def marginal_covariances(system: System, poses: Array) -> Array | None:
 
     None where the edges leave a node undetermined.
     """
+    size, free = system.dimension, np.flatnonzero(system.free >= 0)
+    covariances = np.zeros((len(system.free), size, size))
+    if len(free) == 0:
+        return covariances
     try:
-        covariances = information_factors(system, poses).marginals()
+        found = information_of(system, poses).marginals(free)
     except NotPositiveDefiniteError:
         return None
-    covariances[system.free < 0] = 0.0
+    places = slice(0, 2) if system.planar else slice(3, 6)
+    points = system.points[free]
+    covariances[free[~points]] = [found[k] for k in np.flatnonzero(~points).tolist()]
+    if points.any():
+        covariances[free[points], places, places] = [
+            found[k] for k in np.flatnonzero(points).tolist()
+        ]
     return covariances
 
 
@@ -87,10 +96,15 @@ def relative_covariances(system: System, poses: Array, tails: Index, heads: Inde
 
     Raises `NotPositiveDefiniteError` where the edges leave a node undetermined.
     """
-    factors = information_factors(system, poses)
     step = between_planar if system.planar else between
-    asked = replace(system, tails=tails, heads=heads, measured=step(poses[tails], poses[heads]))
-    return predicted_covariances(factors, asked, poses)[0]
+    exact = np.tile(np.eye(system.dimension), (len(tails), 1, 1))
+    asked = replace(
+        system, tails=tails, heads=heads, measured=step(poses[tails], poses[heads]),
+        information=exact, kinds=None,
+    )  # fmt: skip
+    alone = list(np.arange(len(tails)).reshape(-1, 1))
+    found = predictions(information_of(system, poses), asked, poses, alone)
+    return np.stack([one.covariance for one in found])
 
 
 def spatial_covariances(planar: bool, covariances: Array) -> Array:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from mapmyworld.backend.parts import Index, components
+from mapmyworld.backend.starts import along_tree, spanning_tree
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_adjoint
 from mapmyworld.geometry.rigid import se3_adjoint
 from mapmyworld.graph.consistency import Odometry
-from mapmyworld.graph.pose_graph import Index, components
-from mapmyworld.graph.starts import along_tree, spanning_tree
 
 
 def reckon(

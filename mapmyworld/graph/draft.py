@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import GraphConfig
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint
-from mapmyworld.graph.elimination import forget_patterns
 from mapmyworld.graph.solve import solve
 from mapmyworld.graph.trajectory import pose_every_frame
 from mapmyworld.graph.verdicts import faults_of
@@ -68,7 +67,6 @@ def solve_draft(
     solved = solve(
         list(starts), np.stack(list(starts.values())), [*composed, *closures], planar, quick
     )
-    forget_patterns()  # the next draft has more closures
     poses = followed(nodes, kept, solved.poses)
     return Draft(poses, solved.constraints[len(composed) :])
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mapmyworld.backend.residuals import chi_squared_quantile
 from mapmyworld.graph.audit import Misfit, misfits_of
-from mapmyworld.graph.residuals import chi_squared_quantile
 from mapmyworld.types import Constraint, ConstraintKind, Judged, Poses
 
 _SURE = 0.999  # of statements that are true fit within the limit

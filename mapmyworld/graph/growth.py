@@ -11,12 +11,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.descent import settle
+from mapmyworld.backend.landmarks import first_places
+from mapmyworld.backend.system import System, chosen_edges, number_free
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.geometry.rigid import between
-from mapmyworld.graph.descent import settle
-from mapmyworld.graph.landmarks import first_places
-from mapmyworld.graph.system import System, chosen_edges, number_free
 from mapmyworld.types.pose_graph import PoseGraph
 
 _PARTS = 25  # at most, of equal length

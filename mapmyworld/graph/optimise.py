@@ -9,6 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.certificate import Certificate, certainty_of, certify
+from mapmyworld.backend.descent import Descent, descend
+from mapmyworld.backend.information import NotPositiveDefiniteError
+from mapmyworld.backend.system import Fit, System, chosen_edges, fit_of
+from mapmyworld.backend.windings import wound_starts
 from mapmyworld.config.graph import GraphConfig
 from mapmyworld.geometry import Array
 from mapmyworld.graph.candidates import (
@@ -18,20 +23,13 @@ from mapmyworld.graph.candidates import (
     starts_of,
     with_landmarks,
 )
-from mapmyworld.graph.certificate import Certificate, certainty_of, certify
-from mapmyworld.graph.cholesky import NotPositiveDefiniteError
-from mapmyworld.graph.descent import Descent, descend
 from mapmyworld.graph.growth import grown_start
-from mapmyworld.graph.lifted import lifted_start
 from mapmyworld.graph.problem import Problem, problem_of
 from mapmyworld.graph.robust import solve_robustly
-from mapmyworld.graph.system import Fit, System, chosen_edges, fit_of
-from mapmyworld.graph.windings import wound_starts
 from mapmyworld.parallel import on_one_thread
 from mapmyworld.types.pose_graph import PoseGraph
 
-# Nodes up to which a start from more dimensions is worth its minutes.
-_LIFTED = 10_000
+_LARGEST = 10_000  # nodes up to which starts with other turns are worth their minutes
 _WOUND = 12  # starts with other turns that are followed from one minimum
 _TOGETHER = 6000  # nodes of all of them together, of large graphs
 _ROUNDS = 4  # minima from which they are
@@ -46,7 +44,7 @@ class OptimisedGraph:
     cost: float
     """Half the sum of squared sigmas of what was accepted."""
     start: str
-    """The start that led there: "chordal", "odometry", "growing", "guess", "winding", "lifted"."""
+    """The start that led there: "chordal", "odometry", "growing", "guess", "winding"."""
     start_costs: dict[str, float]
     """The cost of every start that was made, before optimisation."""
     reached: dict[str, float]
@@ -140,7 +138,7 @@ def _other_starts(
     system = problem.system
     if len(problem.graph.sightings):  # no other start comes near that of a growing path
         return
-    if len(problem.graph) <= _LIFTED:
+    if len(problem.graph) <= _LARGEST:
         count = min(_WOUND, 1 + _TOGETHER // len(problem.graph))
         for _ in range(_ROUNDS):
             before = _cheapest(followed)
@@ -149,10 +147,6 @@ def _other_starts(
                     yield "winding", fit_of(system, start)
             if _cheapest(followed) is before:
                 break
-    if len(problem.graph) <= _LIFTED:
-        lifted = lifted_start(system, _cheapest(followed).end.fit)
-        if lifted is not None:
-            yield "lifted", fit_of(system, lifted)
     yield from others.items()
 
 

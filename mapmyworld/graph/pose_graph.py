@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
-from types import ModuleType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mapmyworld.backend.parts import Index
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import information_to_planar, matrix_to_planar
 from mapmyworld.types import TRUSTED, Judged
 from mapmyworld.types.pose_graph import Edges, PoseGraph, Priors, no_sightings
-
-Index = NDArray[np.int64]
 
 
 def graph_from_constraints(
@@ -65,48 +61,6 @@ def canonical_order(edges: Edges) -> Index:
         flat = edges.from_from_to.reshape(len(edges), -1).T
         order = np.lexsort((*flat, edges.to_ids, edges.from_ids))
     return order
-
-
-def positions(known: Index, wanted: Index) -> Index:
-    """Where `wanted` ids stand in the ascending `known`; -1 for those that do not."""
-    if len(known) == 0 or len(wanted) == 0:
-        return np.full(len(wanted), -1, np.int64)
-    found = np.minimum(known.searchsorted(wanted), len(known) - 1)
-    return np.where(known[found] == wanted, found, -1)
-
-
-def components(node_count: int, tails: Index, heads: Index) -> Index:
-    """(N,) number of the connected part of every node; parts are numbered by their first node."""
-    return _parts(node_count, tails, heads)[1]
-
-
-def first_nodes(node_count: int, tails: Index, heads: Index) -> Index:
-    """(N,) the first node of the connected part of every node."""
-    return _parts(node_count, tails, heads)[0]
-
-
-def _parts(node_count: int, tails: Index, heads: Index) -> tuple[Index, Index]:
-    """The first node of every node's part, and the number of that."""
-    first, number = np.arange(node_count), np.zeros(node_count, np.int64)
-    _kernels().join_parts(np.ascontiguousarray(tails), np.ascontiguousarray(heads), first, number)
-    return first, number
-
-
-@cache
-def _kernels() -> ModuleType:
-    from mapmyworld.kernels import elimination
-
-    return elimination
-
-
-def held_nodes(node_count: int, tails: Index, heads: Index, held: Index) -> NDArray[np.bool_]:
-    """(N,) nodes that are `held`, and the first node of every connected part without any."""
-    first = first_nodes(node_count, tails, heads)
-    found, placed = np.zeros((2, node_count), np.bool_)
-    placed[first[held]] = True
-    found[first[~placed[first]]] = True
-    found[held] = True
-    return found
 
 
 def told_of_parts(component: Index) -> list[str]:

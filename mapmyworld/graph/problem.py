@@ -7,11 +7,12 @@ from itertools import accumulate
 
 import numpy as np
 
+from mapmyworld.backend.landmarks import as_edges
+from mapmyworld.backend.parts import Index, components, held_nodes, positions
+from mapmyworld.backend.system import System, number_free
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array
-from mapmyworld.graph.landmarks import as_edges
-from mapmyworld.graph.pose_graph import Index, canonical_order, components, held_nodes, positions
-from mapmyworld.graph.system import System, number_free
+from mapmyworld.graph.pose_graph import canonical_order
 from mapmyworld.types.pose_graph import Edges, PoseGraph
 
 

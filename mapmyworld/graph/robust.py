@@ -7,20 +7,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.descent import settle
+from mapmyworld.backend.graduated import graduate
+from mapmyworld.backend.information import NotPositiveDefiniteError
+from mapmyworld.backend.parts import Index
+from mapmyworld.backend.residuals import chi_squared_quantile
+from mapmyworld.backend.starts import chordal_start
+from mapmyworld.backend.system import System, believed_edges, chosen_edges, edge_chi2
 from mapmyworld.config.graph import GraphConfig
 from mapmyworld.geometry import Array
 from mapmyworld.graph.admission import admissible
-from mapmyworld.graph.cholesky import NotPositiveDefiniteError
 from mapmyworld.graph.clusters import groups_of, judge_groups
 from mapmyworld.graph.consistency import Consistency, compare_closures
 from mapmyworld.graph.dead_reckoning import reckon
-from mapmyworld.graph.descent import settle
-from mapmyworld.graph.graduated import graduate
-from mapmyworld.graph.pose_graph import Index
-from mapmyworld.graph.residuals import chi_squared_quantile
-from mapmyworld.graph.starts import chordal_start
 from mapmyworld.graph.supposition import explaining
-from mapmyworld.graph.system import System, believed_edges, chosen_edges, edge_chi2
 
 _GROUP_ROUNDS = 12  # at most, of leaving the worst groups out
 _GROWTH_ROUNDS = 30  # at most, of growing from odometry

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.certificate import certify, proof_of
+from mapmyworld.backend.descent import settle
+from mapmyworld.backend.parts import Index, components
+from mapmyworld.backend.system import System, believed_edges, edge_chi2, fit_of
 from mapmyworld.config.graph import GraphConfig
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
-from mapmyworld.graph.certificate import certify, proof_of
 from mapmyworld.graph.constraint_system import StatedSystem, stated_system
 from mapmyworld.graph.covariance import marginal_covariances, spatial_covariances
-from mapmyworld.graph.descent import settle
-from mapmyworld.graph.pose_graph import Index, components
 from mapmyworld.graph.robust import RobustSolution, solve_robustly
-from mapmyworld.graph.system import System, believed_edges, edge_chi2, fit_of
 from mapmyworld.graph.verdicts import faults_of, judged
 from mapmyworld.parallel import on_one_thread
 from mapmyworld.types import Judge, Judged, Poses

@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.descent import settle
+from mapmyworld.backend.parts import Index
+from mapmyworld.backend.system import System, believed_edges
 from mapmyworld.geometry import Array
 from mapmyworld.graph.admission import admissible, admission
-from mapmyworld.graph.descent import settle
-from mapmyworld.graph.pose_graph import Index
-from mapmyworld.graph.system import System, believed_edges
 
 _TRIES = 4  # groups that are supposed to be true, the best predicted first
 _SMALLEST = 2  # closures of such a group

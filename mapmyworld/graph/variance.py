@@ -12,11 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mapmyworld.graph.cholesky import NotPositiveDefiniteError
+from mapmyworld.backend.information import NotPositiveDefiniteError, information_of
+from mapmyworld.backend.predictions import predictions
+from mapmyworld.backend.system import edge_chi2
 from mapmyworld.graph.constraint_system import stated_system
-from mapmyworld.graph.joint_covariance import predicted_covariances
-from mapmyworld.graph.linear_system import information_factors
-from mapmyworld.graph.system import edge_chi2
 from mapmyworld.types import Judged, Poses
 
 _LEAST = 3.0  # redundancy of a kind, below which its misfits say nothing
@@ -34,11 +33,12 @@ def variance_factors(constraints: Sequence[Judged], poses: Poses, planar: bool) 
     stated = stated_system(poses.ids, poses.map_from_node, used, planar)
     system, start = stated.system, stated.start
     try:
-        factors = information_factors(system, start)
+        information = information_of(system, start)
     except NotPositiveDefiniteError:
         return {}
-    covariances = predicted_covariances(factors, system, start)[0]
-    left = system.dimension - np.einsum("eij,eji->e", system.information, covariances)
+    alone = list(np.arange(len(used)).reshape(-1, 1))
+    explained = [np.trace(p.covariance) for p in predictions(information, system, start, alone)]
+    left = system.dimension - np.array(explained)
     chi2 = edge_chi2(system, start)
     kinds = np.array([str(c.kind) for c in used])
     sums = {

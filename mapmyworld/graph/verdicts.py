@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mapmyworld.backend.parts import Index
+from mapmyworld.backend.residuals import edge_residuals, planar_exp
+from mapmyworld.backend.system import System
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.graph.pose_graph import Index
-from mapmyworld.graph.residuals import edge_residuals, planar_exp
 from mapmyworld.graph.robust import RobustSolution
-from mapmyworld.graph.system import System
 from mapmyworld.parallel import batches
 from mapmyworld.types import Constraint, Judge, Judged, Verdict, Why
 

@@ -26,37 +26,20 @@ log rays.count_scans
 sight/sight bundle.bundle_normal_equations
     f8[:,:,::1] f8[:,::1] i8[::1] i8[::1] f8[:,::1] f8[:,::1] f8 f8[:,:,::1] f8[:,::1] f8[:,:,::1]
     f8[:,::1] f8[:,:,::1]
-log pose_edges.spatial_residuals
-    f8[:,:,::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[:,::1] f8[::1]
-log elimination.gathered_columns
-    i8[::1] i8[::1] i8[::1] f8[::1]
-log elimination.join_parts
-    i8[::1] i8[::1] i8[::1] i8[::1]
-log elimination.column_structures
-    i8[::1] i8[::1]
 scan scan_alignment.pair_systems
     i8 i8 f4[:,::1] i8[::1] f8[:,::1] i8[:,::1] f8[:,::1] f8 f8 f8[:,::1]
 camera/sight image_matching.match_projected
     f4[:,::1] f4[::1] u8[:,::1] f4[:,::1] u8[:,::1] f8 i4[::1] i4[::1] i8 i8 f8
 camera surfaces.compare_with_depth
     f8[:,::1] f8[:,::1] f8[:,::1] i8 f8[::1] f4[:,::1] f8 f8 i4[::1] i4[::1]
-space pose_edges.spatial_jacobians
-    f8[:,:,::1] i8[::1] i8[::1] f8[:,::1] f8[:,:,::1] f8[:,:,::1]
-log normal_equations.add_edges
-    i8[::1] i8[::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[:,:,::1] f8[:,::1] f8[::1]
-    f8[:,:,::1] f8[:,::1]
-log elimination.solve_in_place
-    i8 i8[::1] i8[::1] i8[::1] i8[::1] f8[::1] f8[::1]
-plane pose_edges.planar_jacobians
-    f8[:,::1] i8[::1] i8[::1] f8[:,::1] f8[:,:,::1] f8[:,:,::1]
+log prediction.predict
+    i4[::1] i4[::1] f8[::1] f8[::1] i4[::1] i8[::1] f8[::1] i8[::1] i8[::1] f8[::1]
 camera surfaces.surface_normals
     f4[:,:,::1] f4[:,:,::1] f4[:,::1]
 camera/scan projection.project_points
     f8[:,::1] f8[:,::1] i8 f8[::1] f8[:,::1]
 camera voxels.add_points
     f8[:,::1] u1[:,::1] f4[:,::1] f8 i4[::1] i8[::1] u2[:,::1] i8
-space pose_moves.spatial_moved
-    f8[:,:,::1] f8[:,::1] f8[:,:,::1]
 sight/sight bundle.subtract_points
     i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[:,::1]
 camera image_matching.nearest_and_votes
@@ -65,8 +48,6 @@ camera/sight pose_refinement.score_poses
     f8[:,:,::1] f8[:,::1] f8[:,::1] f8[:,::1] f8 i8[::1]
 sight/sight bundle.eliminate_points
     f8[:,:,::1] f8 f8[:,:,::1] i8[::1] f8[:,:,::1] f8[:,:,::1]
-plane pose_edges.planar_residuals
-    f8[:,::1] i8[::1] i8[::1] f8[:,::1] f8[:,:,::1] f8[:,::1] f8[::1]
 camera/sight pose_refinement.squared_errors
     f8[:,::1] f8[:,::1] f8[:,::1] f8[:,::1] f8[:,::1]
 scan branch_and_bound.fill_pyramid
@@ -75,22 +56,12 @@ scan/scan recorded_motion.sort_beams
     f4[::1] f8 f8 f8[:,::1] f8[::1] f8[:,::1] i8[::1] i8[::1]
 scan/scan recorded_motion.move_beams
     f8[:,::1] i8[::1] f8 f8[:,:,::1]
-log normal_equations.add_product
-    f8[:,:,::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1]
-plane pose_moves.planar_moved
-    f8[:,::1] f8[:,::1] f8[:,::1]
-log normal_equations.add_weighted
-    i8[::1] i8[::1] i8[::1] f8[:,:,::1] f8[:,:,::1] f8[:,:,::1]
 camera image_matching.nearest_leaves
     u8[:,::1] u8[:,::1] i4[::1] i4[::1]
 sight/sight bundle.move_points
     f8[:,:,::1] f8[:,:,::1] f8[:,::1] i8[::1] i8[::1] f8[:,::1] f8[:,::1]
 sight/sight bundle.subtract_gradients
     f8[:,:,::1] f8[:,::1] i8[::1] i8[::1] f8[:,::1]
-log elimination.add_update
-    f8[::1,:] i8[::1] f8[::1,:]
-log elimination.add_update
-    f8[:,::1] i8[::1] f8[:,::1]
 camera voxels.fill_table
     i4[::1] i8[::1] i8
 """

@@ -25,6 +25,7 @@ from mapmyworld.places.laser_pairs import first_visits, neighbour_pairs
 from mapmyworld.places.stored_scans import Scans
 from mapmyworld.registration.joint_alignment import align_jointly
 from mapmyworld.registration.joint_equations import Motions
+from mapmyworld.registration.joint_statements import Statements, holds, joined, statements_of
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged, MapStore, Node, Poses, Progress
 
 Array = NDArray[np.float64]
@@ -57,7 +58,8 @@ def refine_poses(
 ) -> Refinement | None:
     """Solved poses, refined by all scans; None where there are too few scans.
 
-    Nodes that are not aligned themselves keep their place between those that are. Scans on
+    Priors, landmarks, images and what a person stated hold them as they held the solution. Nodes
+    that are not aligned themselves keep their place between those that are. Scans on
     different ones of these `island`s (N,) are not compared: nothing tells how these lie.
     """
     nodes, scans, unseen, _ = loaded or load_node_scans(store, config)
@@ -67,20 +69,24 @@ def refine_poses(
     rows = {int(i): row for row, i in enumerate(poses.ids)}
     solved = matrix_to_planar(np.stack([poses.map_from_node[rows[n.id]] for n in nodes]))
     drives = _drives(nodes, unseen)
+    statements = statements_of([n.id for n in nodes], constraints)
     chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in drives])
+    chosen = np.union1d(chosen, statements.stated)
     island = np.zeros(len(nodes), np.int64) if island is None else island
-    task = _Task(nodes, chosen, scans, constraints, island, config)
-    refined, moved, residual = _aligned(task, solved[chosen], progress)
+    task = _Task(nodes, chosen, scans, constraints, statements, island, config)
+    found = _aligned(task, solved[chosen], statements.others(poses), progress)
     every = np.concatenate(
         [
-            _carried(solved[a:b], chosen - a, refined, (chosen >= a) & (chosen < b))
+            _carried(solved[a:b], chosen - a, found.poses, (chosen >= a) & (chosen < b))
             for a, b in drives
         ]
     )
+    moved = np.concatenate([every, found.others[:-1]])
+    where = np.array([rows[int(i)] for i in (*(n.id for n in nodes), *statements.landmarks)])
     matrices = np.array(poses.map_from_node)
-    where = np.array([rows[n.id] for n in nodes])
-    matrices[where] = _replace_planar(matrices[where], every)
-    return Refinement(Poses(poses.ids, matrices, poses.covariances), moved, residual)
+    matrices[where] = _replace_planar(matrices[where], moved)
+    refined = Poses(poses.ids, matrices, poses.covariances)
+    return Refinement(refined, found.moved, found.residual)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,53 +99,72 @@ class _Task:
     scans: Scans
     """Of all nodes."""
     constraints: Sequence[Judged]
+    statements: Statements
     island: Index
     """(N,) of all nodes, the part of the path that each is in."""
     config: Config
 
 
-def _aligned(
-    task: _Task, poses: Array, progress: Progress
-) -> tuple[Array, tuple[float, ...], float]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Aligned:
+    """Poses (S, 3) of scans, and (L + 1, 3) of landmarks and the map's frame."""
+
+    poses: Array
+    others: Array
+    moved: tuple[float, ...]
+    residual: float
+
+
+def _aligned(task: _Task, poses: Array, others: Array, progress: Progress) -> _Aligned:
     """All scans: the first visits of every place with each other, later ones with these.
 
-    So the sparse system grows with the area that was seen, and not with how often it was.
+    So the sparse system grows with the area that was seen, and not with how often it was. What is
+    stated holds the first ones: a node that it concerns is among them.
     """
     first = first_visits(poses, task.config.odometry.refine_visits)
-    if first.all():
-        return _rounds(task, poses, np.arange(len(poses)) == 0, progress)
+    first |= np.isin(task.chosen, task.statements.stated)
     rows = np.flatnonzero(first)
-    shaped, moved, residual = _rounds(
-        replace(task, chosen=task.chosen[rows]), poses[rows], np.arange(len(rows)) == 0, progress
-    )
+    some = replace(task, chosen=task.chosen[rows])
+    held = np.zeros(len(rows), np.bool_)
+    held[0] = not task.statements.places
+    shaped = _rounds(some, poses[rows], others, held, task.statements.among(some.chosen), progress)
+    if first.all():
+        return shaped
     give_back()
-    followed, later, _ = _rounds(task, carry_along(poses, rows, shaped), first, progress)
-    return followed, moved + later, residual
+    carried = carry_along(poses, rows, shaped.poses)
+    later = _rounds(task, carried, others[:0], first, None, progress)
+    return replace(shaped, poses=later.poses, moved=shaped.moved + later.moved)
 
 
 def _rounds(
-    task: _Task, poses: Array, held: NDArray[np.bool_], progress: Progress
-) -> tuple[Array, tuple[float, ...], float]:
+    task: _Task, poses: Array, others: Array, held: NDArray[np.bool_], stated: Motions | None,
+    progress: Progress,
+) -> _Aligned:  # fmt: skip
     """The scans aligned with each other; where more than one is held, with these."""
     moved: tuple[float, ...] = ()
     residual = 0.0
     settings, config = task.config.odometry, task.config
     motions = node_motions(task.nodes, task.chosen, task.constraints)
+    motions = motions if stated is None else joined(motions, stated)
     scans = task.scans.some(task.chosen)
     task.scans.let_go()
     among = held if np.count_nonzero(held) > 1 else None
+    stays = np.concatenate([held, np.arange(1 - len(others), 1) == 0])  # the map's frame is last
+    every = np.concatenate([poses, others])
     for reaches in (_REACHES[:_ANEW], _REACHES[_ANEW:]):
-        pairs = neighbour_pairs(poses, settings.refine_radius, settings.refine_passes, among=among)
+        pairs = neighbour_pairs(
+            every[: len(held)], settings.refine_radius, settings.refine_passes, among=among
+        )
         island = task.island[task.chosen[pairs]]
         pairs = pairs[~held[pairs].all(axis=1) & (island[:, 0] == island[:, 1])]
         found = align_jointly(
-            scans, poses, pairs, motions, reaches, config.registration, config.threads,
-            _NOTHING, held,
+            scans, every, pairs, motions, reaches, config.registration, config.threads,
+            _NOTHING, stays,
         )  # fmt: skip
-        poses, residual = found.poses, found.residual
+        every, residual = found.poses, found.residual
         moved += found.moved
         progress.update(len(moved))
-    return poses, moved, residual
+    return _Aligned(every[: len(held)], every[len(held) :], moved, residual)
 
 
 def _drives(nodes: Sequence[Node], unseen: Array) -> list[tuple[int, int]]:
@@ -194,11 +219,12 @@ def node_motions(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Jud
 def _closed(
     nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged]
 ) -> tuple[Index, Index, Array, Array]:
-    """Accepted closures between the chosen nodes nearest to theirs: ends, motions, information."""
+    """Accepted laser closures between the nearest chosen nodes: ends, motions, information."""
     row_of = {node.id: row for row, node in enumerate(nodes)}
     found = [
         c for c in constraints
-        if c.kind in CLOSURES and c.accepted and c.from_id in row_of and c.to_id in row_of
+        if c.kind in CLOSURES and c.accepted and not holds(c)
+        and c.from_id in row_of and c.to_id in row_of
     ]  # fmt: skip
     if not found:
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3))

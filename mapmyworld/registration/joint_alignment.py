@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import RegistrationConfig
 from mapmyworld.geometry.planar import compose_planar
-from mapmyworld.graph.elimination import forget_patterns
 from mapmyworld.kernels.scan_alignment import pair_systems
 from mapmyworld.parallel import run_in_chunks
 from mapmyworld.registration.joint_equations import Motions, equations_of, factors_of, step_of
@@ -77,7 +76,6 @@ def align_jointly(
         moved.append(_length(step, held))
         if moved[-1] < enough:
             break
-    forget_patterns()  # nobody aligns the same pairs again
     weights = max(float(systems[:, 9].sum()), 1e-9)
     residual = float(np.sqrt(systems[:, 10].sum() / weights))
     return JointAlignment(poses, tuple(moved), residual)

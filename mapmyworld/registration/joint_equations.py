@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.blocks import Blocks, metis_order_of, place_in
+from mapmyworld.backend.information import Factorised
 from mapmyworld.config import RegistrationConfig
 from mapmyworld.geometry.planar import between_planar, planar_adjoint, wrap_angle
-from mapmyworld.graph.cholesky import Factors, factorise
-from mapmyworld.graph.elimination import analyse, links, summed
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -66,30 +66,29 @@ def equations_of(
     )
 
 
-def factors_of(equations: Equations, held: NDArray[np.bool_]) -> Factors:
+def factors_of(equations: Equations, held: NDArray[np.bool_]) -> Factorised:
     """The factorised system over all scans (S,); those that are held link to none."""
-    rows, columns, blocks = _blocks_of(equations, held)
-    return factorise(analyse(len(held), rows, columns, 3), blocks)
+    free = ~(held[equations.tails] | held[equations.heads])
+    order = metis_order_of(len(held), equations.tails[free], equations.heads[free])
+    return _matrix_of(equations, held, place_in(order)).factorised(order)
 
 
-def _blocks_of(equations: Equations, held: NDArray[np.bool_]) -> tuple[Index, Index, Array]:
-    """Rows, columns and blocks (B, 3, 3) of the system, as `analyse` wants them."""
+def _matrix_of(equations: Equations, held: NDArray[np.bool_], place: Index) -> Blocks:
+    """The matrix of the system, each scan in its `place` (S,)."""
     tails, heads, hessians = equations.tails, equations.heads, equations.hessians
-    free = ~(held[tails] | held[heads])
-    rows, columns, link = links(len(held), tails[free], heads[free])
+    free, count = ~(held[tails] | held[heads]), len(held)
     across = hessians @ equations.towards
     at_tail = np.swapaxes(equations.towards, 1, 2) @ across
-    # The lower scan's row comes first: the block of an edge that runs down is turned.
-    runs_down = (tails > heads)[free, None, None]
-    between = np.where(runs_down, across[free], np.swapaxes(across[free], 1, 2))
-    places = np.concatenate([heads, tails, link])
-    blocks = summed(places, np.concatenate([hessians, at_tail, between]), len(rows))
-    blocks[: len(held)][held] = 0.0
-    blocks[: len(held)] += np.where(held, 1.0, _DAMPING)[:, None, None] * np.eye(3)
-    return rows, columns, blocks
+    own = np.where(held, 1.0, _DAMPING)[:, None, None] * np.eye(3)
+    ends = np.concatenate([heads[~held[heads]], tails[~held[tails]], np.arange(count)])
+    blocks = np.concatenate([hessians[~held[heads]], at_tail[~held[tails]], own])
+    rows = np.concatenate([ends, heads[free], tails[free]])
+    columns = np.concatenate([ends, tails[free], heads[free]])
+    links = [across[free], np.swapaxes(across[free], 1, 2)]
+    return Blocks.summed(count, place[rows], place[columns], np.concatenate([blocks, *links]))
 
 
-def step_of(equations: Equations, factors: Factors, held: NDArray[np.bool_]) -> Array:
+def step_of(equations: Equations, factors: Factorised, held: NDArray[np.bool_]) -> Array:
     """One Gauss-Newton step (S, 3) of all scans; none of those that are held."""
     back = np.einsum("kji,kj->ki", equations.towards, equations.gradients)
     pulls = np.concatenate([equations.gradients, back])

@@ -25,7 +25,5 @@ def needs_of(plan: Plan) -> frozenset[str]:
         "camera": plan.camera is not None,
         "odometry": plan.odometry is not None,
         "sight": plan.scan is None and plan.odometry is None,
-        "plane": plan.planar,
-        "space": not plan.planar,
     }
     return frozenset(word for word, true in holds.items() if true)

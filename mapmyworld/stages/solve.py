@@ -47,10 +47,6 @@ def solve_and_judge(
     give_back()
     poses, constraints = _refined(store, solved, config, progress, scans)
     store.judge(constraints)
-    if config.visual.adjust_features and _is_refined(store, config, scans):
-        progress.note("features become no nodes: all scans, aligned jointly, tell the poses better")
-    elif config.visual.adjust_features:
-        poses = _with_features(store, poses, config, progress)
     poses, levelled = levelled_poses(store, poses, constraints, config)
     notes = [*levelled, *_told_of_unrecognised(store, poses, constraints, scans)]
     for note in notes:
@@ -124,15 +120,6 @@ def _told_of_unrecognised(
     from mapmyworld.places.unrecognised import told_of_unrecognised
 
     return told_of_unrecognised(store.nodes(), poses, constraints)
-
-
-def _with_features(store: MapStore, poses: Poses, config: Config, progress: Progress) -> Poses:
-    """The poses after an adjustment together with the features of all images, if there are any."""
-    from mapmyworld.places.feature_tracks import adjust_map
-
-    planar = moves_in_plane(store)
-    adjusted = adjust_map(store, poses, config, progress, planar=planar)
-    return poses if adjusted is None else adjusted.poses
 
 
 def _is_refined(store: MapStore, config: Config, scans: LoadScans) -> bool:

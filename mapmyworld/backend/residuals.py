@@ -1,4 +1,4 @@
-"""Residuals of a pose graph's edges and their derivatives, for all of them at once.
+"""Residuals of a pose graph's edges, for all of them at once.
 
 An edge's residual is `log(measured^-1 * between(from, to))`: (E, 3) over x, y, yaw in a planar
 graph, else (E, 6), rotation first; the same as gtsam's factors. Half the sum of their squared
@@ -7,14 +7,12 @@ sigmas is the graph's cost. Formulas: Sola, Deray, Atchuthan, "A micro Lie theor
 
 from __future__ import annotations
 
-from functools import cache
-from types import ModuleType
-
 import numpy as np
 from scipy.special import gammaincinv
 
 from mapmyworld.geometry import Array
-from mapmyworld.graph.pose_graph import Index
+from mapmyworld.geometry.planar import between_planar, compose_planar
+from mapmyworld.geometry.rigid import between, se3_exp, se3_log
 
 
 def planar_log(motion: Array) -> Array:
@@ -41,63 +39,18 @@ def planar_exp(tangent: Array) -> Array:
 
 def retract(planar: bool, poses: Array, tangents: Array) -> Array:
     """Poses moved by tangents (N, 3 or 6) in their own frames."""
-    found, kernels = np.zeros(poses.shape), _moves()
-    kernel = kernels.planar_moved if planar else kernels.spatial_moved
-    kernel(_plain(poses), _plain(tangents), found)
-    return found
-
-
-@cache
-def _moves() -> ModuleType:
-    from mapmyworld.kernels import pose_moves
-
-    return pose_moves
-
-
-def edge_fits(
-    planar: bool, poses: Array, tails: Index, heads: Index, measured: Array, information: Array
-) -> tuple[Array, Array]:
-    """Residuals (E, 3 or 6) of motions measured between poses, and squared sigmas (E,) of those.
-
-    Squared sigmas are set for as many edges as information (E, d, d) is given of.
-    """
-    residuals, squares = np.empty((len(tails), 3 if planar else 6)), np.empty(len(tails))
-    kernel = _edges().planar_residuals if planar else _edges().spatial_residuals
-    measurements = _plain(measured), _plain(information)
-    kernel(_plain(poses), tails, heads, *measurements, residuals, squares)
-    return residuals, squares
+    if planar:
+        return compose_planar(poses, planar_exp(tangents))
+    return np.asarray(poses @ se3_exp(tangents))
 
 
 def edge_residuals(
     planar: bool, map_from_tail: Array, map_from_head: Array, measured: Array
 ) -> Array:
     """Residuals (E, 3 or 6) of measured motions between pairs of poses."""
-    tails, heads = np.arange(2 * len(measured)).reshape(2, -1)
-    poses = np.concatenate([map_from_tail, map_from_head])
-    return edge_fits(planar, poses, tails, heads, measured, np.empty((0, 1, 1)))[0]
-
-
-def edge_jacobians(
-    planar: bool, poses: Array, tails: Index, heads: Index, residuals: Array
-) -> tuple[Array, Array]:
-    """Derivatives (E, d, d) of residuals by tangents of the tail and of the head."""
-    shape = (*residuals.shape, residuals.shape[1])
-    by_tail, by_head = np.zeros(shape), np.zeros(shape)
-    kernel = _edges().planar_jacobians if planar else _edges().spatial_jacobians
-    kernel(_plain(poses), tails, heads, _plain(residuals), by_tail, by_head)
-    return by_tail, by_head
-
-
-@cache
-def _edges() -> ModuleType:
-    from mapmyworld.kernels import pose_edges
-
-    return pose_edges
-
-
-def _plain(array: Array) -> Array:
-    """The array as kernels take it."""
-    return np.ascontiguousarray(array, np.float64)
+    if planar:
+        return planar_log(between_planar(measured, between_planar(map_from_tail, map_from_head)))
+    return se3_log(between(measured, between(map_from_tail, map_from_head)))
 
 
 def chi_squared_quantile(probability: float, freedom: Array | int) -> Array:

@@ -12,14 +12,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from mapmyworld.backend.blocks import Blocks, metis_order_of, place_in
+from mapmyworld.backend.information import Factorised
+from mapmyworld.backend.parts import Index
+from mapmyworld.backend.starts import with_places
+from mapmyworld.backend.system import System, residuals_of
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.geometry.rotations import so3_exp
-from mapmyworld.graph.block_solver import Solver, solver_of
-from mapmyworld.graph.normal_equations import weighted_blocks
-from mapmyworld.graph.pose_graph import Index
-from mapmyworld.graph.starts import with_places
-from mapmyworld.graph.system import System, residuals_of
 
 _TURN = 2.0 * np.pi
 _WORTH = 60.0  # squared sigmas of headings up to which another turn is tried
@@ -89,18 +89,20 @@ def _at(edge: int, weights: Array) -> Array:
     return found
 
 
-def _headings(system: System, weights: Array) -> Solver:
+def _headings(system: System, weights: Array) -> Factorised:
     """The equations of all headings; those of nodes that stay are held."""
-    count = len(system.free)
-    ends, alike = (system.tails, system.heads), np.ones((len(weights), 1, 1))
-    rows, columns, blocks = weighted_blocks(count, *ends, alike, weights[:, None, None])
-    stays = system.free < 0
-    blocks[(stays[rows] | stays[columns])] = 0.0
-    blocks[:count][stays] = 1.0
-    return solver_of(count, rows, columns, blocks)
+    order = metis_order_of(len(system.free), system.tails, system.heads)
+    place, moves = place_in(order), system.free >= 0
+    ends, inside = (system.tails, system.heads), moves[system.tails] & moves[system.heads]
+    rows = np.concatenate([*ends, ends[0][inside], ends[1][inside]])
+    columns = np.concatenate([*ends, ends[1][inside], ends[0][inside]])
+    pulls = np.concatenate([weights, weights, -weights[inside], -weights[inside]])
+    pulls[~moves[rows]] = 0.0
+    matrix = Blocks.summed(len(order), place[rows], place[columns], pulls[:, None, None])
+    return matrix.plus(1.0 - moves[order, None, None].astype(np.float64)).factorised(order)
 
 
-def _solved(system: System, solver: Solver, pull: Array) -> Array:
+def _solved(system: System, solver: Factorised, pull: Array) -> Array:
     """Headings (N,) for which edges pull (E,) at their heads, and as much against their tails."""
     count = len(system.free)
     right = np.bincount(system.heads, pull, count) - np.bincount(system.tails, pull, count)

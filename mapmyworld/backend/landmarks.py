@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from mapmyworld.backend.parts import Index, positions
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix, wrap_angle
 from mapmyworld.geometry.rotations import skew, so3_log
-from mapmyworld.graph.pose_graph import Index, positions
 from mapmyworld.types.pose_graph import Sightings
 
 POINT, POLAR = 1, 2
@@ -36,29 +36,21 @@ def sighting_residuals(
     return residuals
 
 
-def sighting_jacobians(
-    planar: bool, tails: Array, heads: Array, kinds: Index
-) -> tuple[Array, Array]:
-    """Derivatives (K, d, d) by tangents of the node and of the landmark."""
-    size = 3 if planar else 6
-    local = _local(planar, tails, heads)
-    by_tail, by_head = np.zeros((2, len(tails), size, size))
-    where = slice(0, 2) if planar else slice(3, 6)
-    turn = planar_to_matrix(tails)[:, :2, :2] if planar else tails[:, :3, :3]
-    facing = planar_to_matrix(heads)[:, :2, :2] if planar else heads[:, :3, :3]
-    by_tail[:, where, where] = -np.eye(2 if planar else 3)
-    by_head[:, where, where] = np.swapaxes(turn, 1, 2) @ facing
-    if planar:
-        by_tail[:, 0, 2], by_tail[:, 1, 2] = local[:, 1], -local[:, 0]
-        by_head[:, 2, 2] = 1.0
-        polar = kinds == POLAR
-        change = _polar_change(local[polar])
-        by_tail[polar, :2] = change @ by_tail[polar, :2]
-        by_head[polar, :2] = change @ by_head[polar, :2]
-    else:
-        by_tail[:, 3:, :3] = skew(local)
-        by_head[:, :3, :3] = np.eye(3)
-    return by_tail, by_head
+def sighting_derivatives(
+    planar: bool, node: Array, point: Array, measured: Array, kind: int
+) -> tuple[Array, Array, Array]:
+    """The error (d,) of one sighting, and its derivatives by the node and by the point (d,)."""
+    turn = planar_to_matrix(node)[:2, :2] if planar else node[:3, :3]
+    local = turn.T @ (point - (node[:2] if planar else node[:3, 3]))
+    if not planar:
+        return local - measured, np.hstack([skew(local), -np.eye(3)]), turn.T
+    by_node = np.array([[-1.0, 0.0, local[1]], [0.0, -1.0, -local[0]]])
+    if kind != POLAR:
+        return local - measured, by_node, turn.T
+    change = _polar_change(local[None])[0]
+    polar = np.array([np.arctan2(local[1], local[0]), np.hypot(*local)]) - measured
+    polar[0] = wrap_angle(polar[0])
+    return polar, change @ by_node, change @ turn.T
 
 
 def _local(planar: bool, tails: Array, heads: Array) -> Array:

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
+from mapmyworld.backend.blocks import diagonals, edge_blocks, metis_order_of, place_in
+from mapmyworld.backend.parts import Index
+from mapmyworld.backend.system import System
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import (
     compose_planar,
@@ -17,9 +20,6 @@ from mapmyworld.geometry.planar import (
     planar_to_matrix,
 )
 from mapmyworld.geometry.rigid import invert
-from mapmyworld.graph.normal_equations import solve_weighted
-from mapmyworld.graph.pose_graph import Index
-from mapmyworld.graph.system import System
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,10 +158,31 @@ def nearest_rotations(matrices: Array) -> Array:
         found[:, 1, 0] = sin = np.sin(turn)
         found[:, 0, 1] = -sin
         return found
-    from mapmyworld.kernels.nearest_rotations import nearest_spatial
+    left, _, right = np.linalg.svd(matrices)
+    left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
+    return np.asarray(left @ right)
 
-    nearest_spatial(np.ascontiguousarray(matrices), found)
-    return found
+
+# Weight of the anchors against the largest weight of an edge: they stay where they are.
+_ANCHOR = 1e3
+
+
+def solve_weighted(
+    tails: Index, heads: Index, turns: Array, weights: Array, anchors: Index, held: Array,
+    right: Array,
+) -> Array:  # fmt: skip
+    """X' (N, d, K) that minimises the sum of `weight |X_head - X_tail T|^2` over edges, less
+    `2 right X'`; anchors keep what is `held` of it, but for a share that is too small to matter.
+    """
+    order = metis_order_of(len(right), tails, heads)
+    alike, place = weights[:, None, None] * np.eye(turns.shape[1]), place_in(order)
+    matrix = edge_blocks(len(right), place[tails], place[heads], turns, alike)
+    anchor = _ANCHOR * float(weights.max(initial=1.0))
+    firm = np.zeros((len(right), turns.shape[1]))
+    firm[place[anchors]] = anchor
+    right[anchors] += anchor * held
+    found = matrix.plus(diagonals(firm)).factorised(order)
+    return found.solve(right.reshape(firm.size, -1)).reshape(right.shape)
 
 
 def _positions(

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.landmarks import sighting_residuals
+from mapmyworld.backend.parts import Index, held_nodes
+from mapmyworld.backend.residuals import edge_residuals, squared_sigmas
 from mapmyworld.geometry import Array
-from mapmyworld.graph.landmarks import sighting_jacobians, sighting_residuals
-from mapmyworld.graph.pose_graph import Index, held_nodes
-from mapmyworld.graph.residuals import edge_fits, edge_jacobians, squared_sigmas
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,6 +33,14 @@ class System:
     def dimension(self) -> int:
         """Unknowns of a node."""
         return 3 if self.planar else 6
+
+    @property
+    def points(self) -> NDArray[np.bool_]:
+        """(N,) nodes that are landmarks, of which only the position is unknown."""
+        found = np.zeros(len(self.free), np.bool_)
+        if self.kinds is not None:
+            found[self.heads[self.kinds > 0]] = True
+        return found
 
     @property
     def size(self) -> int:
@@ -69,17 +77,6 @@ def residuals_of(system: System, poses: Array) -> Array:
     return fit_of(system, poses).residuals
 
 
-def jacobians_of(system: System, poses: Array, residuals: Array) -> tuple[Array, Array]:
-    """Derivatives (E, d, d) of these residuals by tangents of tails and heads."""
-    ends = system.tails, system.heads
-    by_tail, by_head = edge_jacobians(system.planar, poses, *ends, residuals)
-    if system.kinds is not None:
-        k = np.flatnonzero(system.kinds)
-        tails, heads = (poses[end[k]] for end in ends)
-        by_tail[k], by_head[k] = sighting_jacobians(system.planar, tails, heads, system.kinds[k])
-    return by_tail, by_head
-
-
 def chosen_edges(system: System, which: NDArray[np.bool_] | Index) -> System:
     """The system with some of its edges."""
     return replace(
@@ -99,16 +96,20 @@ def believed_edges(system: System, which: NDArray[np.bool_]) -> System:
     return replace(part, free=number_free(stays))
 
 
+def moving_edges(system: System) -> NDArray[np.bool_]:
+    """(E,) edges with an end that does not stay."""
+    return np.asarray((system.free[system.tails] >= 0) | (system.free[system.heads] >= 0))
+
+
 def fit_of(system: System, poses: Array) -> Fit:
     """How poses fit the edges of a system."""
-    ends, known = (system.tails, system.heads), (system.measured, system.information)
-    residuals, squares = edge_fits(system.planar, poses, *ends, *known)
+    tails, heads = poses[system.tails], poses[system.heads]
+    residuals = edge_residuals(system.planar, tails, heads, system.measured)
     if system.kinds is not None:
         k = np.flatnonzero(system.kinds)
-        tails, heads = (poses[end[k]] for end in ends)
-        measured, information = (values[k] for values in known)
-        seen = sighting_residuals(system.planar, tails, heads, measured, system.kinds[k])
-        residuals[k], squares[k] = seen, squared_sigmas(seen, information)
+        seen = tails[k], heads[k], system.measured[k], system.kinds[k]
+        residuals[k] = sighting_residuals(system.planar, *seen)
+    squares = squared_sigmas(residuals, system.information)
     return Fit(poses, residuals, squares, float(np.add.reduce(squares)))
 
 

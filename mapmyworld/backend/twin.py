@@ -9,31 +9,30 @@ M, S and the bound are those of Rosen, Carlone, Bandeira, Leonard, "SE-Sync" (20
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mapmyworld.backend.blocks import Blocks, edge_blocks, metis_order_of, place_in
+from mapmyworld.backend.landmarks import POINT, POLAR
+from mapmyworld.backend.parts import Index, first_nodes
+from mapmyworld.backend.system import System, chosen_edges
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
-from mapmyworld.geometry.rotations import skew
-from mapmyworld.graph.landmarks import POINT, POLAR
-from mapmyworld.graph.normal_equations import weighted_blocks
-from mapmyworld.graph.pose_graph import Index, first_nodes
-from mapmyworld.graph.residuals import retract
-from mapmyworld.graph.system import System, chosen_edges
+from mapmyworld.geometry.rotations import skew, so3_exp
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Twin:
-    """The matrix M of a twin, block by block; a block is one node's translation and rotation."""
+    """The matrix M of a twin, block by block; a block is one node's translation and rotation.
 
-    dimension: int
-    """2 or 3."""
-    rows: Index
-    columns: Index
-    """(B,) nodes of each block; every node's diagonal block comes first, in order."""
-    blocks: Array
-    """(B, d + 1, d + 1)."""
+    Nodes are numbered in the order of their elimination.
+    """
+
+    matrix: Blocks
+    """Of blocks (d + 1, d + 1)."""
+    order: Index
+    """(N,) the system's nodes."""
     anchors: Index
     """One node of every connected part, where the map's frame is held."""
     points: Index
@@ -47,9 +46,8 @@ def twin_of(system: System, residuals: Array, *, equal: bool = False) -> Twin:
     as about its worst: further from the graph, but a twin whose minimum can be proven, which where
     axes differ mostly cannot.
     """
-    count, points = len(system.free), np.zeros(0, np.int64)
+    count, points = len(system.free), np.flatnonzero(system.points)
     if system.kinds is not None:
-        points = np.unique(system.heads[system.kinds > 0])
         used = system.kinds != POLAR
         system, residuals = chosen_edges(system, used), residuals[used]
     tails, heads = system.tails, system.heads
@@ -58,13 +56,15 @@ def twin_of(system: System, residuals: Array, *, equal: bool = False) -> Twin:
         weights = np.linalg.eigvalsh(weights)[:, :1, None] * np.eye(weights.shape[1])
     if system.kinds is not None:
         weights = np.where((system.kinds == POINT)[:, None, None], 0.0, weights)
-    laid = _laid(count, system, weights, tau)
     anchors = np.flatnonzero(first_nodes(count, tails, heads) == np.arange(count))
-    return Twin(2 if system.planar else 3, *laid, anchors, points)
+    order = metis_order_of(count, tails, heads)
+    place = place_in(order)
+    matrix = _laid(replace(system, tails=place[tails], heads=place[heads]), weights, tau)
+    return Twin(matrix, order, place[anchors], place[points])
 
 
-def _laid(count: int, system: System, weights: Array, tau: Array) -> tuple[Index, Index, Array]:
-    """Rows, columns and blocks of M, where `weights` (E, r, r) are K.
+def _laid(system: System, weights: Array, tau: Array) -> Blocks:
+    """M, where `weights` (E, r, r) are K.
 
     An angle a about the axis n costs `2 (1 - cos a) (trace W - n' W n)`: W is chosen so that a
     rotation error by vector w costs at most `w' K w`.
@@ -76,7 +76,7 @@ def _laid(count: int, system: System, weights: Array, tau: Array) -> tuple[Index
     turns[:, 1:, 1:] = motions[:, :size, :size]
     half = 0.5 * weights.trace(0, 1, 2)[:, None, None] * np.eye(size)
     known[:, 0, 0], known[:, 1:, 1:] = tau, half if system.planar else half - weights
-    return weighted_blocks(count, system.tails, system.heads, turns, known)
+    return edge_blocks(len(system.free), system.tails, system.heads, turns, known)
 
 
 # Weights of rotation against translation that are tried: where the information couples them, what
@@ -124,23 +124,11 @@ def _smallest(matrices: Array) -> Array:
     return np.asarray(np.linalg.eigvalsh(matrices)[:, 0], np.float64)
 
 
-def product(twin: Twin, blocks: Array, x: Array) -> Array:
-    """(N, d, d + 1): X times a matrix with the twin's pattern, of poses X (N, d, d + 1)."""
-    from mapmyworld.kernels.normal_equations import add_product
-
-    found = np.zeros(x.shape)
-    add_product(x, twin.rows, twin.columns, blocks, found)
-    return found
-
-
-def twin_cost(twin: Twin, x: Array) -> float:
-    """Trace(X M X'): twice what the twin costs at poses X."""
-    return float(np.vdot(product(twin, twin.blocks, x), x))
-
-
-def twin_scale(twin: Twin, x: Array) -> float:
-    """The size of the terms that cancel in that cost."""
-    return float(np.abs(product(twin, np.abs(twin.blocks), np.abs(x)) * x).sum())
+def multiplied_out(blocks: Blocks, x: Array) -> Array:
+    """(N, d, d + 1): X times a matrix, of poses X (N, d, d + 1)."""
+    count, size = x.shape[:2]
+    found = blocks.matrix @ np.swapaxes(x, 1, 2).reshape(-1, size)
+    return np.swapaxes(found.reshape(count, size + 1, size), 1, 2)
 
 
 def multipliers(twin: Twin, x: Array, pulled: Array) -> Array:
@@ -152,20 +140,6 @@ def multipliers(twin: Twin, x: Array, pulled: Array) -> Array:
     there = 0.5 * (there + np.swapaxes(there, 1, 2))
     there[twin.points] = 0.0
     return np.asarray(there)
-
-
-def slope(x: Array, pulled: Array, multiplied: Array) -> Array:
-    """X (M - Lambda), from X M; zero where X can cost no less nearby."""
-    found = pulled.copy()
-    found[:, :, 1:] -= x[:, :, 1:] @ multiplied
-    return found
-
-
-def certificate_blocks(twin: Twin, multiplied: Array) -> Array:
-    """Blocks of `S = M - Lambda`; positive semi-definite at a global minimum."""
-    blocks = twin.blocks.copy()
-    blocks[: len(multiplied), 1:, 1:] -= multiplied
-    return blocks
 
 
 def twin_poses(planar: bool, poses: Array) -> Array:
@@ -200,8 +174,6 @@ def moved(x: Array, step: Array) -> Array:
 def _turns(angles: Array) -> Array:
     """Rotations (N, d, d) by angles (N, 1) of the plane or rotation vectors (N, 3)."""
     if angles.shape[1] == 3:
-        still, tangents = np.zeros((len(angles), 16)), np.zeros((len(angles), 6))
-        still[:, ::5], tangents[:, :3] = 1.0, angles
-        return retract(False, still.reshape(-1, 4, 4), tangents)[:, :3, :3]
+        return so3_exp(angles)
     cos, sin = np.cos(angles[:, 0]), np.sin(angles[:, 0])
     return np.array([[cos, -sin], [sin, cos]]).transpose(2, 0, 1)

@@ -1,0 +1,169 @@
+"""How sure we are that a minimum is the global one: a bound below every possible solution.
+
+For symmetric multipliers L of the rotations' orthogonality, twice the relaxation's cost is
+`trace(X (M - L) X') + trace(L)`; when `M - L + eta` is positive semi-definite, which its
+factorisation shows, no arrangement of the nodes costs less than half of `trace(L) - eta n d`.
+Rosen, Carlone, Bandeira, Leonard, "SE-Sync" (2019).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mapmyworld.backend.blocks import Blocks, diagonals
+from mapmyworld.backend.information import NotPositiveDefiniteError
+from mapmyworld.backend.system import Fit, System
+from mapmyworld.backend.twin import (
+    Twin,
+    moved,
+    multiplied_out,
+    multipliers,
+    tangent_bases,
+    twin_of,
+    twin_poses,
+)
+from mapmyworld.geometry import Array
+
+_STEPS = 6  # of Newton's method at most, from the solution to the relaxation's minimum
+_SLACK = (1e-4, 1e-2, 0.1)  # shares of the cost that eta may take off the bound
+_EXACT = 1e-4  # of these, up to which the relaxation's minimum counts as its global one
+_PROVEN = 0.02  # gap up to which the bound alone is called a proof
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Certificate:
+    """What is proven about a solution."""
+
+    lower_bound: float
+    """No arrangement of the nodes costs less; zero where nothing is known."""
+    gap: float
+    """By what share of its cost the solution could still be improved, at most."""
+    twin_is_global: bool
+    """Whether the relaxation's minimum beside this solution is proven to be its global one."""
+
+    @property
+    def trusted(self) -> bool:
+        """Whether there is no reason to look for a better minimum."""
+        return self.twin_is_global or self.gap <= _PROVEN
+
+
+def certify(system: System, solved: Fit) -> Certificate:
+    """The certificate of a solution; linear algebra of a few steps of the optimiser."""
+    cost = solved.cost
+    if len(system.tails) == 0 or cost < 1e-12:
+        return Certificate(0.0, 0.0, True)
+    certificate = _certified(system, solved, equal=False)
+    if not (certificate.trusted or system.planar):
+        other = _certified(system, solved, equal=True)
+        certificate = other if other.trusted else certificate
+    return certificate
+
+
+def _certified(system: System, solved: Fit, *, equal: bool) -> Certificate:
+    cost, twin = solved.cost, twin_of(system, solved.residuals, equal=equal)
+    found = _multipliers_at_minimum(twin, twin_poses(system.planar, solved.poses)[twin.order])
+    if found is None:
+        return Certificate(0.0, 1.0, False)
+    dual = float(found.trace(0, 1, 2).sum())
+    for slack in _SLACK:
+        if _is_positive(twin, found, 2.0 * slack * cost):
+            lower = max(0.0, 0.5 * dual - slack * cost)
+            return Certificate(lower, max(0.0, 1.0 - lower / cost), slack <= _EXACT)
+    return Certificate(0.0, 1.0, False)
+
+
+def _is_positive(twin: Twin, multiplied: Array, slack: float) -> bool:
+    """Whether `M - L` is positive definite with so much more on its rotations, over all of them."""
+    nodes, size = multiplied.shape[:2]
+    more = np.zeros((nodes, size + 1))
+    more[:, 1:] = slack / (nodes * size)
+    more[twin.anchors, 0] += twin.matrix.matrix.data.max()
+    try:
+        _less(twin, multiplied).plus(diagonals(more)).factorised(np.arange(nodes))
+    except NotPositiveDefiniteError:
+        return False
+    return True
+
+
+def _less(twin: Twin, multiplied: Array) -> Blocks:
+    """`S = M - L`; positive semi-definite at a global minimum."""
+    nodes, size = multiplied.shape[:2]
+    blocks = np.zeros((nodes, size + 1, size + 1))
+    blocks[:, 1:, 1:] = -multiplied
+    return twin.matrix.plus(blocks)
+
+
+def _multipliers_at_minimum(twin: Twin, x: Array) -> Array | None:
+    """L (N, d, d) at the relaxation's minimum near X, by Newton's steps; None where these fail."""
+    pulled = multiplied_out(twin.matrix, x)
+    cost = float(np.vdot(pulled, x))
+    for _ in range(_STEPS):
+        found = multipliers(twin, x, pulled)
+        if abs(cost - float(found.trace(0, 1, 2).sum())) <= _EXACT * cost:
+            return found
+        step = _newton_step(twin, x, pulled, found)
+        if step is None:
+            return None
+        x = moved(x, step)
+        pulled = multiplied_out(twin.matrix, x)
+        cost = float(np.vdot(pulled, x))
+    return multipliers(twin, x, pulled)
+
+
+def _newton_step(twin: Twin, x: Array, pulled: Array, multiplied: Array) -> Array | None:
+    """Newton's step (N, m) along the tangents; None where there is no minimum nearby."""
+    nodes, size = x.shape[:2]
+    bases, less = tangent_bases(x), _less(twin, multiplied)
+    slope = pulled.copy()
+    slope[:, :, 1:] -= x[:, :, 1:] @ multiplied
+    gradient = np.einsum("nkxp,nxp->nk", bases, slope)
+    laid = less.matrix
+    rows = np.repeat(np.arange(nodes), np.diff(laid.indptr))
+    flat = bases.reshape(*bases.shape[:2], -1)
+    left = (bases[rows] @ laid.data[:, None]).reshape(len(rows), *flat.shape[1:])
+    blocks = left @ np.swapaxes(flat[laid.indices], 1, 2)
+    # Landmarks have no rotation; the first node of every part does not move.
+    firm = np.zeros(gradient.shape)
+    firm[twin.anchors] = firm[twin.points, : bases.shape[1] - size] = np.abs(blocks).max()
+    gradient[twin.anchors] = 0.0
+    try:
+        found = less.with_blocks(blocks).plus(diagonals(firm)).factorised(np.arange(nodes))
+    except NotPositiveDefiniteError:
+        return None
+    return found.solve(-gradient.ravel()).reshape(gradient.shape)
+
+
+def certainty_of(
+    freedom: int, cost: float, converged: bool, certificate: Certificate | None, starts: list[str]
+) -> str:
+    """A sentence about a minimum of this cost: what is proven, else what the residuals say.
+
+    `freedom` counts the numbers that edges measure beyond those that are unknown; `starts` are
+    those that were followed.
+    """
+    if not converged:
+        return "not converged: raise graph.iterations"
+    parts = ["converged", proof_of(certificate, starts)]
+    if freedom > 0:
+        ratio = 2.0 * cost / freedom
+        parts.append(f"squared sigmas are {ratio:.3g} times what the covariances predict")
+    return "; ".join(parts)
+
+
+def proof_of(certificate: Certificate | None, starts: list[str] | None = None) -> str:
+    """What is proven of a minimum, in words; where it is not the global one, what was tried."""
+    if certificate is None:
+        return "whether the minimum is global was not examined"
+    bound, share = f"no solution costs less than {certificate.lower_bound:.6g}", certificate.gap
+    if share <= _PROVEN:
+        return f"the global minimum, proven to within {100 * share:.2g} % ({bound})"
+    known = [f"{bound}, {100 * share:.2g} % below" if share < 1.0 else "no bound below it is known"]
+    if certificate.twin_is_global:
+        known.append("it lies beside the proven minimum of the same graph with simpler covariances")
+    if starts:
+        kinds = ", ".join(dict.fromkeys(starts))
+        ends = f"cheapest end of {len(starts)} starts" if len(starts) > 1 else "end of one start"
+        known.append(f"it is the {ends} ({kinds})")
+    return f"not proven to be the global minimum: {'; '.join(known)}"

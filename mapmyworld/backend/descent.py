@@ -1,0 +1,66 @@
+"""Down to the nearby minimum, by gtsam's Levenberg-Marquardt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import gtsam
+
+from mapmyworld.backend.blocks import metis_order_of
+from mapmyworld.backend.factors import FactorGraph, factor_graph, poses_of
+from mapmyworld.backend.system import Fit, System, fit_of
+from mapmyworld.geometry import Array
+
+_STEPS = 20  # where a rough minimum is enough
+_NOTHING = 1e-12  # cost of a graph without contradiction
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Descent:
+    """Where a descent ended."""
+
+    fit: Fit
+    iterations: int
+    converged: bool
+
+
+def settle(system: System, poses: Array, tolerance: float = 1e-3, steps: int = _STEPS) -> Array:
+    """Poses at the nearby minimum."""
+    return descend(system, fit_of(system, poses), tolerance, steps).fit.poses
+
+
+def descend(system: System, start: Fit, tolerance: float, steps: int) -> Descent:
+    """The nearby minimum: steps end where one gains less than `tolerance` of the cost."""
+    if system.size == 0 or start.cost < _NOTHING:
+        return Descent(start, 0, True)
+    graph = factor_graph(system, start.poses)
+    order = metis_order_of(len(system.free), system.tails, system.heads)
+    free = order[system.free[order] >= 0].tolist()
+    values, taken = optimised(graph, free, tolerance, steps)
+    fit = fit_of(system, poses_of(system, values, start.poses))
+    if not fit.chi2 <= start.chi2:  # rounding at the minimum
+        fit = start
+    return Descent(fit, taken, taken < steps)
+
+
+def optimised(
+    graph: FactorGraph, order: list[int], tolerance: float, steps: int
+) -> tuple[Any, int]:
+    """The values of least cost near those of the graph, and how many steps led there; variables
+    are eliminated in this order.
+    """
+    optimiser = gtsam.LevenbergMarquardtOptimizer(
+        graph.factors, graph.values, gtsam.Ordering(order), _parameters(tolerance, steps)
+    )  # fmt: skip
+    return optimiser.optimize(), optimiser.iterations()
+
+
+def _parameters(tolerance: float, steps: int) -> Any:
+    """Gtsam's parameters of a descent; elimination in METIS's order."""
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setMaxIterations(steps)
+    parameters.setRelativeErrorTol(tolerance)
+    parameters.setAbsoluteErrorTol(0.0)
+    parameters.setErrorTol(_NOTHING)
+    return parameters

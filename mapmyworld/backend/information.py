@@ -1,0 +1,154 @@
+"""How certain a solution is: the information of gtsam's linear factors, and what it predicts.
+
+gtsam linearises and orders (METIS), SuperLU factorises. What is asked of covariances is
+`J inverse(A) J'` with few rows in J, one sweep up the elimination tree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_array, csr_array
+from scipy.sparse.linalg import SuperLU, splu
+
+from mapmyworld.backend.factors import FactorGraph, elimination_order, factor_graph
+from mapmyworld.backend.parts import Index
+from mapmyworld.backend.system import System
+from mapmyworld.errors import GraphError
+from mapmyworld.geometry import Array
+
+
+class NotPositiveDefiniteError(GraphError):
+    """A matrix that has no Cholesky factor: the graph leaves something undetermined."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Factorised:
+    """A symmetric positive definite matrix as `L D L'`, its unknowns in another order."""
+
+    factors: SuperLU
+    order: Index
+    """(n,) the unknown at each row of L."""
+
+    @staticmethod
+    def of(matrix: csc_array, order: Index) -> Factorised:
+        """The factors of a matrix of unknowns in this order; raises `NotPositiveDefiniteError`."""
+        try:
+            found = splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0,
+                         options={"SymmetricMode": True})  # fmt: skip
+        except RuntimeError:
+            raise NotPositiveDefiniteError("the edges leave a node undetermined") from None
+        swapped = (found.perm_r != np.arange(len(order))).any()
+        if swapped or not (found.U.diagonal() > 0.0).all():
+            raise NotPositiveDefiniteError("the edges leave a node undetermined")
+        return Factorised(found, order)
+
+    @staticmethod
+    def of_rows(jacobian: csr_array, order: Index) -> Factorised:
+        """The factors of `J' J`, its unknowns eliminated in this order; raises the same."""
+        ordered = jacobian[:, order]
+        return Factorised.of(csc_array(ordered.T @ ordered), order)
+
+    def solve(self, right: Array) -> Array:
+        """The solution (n,) or (n, K) for this right-hand side."""
+        found = np.empty(right.shape)
+        found[self.order] = self.factors.solve(np.asarray(right[self.order], np.float64))
+        return found
+
+    def predict(self, asked: csr_array, groups: Index) -> list[Array]:
+        """`J_g inverse(A) J_g'` for every group of rows of J (R, n): those from `groups[g]` on."""
+        from mapmyworld.kernels.prediction import predict
+
+        place, lower = np.argsort(self.order), self.factors.L
+        sizes = np.diff(groups)
+        ends = np.concatenate([[0], np.cumsum(sizes**2)])
+        found = np.zeros(ends[-1])
+        predict(
+            lower.indptr, lower.indices, lower.data, self.factors.U.diagonal(),
+            asked.indptr.astype(np.int32), place[asked.indices], asked.data, groups, ends, found,
+        )  # fmt: skip
+        return [
+            found[a:b].reshape(size, size)
+            for a, b, size in zip(
+                ends[:-1].tolist(), ends[1:].tolist(), sizes.tolist(), strict=True
+            )
+        ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Variables:
+    """Where gtsam's variables stand among all unknowns."""
+
+    keys: Index
+    """(K,) ascending."""
+    starts: Index
+    """(K + 1,) the first unknown of each."""
+
+    @staticmethod
+    def of(values: Any) -> Variables:
+        """Those of gtsam's values."""
+        dims = values.dims()
+        keys = np.array(sorted(dims), np.int64)
+        sizes = [dims[key] for key in keys.tolist()]
+        return Variables(keys, np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64))
+
+    def unknowns(self, keys: Index) -> Index:
+        """The unknowns of these variables, one variable after the other."""
+        at = np.searchsorted(self.keys, keys)
+        sizes = self.starts[at + 1] - self.starts[at]
+        before = np.cumsum(sizes) - sizes
+        return np.asarray(np.arange(sizes.sum()) + np.repeat(self.starts[at] - before, sizes))
+
+    def elimination(self, factors: Any) -> Index:
+        """(n,) unknowns in METIS's order; raises `NotPositiveDefiniteError` where some are free."""
+        order = np.array(elimination_order(factors), np.int64)
+        if len(order) < len(self.keys):
+            raise NotPositiveDefiniteError("the edges leave a node undetermined")
+        return self.unknowns(order)
+
+    def jacobian(self, linear: Any) -> tuple[csr_array, Array]:
+        """The whitened derivatives (R, n) of gtsam's linear factors, and their right-hand side
+        (R,): less the whitened residuals.
+        """
+        unknowns = self.unknowns(np.array(linear.keyVector(), np.int64))
+        rows, columns, numbers = linear.sparseJacobian_()
+        rows, columns = rows.astype(np.int64) - 1, columns.astype(np.int64) - 1
+        count, inside = int(rows.max(initial=-1)) + 1, columns < len(unknowns)
+        right = np.zeros(count)
+        right[rows[~inside]] = numbers[~inside]
+        places = rows[inside], unknowns[columns[inside]]
+        shape = count, int(self.starts[-1])
+        return csr_array((numbers[inside], places), shape=shape), right
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Information:
+    """The information of all variables of a factor graph, factorised."""
+
+    variables: Variables
+    factorised: Factorised
+
+    @staticmethod
+    def of(graph: FactorGraph) -> Information:
+        """At the graph's values; raises `NotPositiveDefiniteError`."""
+        variables = Variables.of(graph.values)
+        jacobian, _ = variables.jacobian(graph.factors.linearize(graph.values))
+        order = variables.elimination(graph.factors)
+        return Information(variables, Factorised.of_rows(jacobian, order))
+
+    def marginals(self, keys: Index) -> list[Array]:
+        """The covariance (d, d) of each of these variables."""
+        unknowns = self.variables.unknowns(keys)
+        at = np.searchsorted(self.variables.keys, keys)
+        sizes = np.diff(self.variables.starts)[at]
+        count = int(self.variables.starts[-1])
+        places = np.arange(len(unknowns)), unknowns
+        own = csr_array((np.ones(len(unknowns)), places), shape=(len(unknowns), count))
+        return self.factorised.predict(own, np.concatenate([[0], np.cumsum(sizes)]))
+
+
+def information_of(system: System, poses: Array) -> Information:
+    """The information of the free nodes at `poses`; raises `NotPositiveDefiniteError`."""
+    return Information.of(factor_graph(system, poses))

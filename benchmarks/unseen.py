@@ -2,7 +2,7 @@
 
 python benchmarks/unseen.py [LOG...] [--data FOLDER] [--set KEY=VALUE] [--method fastslam]
 
-A LOG is a name below; all by default. Errors are RMSE of all scans after the best rigid alignment
+A LOG is a name below, all by default, or a file, as `laser_altered.py` makes them. Errors are RMSE of all scans after the best rigid alignment
 for buildings with a reference trajectory, and the mean translational error for logs with relations.
 A closure is false where it misses the reference by more than 0.5 m or 5 degrees. Recall: of the
 moments at which the robot is back within 1 m and 30 degrees of an earlier visit, the share that an
@@ -78,17 +78,19 @@ def main() -> None:
     arguments = parser.parse_args()
     config = apply_settings(Config(), dict(s.split("=", 1) for s in arguments.set))
     print(
-        f"{'log':<19}{'error m':>9}{'closures':>12}{'false':>6}{'recall':>8}"
+        f"{'log':<23}{'error m':>9}{'closures':>12}{'false':>6}{'recall':>8}"
         f"{'nbr':>6}{'loop':>6}{'prox':>6}{'CPU s':>8}{'x real':>8}{'MB':>6}  losses"
     )
     for name in arguments.logs:
-        row = run(arguments.data / LOGS[name], config, arguments.method, arguments.grid, name)
+        path = arguments.data / LOGS[name] if name in LOGS else Path(name)
+        name = path.name.split(".")[0] if name not in LOGS else name
+        row = run(path, config, arguments.method, arguments.grid, name)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
         n = [
             row.normalised.get(k, float("nan")) for k in ("neighbour", "loop_closure", "proximity")
         ]
         print(
-            f"{name:<19}{row.error:9.4f}{row.accepted:6d}/{row.tried:<5d}{row.false:6d}"
+            f"{name:<23}{row.error:9.4f}{row.accepted:6d}/{row.tried:<5d}{row.false:6d}"
             f"{row.recall:8.1%}{n[0]:6.2f}{n[1]:6.2f}{n[2]:6.2f}{row.cpu_s:8.1f}"
             f"{row.realtime:8.0f}{peak:6d}  {'; '.join(row.losses)[:120]}",
             flush=True,
@@ -123,7 +125,7 @@ def run(path: Path, config: Config, method: str, pictures: Path | None, name: st
 
 
 def _reference(path: Path) -> Trajectory | None:
-    file = path.with_name(path.name.removesuffix(".clf.bz2") + ".ref.tum")
+    file = path.with_name(path.name.split(".clf")[0] + ".ref.tum")
     return read_trajectory(file) if file.exists() else None
 
 
@@ -137,7 +139,7 @@ def _error(store: MapStore, path: Path, reference: Trajectory | None) -> float:
     """Metres; NaN without a reference."""
     if reference is not None:
         return ate(_estimate(store), reference).rmse
-    relations = path.with_name(path.name.removesuffix(".clf.bz2") + ".relations")
+    relations = path.with_name(path.name.split(".clf")[0] + ".relations")
     if relations.exists():
         return relations_score(_estimate(store), read_relations(relations)).translation.mean
     return float("nan")

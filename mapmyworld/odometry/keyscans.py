@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry.planar import transform_points_planar
 from mapmyworld.kernels.scan_tracking import (
     chosen_keyscans,
     is_new,
     learn_matching,
     remember_scan,
 )
+from mapmyworld.registration.evidence import Place
 from mapmyworld.registration.line_of_sight import share_seen_through
 from mapmyworld.registration.matchers import match_scan
 from mapmyworld.registration.scan_matching import (
@@ -23,6 +25,7 @@ from mapmyworld.registration.scan_matching import (
     ScanSet,
     scan_set,
 )
+from mapmyworld.registration.scan_search import Submap, submap_points
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -93,6 +96,13 @@ class Keyscans:
         learn_matching(
             scan.rows, 0, len(scan.rows), *self.ring[:4], self._chosen(), match.pose, FINE, settings
         )
+
+    def place(self) -> Place:
+        """What the submap's scans saw together."""
+        scans, poses = self.targets()
+        points = submap_points(scans, np.arange(len(scans)), poses)
+        origins = transform_points_planar(poses, scans.origins[:, None])[:, 0]
+        return Place.of(Submap(points, origins, scans.bounds))
 
     def share_seen_through(self, scan: PreparedScan, pose: Array) -> float:
         """How much of a scan, from this pose, lies beyond the submap's surfaces."""

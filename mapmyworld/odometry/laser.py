@@ -23,10 +23,11 @@ from mapmyworld.odometry.keyscans import Keyscans
 from mapmyworld.odometry.laser_breaks import Breaks
 from mapmyworld.odometry.laser_stretches import WeakStretches
 from mapmyworld.odometry.laser_trust import OdometryFaults
+from mapmyworld.registration.evidence import FORTH, Place, needed_evidence
 from mapmyworld.registration.matchers import find_matcher
 from mapmyworld.registration.point_to_line import point_to_line
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
-from mapmyworld.registration.scan_search import search_pose
+from mapmyworld.registration.scan_search import NATS, Submap, search_evidence
 from mapmyworld.types import Frame, Scan
 
 Array = NDArray[np.float64]
@@ -36,11 +37,7 @@ _SEEN = 0.5  # share of the points seen through surfaces from which nobody can h
 _LEAST_STEP = 1e-8  # m^2 and rad^2 by which any step may err
 _FAULT = 1e-3  # probability that odometry says nothing of a step: it stalls, slips, catches up
 _CARRIED = 1e-9  # that a robot does not go on as it did, but is somewhere else at once
-_LOG_ODDS = 1.3  # nats by which a point on a surface speaks for a pose: 0.75 against 0.2
 _INDEPENDENT = 0.1  # variance factor of matches, at least: more than all points cannot tell
-_CORRELATED = 4.0  # neighbouring points of a scan that tell as much as one, at least
-_RECENT = 0.05  # weight of a scan in the running mean of overlaps
-_CHANCE = 0.5  # of what a submap usually explains of a scan: less is chance
 _FEWEST = 12  # points of a scan below which it is not matched
 _WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
 _FIRST = np.full(3, 1e-6)  # variances of the first pose, which is the origin
@@ -82,7 +79,6 @@ class LaserTracker:
         self._last_odometry: Array | None = None
         self._begun = False
         self._missed = 0
-        self._typical = 1.0  # overlap of scans that were placed
         # The kernel that follows scans has its own matcher built in.
         self._in_kernel = find_matcher(config.registration.matcher) is point_to_line
         self.verdicts: Counter[str] = Counter()
@@ -118,8 +114,6 @@ class LaserTracker:
                 tracked.append(LaserMotion(out[k, :3], covariances[k], "matched", float(out[k, 3])))
                 self._stretches.add(frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0)
             if last > first:
-                usual = float(out[first:last, 3].mean())
-                self._typical += (1.0 - (1.0 - _RECENT) ** (last - first)) * (usual - self._typical)
                 self._breaks.go_on(frames[last - 1].stamp_ns)
             self._faults.steps += int(np.isfinite(recorded[first:last, 0]).sum())
             if last < len(frames):
@@ -276,26 +270,37 @@ class LaserTracker:
         self, scan: PreparedScan, predicted: Array, variances: Array, first: Match, fault: float
     ) -> tuple[Match, str]:
         """The likeliest of several hypotheses, with the odometry and without it."""
-        pose = self._state[:3].copy()
+        pose, place = self._state[:3].copy(), self._keyscans.place()
+        view = Place.of(
+            Submap(
+                scan.rows[:, :2].astype(np.float64),
+                scan.origin[None],
+                np.array([0, len(scan.rows)]),
+            )
+        )
+        distance, angle = self._odometry.search_distance, self._odometry.search_angle
+        needed = needed_evidence(distance, angle)
         starts = [first.pose, compose_planar(pose, self._state[3:6]), pose, predicted]
+        found = search_evidence(
+            view.submap.points, place.grid, pose, distance, angle, FORTH * needed
+        )
+        if found is not None:
+            starts.append(found.pose)
         free = [self._keyscans.match(scan, s, _WEAK_PRIOR, COARSE, self._settings) for s in starts]
-        if max(match.overlap for match in free) < self._odometry.least_overlap:
-            found = search_pose(
-                scan, *self._keyscans.targets(), pose,
-                self._odometry.search_distance, self._odometry.search_angle,
-            )  # fmt: skip
-            if found is not None:
-                free.append(
-                    self._keyscans.match(scan, found.pose, _WEAK_PRIOR, COARSE, self._settings)
-                )
-        points = _LOG_ODDS * len(scan.rows) / max(float(self._settings[2]), _CORRELATED)
-
-        def likelihood(match: Match) -> float:
-            prior = self._log_prior(predicted, match.pose, variances, fault)
-            return points * _quality(match) + prior
-
-        best = max([first, *free], key=likelihood)
-        if best.overlap < _CHANCE * self._typical or (best is not first and likelihood(best) < 0.0):
+        plain, prior = (
+            place.says(view, first.pose),
+            self._log_prior(predicted, first.pose, variances, fault),
+        )
+        best, most, said = first, 0.0, plain
+        for match in free:
+            other = place.says(view, match.pose)
+            more = NATS * other.beyond(plain)
+            more += self._log_prior(predicted, match.pose, variances, fault) - prior
+            if more > most:
+                best, most, said = match, more, other
+        near = needed_evidence(*np.minimum(3.0 * np.sqrt(variances[[0, 2]]), (distance, angle)))
+        aligned = best.overlap * len(scan.rows) >= _FEWEST
+        if not aligned or said.evidence < (near if best is first else needed):
             return best, "lost"
         return best, "matched" if best is first else "odometry ignored"
 
@@ -310,11 +315,6 @@ class LaserTracker:
         width = (2.0 * np.pi) ** 1.5 * np.sqrt(variances.prod())
         anywhere = np.log(fault * min(width / window, 1.0))
         return float(np.logaddexp(-0.5 * (apart**2 / variances).sum(), anywhere))
-
-
-def _quality(match: Match) -> float:
-    """Overlap, less what the points miss their lines by (0.1 m costs a whole overlap)."""
-    return match.overlap - 10.0 * match.residual
 
 
 _NOTES = {

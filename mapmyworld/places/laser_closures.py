@@ -23,17 +23,12 @@ from mapmyworld.places.laser_candidates import (
     drift_window,
     untied,
 )
-from mapmyworld.places.laser_evidence import (
-    FORTH,
-    Place,
-    needed_evidence,
-    place_around,
-)
 from mapmyworld.places.laser_joins import doubt_joins
 from mapmyworld.places.laser_lookalikes import doubt_lookalikes
 from mapmyworld.places.laser_lost import held_by, islands, lost_pairs
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
-from mapmyworld.places.laser_submaps import match_submaps, submap_members
+from mapmyworld.places.laser_submaps import match_submaps, place_around, submap_members
+from mapmyworld.registration.evidence import FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_matching import (
     Match,
 )

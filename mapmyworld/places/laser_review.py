@@ -22,9 +22,9 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.kernels.laser_motion import leaves_open
 from mapmyworld.odometry.laser_stretches import leaves_turn_open
 from mapmyworld.places.laser_closures import closure_information
-from mapmyworld.places.laser_evidence import needed_evidence, place_around
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
-from mapmyworld.places.laser_submaps import match_submaps
+from mapmyworld.places.laser_submaps import match_submaps, place_around
+from mapmyworld.registration.evidence import needed_evidence
 from mapmyworld.registration.scan_search import MARGIN
 from mapmyworld.types import (
     CLOSURES,

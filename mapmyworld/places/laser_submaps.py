@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, transform_points_planar
 from mapmyworld.places.laser_nodes import LaserNodes
+from mapmyworld.registration.evidence import Place
 from mapmyworld.registration.matchers import match_scan
 from mapmyworld.registration.scan_matching import FINE, Match, PreparedScan
 from mapmyworld.registration.scan_search import Submap, rows_of, submap_points
@@ -36,6 +37,11 @@ def submap_around(nodes: LaserNodes, middle: int, config: Config) -> Submap:
     )
     origins = transform_points_planar(poses, scans.origins[:, None])[:, 0]
     return Submap(submap_points(scans, np.arange(len(members)), poses), origins, scans.bounds)
+
+
+def place_around(nodes: LaserNodes, middle: int, config: Config) -> Place:
+    """The place around a node."""
+    return Place.of(submap_around(nodes, middle, config))
 
 
 def match_submaps(nodes: LaserNodes, a: int, b: int, guess: Array, config: Config) -> Match:

@@ -1,4 +1,4 @@
-"""What two places say of each other: points that agree, less those that contradict."""
+"""What two views say of each other: points that agree, less those that contradict."""
 
 from __future__ import annotations
 
@@ -7,10 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config import Config
 from mapmyworld.geometry.planar import invert_planar
-from mapmyworld.places.laser_nodes import LaserNodes
-from mapmyworld.places.laser_submaps import submap_around
 from mapmyworld.registration.scan_search import (
     MARGIN,
     NATS,
@@ -24,16 +21,21 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 FORTH = 0.3
 """Share of the evidence that a search must find in the points of the later place."""
-_UNSEEN = 0.25  # weight of what one place knows of another and its rival does not
 _APART = 0.6, 0.3  # m and rad between poses that are hypotheses of their own
+_UNSEEN = 0.25  # weight of what one view knows of another and its rival does not
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Place:
-    """What was seen around a node, as points and as a grid, in that node's frame."""
+    """What was seen around a pose, as points and as a grid, in one frame."""
 
     submap: Submap
     grid: LikelihoodGrid
+
+    @staticmethod
+    def of(submap: Submap) -> Place:
+        """The place that a submap shows."""
+        return Place(submap, evidence_grid(submap))
 
     def says(self, other: Place, here_from_there: Array) -> Said:
         """What each says of the other's points, at a relative pose."""
@@ -71,12 +73,6 @@ class Said:
 def _weighed(back: Index) -> float:
     """Contradictions in full, agreement by a quarter."""
     return float(_UNSEEN * np.count_nonzero(back > 0) - np.count_nonzero(back < 0))
-
-
-def place_around(nodes: LaserNodes, middle: int, config: Config) -> Place:
-    """The place around a node."""
-    submap = submap_around(nodes, middle, config)
-    return Place(submap, evidence_grid(submap))
 
 
 def needed_evidence(distance: float, angle: float) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from mapmyworld.errors import ConfigError
@@ -9,6 +11,7 @@ from mapmyworld.geometry.rigid import between
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.sensing.plan import Draft, ImuSource, OdometrySource, ScanSource
 from mapmyworld.sensing.plan_base import BASES, ODOMS, WORLDS
+from mapmyworld.sensing.stalls import without_stalls
 from mapmyworld.sensing.transforms import frame_name, is_called
 from mapmyworld.types import ImuMessage, MessageKind
 
@@ -41,7 +44,13 @@ def choose_odometry(draft: Draft, base: str) -> OdometrySource | None:
     others = tuple(f"{source.name}: {why}" for _, source, why in ranked[1:])
     draft.decide("odometry", best.name, ranked[0][2], others)
     _check_child(draft, best, base)
-    return best
+    motion, stalls = without_stalls(best.motion)
+    if stalls:
+        draft.warnings.append(
+            f"{best.name} repeats a pose and then catches up in one step, {stalls} times: "
+            "interpolated"
+        )
+    return replace(best, motion=motion)
 
 
 def _check_child(draft: Draft, odometry: OdometrySource, base: str) -> None:

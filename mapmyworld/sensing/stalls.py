@@ -1,0 +1,50 @@
+"""Odometry that stands still while the robot goes on, and then catches up in one step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mapmyworld.geometry.rigid import between, interpolate
+from mapmyworld.geometry.rotations import rotation_angle
+from mapmyworld.sensing.motion import RecordedMotion
+
+_FASTEST = 0.99  # quantile of the log's own speeds beyond which a step is none of the robot's
+_FEWEST = 50  # steps from which speeds are known
+
+
+def without_stalls(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
+    """The motion with its stalls interpolated, and how many there were.
+
+    A stall repeats a pose to the last bit; the step after it is faster than the robot ever is. At
+    its usual speed the robot needed so long for it: so much of the stall is interpolated.
+    """
+    if len(motion) < _FEWEST or not motion.is_sorted:
+        return motion, 0
+    poses, stamps = motion.poses_at(slice(None)), motion.stamps_ns
+    seconds = np.diff(stamps) * 1e-9
+    steps = between(poses[:-1], poses[1:])
+    moved = np.stack([np.linalg.norm(steps[:, :3, 3], axis=1), rotation_angle(steps)])
+    stands = (poses[1:] == poses[:-1]).all(axis=(1, 2))
+    speeds = moved / np.maximum(seconds, 1e-9)
+    usual = ~stands & ~np.concatenate([[True], stands[:-1]]) & (seconds > 0.0)
+    if np.count_nonzero(usual) < _FEWEST:
+        return motion, 0
+    fastest, median = np.quantile(speeds[:, usual], [_FASTEST, 0.5], axis=1)
+    jumps = np.flatnonzero(
+        ~stands[1:] & stands[:-1] & (speeds[:, 1:] > fastest[:, None]).any(axis=0)
+    ) + 1  # fmt: skip
+    begins = np.maximum.accumulate(np.where(stands, 0, np.arange(1, len(stands) + 1)))
+    for jump in jumps.tolist():
+        needed = int(1e9 * (moved[:, jump] / np.maximum(median, 1e-9)).max())
+        begin = max(
+            int(begins[jump - 1]),
+            int(np.searchsorted(stamps, stamps[jump + 1] - needed, "right")) - 1,
+        )
+        inside = slice(begin + 1, jump + 1)
+        span = max(int(stamps[jump + 1] - stamps[begin]), 1)
+        share = (stamps[inside] - stamps[begin]) / span
+        poses[inside] = interpolate(
+            np.broadcast_to(poses[begin], poses[inside].shape),
+            np.broadcast_to(poses[jump + 1], poses[inside].shape), share,
+        )  # fmt: skip
+    return RecordedMotion(stamps, poses[:, :3]), len(jumps)

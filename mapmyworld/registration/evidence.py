@@ -21,7 +21,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 FORTH = 0.3
 """Share of the evidence that a search must find in the points of the later place."""
-_APART = 0.6, 0.3  # m and rad between poses that are hypotheses of their own
+APART = 0.6, 0.3
+"""Metres and radians between poses that are hypotheses of their own."""
 _UNSEEN = 0.25  # weight of what one view knows of another and its rival does not
 
 
@@ -80,5 +81,5 @@ def needed_evidence(distance: float, angle: float) -> float:
 
     The evidence of a false pose falls off exponentially, and each distinct pose is one try.
     """
-    tries = (1.0 + 2.0 * distance / _APART[0]) ** 2 * (1.0 + 2.0 * angle / _APART[1])
+    tries = (1.0 + 2.0 * distance / APART[0]) ** 2 * (1.0 + 2.0 * angle / APART[1])
     return float(np.log(tries) / NATS + MARGIN)

@@ -18,6 +18,7 @@ OUT.clf and OUT.ref.tum are written. What is done follows from the seed.
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,6 +80,8 @@ def read(log: Path, reference: Path) -> Drive:
     first, last = (int(stamp) for stamp in trajectory.stamps_ns[[0, -1]])
     with open_binary(log) as stream:
         scans = [_scan(line.split()) for line in stream if line.startswith((b"FLASER", b"ROBOTL"))]
+    usual = Counter(len(scan[0]) for scan in scans).most_common(1)[0][0]
+    scans = [scan for scan in scans if len(scan[0]) == usual]
     ranges, lasers, odometry, stamps = (np.array(column) for column in zip(*scans, strict=True))
     stamps_ns = (stamps * 1e9).round().astype(np.int64)
     covered = np.flatnonzero((stamps_ns >= first) & (stamps_ns <= last))

@@ -2,7 +2,8 @@
 
 python benchmarks/unseen.py [LOG...] [--data FOLDER] [--set KEY=VALUE] [--method fastslam]
 
-A LOG is a name below, all by default, or a file, as `laser_altered.py` makes them. Errors are RMSE of all scans after the best rigid alignment
+A LOG is a name below, all by default, or a file, as `laser_altered.py` makes them.
+Errors are RMSE of all scans after the best rigid alignment
 for buildings with a reference trajectory, and the mean translational error for logs with relations.
 A closure is false where it misses the reference by more than 0.5 m or 5 degrees. Recall: of the
 moments at which the robot is back within 1 m and 30 degrees of an earlier visit, the share that an

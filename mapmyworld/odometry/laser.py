@@ -289,22 +289,27 @@ class LaserTracker:
         if found is not None:
             starts.append(found.pose)
         free = [self._keyscans.match(scan, s, _WEAK_PRIOR, COARSE, self._settings) for s in starts]
-        best, most, said = first, 0.0, place.says(view, first.pose)
-        plain, prior = said, self._log_prior(predicted, first.pose, variances, fault)
+        plain = place.says(view, first.pose)
+        prior = self._log_prior(predicted, first.pose, variances, fault)
         points = len(scan.rows) / max(float(self._settings[2]), _CORRELATED)
+        near = needed_evidence(*np.minimum(3.0 * np.sqrt(variances[[0, 2]]), (distance, angle)))
+        fits = plain.evidence >= near and first.overlap * len(scan.rows) >= _FEWEST
+        best, most = (first, 0.0) if fits else (None, 0.0)
         for match in free:
             other, apart = place.says(view, match.pose), between_planar(first.pose, match.pose)
-            if np.hypot(*apart[:2]) < APART[0] and abs(apart[2]) < APART[1]:
-                more = _LOG_ODDS * points * (_quality(match) - _quality(first))
+            if other.evidence < needed or match.overlap * len(scan.rows) < _FEWEST:
+                continue
+            more = self._log_prior(predicted, match.pose, variances, fault)
+            if not fits:  # against nothing that fits: what exceeds chance
+                more += NATS * (other.evidence - needed)
+            elif np.hypot(*apart[:2]) < APART[0] and abs(apart[2]) < APART[1]:
+                more += _LOG_ODDS * points * (_quality(match) - _quality(first)) - prior
             else:
-                more = NATS * other.beyond(plain)
-            more += self._log_prior(predicted, match.pose, variances, fault) - prior
+                more += NATS * other.beyond(plain) - prior
             if more > most:
-                best, most, said = match, more, other
-        near = needed_evidence(*np.minimum(3.0 * np.sqrt(variances[[0, 2]]), (distance, angle)))
-        aligned = best.overlap * len(scan.rows) >= _FEWEST
-        if not aligned or said.evidence < (near if best is first else needed):
-            return best, "lost"
+                best, most = match, more
+        if best is None:
+            return first, "lost"
         return best, "matched" if best is first else "odometry ignored"
 
     def _log_prior(self, predicted: Array, pose: Array, variances: Array, fault: float) -> float:

@@ -25,7 +25,7 @@ from mapmyworld.registration.scan_matching import ScanSet
 Array = NDArray[np.float64]
 Pairs = NDArray[np.int64]
 _UPPER = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
-_FAINT = 1.0  # information of a pair that keeps a direction finite which its points leave open
+FAINT = 1.0  # information of a pair that keeps a direction finite which its points leave open
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +38,10 @@ class JointAlignment:
     """Root mean square movement of what does not stay in each round, metres."""
     residual: float
     """Root mean square distance between a point and the other scan's line, metres."""
+    joint: System
+    """Of the last round: the edges that were given, then the pairs."""
+    pairs: int
+    """How many these are."""
 
 
 def align_jointly(
@@ -67,7 +71,7 @@ def align_jointly(
             break
     weights = max(float(systems[:, 9].sum()), 1e-9)
     residual = float(np.sqrt(systems[:, 10].sum() / weights))
-    return JointAlignment(poses, tuple(moved), residual)
+    return JointAlignment(poses, tuple(moved), residual, joint, len(pairs))
 
 
 def pair_edges(
@@ -77,7 +81,7 @@ def pair_edges(
     where the minimum of each pair's normal equations lies, seen from `poses`.
     """
     variance = config.range_sigma**2 * config.correlation * 2.0
-    information = systems[:, _UPPER] / variance + _FAINT * np.eye(3)
+    information = systems[:, _UPPER] / variance + FAINT * np.eye(3)
     step = np.asarray(np.linalg.solve(information, -systems[:, 6:9, None] / variance)[:, :, 0])
     tails, heads = pairs.T
     measured = compose_planar(between_planar(poses[tails], poses[heads]), planar_exp(step))

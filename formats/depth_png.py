@@ -71,19 +71,19 @@ def _inflated(stream: bytes, size: int) -> bytes | None:
 def _undo_filters(rows, cells):  # type: ignore[no-untyped-def]
     """Fills `cells`, which have a rim of a pixel above and to the left; False of unknown filters.
 
-    Two bytes a pixel: each is told by those two to the left (a), above (b) and both (c).
+    Two bytes a pixel: each is reported by those two to the left (a), above (b) and both (c).
     """
     for row in range(rows.shape[0]):
-        kind, told, above, found = rows[row, 0], rows[row, 1:], cells[row], cells[row + 1]
+        kind, reported, above, found = rows[row, 0], rows[row, 1:], cells[row], cells[row + 1]
         if kind > 4:
             return False
         if kind == 2:  # of all bytes at once; most rows are so
-            for k in range(told.shape[0]):
-                found[k + 2] = told[k] + above[k + 2]
+            for k in range(reported.shape[0]):
+                found[k + 2] = reported[k] + above[k + 2]
             continue
         for byte in range(2):
             a, c = np.int64(0), np.int64(0)
-            for k in range(byte, told.shape[0], 2):
+            for k in range(byte, reported.shape[0], 2):
                 b = np.int64(above[k + 2])
                 if kind == 4:
                     to_a, to_b, to_c = abs(b - c), abs(a - c), abs(a + b - 2 * c)
@@ -93,7 +93,7 @@ def _undo_filters(rows, cells):  # type: ignore[no-untyped-def]
                     a = (a + b) >> 1
                 elif kind == 0:
                     a = np.int64(0)
-                a, c = (told[k] + a) & 255, b
+                a, c = (reported[k] + a) & 255, b
                 found[k + 2] = a
     return True
 

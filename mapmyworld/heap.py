@@ -34,7 +34,7 @@ def no_search_for_garbage(*, spare: bool = False) -> Iterator[None]:
 
     Python would look through all of them now and then: 0.1 s of imports, an eighth of compiling.
     `spare`: what there is at the end is never looked at, for the first who asks; what is garbage
-    by then is never told.
+    by then is never reported.
     """
     searched = gc.isenabled()
     gc.disable()

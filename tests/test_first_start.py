@@ -26,19 +26,19 @@ from mapmyworld.kernels.first_kernels import KERNELS
 from numba.core import event
 needs = frozenset({"log", "odometry", "sight"})
 small = [k for k in KERNELS if k.needed_by in needs]
-helped, compiled, told = [], [], []
+helped, compiled, reported = [], [], []
 class Ear(event.Listener):
-    def on_start(self, told):
-        compiled.append(told.data["dispatcher"].py_func.__name__)
-    def on_end(self, told):
+    def on_start(self, reported):
+        compiled.append(reported.data["dispatcher"].py_func.__name__)
+    def on_end(self, reported):
         pass
 class Progress:
-    def stage(self, name, total=None, unit=""): told.append((name, total, unit))
-    def update(self, done): told.append(done)
-    def note(self, message): told.append(message)
+    def stage(self, name, total=None, unit=""): reported.append((name, total, unit))
+    def update(self, done): reported.append(done)
+    def note(self, message): reported.append(message)
 start = first_start._helper
-def helper(queue, told):
-    helped.append(start(queue, told))
+def helper(queue, reported):
+    helped.append(start(queue, reported))
     return helped[-1]
 first_start._helper = helper
 event.register("numba:compile", Ear())
@@ -50,7 +50,7 @@ again = len(compiled)
 with first_start.compiled_ahead(needs, THREADS, Progress()) as all_there:
     assert all_there
 print(json.dumps({
-    "told": told, "kept": kept, "first": while_tracking, "helpers": [h.returncode for h in helped],
+    "reported": reported, "kept": kept, "first": while_tracking, "helpers": [h.returncode for h in helped],
     "again": len(compiled) - again, "compiled": compiled, "names": [k.name for k in small],
 }))
 """
@@ -61,12 +61,12 @@ from mapmyworld.kernels import first_start
 from numba.core import event
 late, ahead, deep = [], [], [0]
 class Ear(event.Listener):
-    def on_start(self, told):
-        function = told.data["dispatcher"].py_func
+    def on_start(self, reported):
+        function = reported.data["dispatcher"].py_func
         if deep[0] == 0 and function.__module__.startswith("mapmyworld.kernels"):
             (ahead if first_start.busy else late).append(function.__name__)
         deep[0] += 1
-    def on_end(self, told):
+    def on_end(self, reported):
         deep[0] -= 1
 event.register("numba:compile", Ear())
 first_start.busy = False
@@ -88,7 +88,7 @@ print(json.dumps({"late": late, "ahead": ahead}))
 """
 
 
-def told_by(script: str, cache: Path) -> dict[str, Any]:
+def reported_by(script: str, cache: Path) -> dict[str, Any]:
     """What a fresh process with an empty cache prints last."""
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     done = subprocess.run(
@@ -119,20 +119,20 @@ def test_the_table_names_kernels_that_python_calls() -> None:
 
 
 def test_two_processes_share_the_work_and_the_cache(tmp_path: Path) -> None:
-    found = told_by(SMALL.replace("THREADS", "2"), tmp_path)
+    found = reported_by(SMALL.replace("THREADS", "2"), tmp_path)
     assert all(found["kept"])
     assert found["first"]
     assert all(found["first"])
     assert found["helpers"] == [0]
-    assert found["told"][0] == ["compile", len(found["names"]), "kernels"]
-    assert found["again"] == 0  # a second start finds all of them, and says nothing
+    assert found["reported"][0] == ["compile", len(found["names"]), "kernels"]
+    assert found["again"] == 0  # a second start finds all of them, and indicates nothing
     by_itself = set(found["names"]) & set(found["compiled"])
     assert 0 < len(by_itself) < len(found["names"])
 
 
 def test_one_thread_compiles_when_it_must(tmp_path: Path) -> None:
-    found = told_by(SMALL.replace("THREADS", "1"), tmp_path)
-    assert found["helpers"] == found["told"] == []
+    found = reported_by(SMALL.replace("THREADS", "1"), tmp_path)
+    assert found["helpers"] == found["reported"] == []
     assert not any(found["kept"])
 
 
@@ -214,6 +214,6 @@ def test_a_first_build_compiles_nothing_on_one_core(tmp_path: Path) -> None:
     """Every kernel that a build with laser and camera calls is in the table, as it is called."""
     log = ROOT / "sample_logs/apartment.mcap"
     script = BUILD.replace("LOG", repr(str(log))).replace("OUT", repr(str(tmp_path / "map.db")))
-    found = told_by(script, tmp_path / "cache")
+    found = reported_by(script, tmp_path / "cache")
     assert found["late"] == []
     assert len(found["ahead"]) >= 4

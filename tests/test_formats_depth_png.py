@@ -23,7 +23,7 @@ def chunk(name: bytes, content: bytes) -> bytes:
 def png(
     cells: np.ndarray, kinds: list[int], *, more: bytes = b"", head: bytes = b"\x10\0\0\0\0"
 ) -> bytes:
-    """A file whose rows say that they were filtered by `kinds`; what they tell is drawn blindly."""
+    """A file whose rows say that they were filtered by `kinds`; what they indicate is drawn blindly."""
     height, width = cells.shape
     lines = cells.astype(">u2").view(np.uint8).reshape(height, -1)
     stream = zlib.compress(
@@ -38,8 +38,8 @@ def png(
 @given(st.integers(1, 9), st.integers(1, 7), st.integers(0, 2**32 - 1))
 def test_every_filter_gives_the_cells_of_opencv(width: int, height: int, seed: int) -> None:
     random = np.random.default_rng(seed)
-    told = random.integers(0, 1 << 16, (height, width), np.uint16)
-    file = png(told, random.integers(0, 5, height).tolist())
+    reported = random.integers(0, 1 << 16, (height, width), np.uint16)
+    file = png(reported, random.integers(0, 5, height).tolist())
     cells = plain_grey_16(file)
     assert cells is not None
     assert cells.dtype == np.uint16

@@ -167,8 +167,8 @@ def unprivileged(arguments: list[str]) -> Outcome:
             if os.geteuid() == 0:
                 os.setuid(65534)
             outcome = try_command(arguments)
-            told = f"{outcome.exit_code}\n{outcome.fault}\0{outcome.stderr}"
-            os.write(writing, told.encode())
+            reported = f"{outcome.exit_code}\n{outcome.fault}\0{outcome.stderr}"
+            os.write(writing, reported.encode())
         finally:
             os._exit(0)
     os.close(writing)
@@ -306,4 +306,7 @@ def test_all_that_hands_work_from_thread_to_thread_is_known() -> None:
         for file in root.rglob("*.py")
         if re.search(r"ThreadPoolExecutor\(|threading\.Thread\(", file.read_text("utf-8"))
     }
-    assert users == {*HANDING_OVER, "mapmyworld.simulation.recording"}  # its pool runs to its end
+    assert users == {
+        *HANDING_OVER,
+        "mapmyworld.simulation.simulated_recording",
+    }  # its pool runs to its end

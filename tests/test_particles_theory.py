@@ -8,6 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapmyworld.geometry.planar import between_planar, compose_planar
+from mapmyworld.particles.cell_update import (
+    SensorModel,
+    cells_crossed,
+    log_odds,
+    update_occupancy_grid,
+)
 from mapmyworld.particles.measurement_model import (
     MeasurementNoise,
     beam_range_finder_model,
@@ -19,12 +25,6 @@ from mapmyworld.particles.motion_model import (
     motion_variances,
     rotations_and_translation,
     sample_motion_model,
-)
-from mapmyworld.particles.occupancy import (
-    SensorModel,
-    cells_crossed,
-    log_odds,
-    update_occupancy_grid,
 )
 from mapmyworld.particles.plain import run_plain_fastslam
 from mapmyworld.particles.resampling import (

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from struct import Struct
 
-from formats.logs.blocks import DamagedBlockError
+from formats.logs.block_files import DamagedBlockError
 from formats.logs.channels import Channel, Payload, normalised_type, payload
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -167,7 +167,7 @@ def _pairs(cursor: Cursor) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
-    """What a finished file says of itself."""
+    """What a finished file reports about itself."""
 
     messages: int
     chunks: int

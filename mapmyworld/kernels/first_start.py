@@ -44,18 +44,20 @@ def compiled_ahead(needs: frozenset[str], threads: int, progress: Progress) -> I
         return
     first = {number for number in missing if needs & KERNELS[number].tracking}
     missing.sort(key=lambda number: number not in first)
-    with _queue_of(missing) as queue, _helpers(queue, helpers) as told:
-        work = _Shared(queue, told, missing, progress)
+    with _queue_of(missing) as queue, _helpers(queue, helpers) as reported:
+        work = _Shared(queue, reported, missing, progress)
         work.do(first)
         yield False
         work.do(set(missing))
 
 
 class _Shared:
-    """Work on a queue that helpers work off as well, who tell what they have done."""
+    """Work on a queue that helpers work off as well, who indicate what they have done."""
 
-    def __init__(self, queue: int, told: int, missing: Sequence[int], progress: Progress) -> None:
-        self._queue, self._told, self._progress = queue, told, progress
+    def __init__(
+        self, queue: int, reported: int, missing: Sequence[int], progress: Progress
+    ) -> None:
+        self._queue, self._reported, self._progress = queue, reported, progress
         self._missing = set(missing)
         self._count = len(missing)
 
@@ -86,8 +88,8 @@ class _Shared:
 
         False where none of them will say any more.
         """
-        while select.select([self._told], [], [], seconds)[0]:
-            done = os.read(self._told, 256)
+        while select.select([self._reported], [], [], seconds)[0]:
+            done = os.read(self._reported, 256)
             if not done:
                 return False
             self._missing.difference_update(done)
@@ -102,17 +104,17 @@ def load_kept(needs: frozenset[str]) -> None:
             _compile(KERNELS[number])
 
 
-def help_compiling(queue: int, told: int, master: int) -> None:
+def help_compiling(queue: int, reported: int, master: int) -> None:
     """What a helper does: takes from the same queue until it is empty or the `master` has gone.
 
-    It writes each number that is done into `told`.
+    It writes each number that is done into `reported`.
     """
     with no_search_for_garbage():
         while number := os.read(queue, 1):
             if os.getppid() != master:
                 return
             _compile(KERNELS[number[0]])
-            os.write(told, number)
+            os.write(reported, number)
 
 
 def _wanted(needs: frozenset[str]) -> list[int]:
@@ -138,7 +140,7 @@ def _queue_of(numbers: Sequence[int]) -> Iterator[int]:
 
 @contextmanager
 def _helpers(queue: int, count: int) -> Iterator[int]:
-    """Gives a pipe in which so many processes tell what they did; waits for them at the end."""
+    """Gives a pipe in which so many processes indicate what they did; waits for them at the end."""
     started: list[subprocess.Popen[bytes]] = []
     reading, writing = os.pipe()
     try:
@@ -155,13 +157,15 @@ def _helpers(queue: int, count: int) -> Iterator[int]:
         os.close(reading)
 
 
-def _helper(queue: int, told: int) -> subprocess.Popen[bytes]:
+def _helper(queue: int, reported: int) -> subprocess.Popen[bytes]:
     task = f"import sys; sys.path[:] = {sys.path!r}\n"
-    task += f"from {__name__} import help_compiling; help_compiling({queue}, {told}, {os.getpid()})"
+    task += (
+        f"from {__name__} import help_compiling; help_compiling({queue}, {reported}, {os.getpid()})"
+    )
     nothing = subprocess.DEVNULL
     return subprocess.Popen(
         [sys.executable, "-c", task],
-        stdin=nothing, stdout=nothing, stderr=nothing, pass_fds=(queue, told),
+        stdin=nothing, stdout=nothing, stderr=nothing, pass_fds=(queue, reported),
     )  # fmt: skip
 
 
@@ -177,7 +181,7 @@ def _is_kept(kernel: FirstKernel) -> bool:
 
 
 def _compile(kernel: FirstKernel) -> None:
-    """Loads it from the cache or compiles it; what fails here is told where it is called."""
+    """Loads it from the cache or compiles it; what fails here is reported where it is called."""
     try:
         for signature in _signatures(kernel):
             _dispatcher(kernel).compile(signature)

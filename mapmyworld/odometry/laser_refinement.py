@@ -21,7 +21,7 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.heap import give_back
 from mapmyworld.places.laser_nodes import NodeScans, load_node_scans
-from mapmyworld.places.laser_pairs import first_visits, neighbour_pairs
+from mapmyworld.places.laser_pairs import among_first_revisits, neighbour_pairs
 from mapmyworld.places.stored_scans import Scans
 from mapmyworld.registration.joint_alignment import align_jointly
 from mapmyworld.registration.joint_equations import Motions
@@ -30,7 +30,16 @@ from mapmyworld.types import CLOSURES, ConstraintKind, Judged, MapStore, Node, P
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_REACHES = (0.3, 0.2, 0.15, 0.12, 0.12, 0.12, 0.12, 0.12)  # m within which points are associated
+_MAX_DISTANCES = (
+    0.3,
+    0.2,
+    0.15,
+    0.12,
+    0.12,
+    0.12,
+    0.12,
+    0.12,
+)  # m within which points are associated
 _ANEW = 2  # rounds after which neighbours are chosen anew
 _UNKNOWN = 0.05  # m and rad by which a step without a constraint may be off
 _NOTHING = 4e-4  # m of movement, root mean square, at which refinement has ended
@@ -54,31 +63,31 @@ def refine_poses(
     config: Config,
     progress: Progress,
     loaded: NodeScans | None = None,
-    island: Index | None = None,
+    component: Index | None = None,
 ) -> Refinement | None:
     """Solved poses, refined by all scans; None where there are too few scans.
 
     Priors, landmarks, images and what a person stated hold them as they held the solution. Nodes
     that are not aligned themselves keep their place between those that are. Scans on
-    different ones of these `island`s (N,) are not compared: nothing tells how these lie.
+    different ones of these `component`s (N,) are not compared: nothing indicates how these lie.
     """
     nodes, scans, unseen, _ = loaded or load_node_scans(store, config)
     if len(nodes) < 3:
         return None
-    progress.stage("refine", len(_REACHES), "rounds")
+    progress.stage("refine", len(_MAX_DISTANCES), "rounds")
     rows = {int(i): row for row, i in enumerate(poses.ids)}
     solved = matrix_to_planar(np.stack([poses.map_from_node[rows[n.id]] for n in nodes]))
-    drives = _drives(nodes, unseen)
+    sessions = _sessions(nodes, unseen)
     statements = statements_of([n.id for n in nodes], constraints)
-    chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in drives])
+    chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in sessions])
     chosen = np.union1d(chosen, statements.stated)
-    island = np.zeros(len(nodes), np.int64) if island is None else island
-    task = _Task(nodes, chosen, scans, constraints, statements, island, config)
+    component = np.zeros(len(nodes), np.int64) if component is None else component
+    task = _Task(nodes, chosen, scans, constraints, statements, component, config)
     found = _aligned(task, solved[chosen], statements.others(poses), progress)
     every = np.concatenate(
         [
             _carried(solved[a:b], chosen - a, found.poses, (chosen >= a) & (chosen < b))
-            for a, b in drives
+            for a, b in sessions
         ]
     )
     moved = np.concatenate([every, found.others[:-1]])
@@ -100,8 +109,8 @@ class _Task:
     """Of all nodes."""
     constraints: Sequence[Judged]
     statements: Statements
-    island: Index
-    """(N,) of all nodes, the part of the path that each is in."""
+    component: Index
+    """(N,) of all nodes, the component of the path that each is in."""
     config: Config
 
 
@@ -121,7 +130,7 @@ def _aligned(task: _Task, poses: Array, others: Array, progress: Progress) -> _A
     So the sparse system grows with the area that was seen, and not with how often it was. What is
     stated holds the first ones: a node that it concerns is among them.
     """
-    first = first_visits(poses, task.config.odometry.refine_visits)
+    first = among_first_revisits(poses, task.config.odometry.refine_references)
     first |= np.isin(task.chosen, task.statements.stated)
     rows = np.flatnonzero(first)
     some = replace(task, chosen=task.chosen[rows])
@@ -151,14 +160,14 @@ def _rounds(
     among = held if np.count_nonzero(held) > 1 else None
     stays = np.concatenate([held, np.arange(1 - len(others), 1) == 0])  # the map's frame is last
     every = np.concatenate([poses, others])
-    for reaches in (_REACHES[:_ANEW], _REACHES[_ANEW:]):
+    for max_distances in (_MAX_DISTANCES[:_ANEW], _MAX_DISTANCES[_ANEW:]):
         pairs = neighbour_pairs(
-            every[: len(held)], settings.refine_radius, settings.refine_passes, among=among
+            every[: len(held)], settings.refine_radius, settings.refine_revisits, among=among
         )
-        island = task.island[task.chosen[pairs]]
-        pairs = pairs[~held[pairs].all(axis=1) & (island[:, 0] == island[:, 1])]
+        component = task.component[task.chosen[pairs]]
+        pairs = pairs[~held[pairs].all(axis=1) & (component[:, 0] == component[:, 1])]
         found = align_jointly(
-            scans, every, pairs, motions, reaches, config.registration, config.threads,
+            scans, every, pairs, motions, max_distances, config.registration, config.threads,
             _NOTHING, stays,
         )  # fmt: skip
         every, residual = found.poses, found.residual
@@ -167,8 +176,8 @@ def _rounds(
     return _Aligned(every[: len(held)], every[len(held) :], moved, residual)
 
 
-def _drives(nodes: Sequence[Node], unseen: Array) -> list[tuple[int, int]]:
-    """First node and one past the last of stretches without a break; carrying stays within."""
+def _sessions(nodes: Sequence[Node], unseen: Array) -> list[tuple[int, int]]:
+    """First node and one past the last of sections without a loss; carrying stays within."""
     sessions = np.array([node.session for node in nodes])
     anew = np.diff(sessions, prepend=sessions[0]) != 0
     edges = [0, *np.flatnonzero(anew | (unseen > 0.0)).tolist(), len(nodes)]
@@ -232,7 +241,7 @@ def _closed(
     near = np.searchsorted(chosen, rows, side="right") - 1
     matrices = np.stack([node.tracked_from_base for node in nodes])
     aside = between(matrices[chosen[near]], matrices[rows])
-    measured = np.stack([c.from_from_to for c in found])
+    measured = np.stack([c.i_from_j for c in found])
     moved = aside[:, 0] @ measured @ invert(aside[:, 1])
     known = information_to_planar(np.stack([c.information for c in found]))
     keep = near[:, 0] != near[:, 1]

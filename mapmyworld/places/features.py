@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.config.visual import VisualConfig
+from mapmyworld.config.visual_settings import VisualConfig
 from mapmyworld.errors import ConfigError
 from mapmyworld.geometry.rigid import transform_points
-from mapmyworld.registration.camera import depth_at, rays_of_pixels
-from mapmyworld.registration.pictures import grey_picture
+from mapmyworld.registration.camera_model import depth_at, rays_of_pixels
+from mapmyworld.registration.image_levels import grey_picture
 from mapmyworld.types import Features, RgbdImage
 
 _SURPLUS = 3  # times the wanted number is detected, so that there is something to choose from

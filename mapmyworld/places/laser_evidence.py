@@ -1,4 +1,4 @@
-"""What two places say of each other: points that agree, less those that contradict."""
+"""What two places report about each other: points that agree, less those that contradict."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 FORTH = 0.3
 """Share of the evidence that a search must find in the points of the later place."""
-_UNSEEN = 0.25  # weight of what one place knows of another and its rival does not
+_UNSEEN = 0.25  # weight of what one place knows of another and its second best does not
 _APART = 0.6, 0.3  # m and rad between poses that are hypotheses of their own
 
 
@@ -35,17 +35,17 @@ class Place:
     submap: Submap
     grid: LikelihoodGrid
 
-    def says(self, other: Place, here_from_there: Array) -> Said:
-        """What each says of the other's points, at a relative pose."""
+    def agreement_with(self, other: Place, here_from_there: Array) -> Agreement:
+        """What each reports about the other's points, at a relative pose."""
         back = invert_planar(here_from_there)
-        return Said(
+        return Agreement(
             judged_points(other.submap.points, self.grid, here_from_there),
             judged_points(self.submap.points, other.grid, back),
         )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Said:
+class Agreement:
     """Points of a later place in an earlier one, and the other way: 1, -1 or 0 where unseen."""
 
     forth: Index
@@ -56,15 +56,15 @@ class Said:
         """Points that agree, less those that contradict."""
         return float(self.forth.sum() + self.back.sum())
 
-    def beyond(self, rival: Said) -> float:
-        """Evidence beyond that of a rival for the same later place.
+    def beyond(self, second_best: Agreement) -> float:
+        """Evidence beyond that of a second best for the same later place.
 
         What only one of them saw counts a quarter: it may well look like what both know, as where
         equal doors follow each other.
         """
-        known = (self.forth != 0) & (rival.forth != 0)
-        apart = (self.forth - rival.forth) * np.where(known, 1.0, _UNSEEN)
-        back = _weighed(self.back) - _weighed(rival.back)
+        known = (self.forth != 0) & (second_best.forth != 0)
+        apart = (self.forth - second_best.forth) * np.where(known, 1.0, _UNSEEN)
+        back = _weighed(self.back) - _weighed(second_best.back)
         return float(apart.sum() + back)
 
 

@@ -29,7 +29,7 @@ _FLOOR = np.array([0.005, 0.005, 0.002])  # m, m, rad: no pair of scans is more 
 def refine_by_scans(pair: ImagePair, earlier: Scan, later: Scan, config: Config) -> ImagePair:
     """The pair with its motion aligned by both scans (ICP point to line), images as the prior.
 
-    Where the scans overlap too little to tell, it stays as it is. Where they agree on a motion that
+    Where the scans overlap too little to determine it, it stays as it is. Where they agree on a motion that
     the images exclude, it is no closure.
     """
     found = pair.registration
@@ -53,11 +53,13 @@ def _refined(found: Registration, match: Match) -> Registration:
     """The motion in the plane by the scans, the rest of it by the images."""
     flat = planar_to_matrix(matrix_to_planar(found.a_from_b))
     rest = np.linalg.inv(flat) @ found.a_from_b
-    told = np.linalg.inv(np.linalg.inv(match.information + 1e-6 * np.eye(3)) + np.diag(_FLOOR**2))
+    reported = np.linalg.inv(
+        np.linalg.inv(match.information + 1e-6 * np.eye(3)) + np.diag(_FLOOR**2)
+    )
     numbers = {**found.verdict.numbers, "overlap": float(match.overlap)}
     return replace(
         found,
         a_from_b=planar_to_matrix(match.pose) @ rest,
-        information=found.information + information_from_planar(told, off_plane=0.0),
+        information=found.information + information_from_planar(reported, off_plane=0.0),
         verdict=Verdict(Judge.LASER, True, Why.IMAGES_AND_SCANS_AGREE, numbers),
     )

@@ -14,7 +14,7 @@ from mapmyworld.config import Config
 from mapmyworld.parallel import Aside, in_threads
 from mapmyworld.places.drift import Drift
 from mapmyworld.places.features_ahead import FeaturesAhead
-from mapmyworld.places.image_proposals import Proposal, by_poses, by_succession, by_words
+from mapmyworld.places.image_proposals import Proposal, by_poses, by_sequence, by_words
 from mapmyworld.places.node_images import NodeImages
 from mapmyworld.registration.image_pairs import ImagePair, register_images
 from mapmyworld.registration.views import View
@@ -59,8 +59,8 @@ def find_visual_closures(
     if first_look:
         vocabulary = images.learn_words(given_words)
         proposals += by_words(images, vocabulary.size, config)
-        if config.visual.succession and not with_laser:
-            proposals += by_succession(images, config)
+        if config.visual.sequence_matching and not with_laser:
+            proposals += by_sequence(images, config)
     if poses is not None:
         proposals += by_poses(images, poses, proposals, config)
     tried = _pairs(known)

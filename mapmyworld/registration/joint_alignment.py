@@ -39,7 +39,7 @@ def align_jointly(
     poses: Array,
     pairs: NDArray[np.int64],
     motions: Motions,
-    reaches: Sequence[float],
+    max_distances: Sequence[float],
     config: RegistrationConfig,
     threads: int,
     enough: float = 0.0,
@@ -56,7 +56,7 @@ def align_jointly(
     systems = np.zeros((len(pairs), 12))
     moved: list[float] = []
     factors, factored = None, 0.0
-    for reach in reaches:
+    for reach in max_distances:
         if reach != factored:
             factors = None  # large, and gone before the next ones are made
         _associate(scans, poses, pairs, reach, config, threads, systems)

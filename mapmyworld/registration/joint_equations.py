@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.backend.blocks import Blocks, metis_order_of, place_in
+from mapmyworld.backend.block_matrix import Blocks, metis_order_of, place_in
 from mapmyworld.backend.information import Factorised
 from mapmyworld.config import RegistrationConfig
 from mapmyworld.geometry.planar import between_planar, planar_adjoint, wrap_angle

@@ -69,7 +69,7 @@ def statements_of(ids: Sequence[int], constraints: Sequence[Judged]) -> Statemen
     return Statements(
         np.array(tails, np.int64),
         np.array([row[c.to_id] for c in used], np.int64),
-        matrix_to_planar(np.array([c.from_from_to for c in used]).reshape(-1, 4, 4)),
+        matrix_to_planar(np.array([c.i_from_j for c in used]).reshape(-1, 4, 4)),
         information_to_planar(np.array([c.information for c in used]).reshape(-1, 6, 6)),
         len(ids),
         np.array(landmarks, np.int64),

@@ -57,7 +57,7 @@ def match_scan(
     *,
     prior: Array | None = None,
     prior_information: Array | None = None,
-    reaches: Array = FINE,
+    max_distances: Array = FINE,
 ) -> Match:
     """Aligns a scan with targets `which` at `poses` (S, 3), from `guess` (3,), by the set matcher.
 
@@ -67,4 +67,4 @@ def match_scan(
     prior = guess if prior is None else prior
     known = _NO_PRIOR if prior_information is None else prior_information
     match = find_matcher(config.matcher)
-    return match(scan, targets, which, poses, guess, config, prior, known, reaches)
+    return match(scan, targets, which, poses, guess, config, prior, known, max_distances)

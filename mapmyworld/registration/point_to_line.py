@@ -21,14 +21,14 @@ def point_to_line(
     config: RegistrationConfig,
     prior: Array,
     prior_information: Array,
-    reaches: Array,
+    max_distances: Array,
 ) -> Match:
     """Gauss-Newton on distances from the targets' lines, one step a reach, with Cauchy weights."""
     out = np.zeros(16)
     sigma = config.range_sigma * np.sqrt(config.correlation)
     align(
         scan.rows, 0, len(scan.rows), targets.rows, targets.bounds[:-1], targets.bounds[1:], which,
-        poses, targets.origins, guess, prior, prior_information, reaches,
+        poses, targets.origins, guess, prior, prior_information, max_distances,
         config.residual_share, sigma, out,
     )  # fmt: skip
     return _match_from_row(out, len(which), config)

@@ -13,10 +13,14 @@ from mapmyworld.kernels.first_start import load_kept
 from mapmyworld.parallel import Aside
 
 _MODULES = {
-    "log": ("mapmyworld.stages.solve", "mapmyworld.diagnosis", "mapmyworld.mapping.occupancy"),
+    "log": (
+        "mapmyworld.stages.solve_and_judge",
+        "mapmyworld.diagnosis",
+        "mapmyworld.mapping.occupancy",
+    ),
     "scan": (
         "mapmyworld.places.laser_closures",
-        "mapmyworld.places.laser_review",
+        "mapmyworld.places.closure_refinement",
         "mapmyworld.odometry.laser_refinement",
         "mapmyworld.places.wheel_check",
     ),
@@ -32,7 +36,7 @@ def made_ready(
     """Imports what logs with such `needs` will call, and the `others`; waits for it at the end.
 
     `load`: kernels as well; not while they are being compiled.
-    What cannot be imported here is told where it is used.
+    What cannot be imported here is reported where it is used.
     """
     with Aside() as aside:
         for word, modules in _MODULES.items():

@@ -50,7 +50,8 @@ again = len(compiled)
 with first_start.compiled_ahead(needs, THREADS, Progress()) as all_there:
     assert all_there
 print(json.dumps({
-    "reported": reported, "kept": kept, "first": while_tracking, "helpers": [h.returncode for h in helped],
+    "reported": reported, "kept": kept, "first": while_tracking,
+    "helpers": [h.returncode for h in helped],
     "again": len(compiled) - again, "compiled": compiled, "names": [k.name for k in small],
 }))
 """

@@ -23,7 +23,7 @@ def chunk(name: bytes, content: bytes) -> bytes:
 def png(
     cells: np.ndarray, kinds: list[int], *, more: bytes = b"", head: bytes = b"\x10\0\0\0\0"
 ) -> bytes:
-    """A file whose rows say that they were filtered by `kinds`; what they indicate is drawn blindly."""
+    """A file whose rows claim to be filtered by `kinds`; their content is drawn blindly."""
     height, width = cells.shape
     lines = cells.astype(">u2").view(np.uint8).reshape(height, -1)
     stream = zlib.compress(

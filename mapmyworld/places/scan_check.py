@@ -29,7 +29,7 @@ _FLOOR = np.array([0.005, 0.005, 0.002])  # m, m, rad: no pair of scans is more 
 def refine_by_scans(pair: ImagePair, earlier: Scan, later: Scan, config: Config) -> ImagePair:
     """The pair with its motion aligned by both scans (ICP point to line), images as the prior.
 
-    Where the scans overlap too little to determine it, it stays as it is. Where they agree on a motion that
+    Where the scans overlap too little, it stays as it is. Where they agree on a motion that
     the images exclude, it is no closure.
     """
     found = pair.registration

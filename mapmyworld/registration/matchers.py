@@ -30,7 +30,7 @@ Matcher = Callable[
     Match,
 ]
 """Takes scan, targets, which of them, their poses (S, 3), guess (3,), settings, prior (3,) and its
-information (3, 3), and reaches: metres within which lines are looked for, one a step. It keeps
+information (3, 3), and max correspondence distances [m], one a step. It keeps
 the laws of its tests.
 """
 

@@ -47,7 +47,7 @@ def test_scans_make_a_closure_more_exact_and_more_certain(seed: int) -> None:
     miss = np.abs(matrix_to_planar(between(truth, found.a_from_b)))
     assert found.converged
     assert (miss < [0.01, 0.01, 0.005]).all()
-    assert "aligned by the scans" in in_words(found.verdict)
+    assert "refined by scan matching" in in_words(found.verdict)
     assert (np.linalg.eigvalsh(found.information - pair.registration.information) > -1e-3).all()
     # Height, roll and pitch are none of a laser's business.
     before, after = pair.registration.a_from_b, found.a_from_b

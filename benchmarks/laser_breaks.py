@@ -30,7 +30,7 @@ from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.memory_log import MemoryLog
-from mapmyworld.places.laser_lost import islands
+from mapmyworld.places.laser_lost import joined_sessions
 from mapmyworld.places.laser_nodes import load_node_scans
 from mapmyworld.simulation import Recording, SimulationSettings, simulate
 from mapmyworld.simulation.streams import ODOMETRY_TOPIC, TF_TOPIC
@@ -194,9 +194,9 @@ def parts_of(built: Built) -> NDArray[np.int64]:
     """(F,) which part of the path each scan is in; nothing tells how parts lie to each other."""
     loaded = load_node_scans(built.map, Config())
     ids = np.array([node.id for node in loaded.nodes])
-    island = islands(loaded, built.map.constraints())
+    session = joined_sessions(loaded, built.map.constraints())
     at = np.searchsorted(ids, built.map.tracked_frames().node_ids, side="right") - 1
-    return np.asarray(island[np.maximum(at, 0)], np.int64)
+    return np.asarray(session[np.maximum(at, 0)], np.int64)
 
 
 def closures_of(built: Built, truth: Trajectory) -> tuple[int, int]:

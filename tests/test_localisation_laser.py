@@ -16,8 +16,9 @@ from mapmyworld.geometry.planar import matrix_to_planar, wrap_angle
 from mapmyworld.kernels.localisation import cast_rays, explain_points
 from mapmyworld.localisation.known_place import KnownPlace, known_place_from_grid
 from mapmyworld.localisation.laser import LaserLocaliser
-from mapmyworld.localisation.monte_carlo import MonteCarlo
-from mapmyworld.localisation.search import elsewhere, search_map
+from mapmyworld.places.laser_evidence import Place
+from mapmyworld.registration.scan_matching import prepare_scan
+from mapmyworld.registration.scan_search import Submap, evidence_grid
 from mapmyworld.types import OccupancyGrid
 from mapmyworld.types.localisation import Estimate, State
 
@@ -118,33 +119,32 @@ def test_threads_change_nothing(place: KnownPlace) -> None:
     assert [e.state for e in one] == [e.state for e in three]
 
 
-def test_the_search_holds_the_true_pose(place: KnownPlace) -> None:
-    """Among its hypotheses, for scans from everywhere: within a cell and a step of heading."""
+def test_a_place_is_found_in_the_whole_map(place: KnownPlace) -> None:
+    """From one scan, anywhere and in any heading, beyond chance; in a square in four poses."""
     for k in range(5, len(DRIVEN), 90):
-        points = np.asarray(cast(DRIVEN[k], WALLS, k).points, np.float64)[::4]
-        found = search_map(place, points, Config())
-        off = np.abs(found.poses - DRIVEN[k])
-        off[:, 2] = np.abs(wrap_angle(off[:, 2]))
-        assert np.any((off[:, 0] < 0.15) & (off[:, 1] < 0.15) & (off[:, 2] < 0.12))
-        assert np.all(np.diff(found.scores) <= 0.0)
-        rival, pose = elsewhere(found, DRIVEN[k], 1.0)
-        assert rival <= found.scores[0]
-        assert pose is None or np.hypot(*(pose - DRIVEN[k])[:2]) > 1.0
+        seen = one_scan(DRIVEN[k], WALLS, k)
+        pose = place.whole.find(seen)
+        assert pose is not None
+        assert np.hypot(*(pose - DRIVEN[k])[:2]) < 0.15
+        assert abs(wrap_angle(pose[2] - DRIVEN[k][2])) < 0.05
+        assert place.whole.judge(seen, pose).log_odds > place.whole.needed_odds
+        assert place.whole.is_elsewhere(seen, pose) is False
+        assert place.whole.is_elsewhere(seen, pose + np.array([1.5, 0.5, 2.0])) is True
 
 
-def test_particles_gather_where_the_robot_is(place: KnownPlace) -> None:
-    particles = MonteCarlo(place, Config())
-    points = np.asarray(cast(DRIVEN[0], WALLS, 0).points, np.float64)[::5]
-    particles.begin(points)
-    for k in range(2, 60, 2):
-        step = np.array([0.1, 0.0, 0.0]) if DRIVEN[k][2] == DRIVEN[k - 2][2] else None
-        if step is None:
-            break
-        points = np.asarray(cast(DRIVEN[k], WALLS, k).points, np.float64)[::5]
-        particles.step(step, points)
-    belief = particles.belief()
-    assert belief.share > 0.99
-    assert np.hypot(*(belief.pose - DRIVEN[k - 2])[:2]) < 0.15
+def test_a_place_that_fits_in_two_poses_lies_in_neither_for_certain() -> None:
+    around = tour([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
+    square = known_place_from_grid(grid_of(around[::3], SQUARE), Config()).whole
+    seen = one_scan(around[10], SQUARE, 0)
+    assert square.is_elsewhere(seen, around[10]) is None
+
+
+def one_scan(pose: NDArray[np.float64], walls: NDArray[np.float64], seed: int) -> Place:
+    """What is seen from a pose."""
+    scan = prepare_scan(cast(pose, walls, seed), Config().registration)
+    points = scan.rows[:, :2].astype(np.float64)
+    submap = Submap(points, scan.origin[None], np.array([0, len(points)]))
+    return Place(submap, evidence_grid(submap))
 
 
 def test_rays_end_at_the_first_occupied_cell() -> None:

@@ -16,7 +16,7 @@ camera/sight pose_refinement.refine
 scan/scan scan_preparation.prepare_many
     f4[:,::1] i8[::1] f8[:,::1] f8[::1] f8[::1] f4[:,::1] i8[::1]
 scan branch_and_bound.best_shift
-    u1[:,:,::1] i8 f8[:,::1] f8[::1] f8 i8 f8[::1] i8 f8[::1] f8 f8[::1] f8[::1]
+    u1[:,:,::1] i8 f8[:,::1] f8[::1] f8 i8 f8[::1] i8[:,::1] i8 f8[::1] f8 f8[::1] f8[::1]
 camera image_matching.match_all
     u8[:,::1] u8[:,::1] i8 f8
 odometry/odometry recorded_motion.interpolate_poses

@@ -54,13 +54,13 @@ def refine_poses(
     config: Config,
     progress: Progress,
     loaded: NodeScans | None = None,
-    island: Index | None = None,
+    session: Index | None = None,
 ) -> Refinement | None:
     """Solved poses, refined by all scans; None where there are too few scans.
 
     Priors, landmarks, images and what a person stated hold them as they held the solution. Nodes
     that are not aligned themselves keep their place between those that are. Scans on
-    different ones of these `island`s (N,) are not compared: nothing tells how these lie.
+    different ones of these `session`s (N,) are not compared: nothing shows how these lie.
     """
     nodes, scans, unseen, _ = loaded or load_node_scans(store, config)
     if len(nodes) < 3:
@@ -72,8 +72,8 @@ def refine_poses(
     statements = statements_of([n.id for n in nodes], constraints)
     chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in drives])
     chosen = np.union1d(chosen, statements.stated)
-    island = np.zeros(len(nodes), np.int64) if island is None else island
-    task = _Task(nodes, chosen, scans, constraints, statements, island, config)
+    session = np.zeros(len(nodes), np.int64) if session is None else session
+    task = _Task(nodes, chosen, scans, constraints, statements, session, config)
     found = _aligned(task, solved[chosen], statements.others(poses), progress)
     every = np.concatenate(
         [
@@ -100,7 +100,7 @@ class _Task:
     """Of all nodes."""
     constraints: Sequence[Judged]
     statements: Statements
-    island: Index
+    session: Index
     """(N,) of all nodes, the part of the path that each is in."""
     config: Config
 
@@ -155,8 +155,8 @@ def _rounds(
         pairs = neighbour_pairs(
             every[: len(held)], settings.refine_radius, settings.refine_passes, among=among
         )
-        island = task.island[task.chosen[pairs]]
-        pairs = pairs[~held[pairs].all(axis=1) & (island[:, 0] == island[:, 1])]
+        session = task.session[task.chosen[pairs]]
+        pairs = pairs[~held[pairs].all(axis=1) & (session[:, 0] == session[:, 1])]
         found = align_jointly(
             scans, every, pairs, motions, reaches, config.registration, config.threads,
             _NOTHING, stays,

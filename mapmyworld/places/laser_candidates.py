@@ -21,7 +21,10 @@ _TIED = 1.2  # m of path at both ends within which one closure says what another
 
 
 def candidate_pairs(nodes: LaserNodes, config: Config, *, settled: bool, first: int = 0) -> Pairs:
-    """(earlier, later) indices of visits that may be of the same place, the later from `first`."""
+    """(earlier, later) indices of visits that may be of the same place, the later from `first`.
+
+    Both of one session: nothing is known of how others lie.
+    """
     places = config.places
     spacing = places.laser_spacing if settled else places.laser_far_spacing
     spots = calm_spots(nodes, spacing)
@@ -31,6 +34,7 @@ def candidate_pairs(nodes: LaserNodes, config: Config, *, settled: bool, first: 
     for later in spots[spots >= first]:
         near = np.array(sorted(tree.query_ball_point(nodes.poses[later, :2], widest)), np.int64)
         near = near[nodes.path[later] - nodes.path[spots[near]] > _LEAST_PATH]
+        near = near[nodes.session[spots[near]] == nodes.session[later]]
         apart = np.hypot(*(nodes.poses[spots[near], :2] - nodes.poses[later, :2]).T)
         drift = places.laser_drift * drift_between(nodes, spots[near], later)
         reach = _NEAR + (0.0 if settled else 1.0) * np.minimum(drift, FIRST_WINDOW)
@@ -52,8 +56,8 @@ def _nearest_of_visits(near: Index, apart: NDArray[np.float64], most: int) -> li
 
 def drift_between(nodes: LaserNodes, a: Index | int, b: Index | int) -> NDArray[np.float64]:
     """Metres of path that the pose between two nodes may have drifted over."""
-    driven, known = nodes.path[b] - nodes.path[a], nodes.part[a] == nodes.part[b]
-    return np.asarray(np.where(known, np.minimum(driven, nodes.loose[a] + nodes.loose[b]), driven))
+    driven = nodes.path[b] - nodes.path[a]
+    return np.asarray(np.minimum(driven, nodes.loose[a] + nodes.loose[b]))
 
 
 def drift_window(

@@ -29,9 +29,8 @@ from mapmyworld.places.laser_evidence import (
     needed_evidence,
     place_around,
 )
-from mapmyworld.places.laser_joins import doubt_joins
 from mapmyworld.places.laser_lookalikes import doubt_lookalikes
-from mapmyworld.places.laser_lost import held_by, islands, lost_pairs
+from mapmyworld.places.laser_lost import held_by, lost_pairs
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps, submap_members
 from mapmyworld.registration.scan_matching import (
@@ -108,12 +107,9 @@ def find_laser_closures(
         ends = [(a, b, int(nodes.ids[a]), int(nodes.ids[b])) for a, b in pairs]
         return [(a, b) for a, b, i, j in ends if (i, j) not in known and j >= since]
 
-    island = islands(loaded, tied)
-    pairs = [(a, b) for a, b in candidate_pairs(nodes, config, settled=True)
-             if island[a] == island[b]]  # fmt: skip
-    pairs = untried(untied(nodes, pairs, tied))
-    nodes = replace(nodes, part=held_by(nodes, tied).part)
-    lost = untried(lost_pairs(nodes, tied, config))
+    nodes = held_by(nodes, tied)
+    pairs = untried(untied(nodes, candidate_pairs(nodes, config, settled=True), tied))
+    lost = untried(lost_pairs(nodes, config))
     lost = [pair for pair in lost if pair not in set(pairs)]
     progress.stage("loop closures by laser", len(pairs) + len(lost), "pairs")
     near = compare_places(nodes, pairs, config, settled=True)
@@ -155,8 +151,7 @@ def compare_places(
     closures = [by_place[k] for k in range(len(pairs))]
     if settled:
         return closures
-    closures = doubt_lookalikes(nodes, pairs, closures, config, widest)
-    return doubt_joins(nodes, pairs, closures, config, widest)
+    return doubt_lookalikes(nodes, pairs, closures, config, widest)
 
 
 def _compare(

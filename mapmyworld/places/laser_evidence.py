@@ -25,6 +25,10 @@ Index = NDArray[np.int64]
 FORTH = 0.3
 """Share of the evidence that a search must find in the points of the later place."""
 _UNSEEN = 0.25  # weight of what one place knows of another and its rival does not
+_FORTH_RATES = 0.93, 0.75
+"""Share of a later place's points, of those in cells that are known, that lie on a surface of the
+earlier one: where both are the same place, and where a corridor lies on another building's."""
+_BACK_RATES = 0.80, 0.55  # the same of the earlier place's points; beams graze what is seen later
 _APART = 0.6, 0.3  # m and rad between poses that are hypotheses of their own
 
 
@@ -56,6 +60,11 @@ class Said:
         """Points that agree, less those that contradict."""
         return float(self.forth.sum() + self.back.sum())
 
+    @property
+    def log_odds(self) -> float:
+        """Nats by which this is the same place rather than another one like those seen."""
+        return _log_odds(self.forth, _FORTH_RATES) + _log_odds(self.back, _BACK_RATES)
+
     def beyond(self, rival: Said) -> float:
         """Evidence beyond that of a rival for the same later place.
 
@@ -66,6 +75,12 @@ class Said:
         apart = (self.forth - rival.forth) * np.where(known, 1.0, _UNSEEN)
         back = _weighed(self.back) - _weighed(rival.back)
         return float(apart.sum() + back)
+
+
+def _log_odds(judged: Index, rates: tuple[float, float]) -> float:
+    hits, misses = np.count_nonzero(judged > 0), np.count_nonzero(judged < 0)
+    same, other = rates
+    return float(hits * np.log(same / other) + misses * np.log((1.0 - same) / (1.0 - other)))
 
 
 def _weighed(back: Index) -> float:
@@ -80,9 +95,14 @@ def place_around(nodes: LaserNodes, middle: int, config: Config) -> Place:
 
 
 def needed_evidence(distance: float, angle: float) -> float:
-    """Points from which the best pose of a window (m and rad to each side) is no chance.
+    """Points from which the best pose of a window (m and rad to each side) is no chance."""
+    return chance(distance, angle) + MARGIN
+
+
+def chance(distance: float, angle: float) -> float:
+    """Points that the best pose of a window (m and rad to each side) has by chance.
 
     The evidence of a false pose falls off exponentially, and each distinct pose is one try.
     """
     tries = (1.0 + 2.0 * distance / _APART[0]) ** 2 * (1.0 + 2.0 * angle / _APART[1])
-    return float(np.log(tries) / NATS + MARGIN)
+    return float(np.log(tries) / NATS)

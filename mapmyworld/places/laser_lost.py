@@ -13,34 +13,29 @@ from scipy.spatial import cKDTree
 
 from mapmyworld.config import Config
 from mapmyworld.places.laser_candidates import drift_between
-from mapmyworld.places.laser_nodes import Index, LaserNodes, NodeScans, calm_spots
+from mapmyworld.places.laser_nodes import Index, LaserNodes, NodeScans, calm_spots, sessions_of
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
 _LONG = 75.0  # m of way without a closure from which two places may be far from where they seem
-_UNKNOWN = 200.0  # m of path that a break counts for from which wheels do not tell how parts lie
 _LATER, _EARLIER = 8.0, 4.0  # m of path between the places that look, and that are looked at
-_APART = 2.0  # m between both where breaks divide the path: one closure alone joins no parts
 _MOST = 16  # earlier places that one is compared with
 _NEAR = 3.0  # m between two places that see the same
 
 
-def lost_pairs(
-    nodes: LaserNodes, constraints: Iterable[Judged], config: Config
-) -> list[tuple[int, int]]:
-    """(earlier, later) indices of places that drift may have moved apart, however far.
+def lost_pairs(nodes: LaserNodes, config: Config) -> list[tuple[int, int]]:
+    """(earlier, later) indices of places of a session that drift may have moved apart, however far.
 
     The nearest place of an earlier visit need not be the true one when poses are metres off:
     so every place within reach of the drift is compared, nearest first.
     """
-    nodes = held_by(nodes, constraints)
-    apart_from_others = bool((nodes.part != nodes.part[0]).any())
-    earlier = calm_spots(nodes, _APART if apart_from_others else _EARLIER)
+    earlier = calm_spots(nodes, _EARLIER)
     tree = cKDTree(nodes.poses[earlier, :2])
     pairs: list[tuple[int, int]] = []
-    for later in calm_spots(nodes, _APART if apart_from_others else _LATER).tolist():
+    for later in calm_spots(nodes, _LATER).tolist():
         widest = _NEAR + config.places.laser_window
         near = earlier[sorted(tree.query_ball_point(nodes.poses[later, :2], widest))]
+        near = near[nodes.session[near] == nodes.session[later]]
         drifted = drift_between(nodes, near, later)
         apart = np.hypot(*(nodes.poses[near, :2] - nodes.poses[later, :2]).T)
         worth = (drifted > _LONG) & (apart < _NEAR + config.places.laser_drift * drifted)
@@ -50,35 +45,32 @@ def lost_pairs(
 
 
 def held_by(nodes: LaserNodes, constraints: Iterable[Judged]) -> LaserNodes:
-    """The nodes, knowing which accepted closures hold them and join what breaks divide."""
+    """The nodes, knowing which accepted closures hold them, and with joined sessions as one."""
     closures = _closures(constraints)
-    part = _joined(nodes.ids, nodes.part, closures)
-    return replace(nodes, loose=loose_way(nodes, closures), part=part)
+    session = _joined(nodes.ids, nodes.session, closures)
+    return replace(nodes, loose=loose_way(nodes, closures), session=session)
 
 
-def islands(loaded: NodeScans, constraints: Iterable[Judged]) -> Index:
-    """(N,) number of the part of the path that each node is in, where nothing tells how parts lie:
-    wheels were not there or are not to be believed, and no accepted closure joins them.
-    """
+def joined_sessions(loaded: NodeScans, constraints: Iterable[Judged]) -> Index:
+    """(N,) number of each node's session, those as one that accepted closures join."""
     ids = np.array([node.id for node in loaded.nodes], np.int64)
-    part = np.cumsum((loaded.unseen > _UNKNOWN).astype(np.int64))
-    return _joined(ids, part, _closures(constraints))
+    return _joined(ids, sessions_of(loaded), _closures(constraints))
 
 
 def _closures(constraints: Iterable[Judged]) -> list[Judged]:
     return [c for c in constraints if c.accepted and c.kind in _CLOSURES]
 
 
-def _joined(ids: Index, part: Index, closures: Sequence[Judged]) -> Index:
-    """(N,) parts of the path, those as one that closures tie."""
-    if not closures or not part.any():
-        return part
+def _joined(ids: Index, session: Index, closures: Sequence[Judged]) -> Index:
+    """(N,) numbers of sessions, those as one that closures tie."""
+    if not closures or not session.any():
+        return session
     ends = np.array([(c.from_id, c.to_id) for c in closures])
     ends = ends[np.isin(ends, ids).all(axis=1)]
-    a, b = part[np.searchsorted(ids, ends)].T
-    size = int(part.max()) + 1
+    a, b = session[np.searchsorted(ids, ends)].T
+    size = int(session.max()) + 1
     links = coo_array((np.ones(len(a)), (a, b)), shape=(size, size))
-    return np.asarray(connected_components(links, directed=False)[1][part], np.int64)
+    return np.asarray(connected_components(links, directed=False)[1][session], np.int64)
 
 
 def loose_way(nodes: LaserNodes, closures: Sequence[Judged]) -> NDArray[np.float64]:

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.planar import matrix_to_planar
+from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint
 from mapmyworld.graph.edits import as_found
 from mapmyworld.graph.trajectory import pose_every_frame
-from mapmyworld.localisation.known_place import known_place_from_store
 from mapmyworld.mapping.added_grid import added_grid
 from mapmyworld.mapping.occupancy import build_grid
 from mapmyworld.memory_map import MemoryMap
+from mapmyworld.places.session_joining import locate_session
 from mapmyworld.sessions.copying import (
     Placed,
     add_drive,
@@ -28,10 +28,10 @@ from mapmyworld.sessions.copying import (
     copy_drives,
     copy_plan,
 )
-from mapmyworld.sessions.joining import have_scans, locate_unit
+from mapmyworld.sessions.joining import have_scans, session_map
 from mapmyworld.sessions.notes import digest_of, note_sessions
 from mapmyworld.sessions.skeleton import skeleton_of
-from mapmyworld.sessions.units import Joint, Unit, load_unit
+from mapmyworld.sessions.units import Unit, load_unit
 from mapmyworld.stages.kept import has_images
 from mapmyworld.stages.maps import draw_maps
 from mapmyworld.stages.recognise import scan_loader
@@ -72,7 +72,7 @@ def extend_map(
         if found is None:
             return Extension(tuple(added), tuple(waiting), links)
         unit, joint = found
-        laid = _lay(base, unit, joint.earlier_from_later, config, progress)
+        laid = _lay(base, unit, joint, config, progress)
         if laid is None:
             return None
         _write(base, laid, store, config, progress)
@@ -83,16 +83,17 @@ def extend_map(
 
 def _first_that_joins(
     base: Unit, units: Sequence[Unit], config: Config, progress: Progress
-) -> tuple[Unit, Joint] | None:
+) -> tuple[Unit, Array] | None:
+    """And where its frame (4, 4) lies in that of the map."""
     units = [unit for unit in units if have_scans(base, unit)]
     if not units:
         return None
     progress.stage("join sessions", len(units), "sessions")
-    place = known_place_from_store(base.store, config)
+    known = session_map(base, config)
     for unit in units:
-        joint = locate_unit(unit, place, 0, 1, config)
-        if joint is not None:
-            return unit, joint
+        move = locate_session(known, session_map(unit, config))
+        if move is not None:
+            return unit, planar_to_matrix(move)
     return None
 
 

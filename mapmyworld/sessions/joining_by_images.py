@@ -12,7 +12,7 @@ from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.localisation.known_images import KnownImages
 from mapmyworld.registration.views import View
-from mapmyworld.sessions.units import Joint, Unit
+from mapmyworld.sessions.units import Unit
 
 Array = NDArray[np.float64]
 _WITNESSES = 80  # images all over a unit that are looked for in the earlier one
@@ -21,8 +21,8 @@ _MAJORITY = 3.0  # times more that must agree than contradict
 _AGREES = (0.4, 0.15)  # m and rad within which a sighting bears a joint out
 
 
-def locate_unit(a: Unit, b: Unit, earlier: int, later: int, config: Config) -> Joint | None:
-    """Where most sightings of `a` by `b` put `b`, if they agree and are many."""
+def locate_unit(a: Unit, b: Unit, config: Config) -> Array | None:
+    """(4, 4) where most sightings of `a` by `b` put `b`, if they agree and are many."""
     images = KnownImages(a.store, config)
     if len(images) == 0 or a.planar != b.planar:
         return None
@@ -41,7 +41,7 @@ def locate_unit(a: Unit, b: Unit, earlier: int, later: int, config: Config) -> J
     agree, against = int(support[best]), len(found) - int(support[best])
     if agree < _SUPPORT or agree < _MAJORITY * against:
         return None
-    return Joint(earlier, later, joints[best])
+    return np.asarray(joints[best])
 
 
 def _views(unit: Unit, images: KnownImages) -> Iterator[tuple[int, View]]:

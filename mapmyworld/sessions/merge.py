@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import invert
+from mapmyworld.places.session_joining import Joint
 from mapmyworld.sessions.copying import copied_constraints, copy_drives, copy_plan, place_units
-from mapmyworld.sessions.joining import find_joints
+from mapmyworld.sessions.joining import join_units
 from mapmyworld.sessions.notes import digest_of, note_sessions
-from mapmyworld.sessions.units import Joint, Unit
+from mapmyworld.sessions.units import Unit
 from mapmyworld.stages.maps import draw_maps
 from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve import solve_and_judge
@@ -51,7 +52,7 @@ def merge_maps(
     given does not matter.
     """
     ordered = sorted(units, key=lambda unit: unit.order)
-    joints = find_joints(ordered, config, progress)
+    joints = join_units(ordered, config, progress)
     groups = _groups(len(ordered), joints)
     wanted = {k for k, unit in enumerate(ordered) if unit.name == first}
     sizes = [len(unit.nodes) for unit in ordered]

@@ -75,12 +75,12 @@ def _refined(
     if loaded is None or not _is_refined(store, config, scans):
         return solved.poses, solved.constraints
     from mapmyworld.odometry.laser_refinement import refine_poses
-    from mapmyworld.places.laser_lost import islands
+    from mapmyworld.places.laser_lost import joined_sessions
     from mapmyworld.places.laser_review import review_closures
 
-    island = islands(loaded, solved.constraints)
+    session = joined_sessions(loaded, solved.constraints)
     refined = refine_poses(
-        store, solved.poses, solved.constraints, config, progress, loaded, island
+        store, solved.poses, solved.constraints, config, progress, loaded, session
     )
     if refined is None:
         return solved.poses, solved.constraints
@@ -92,9 +92,9 @@ def _divides(scans: LoadScans) -> list[int]:
     loaded = scans()
     if loaded is None:
         return []
-    from mapmyworld.places.laser_lost import islands
+    from mapmyworld.places.laser_lost import joined_sessions
 
-    begins = 1 + np.flatnonzero(np.diff(islands(loaded, ())))
+    begins = 1 + np.flatnonzero(np.diff(joined_sessions(loaded, ())))
     return [loaded.nodes[row].id for row in begins.tolist()]
 
 

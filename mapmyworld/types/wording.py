@@ -43,10 +43,6 @@ _VERDICTS: Mapping[Why, str] = {
     Why.OPEN_DIRECTION: "poorly constrained: the surfaces leave a direction open",
     Why.AMBIGUOUS_PLACE: "ambiguous: another place near by has evidence {rival:.0f} against "
     "{evidence:.0f} points",
-    Why.SURROUNDINGS_UNMET: "what was seen around does not fit what had been seen there",
-    Why.LESS_EXPLAINED: "another closure between the same parts explains more of what was seen",
-    Why.AMBIGUOUS_JOIN: "ambiguous: what was seen after the break fits as well {metres:.1f} m and "
-    "{degrees:.0f} deg from there",
     Why.IMAGES_AGREE: "{inliers} matches agree within {sigmas:g} sigma",
     Why.IMAGES_AND_SCANS_AGREE: "{inliers} matches agree within {sigmas:g} sigma; aligned by the "
     "scans, overlap {overlap:.0%}",

@@ -1,0 +1,182 @@
+"""How one session lies in another: an inter-session loop closure, of one log or of several.
+
+Nothing is known of where a session began. So a place of it is looked for in all that the other one
+mapped, and the relative pose that this gives is judged by every place of the session: what is seen
+of each in the other's map speaks for that pose or against it. Poses that explain as much, as in a
+hall after half a turn, leave the sessions apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry.planar import (
+    between_planar,
+    compose_planar,
+    invert_planar,
+    transform_points_planar,
+)
+from mapmyworld.places.laser_evidence import Place, Said, place_around
+from mapmyworld.places.laser_nodes import Index, LaserNodes, spaced
+from mapmyworld.places.whole_map import WholeMap, map_of_scans
+from mapmyworld.registration.scan_search import MARGIN, Submap, submap_points
+
+Array = NDArray[np.float64]
+_MAPPED = 0.5  # m of path between scans that a session's map is made of
+_SETTLED = 0.2, 0.03  # m and rad by which a place may be off in a solved map, beside its drift
+_WIDEST = 1.0, 0.2  # the same, with its drift
+_CHECKED = 3  # places, those of the most evidence, that are looked for elsewhere
+_OVERLAP = 0.5  # weight of a place: what it shows, the ones beside it show as well
+_CHANGED = 0.1  # share of places that no longer look as they did, or that drift moved away
+_SAME = 1.0, 0.3  # m and rad within which two relative poses are one
+
+
+@dataclass(frozen=True, eq=False)
+class SessionMap:
+    """What a session saw."""
+
+    nodes: LaserNodes
+    rows: Index
+    """Its nodes, ascending."""
+    config: Config
+
+    @cached_property
+    def whole(self) -> WholeMap:
+        """In the frame of the nodes' poses."""
+        rows = self.rows[spaced(self.nodes.path[self.rows], _MAPPED)]
+        scans, poses = self.nodes.scans.some(rows), self.nodes.poses[rows]
+        points = submap_points(scans, np.arange(len(rows)), poses)
+        origins = transform_points_planar(poses, scans.origins[:, None])[:, 0]
+        return map_of_scans(Submap(points, origins, scans.bounds))
+
+    @cached_property
+    def places(self) -> dict[int, Place]:
+        """Node -> what was seen around it, of one node to a square of half a submap."""
+        return {k: place_around(self.nodes, k, self.config) for k in self._spots(1.0)}
+
+    @cached_property
+    def sought(self) -> list[int]:
+        """The nodes of those places that are looked for: one to a square of a submap."""
+        return [k for k in self._spots(2.0) if k in self.places]
+
+    def _spots(self, size: float) -> list[int]:
+        side = size * self.config.places.laser_submap
+        seeing = self.rows[self.nodes.sees[self.rows]]
+        squares = np.floor(self.nodes.poses[seeing, :2] / side)
+        first = np.unique(squares, axis=0, return_index=True)[1]
+        return [int(k) for k in seeing[np.sort(first)]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Hypothesis:
+    """A relative pose, and what the places of the later session say of it."""
+
+    move: Array
+    """(3,) the later session's frame in that of the earlier one."""
+    said: dict[int, Said]
+
+    @property
+    def log_odds(self) -> float:
+        """Nats for this pose, and against another place like those seen.
+
+        A place may have changed, or drifted away: none contradicts by more than the share of such.
+        """
+        odds = np.array([_OVERLAP * one.log_odds for one in self.said.values()])
+        return float(np.logaddexp(np.log(1.0 - _CHANGED) + odds, np.log(_CHANGED)).sum())
+
+    def beyond(self, rival: _Hypothesis) -> float:
+        """Evidence beyond that of a rival."""
+        return sum(one.beyond(rival.said[k]) for k, one in self.said.items())
+
+
+def locate_session(earlier: SessionMap, later: SessionMap) -> Array | None:
+    """The later session's frame (3,) in that of the earlier one; None where that is open."""
+    tried: list[_Hypothesis] = []
+    tries = np.log(max(len(later.sought), 1))
+    for spot in later.sought:
+        pose = earlier.whole.find(later.places[spot])
+        if pose is None:
+            continue
+        move = compose_planar(pose, invert_planar(later.nodes.poses[spot]))
+        if any(_is_same(move, other.move, later.nodes.poses[spot]) for other in tried):
+            continue
+        tried.append(_hypothesis(earlier, later, move, spot))
+        best = max(tried, key=lambda one: one.log_odds)
+        enough = best.log_odds >= earlier.whole.needed_odds + tries
+        if best is tried[-1] and enough and not _has_rival(earlier, later, best, tried):
+            return best.move
+    return None
+
+
+def _hypothesis(earlier: SessionMap, later: SessionMap, move: Array, spot: int) -> _Hypothesis:
+    """Every place may be off by what the session drifted since the one that was found."""
+    said = {}
+    for k, place in later.places.items():
+        distance, angle = _window(later.nodes, spot, k, later.config)
+        guess = compose_planar(move, later.nodes.poses[k])
+        said[k] = earlier.whole.best_about(place, guess, distance, angle)[1]
+    return _Hypothesis(move, said)
+
+
+def _window(nodes: LaserNodes, a: int, b: int, config: Config) -> tuple[float, float]:
+    apart = float(np.hypot(*(nodes.poses[a] - nodes.poses[b])[:2]))
+    return (
+        min(_SETTLED[0] + config.places.laser_drift * apart, _WIDEST[0]),
+        min(_SETTLED[1] + config.places.laser_drift_angle * apart, _WIDEST[1]),
+    )
+
+
+def _has_rival(
+    earlier: SessionMap, later: SessionMap, best: _Hypothesis, tried: list[_Hypothesis]
+) -> bool:
+    """Whether another relative pose is about as likely."""
+    if any(best.beyond(other) < MARGIN for other in tried if other is not best):
+        return True
+    strongest = sorted(best.said, key=lambda k: -best.said[k].log_odds)[:_CHECKED]
+    for k in strongest:
+        here = compose_planar(best.move, later.nodes.poses[k])
+        pose = earlier.whole.find_other(later.places[k], here)
+        if pose is None:
+            continue
+        move = compose_planar(pose, invert_planar(later.nodes.poses[k]))
+        if _is_same(move, best.move, later.nodes.poses[k]):
+            continue
+        if best.beyond(_hypothesis(earlier, later, move, k)) < MARGIN:
+            return True
+    return False
+
+
+def _is_same(move: Array, other: Array, at: Array) -> bool:
+    """Whether two relative poses bring a pose of the later session to the same place."""
+    apart = between_planar(compose_planar(move, at), compose_planar(other, at))
+    return bool(np.hypot(*apart[:2]) <= _SAME[0] and abs(apart[2]) <= _SAME[1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint:
+    """How a later session lies in an earlier one."""
+
+    earlier: int
+    later: int
+    earlier_from_later: Array
+    """(4, 4), or (3,) in the plane."""
+
+
+def find_joints(count: int, locate: Callable[[int, int], Array | None]) -> list[Joint]:
+    """For each session one earlier session of every group that it belongs to."""
+    group = list(range(count))
+    joints: list[Joint] = []
+    for later in range(1, count):
+        for earlier in range(later):
+            pose = None if group[earlier] == group[later] else locate(earlier, later)
+            if pose is not None:
+                joints.append(Joint(earlier, later, pose))
+                old, new = group[later], group[earlier]
+                group = [new if g == old else g for g in group]
+    return joints

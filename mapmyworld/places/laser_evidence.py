@@ -61,6 +61,11 @@ class Said:
         return float(self.forth.sum() + self.back.sum())
 
     @property
+    def known(self) -> float:
+        """Share of the later place's points that lie where the earlier one was seen."""
+        return np.count_nonzero(self.forth) / max(len(self.forth), 1)
+
+    @property
     def log_odds(self) -> float:
         """Nats by which this is the same place rather than another one like those seen."""
         return _log_odds(self.forth, _FORTH_RATES) + _log_odds(self.back, _BACK_RATES)

@@ -25,7 +25,7 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.places.laser_evidence import Place, Said, place_around
 from mapmyworld.places.laser_nodes import Index, LaserNodes, spaced
 from mapmyworld.places.whole_map import WholeMap, map_of_scans
-from mapmyworld.registration.scan_search import MARGIN, Submap, submap_points
+from mapmyworld.registration.scan_search import ANOTHER, MARGIN, Submap, submap_points
 
 Array = NDArray[np.float64]
 _MAPPED = 0.5  # m of path between scans that a session's map is made of
@@ -33,8 +33,9 @@ _SETTLED = 0.2, 0.03  # m and rad by which a place may be off in a solved map, b
 _WIDEST = 1.0, 0.2  # the same, with its drift
 _CHECKED = 3  # places, those of the most evidence, that are looked for elsewhere
 _OVERLAP = 0.5  # weight of a place: what it shows, the ones beside it show as well
+_KNOWN = 0.4  # share of a place's points that must lie where the other map was seen: what lies
+# outside of it touches its outer walls, and fits them as well
 _CHANGED = 0.1  # share of places that no longer look as they did, or that drift moved away
-_SAME = 1.0, 0.3  # m and rad within which two relative poses are one
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +88,10 @@ class _Hypothesis:
 
         A place may have changed, or drifted away: none contradicts by more than the share of such.
         """
-        odds = np.array([_OVERLAP * one.log_odds for one in self.said.values()])
-        return float(np.logaddexp(np.log(1.0 - _CHANGED) + odds, np.log(_CHANGED)).sum())
+        odds = [_OVERLAP * one.log_odds for one in self.said.values() if one.known >= _KNOWN]
+        if not odds:
+            return -np.inf
+        return float(np.logaddexp(np.log(1.0 - _CHANGED) + np.array(odds), np.log(_CHANGED)).sum())
 
     def beyond(self, rival: _Hypothesis) -> float:
         """Evidence beyond that of a rival."""
@@ -98,7 +101,7 @@ class _Hypothesis:
 def locate_session(earlier: SessionMap, later: SessionMap) -> Array | None:
     """The later session's frame (3,) in that of the earlier one; None where that is open."""
     tried: list[_Hypothesis] = []
-    tries = np.log(max(len(later.sought), 1))
+    needed = earlier.whole.needed_odds + np.log(max(len(later.sought), 1))
     for spot in later.sought:
         pose = earlier.whole.find(later.places[spot])
         if pose is None:
@@ -108,8 +111,9 @@ def locate_session(earlier: SessionMap, later: SessionMap) -> Array | None:
             continue
         tried.append(_hypothesis(earlier, later, move, spot))
         best = max(tried, key=lambda one: one.log_odds)
-        enough = best.log_odds >= earlier.whole.needed_odds + tries
-        if best is tried[-1] and enough and not _has_rival(earlier, later, best, tried):
+        if best is not tried[-1] or best.log_odds < needed:
+            continue
+        if not _has_rival(earlier, later, best, tried, needed):
             return best.move
     return None
 
@@ -133,10 +137,15 @@ def _window(nodes: LaserNodes, a: int, b: int, config: Config) -> tuple[float, f
 
 
 def _has_rival(
-    earlier: SessionMap, later: SessionMap, best: _Hypothesis, tried: list[_Hypothesis]
-) -> bool:
-    """Whether another relative pose is about as likely."""
-    if any(best.beyond(other) < MARGIN for other in tried if other is not best):
+    earlier: SessionMap, later: SessionMap, best: _Hypothesis, tried: list[_Hypothesis],
+    needed: float,
+) -> bool:  # fmt: skip
+    """Whether another relative pose is about as likely: no less so than chance makes one."""
+
+    def rivals(other: _Hypothesis) -> bool:
+        return best.log_odds - other.log_odds < needed or best.beyond(other) < MARGIN
+
+    if any(rivals(other) for other in tried if other is not best):
         return True
     strongest = sorted(best.said, key=lambda k: -best.said[k].log_odds)[:_CHECKED]
     for k in strongest:
@@ -145,9 +154,7 @@ def _has_rival(
         if pose is None:
             continue
         move = compose_planar(pose, invert_planar(later.nodes.poses[k]))
-        if _is_same(move, best.move, later.nodes.poses[k]):
-            continue
-        if best.beyond(_hypothesis(earlier, later, move, k)) < MARGIN:
+        if rivals(_hypothesis(earlier, later, move, k)):
             return True
     return False
 
@@ -155,7 +162,7 @@ def _has_rival(
 def _is_same(move: Array, other: Array, at: Array) -> bool:
     """Whether two relative poses bring a pose of the later session to the same place."""
     apart = between_planar(compose_planar(move, at), compose_planar(other, at))
-    return bool(np.hypot(*apart[:2]) <= _SAME[0] and abs(apart[2]) <= _SAME[1])
+    return bool(np.hypot(*apart[:2]) < ANOTHER[0] and abs(apart[2]) < ANOTHER[1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,6 +26,8 @@ POINTS = 140
 """Of a scan or a submap that are scored, at most."""
 _NEAR_SEEN = 0.67  # the same in a grid that knows free cells
 _ELSEWHERE = np.array([0.6, 0.3])  # m and rad from the best pose where a rival counts
+ANOTHER = np.array([1.0, 0.3])
+"""Metres and radians from which two poses in a whole map are two, and not one in doubt."""
 NATS = 0.23
 """By which a point of a submap speaks for a pose or against it: some four points tell as one."""
 MARGIN = float(np.log(100.0) / NATS)
@@ -209,8 +211,8 @@ def search_everywhere(points: Array, grid: LikelihoodGrid, least: float) -> Arra
 def search_elsewhere(
     points: Array, grid: LikelihoodGrid, pose: Array, least: float
 ) -> Array | None:
-    """The same, but not at `pose`."""
-    return _best_of(_everywhere(points, grid), np.concatenate([pose, _ELSEWHERE]), least)
+    """The same, but not at `pose` nor in what continues it, as along a bare wall."""
+    return _best_of(_everywhere(points, grid), np.concatenate([pose, ANOTHER]), least)
 
 
 def _everywhere(points: Array, grid: LikelihoodGrid) -> Window:

@@ -33,6 +33,7 @@ _SETTLED = 0.2, 0.03  # m and rad by which a place may be off in a solved map, b
 _WIDEST = 1.0, 0.2  # the same, with its drift
 _CHECKED = 3  # places, those of the most evidence, that are looked for elsewhere
 _OVERLAP = 0.5  # weight of a place: what it shows, the ones beside it show as well
+_ONE_PLACE = 0.01  # prior probability that two sessions share a place: no later step parts them
 _KNOWN = 0.4  # share of a place's points that must lie where the other map was seen: what lies
 # outside of it touches its outer walls, and fits them as well
 _CHANGED = 0.1  # share of places that no longer look as they did, or that drift moved away
@@ -101,7 +102,7 @@ class _Hypothesis:
 def locate_session(earlier: SessionMap, later: SessionMap) -> Array | None:
     """The later session's frame (3,) in that of the earlier one; None where that is open."""
     tried: list[_Hypothesis] = []
-    needed = earlier.whole.needed_odds + np.log(max(len(later.sought), 1))
+    needed = earlier.whole.needed_odds + np.log(max(len(later.sought), 1) / _ONE_PLACE)
     for spot in later.sought:
         pose = earlier.whole.find(later.places[spot])
         if pose is None:

@@ -9,6 +9,7 @@ import pytest
 from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 
+from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
 from mapmyworld.graph.draft import kept_nodes
@@ -18,10 +19,11 @@ from mapmyworld.odometry.laser import LaserMotion, LaserTracker
 from mapmyworld.odometry.laser_breaks import Breaks
 from mapmyworld.odometry.laser_stretches import leaves_turn_open
 from mapmyworld.places.laser_breaks import unseen_path
-from mapmyworld.places.laser_candidates import candidate_pairs, drift_window
+from mapmyworld.places.laser_candidates import candidate_pairs
 from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, calm_spots, nodes_at
 from mapmyworld.places.laser_submaps import submap_members
+from mapmyworld.places.session_closures import session_closures
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.types import (

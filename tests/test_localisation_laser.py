@@ -127,7 +127,7 @@ def test_a_place_is_found_in_the_whole_map(place: KnownPlace) -> None:
         assert pose is not None
         assert np.hypot(*(pose - DRIVEN[k])[:2]) < 0.15
         assert abs(wrap_angle(pose[2] - DRIVEN[k][2])) < 0.05
-        assert place.whole.judge(seen, pose).log_odds > place.whole.needed_odds
+        assert place.whole.judge(seen, pose).log_odds > place.whole.needed_odds(1)
         assert place.whole.is_elsewhere(seen, pose) is False
         assert place.whole.is_elsewhere(seen, pose + np.array([1.5, 0.5, 2.0])) is True
 

@@ -21,7 +21,7 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.graph.solve import solve
 from mapmyworld.places.laser_candidates import candidate_pairs, untied
 from mapmyworld.places.laser_closures import compare_places
-from mapmyworld.places.laser_lost import loose_way, lost_pairs
+from mapmyworld.places.laser_lost import held_by, loose_way, lost_pairs
 from mapmyworld.places.laser_nodes import calm_spots, laser_nodes, spaced
 from mapmyworld.places.laser_pairs import first_visits, neighbour_pairs
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
@@ -164,7 +164,7 @@ def test_a_drive_that_comes_back_after_500_m_of_drift_is_closed() -> None:
     )
     nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, believed)
     nodes = replace(nodes, path=nodes.path + 500.0 * (np.arange(len(truth)) >= 98))
-    pairs = lost_pairs(nodes, [], CONFIG)
+    pairs = lost_pairs(nodes, CONFIG)
     assert pairs
     widest = CONFIG.places.laser_window
     tried = compare_places(nodes, pairs, CONFIG, settled=False, widest=widest)
@@ -204,9 +204,9 @@ def test_where_closures_hold_the_drive_nothing_is_lost() -> None:
     ]  # fmt: skip
     assert loose_way(nodes, closed)[98:].max() < 20.0
     assert loose_way(nodes, [])[0] == np.inf
-    assert lost_pairs(nodes, [], CONFIG)
+    assert lost_pairs(nodes, CONFIG)
     between_laps = range(49, 98)
-    pairs = lost_pairs(nodes, closed, CONFIG)
+    pairs = lost_pairs(held_by(nodes, closed), CONFIG)
     assert all(a in between_laps or b in between_laps for a, b in pairs)
 
 

@@ -43,7 +43,7 @@ class Seeker:
     def __init__(self, place: KnownPlace, config: Config) -> None:
         self._place, self._config = place, config
         self._recent = RecentScans(config)
-        self._next_try = 0.0
+        self._next_try, self._tries = 0.0, 0
         self._reckoned: Array | None = None
         self._reckoned_path = 0.0
         self._heard: Array | None = None
@@ -63,7 +63,7 @@ class Seeker:
     def begin(self, moment: Moment, reckoned: Array | None) -> None:
         """The place is lost; `reckoned` (3,) is where the robot was thought to be, if anywhere."""
         self._reckoned, self._reckoned_path = None if moment.broken else reckoned, 0.0
-        self._next_try, self._heard = self._recent.path, None
+        self._next_try, self._tries, self._heard = self._recent.path, 0, None
 
     def add_match(self, moment: Moment, pose: Array) -> Discovery | None:
         """A pose (3,) by an image, where the scan and another image bear it out."""
@@ -81,6 +81,7 @@ class Seeker:
         if moment.is_blind or path < self._next_try:
             return None
         self._next_try = path + float(np.clip((_GROWTH - 1.0) * path, *_STEPS))
+        self._tries += 1
         place = self._recent.place(moment)
         near = self._near_reckoned(place)
         pose = self._anywhere(place) if near is None else near
@@ -109,7 +110,7 @@ class Seeker:
         """The one pose at which the map explains the place; None where that is open."""
         whole = self._place.whole
         pose = whole.find(place)
-        if pose is None or whole.judge(place, pose).log_odds < whole.needed_odds:
+        if pose is None or whole.judge(place, pose).log_odds < whole.needed_odds(self._tries):
             return None
         return None if whole.is_elsewhere(place, pose) is not False else pose
 

@@ -29,6 +29,7 @@ _FORTH_RATES = 0.93, 0.75
 """Share of a later place's points, of those in cells that are known, that lie on a surface of the
 earlier one: where both are the same place, and where a corridor lies on another building's."""
 _BACK_RATES = 0.80, 0.55  # the same of the earlier place's points; beams graze what is seen later
+_KNOWN = 0.4  # share of a place's points that must lie where the other one was seen
 _APART = 0.6, 0.3  # m and rad between poses that are hypotheses of their own
 
 
@@ -67,7 +68,13 @@ class Said:
 
     @property
     def log_odds(self) -> float:
-        """Nats by which this is the same place rather than another one like those seen."""
+        """Nats by which this is the same place rather than another one like those seen.
+
+        None where the place lies mostly outside of what the other map saw: along its outer walls
+        anything fits.
+        """
+        if self.known < _KNOWN:
+            return 0.0
         return _log_odds(self.forth, _FORTH_RATES) + _log_odds(self.back, _BACK_RATES)
 
     def beyond(self, rival: Said) -> float:

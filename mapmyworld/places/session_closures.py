@@ -11,7 +11,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import compose_planar
 from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_nodes import LaserNodes
-from mapmyworld.places.session_joining import Joint, SessionMap, find_joints, locate_session
+from mapmyworld.places.session_joining import SessionMap, find_joints, locate_session
 from mapmyworld.types import ConstraintKind, Judged, Progress
 
 Array = NDArray[np.float64]
@@ -28,20 +28,23 @@ def session_closures(nodes: LaserNodes, config: Config, progress: Progress) -> l
         progress.update(later)
         return locate_session(maps[earlier], maps[later])
 
-    joints = find_joints(len(maps), locate)
-    return [c for joint in joints for c in _closures(nodes, maps, joint, config)]
+    closures = []
+    for joint in find_joints(len(maps), locate):
+        later = maps[joint.later]
+        poses = nodes.poses.copy()
+        poses[later.rows] = compose_planar(joint.earlier_from_later, poses[later.rows])
+        moved = replace(nodes, poses=poses)
+        later = SessionMap(moved, later.rows, config)
+        closures += closures_between(moved, maps[joint.earlier], later, config)
+    return closures
 
 
-def _closures(
-    nodes: LaserNodes, maps: list[SessionMap], joint: Joint, config: Config
+def closures_between(
+    nodes: LaserNodes, earlier: SessionMap, later: SessionMap, config: Config
 ) -> list[Judged]:
-    """The places that lie near each other, compared."""
-    earlier, later = maps[joint.earlier], maps[joint.later]
-    poses = nodes.poses.copy()
-    poses[later.rows] = compose_planar(joint.earlier_from_later, poses[later.rows])
-    moved = replace(nodes, poses=poses)
-    pairs = _near_pairs(moved, earlier, later)
-    found = compare_places(moved, pairs, config, settled=True)
+    """Places of two sessions that lie near each other at these nodes' poses, compared."""
+    pairs = _near_pairs(nodes, earlier, later)
+    found = compare_places(nodes, pairs, config, settled=True)
     return [replace(c, kind=ConstraintKind.LOOP_CLOSURE) for c in found]
 
 
@@ -49,7 +52,7 @@ def _near_pairs(nodes: LaserNodes, earlier: SessionMap, later: SessionMap) -> li
     """(earlier, later) nodes, for each place of the later session the nearest one."""
     seeing = earlier.rows[nodes.sees[earlier.rows]]
     pairs = []
-    for k in later.places:
+    for k in later.spots:
         apart = np.hypot(*(nodes.poses[seeing, :2] - nodes.poses[k, :2]).T)
         if len(apart) and apart.min() < _NEAR:
             ends = sorted((int(seeing[np.argmin(apart)]), k))

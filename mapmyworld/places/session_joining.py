@@ -33,9 +33,6 @@ _SETTLED = 0.2, 0.03  # m and rad by which a place may be off in a solved map, b
 _WIDEST = 1.0, 0.2  # the same, with its drift
 _CHECKED = 3  # places, those of the most evidence, that are looked for elsewhere
 _OVERLAP = 0.5  # weight of a place: what it shows, the ones beside it show as well
-_ONE_PLACE = 0.01  # prior probability that two sessions share a place: no later step parts them
-_KNOWN = 0.4  # share of a place's points that must lie where the other map was seen: what lies
-# outside of it touches its outer walls, and fits them as well
 _CHANGED = 0.1  # share of places that no longer look as they did, or that drift moved away
 
 
@@ -60,7 +57,12 @@ class SessionMap:
     @cached_property
     def places(self) -> dict[int, Place]:
         """Node -> what was seen around it, of one node to a square of half a submap."""
-        return {k: place_around(self.nodes, k, self.config) for k in self._spots(1.0)}
+        return {k: place_around(self.nodes, k, self.config) for k in self.spots}
+
+    @property
+    def spots(self) -> list[int]:
+        """The nodes of those places."""
+        return self._spots(1.0)
 
     @cached_property
     def sought(self) -> list[int]:
@@ -89,9 +91,7 @@ class _Hypothesis:
 
         A place may have changed, or drifted away: none contradicts by more than the share of such.
         """
-        odds = [_OVERLAP * one.log_odds for one in self.said.values() if one.known >= _KNOWN]
-        if not odds:
-            return -np.inf
+        odds = [_OVERLAP * one.log_odds for one in self.said.values()]
         return float(np.logaddexp(np.log(1.0 - _CHANGED) + np.array(odds), np.log(_CHANGED)).sum())
 
     def beyond(self, rival: _Hypothesis) -> float:
@@ -102,7 +102,7 @@ class _Hypothesis:
 def locate_session(earlier: SessionMap, later: SessionMap) -> Array | None:
     """The later session's frame (3,) in that of the earlier one; None where that is open."""
     tried: list[_Hypothesis] = []
-    needed = earlier.whole.needed_odds + np.log(max(len(later.sought), 1) / _ONE_PLACE)
+    needed = earlier.whole.needed_odds(len(later.sought))
     for spot in later.sought:
         pose = earlier.whole.find(later.places[spot])
         if pose is None:

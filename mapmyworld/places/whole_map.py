@@ -25,6 +25,7 @@ from mapmyworld.registration.scan_search import (
 from mapmyworld.types import OccupancyGrid
 
 Array = NDArray[np.float64]
+_IN_MAP = 0.01  # prior probability that a place of another session or log is in the map at all
 _FINER = 0.2, 0.03  # m and rad about what a search of the whole map found
 
 
@@ -43,10 +44,9 @@ class WholeMap:
             return np.inf
         return needed_evidence(float(np.ptp(self.points, axis=0).max()) / 2.0, np.pi)
 
-    @property
-    def needed_odds(self) -> float:
-        """The same in nats."""
-        return self.needed * NATS
+    def needed_odds(self, tries: int) -> float:
+        """Nats from which the best of so many places that were looked for is no chance."""
+        return self.needed * NATS + float(np.log(max(tries, 1) / _IN_MAP))
 
     def judge(self, place: Place, pose: Array) -> Said:
         """What the map and a place say of each other's points, the place lying at a pose (3,)."""

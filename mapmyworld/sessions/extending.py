@@ -31,6 +31,7 @@ from mapmyworld.sessions.copying import (
 from mapmyworld.sessions.joining import have_scans, session_map
 from mapmyworld.sessions.notes import digest_of, note_sessions
 from mapmyworld.sessions.skeleton import skeleton_of
+from mapmyworld.sessions.tying import tie_sessions
 from mapmyworld.sessions.units import Unit, load_unit
 from mapmyworld.stages.kept import has_images
 from mapmyworld.stages.maps import draw_maps
@@ -121,10 +122,11 @@ def _lay(base: Unit, unit: Unit, joint: Array, config: Config, progress: Progres
         copy_plan([base.store, unit.store], scratch)
     with scratch.write_stage("track", ""):
         copy_drives(placed, scratch)
+    scans = scan_loader(scratch, config)
     with scratch.write_stage("recognise", ""):
         scratch.add_constraints(copied_constraints(placed))
+        scratch.add_constraints(tie_sessions(placed, [(0, 1)], scans, config))
     with scratch.write_stage("optimise", ""):
-        scans = scan_loader(scratch, config)
         solve_and_judge(scratch, config, progress, scans, since=item.first_id + 1)
     mine = [c for c in scratch.constraints() if item.first_id < max(c.from_id, c.to_id)]
     across = [c for c in mine if 0 < min(c.from_id, c.to_id) <= item.first_id]

@@ -15,6 +15,7 @@ from mapmyworld.places.session_joining import Joint
 from mapmyworld.sessions.copying import copied_constraints, copy_drives, copy_plan, place_units
 from mapmyworld.sessions.joining import join_units
 from mapmyworld.sessions.notes import digest_of, note_sessions
+from mapmyworld.sessions.tying import tie_sessions
 from mapmyworld.sessions.units import Unit
 from mapmyworld.stages.maps import draw_maps
 from mapmyworld.stages.recognise import scan_loader
@@ -88,9 +89,11 @@ def _merge(
         copy_plan([item.unit.store for item in placed], store)
     with store.write_stage("track", inputs):
         copy_drives(placed, store)
+    scans = scan_loader(store, config)
+    joined = [(group.index(j.earlier), group.index(j.later)) for j in joints if j.later in group]
     with store.write_stage("recognise", inputs):
         store.add_constraints(copied_constraints(placed))
-    scans = scan_loader(store, config)
+        store.add_constraints(tie_sessions(placed, joined, scans, config))
     with store.write_stage("optimise", inputs):
         solve_and_judge(store, config, progress, scans)
     with store.write_stage("map", inputs):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +29,7 @@ from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, OccupancyGr
 from mapmyworld.types.wording import reason_of
 
 if TYPE_CHECKING:
-    from cli.progress import StderrProgress
+    from cli.progress import StageCost, StderrProgress
 
 Floats = NDArray[np.float64]
 _LOOKED_AT = 20  # frames that show whether there are scans
@@ -59,7 +58,9 @@ def report_beside(
     """The page about a map just made, and what its stages took, which the page shows apart."""
     progress.stage("report")
     page = map_path.with_suffix(".html")
-    write_report(store, page, note_timing(map_path, cost, progress.costs, continued=continued))
+    write_report(
+        store, page, note_timing(map_path, cost, list(progress.costs.values()), continued=continued)
+    )
     progress.finish()
     return [str(page)]
 
@@ -70,11 +71,11 @@ def timing_file(map_path: Path) -> Path:
 
 
 def note_timing(
-    map_path: Path, cost: Mapping[str, Any], stages: Sequence[Any], *, continued: bool
+    map_path: Path, cost: Mapping[str, Any], stages: Sequence[StageCost], *, continued: bool
 ) -> dict[str, Any]:
     """Keeps what a build took beside its map; stages that were reused keep their old figures."""
     path = timing_file(map_path)
-    fresh = _summed(stages)
+    fresh = {stage.name: _as_shown(stage) for stage in stages}
     old = (_read_timing(path) if continued else None) or {"stages": []}
     kept = [stage for stage in old["stages"] if stage["name"] not in fresh]
     timing = {**cost, "stages": [*kept, *fresh.values()]}
@@ -82,15 +83,9 @@ def note_timing(
     return timing
 
 
-def _summed(stages: Sequence[Any]) -> dict[str, dict[str, Any]]:
-    """Name -> cost, in the order of first runs; the graph, say, is optimised more than once."""
-    found: dict[str, dict[str, Any]] = {}
-    for stage in map(asdict, stages):
-        kept = found.setdefault(stage["name"], stage | {"wall_s": 0.0, "cpu_s": 0.0})
-        for key in ("wall_s", "cpu_s"):
-            kept[key] += stage[key]
-        kept["peak_memory_mb"] = max(kept["peak_memory_mb"], stage["peak_memory_mb"])
-    return found
+def _as_shown(stage: StageCost) -> dict[str, Any]:
+    names = ("name", "wall_s", "cpu_s", "peak_memory_mb", "rounds")
+    return {name: getattr(stage, name) for name in names}
 
 
 def timing_beside(store: MapStore) -> Mapping[str, Any] | None:

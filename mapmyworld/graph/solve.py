@@ -13,6 +13,7 @@ from mapmyworld.backend.descent import settle
 from mapmyworld.backend.parts import Index, components
 from mapmyworld.backend.system import System, believed_edges, edge_chi2, fit_of
 from mapmyworld.config.graph import GraphConfig
+from mapmyworld.decisions import decided
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.graph.constraint_system import StatedSystem, stated_system
@@ -74,6 +75,7 @@ def solve(
         believed = believed_edges(system, solution.inliers)
         statement += f"; {proof_of(certify(believed, fit_of(believed, solution.poses)))}"
     spread = _covariances(system, solution, len(known)) if config.covariances else None
+    decided("graph", _told(len(known), solution, cost, statement))
     return SolvedGraph(Poses(known, matrices, spread), verdicts, part, cost, statement)
 
 
@@ -97,6 +99,13 @@ def _solved(stated: StatedSystem, config: GraphConfig) -> RobustSolution:
     part = believed_edges(system, solution.inliers)
     poses = settle(part, solution.poses, config.tolerance)
     return solution.moved(poses, edge_chi2(system, poses))
+
+
+def _told(nodes: int, solution: RobustSolution, cost: float, statement: str) -> str:
+    closures = solution.closures
+    believed = int(solution.inliers[closures].sum())
+    told = f"{nodes} nodes solved, {believed} of {len(closures)} closures believed"
+    return f"{told}, cost {cost:.6g}; {statement}"
 
 
 def _certainty(solution: RobustSolution) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.decisions import decided
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -164,6 +165,10 @@ def _rounds(
         every, residual = found.poses, found.residual
         moved += found.moved
         progress.update(len(moved))
+        decided(
+            "refine",
+            f"{len(pairs)} pairs of scans, moved by {found.moved} m, residual {residual:.4f} m",
+        )
     return _Aligned(every[: len(held)], every[len(held) :], moved, residual)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mapmyworld.config import Config
+from mapmyworld.decisions import decided, decided_on
 from mapmyworld.graph.chains import solve_by_chains
 from mapmyworld.graph.draft import landmark_guesses
 from mapmyworld.graph.edited import contradicted
@@ -40,12 +41,14 @@ def solve_and_judge(
         progress.stage("optimise", len(store.nodes()), "nodes")
         draft = solve_draft_of(store, config, _edited(store))
         new = add_closures(store, draft, config, progress, scans, since)
+        decided("optimise", f"{new} new closures from the poses of this round")
         if new <= _FEW * sum(c.accepted for c in store.constraints() if c.kind in CLOSURES):
             break
     give_back()
     solved = _solve(store, config, progress, chains=_is_refined(store, config, scans))
     give_back()
     poses, constraints = _refined(store, solved, config, progress, scans)
+    decided_on("verdict", (c for c in constraints if c.verdicts))
     store.judge(constraints)
     poses, levelled = levelled_poses(store, poses, constraints, config)
     notes = [*levelled, *_told_of_unrecognised(store, poses, constraints, scans)]

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config, SensingConfig
+from mapmyworld.decisions import decided, is_heard
 from mapmyworld.odometry.felt_force import FeltForce
 from mapmyworld.parallel import (
     algebra_on_one_thread,
@@ -30,6 +31,7 @@ from mapmyworld.stages.later import made_ready
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.trackers import Tracker, make_tracker, needs_inertial
 from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
+from mapmyworld.types.wording import source_in_words
 
 if TYPE_CHECKING:
     from mapmyworld.diagnosis import Finding
@@ -181,6 +183,10 @@ class _Writer:
 
     def add(self, frame: Frame, motion: Motion) -> None:
         node, constraint, node_from_frame = self._selector.consider(frame, motion)
+        if is_heard():
+            became = "" if node is None else f", becomes node {node.id}"
+            moment = f"frame {len(self._stamps)} at {frame.stamp_ns * 1e-9:.3f} s"
+            decided("track", f"{moment}: {source_in_words(motion.source)}{became}")
         if node is not None:
             images = tuple(i for image in frame.images if (i := self._guard.sound(image)))
             data = NodeData(frame.scan, images, self._kept(frame.cloud))

@@ -35,7 +35,7 @@ from mapmyworld.sessions.units import Joint, Unit, load_unit
 from mapmyworld.stages.kept import has_images
 from mapmyworld.stages.maps import draw_maps
 from mapmyworld.stages.recognise import scan_loader
-from mapmyworld.stages.solve import solve_and_judge
+from mapmyworld.stages.solve import note_solution, solve_and_judge
 from mapmyworld.types import Judged, MapStore, Poses, Progress, Why
 
 Array = NDArray[np.float64]
@@ -132,7 +132,9 @@ def _lay(base: Unit, unit: Unit, joint: Array, config: Config, progress: Progres
         return None
     solved = scratch.get("solve") or {}
     poses = _held_poses(scratch, skeleton, base, item)
-    told = str(solved.get("certainty", "")), tuple(solved.get("losses", ()))
+    parted = solved.get("parted", ())  # of the skeleton and the unit: counted in the whole map
+    losses = tuple(line for line in solved.get("losses", ()) if line not in parted)
+    told = str(solved.get("certainty", "")), losses
     divides = tuple(i for i in solved.get("divides", ()) if i > item.first_id)
     return _Laid(item, poses, tuple(mine), accepted, *told, divides)
 
@@ -191,10 +193,11 @@ def _write(base: Unit, laid: _Laid, store: MapStore, config: Config, progress: P
         nodes = [node for node in store.nodes() if node.id > laid.item.first_id]
         fresh = pose_every_frame(nodes, laid.poses, own, laid.constraints)
         store.set_frame_poses(np.concatenate([frame_poses, fresh]))
-        losses = list(dict.fromkeys((*solved.get("losses", ()), *laid.losses)))
+        counted_anew = solved.get("parted", ())
+        known = [line for line in solved.get("losses", ()) if line not in counted_anew]
+        losses = list(dict.fromkeys((*known, *laid.losses)))
         divides = [*solved.get("divides", ()), *laid.divides]
-        told = {"certainty": laid.certainty, "losses": losses}
-        store.put("solve", told | ({"divides": divides} if divides else {}))
+        note_solution(store, laid.certainty, losses, solved.get("notes", ()), divides)
     with store.extend_stage("map", inputs):
         _draw(store, unit, fresh, config, progress)
 

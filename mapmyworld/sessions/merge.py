@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import invert
+from mapmyworld.graph.edits import edits_to_json
 from mapmyworld.sessions.copying import copied_constraints, copy_drives, copy_plan, place_units
 from mapmyworld.sessions.joining import find_joints
 from mapmyworld.sessions.notes import digest_of, note_sessions
+from mapmyworld.sessions.stated import copied_edits
 from mapmyworld.sessions.units import Joint, Unit
 from mapmyworld.stages.maps import draw_maps
 from mapmyworld.stages.recognise import scan_loader
@@ -89,6 +91,9 @@ def _merge(
         copy_drives(placed, store)
     with store.write_stage("recognise", inputs):
         store.add_constraints(copied_constraints(placed))
+    if edits := copied_edits(placed):
+        store.put("edits", edits_to_json(edits))
+        progress.note(f"{len(edits)} edits of the maps are carried over")
     scans = scan_loader(store, config)
     with store.write_stage("optimise", inputs):
         solve_and_judge(store, config, progress, scans)

@@ -58,13 +58,26 @@ def solve_and_judge(
     frames = store.tracked_frames()
     store.set_frame_poses(pose_every_frame(store.nodes(), poses, frames, constraints))
     wanted = [edit for edit in _edits(store) if edit.action is EditAction.ACCEPT]
-    divides = _divides(scans)
-    losses = [
-        *_told_of_parts(constraints, poses, divides), *unmet(constraints, wanted),
-        *contradicted(constraints, poses, moves_in_plane(store)),
+    others = [
+        *unmet(constraints, wanted), *contradicted(constraints, poses, moves_in_plane(store)),
     ]  # fmt: skip
-    told = {"certainty": solved.certainty, "losses": losses, "notes": notes}
-    store.put("solve", told | ({"divides": divides} if divides else {}))
+    note_solution(store, solved.certainty, others, notes, _divides(scans))
+
+
+def note_solution(
+    store: MapStore,
+    certainty: str,
+    losses: Sequence[str],
+    notes: Sequence[str],
+    divides: Sequence[int],
+) -> None:
+    """What is known of the solution in the store; its components are counted here."""
+    poses = store.poses()
+    assert poses is not None
+    parted = _told_of_parts(store.constraints(), poses, divides)
+    told = {"certainty": certainty, "losses": [*parted, *losses], "notes": list(notes)}
+    told |= {"parted": parted} if parted else {}
+    store.put("solve", told | ({"divides": list(divides)} if divides else {}))
 
 
 def _refined(

@@ -179,9 +179,10 @@ class SqliteBag:
     ) -> Iterator[tuple[int, int, object]]:
         """What was found page by page of later rows; a time of 0 is no time."""
         assert self._salvage is not None
-        found = (
-            (self._clock.mended(t, row), row, *more) for t, row, *more in self._salvage.messages
-        )
+        found = [
+            (self._clock.mended(time, row), row, key, cell)
+            for time, row, key, cell in self._salvage.messages
+        ]
         for time, row, key, cell in sorted(found, key=itemgetter(0, 1)):
             if key in wanted and (time, row) > after:
                 yield time, key, self._salvage.data(cell)

@@ -10,7 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cli.interrupts import ending_with, forget_wish, is_wished
+from cli.exit_codes import EXIT_BAD_INPUT
+from cli.interrupts import Ending, ending_with, forget_wish, is_wished
 from mapmyworld.errors import MapMyWorldError
 
 _LOOK_EVERY_S = 0.1
@@ -20,8 +21,10 @@ class MemoryLimitError(MapMyWorldError):
     """More memory was needed than allowed."""
 
 
-class _Over(BaseException):
-    """Ends the main thread's work."""
+class _Over(Ending):
+    """More than `--max-memory`."""
+
+    exit_code = EXIT_BAD_INPUT
 
 
 def resident_mb() -> float:

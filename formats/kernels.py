@@ -14,12 +14,9 @@ def compiled(loop: Loop) -> Loop:
 
     @functools.cache
     def kernel() -> Loop:
-        from numba import njit
+        from mapmyworld.kernels.compiling import jit
 
-        from mapmyworld.kept_kernels import keep
-
-        made: Loop = njit(nogil=True, no_cfunc_wrapper=True, error_model="numpy")(loop)
-        return keep(made)
+        return jit(loop)
 
     @functools.wraps(loop)
     def call(*arguments: Any) -> Any:

@@ -1,4 +1,4 @@
-"""How kernels are compiled: once, kept on disk, run without the interpreter's lock.
+"""How kernels are compiled: at their first call, kept on disk, without the interpreter's lock.
 
 What no kernel needs is left out, for a first start waits for it: a way in from C, errors of
 division by zero (a quotient is infinite or no number, as numpy's), and for a kernel that only
@@ -11,8 +11,6 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from numba import njit
-
-from mapmyworld.kept_kernels import keep
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
@@ -28,10 +26,15 @@ def inner_jit(kernel: Kernel) -> Kernel:
 
 
 def _compiled(kernel: Kernel, *, no_cpython_wrapper: bool) -> Kernel:
-    compiled: Kernel = njit(
-        nogil=True,
-        error_model="numpy",
-        no_cfunc_wrapper=True,
-        no_cpython_wrapper=no_cpython_wrapper,
-    )(kernel)
-    return keep(compiled)
+    options = {
+        "nogil": True,
+        "error_model": "numpy",
+        "no_cfunc_wrapper": True,
+        "no_cpython_wrapper": no_cpython_wrapper,
+    }
+    compiled: Kernel
+    try:
+        compiled = njit(cache=True, **options)(kernel)
+    except RuntimeError:  # no folder that may be written: each start compiles what it calls
+        compiled = njit(**options)(kernel)
+    return compiled

@@ -1,7 +1,4 @@
-"""What the stages after the track will need, imported and loaded while the log is tracked.
-
-Kernels run without the interpreter's lock, so most of this is done on a core that would be idle.
-"""
+"""What the stages after the track will need, imported while the log is tracked."""
 
 from __future__ import annotations
 
@@ -9,38 +6,33 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 
-from mapmyworld.kernels.first_start import load_kept
 from mapmyworld.parallel import Aside
+from mapmyworld.sensing import Plan
 
-_MODULES = {
-    "log": ("mapmyworld.stages.solve", "mapmyworld.diagnosis", "mapmyworld.mapping.occupancy"),
-    "scan": (
-        "mapmyworld.places.laser_closures",
-        "mapmyworld.places.laser_review",
-        "mapmyworld.odometry.laser_refinement",
-        "mapmyworld.places.wheel_check",
-    ),
-    "camera": ("mapmyworld.places.visual_closures",),
-}
-"""Word of `needs_of` -> modules."""
+_ALWAYS = ("mapmyworld.stages.solve", "mapmyworld.diagnosis", "mapmyworld.mapping.occupancy")
+_WITH_SCANS = (
+    "mapmyworld.places.laser_closures",
+    "mapmyworld.places.laser_review",
+    "mapmyworld.odometry.laser_refinement",
+    "mapmyworld.places.wheel_check",
+)
+_WITH_IMAGES = ("mapmyworld.places.visual_closures",)
+
+
+def needed_after(plan: Plan) -> tuple[str, ...]:
+    """Modules that the stages after the track call for such a log."""
+    scans = _WITH_SCANS if plan.scan is not None else ()
+    return (*_ALWAYS, *scans, *(_WITH_IMAGES if plan.camera is not None else ()))
 
 
 @contextmanager
-def made_ready(
-    needs: frozenset[str], others: Sequence[str] = (), *, load: bool = True
-) -> Iterator[None]:
-    """Imports what logs with such `needs` will call, and the `others`; waits for it at the end.
+def imported_meanwhile(modules: Sequence[str]) -> Iterator[None]:
+    """Imports the modules on another thread; waits for it at the end.
 
-    `load`: kernels as well; not while they are being compiled.
-    What cannot be imported here is told where it is used.
+    What cannot be imported here is reported where it is used.
     """
     with Aside() as aside:
-        for word, modules in _MODULES.items():
-            if word in needs:
-                aside.begin(_import_all, modules)
-        if load:
-            aside.begin(load_kept, needs)
-        aside.begin(_import_all, others)
+        aside.begin(_import_all, modules)
         yield
 
 

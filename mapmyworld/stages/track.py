@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from array import array
 from collections.abc import Iterator, Sequence
-from contextlib import nullcontext
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
@@ -25,8 +24,7 @@ from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.sensing.cloud_scans import thinned
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.sensing.synchronise import FrameCounts
-from mapmyworld.stages.compiling import compile_ahead, needs_of
-from mapmyworld.stages.later import made_ready
+from mapmyworld.stages.later import imported_meanwhile, needed_after
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.trackers import Tracker, make_tracker, needs_inertial
 from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
@@ -60,13 +58,11 @@ def track(
     plan = plan.with_odometry_shifted(-lag_s) if lag_s else plan
     counts, guard = FrameCounts(), ImageGuard()
     writer = _Writer(store, config, guard, features, wants_images=plan.camera is not None)
-    ahead = nullcontext(True) if tracker else compile_ahead(plan, config.threads, progress)
-    with ahead as is_kept:
-        progress.stage("track", max(log.info().duration_s, 1e-9), "s")
-        frames = _frames(log, plan, config, progress, counts, inertial=tracker is None)
-        tracker = tracker or make_tracker(plan, config)
-        with algebra_on_one_thread(), made_ready(needs_of(plan), later, load=is_kept):
-            _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
+    progress.stage("track", max(log.info().duration_s, 1e-9), "s")
+    frames = _frames(log, plan, config, progress, counts, inertial=tracker is None)
+    tracker = tracker or make_tracker(plan, config)
+    with algebra_on_one_thread(), imported_meanwhile((*needed_after(plan), *later)):
+        _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
     writer.finish()
     faults = [finding for finding in _diagnose(store, plan, config) if not finding.good]
     still = _standing(writer.nodes, counts.frames, config.sensing)

@@ -2,7 +2,7 @@
 
     python benchmarks/camera_robots.py 0 30               # robots 0 to 29
     python benchmarks/camera_robots.py 0 10 --hands       # hands 0 to 9
-    python benchmarks/camera_robots.py 11 --set camera.noise=2 --build visual.features=sift
+    python benchmarks/camera_robots.py 11 --set camera.noise=2 --build visual.feature_count=500
 
 What one default configuration makes of sensors that nobody had in mind; the truth is known.
 --keep FOLDER leaves the logs and the maps there, else they are deleted.

@@ -16,7 +16,6 @@ from mapmyworld.config.stages import FIRST_READ, FIRST_READ_BY_PARTICLES, settin
 from mapmyworld.errors import ConfigError, MapError
 from mapmyworld.map_figures import map_figures
 from mapmyworld.parallel import algebra_on_one_thread
-from mapmyworld.places.features_ahead import FeaturesAhead
 from mapmyworld.sensing import Plan, make_plan, survey_log
 from mapmyworld.stages.maps import draw_maps
 from mapmyworld.stages.recognise import LoadScans, recognise, scan_loader
@@ -78,12 +77,11 @@ def build_map(
         run("track", lambda: track_particles(log, plan(), *given), method)
         run("fastslam", lambda: settle_particles(store))
     else:
-        ahead, scans = FeaturesAhead(config), scan_loader(store, config)
-        run("track", lambda: track(log, plan(), *given, features=ahead, later=later))
+        scans = scan_loader(store, config)
+        run("track", lambda: track(log, plan(), *given, later=later))
         if lag := _sure_lag(log, plan, store, config):  # told by tracking: it is done once more
-            ahead = FeaturesAhead(config)
-            record.again("track", lambda: track(log, plan(), *given, features=ahead, lag_s=lag))
-        run("recognise", lambda: recognise(*given, scans, words, ahead), _digest(words))
+            record.again("track", lambda: track(log, plan(), *given, lag_s=lag))
+        run("recognise", lambda: recognise(*given, scans, words), _digest(words))
         run("optimise", lambda: _solve(*given, scans), store.get("edits") or None)
     run("map", lambda: draw_maps(*given))
     return _result(store, record)

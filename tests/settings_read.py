@@ -15,7 +15,6 @@ from mapmyworld.config import Config
 from mapmyworld.config.settings import list_settings
 from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import build_map
-from mapmyworld.places.features_ahead import FeaturesAhead
 from mapmyworld.stages.record import StageRecord
 from mapmyworld.types import LogInfo, LogSource, RawMessage
 
@@ -77,7 +76,5 @@ def settings_read(log: LogSource, config: Config, method: str = "graph") -> dict
             if section.__module__.startswith("mapmyworld.config"):
                 patch.setattr(section, "__getattribute__", recorder(f"{item.name}."))
         patch.setattr(StageRecord, "run", watched)
-        # What is found ahead of need is found again where it is missing: nothing depends on it.
-        patch.setattr(FeaturesAhead, "note", lambda *_: None)
         build_map(log, MemoryMap(), config, Silent(), method=method)
     return found

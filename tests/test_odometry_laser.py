@@ -9,14 +9,12 @@ import pytest
 from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 
-from mapmyworld.config import Config, RegistrationConfig
+from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
 from mapmyworld.kernels.laser_motion import leaves_open
+from mapmyworld.odometry import laser
 from mapmyworld.odometry.laser import LaserMotion, LaserTracker
 from mapmyworld.odometry.laser_stretches import WeakStretches
-from mapmyworld.registration.matchers import MATCHERS, find_matcher
-from mapmyworld.registration.point_to_line import point_to_line
-from mapmyworld.registration.scan_matching import Match
 from mapmyworld.types import Frame, Scan
 
 
@@ -171,25 +169,14 @@ def test_scans_followed_together_are_followed_as_one_by_one() -> None:
     assert sum(moment.overlap > 0.5 for moment in at_once) > 0.8 * len(scans)
 
 
-def test_a_matcher_outside_the_kernel_tracks_every_scan(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The kernel's own matcher under another name, so that it is called scan by scan."""
-    asked: list[int] = []
-
-    def twin(*arguments: object) -> Match:
-        asked.append(1)
-        return point_to_line(*arguments)  # type: ignore[arg-type]
-
-    monkeypatch.setitem(MATCHERS, "twin", twin)
+def test_scans_that_the_kernel_leaves_are_tracked_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here it leaves all of them."""
     truth, scans = drive()
     odometry = planar_to_matrix(integrate(between_planar(truth[:-1], truth[1:])))
     frames = [Frame(k, odometry[k], scan) for k, scan in enumerate(scans)]
-    config = Config(registration=RegistrationConfig(matcher="twin"))
-    try:
-        followed = LaserTracker(config).track_all(frames)
-    finally:
-        find_matcher.cache_clear()
-    assert len(asked) >= len(scans) - 1
-    for a, b in zip(followed, LaserTracker(Config()).track_all(frames), strict=True):
+    expected = LaserTracker(Config()).track_all(frames)
+    monkeypatch.setattr(laser, "track_scans", lambda first, *_: first)
+    for a, b in zip(LaserTracker(Config()).track_all(frames), expected, strict=True):
         assert a.verdict == b.verdict
         np.testing.assert_allclose(a.pose, b.pose, atol=1e-9)
         np.testing.assert_allclose(a.covariance, b.covariance, rtol=1e-6, atol=1e-12)

@@ -12,7 +12,6 @@ from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.errors import ConfigError
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -25,7 +24,7 @@ from mapmyworld.kernels.scan_alignment import invert3, nearest, pair_systems, so
 from mapmyworld.kernels.scan_preparation import range_noise
 from mapmyworld.registration.joint_alignment import align_jointly
 from mapmyworld.registration.joint_equations import Motions
-from mapmyworld.registration.matchers import MATCHERS, find_matcher, match_scan
+from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import (
     COARSE,
     PreparedScan,
@@ -166,18 +165,16 @@ def test_nearest_agrees_with_trying_every_point(
         assert distances[found] == pytest.approx(distances.min())
 
 
-@pytest.mark.parametrize("matcher", MATCHERS)
 @settings(max_examples=15)
 @given(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(-0.15, 0.15))
-def test_a_match_finds_the_true_motion(matcher: str, x: float, y: float, yaw: float) -> None:
-    config = replace(CONFIG, matcher=matcher)
+def test_a_match_finds_the_true_motion(x: float, y: float, yaw: float) -> None:
     first, second = np.array([0.4, 0.3, 0.2]), np.array([0.7, 0.1, 0.35])
     targets = scan_set([prepare_scan(room_scan(first, seed=1), CONFIG)])
     scan = prepare_scan(room_scan(second, seed=2), CONFIG)
     truth = between_planar(first, second)
     guess = truth + np.array([x, y, yaw])
     match = match_scan(
-        scan, targets, np.zeros(1, np.int64), np.zeros((1, 3)), guess, config, reaches=COARSE
+        scan, targets, np.zeros(1, np.int64), np.zeros((1, 3)), guess, CONFIG, reaches=COARSE
     )
     error = between_planar(truth, match.pose)
     assert np.hypot(*error[:2]) < 0.006
@@ -185,38 +182,29 @@ def test_a_match_finds_the_true_motion(matcher: str, x: float, y: float, yaw: fl
     assert match.overlap > 0.9
 
 
-@pytest.mark.parametrize("matcher", MATCHERS)
-def test_a_room_is_known_in_every_direction_a_corridor_only_across(matcher: str) -> None:
+def test_a_room_is_known_in_every_direction_a_corridor_only_across() -> None:
     """Along a corridor both walls' normals are orthogonal to the motion: no information."""
-    config = replace(CONFIG, matcher=matcher)
     which, poses = np.zeros(1, np.int64), np.zeros((1, 3))
     room = scan_set([prepared([0.0, 0.0, 0.0])])
-    in_room = match_scan(room.one(0), room, which, poses, np.zeros(3), config)
+    in_room = match_scan(room.one(0), room, which, poses, np.zeros(3), CONFIG)
     sigma = np.sqrt(np.linalg.inv(in_room.information)[[0, 1], [0, 1]])
     assert sigma.max() < 0.01
     hall = scan_set([prepared([0.0, 0.0, 0.0], room=CORRIDOR)])
-    in_hall = match_scan(hall.one(0), hall, which, poses, np.zeros(3), config)
+    in_hall = match_scan(hall.one(0), hall, which, poses, np.zeros(3), CONFIG)
     assert in_hall.information[0, 0] < 1e-3 * in_hall.information[1, 1]
 
 
-@pytest.mark.parametrize("matcher", MATCHERS)
-def test_a_prior_holds_what_the_match_leaves_open(matcher: str) -> None:
+def test_a_prior_holds_what_the_match_leaves_open() -> None:
     """Along a corridor the pose stays where the prior puts it, and the match takes no credit."""
-    config = replace(CONFIG, matcher=matcher)
     hall = scan_set([prepared([0.0, 0.0, 0.0], room=CORRIDOR)])
     guess, known = np.array([0.2, 0.05, 0.02]), np.diag([1e4, 1e-3, 1e-3])
     match = match_scan(
-        hall.one(0), hall, np.zeros(1, np.int64), np.zeros((1, 3)), guess, config,
+        hall.one(0), hall, np.zeros(1, np.int64), np.zeros((1, 3)), guess, CONFIG,
         prior=guess, prior_information=known,
     )  # fmt: skip
     assert match.pose[0] == pytest.approx(0.2, abs=0.01)
     assert match.pose[1:] == pytest.approx([0.0, 0.0], abs=0.002)
     assert match.information[0, 0] < 1e3
-
-
-def test_an_unknown_matcher_is_refused_with_the_names_there_are() -> None:
-    with pytest.raises(ConfigError, match="choose one of point_to_line"):
-        find_matcher("point_to_pont")
 
 
 def test_information_counts_points_over_the_variance_of_one() -> None:

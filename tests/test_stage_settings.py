@@ -47,7 +47,7 @@ def by_graph() -> dict[str, set[str]]:
     """What builds by the graph read of a log with laser, wheels and camera, or parts of it."""
     log, found = open_log([APARTMENT]), defaultdict[str, set[str]](set)
     asked = [
-        (log, configured(visual__closure_scans=True)),
+        (log, Config()),
         (log, configured(sensing__use_scans=False, visual__markers="4x4_50")),
         (log, configured(sensing__use_scans=False)),
         (

@@ -11,7 +11,6 @@ from mapmyworld.config.ranges import Count, Positive
 class RegistrationConfig:
     """Settings of aligning laser scans."""
 
-    matcher: str = "point_to_line"  # that aligns laser scans: a name of registration/matchers.py
     point_spacing: Positive = 0.04  # m between neighbouring points of a scan that are matched
     point_count: Count = 220  # points of a scan that are matched, about; more are thinned
     line_radius: Positive = 0.15  # m around a point within which its line is fitted

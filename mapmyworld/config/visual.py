@@ -25,7 +25,6 @@ class VisualConfig:
     cloud_view_angle: Positive = 75.0  # deg between a surface's normal and the ray to it, at most
     cloud_agreement: FromZero = 0.03  # share of the depth by which two views of a point may differ
     cloud_views: Count = 2  # measurements within 5 cm that a voxel of the cloud needs
-    features: str = "orb"  # of images: "orb", "gftt" (corners described by ORB) or "sift"
     feature_count: Many = 1000  # features kept of an image, spread over it
     fast_threshold: Grey = 7  # grey levels by which a corner stands out
     pyramid_levels: Levels = 8  # scales at which ORB looks
@@ -62,8 +61,6 @@ class VisualConfig:
     closure_radius: Positive = 8.0  # pixels around a found motion's projections for more matches
     closure_translation_sigma: Positive = 0.065  # m, no closure is less certain
     closure_rotation_sigma: Positive = 0.006  # rad, no closure is less certain
-    closure_scans: bool = False  # whether laser scans align closures by images, where there are any
-    closure_scan_overlap: Share = 0.5  # share of a scan that the other must explain for that
     succession: Whole = 2  # nodes before each that its image is compared with, without a laser
     closure_gate: Positive = 3.5  # sigmas of drift by which a closure may contradict tracked poses
     drift_translation: Positive = 0.05  # share of the path that tracked poses may be off by

@@ -14,7 +14,7 @@ from mapmyworld.diagnosis.sample import Sample, odometry_yaw, take_sample
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between
-from mapmyworld.registration.matchers import match_scan
+from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import COARSE, prepare_scans
 from mapmyworld.sensing.plan import Plan
 from mapmyworld.types import Frame, LogSource

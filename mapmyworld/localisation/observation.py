@@ -11,7 +11,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar
 from mapmyworld.localisation.known_place import Fit, KnownPlace
 from mapmyworld.odometry.laser import LaserMotion
-from mapmyworld.registration.matchers import match_scan
+from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import Match, PreparedScan, prepare_scan
 from mapmyworld.types import Frame
 

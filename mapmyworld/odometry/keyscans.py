@@ -17,7 +17,7 @@ from mapmyworld.kernels.scan_tracking import (
 )
 from mapmyworld.registration.evidence import Place
 from mapmyworld.registration.line_of_sight import share_seen_through
-from mapmyworld.registration.matchers import match_scan
+from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import (
     FINE,
     Match,

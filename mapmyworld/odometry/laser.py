@@ -24,8 +24,6 @@ from mapmyworld.odometry.laser_breaks import Breaks
 from mapmyworld.odometry.laser_stretches import WeakStretches
 from mapmyworld.odometry.laser_trust import OdometryFaults
 from mapmyworld.registration.evidence import APART, FORTH, Place, needed_evidence
-from mapmyworld.registration.matchers import find_matcher
-from mapmyworld.registration.point_to_line import point_to_line
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
 from mapmyworld.registration.scan_search import NATS, Submap, search_evidence
 from mapmyworld.types import Frame, Scan
@@ -81,8 +79,6 @@ class LaserTracker:
         self._last_odometry: Array | None = None
         self._begun = False
         self._missed = 0
-        # The kernel that follows scans has its own matcher built in.
-        self._in_kernel = find_matcher(config.registration.matcher) is point_to_line
         self.verdicts: Counter[str] = Counter()
         odometry, matching = config.odometry, config.registration
         self._settings = np.array([
@@ -106,12 +102,10 @@ class LaserTracker:
         while len(tracked) < len(frames):
             first = len(tracked)
             # Most scans need no second look: a kernel follows them, up to one that does.
-            last = first
-            if self._in_kernel:
-                last = track_scans(
-                    first, scans.rows, scans.bounds, scans.origins, recorded, *self._keyscans.ring,
-                    self._state, self._wheels, FINE, self._settings, _FEWEST, out, covariances,
-                )  # fmt: skip
+            last = track_scans(
+                first, scans.rows, scans.bounds, scans.origins, recorded, *self._keyscans.ring,
+                self._state, self._wheels, FINE, self._settings, _FEWEST, out, covariances,
+            )  # fmt: skip
             for k in range(first, last):
                 tracked.append(LaserMotion(out[k, :3], covariances[k], "matched", float(out[k, 3])))
                 self._stretches.add(frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.config.visual import VisualConfig
-from mapmyworld.errors import ConfigError
 from mapmyworld.geometry.rigid import transform_points
 from mapmyworld.registration.camera import depth_at, rays_of_pixels
 from mapmyworld.registration.pictures import grey_picture
@@ -67,33 +66,16 @@ def _points_from_depth(
 
 def _detect(
     grey: NDArray[np.uint8], config: Config, most: int
-) -> tuple[_Keypoints, NDArray[np.uint8] | NDArray[np.float32]]:
+) -> tuple[_Keypoints, NDArray[np.uint8]]:
     settings = config.visual
-    wanted = settings.feature_count
-    if settings.features == "sift":
-        sift = cv2.SIFT_create(wanted * _SURPLUS, contrastThreshold=0.02)
-        return _describe(sift, grey, sift.detect(grey), most, np.float32)
     orb = cv2.ORB_create(
-        wanted * _SURPLUS,
+        settings.feature_count * _SURPLUS,
         settings.pyramid_scale,
         _levels(grey, settings),
         edgeThreshold=19,
         fastThreshold=settings.fast_threshold,
     )
-    if settings.features == "orb":
-        return _describe(orb, grey, orb.detect(grey), most, np.uint8)
-    if settings.features == "gftt":
-        corners = cv2.goodFeaturesToTrack(grey, wanted, 0.001, 7)
-        found = (
-            []
-            if corners is None
-            else [
-                cv2.KeyPoint(float(u), float(v), 31.0, -1, 1.0 / (1 + i), 0)
-                for i, (u, v) in enumerate(corners[:, 0])
-            ]
-        )
-        return _describe(orb, grey, found, most, np.uint8)
-    raise ConfigError(f'visual.features is "{settings.features}": choose "orb", "gftt" or "sift"')
+    return _described(orb, grey, orb.detect(grey), most)
 
 
 def _levels(grey: NDArray[np.uint8], settings: VisualConfig) -> int:
@@ -102,33 +84,27 @@ def _levels(grey: NDArray[np.uint8], settings: VisualConfig) -> int:
     return min(settings.pyramid_levels, 1 + int(deepest))
 
 
-def _describe(
-    detector: cv2.Feature2D,
-    grey: NDArray[np.uint8],
-    found: list[cv2.KeyPoint],
-    wanted: int,
-    kind: type[np.generic],
-) -> tuple[_Keypoints, NDArray[np.uint8] | NDArray[np.float32]]:
-    """The best-spread `wanted` of the found keypoints, with descriptors (N, D)."""
-    width = 32 if kind is np.uint8 else 128
+def _described(
+    orb: cv2.ORB, grey: NDArray[np.uint8], found: list[cv2.KeyPoint], wanted: int
+) -> tuple[_Keypoints, NDArray[np.uint8]]:
+    """The best-spread `wanted` of the found keypoints, with descriptors (N, 32)."""
     pixels = np.asarray(cv2.KeyPoint_convert(found), np.float32).reshape(-1, 2)
     responses = np.fromiter((k.response for k in found), np.float32, len(found))
     chosen = spread(pixels, responses, grey.shape[1], grey.shape[0], wanted)
-    kept, descriptors = detector.compute(grey, [found[i] for i in chosen])
+    kept, descriptors = orb.compute(grey, [found[i] for i in chosen])
     if descriptors is None or len(kept) == 0:
-        kept, descriptors = [], np.zeros((0, width), kind)
+        kept, descriptors = [], np.zeros((0, 32), np.uint8)
     rows = np.array([(k.size, k.angle, k.response, k.octave & 0xFF) for k in kept], np.float32)
     sizes, angles, strengths, octaves = np.ascontiguousarray(rows.reshape(-1, 4).T)
     keypoints = _Keypoints(
-        _centred(kept, sizes, kind, grey.shape), sizes, angles, strengths, octaves.astype(np.int32)
+        _centred(kept, sizes, grey.shape), sizes, angles, strengths, octaves.astype(np.int32)
     )
-    return keypoints, np.ascontiguousarray(descriptors, kind)
+    return keypoints, np.ascontiguousarray(descriptors, np.uint8)
 
 
 def _centred(
     kept: list[cv2.KeyPoint],
     sizes: NDArray[np.float32],
-    kind: type[np.generic],
     shape: tuple[int, ...],
 ) -> NDArray[np.float32]:
     """Positions (N, 2) with pixel centres at whole numbers, in an image of (height, width).
@@ -138,8 +114,6 @@ def _centred(
     edge: features shift by up to 1.3 pixels, at each scale to another side.
     """
     pixels = np.asarray(cv2.KeyPoint_convert(kept), np.float32).reshape(-1, 2)
-    if kind is not np.uint8:
-        return pixels
     nominal = np.maximum(sizes.astype(np.float64) / _ORB_PATCH, 1.0)[:, None]
     size = np.array([shape[1], shape[0]])
     scale = size / np.rint(size / nominal)

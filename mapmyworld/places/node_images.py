@@ -14,7 +14,6 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import evenly_along
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.camera_features import features_of_camera, joined_features
-from mapmyworld.places.features_ahead import FeaturesAhead
 from mapmyworld.places.node_features import Prepared, prepared_image, usable_images
 from mapmyworld.places.vocabulary import Vocabulary, train_vocabulary, vocabulary_of_words
 from mapmyworld.registration.views import View, binary_words, make_view
@@ -26,7 +25,6 @@ from mapmyworld.types import (
     NodeData,
     Progress,
     RgbdImage,
-    Scan,
     first_nodes,
 )
 
@@ -40,15 +38,9 @@ class NodeImages:
     An image is a row: first camera 0 of all nodes, then camera 1, and so on, each in time.
     """
 
-    def __init__(
-        self,
-        store: MapStore,
-        config: Config,
-        progress: Progress,
-        ahead: FeaturesAhead | None = None,
-    ) -> None:
+    def __init__(self, store: MapStore, config: Config, progress: Progress) -> None:
         """Reads features from the store where an earlier round left them, as they are asked for."""
-        self._store, self._config, self._ahead = store, config, ahead
+        self._store, self._config = store, config
         self._views: dict[int, View | None] = {}
         self._features: list[Features] = []
         nodes = _compared(store, config)
@@ -92,8 +84,7 @@ class NodeImages:
     def _images(self) -> Iterator[tuple[int, int, Callable[[], Prepared]]]:
         """Camera, node, and what gives its features: left to other threads."""
         for n, node in enumerate(self.nodes):
-            ahead = self._ahead.take(node.id) if self._ahead is not None else None
-            for k, make in enumerate(self._makers(node) if ahead is None else ahead):
+            for k, make in enumerate(self._makers(node)):
                 yield k, n, make
 
     def _makers(self, node: Node) -> Iterator[Callable[[], Prepared]]:
@@ -117,10 +108,6 @@ class NodeImages:
                 self._views.clear()
             self._views[row] = self._load(row)
         return self._views[row]
-
-    def scan(self, row: int) -> Scan | None:
-        """The laser scan of a row's node."""
-        return self._data(self.nodes[self.node_of[row]], False).scan
 
     def _load(self, row: int) -> View | None:
         if self._features:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import wait
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.parallel import Aside, in_threads
 from mapmyworld.places.drift import Drift
-from mapmyworld.places.features_ahead import FeaturesAhead
 from mapmyworld.places.image_proposals import Proposal, by_poses, by_succession, by_words
 from mapmyworld.places.node_images import NodeImages
 from mapmyworld.registration.image_pairs import ImagePair, register_images
@@ -41,16 +39,15 @@ def find_visual_closures(
     config: Config,
     progress: Progress,
     given_words: Mapping[int, NDArray[np.uint8]] | None = None,
-    ahead: FeaturesAhead | None = None,
 ) -> list[Judged]:
     """Every pair of nodes that was tried, as a constraint with its verdict.
 
     Loop closures are proposed by words; with solved `poses` also proximity constraints, between
     nodes that these bring together. Pairs that the store holds already are not tried again.
     Features, words and the vocabulary (learned, unless words are given: number -> descriptor) are
-    kept in the store, and words are asked once only. `ahead`: features found while tracking.
+    kept in the store, and words are asked once only.
     """
-    images = NodeImages(store, config, progress, ahead)
+    images = NodeImages(store, config, progress)
     if len(images) < 3:
         return []
     first_look, known = not images.have_words, store.constraints()
@@ -68,8 +65,6 @@ def find_visual_closures(
     fresh = [p for p in proposals if (ids[p.index], ids[p.other]) not in tried]
     with Aside() as aside:
         kept = [aside.begin(images.keep, store, vocabulary)] if first_look else []
-        if config.visual.closure_scans:  # they are in the store, which one thread asks at a time
-            wait(kept)
         verified = _verify(images, fresh, config, progress)
         for written in kept:
             written.result()
@@ -94,21 +89,9 @@ def _verify(
 
     done: list[_Verified] = []
     for verified in in_threads(register, work, config.threads):
-        done.append(_by_scans(images, verified, config))
+        done.append(verified)
         progress.update(len(done))
     return done
-
-
-def _by_scans(images: NodeImages, item: _Verified, config: Config) -> _Verified:
-    """The pair aligned by the laser scans of both nodes, where wanted and there."""
-    if not (config.visual.closure_scans and item.pair.registration.converged):
-        return item
-    earlier, later = images.scan(item.proposal.other), images.scan(item.proposal.index)
-    if earlier is None or later is None:
-        return item
-    from mapmyworld.places.scan_check import refine_by_scans
-
-    return replace(item, pair=refine_by_scans(item.pair, earlier, later, config))
 
 
 def _loaded(

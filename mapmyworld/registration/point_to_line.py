@@ -1,4 +1,4 @@
-"""The matcher that the tracker's kernels follow scans with: point to line, by bearing."""
+"""One scan aligned with others, point to line, as the tracker's kernels do it."""
 
 from __future__ import annotations
 
@@ -7,23 +7,33 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import RegistrationConfig
 from mapmyworld.kernels.scan_alignment import align
-from mapmyworld.registration.scan_matching import Match, PreparedScan, ScanSet
+from mapmyworld.registration.scan_matching import FINE, Match, PreparedScan, ScanSet
 
 Array = NDArray[np.float64]
+_NO_PRIOR = np.zeros((3, 3))
 
 
-def point_to_line(
+def match_scan(
     scan: PreparedScan,
     targets: ScanSet,
     which: NDArray[np.int64],
     poses: Array,
     guess: Array,
     config: RegistrationConfig,
-    prior: Array,
-    prior_information: Array,
-    reaches: Array,
+    *,
+    prior: Array | None = None,
+    prior_information: Array | None = None,
+    reaches: Array = FINE,
 ) -> Match:
-    """Gauss-Newton on distances from the targets' lines, one step a reach, with Cauchy weights."""
+    """Aligns a scan with targets `which` at `poses` (S, 3), from `guess` (3,).
+
+    Gauss-Newton on distances from the targets' lines, with Cauchy weights; lines are looked for
+    within `reaches` metres, one a step.
+    `prior` (3,) with its information pulls as another measurement; the match's own information
+    leaves it out.
+    """
+    prior = guess if prior is None else prior
+    prior_information = _NO_PRIOR if prior_information is None else prior_information
     out = np.zeros(16)
     sigma = config.range_sigma * np.sqrt(config.correlation)
     align(

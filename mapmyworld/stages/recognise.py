@@ -18,7 +18,6 @@ from mapmyworld.types import Judged, MapStore, Poses, Progress
 
 if TYPE_CHECKING:
     from mapmyworld.graph.draft import Draft
-    from mapmyworld.places.features_ahead import FeaturesAhead
     from mapmyworld.places.laser_nodes import NodeScans
 
 _STRETCH = 200.0  # m of path, about, that are searched before what was found is solved
@@ -53,12 +52,10 @@ def recognise(
     progress: Progress,
     scans: LoadScans,
     words: Mapping[int, NDArray[np.uint8]] | None = None,
-    ahead: FeaturesAhead | None = None,
 ) -> None:
     """Loop closures by images and by scans over the whole log, each with verdict and reason.
 
     `words`: a vocabulary, number -> descriptor, to be used instead of one learned from the log.
-    `ahead`: features of images that were found while the log was tracked.
     """
     for find in _finders():
         store.add_constraints(find(store, config, progress))
@@ -68,7 +65,7 @@ def recognise(
     if has_images(store):
         from mapmyworld.places.visual_closures import find_visual_closures
 
-        found += find_visual_closures(store, None, config, progress, words, ahead)
+        found += find_visual_closures(store, None, config, progress, words)
     store.add_constraints(found)
     _check_wheels(store, progress, alone=loaded is None)
 

@@ -31,7 +31,6 @@ from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, Tra
 
 if TYPE_CHECKING:
     from mapmyworld.diagnosis import Finding
-    from mapmyworld.places.features_ahead import FeaturesAhead
 
 _TOGETHER = 8  # frames that pass from thread to thread at once
 _LARGEST_LAG = 0.35  # s; near the end of what is tried the least error may lie beyond it
@@ -45,19 +44,17 @@ def track(
     config: Config,
     progress: Progress,
     tracker: Tracker | None = None,
-    features: FeaturesAhead | None = None,
     later: Sequence[str] = (),
     lag_s: float = 0.0,
 ) -> None:
     """Follows the robot through the log; leaves nodes, scans and neighbour constraints.
 
-    `features` is told of the nodes, to find their images' features in the meantime.
     `later`: modules that will be used then, to be imported in the meantime.
     `lag_s`: by how much the odometry is known to be stamped later than the laser.
     """
     plan = plan.with_odometry_shifted(-lag_s) if lag_s else plan
     counts, guard = FrameCounts(), ImageGuard()
-    writer = _Writer(store, config, guard, features, wants_images=plan.camera is not None)
+    writer = _Writer(store, config, guard, wants_images=plan.camera is not None)
     progress.stage("track", max(log.info().duration_s, 1e-9), "s")
     frames = _frames(log, plan, config, progress, counts, inertial=tracker is None)
     tracker = tracker or make_tracker(plan, config)
@@ -151,11 +148,10 @@ class _Writer:
         store: MapStore,
         config: Config,
         guard: ImageGuard,
-        features: FeaturesAhead | None,
         *,
         wants_images: bool,
     ) -> None:
-        self._store, self._guard, self._features = store, guard, features
+        self._store, self._guard = store, guard
         self._cloud_spacing = config.sensing.cloud_spacing
         self._selector = NodeSelector(config.sensing, wants_images=wants_images)
         self._stamps, self._node_ids, self._is_node = array("q"), array("q"), array("b")
@@ -181,8 +177,6 @@ class _Writer:
             images = tuple(i for image in frame.images if (i := self._guard.sound(image)))
             data = NodeData(frame.scan, images, self._kept(frame.cloud))
             self._store.add_node(node, data)
-            if self._features is not None and images:
-                self._features.note(self._store, node, data)
         if constraint is not None:
             self._store.add_constraints([constraint])
         last = self._selector.last

@@ -48,14 +48,11 @@ _VERDICTS: Mapping[Why, str] = {
     Why.AMBIGUOUS_JOIN: "ambiguous: what was seen after the break fits as well {metres:.1f} m and "
     "{degrees:.0f} deg from there",
     Why.IMAGES_AGREE: "{inliers} matches agree within {sigmas:g} sigma",
-    Why.IMAGES_AND_SCANS_AGREE: "{inliers} matches agree within {sigmas:g} sigma; aligned by the "
-    "scans, overlap {overlap:.0%}",
     Why.FEW_INLIERS: "{inliers} of {matches} matches agree, {limit} needed",
     Why.LOW_SHARE: "{share} of the matches agree, {limit} needed",
     Why.FEW_CELLS: "agreeing matches reach {cells} cells of the image, {limit} needed",
     Why.UNCERTAIN_TRANSLATION: "translation certain to {sigma:.3f} m only, {limit:g} m needed",
     Why.UNCERTAIN_ROTATION: "rotation certain to {sigma:.4f} rad only, {limit:g} rad needed",
-    Why.SCANS_CONTRADICT: "the scans of both nodes contradict the images by {sigmas:.1f} sigma",
     Why.MOTION_CONTRADICTS: "looks alike, but contradicts the tracked motion by {metres:.2f} m and "
     "{degrees:.0f} deg, {sigmas:.1f} sigma",
     Why.AMBIGUOUS_VIEW: "ambiguous: the same view fits {metres:.1f} m away, and drift may reach "

@@ -93,11 +93,6 @@ def decoded_file(data: bytes, mode: int) -> NDArray[np.generic] | None:
 
     if claims_too_much(data):
         return None
-    if mode == cv2.IMREAD_UNCHANGED and is_16_bit_png(data):
-        from formats.depth_png import plain_grey_16
-
-        if (depth := plain_grey_16(data)) is not None:
-            return depth
     try:
         cells = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
     except cv2.error:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plain_fastslam import run_plain_fastslam
 
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.particles.measurement_model import (
@@ -26,7 +27,6 @@ from mapmyworld.particles.occupancy import (
     log_odds,
     update_occupancy_grid,
 )
-from mapmyworld.particles.plain import run_plain_fastslam
 from mapmyworld.particles.resampling import (
     effective_sample_size,
     kld_sample_size,

@@ -10,11 +10,9 @@ from struct import Struct
 
 from formats.logs.channels import Channel, Payload
 from formats.logs.ros_decoders import (
-    CAMERA_INFO,
     STAMPED,
     TEXT,
     TRANSFORMS,
-    repeated_camera_info,
     text,
     transforms,
 )
@@ -99,8 +97,6 @@ def _body(channel: Channel) -> Body:
     if channel.type_name == TEXT:
         return text
     function = STAMPED[channel.type_name][1]
-    if channel.type_name == CAMERA_INFO:
-        function = repeated_camera_info()
     return lambda wire, data, _: function(wire, data)
 
 

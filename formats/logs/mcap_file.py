@@ -7,6 +7,7 @@ from struct import Struct
 from typing import BinaryIO
 
 from isal.isal_zlib import crc32
+from mcap.records import ChunkIndex, Header, Statistics
 
 from formats.logs.blocks import BlockFile, DamagedBlockError, borne_out
 from formats.logs.channels import Block, Channel, Index, Record
@@ -21,13 +22,9 @@ from formats.logs.mcap_records import (
     HEADER,
     MAGIC,
     STATISTICS,
-    ChunkIndexRecord,
     Definitions,
-    Statistics,
     chunk_messages,
-    parse_chunk_index,
-    parse_header,
-    parse_statistics,
+    parsed,
     record_head,
 )
 from formats.logs.mcap_scan import scan
@@ -74,10 +71,10 @@ def _header_details(stream: BinaryIO) -> list[tuple[str, str]]:
     if len(head) < HEAD_BYTES or head[0] != HEADER:
         return []
     try:
-        profile, library = parse_header(stream.read(min(record_head(head)[1], 1 << 16)))
+        header = parsed(Header, stream.read(min(record_head(head)[1], 1 << 16)))
     except DamagedBlockError:
         return []
-    return [("library", library), ("profile", profile)]
+    return [("library", header.library), ("profile", header.profile)]
 
 
 def _summary_bytes(stream: BinaryIO, size: int) -> bytes:
@@ -102,7 +99,7 @@ def _summary_bytes(stream: BinaryIO, size: int) -> bytes:
 def _from_summary(stream: BinaryIO, size: int) -> Index:
     """The index as the summary has it; DamagedBlockError where it does not say all of it."""
     data = _summary_bytes(stream, size)
-    definitions, chunks = Definitions(), list[ChunkIndexRecord]()
+    definitions, chunks = Definitions(), list[ChunkIndex]()
     statistics: Statistics | None = None
     position = 0
     while position + HEAD_BYTES <= len(data):
@@ -112,25 +109,32 @@ def _from_summary(stream: BinaryIO, size: int) -> Index:
             raise DamagedBlockError("the summary is cut")
         definitions.take(opcode, content)
         if opcode == CHUNK_INDEX:
-            chunks.append(parse_chunk_index(content))
+            chunks.append(parsed(ChunkIndex, content))
         elif opcode == STATISTICS:
-            statistics = parse_statistics(content)
+            statistics = parsed(Statistics, content)
         position += HEAD_BYTES + length
     if statistics is None or not _says_all(statistics, chunks, definitions):
         raise _NoSummaryError
     # No seek goes beyond 63 bits; at the file's end there is no chunk either.
-    blocks = [Block(min(c.offset, size), 0, c.start_ns, c.end_ns, c.channels) for c in chunks]
-    return Index(definitions.channels, statistics.counts, blocks, _chunk_details(chunks))
+    blocks = [_block(chunk, size) for chunk in chunks]
+    counts = statistics.channel_message_counts
+    return Index(definitions.channels, counts, blocks, _chunk_details(chunks))
 
 
-def _says_all(
-    statistics: Statistics, chunks: list[ChunkIndexRecord], definitions: Definitions
-) -> bool:
-    spoken = {key for key, count in statistics.counts.items() if count}
+def _block(chunk: ChunkIndex, size: int) -> Block:
+    """Where a chunk is and what it holds; None as channels where it does not say."""
+    channels = frozenset(chunk.message_index_offsets) or None
+    offset = min(chunk.chunk_start_offset, size)
+    return Block(offset, 0, chunk.message_start_time, chunk.message_end_time, channels)
+
+
+def _says_all(statistics: Statistics, chunks: list[ChunkIndex], definitions: Definitions) -> bool:
+    counts = statistics.channel_message_counts
+    spoken = {key for key, count in counts.items() if count}
     return (
-        len(chunks) == statistics.chunks
-        and (statistics.messages == 0 or statistics.chunks > 0)
-        and sum(statistics.counts.values()) == statistics.messages
+        len(chunks) == statistics.chunk_count
+        and (statistics.message_count == 0 or statistics.chunk_count > 0)
+        and sum(counts.values()) == statistics.message_count
         and spoken <= set(definitions.channels)
     )
 
@@ -140,8 +144,9 @@ def _opcode_at(stream: BinaryIO, place: int) -> int:
     return next(iter(stream.read(1)), 0)
 
 
-def _chunk_details(chunks: list[ChunkIndexRecord]) -> list[tuple[str, str]]:
-    plain, stored = sum(c.size for c in chunks), sum(c.compressed_size for c in chunks)
+def _chunk_details(chunks: list[ChunkIndex]) -> list[tuple[str, str]]:
+    plain = sum(c.uncompressed_size for c in chunks)
+    stored = sum(c.compressed_size for c in chunks)
     names = sorted({c.compression or "none" for c in chunks})
     ratio = f" ({1 - stored / plain:.1%} saved)" if plain else ""
     return [("compression", ", ".join(names) + ratio), ("chunks", str(len(chunks)))]

@@ -5,10 +5,14 @@ Format: https://mcap.dev/spec
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
+from io import BytesIO
 from struct import Struct
+from typing import TypeVar
+
+from mcap import records
+from mcap.data_stream import ReadDataStream
 
 from formats.logs.blocks import DamagedBlockError
 from formats.logs.channels import Channel, Payload, normalised_type, payload
@@ -23,87 +27,45 @@ FOOTER_BYTES = HEAD_BYTES + 20 + len(MAGIC)
 _HEAD = Struct("<BQ").unpack_from
 _MESSAGE_HEAD = Struct("<BQHIQ").unpack_from
 _MESSAGE_BYTES = HEAD_BYTES + 22
-_U16, _U32, _U64 = Struct("<H"), Struct("<I"), Struct("<Q")
-_CHUNK = Struct("<QQQI")
-_CHUNK_INDEX = Struct("<QQQQ")
-_STATISTICS = Struct("<QHIIIIQQ")
-_PAIR = Struct("<HQ")
+_NO_SCHEMA = records.Schema(0, b"", "", "")
+Parsed = TypeVar("Parsed", bound=records.McapRecord)
 
 
-class Cursor:
-    """Reads little-endian values one after another; DamagedBlockError at the end of the data."""
+class _Record(ReadDataStream):
+    """A record's content, for the readers of `mcap`, which take what is cut for what is short."""
 
-    def __init__(self, data: bytes) -> None:
-        self.data, self.position = data, 0
+    def __init__(self, content: bytes) -> None:
+        super().__init__(BytesIO(content))
 
-    def values(self, layout: Struct) -> tuple[int, ...]:
-        """The next numbers."""
-        try:
-            found = layout.unpack_from(self.data, self.position)
-        except struct.error as error:
-            raise DamagedBlockError("a record is cut") from error
-        self.position += layout.size
-        return found
-
-    def number(self, layout: Struct) -> int:
-        """The next number."""
-        return self.values(layout)[0]
-
-    def take(self, size: int) -> bytes:
-        """The next bytes."""
-        if self.position + size > len(self.data):
+    def read(self, length: int) -> bytes:
+        data = self._stream.read(length)
+        if len(data) < length:
             raise DamagedBlockError("a record is cut")
-        self.position += size
-        return self.data[self.position - size : self.position]
-
-    def text(self) -> str:
-        """A string with its length before it."""
-        return self.take(self.number(_U32)).decode("utf-8", "replace")
-
-    def text_map(self) -> dict[str, str]:
-        """Pairs of strings with their length in bytes before them."""
-        end = self.number(_U32) + self.position
-        found: dict[str, str] = {}
-        while self.position < end:
-            name = self.text()
-            found[name] = self.text()
-        return found
+        self._count += length
+        return data
 
 
-@dataclass(frozen=True, slots=True)
-class Schema:
-    """A type's definition, as recorded."""
-
-    name: str
-    encoding: str
-    data: bytes
-
-
-def parse_schema(content: bytes) -> tuple[int, Schema]:
-    """The schema and its number."""
-    cursor = Cursor(content)
-    key, name, encoding = cursor.number(_U16), cursor.text(), cursor.text()
-    return key, Schema(name, encoding, cursor.take(cursor.number(_U32)))
+def parsed(kind: type[Parsed], content: bytes) -> Parsed:
+    """A record of `mcap.records`; DamagedBlockError where the content holds none."""
+    try:
+        return kind.read(_Record(content))  # type: ignore[attr-defined, no-any-return]
+    except UnicodeDecodeError as error:
+        raise DamagedBlockError("a record holds no text where it should") from error
 
 
-def parse_channel(content: bytes, schemas: Mapping[int, Schema]) -> tuple[int, Channel]:
-    """Id and channel; one whose schema is not known gets an empty type."""
-    cursor = Cursor(content)
-    key, schema_id = cursor.number(_U16), cursor.number(_U16)
-    topic, encoding, metadata = cursor.text(), cursor.text(), cursor.text_map()
-    schema = schemas.get(schema_id, Schema("", "", b""))
-    profiles = metadata.get("offered_qos_profiles", "")
-    channel = Channel(
-        topic,
+def _channel(found: records.Channel, schema: records.Schema) -> Channel:
+    """Ours; a schema that is not known is an empty one."""
+    profiles = found.metadata.get("offered_qos_profiles", "")
+    return Channel(
+        found.topic,
         normalised_type(schema.name),
-        encoding,
+        found.message_encoding,
         schema.encoding,
         schema.data,
-        metadata.get("topic_type_hash", ""),
-        metadata.get("latching") in {"1", "true"} or is_transient_local(profiles),
-        metadata,
+        found.metadata.get("topic_type_hash", ""),
+        found.metadata.get("latching") in {"1", "true"} or is_transient_local(profiles),
+        found.metadata,
     )
-    return key, channel
 
 
 def is_transient_local(profiles: str) -> bool:
@@ -128,82 +90,29 @@ class ChunkHead:
 
 def parse_chunk_head(content: bytes) -> ChunkHead:
     """Of a chunk record's first bytes."""
-    cursor = Cursor(content)
-    start, end, size, crc = cursor.values(_CHUNK)
-    compression = cursor.text()
-    length = cursor.number(_U64)
-    return ChunkHead(start, end, size, crc, compression, cursor.position, length)
-
-
-@dataclass(frozen=True, slots=True)
-class ChunkIndexRecord:
-    """An entry of the summary's list of chunks."""
-
-    start_ns: int
-    end_ns: int
-    offset: int
-    channels: frozenset[int] | None
-    compression: str
-    compressed_size: int
-    size: int
-
-
-def parse_chunk_index(content: bytes) -> ChunkIndexRecord:
-    """Where a chunk is and what it holds; None as channels where it does not say."""
-    cursor = Cursor(content)
-    start, end, offset, _ = cursor.values(_CHUNK_INDEX)
-    offsets = dict(_pairs(cursor))
-    cursor.number(_U64)
-    compression = cursor.text()
-    compressed, size = cursor.number(_U64), cursor.number(_U64)
-    channels = frozenset(offsets) or None
-    return ChunkIndexRecord(start, end, offset, channels, compression, compressed, size)
-
-
-def _pairs(cursor: Cursor) -> list[tuple[int, int]]:
-    data = cursor.take(cursor.number(_U32))
-    return [(int(k), int(v)) for k, v in _PAIR.iter_unpack(data[: len(data) // 10 * 10])]
-
-
-@dataclass(frozen=True, slots=True)
-class Statistics:
-    """What a finished file says of itself."""
-
-    messages: int
-    chunks: int
-    start_ns: int
-    end_ns: int
-    counts: dict[int, int]
-
-
-def parse_statistics(content: bytes) -> Statistics:
-    """The counts that a finished file ends with."""
-    cursor = Cursor(content)
-    messages, _, _, _, _, chunks, start, end = cursor.values(_STATISTICS)
-    return Statistics(messages, chunks, start, end, dict(_pairs(cursor)))
-
-
-def parse_header(content: bytes) -> tuple[str, str]:
-    """Profile and library."""
-    cursor = Cursor(content)
-    return cursor.text(), cursor.text()
+    stream = _Record(content)
+    times_and_size = stream.read8(), stream.read8(), stream.read8()
+    crc, name = stream.read4(), stream.read(stream.read4()).decode("utf-8", "replace")
+    length = stream.read8()
+    return ChunkHead(*times_and_size, crc, name, stream.count, length)
 
 
 class Definitions:
     """Schemas and channels gathered while records go by."""
 
     def __init__(self) -> None:
-        self.schemas: dict[int, Schema] = {}
+        self.schemas: dict[int, records.Schema] = {}
         self.channels: dict[int, Channel] = {}
 
     def take(self, opcode: int, content: bytes) -> None:
-        """The next bytes."""
+        """The next record."""
         if opcode == SCHEMA:
-            key, schema = parse_schema(content)
-            self.schemas[key] = schema
+            schema = parsed(records.Schema, content)
+            self.schemas[schema.id] = schema
         elif opcode == CHANNEL:
-            key, channel = parse_channel(content, self.schemas)
-            self.channels.setdefault(key, channel)
+            found = parsed(records.Channel, content)
+            schema = self.schemas.get(found.schema_id, _NO_SCHEMA)
+            self.channels.setdefault(found.id, _channel(found, schema))
 
 
 def chunk_messages(

@@ -37,7 +37,6 @@ from mapmyworld.types import (
 
 Floats = NDArray[np.float64]
 Decoder = Callable[[Wire, Payload], Message]
-_STAMPED = 12  # bytes up to the end of the stamp, of both wire formats
 _MAX_ITEMS = 1_000_000  # transforms or echoes in one message; more is damage
 
 
@@ -160,37 +159,6 @@ def camera_info(wire: Wire, data: Payload) -> CameraInfoMessage:
     )
 
 
-def repeated_camera_info() -> Decoder:
-    """A decoder of one camera's messages, of which mostly nothing but the stamp is new."""
-    last: tuple[Wire, bytes, CameraInfoMessage] | None = None
-
-    def decode(wire: Wire, data: Payload) -> CameraInfoMessage:
-        nonlocal last
-        known, rest = last, bytes(data[_STAMPED:])
-        if known is None or known[0] is not wire or known[1] != rest:
-            found = camera_info(wire, data)
-            last = wire, rest, found
-            return found
-        return restamped(known[2], wire.header(data, wire.start)[0])
-
-    return decode
-
-
-def restamped(info: CameraInfoMessage, stamp_ns: int) -> CameraInfoMessage:
-    """The same intrinsics at another time."""
-    return CameraInfoMessage(
-        stamp_ns,
-        info.frame_id,
-        info.width,
-        info.height,
-        info.distortion_model,
-        info.distortion,
-        info.intrinsics,
-        info.rectification,
-        info.projection,
-    )
-
-
 def image(wire: Wire, data: Payload) -> ImageMessage:
     """Pixels as they are, decoded when asked for."""
     stamp, frame, position = wire.header(data, wire.start)
@@ -278,6 +246,5 @@ STAMPED: dict[str, tuple[MessageKind, Decoder]] = {
         )
     },
 }
-CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 TRANSFORMS = frozenset({"tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"})
 TEXT = "std_msgs/msg/String"

@@ -108,7 +108,7 @@ def decode(pictures: list[ImageMessage]) -> None:
 
 def detect(pictures: list[ImageMessage]) -> None:
     settings = Config().visual
-    orb = cv2.ORB_create(settings.feature_count, settings.pyramid_scale, settings.pyramid_levels)
+    orb = cv2.ORB_create(settings.feature_count, 1.2, 8)
     for picture in pictures:
         if picture.encoded is not None:
             data = np.frombuffer(picture.encoded, np.uint8)

@@ -32,7 +32,6 @@ UNSEEN = {
         "registration.point_spacing", "registration.point_count", "registration.range_max",
     },
     "recognise": {"visual.marker_length"},
-    "optimise": {"visual.cloud_view_angle"},
 }  # fmt: skip
 BY_STORE = ("storage.", "visual.obstacle_")
 

@@ -30,7 +30,7 @@ def driven(count: int) -> list[Array]:
 
 def started(poses: list[Array], covariance: Array) -> MotionFilter:
     """A filter that measured these poses one after the other, the first one its origin."""
-    followed = MotionFilter(Config())
+    followed = MotionFilter()
     for pose in poses[1:]:
         followed.predict(STEP)
         followed.correct(pose, covariance)

@@ -38,17 +38,7 @@ FIRST_READ: Mapping[str, tuple[str, ...]] = {
         "visual.depth_*",
         "visual.feature*",
         "visual.fast_threshold",
-        "visual.pyramid_*",
-        "visual.pixel_sigma",
-        "visual.search_radius",
-        "visual.match_*",
-        "visual.least_inliers",
         "visual.inlier_sigmas",
-        "visual.ransac_rounds",
-        "visual.motion_noise_*",
-        "visual.keyframe_*",
-        "visual.*_keyframes",
-        "visual.window",
         "visual.obstacle_*",  # of the local grids that nodes keep
     ),
     "recognise": (
@@ -60,11 +50,8 @@ FIRST_READ: Mapping[str, tuple[str, ...]] = {
         "graph.robust",
         "graph.*_probability",
         "visual.marker*",
-        "visual.vocabulary_*",
         "visual.place_*",
         "visual.closure_*",
-        "visual.succession",
-        "visual.drift_*",
     ),
     "optimise": (
         "places.laser_spacing",
@@ -73,10 +60,8 @@ FIRST_READ: Mapping[str, tuple[str, ...]] = {
         "graph.groups",
         "graph.covariances",
         "graph.certify",
-        "visual.proximity_*",
-        "visual.cloud_view_angle",  # of the surfaces by which a carried camera's map is levelled
     ),
-    "map": ("mapping.*", "visual.floor_*", "visual.grid_*"),
+    "map": ("mapping.*", "visual.grid_*"),
 }
 """Of a build by the graph. What no stage names changes no map: threads, limits, exports."""
 FIRST_READ_BY_PARTICLES: Mapping[str, tuple[str, ...]] = {

@@ -120,7 +120,7 @@ def _sightings(a: RgbdImage, b: RgbdImage, config: Config) -> tuple[Sightings, f
     """
     assert a.depth is not None
     mine, theirs = (_view(image, config) for image in (a, b))
-    first, second = match_views(mine, theirs, config.visual.match_bits, config.visual.match_ratio)
+    first, second = match_views(mine, theirs)
     pixels = mine.features.pixels[first]
     depth = depth_at(a, np.asarray(a.depth.pixels(), np.float32), pixels)
     known = np.isfinite(depth)

@@ -15,6 +15,7 @@ from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.places.appearance import weigh_words
 from mapmyworld.places.camera_features import features_of_camera
 from mapmyworld.places.features import extract_features
+from mapmyworld.places.image_proposals import NEAR, NEAR_ANGLE
 from mapmyworld.places.node_features import best_features
 from mapmyworld.places.vocabulary import Vocabulary, vocabulary_of_words
 from mapmyworld.registration.image_pairs import register_images
@@ -116,13 +117,10 @@ class KnownImages:
 
     def near(self, map_from_base: Array, most: int) -> list[int]:
         """Nodes that look the same way from close by, nearest first."""
-        settings = self._config.visual
         motion = between(map_from_base, self.map_from_node)
         apart = np.linalg.norm(motion[:, :3, 3], axis=1)
         turn = rotation_angle(motion)
-        close = np.flatnonzero(
-            (apart < settings.proximity_distance) & (turn < np.radians(settings.proximity_angle))
-        )
+        close = np.flatnonzero((apart < NEAR) & (turn < np.radians(NEAR_ANGLE)))
         order = close[np.argsort(apart[close] + turn[close], kind="stable")]
         return [int(k) for k in order[:most]]
 

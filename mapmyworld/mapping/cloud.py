@@ -19,6 +19,9 @@ from mapmyworld.registration.pictures import colours_at
 from mapmyworld.types import NodeData, PointCloud, RgbdImage
 
 Array = NDArray[np.float64]
+_STRIDE = 4  # pixels between neighbouring points of a view, at most
+_AGREEMENT = 0.03  # share of the depth by which two views of a point may differ
+VIEW_ANGLE = 75.0  # deg between a surface's normal and the ray to it, at most
 Posed = tuple[Array, NodeData]
 _AROUND = 0.05  # m within which measurements of a surface speak for one another
 _USUAL = 0.5  # of the cloud's range: at this depth a view has a point for each voxel
@@ -38,7 +41,7 @@ def build_cloud(items: Iterable[Posed], config: Config) -> PointCloud:
     def add(seen: tuple[_View | None, _View, _View | None]) -> None:
         before, view, after = seen
         others = [other for other in (before, after) if other is not None]
-        kept = _agreeing(view, others, settings.cloud_agreement)
+        kept = _agreeing(view, others, _AGREEMENT)
         voxels.add(view.points[kept], view.colours[kept], view.normals[kept])
 
     views = in_threads(lambda make: make(), _views(items, config), config.threads)
@@ -93,7 +96,7 @@ def _view_of_image(map_from_camera: Array, image: RgbdImage, config: Config) -> 
     camera_points = organised_points(image, pixels, depth)
     normals, slant = organised_normals(camera_points)
     good = (depth > settings.depth_min) & (depth < settings.cloud_range)
-    good &= slant > np.cos(np.radians(settings.cloud_view_angle))
+    good &= slant > np.cos(np.radians(VIEW_ANGLE))
     points = transform_points(map_from_camera, camera_points[good])
     turned = normals[good] @ map_from_camera[:3, :3].T
     colours = colours_at(image, pixels[good], stride)
@@ -105,7 +108,7 @@ def _stride(image: RgbdImage, config: Config) -> int:
     settings = config.visual
     depth = _USUAL * settings.cloud_range
     pixels = int(settings.cloud_voxel * image.camera.intrinsics[0, 0] / depth)
-    return min(settings.cloud_stride, max(1, pixels))
+    return min(_STRIDE, max(1, pixels))
 
 
 def organised_points(

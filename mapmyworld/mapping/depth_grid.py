@@ -15,6 +15,10 @@ from mapmyworld.registration.camera import depth_grid_points
 from mapmyworld.types import RgbdImage, Scan
 
 Array = NDArray[np.float64]
+_FLOOR_TOLERANCE = 0.05  # m above or below the floor that still counts as floor
+_FLOOR_TILT = 15.0  # deg between the floor's normal and the base's z axis, at most
+_FLOOR_PRIOR = 0.15  # m that the floor may differ from the base's z = 0
+_BEAM = 0.5  # deg between the beams
 _STRIDE = 4  # pixels between the points looked at
 _SUPPORT = 3  # points that an obstacle needs in a beam; single ones are noise
 _ENOUGH_FLOOR = 200  # points for a plane to be fitted
@@ -28,7 +32,7 @@ class _Seen:
     """Points of a depth image as a lidar at the camera's place would sort them; all parallel."""
 
     beams: NDArray[np.int64]
-    """(N,) number of the beam, `visual.grid_beam` apart."""
+    """(N,) number of the beam, `_BEAM` apart."""
     ranges: Array
     """(N,) m from the camera, level."""
     heights: Array
@@ -55,9 +59,9 @@ def scan_from_depth(image: RgbdImage, config: Config) -> Scan:
     hit, distance = _nearest(seen.beams[blocking], seen.ranges[blocking])
     stopped = np.unique(seen.beams[blocking])
     far = np.unique(seen.beams[seen.ranges > _FAR * settings.grid_range])
-    bare, reached = _floor_reach(seen, near, _STRIDE / image.camera.intrinsics[1, 1], config)
+    bare, reached = _floor_reach(seen, near, _STRIDE / image.camera.intrinsics[1, 1])
     free = ~np.isin(bare, stopped)
-    step = np.radians(settings.grid_beam)
+    step = np.radians(_BEAM)
     return Scan(
         _ends(origin, hit * step, distance),
         origin,
@@ -78,10 +82,10 @@ def _seen(image: RgbdImage, origin: Array, config: Config) -> _Seen:
     known = (depth > settings.depth_min) & (depth < 2.0 * settings.grid_range)
     points = transform_points(base_from_camera, local[known])
     upward = normals[known] @ base_from_camera[2, :3]
-    floor = floor_heights(points, upward, config)
+    floor = floor_heights(points, upward)
     offset = points[:, :2] - origin[:2]
     bearings = np.arctan2(offset[:, 1], offset[:, 0])
-    beams = np.round(bearings / np.radians(settings.grid_beam)).astype(np.int64)
+    beams = np.round(bearings / np.radians(_BEAM)).astype(np.int64)
     above = float(base_from_camera[2, 3] - np.median(floor)) if len(floor) else 0.0
     return _Seen(
         beams,
@@ -109,15 +113,14 @@ def levelled_image(image: RgbdImage, map_from_base: Array) -> RgbdImage:
     return replace(image, camera=replace(image.camera, base_from_camera=mount))
 
 
-def floor_heights(points: Array, upward: Array, config: Config) -> Array:
+def floor_heights(points: Array, upward: Array) -> Array:
     """Height (N,) of the floor below points (N, 3) of the base frame.
 
     The plane through the points near z = 0 whose normals point up, `upward` (N,) being the normals'
     z; where too few are in view z = 0 itself.
     """
-    settings = config.visual
-    level = upward > np.cos(np.radians(settings.floor_tilt))
-    level &= np.abs(points[:, 2]) < settings.floor_prior
+    level = upward > np.cos(np.radians(_FLOOR_TILT))
+    level &= np.abs(points[:, 2]) < _FLOOR_PRIOR
     if np.count_nonzero(level) < _ENOUGH_FLOOR:
         return np.zeros(len(points))
     middle = points[level, :2].mean(axis=0)
@@ -127,11 +130,11 @@ def floor_heights(points: Array, upward: Array, config: Config) -> Array:
         ridge = np.diag([1.0, 1.0, 0.0])  # slopes stay 0 where a thin strip of floor is in view
         plane = np.linalg.solve(design.T @ design + ridge, design.T @ points[level, 2])
         found = (points[:, :2] - middle) @ plane[:2] + plane[2]
-        level = np.abs(points[:, 2] - found) < settings.floor_tolerance
-        level &= upward > np.cos(np.radians(settings.floor_tilt))
+        level = np.abs(points[:, 2] - found) < _FLOOR_TOLERANCE
+        level &= upward > np.cos(np.radians(_FLOOR_TILT))
         if np.count_nonzero(level) < _ENOUGH_FLOOR:
             return np.zeros(len(points))
-    if np.hypot(*plane[:2]) > np.tan(np.radians(settings.floor_tilt)):
+    if np.hypot(*plane[:2]) > np.tan(np.radians(_FLOOR_TILT)):
         return np.zeros(len(points))
     return np.asarray((points[:, :2] - middle) @ plane[:2] + plane[2])
 
@@ -152,16 +155,16 @@ def _nearest(beams: NDArray[np.int64], ranges: Array) -> tuple[NDArray[np.int64]
 
 
 def _floor_reach(
-    seen: _Seen, near: NDArray[np.bool_], pixel: float, config: Config
+    seen: _Seen, near: NDArray[np.bool_], pixel: float
 ) -> tuple[NDArray[np.int64], Array]:
     """Beams along which floor is seen, and up to which range without a gap.
 
     Points looked at are `pixel` rad apart. A beam narrower than that has gaps of its own, so they
     are looked for in sectors that hold two columns of them.
     """
-    low = near & (np.abs(seen.heights) < config.visual.floor_tolerance)
-    sectors = seen.beams // (2 + int(2.0 * pixel / np.radians(config.visual.grid_beam)))
-    floor = low & (seen.upward > np.cos(np.radians(config.visual.floor_tilt)))
+    low = near & (np.abs(seen.heights) < _FLOOR_TOLERANCE)
+    sectors = seen.beams // (2 + int(2.0 * pixel / np.radians(_BEAM)))
+    floor = low & (seen.upward > np.cos(np.radians(_FLOOR_TILT)))
     floor[low] &= _without_gap(sectors[low], seen.ranges[low], seen.camera_height, pixel)
     order = np.lexsort((-seen.ranges[floor], seen.beams[floor]))
     found, farthest = np.unique(seen.beams[floor][order], return_index=True)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import transform_points
 from mapmyworld.geometry.rotations import so3_exp
-from mapmyworld.mapping.cloud import organised_normals, organised_points
+from mapmyworld.mapping.cloud import VIEW_ANGLE, organised_normals, organised_points
 from mapmyworld.registration.camera import depth_grid_points
 from mapmyworld.types import RgbdImage
 
@@ -60,7 +60,7 @@ def surfaces_of(image: RgbdImage, map_from_base: Array, config: Config) -> Surfa
     local = organised_points(image, pixels, depth)
     normals, slant = organised_normals(local)
     good = (depth > config.visual.depth_min) & (depth < _NEAR)
-    good &= slant > np.cos(np.radians(config.visual.cloud_view_angle))
+    good &= slant > np.cos(np.radians(VIEW_ANGLE))
     map_from_camera = map_from_base @ image.camera.base_from_camera
     turned = normals[good].astype(np.float64) @ map_from_camera[:3, :3].T
     return Surfaces(transform_points(map_from_camera, local[good]), turned)

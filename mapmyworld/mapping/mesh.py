@@ -16,6 +16,8 @@ from mapmyworld.open3d_library import import_open3d
 from mapmyworld.types import CameraModel, Mesh, NodeData, RgbdImage
 
 Array = NDArray[np.float64]
+_TRUNCATION = 4.0  # voxels on either side of a surface that a view informs about
+_VIEWS = 2  # measurements that a voxel of the mesh needs
 _BLOCK = 16  # voxels along the edge of a block
 _FIRST_BLOCKS = 2000  # room at the start; the volume grows
 
@@ -49,7 +51,7 @@ def build_mesh(items: Iterable[tuple[Array, NodeData]], config: Config) -> Mesh:
             count += 1
     if count == 0:
         raise MapError("no node has a depth image: a mesh needs depth")
-    return _extracted(volume, settings.mesh_views)
+    return _extracted(volume, _VIEWS)
 
 
 def _integrate(
@@ -66,8 +68,7 @@ def _integrate(
     intrinsics, extrinsics = tensor(k), tensor(invert(map_from_camera))
     pictured = image(tensor(np.ascontiguousarray(depth)))
     coloured = image(tensor(np.ascontiguousarray(colour, np.float32)))
-    truncation = settings.mesh_truncation / settings.mesh_voxel
-    scale_and_range = (1.0, settings.cloud_range, truncation)
+    scale_and_range = (1.0, settings.cloud_range, _TRUNCATION)
     blocks = volume.compute_unique_block_coordinates(
         pictured, intrinsics, extrinsics, *scale_and_range
     )

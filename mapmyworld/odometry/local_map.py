@@ -15,6 +15,9 @@ from mapmyworld.registration.views import View
 from mapmyworld.registration.visual import Sightings, inliers
 
 Array = NDArray[np.float64]
+_WINDOW = 8  # keyframes adjusted together
+_NEAREST = 20  # keyframes whose points are looked for
+_KEPT = 200  # keyframes that are remembered
 Indices = NDArray[np.int64]
 _RADIANS_PER_METRE = 1.0  # a turn by this much makes views as unlike as a metre of motion
 _BUNDLE_ROUNDS = 5
@@ -62,7 +65,7 @@ class LocalMap:
         motion = between(map_from_camera, poses)
         unlike = np.linalg.norm(motion[:, :3, 3], axis=1)
         unlike += rotation_angle(motion) / _RADIANS_PER_METRE
-        nearest = np.argsort(unlike, kind="stable")[: self._settings.local_keyframes]
+        nearest = np.argsort(unlike, kind="stable")[:_NEAREST]
         seen = np.zeros(len(self.points) + 1, np.bool_)  # the last one for features without point
         for k in nearest:
             seen[self.keyframes[k].point_of] = True
@@ -98,7 +101,7 @@ class LocalMap:
         if len(self.keyframes) > 1:
             self._adjust(keyframe)
             self._forget_unconfirmed()
-        if len(self.keyframes) > self._settings.kept_keyframes:
+        if len(self.keyframes) > _KEPT:
             self._forget(self.keyframes.pop(0))
         return keyframe
 
@@ -135,7 +138,7 @@ class LocalMap:
         shared = [_count_seen(other, seen) for other in self.keyframes]
         shared[-1] = 1 << 30
         order = np.argsort(-np.array(shared), kind="stable")
-        close = [int(k) for k in order[: self._settings.window] if shared[k] >= 15]
+        close = [int(k) for k in order[:_WINDOW] if shared[k] >= 15]
         moved = [self.keyframes[k] for k in sorted(close)]
         for other in moved:
             seen[other.point_of[other.point_of >= 0]] = True

@@ -9,12 +9,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint, se3_exp, se3_log
 from mapmyworld.geometry.rotations import so3_exp, so3_log
 from mapmyworld.types import Frame
 
 Array = NDArray[np.float64]
+_TRANSLATION_NOISE = 1.0  # m/s per root of a second, process noise of velocity
+_ROTATION_NOISE = 3.0  # rad/s per root of a second, process noise of turning
 _UNKNOWN = (1.0, 1.0)  # rad/s and m/s, a velocity at the start
 _GYRO = 0.02  # rad/s by which a gyroscope may be off: its bias
 _ODOMETRY = (0.1, 0.005)  # share of a recorded motion that is in doubt, and as much anyway
@@ -33,9 +34,8 @@ class MotionFilter:
     navigation", 2001, section 6.2).
     """
 
-    def __init__(self, config: Config) -> None:
-        settings = config.visual
-        noise = [settings.motion_noise_rotation, settings.motion_noise_translation]
+    def __init__(self) -> None:
+        noise = [_ROTATION_NOISE, _TRANSLATION_NOISE]
         self._noise = np.diag(np.repeat(np.square(noise), 3))
         self.pose = np.eye(4)
         self._velocity = np.zeros(6)

@@ -21,14 +21,21 @@ from mapmyworld.odometry.motion_filter import (
     is_surprising,
     motion_information,
 )
-from mapmyworld.odometry.visual_slips import SteadyPath
+from mapmyworld.odometry.visual_slips import (
+    KEYFRAME_ANGLE,
+    KEYFRAME_DISTANCE,
+    LEAST_INLIERS,
+    SteadyPath,
+)
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.features import extract_features
+from mapmyworld.registration.image_pairs import SEARCH_RADIUS
 from mapmyworld.registration.views import View, make_view, match_around, match_views, sightings_of
 from mapmyworld.registration.visual import Sightings, inliers, ransac_pose, refine_pose
 from mapmyworld.types import Frame, RgbdImage
 
 Array = NDArray[np.float64]
+_KEYFRAME_SHARE = 0.7  # of the last keyframe's points; fewer seen make a new one
 Indices = NDArray[np.int64]
 _NARROW = 6.0  # pixels around a refined pose in which points are looked for again
 _BLIND_SIGMAS = (0.4, 0.4)  # rad and m after a second of dead reckoning, growing as its root
@@ -62,7 +69,7 @@ class VisualTracker:
         self._map = LocalMap(config)
         self._reference: Keyframe | None = None
         self._reference_inliers = 0
-        self._filter = MotionFilter(config)  # tracker_from_base
+        self._filter = MotionFilter()  # tracker_from_base
         self._stamp_ns = 0
         self._odometry: Array | None = None
         self._path = SteadyPath(config)
@@ -93,7 +100,7 @@ class VisualTracker:
         if view is None or len(view) == 0:
             return self._blind(frame, predicted, how, "no image with features")
         base_from_camera = view.camera.base_from_camera
-        least = self._config.visual.least_inliers
+        least = LEAST_INLIERS
         if self._reference is None and deep_features(view) >= least:
             return self._start(frame, view, predicted, "first", ())
         found = self._locate(view, predicted @ base_from_camera)
@@ -194,9 +201,8 @@ class VisualTracker:
 
     def _locate(self, view: View, predicted: Array) -> tuple[Array, Array, Indices] | None:
         """map_from_camera, its information, and the point each feature is; None when lost."""
-        settings = self._config.visual
         ids = self._map.near(predicted)
-        for radius in (settings.search_radius, 3.0 * settings.search_radius):
+        for radius in (SEARCH_RADIUS, 3.0 * SEARCH_RADIUS):
             sightings, _ = self._look(view, ids, predicted, radius)
             pose = self._agree(sightings)
             if pose is not None:
@@ -217,7 +223,7 @@ class VisualTracker:
             sightings, matched = self._look(view, ids, pose, _NARROW)
             pose, information = refine_pose(pose, sightings)
             agreed = inliers(pose, sightings, settings.inlier_sigmas)
-        if np.count_nonzero(agreed) < settings.least_inliers:
+        if np.count_nonzero(agreed) < LEAST_INLIERS:
             return None
         point_of[matched[0][agreed]] = matched[1][agreed]
         return pose, information, point_of
@@ -226,36 +232,30 @@ class VisualTracker:
         self, view: View, ids: Indices, pose: Array, radius: float
     ) -> tuple[Sightings, tuple[Indices, Indices]]:
         """Sightings of map points near where `pose` expects them; their features and points."""
-        settings = self._config.visual
         points = self._map.points[ids]
         local = transform_points(invert(pose), points)
         words = self._map.words[ids]
-        matches = match_around(
-            view, local, words, radius, settings.match_bits, settings.match_ratio
-        )
+        matches = match_around(view, local, words, radius)
         sightings, known = sightings_of(view, points, matches)
         return sightings, (matches[known].astype(np.int64), ids[known])
 
     def _agree(self, sightings: Sightings) -> Array | None:
         settings = self._config.visual
-        if len(sightings) < settings.least_inliers:
+        if len(sightings) < LEAST_INLIERS:
             return None
         seed = self._config.seed + self._frames
-        pose, count = ransac_pose(sightings, settings.inlier_sigmas, settings.ransac_rounds, seed)
-        if count < settings.least_inliers // 2:
+        pose, count = ransac_pose(sightings, settings.inlier_sigmas, seed)
+        if count < LEAST_INLIERS // 2:
             return None
         kept = sightings.select(inliers(pose, sightings, 2.0 * settings.inlier_sigmas))
         pose, _ = refine_pose(pose, kept)
         agreed = np.count_nonzero(inliers(pose, sightings, settings.inlier_sigmas))
-        return pose if agreed >= settings.least_inliers else None
+        return pose if agreed >= LEAST_INLIERS else None
 
     def _relocate(self, view: View) -> Array | None:
         """A pose by comparing with whole keyframes, the last ones first; None if none fits."""
-        settings = self._config.visual
         for keyframe in self._map.keyframes[:-8:-1]:
-            mine, theirs = match_views(
-                view, keyframe.view, settings.match_bits, settings.match_ratio
-            )
+            mine, theirs = match_views(view, keyframe.view)
             points = transform_points(
                 keyframe.map_from_camera, keyframe.view.camera_points()[theirs]
             )
@@ -268,12 +268,11 @@ class VisualTracker:
 
     def _is_keyframe(self, map_from_camera: Array, count: int) -> bool:
         assert self._reference is not None
-        settings = self._config.visual
         motion = between(self._reference.map_from_camera, map_from_camera)
         return (
-            count < settings.keyframe_share * self._reference_inliers
-            or float(np.linalg.norm(motion[:3, 3])) > settings.keyframe_distance
-            or float(rotation_angle(motion)) > settings.keyframe_angle
+            count < _KEYFRAME_SHARE * self._reference_inliers
+            or float(np.linalg.norm(motion[:3, 3])) > KEYFRAME_DISTANCE
+            or float(rotation_angle(motion)) > KEYFRAME_ANGLE
         )
 
 

@@ -16,6 +16,9 @@ from mapmyworld.registration.views import View
 from mapmyworld.types import Registration
 
 Array = NDArray[np.float64]
+LEAST_INLIERS = 25  # sightings that agree on a pose, at least
+KEYFRAME_DISTANCE = 0.15  # m of motion that makes a keyframe
+KEYFRAME_ANGLE = 0.2  # rad of rotation that makes a keyframe
 Known = tuple[Array, Array]
 """A motion (4, 4) and its covariance (6, 6), rotation first."""
 
@@ -63,16 +66,15 @@ class SteadyPath:
         return covariance
 
     def _is_small(self, slip: Array) -> bool:
-        visual = self._config.visual
         turned, moved = np.linalg.norm(slip[:3]), np.linalg.norm(slip[3:])
-        return bool(turned < visual.keyframe_angle and moved < visual.keyframe_distance)
+        return bool(turned < KEYFRAME_ANGLE and moved < KEYFRAME_DISTANCE)
 
     def _pair(self, view: View) -> Registration | None:
         """The motion from the image before to this one by these two alone; None if unknown."""
         if self._view is None:
             return None
         pair = register_images(self._view, view, self._config).registration
-        return pair if pair.inliers >= self._config.visual.least_inliers else None
+        return pair if pair.inliers >= LEAST_INLIERS else None
 
 
 def misfit(one: Known, other: Known) -> float:

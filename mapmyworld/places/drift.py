@@ -7,12 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.types import Constraint, ConstraintKind, Node
 
 Array = NDArray[np.float64]
+_TRANSLATION = 0.05  # share of the path that tracked poses may be off by
+_ROTATION = 0.03  # rad a metre of path that tracked poses may be off by
+_TURN = 0.03  # share of all rotation that tracked poses may be off by
 _BASE_TRANSLATION = 0.05  # m that a closure may be off without any drift
 _BASE_ROTATION = 0.03  # rad
 
@@ -24,10 +26,7 @@ class Drift:
     as those of a camera that was blind, they are believed.
     """
 
-    def __init__(
-        self, nodes: Sequence[Node], config: Config, constraints: Sequence[Constraint] = ()
-    ) -> None:
-        self._settings = config.visual
+    def __init__(self, nodes: Sequence[Node], constraints: Sequence[Constraint] = ()) -> None:
         self._poses = np.stack([node.tracked_from_base for node in nodes])
         self._sessions = np.array([node.session for node in nodes])
         steps = between(self._poses[:-1], self._poses[1:])
@@ -37,14 +36,13 @@ class Drift:
 
     def sigmas(self, i: int, j: int) -> tuple[float, float]:
         """Standard deviations (m, rad) of the tracked motion from node index i to j."""
-        settings = self._settings
         path, turn = abs(self._path[i] - self._path[j]), abs(self._turn[i] - self._turn[j])
-        rotation = _BASE_ROTATION + settings.drift_rotation * np.sqrt(path)
-        rotation += settings.drift_turn * np.sqrt(turn)
+        rotation = _BASE_ROTATION + _ROTATION * np.sqrt(path)
+        rotation += _TURN * np.sqrt(turn)
         lever = min(path / 4.0, 10.0)
         stated = np.sqrt(np.abs(self._stated[i] - self._stated[j]))
         rotation = max(rotation, stated[0])
-        translation = _BASE_TRANSLATION + settings.drift_translation * path + rotation * lever
+        translation = _BASE_TRANSLATION + _TRANSLATION * path + rotation * lever
         return float(max(translation, stated[1])), float(rotation)
 
     def comparable(self, i: int, j: int) -> bool:

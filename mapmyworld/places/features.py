@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.config.visual import VisualConfig
 from mapmyworld.geometry.rigid import transform_points
 from mapmyworld.registration.camera import depth_at, rays_of_pixels
 from mapmyworld.registration.pictures import grey_picture
 from mapmyworld.types import Features, RgbdImage
 
+_PYRAMID_LEVELS = 8  # scales at which ORB looks
+_PYRAMID_SCALE = 1.2  # between neighbouring scales
 _SURPLUS = 3  # times the wanted number is detected, so that there is something to choose from
 _CELLS = 24  # cells across the image that share the features fairly
 _ORB_PATCH = 31.0  # pixels, diameter of an ORB feature at the finest scale
@@ -70,18 +71,18 @@ def _detect(
     settings = config.visual
     orb = cv2.ORB_create(
         settings.feature_count * _SURPLUS,
-        settings.pyramid_scale,
-        _levels(grey, settings),
+        _PYRAMID_SCALE,
+        _levels(grey),
         edgeThreshold=19,
         fastThreshold=settings.fast_threshold,
     )
     return _described(orb, grey, orb.detect(grey), most)
 
 
-def _levels(grey: NDArray[np.uint8], settings: VisualConfig) -> int:
+def _levels(grey: NDArray[np.uint8]) -> int:
     """Scales of an image, the smallest of which still has pixels."""
-    deepest = math.log(max(1, min(grey.shape))) / math.log(settings.pyramid_scale)
-    return min(settings.pyramid_levels, 1 + int(deepest))
+    deepest = math.log(max(1, min(grey.shape))) / math.log(_PYRAMID_SCALE)
+    return min(_PYRAMID_LEVELS, 1 + int(deepest))
 
 
 def _described(

@@ -15,6 +15,12 @@ from mapmyworld.places.node_images import NodeImages
 from mapmyworld.types import ConstraintKind, ImageMatch, Poses
 
 Array = NDArray[np.float64]
+_GAP = 5.0  # s that two nodes must lie apart to be the same place again
+_CANDIDATES = 3  # places verified for each node, at most
+_SUCCESSION = 2  # nodes before each that its image is compared with
+NEAR = 1.5  # m between nodes whose images are compared for being near
+NEAR_ANGLE = 45.0  # deg between their headings, at most
+_NEAR_NODES = 2  # near nodes verified for each node, at most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,10 +45,10 @@ def by_words(images: NodeImages, size: int, config: Config) -> list[Proposal]:
         size,
         images.stamps(),
         images.sessions(),
-        gap_s=settings.place_gap,
+        gap_s=_GAP,
         least_similarity=settings.place_similarity,
         least_posterior=settings.place_posterior,
-        most=settings.place_candidates,
+        most=_CANDIDATES,
     )
     return [_proposal_of(candidate) for candidate in candidates]
 
@@ -52,12 +58,12 @@ def _proposal_of(candidate: Candidate) -> Proposal:
     return Proposal(candidate.index, candidate.other, ConstraintKind.LOOP_CLOSURE, source)
 
 
-def by_succession(images: NodeImages, config: Config) -> list[Proposal]:
+def by_succession(images: NodeImages) -> list[Proposal]:
     """Each node with the ones just before it: what the images say of the motion between them."""
     nodes, sessions, cameras = images.nodes, images.sessions(), images.camera_of
     found = []
     for i in range(1, len(sessions)):
-        for j in range(max(0, i - config.visual.succession), i):
+        for j in range(max(0, i - _SUCCESSION), i):
             if sessions[i] == sessions[j] and cameras[i] == cameras[j]:
                 before, after = nodes[images.node_of[j]], nodes[images.node_of[i]]
                 motion = between(before.tracked_from_base, after.tracked_from_base)
@@ -66,11 +72,8 @@ def by_succession(images: NodeImages, config: Config) -> list[Proposal]:
     return found
 
 
-def by_poses(
-    images: NodeImages, poses: Poses, already: Sequence[Proposal], config: Config
-) -> list[Proposal]:
+def by_poses(images: NodeImages, poses: Poses, already: Sequence[Proposal]) -> list[Proposal]:
     """Pairs that lie near each other and look the same way, the nearest of each pass first."""
-    settings = config.visual
     row_of = {int(i): k for k, i in enumerate(poses.ids)}
     rows = np.array([row_of.get(node.id, -1) for node in images.nodes])[images.node_of]
     placed = rows >= 0
@@ -82,12 +85,12 @@ def by_poses(
     found: list[Proposal] = []
     for i in np.flatnonzero(placed):
         distance = np.linalg.norm(position[:i] - position[i], axis=1)
-        close = distance < settings.proximity_distance
-        close &= forward[:i] @ forward[i] > np.cos(np.radians(settings.proximity_angle))
-        close &= placed[:i] & (np.abs(stamps[i] - stamps[:i]) > settings.place_gap * 1e9)
+        close = distance < NEAR
+        close &= forward[:i] @ forward[i] > np.cos(np.radians(NEAR_ANGLE))
+        close &= placed[:i] & (np.abs(stamps[i] - stamps[:i]) > _GAP * 1e9)
         order = np.flatnonzero(close)
         order = order[np.argsort(distance[order], kind="stable")]
-        for j in _spaced(order, settings.proximity_candidates):
+        for j in _spaced(order, _NEAR_NODES):
             if (int(i), j) not in tried:
                 source = ImageMatch(distance=float(distance[j]))
                 found.append(Proposal(int(i), j, ConstraintKind.PROXIMITY, source))

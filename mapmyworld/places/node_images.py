@@ -28,6 +28,10 @@ from mapmyworld.types import (
     first_nodes,
 )
 
+_BRANCHES = 10  # children of a word in its tree
+_DEPTH = 4  # levels of the tree: at most branches^depth words
+_MOST_NODES = 3000  # compared with each other, evenly chosen from longer logs
+_SPACING = 0.5  # m or rad between nodes whose images are compared, with a laser
 _REMEMBERED = 600  # views kept at hand
 _TRAINING = 60_000  # descriptors that the vocabulary is learned from, at most
 
@@ -43,8 +47,8 @@ class NodeImages:
         self._store, self._config = store, config
         self._views: dict[int, View | None] = {}
         self._features: list[Features] = []
-        nodes = _compared(store, config)
-        every = max(1, -(-len(nodes) // config.visual.place_nodes))
+        nodes = _compared(store)
+        every = max(1, -(-len(nodes) // _MOST_NODES))
         self.nodes: list[Node] = list(nodes[::every])
         self.have_words = bool(store.words())
         if self.have_words:
@@ -130,8 +134,8 @@ class NodeImages:
         sample = [_sample(f, per_image) for f in self._features]
         return train_vocabulary(
             np.concatenate(sample),
-            branches=self._config.visual.vocabulary_branches,
-            depth=self._config.visual.vocabulary_depth,
+            branches=_BRANCHES,
+            depth=_DEPTH,
             seed=self._config.seed,
         )
 
@@ -154,10 +158,10 @@ def _own(features: Features | None, number: int, image: RgbdImage) -> Features |
     return None if features is None else features_of_camera(features, number, image.camera.width)
 
 
-def _compared(store: MapStore, config: Config) -> list[Node]:
+def _compared(store: MapStore) -> list[Node]:
     """The nodes whose images are compared: where a laser tracks, some, since it drifts little."""
     nodes = list(store.nodes())
-    spacing = config.visual.place_spacing
+    spacing = _SPACING
     if not nodes or spacing <= 0.0 or store.node_data(nodes[0].id).scan is None:
         return nodes
     sessions = np.array([node.session for node in nodes])

@@ -30,6 +30,7 @@ from mapmyworld.types import (
 )
 
 Array = NDArray[np.float64]
+_GATE = 3.5  # sigmas of drift by which a closure may contradict tracked poses
 _NEAR_NODES = 3  # nodes to either side that share the ambiguity of one
 
 
@@ -56,10 +57,10 @@ def find_visual_closures(
     if first_look:
         vocabulary = images.learn_words(given_words)
         proposals += by_words(images, vocabulary.size, config)
-        if config.visual.succession and not with_laser:
-            proposals += by_succession(images, config)
+        if not with_laser:
+            proposals += by_succession(images)
     if poses is not None:
-        proposals += by_poses(images, poses, proposals, config)
+        proposals += by_poses(images, poses, proposals)
     tried = _pairs(known)
     ids = [images.nodes[n].id for n in images.node_of]
     fresh = [p for p in proposals if (ids[p.index], ids[p.other]) not in tried]
@@ -68,7 +69,7 @@ def find_visual_closures(
         verified = _verify(images, fresh, config, progress)
         for written in kept:
             written.result()
-    return _judge(images, verified, Drift(images.nodes, config, known), config)
+    return _judge(images, verified, Drift(images.nodes, known))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,11 +105,8 @@ def _loaded(
             yield proposal, later, earlier
 
 
-def _judge(
-    images: NodeImages, verified: Sequence[_Verified], drift: Drift, config: Config
-) -> list[Judged]:
+def _judge(images: NodeImages, verified: Sequence[_Verified], drift: Drift) -> list[Judged]:
     """Constraints with their verdicts: geometry, drift of the tracked poses, ambiguity."""
-    gate = config.visual.closure_gate
     aliases: dict[int, float] = defaultdict(lambda: np.inf)
     verdicts: list[Verdict] = []
     for item in verified:
@@ -118,7 +116,7 @@ def _judge(
             own = item.pair.sigma_translation, item.pair.sigma_rotation
             motion = item.pair.registration.a_from_b
             sigma, metres, radians = drift.excess(j, i, motion, own)
-            if sigma > gate:
+            if sigma > _GATE:
                 numbers = {
                     "metres": metres, "degrees": float(np.degrees(radians)), "sigmas": sigma
                 }  # fmt: skip
@@ -132,7 +130,7 @@ def _judge(
         i, j = _nodes_of(images, item)
         guided = item.proposal.guess is not None
         asked = verdict.accepted and not guided
-        doubt = _ambiguity((i, j), aliases, drift, gate) if asked else None
+        doubt = _ambiguity((i, j), aliases, drift) if asked else None
         ends = images.nodes[j].id, images.nodes[i].id
         constraints.append(_constraint(*ends, item, doubt or verdict))
     return _best_of_pairs(constraints)
@@ -159,7 +157,7 @@ def _worth(constraint: Judged) -> tuple[bool, int]:
 
 
 def _ambiguity(
-    nodes: tuple[int, int], aliases: Mapping[int, float], drift: Drift, gate: float
+    nodes: tuple[int, int], aliases: Mapping[int, float], drift: Drift
 ) -> Verdict | None:
     """Why this closure could be one of several; None where the tracked motion decides.
 
@@ -171,7 +169,7 @@ def _ambiguity(
     double = min((aliases[k] for k in around if k in aliases), default=np.inf)
     if not np.isfinite(double):
         return None
-    possible = gate * drift.sigmas(i, j)[0] if drift.comparable(i, j) else np.inf
+    possible = _GATE * drift.sigmas(i, j)[0] if drift.comparable(i, j) else np.inf
     if double > possible:
         return None
     numbers = {"metres": float(double), "drift": float(possible)}

@@ -14,6 +14,12 @@ from mapmyworld.registration.visual import Sightings, errors, inliers, ransac_po
 from mapmyworld.types import Judge, Registration, Verdict, Why
 
 Array = NDArray[np.float64]
+SEARCH_RADIUS = 30.0  # pixels around the prediction in which a point is looked for
+_LEAST_SHARE = 0.25  # of the matches that must agree
+_LEAST_CELLS = 5  # of the lattice that agreeing matches must reach
+_RADIUS = 8.0  # pixels around a found motion's projections for more matches
+_LARGEST_TRANSLATION = 0.065  # m, no closure is less certain
+_LARGEST_ROTATION = 0.006  # rad, no closure is less certain
 Indices = NDArray[np.int64]
 _LATTICE = np.array([8, 6])  # cells over the image that tell how widely matches are spread
 _CORRELATED = 2.0  # features of one image err alike: each is worth half of what it seems
@@ -52,16 +58,14 @@ def register_images(a: View, b: View, config: Config, *, guess: Array | None = N
     settings = config.visual
     points = transform_points(a.camera.base_from_camera, a.camera_points())
     if guess is None:
-        mine, theirs = match_views(a, b, settings.match_bits, settings.match_ratio)
+        mine, theirs = match_views(a, b)
     else:
-        mine, theirs = match_by_pose(a, b, points, guess, settings.search_radius, config)
+        mine, theirs = match_by_pose(a, b, points, guess, SEARCH_RADIUS)
     deep = np.isfinite(points[mine, 2])
     mine, theirs = mine[deep], theirs[deep]
     sightings = Sightings(points[mine], b.seen[theirs], b.sigmas[theirs])
     enough = settings.closure_inliers // 2
-    pose, found = ransac_pose(
-        sightings, settings.inlier_sigmas, settings.ransac_rounds, config.seed, enough
-    )
+    pose, found = ransac_pose(sightings, settings.inlier_sigmas, config.seed, enough)
     if found < enough:
         return _failed(mine, theirs, _few(found, len(mine), config))
     first = found / len(mine)
@@ -69,7 +73,7 @@ def register_images(a: View, b: View, config: Config, *, guess: Array | None = N
         pose, sightings.select(inliers(pose, sightings, 2 * settings.inlier_sigmas))
     )
     base = pose @ invert(b.camera.base_from_camera)
-    more = match_by_pose(a, b, points, base, settings.closure_radius, config)
+    more = match_by_pose(a, b, points, base, _RADIUS)
     if len(more[0]) >= found:
         mine, theirs = more
         sightings = Sightings(points[mine], b.seen[theirs], b.sigmas[theirs])
@@ -82,7 +86,7 @@ def register_images(a: View, b: View, config: Config, *, guess: Array | None = N
 
 
 def match_by_pose(
-    a: View, b: View, points: Array, a_from_b: Array, radius: float, config: Config
+    a: View, b: View, points: Array, a_from_b: Array, radius: float
 ) -> tuple[Indices, Indices]:
     """Features of a with depth and their partners in b near where the motion expects them."""
     deep = np.flatnonzero(np.isfinite(points[:, 2]))
@@ -92,8 +96,6 @@ def match_by_pose(
         local,
         a.words[deep],
         radius,
-        config.visual.match_bits,
-        config.visual.match_ratio,
     )
     found = np.flatnonzero(matches >= 0)
     return deep[found], matches[found].astype(np.int64)
@@ -134,7 +136,7 @@ def _judged(
     registration = Registration(
         pose @ camera_from_base,
         information,
-        misfit or _uncertainty(sigmas, config) or fits,
+        misfit or _uncertainty(sigmas) or fits,
         count,
         share,
         residual,
@@ -149,11 +151,11 @@ def _misfit(count: int, matches: int, share: float, cells: int, config: Config) 
     settings = config.visual
     if count < settings.closure_inliers:
         return _few(count, matches, config)
-    if share < settings.closure_share:
-        numbers = {"share": share, "limit": settings.closure_share}
+    if share < _LEAST_SHARE:
+        numbers = {"share": share, "limit": _LEAST_SHARE}
         return Verdict(Judge.CAMERA, False, Why.LOW_SHARE, numbers)
-    if cells < settings.closure_cells:
-        numbers = {"cells": cells, "limit": settings.closure_cells}
+    if cells < _LEAST_CELLS:
+        numbers = {"cells": cells, "limit": _LEAST_CELLS}
         return Verdict(Judge.CAMERA, False, Why.FEW_CELLS, numbers)
     return None
 
@@ -163,14 +165,13 @@ def _few(inliers: int, matches: int, config: Config) -> Verdict:
     return Verdict(Judge.CAMERA, False, Why.FEW_INLIERS, numbers)
 
 
-def _uncertainty(sigmas: list[float], config: Config) -> Verdict | None:
+def _uncertainty(sigmas: list[float]) -> Verdict | None:
     """None when the motion is certain enough, else the limit that is missed, with its value."""
-    settings = config.visual
-    if sigmas[1] > settings.closure_translation_sigma:
-        numbers = {"sigma": sigmas[1], "limit": settings.closure_translation_sigma}
+    if sigmas[1] > _LARGEST_TRANSLATION:
+        numbers = {"sigma": sigmas[1], "limit": _LARGEST_TRANSLATION}
         return Verdict(Judge.CAMERA, False, Why.UNCERTAIN_TRANSLATION, numbers)
-    if sigmas[0] > settings.closure_rotation_sigma:
-        numbers = {"sigma": sigmas[0], "limit": settings.closure_rotation_sigma}
+    if sigmas[0] > _LARGEST_ROTATION:
+        numbers = {"sigma": sigmas[0], "limit": _LARGEST_ROTATION}
         return Verdict(Judge.CAMERA, False, Why.UNCERTAIN_ROTATION, numbers)
     return None
 

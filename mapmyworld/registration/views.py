@@ -16,6 +16,10 @@ from mapmyworld.registration.visual import Sightings
 from mapmyworld.types import CameraModel, Features
 
 Array = NDArray[np.float64]
+_DEPTH_OUTLIER = 0.06  # 1/m by which a feature's inverse depth may be off
+_BITS = 64  # of 256 in which matching features may differ
+_RATIO = 0.8  # best distance to second best, at most
+_PIXEL_SIGMA = 1.0  # pixels, standard deviation of a feature at the finest scale
 _CELL = 20.0  # pixels, edge of the cells in which features are looked up
 _BASE_SIZE = 31.0  # pixels, diameter of an ORB patch at the finest scale
 
@@ -56,9 +60,9 @@ def make_view(features: Features, camera: CameraModel, config: Config) -> View:
     z = transform_points(invert(camera.base_from_camera), features.points)[:, 2]
     seen = np.concatenate([rays, (1.0 / z)[:, None]], axis=1)
     sigmas = np.empty((len(rays), 3))
-    sigmas[:, 0] = config.visual.pixel_sigma / focal[0] * scales(features)
+    sigmas[:, 0] = _PIXEL_SIGMA / focal[0] * scales(features)
     sigmas[:, 1] = config.visual.depth_sigma
-    sigmas[:, 2] = config.visual.depth_outlier
+    sigmas[:, 2] = _DEPTH_OUTLIER
     columns = int(np.ceil(camera.width / _CELL))
     starts, members = _sorted_into_cells(pixels, columns, int(np.ceil(camera.height / _CELL)))
     return View(
@@ -106,12 +110,10 @@ def match_around(
     camera_points: Array,
     words: NDArray[np.uint64],
     radius: float | NDArray[np.float32],
-    limit: int,
-    ratio: float,
 ) -> NDArray[np.int32]:
     """For each point (P, 3) in the camera's frame the feature seen near it, -1 for none.
 
-    `radius` in pixels, one for all or (P,); `limit` in bits; see `kernels.image_matching`.
+    `radius` in pixels, one for all or (P,); see `kernels.image_matching`.
     """
     k = view.camera.intrinsics
     z = camera_points[:, 2]
@@ -132,17 +134,15 @@ def match_around(
         view.starts,
         view.members,
         view.columns,
-        limit,
-        ratio,
+        _BITS,
+        _RATIO,
     )
     return matches
 
 
-def match_views(
-    a: View, b: View, limit: int, ratio: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def match_views(a: View, b: View) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Indices of features of a and of b that are each other's best, wherever they lie."""
-    matches = match_all(a.words, b.words, limit, ratio)
+    matches = match_all(a.words, b.words, _BITS, _RATIO)
     found = np.flatnonzero(matches >= 0)
     return found, matches[found].astype(np.int64)
 

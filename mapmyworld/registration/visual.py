@@ -12,6 +12,7 @@ from mapmyworld.kernels.pose_refinement import refine, score_poses, squared_erro
 from mapmyworld.registration.camera import pose_of_rays
 
 Array = NDArray[np.float64]
+_HYPOTHESES = 512  # tried for a pose, at most
 _BATCH = 64  # hypotheses scored between two looks at whether more are needed
 _POLISHES = 4  # refinements of a hypothesis, at most
 _FEWEST = 6  # sightings that a pose is refined on
@@ -53,9 +54,7 @@ def inliers(pose: Array, sightings: Sightings, limit: float) -> NDArray[np.bool_
     return np.asarray((squared[:, 0] < limit * limit) & (deviation < sightings.sigmas[:, 2]))
 
 
-def ransac_pose(
-    sightings: Sightings, limit: float, rounds: int, seed: int, least: int = 1
-) -> tuple[Array, int]:
+def ransac_pose(sightings: Sightings, limit: float, seed: int, least: int = 1) -> tuple[Array, int]:
     """The map_from_camera (4, 4) on which most sightings agree within `limit` sigmas; how many.
 
     Each hypothesis aligns three points with their own back-projections; without three that have
@@ -69,11 +68,11 @@ def ransac_pose(
     if len(sightings) < least:
         return best_pose, best
     if len(deep) < 3:
-        return _pose_without_depth(sightings, limit, rounds)
+        return _pose_without_depth(sightings, limit)
     random = np.random.default_rng(seed)
     local = _back_projected(sightings.seen)
     tried = 0
-    while tried < rounds:
+    while tried < _HYPOTHESES:
         picks = deep[random.integers(0, len(deep), (_BATCH, 3))]
         poses = _aligned(sightings.points[picks], local[picks])
         tried += _BATCH
@@ -88,10 +87,10 @@ def ransac_pose(
     return best_pose, best
 
 
-def _pose_without_depth(sightings: Sightings, limit: float, rounds: int) -> tuple[Array, int]:
+def _pose_without_depth(sightings: Sightings, limit: float) -> tuple[Array, int]:
     """The pose by rays alone, and how many agree; the identity and 0 where there is none."""
     reach = limit * float(np.median(sightings.sigmas[:, 0])) if len(sightings) else 0.0
-    pose = pose_of_rays(sightings.points, sightings.seen[:, :2], reach, rounds)
+    pose = pose_of_rays(sightings.points, sightings.seen[:, :2], reach, _HYPOTHESES)
     if pose is None:
         return np.eye(4), 0
     return _polished(pose, int(np.count_nonzero(inliers(pose, sightings, limit))), sightings, limit)

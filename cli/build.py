@@ -22,7 +22,6 @@ from cli.settings import config_options, load_config, settings_that_differ
 from cli.storing import no_empty_map, storage_arguments
 from cli.streams import show_json
 from mapmyworld.errors import MapError
-from mapmyworld.heap import no_search_for_garbage
 
 if TYPE_CHECKING:
     from mapmyworld.config import Config
@@ -168,10 +167,9 @@ def _build(
     started = time.monotonic()
     cpu = time.process_time()
     looked_at = _looked_at(log)  # while the rest is imported
-    with no_search_for_garbage(spare=True):
-        from formats.database import open_store
-        from formats.database.lock import only_writer
-        from mapmyworld.pipeline import build_map
+    from formats.database import open_store
+    from formats.database.lock import only_writer
+    from mapmyworld.pipeline import build_map
 
     stored = storage_arguments(config)
     opening = partial(open_store, map_path, create=True, overwrite=overwrite, **stored)

@@ -14,7 +14,7 @@ from queue import Full, Queue
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 if TYPE_CHECKING:
-    from threadpoolctl import LibController, ThreadpoolController
+    from threadpoolctl import ThreadpoolController
 
 _CHUNKS_PER_THREAD = 4  # so that a slow piece does not keep the others waiting
 _AHEAD = 3  # items per thread that are prepared before they are asked for
@@ -180,26 +180,18 @@ def on_one_thread(work: Callable[Given, Out]) -> Callable[Given, Out]:
 
     @functools.wraps(work)
     def limited(*args: Given.args, **kwargs: Given.kwargs) -> Out:
-        libraries = [(library, library.num_threads) for library in _algebra()]
-        before = [(library, threads) for library, threads in libraries if threads != 1]
-        for library, _ in before:
-            library.set_num_threads(1)
-        try:
+        with _algebra().limit(limits=1, user_api="blas"):
             return work(*args, **kwargs)
-        finally:
-            for library, threads in before:
-                library.set_num_threads(threads)
 
     return limited
 
 
 @functools.cache
-def _algebra() -> list[LibController]:
+def _algebra() -> ThreadpoolController:
     """Libraries of linear algebra, found once, which takes as long as a small graph."""
     import scipy.linalg  # noqa: F401  has a library of its own, which must be there to be found
 
-    found: list[LibController] = _present_libraries().select(user_api="blas").lib_controllers
-    return found
+    return _present_libraries()
 
 
 def _present_libraries() -> ThreadpoolController:

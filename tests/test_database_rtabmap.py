@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -418,18 +417,6 @@ def test_statistics_tell_what_each_node_showed(written: decode.Decoder) -> None:
     walked = np.linalg.norm((np.linalg.inv(pose(1001)) @ pose(1002))[:3, 3])
     assert told[1]["Memory/Distance_travelled/m"] == pytest.approx(walked, rel=1e-5)
     assert told[1]["Loop/MapToBase_x/m"] == pytest.approx(pose(202)[0, 3], rel=1e-5)
-
-
-def test_timings_are_told_when_asked_for(tmp_path: Path) -> None:
-    """They differ from build to build, so they are no default; RTAB-Map's plots draw them."""
-    with open_store(tmp_path / "map.db", create=True, timings=True) as store:
-        fill(store)
-    with closing(decode.Decoder(tmp_path / "map.db")) as decoder:
-        told = [decode.text(row["data"]) for row in decoder.rows("Statistics")]
-    assert len(told) == 3
-    for text in told:
-        (figure,) = [part for part in text.split(";") if part.startswith("Timing/Total/ms:")]
-        assert 0.0 < float(figure.rsplit(":", 1)[1]) < 10_000.0
 
 
 def test_parameters_tell_of_the_sensors(written: decode.Decoder, tmp_path: Path) -> None:

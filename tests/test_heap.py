@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import ctypes
-import gc
 import sys
 from pathlib import Path
 
 import pytest
 
 from mapmyworld import heap
-from mapmyworld.heap import give_back, no_search_for_garbage
+from mapmyworld.heap import give_back
 
 
 def resident_mb() -> float:
@@ -36,25 +35,3 @@ def test_a_c_library_without_trim_is_left_alone(monkeypatch: pytest.MonkeyPatch)
     give_back()
     assert heap._trimmer() is None
     heap._trimmer.cache_clear()
-
-
-def test_garbage_is_looked_for_again() -> None:
-    with no_search_for_garbage(spare=True):
-        assert not gc.isenabled()
-    assert gc.isenabled()
-    spared = gc.get_freeze_count()
-    assert spared > 0
-    with no_search_for_garbage(spare=True):
-        pass
-    assert gc.get_freeze_count() <= spared  # what came since may be garbage
-    gc.unfreeze()
-
-
-def test_a_search_that_was_off_stays_off() -> None:
-    gc.disable()
-    try:
-        with no_search_for_garbage():
-            pass
-        assert not gc.isenabled()
-    finally:
-        gc.enable()

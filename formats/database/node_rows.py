@@ -53,7 +53,6 @@ class StorageOptions:
     local_cell_spacing: float = 1.0
     obstacle_lowest: float = 0.08
     obstacle_highest: float = 1.5
-    timings: bool = False
 
 
 def node_rows(items: Sequence[tuple[Node, Node | None]]) -> Iterator[Row]:

@@ -58,8 +58,6 @@ class NodeTables(Transactions):
             for statement, written in self._feature_statements(node.id, data.features):
                 self._db.run_many(statement, written)
         self._previous[node.session] = node
-        if self._options.timings:
-            self._arrivals.append(time.perf_counter())
         self._settle("nodes")
 
     def nodes(self) -> tuple[Node, ...]:

@@ -7,7 +7,6 @@ from types import TracebackType
 from typing import Self
 
 from formats.database.connection import Connection
-from formats.database.local_grids import LocalGrid, read_local_grid
 
 
 class Opened:
@@ -27,10 +26,6 @@ class Opened:
         trace: TracebackType | None,
     ) -> None:
         self.close()
-
-    def local_grid(self, node_id: int) -> LocalGrid | None:
-        """What the node's scan or depth showed of the ground; None where that was not kept."""
-        return read_local_grid(self._db, node_id)
 
     def close(self) -> None:
         self._db.close()

@@ -1,6 +1,6 @@
 """Figures of each node under RTAB-Map's names, for the plots of its tools.
 
-Timings only on request: they differ from build to build, and the same log must give the same bytes.
+No timings: they differ from build to build, and the same log must give the same bytes.
 """
 
 from __future__ import annotations
@@ -29,12 +29,8 @@ def statistics_rows(
     poses: Poses,
     feature_counts: Mapping[int, int],
     word_count: int,
-    seconds: NDArray[np.float64] | None = None,
 ) -> Iterator[tuple[int, float, bytes]]:
-    """One row a node; a closure counts for the later of its two nodes.
-
-    `seconds` (N,) that tracking spent from the node before to each.
-    """
+    """One row a node; a closure counts for the later of its two nodes."""
     place = {int(i): pose for i, pose in zip(poses.ids, poses.map_from_node, strict=True)}
     closures = defaultdict[int, list[Judged]](list)
     for constraint in constraints:
@@ -55,8 +51,6 @@ def statistics_rows(
             **at_base.get(node.id, {}),
             **at_odom.get(node.id, {}),
         }
-        if seconds is not None and len(seconds) == len(nodes):
-            figures["Timing/Total/ms"] = float(seconds[number]) * 1e3
         yield node.id, node.stamp_ns * 1e-9, text_to_blob(_text(figures))
 
 

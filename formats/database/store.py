@@ -19,8 +19,6 @@ from formats.database.stages import clear_from, rank_of
 from formats.database.statistics import INSERT_STATISTICS, statistics_rows
 from mapmyworld.types.seams import STAGE_RANKS
 
-_SECONDS = "seconds a node took"
-
 
 class DatabaseStore(NodeTables, GraphTables, ResultTables):
     """The MapStore of a `map.db`."""
@@ -78,8 +76,6 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
     def _tell_rtabmap(self, rank: int) -> None:
         """At the end of a stage, what follows from it under RTAB-Map's names."""
         if rank == STAGE_RANKS["track"]:
-            if self._options.timings:
-                self._write(_SECONDS, np.diff(self._arrivals))
             results.write_parameters(self._db, results.sensor_parameters(self._db))
         if rank >= STAGE_RANKS["recognise"] and self._solved_anew:
             self._solved_anew = False
@@ -98,7 +94,6 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
             return
         counts = dict(self._db.rows("SELECT node_id, count FROM mapmyworld_features"))
         (words,) = self._db.row("SELECT COUNT(*) FROM Word")
-        seconds = self._read(_SECONDS, "f", (-1,))
-        figures = statistics_rows(self.nodes(), self.constraints(), poses, counts, words, seconds)
+        figures = statistics_rows(self.nodes(), self.constraints(), poses, counts, words)
         self._db.run("DELETE FROM Statistics")
         self._db.run_many(INSERT_STATISTICS, figures)

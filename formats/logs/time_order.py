@@ -8,7 +8,6 @@ from collections.abc import Callable, Collection, Iterator
 from operator import itemgetter
 
 from formats.logs.channels import Block, Record
-from formats.logs.reading_ahead import read_ahead
 
 # Payloads of blocks that are open together. Beyond it, those needed last are dropped and read
 # again: a log in which every chunk holds one message of a wrong, early time opens all at once.
@@ -39,17 +38,9 @@ def in_time_order(
     """Records by log time; equal times in the order of the file.
 
     A block is handed out when the time has come at which it starts, and dropped when it is used up,
-    so that only overlapping blocks are in memory together, of those at most `open_bytes` and one,
-    and the one that follows.
+    so that only overlapping blocks are in memory together, of those at most `open_bytes` and one.
     """
-    order = sorted(blocks, key=lambda block: (block.start_ns, block.offset))
-    with read_ahead(read, order) as take:
-        yield from _merged(deque(order), take, open_bytes)
-
-
-def _merged(
-    pending: deque[Block], read: Callable[[Block], list[Record]], open_bytes: int
-) -> Iterator[Record]:
+    pending = deque(sorted(blocks, key=lambda block: (block.start_ns, block.offset)))
     heap: list[_Entry] = []
     while pending or heap:
         while pending and (not heap or pending[0].start_ns <= heap[0][0]):

@@ -19,4 +19,3 @@ class StorageConfig:
     local_cell_size: CellSide = 0.05  # m, side of a cell of the local grids
     local_cell_range: Reach = 5.0  # m, reach of the local grids, as RTAB-Map's Grid/RangeMax
     local_cell_spacing: Positive = 1.0  # m between nodes that carry a local grid
-    timings: bool = False  # keep how long each node took, for RTAB-Map's plots; bytes then differ

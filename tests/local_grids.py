@@ -1,4 +1,4 @@
-"""A node's local grid as RTAB-Map keeps it, read from its files and from ours."""
+"""A node's local grid as RTAB-Map keeps it, read from its files and from ours, to test against."""
 
 from __future__ import annotations
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.logs.decimal_text import read_decimals
 from formats.logs.poses import planar_pose
 from formats.logs.singles import single, singles
 from mapmyworld.types import LaserScanMessage, OdometryMessage, PoseMessage
@@ -56,24 +55,16 @@ def _count(field: bytes, fields: list[bytes]) -> int:
 
 
 def _floats(fields: list[bytes]) -> NDArray[np.float64]:
-    return np.array(list(map(float, fields)), np.float64)
+    return np.array(fields, np.float64)
 
 
 def parse_flaser(line: bytes) -> LaserRecord:
     """FLASER or RLASER: no angles of its own. ValueError where the line is damaged."""
-    start = line.split(None, 2)
-    count = int(start[1])
-    if not 0 <= count <= min(_MAX_BEAMS, len(line)):
-        raise ValueError(f"{count} readings in a line of {len(line)} bytes")
-    numbers = np.empty(count + 6)
-    end = read_decimals(np.frombuffer(start[2], np.uint8), 0, numbers)
-    left = start[2][end:].split() if end >= 0 else []
-    if len(left) != 3:
-        # An odd number, or an odd line: slowly then, and exactly.
-        fields = line.split()
-        if len(fields) != count + 11:
-            raise ValueError(f"{len(fields)} fields where {count} readings need {count + 11}")
-        numbers = _floats(fields[2 : count + 8])
+    fields = line.split()
+    count = _count(fields[1], fields)
+    if len(fields) != count + 11:
+        raise ValueError(f"{len(fields)} fields where {count} readings need {count + 11}")
+    numbers = _floats(fields[2 : count + 8])
     poses = _finite(numbers[count:])
     return LaserRecord(
         numbers[:count],

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from plain_occupancy import SensorModel, update_occupancy_grid
 
 from formats.logs import open_log
 from formats.relations import read_relations
@@ -20,7 +21,6 @@ from mapmyworld.particles import kernels
 from mapmyworld.particles.fastslam import run_fastslam
 from mapmyworld.particles.history import loops_reentered
 from mapmyworld.particles.kernels import Beams
-from mapmyworld.particles.occupancy import SensorModel, update_occupancy_grid
 from mapmyworld.particles.proposal import improved_proposal
 from mapmyworld.particles.scans import beams_from_scan
 from mapmyworld.particles.smoothing import _banded_step, _motion_jacobians

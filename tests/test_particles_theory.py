@@ -7,25 +7,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plain_fastslam import run_plain_fastslam
-
-from mapmyworld.geometry.planar import between_planar, compose_planar
-from mapmyworld.particles.measurement_model import (
+from plain_measurement_model import (
     MeasurementNoise,
     beam_range_finder_model,
     expected_range,
     measurement_model_map,
 )
+from plain_occupancy import (
+    SensorModel,
+    cells_crossed,
+    log_odds,
+    update_occupancy_grid,
+)
+
+from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.particles.motion_model import (
     MotionNoise,
     motion_variances,
     rotations_and_translation,
     sample_motion_model,
-)
-from mapmyworld.particles.occupancy import (
-    SensorModel,
-    cells_crossed,
-    log_odds,
-    update_occupancy_grid,
 )
 from mapmyworld.particles.resampling import (
     effective_sample_size,

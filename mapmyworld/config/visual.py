@@ -9,8 +9,6 @@ from mapmyworld.config.ranges import Count, FromZero, Positive, Range, Share
 
 Many = Annotated[int, Range(1, 1_000_000)]
 Grey = Annotated[int, Range(1, 255)]
-Levels = Annotated[int, Range(1, 32)]
-Scale = Annotated[float, Range(1.0, 10.0, is_open=True)]
 
 
 @dataclass(frozen=True, slots=True)

@@ -148,29 +148,6 @@ def run_in_chunks(work: Callable[[int, int], None], count: int, threads: int) ->
             job.result()
 
 
-class Aside:
-    """Work done on one other thread, in the order in which it was given."""
-
-    def __init__(self) -> None:
-        self._pool: ThreadPoolExecutor | None = None
-
-    def begin(
-        self, work: Callable[Given, Out], *given: Given.args, **named: Given.kwargs
-    ) -> Future[Out]:
-        """What the work will give; an error of it comes when its result is asked for."""
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(1)
-        return self._pool.submit(work, *given, **named)
-
-    def __enter__(self) -> Aside:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Waits until all is done."""
-        if self._pool is not None:
-            self._pool.shutdown()
-
-
 def on_one_thread(work: Callable[Given, Out]) -> Callable[Given, Out]:
     """`work`, during which linear algebra keeps to the thread that asks for it.
 

@@ -161,15 +161,14 @@ def _own(features: Features | None, number: int, image: RgbdImage) -> Features |
 def _compared(store: MapStore) -> list[Node]:
     """The nodes whose images are compared: where a laser tracks, some, since it drifts little."""
     nodes = list(store.nodes())
-    spacing = _SPACING
-    if not nodes or spacing <= 0.0 or store.node_data(nodes[0].id).scan is None:
+    if not nodes or store.node_data(nodes[0].id).scan is None:
         return nodes
     sessions = np.array([node.session for node in nodes])
     poses = np.stack([node.tracked_from_base for node in nodes])
     chosen: list[int] = []
     for session in dict.fromkeys(sessions.tolist()):
         own = np.flatnonzero(sessions == session)
-        chosen += own[evenly_along(poses[own], spacing)].tolist()
+        chosen += own[evenly_along(poses[own], _SPACING)].tolist()
     return [nodes[k] for k in sorted(chosen)]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.parallel import Aside, in_threads
+from mapmyworld.parallel import in_threads
 from mapmyworld.places.drift import Drift
 from mapmyworld.places.image_proposals import Proposal, by_poses, by_succession, by_words
 from mapmyworld.places.node_images import NodeImages
@@ -64,11 +64,9 @@ def find_visual_closures(
     tried = _pairs(known)
     ids = [images.nodes[n].id for n in images.node_of]
     fresh = [p for p in proposals if (ids[p.index], ids[p.other]) not in tried]
-    with Aside() as aside:
-        kept = [aside.begin(images.keep, store, vocabulary)] if first_look else []
-        verified = _verify(images, fresh, config, progress)
-        for written in kept:
-            written.result()
+    if first_look:
+        images.keep(store, vocabulary)
+    verified = _verify(images, fresh, config, progress)
     return _judge(images, verified, Drift(images.nodes, known))
 
 

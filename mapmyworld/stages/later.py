@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from importlib import import_module
 
-from mapmyworld.parallel import Aside
 from mapmyworld.sensing import Plan
 
 _ALWAYS = ("mapmyworld.stages.solve", "mapmyworld.diagnosis", "mapmyworld.mapping.occupancy")
@@ -31,8 +31,8 @@ def imported_meanwhile(modules: Sequence[str]) -> Iterator[None]:
 
     What cannot be imported here is reported where it is used.
     """
-    with Aside() as aside:
-        aside.begin(_import_all, modules)
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(_import_all, modules)
         yield
 
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 
+from mapmyworld.backend.system import System
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
     between_planar,
@@ -23,7 +24,6 @@ from mapmyworld.kernels.branch_and_bound import best_shift
 from mapmyworld.kernels.scan_alignment import invert3, nearest, pair_systems, solve3
 from mapmyworld.kernels.scan_preparation import range_noise
 from mapmyworld.registration.joint_alignment import align_jointly
-from mapmyworld.registration.joint_equations import Motions
 from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import (
     COARSE,
@@ -283,6 +283,14 @@ def test_the_adjoint_carries_small_motions_across() -> None:
     np.testing.assert_allclose(left, compose_planar(a_from_b, small), atol=1e-11)
 
 
+def steps_between(motions: np.ndarray, information: np.ndarray) -> System:
+    """Scans, each a motion after the one before, all of this information; none is held."""
+    count = len(motions)
+    ends, free = np.arange(count + 1), np.arange(count + 1)
+    known = np.tile(information, (count, 1, 1))
+    return System(True, ends[:-1], ends[1:], motions, known, free)
+
+
 @pytest.mark.parametrize("threads", [1, 3])
 def test_joint_alignment_brings_scattered_scans_home(threads: int) -> None:
     random = np.random.default_rng(5)
@@ -295,19 +303,16 @@ def test_joint_alignment_brings_scattered_scans_home(threads: int) -> None:
     start = compose_planar(truth, random.normal(size=(12, 3)) * [0.06, 0.06, 0.03])
     start[0] = truth[0]
     pairs = np.array([(i, j) for i in range(12) for j in range(i + 1, 12)], np.int64)
-    ends = np.arange(12)
-    weak = Motions(
-        ends[:-1], ends[1:], between_planar(start[:-1], start[1:]), np.tile(np.eye(3), (11, 1, 1))
-    )
+    weak = steps_between(between_planar(start[:-1], start[1:]), np.eye(3))
     reaches = [0.4, 0.3, 0.2, 0.12, 0.12]
-    solved = align_jointly(scans, start, pairs, weak, reaches, CONFIG, threads)
+    solved = align_jointly(scans, weak, start, pairs, reaches, CONFIG, threads)
     error = compose_planar(invert_planar(truth), solved.poses)
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.005
     assert np.abs(error[:, 2]).max() < 0.002
     assert solved.moved[-1] < solved.moved[0] / 10
     held = np.arange(12) % 3 == 0
     placed = np.where(held[:, None], truth, start)
-    solved = align_jointly(scans, placed, pairs, weak, reaches, CONFIG, threads, held=held)
+    solved = align_jointly(scans, weak.held(held), placed, pairs, reaches, CONFIG, threads)
     np.testing.assert_array_equal(solved.poses[held, :2], truth[held, :2])
     error = compose_planar(invert_planar(truth), solved.poses)
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.005
@@ -315,10 +320,7 @@ def test_joint_alignment_brings_scattered_scans_home(threads: int) -> None:
 
 @pytest.mark.parametrize("sight", [1.2, 1.5, 2.0])
 def test_scans_of_a_short_sighted_laser_are_not_torn_apart(sight: float) -> None:
-    """Where scans share few points, some that join or leave change the equations much.
-
-    Steps by the factors of an earlier round then grow from one to the next, to metres.
-    """
+    """Where scans share few points, some that join or leave change what pairs say much."""
     count = 40
     random, along = np.random.default_rng(3), np.linspace(0, 1, count)
     truth = np.stack([7 * along - 3, np.sin(6 * along), 2 * np.sin(9 * along)], axis=-1)
@@ -327,12 +329,11 @@ def test_scans_of_a_short_sighted_laser_are_not_torn_apart(sight: float) -> None
     start = truth + random.normal(size=(count, 3)) * [0.05, 0.05, 0.03]
     start[0] = truth[0]
     pairs = np.array([(k, k + d) for d in (1, 2, 4, 8) for k in range(count - d)], np.int64)
-    ends, steps = np.arange(count), between_planar(truth[:-1], truth[1:])
+    steps = between_planar(truth[:-1], truth[1:])
     noisy = steps + random.normal(size=steps.shape) * 0.02
-    trust = np.tile(np.diag([100.0, 100.0, 400.0]), (count - 1, 1, 1))
-    motions = Motions(ends[:-1], ends[1:], noisy, trust)
+    motions = steps_between(noisy, np.diag([100.0, 100.0, 400.0]))
     scans = prepare_scans(near, CONFIG)
-    solved = align_jointly(scans, start, pairs, motions, [0.12] * 12, CONFIG, 1)
+    solved = align_jointly(scans, motions, start, pairs, [0.12] * 12, CONFIG, 1)
     assert solved.moved[-1] < solved.moved[0] / 10
     error = between_planar(truth, solved.poses)
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.3  # by odometry alone: 0.02 m a step

@@ -47,6 +47,10 @@ class System:
         """Unknowns in all."""
         return self.dimension * int(self.free.max(initial=-1) + 1)
 
+    def held(self, stays: NDArray[np.bool_]) -> System:
+        """The same where these nodes (N,) stay, and all others move."""
+        return replace(self, free=number_free(stays))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
@@ -86,6 +90,19 @@ def chosen_edges(system: System, which: NDArray[np.bool_] | Index) -> System:
         measured=system.measured[which],
         information=system.information[which],
         kinds=None if system.kinds is None else system.kinds[which],
+    )
+
+
+def with_edges(
+    system: System, tails: Index, heads: Index, measured: Array, information: Array
+) -> System:
+    """A system without landmarks with more edges, after its own."""
+    return replace(
+        system,
+        tails=np.concatenate([system.tails, tails]),
+        heads=np.concatenate([system.heads, heads]),
+        measured=np.concatenate([system.measured, measured]),
+        information=np.concatenate([system.information, information]),
     )
 
 

@@ -13,26 +13,22 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
-    information_to_planar,
     interpolate_planar,
     matrix_to_planar,
     planar_to_matrix,
 )
-from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.heap import give_back
+from mapmyworld.odometry.joint_system import NOTHING, Statements, joint_system
 from mapmyworld.places.laser_nodes import NodeScans, load_node_scans
 from mapmyworld.places.laser_pairs import first_visits, neighbour_pairs
 from mapmyworld.places.stored_scans import Scans
 from mapmyworld.registration.joint_alignment import align_jointly
-from mapmyworld.registration.joint_equations import Motions
-from mapmyworld.registration.joint_statements import Statements, holds, joined, statements_of
-from mapmyworld.types import CLOSURES, ConstraintKind, Judged, MapStore, Node, Poses, Progress
+from mapmyworld.types import Judged, MapStore, Node, Poses, Progress
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _REACHES = (0.3, 0.2, 0.15, 0.12, 0.12, 0.12, 0.12, 0.12)  # m within which points are associated
 _ANEW = 2  # rounds after which neighbours are chosen anew
-_UNKNOWN = 0.05  # m and rad by which a step without a constraint may be off
 _NOTHING = 4e-4  # m of movement, root mean square, at which refinement has ended
 
 
@@ -69,19 +65,19 @@ def refine_poses(
     rows = {int(i): row for row, i in enumerate(poses.ids)}
     solved = matrix_to_planar(np.stack([poses.map_from_node[rows[n.id]] for n in nodes]))
     drives = _drives(nodes, unseen)
-    statements = statements_of([n.id for n in nodes], constraints)
+    statements = Statements.of(nodes, constraints)
     chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in drives])
-    chosen = np.union1d(chosen, statements.stated)
+    chosen = np.union1d(chosen, statements.concerns(nodes))
     island = np.zeros(len(nodes), np.int64) if island is None else island
     task = _Task(nodes, chosen, scans, constraints, statements, island, config)
-    found = _aligned(task, solved[chosen], statements.others(poses), progress)
+    found = _aligned(task, solved[chosen], statements.places_of(poses), progress)
     every = np.concatenate(
         [
             _carried(solved[a:b], chosen - a, found.poses, (chosen >= a) & (chosen < b))
             for a, b in drives
         ]
     )
-    moved = np.concatenate([every, found.others[:-1]])
+    moved = np.concatenate([every, found.landmarks])
     where = np.array([rows[int(i)] for i in (*(n.id for n in nodes), *statements.landmarks)])
     matrices = np.array(poses.map_from_node)
     matrices[where] = _replace_planar(matrices[where], moved)
@@ -107,64 +103,62 @@ class _Task:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Aligned:
-    """Poses (S, 3) of scans, and (L + 1, 3) of landmarks and the map's frame."""
+    """Poses (S, 3) of scans, and (L, 3) of landmarks."""
 
     poses: Array
-    others: Array
+    landmarks: Array
     moved: tuple[float, ...]
     residual: float
 
 
-def _aligned(task: _Task, poses: Array, others: Array, progress: Progress) -> _Aligned:
+def _aligned(task: _Task, poses: Array, landmarks: Array, progress: Progress) -> _Aligned:
     """All scans: the first visits of every place with each other, later ones with these.
 
-    So the sparse system grows with the area that was seen, and not with how often it was. What is
+    So the factor graph grows with the area that was seen, and not with how often it was. What is
     stated holds the first ones: a node that it concerns is among them.
     """
     first = first_visits(poses, task.config.odometry.refine_visits)
-    first |= np.isin(task.chosen, task.statements.stated)
+    first |= np.isin(task.chosen, task.statements.concerns(task.nodes))
     rows = np.flatnonzero(first)
     some = replace(task, chosen=task.chosen[rows])
-    held = np.zeros(len(rows), np.bool_)
-    held[0] = not task.statements.places
-    shaped = _rounds(some, poses[rows], others, held, task.statements.among(some.chosen), progress)
+    shaped = _rounds(some, poses[rows], landmarks, np.zeros(len(rows), np.bool_), progress)
     if first.all():
         return shaped
     give_back()
     carried = carry_along(poses, rows, shaped.poses)
-    later = _rounds(task, carried, others[:0], first, None, progress)
+    others = replace(task, statements=NOTHING)
+    later = _rounds(others, carried, landmarks[:0], first, progress)
     return replace(shaped, poses=later.poses, moved=shaped.moved + later.moved)
 
 
 def _rounds(
-    task: _Task, poses: Array, others: Array, held: NDArray[np.bool_], stated: Motions | None,
-    progress: Progress,
-) -> _Aligned:  # fmt: skip
-    """The scans aligned with each other; where more than one is held, with these."""
+    task: _Task, poses: Array, landmarks: Array, held: NDArray[np.bool_], progress: Progress
+) -> _Aligned:
+    """The scans aligned with each other; where some are held, with these."""
     moved: tuple[float, ...] = ()
-    residual = 0.0
+    residual, count = 0.0, len(poses)
     settings, config = task.config.odometry, task.config
-    motions = node_motions(task.nodes, task.chosen, task.constraints)
-    motions = motions if stated is None else joined(motions, stated)
+    stays = np.append(held, np.zeros(len(landmarks), np.bool_))
+    system, every = joint_system(
+        task.nodes, task.chosen, task.constraints, task.statements,
+        np.concatenate([poses, landmarks]), stays,
+    )  # fmt: skip
     scans = task.scans.some(task.chosen)
     task.scans.let_go()
-    among = held if np.count_nonzero(held) > 1 else None
-    stays = np.concatenate([held, np.arange(1 - len(others), 1) == 0])  # the map's frame is last
-    every = np.concatenate([poses, others])
+    among = held if held.any() else None
     for reaches in (_REACHES[:_ANEW], _REACHES[_ANEW:]):
         pairs = neighbour_pairs(
-            every[: len(held)], settings.refine_radius, settings.refine_passes, among=among
+            every[:count], settings.refine_radius, settings.refine_passes, among=among
         )
         island = task.island[task.chosen[pairs]]
         pairs = pairs[~held[pairs].all(axis=1) & (island[:, 0] == island[:, 1])]
         found = align_jointly(
-            scans, every, pairs, motions, reaches, config.registration, config.threads,
-            _NOTHING, stays,
-        )  # fmt: skip
+            scans, system, every, pairs, reaches, config.registration, config.threads, _NOTHING
+        )
         every, residual = found.poses, found.residual
         moved += found.moved
         progress.update(len(moved))
-    return _Aligned(every[: len(held)], every[len(held) :], moved, residual)
+    return _Aligned(every[:count], every[count:-1], moved, residual)
 
 
 def _drives(nodes: Sequence[Node], unseen: Array) -> list[tuple[int, int]]:
@@ -189,54 +183,6 @@ def spaced_nodes(poses: Array, config: Config) -> Index:
         if far or abs(step[2]) >= settings.refine_angle:
             kept.append(k)
     return np.array(kept, np.int64)
-
-
-def node_motions(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged]) -> Motions:
-    """Tracked motions between chosen nodes; their covariances are the neighbours', added up."""
-    row_of = {node.id: row for row, node in enumerate(nodes)}
-    steps = [
-        c for c in constraints
-        if c.kind == ConstraintKind.NEIGHBOUR and c.accepted and c.from_id in row_of
-    ]  # fmt: skip
-    covariances = np.broadcast_to(np.diag(np.full(3, _UNKNOWN**2)), (len(nodes), 3, 3)).copy()
-    if steps:
-        known = information_to_planar(np.stack([c.information for c in steps]))
-        covariances[[row_of[c.from_id] for c in steps]] = np.linalg.inv(known)
-    tracked = np.stack([nodes[k].tracked_from_base for k in chosen])
-    summed = np.add.reduceat(covariances[: chosen[-1]], chosen[:-1], axis=0)
-    information = np.asarray(np.linalg.inv(summed + 1e-9 * np.eye(3)), np.float64)
-    sessions = np.array([nodes[k].session for k in chosen])
-    within = np.flatnonzero(sessions[:-1] == sessions[1:])
-    tails, heads, loops, known = _closed(nodes, chosen, constraints)
-    return Motions(
-        np.concatenate([within, tails]),
-        np.concatenate([within + 1, heads]),
-        np.concatenate([matrix_to_planar(between(tracked[within], tracked[within + 1])), loops]),
-        np.concatenate([information[within], known]),
-    )
-
-
-def _closed(
-    nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged]
-) -> tuple[Index, Index, Array, Array]:
-    """Accepted laser closures between the nearest chosen nodes: ends, motions, information."""
-    row_of = {node.id: row for row, node in enumerate(nodes)}
-    found = [
-        c for c in constraints
-        if c.kind in CLOSURES and c.accepted and not holds(c)
-        and c.from_id in row_of and c.to_id in row_of
-    ]  # fmt: skip
-    if not found:
-        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3))
-    rows = np.array([(row_of[c.from_id], row_of[c.to_id]) for c in found])
-    near = np.searchsorted(chosen, rows, side="right") - 1
-    matrices = np.stack([node.tracked_from_base for node in nodes])
-    aside = between(matrices[chosen[near]], matrices[rows])
-    measured = np.stack([c.from_from_to for c in found])
-    moved = aside[:, 0] @ measured @ invert(aside[:, 1])
-    known = information_to_planar(np.stack([c.information for c in found]))
-    keep = near[:, 0] != near[:, 1]
-    return near[keep, 0], near[keep, 1], matrix_to_planar(moved)[keep], known[keep]
 
 
 def carry_along(solved: Array, chosen: Index, refined: Array) -> Array:

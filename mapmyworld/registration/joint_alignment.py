@@ -1,7 +1,8 @@
-"""Many scans aligned with each other at once: all pairs' normal equations in one sparse system.
+"""Many scans aligned with each other at once: all their pairs in one factor graph.
 
 Lu and Milios, "Globally consistent range scan alignment for environment mapping", Autonomous
-Robots 4, 1997, with point-to-line residuals that are associated anew in every round.
+Robots 4, 1997, with point-to-line residuals that are associated anew in every round: a pair is a
+relative pose with the information that its points have of it.
 """
 
 from __future__ import annotations
@@ -12,14 +13,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.descent import settle
+from mapmyworld.backend.residuals import planar_exp
+from mapmyworld.backend.system import System, believed_edges, with_edges
 from mapmyworld.config import RegistrationConfig
-from mapmyworld.geometry.planar import compose_planar
+from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.kernels.scan_alignment import pair_systems
 from mapmyworld.parallel import run_in_chunks
-from mapmyworld.registration.joint_equations import Motions, equations_of, factors_of, step_of
 from mapmyworld.registration.scan_matching import ScanSet
 
 Array = NDArray[np.float64]
+Pairs = NDArray[np.int64]
+_UPPER = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+_FAINT = 1.0  # information of a pair that keeps a direction finite which its points leave open
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,53 +33,36 @@ class JointAlignment:
     """What the joint alignment came to."""
 
     poses: Array
-    """(S, 3)."""
+    """(N, 3)."""
     moved: tuple[float, ...]
-    """Root mean square movement of the scans in each round, metres."""
+    """Root mean square movement of what does not stay in each round, metres."""
     residual: float
     """Root mean square distance between a point and the other scan's line, metres."""
 
 
 def align_jointly(
     scans: ScanSet,
+    system: System,
     poses: Array,
-    pairs: NDArray[np.int64],
-    motions: Motions,
+    pairs: Pairs,
     reaches: Sequence[float],
     config: RegistrationConfig,
     threads: int,
     enough: float = 0.0,
-    held: NDArray[np.bool_] | None = None,
 ) -> JointAlignment:
-    """Poses (S, 3) that fit the `pairs` (P, 2) of scans and the motions best.
+    """Poses (N, 3) that fit the `pairs` (P, 2) of scans and the system's edges best.
 
-    One round a reach: the distance (m) within which points are associated; none after a round
-    that moved the scans by less than `enough` metres. Scans that are `held` (S,) stay where they
-    are, the first one if none is said to.
+    The scans are the system's first nodes. One round a reach: the distance (m) within which points
+    are associated; none after a round that moved the nodes by less than `enough` metres.
     """
-    poses = np.array(poses, np.float64)
-    held = np.arange(len(poses)) == 0 if held is None else held
     systems = np.zeros((len(pairs), 12))
     moved: list[float] = []
-    factors, factored = None, 0.0
     for reach in reaches:
-        if reach != factored:
-            factors = None  # large, and gone before the next ones are made
         _associate(scans, poses, pairs, reach, config, threads, systems)
-        equations = equations_of(poses, pairs, systems, motions, config)
-        is_old = factors is not None
-        if factors is None:
-            # Rounds of the same reach differ little: the last factors do for them.
-            factors, factored = factors_of(equations, held), reach
-        step = step_of(equations, factors, held)
-        if is_old and _length(step, held) >= moved[-1]:
-            # Of few points, some that joined or left change much: old factors overshoot.
-            factors = None  # gone before the new ones are made
-            factors = factors_of(equations, held)
-            step = step_of(equations, factors, held)
-        del equations
-        poses = compose_planar(poses, step)
-        moved.append(_length(step, held))
+        every = with_edges(system, *pair_edges(poses, pairs, systems, config))
+        joint = believed_edges(every, np.ones(len(every.tails), np.bool_))
+        before, poses = poses, settle(joint, poses, steps=1)
+        moved.append(_length((poses - before)[joint.free >= 0, :2]))
         if moved[-1] < enough:
             break
     weights = max(float(systems[:, 9].sum()), 1e-9)
@@ -81,15 +70,28 @@ def align_jointly(
     return JointAlignment(poses, tuple(moved), residual)
 
 
-def _length(step: Array, held: NDArray[np.bool_]) -> float:
-    """Root mean square (m) by which a step (S, 3) moves the scans that are not held."""
-    squares = np.sum(step[~held, :2] ** 2, axis=1)
-    return float(np.sqrt(squares.sum() / max(len(squares), 1)))
+def pair_edges(
+    poses: Array, pairs: Pairs, systems: Array, config: RegistrationConfig
+) -> tuple[Pairs, Pairs, Array, Array]:
+    """Tails, heads, relative poses (P, 3) and information (P, 3, 3) of pairs with these `systems`:
+    where the minimum of each pair's normal equations lies, seen from `poses`.
+    """
+    variance = config.range_sigma**2 * config.correlation * 2.0
+    information = systems[:, _UPPER] / variance + _FAINT * np.eye(3)
+    step = np.asarray(np.linalg.solve(information, -systems[:, 6:9, None] / variance)[:, :, 0])
+    tails, heads = pairs.T
+    measured = compose_planar(between_planar(poses[tails], poses[heads]), planar_exp(step))
+    return tails, heads, measured, information
+
+
+def _length(shifts: Array) -> float:
+    """Root mean square (m) of shifts (K, 2)."""
+    return float(np.sqrt(np.sum(shifts**2) / max(len(shifts), 1)))
 
 
 def _associate(
-    scans: ScanSet, poses: Array, pairs: NDArray[np.int64], reach: float,
-    config: RegistrationConfig, threads: int, systems: Array,
+    scans: ScanSet, poses: Array, pairs: Pairs, reach: float, config: RegistrationConfig,
+    threads: int, systems: Array,
 ) -> None:  # fmt: skip
     """Fills `systems` (P, 12) with the normal equations of all pairs at `poses`."""
     scale = config.residual_share * reach

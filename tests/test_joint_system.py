@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from sample_verdicts import REJECTED
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, planar_to_matrix
+from mapmyworld.odometry.joint_system import Statements, joint_system
 from mapmyworld.registration.joint_alignment import align_jointly
-from mapmyworld.registration.joint_statements import joined, statements_of
 from mapmyworld.registration.scan_matching import scan_set
 from mapmyworld.types import (
     ConstraintKind,
@@ -16,6 +18,7 @@ from mapmyworld.types import (
     Judge,
     Judged,
     Marker,
+    Node,
     Person,
     Poses,
     ScanMatch,
@@ -47,32 +50,45 @@ GIVEN = [
 ]
 
 
+AT = np.array([[0.3 * k, 0.1, 0.02 * k] for k in range(5)])
+NODES = [
+    Node(i, 1, i, planar_to_matrix(AT[k]), planar_to_matrix(AT[k]))
+    for k, i in enumerate((5, 6, 7, 8))
+]
+CHOSEN = np.arange(4)
+
+
 def test_scans_state_nothing_that_their_alignment_does_not_see() -> None:
-    found = statements_of([5, 6, 7, 8], GIVEN)
-    ends = list(zip(found.tails.tolist(), found.heads.tolist(), strict=True))
-    assert ends == [(1, 2), (0, 3), (2, 4), (5, 1)]  # rows: four nodes, the landmark, the map
-    assert found.landmarks.tolist() == [-2]
-    assert found.stated.tolist() == [0, 1, 2, 3]
-    assert found.places
-    assert not statements_of([5, 6, 7, 8], GIVEN[:-1]).places
+    found = Statements.of(NODES, GIVEN)
+    assert [c for c in GIVEN if c in found.constraints] == [GIVEN[k] for k in (2, 3, 5, 7)]
+    assert found.landmarks == (-2,)
+    assert found.concerns(NODES).tolist() == [0, 1, 2, 3]
+    assert Statements.of(NODES, GIVEN[:1]).concerns(NODES).tolist() == []
+
+
+def test_motions_closures_and_statements_are_edges_of_one_system() -> None:
+    stated, held = Statements.of(NODES, GIVEN), np.zeros(5, np.bool_)
+    system, every = joint_system(NODES, CHOSEN, GIVEN, stated, AT, held)
+    ends = list(zip(system.tails.tolist(), system.heads.tolist(), strict=True))
+    stated_ends, motions, closures = ends[:4], ends[4:7], ends[7:]
+    assert stated_ends == [(1, 2), (0, 3), (2, 4), (5, 1)]  # four nodes, the landmark, the map
+    assert motions == [(0, 1), (1, 2), (2, 3)]
+    assert closures == [(0, 2)]
+    assert np.flatnonzero(system.free < 0).tolist() == [5]
+    assert len(every) == 6
 
 
 def test_landmarks_move_with_what_sees_them_and_priors_move_the_map() -> None:
     """Without a scan: statements alone say where everything is."""
-    ids, made = [5, 6, 7, 8], GIVEN[1:]
-    found = statements_of(ids, made)
-    at = np.array([[0.3 * k, 0.1, 0.02 * k] for k in range(5)])
-    every = np.array([*ids, -2])
-    others = found.others(Poses(every, planar_to_matrix(at)))
-    chosen = np.arange(4)
-    still = statements_of(ids, []).among(chosen)
-    motions = joined(still, found.among(chosen))
-    held = np.arange(6) == 5
-    start = np.concatenate([at[:4], others])
-    none = np.zeros((0, 2), np.int64)
-    solved = align_jointly(
-        scan_set([]), start, none, motions, [0.1] * 8, Config().registration, 1, held=held
+    vague = [replace(n, session=n.id) for n in NODES]  # so that no motion ties them
+    stated, landmark = (
+        Statements.of(vague, GIVEN[2:]),
+        Poses(np.array([-2]), planar_to_matrix(AT[4:])),
     )
+    assert np.allclose(stated.places_of(landmark), AT[4:])
+    system, every = joint_system(vague, CHOSEN, GIVEN[2:3], stated, AT, np.zeros(5, np.bool_))
+    none = np.zeros((0, 2), np.int64)
+    solved = align_jointly(scan_set([]), system, every, none, [0.1] * 8, Config().registration, 1)
     prior, seen = solved.poses[1], between_planar(solved.poses[2], solved.poses[4])
     np.testing.assert_allclose(prior, [1.0, 0.0, 0.0], atol=1e-5)
     np.testing.assert_allclose(seen, [1.0, 0.0, 0.0], atol=1e-5)

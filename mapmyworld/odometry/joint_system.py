@@ -1,0 +1,122 @@
+"""What is known of aligned scans beside their pairs: motions, closures, and what was stated.
+
+Priors, pins, landmarks, closures by images and what a person stated hold final poses by the same
+factors as in the pose graph. Laser closures are carried to the nearest aligned scans.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.backend.system import System, with_edges
+from mapmyworld.geometry.planar import information_to_planar, matrix_to_planar, planar_to_matrix
+from mapmyworld.geometry.rigid import between, invert
+from mapmyworld.graph.constraint_system import stated_system
+from mapmyworld.types import CLOSURES, ConstraintKind, Judge, Judged, Node, Poses, ScanMatch
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Edges = tuple[Index, Index, Array, Array]
+"""Tails, heads, relative poses (E, 3), information (E, 3, 3)."""
+_UNKNOWN = 0.05  # m and rad by which a step without a constraint may be off
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Statements:
+    """Constraints that hold final poses, between nodes with scans, landmarks and the map."""
+
+    constraints: tuple[Judged, ...]
+    landmarks: tuple[int, ...]
+    """Ids."""
+
+    @staticmethod
+    def of(nodes: Sequence[Node], constraints: Sequence[Judged]) -> Statements:
+        """Those of the constraints that hold these nodes."""
+        known = {node.id for node in nodes}
+        used = [c for c in constraints if holds(c) and all(e < 0 or e in known for e in _ends(c))]
+        landmarks = sorted({e for c in used for e in _ends(c) if e < 0}, reverse=True)
+        return Statements(tuple(used), tuple(landmarks))
+
+    def concerns(self, nodes: Sequence[Node]) -> Index:
+        """Indices of the nodes that any of them is about."""
+        ends = {e for c in self.constraints for e in _ends(c)}
+        return np.array([k for k, node in enumerate(nodes) if node.id in ends], np.int64)
+
+    def places_of(self, poses: Poses) -> Array:
+        """(L, 3) poses of the landmarks."""
+        rows = np.array([np.flatnonzero(poses.ids == i)[0] for i in self.landmarks], np.int64)
+        return matrix_to_planar(poses.map_from_node[rows])
+
+
+NOTHING = Statements((), ())
+
+
+def holds(constraint: Judged) -> bool:
+    """Whether it holds poses itself: no neighbour, no closure by laser that nobody judged."""
+    by_hand = any(verdict.judge is Judge.PERSON for verdict in constraint.verdicts)
+    scanned = isinstance(constraint.source, ScanMatch) and not by_hand
+    moved = constraint.kind is ConstraintKind.NEIGHBOUR
+    return constraint.accepted and not (scanned or moved)
+
+
+def _ends(constraint: Judged) -> tuple[int, int]:
+    return constraint.from_id, constraint.to_id
+
+
+def joint_system(
+    nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged], stated: Statements,
+    poses: Array, held: NDArray[np.bool_],
+) -> tuple[System, Array]:  # fmt: skip
+    """The system of `chosen` (S,) nodes and the landmarks at `poses` (S + L, 3), of which those
+    that are `held` stay; and all poses, that of the map's own frame, which stays too, last.
+    """
+    ids = np.array([*(nodes[k].id for k in chosen.tolist()), *stated.landmarks], np.int64)
+    known = stated_system(ids, planar_to_matrix(poses), stated.constraints, planar=True)
+    system = with_edges(known.system, *node_motions(nodes, chosen, constraints))
+    system = with_edges(system, *_closed(nodes, chosen, constraints))
+    return system.held(np.append(held, True)), np.concatenate([poses, np.zeros((1, 3))])
+
+
+def node_motions(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged]) -> Edges:
+    """Tracked motions between chosen nodes; their covariances are the neighbours', added up."""
+    row_of = {node.id: row for row, node in enumerate(nodes)}
+    steps = [
+        c for c in constraints
+        if c.kind == ConstraintKind.NEIGHBOUR and c.accepted and c.from_id in row_of
+    ]  # fmt: skip
+    covariances = np.broadcast_to(np.diag(np.full(3, _UNKNOWN**2)), (len(nodes), 3, 3)).copy()
+    if steps:
+        known = information_to_planar(np.stack([c.information for c in steps]))
+        covariances[[row_of[c.from_id] for c in steps]] = np.linalg.inv(known)
+    tracked = np.stack([nodes[k].tracked_from_base for k in chosen])
+    summed = np.add.reduceat(covariances[: chosen[-1]], chosen[:-1], axis=0)
+    information = np.asarray(np.linalg.inv(summed + 1e-9 * np.eye(3)), np.float64)
+    sessions = np.array([nodes[k].session for k in chosen])
+    within = np.flatnonzero(sessions[:-1] == sessions[1:])
+    measured = matrix_to_planar(between(tracked[within], tracked[within + 1]))
+    return within, within + 1, measured, information[within]
+
+
+def _closed(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged]) -> Edges:
+    """Accepted laser closures between the nearest chosen nodes."""
+    row_of = {node.id: row for row, node in enumerate(nodes)}
+    found = [
+        c for c in constraints
+        if c.kind in CLOSURES and c.accepted and not holds(c)
+        and c.from_id in row_of and c.to_id in row_of
+    ]  # fmt: skip
+    if not found:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3))
+    rows = np.array([(row_of[c.from_id], row_of[c.to_id]) for c in found])
+    near = np.searchsorted(chosen, rows, side="right") - 1
+    matrices = np.stack([node.tracked_from_base for node in nodes])
+    aside = between(matrices[chosen[near]], matrices[rows])
+    measured = np.stack([c.from_from_to for c in found])
+    moved = aside[:, 0] @ measured @ invert(aside[:, 1])
+    known = information_to_planar(np.stack([c.information for c in found]))
+    keep = near[:, 0] != near[:, 1]
+    return near[keep, 0], near[keep, 1], matrix_to_planar(moved)[keep], known[keep]

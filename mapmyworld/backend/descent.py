@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import gtsam
 
 from mapmyworld.backend.blocks import metis_order_of
-from mapmyworld.backend.factors import FactorGraph, factor_graph, poses_of
+from mapmyworld.backend.factors import FactorGraph, elimination_order, factor_graph, poses_of
 from mapmyworld.backend.system import Fit, System, fit_of
 from mapmyworld.geometry import Array
 
@@ -42,6 +42,12 @@ def descend(system: System, start: Fit, tolerance: float, steps: int) -> Descent
     if not fit.chi2 <= start.chi2:  # rounding at the minimum
         fit = start
     return Descent(fit, taken, taken < steps)
+
+
+def solved(graph: FactorGraph, tolerance: float = 1e-6, steps: int = 100) -> FactorGraph:
+    """The graph at the nearby minimum, whatever factors and variables were added to it."""
+    order = elimination_order(graph.factors)
+    return replace(graph, values=optimised(graph, order, tolerance, steps)[0])
 
 
 def optimised(

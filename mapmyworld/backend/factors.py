@@ -22,8 +22,11 @@ from mapmyworld.geometry.rigid import invert, se3_adjoint
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FactorGraph:
-    """gtsam's graph of a system and values to begin with. More may be added to both: other
-    variables under keys of gtsam's symbols, which come after all nodes.
+    """gtsam's graph of a system and values to begin with.
+
+    Whoever knows more of the poses adds factors and variables of any kind to both: variables under
+    keys of gtsam's symbols, which come after all nodes. `descent.solved` and
+    `information.Information` take them as they come.
     """
 
     factors: Any

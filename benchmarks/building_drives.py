@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.simulation.driver import Drive, drive_route
-from mapmyworld.simulation.odometry import disturb_wheels, wheel_travel
-from mapmyworld.simulation.plan import Plan, plan_of_segments
+from mapmyworld.simulation.floor_plan import Plan, plan_of_segments
+from mapmyworld.simulation.robot_settings import BodySettings, DriverSettings, OdometrySettings
 from mapmyworld.simulation.route import Step
-from mapmyworld.simulation.settings import BodySettings, DriverSettings, OdometrySettings
+from mapmyworld.simulation.wheel_odometry import disturb_wheels, wheel_travel
 
 Array = NDArray[np.float64]
 ANGLES = np.radians(np.arange(-90.0, 90.0))

@@ -24,8 +24,8 @@ from kinect import Faults
 from laser_robots import scores_of, tool
 from tum_like import Path3, record
 
-from formats.trajectory import read_trajectory
-from mapmyworld.evaluation.relations import poses_at
+from formats.trajectory_files import read_trajectory
+from mapmyworld.evaluation.relations_metric import poses_at
 
 DRIVES: list[tuple[str, str, list[float]]] = [
     ("apartment", "default", [4, 6]),
@@ -102,10 +102,12 @@ def main() -> None:
         with nullcontext(kept) if kept else tempfile.TemporaryDirectory(prefix="cameras-") as at:
             log = Path(at) / f"{'hand' if options.hands else 'robot'}{number}"
             if options.hands:
-                told, log, wanted = hand_recorded(number, log)
+                reported, log, wanted = hand_recorded(number, log)
             else:
-                told, log, wanted = robot_driven(robot(number), number, changes, log)
-            print(f"| {number} | {told} | {scored(log, [*wanted, *options.build])} |", flush=True)
+                reported, log, wanted = robot_driven(robot(number), number, changes, log)
+            print(
+                f"| {number} | {reported} | {scored(log, [*wanted, *options.build])} |", flush=True
+            )
 
 
 def robot(number: int) -> Robot:
@@ -124,7 +126,7 @@ def robot_driven(
     settings = drawn.settings | {k: v for k, v in changes.items() if "." in k}
     world, sensors = changes.get("world", drawn.world), changes.get("sensors", drawn.sensors)
     route = changes.get("route", drawn.route)
-    told = [sensors, f"{world} {route[:7].split(',')[0]}", *(str(settings[n]) for n in SHOWN)]
+    reported = [sensors, f"{world} {route[:7].split(',')[0]}", *(str(settings[n]) for n in SHOWN)]
     settings["camera.width"], settings["camera.height"] = settings.pop("camera.size").split("x")
     words = [w for name, value in settings.items() for w in ("--set", f"{name}={value}")]
     simulated, built = SENSORS[sensors]
@@ -133,7 +135,7 @@ def robot_driven(
     driven = tool(*drive, "-q", *words, *simulated)
     if driven.returncode:
         raise SystemExit(driven.stderr)
-    return " | ".join(told), log, built
+    return " | ".join(reported), log, built
 
 
 def hand_recorded(number: int, folder: Path) -> tuple[str, Path, list[str]]:
@@ -160,8 +162,8 @@ def hand_recorded(number: int, folder: Path) -> tuple[str, Path, list[str]]:
     )
     rate, lag = draw.choice([7.5, 15.0, 15.0, 30.0]), draw.choice([0.0, 0.008, 0.015])
     record(path, folder, 4.0 + 60.0 / rate, rate, lag, number, faults)
-    told = [rate, lag, period, turns, faults.exposure, faults.image_noise, faults.depth_scale]
-    return " | ".join(str(n) for n in told), folder, []
+    reported = [rate, lag, period, turns, faults.exposure, faults.image_noise, faults.depth_scale]
+    return " | ".join(str(n) for n in reported), folder, []
 
 
 def scored(log: Path, settings: list[str]) -> str:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from spoil import listed
 
 from formats.logs.tum_calibration import calibration_of
-from formats.trajectory import read_trajectory, write_trajectory
+from formats.trajectory_files import read_trajectory, write_trajectory
 from mapmyworld.types import Trajectory
 
 Image = NDArray[Any]

@@ -191,7 +191,7 @@ def frames_of(entries: list[Entry]) -> dict[str, str]:
     return {"LASER": scan.frame_id, "CAMERA": parents.get(image.frame_id, image.frame_id)}
 
 
-def told(entries: list[Entry]) -> tuple[dict[str, Finding], list[str]]:
+def reported(entries: list[Entry]) -> tuple[dict[str, Finding], list[str]]:
     """The comparisons by name, and all other words about the log."""
     log = MemoryLog(entries)
     plan = make_plan(survey_log(log), Config().sensing)
@@ -212,18 +212,20 @@ def main() -> None:
 
 
 def report(world: str, name: str, entries: list[Entry]) -> list[str]:
-    """Whether the fault is told, and every line that is no praise."""
+    """Whether the fault is reported, and every line that is no praise."""
     fault, where, value = FAULTS[name]
-    found, words = told(list(fault(entries)))
+    found, words = reported(list(fault(entries)))
     bad = {key: finding for key, finding in found.items() if not finding.good}
-    lines = [f"    {key}: {one.text} -> {one.remedy}" for key, one in bad.items()]
+    lines = [f"    {key}: {one.text} -> {one.suggestion}" for key, one in bad.items()]
     lines += [f"    - {word}" for word in words]
     if not where:
         verdict = f"{len(found)} comparisons, {len(bad)} complaints"
     elif value is None:
-        verdict = "told" if where in bad or any(where in word for word in words) else "NOT TOLD"
+        verdict = (
+            "reported" if where in bad or any(where in word for word in words) else "NOT REPORTED"
+        )
     elif where not in bad:
-        verdict = f"NOT TOLD ({found[where].value:.3f})" if where in found else "NOT COMPARED"
+        verdict = f"NOT REPORTED ({found[where].value:.3f})" if where in found else "NOT COMPARED"
     else:
         verdict = f"{bad[where].value:.3f} for {value:.3f}"
     return [f"{world}: {name}: {verdict}", *lines]

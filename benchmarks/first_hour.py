@@ -34,7 +34,7 @@ class Came:
     """What one item gave."""
 
     run: str
-    told: str
+    reported: str
     ok: bool | None
     """None where it could not be tried."""
 
@@ -128,8 +128,8 @@ def appended(desk: Desk) -> Came:
         and ratio < 2.1
         and (desk.folder / "both.timing.json").exists()
     )
-    told = f"{both['sessions']} sessions, path {ratio:.2f} times that of one; report is new"
-    return Came("build --append both.db again.mcap", told, ok)
+    reported = f"{both['sessions']} sessions, path {ratio:.2f} times that of one; report is new"
+    return Came("build --append both.db again.mcap", reported, ok)
 
 
 def carmen_at_a_terminal(desk: Desk) -> Came:
@@ -177,11 +177,11 @@ def shares(desk: Desk) -> Came:
 
 
 def typos(desk: Desk) -> Came:
-    """12: what is mistyped is told; American spelling is understood."""
-    told = [desk.run(*words.split()).stderr for words in ("biuld", "inspct")]
+    """12: what is mistyped is reported; American spelling is understood."""
+    reported = [desk.run(*words.split()).stderr for words in ("biuld", "inspct")]
     asked = desk.run("build", "x.bag", "--resolution", "0.1").stderr
     american = [desk.run(name, "--help").returncode for name in ("localize", "optimize")]
-    ok = "'build'" in told[0] and "'inspect'" in told[1] and american == [0, 0]
+    ok = "'build'" in reported[0] and "'inspect'" in reported[1] and american == [0, 0]
     ok = ok and "mapping.resolution" in asked and "--resume" not in asked
     return Came("biuld, inspct, localize, --resolution", asked.strip().splitlines()[-1], ok)
 
@@ -196,7 +196,7 @@ def inspect_file(desk: Desk) -> Came:
 def clock_set_back(desk: Desk) -> Came:
     """15: what follows a clock that was set back by 7 s is moved, and that is said."""
     from formats.logs import open_log
-    from formats.recording import LogWriter
+    from formats.recording_files import LogWriter
     from mapmyworld.types import TransformsMessage
 
     path, plain = desk.folder / "set_back.mcap", desk.simulated("one")
@@ -222,7 +222,7 @@ def clock_set_back(desk: Desk) -> Came:
 def blind_laser(desk: Desk) -> Came:
     """15: a log whose scans are all invalid is mapped with its camera."""
     from formats.logs import open_log
-    from formats.recording import LogWriter
+    from formats.recording_files import LogWriter
     from mapmyworld.types import LaserScanMessage
 
     path = desk.folder / "blind.mcap"
@@ -295,11 +295,13 @@ def main() -> None:
         for name in sorted(wanted, key=lambda n: (int(n.split()[0]), n)):
             try:
                 came = items[name](Desk(Path(folder)))
-            except Exception as error:  # one that cannot be told is one that is not as it should be
+            except (
+                Exception
+            ) as error:  # one that cannot be reported is one that is not as it should be
                 came = Came("?", f"{type(error).__name__}: {error}", False)
             verdict = {True: "ok", False: "NOT OK", None: "not tried"}[came.ok]
             failed += came.ok is False
-            print(f"{name:12} {verdict:9} {came.run}: {came.told[:_SHOWN]}", flush=True)
+            print(f"{name:12} {verdict:9} {came.run}: {came.reported[:_SHOWN]}", flush=True)
     sys.exit(failed > 0)
 
 

@@ -45,8 +45,8 @@ def merged_camera(folder: Path) -> Came:
     for name in ("laser", "camera"):
         run(folder, "build", f"{name}.mcap", "-o", f"{name}.db", "-q", "--no-export")
     code, _ = run(folder, "merge", "laser.db", "camera.db", "-o", "both.db", "-q")
-    _, told = run(folder, "inspect", "map", "both.db")
-    line = next(line.strip() for line in told.splitlines() if "camera:" in line)
+    _, reported = run(folder, "inspect", "map", "both.db")
+    line = next(line.strip() for line in reported.splitlines() if "camera:" in line)
     has_cloud = (folder / "both.ply").exists()
     return f"exit {code}; {line}; cloud: {has_cloud}", "none" not in line and has_cloud
 
@@ -58,8 +58,8 @@ def relations_of_a_part(folder: Path) -> Came:
     moments = [(rows[0, 0], rows[0, 0] + 1e6)] * 8 + [(rows[0, 0], rows[0, 0])] * 2
     lines = [f"{a:.6f} {b:.6f} 0 0 0 0 0 0\n" for a, b in moments]
     (folder / "a.relations").write_text("".join(lines))
-    code, told = run(folder, "evaluate", "relations", "map.db", "a.relations")
-    return f"exit {code}; {told.splitlines()[0]}", code == 3 and "2 relations" in told
+    code, reported = run(folder, "evaluate", "relations", "map.db", "a.relations")
+    return f"exit {code}; {reported.splitlines()[0]}", code == 3 and "2 relations" in reported
 
 
 def smaller_voxels(folder: Path) -> Came:
@@ -74,14 +74,14 @@ def smaller_voxels(folder: Path) -> Came:
 
 
 def contradicted_edit(folder: Path) -> Came:
-    """6: a wrong addition is told, with what it cost and what fights it."""
+    """6: a wrong addition is reported, with what it cost and what fights it."""
     built(folder)
     (folder / "e.toml").write_text(
         '[[add]]\nfrom = 3\nto = 150\npose = [4.2, 0, 90]\nsigma = [0.05, 2]\nreason = "wrong"\n'
     )
-    code, told = run(folder, "edit", "map.db", "e.toml", "-q")
-    lost = told.count("  rejected: ")
-    fine = code == 3 and "is contradicted" in told and "stand against the edits" in told
+    code, reported = run(folder, "edit", "map.db", "e.toml", "-q")
+    lost = reported.count("  rejected: ")
+    fine = code == 3 and "is contradicted" in reported and "stand against the edits" in reported
     _, between = run(folder, "inspect", "graph", "map.db", "--between", 1, 50)
     turn = next(line for line in between.splitlines() if "turned" in line).split("turned ")[1]
     return f"exit {code}; {lost} constraints named as lost; turned {turn}", fine and turn[0] in "+-"
@@ -123,12 +123,12 @@ def symmetric_information(folder: Path) -> Came:
 
 def sensors_left_out(folder: Path) -> Came:
     """17: real logs whose sensors no map can use yet: refused, or partial, with the reason."""
-    told = []
+    reported = []
     for name in ("lidar3d/hku_1.mcap", "imu/euroc_v1_01.mcap"):
         log = ROOT.parent / "shared" / "data" / name
         code, words = run(folder, "build", log, "-o", "x.db", "-q") if log.exists() else (3, "")
-        told.append((log.stem, code, words.count("\n")))
-    return f"{told}", all(code in {2, 3} for _, code, _ in told)
+        reported.append((log.stem, code, words.count("\n")))
+    return f"{reported}", all(code in {2, 3} for _, code, _ in reported)
 
 
 ITEMS: tuple[Callable[[Path], Came], ...] = (

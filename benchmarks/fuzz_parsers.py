@@ -30,25 +30,25 @@ import numpy as np
 _INTERPRETED = "NUMBA_DISABLE_JIT"
 os.environ[_INTERPRETED] = "1"  # compiled kernels would be blind to it
 with atheris.instrument_imports(include=["formats", "mapmyworld", "rosbags"]):
-    from formats.cloud import read_cloud
+    from formats.cloud_files import read_cloud
     from formats.database import open_store
-    from formats.edits import read_edits
-    from formats.grid import read_grid
+    from formats.edit_files import read_edits
+    from formats.graph_files import read_graph
+    from formats.grid_files import read_grid
     from formats.logs import open_log
     from formats.logs.channels import Channel
     from formats.logs.decoding import decoder_for
     from formats.logs.definitions import standard_store
-    from formats.logs.foxglove import CONVERTERS
+    from formats.logs.foxglove_decoders import CONVERTERS
     from formats.logs.ros_decoders import STAMPED, TEXT, TRANSFORMS
-    from formats.mesh import read_mesh
+    from formats.mesh_files import read_mesh
     from formats.nested_text import read_toml
-    from formats.pose_graph import read_graph
-    from formats.relations import read_relations
+    from formats.relation_files import read_relations
     from formats.scene_claims import check_claims
     from formats.scene_reading import arrays_of_mesh
-    from formats.trajectory import read_trajectory
-    from formats.truth import read_loop_pairs
-    from formats.vocabulary import read_vocabulary
+    from formats.trajectory_files import read_trajectory
+    from formats.truth_files import read_loop_pairs
+    from formats.vocabulary_files import read_vocabulary
     from mapmyworld.config import Config
     from mapmyworld.config.settings import apply_settings, flatten
     from mapmyworld.errors import LogError, MapMyWorldError

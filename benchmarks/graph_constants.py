@@ -13,9 +13,9 @@ import numpy as np
 from graph_false import with_false
 from graph_worlds import cubicle, grid, sphere, streets, torus, world
 
-from mapmyworld.config.graph import GraphConfig
-from mapmyworld.graph import admission, clusters
-from mapmyworld.graph.optimise import optimise, optimise_robustly
+from mapmyworld.config.graph_settings import GraphConfig
+from mapmyworld.graph import clusters, inlier_recovery
+from mapmyworld.graph.optimisation import optimise, optimise_robustly
 from mapmyworld.types.pose_graph import PoseGraph
 
 DRAFT = GraphConfig(certify=False)
@@ -39,7 +39,7 @@ def row(kind: str, seed: int, share: float) -> None:
     true = np.arange(len(mixed.edges)) < len(graph.edges)
     cells, started = [], time.process_time()
     for expected, heavy in VARIANTS:
-        admission._FALSE, admission.HEAVY, clusters.HEAVY = expected, heavy, heavy
+        inlier_recovery._FALSE, inlier_recovery.HEAVY, clusters.HEAVY = expected, heavy, heavy
         solved = optimise_robustly(mixed, DRAFT)
         false, lost = int(solved.accepted[~true].sum()), int((~solved.accepted[true]).sum())
         ratio = solved.squared_sigmas[true].sum() / clean.sum()

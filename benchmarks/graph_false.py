@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from mapmyworld.config.graph import GraphConfig
+from mapmyworld.config.graph_settings import GraphConfig
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.geometry.rigid import between, make_transform
 from mapmyworld.geometry.rotations import quaternion_to_rotation
-from mapmyworld.graph.optimise import optimise
+from mapmyworld.graph.optimisation import optimise
 from mapmyworld.types.pose_graph import Edges, PoseGraph
 
 
@@ -45,7 +45,7 @@ def with_false(graph: PoseGraph, share: float, seed: int, group: int = 1) -> Pos
         edges=Edges(
             np.concatenate([edges.from_ids, graph.ids[tails]]),
             np.concatenate([edges.to_ids, graph.ids[heads]]),
-            np.concatenate([edges.from_from_to, np.array(motions)]),
+            np.concatenate([edges.i_from_j, np.array(motions)]),
             np.concatenate([edges.information, information]),
             np.concatenate([edges.odometry, np.zeros(len(tails), np.bool_)]),
         ),

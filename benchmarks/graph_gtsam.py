@@ -64,7 +64,7 @@ def _factors(graph: PoseGraph) -> Any:
     rows = zip(
         edges.from_ids.tolist(),
         edges.to_ids.tolist(),
-        edges.from_from_to,
+        edges.i_from_j,
         edges.information,
         strict=True,
     )

@@ -17,10 +17,10 @@ from graph_gtsam import examples_cost
 from graph_large import unequal
 from graph_worlds import drive, meetings, posed, sigmas, some, street_walk, turned
 
-from formats.pose_graph import read_graph
+from formats.graph_files import read_graph
 from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.geometry.rigid import between, se3_exp
-from mapmyworld.graph.optimise import optimise
+from mapmyworld.graph.optimisation import optimise
 from mapmyworld.types.pose_graph import PoseGraph
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -33,10 +33,10 @@ def m3500() -> Graphs:
     graph = read_graph(DATA / "manhattan.g2o").graph
     blind, edges = np.zeros_like(graph.map_from_node), graph.edges
     for sigma in (0.1, 0.2, 0.3):
-        rng, motion = np.random.default_rng(int(10 * sigma)), edges.from_from_to.copy()
+        rng, motion = np.random.default_rng(int(10 * sigma)), edges.i_from_j.copy()
         motion[:, 2] = wrap_angle(motion[:, 2] + sigma * rng.normal(size=len(motion)))
         known = np.diag([44.72, 44.72, 1.0 / (1.0 / 30.0 + sigma**2)])
-        noisy = replace(edges, from_from_to=motion, information=np.tile(known, (len(motion), 1, 1)))
+        noisy = replace(edges, i_from_j=motion, information=np.tile(known, (len(motion), 1, 1)))
         yield f"{sigma} rad more", replace(graph, map_from_node=blind, edges=noisy)
 
 
@@ -80,7 +80,7 @@ def correlated() -> Graphs:
         motion = between(truth[edges.from_ids], truth[edges.to_ids]) @ se3_exp(noise)
         known = np.linalg.inv(shape @ np.swapaxes(shape, 1, 2)).astype(np.float64)
         known = 0.5 * (known + np.swapaxes(known, 1, 2))
-        noisy = replace(edges, from_from_to=motion, information=known)
+        noisy = replace(edges, i_from_j=motion, information=known)
         yield f"{spread} times, {mix}", replace(graph, edges=noisy)
 
 

@@ -69,7 +69,7 @@ def unequal(rng: np.random.Generator) -> tuple[np.ndarray, PoseGraph]:
     measured = between(truth[tails], truth[heads]) @ se3_exp(noise)
     information = np.linalg.inv(shape @ np.swapaxes(shape, 1, 2))
     information = 0.5 * (information + np.swapaxes(information, 1, 2))
-    edges = replace(graph.edges, from_from_to=measured, information=information)
+    edges = replace(graph.edges, i_from_j=measured, information=information)
     return truth, replace(graph, edges=edges)
 
 

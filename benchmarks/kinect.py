@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import transform_points
-from mapmyworld.registration.camera import pixels_of_points
-from mapmyworld.simulation.camera import Renderer
-from mapmyworld.simulation.settings import SimulationSettings
+from mapmyworld.registration.camera_model import pixels_of_points
+from mapmyworld.simulation.robot_settings import SimulationSettings
+from mapmyworld.simulation.simulated_camera import Renderer
 from mapmyworld.simulation.world import Scene
 from mapmyworld.types import CameraModel
 

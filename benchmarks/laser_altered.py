@@ -25,8 +25,8 @@ from pathlib import Path
 import numpy as np
 
 from formats.logs.files import open_binary
-from formats.trajectory import read_trajectory
-from mapmyworld.evaluation.relations import poses_at
+from formats.trajectory_files import read_trajectory
+from mapmyworld.evaluation.relations_metric import poses_at
 from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
 
 KINDS = ("keys", "wheels", "half", "gap", "blind", "stall", "people", "glass", "furniture")
@@ -109,8 +109,8 @@ def write(drive: Drive, out: Path) -> None:
             drive.ranges, lasers, drive.odometry, drive.stamps, strict=True
         ):
             places = " ".join(f"{value:.6f}" for value in (*laser, *robot))
-            told = " ".join(f"{value:.2f}" for value in ranges)
-            text.write(f"FLASER {len(ranges)} {told} {places} {stamp:.6f} robot {stamp:.6f}\n")
+            reported = " ".join(f"{value:.2f}" for value in ranges)
+            text.write(f"FLASER {len(ranges)} {reported} {places} {stamp:.6f} robot {stamp:.6f}\n")
     with out.with_suffix(".ref.tum").open("w") as text:
         for (x, y, yaw), stamp in zip(drive.truth, drive.stamps, strict=True):
             half = 0.5 * yaw

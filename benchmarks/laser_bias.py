@@ -5,7 +5,7 @@
 
 Scans are taken from known poses in two corridors of the office, without motion or odometry, and
 each is matched with one taken some way before it, from the true pose. Printed is the mean error
-along the way in per cent of that way, weighted by what each match says it knows.
+along the way in per cent of that way, weighted by what each match indicates it knows.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar
 from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import ScanSet, prepare_scans
-from mapmyworld.simulation.plan import Plan, plan_at
+from mapmyworld.simulation.floor_plan import Plan, plan_at
 from mapmyworld.simulation.world import build_scene
 from mapmyworld.simulation.worlds import find_world
 from mapmyworld.types import Scan

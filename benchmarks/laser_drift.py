@@ -26,7 +26,7 @@ from mapmyworld.geometry.planar import (
 )
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.graph.solve import solve
+from mapmyworld.graph.solved_graph import solve
 from mapmyworld.places.laser_closures import find_laser_closures
 from mapmyworld.places.laser_nodes import NodeScans, load_node_scans
 from mapmyworld.stages.recognise import closures_by_laser
@@ -119,7 +119,7 @@ def neighbours(nodes: list[Node], store: MapStore) -> list[Judged]:
         if c.kind is ConstraintKind.NEIGHBOUR and c.from_id in pose and c.to_id in pose:
             moved = between(pose[c.from_id], pose[c.to_id])
             wide = np.asarray(np.linalg.inv(np.linalg.inv(c.information) + np.eye(6) * 1e-4))
-            result.append(replace(c, from_from_to=moved, information=wide))
+            result.append(replace(c, i_from_j=moved, information=wide))
     return result
 
 
@@ -133,7 +133,7 @@ def report(
     """One line a round: closures, how many of them are right, and what the poses are off by."""
     closures = [c for c in constraints if c.kind is not ConstraintKind.NEIGHBOUR]
     kept = [c for c in closures if c.accepted]
-    errors = [between(between(truth[c.from_id], truth[c.to_id]), c.from_from_to) for c in kept]
+    errors = [between(between(truth[c.from_id], truth[c.to_id]), c.i_from_j) for c in kept]
     right = [np.hypot(*e[:2, 3]) <= 0.2 and rotation_angle(e) <= np.radians(1.0) for e in errors]
     there = matrix_to_planar(np.stack([truth[int(i)] for i in poses.ids]))
     error = between_planar(there, matrix_to_planar(poses.map_from_node))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from formats.database import open_store
-from formats.relations import read_relations
+from formats.relation_files import read_relations
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import matrix_to_planar, wrap_angle
 from mapmyworld.kernels.scan_alignment import pair_systems
@@ -82,7 +82,7 @@ def joined_scans(store: MapStore, poses: Array, path: Array) -> Array:
     config = Config()
     settings, chosen = config.odometry, spaced_nodes(poses, config)
     scans, at = load_node_scans(store, config)[1].some(chosen), poses[chosen]
-    pairs = neighbour_pairs(at, settings.refine_radius, settings.refine_passes)
+    pairs = neighbour_pairs(at, settings.refine_radius, settings.refine_revisits)
     driven = path[chosen[pairs]]
     pairs = pairs[driven[:, 1] - driven[:, 0] >= _APART]
     systems = np.zeros((len(pairs), 12))

@@ -13,11 +13,11 @@ import tempfile
 import time
 from pathlib import Path
 
-from laser import DATA, Silent, closures_of, errors_of
+from laser_logs import DATA, Silent, closures_of, errors_of
 
 from formats.database import open_store
 from formats.logs import open_log
-from formats.relations import read_relations
+from formats.relation_files import read_relations
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings
 from mapmyworld.errors import ConfigError

@@ -1,7 +1,7 @@
 """Makes a log that nobody recorded of a CARMEN log, and the relations that it has to meet.
 
     python benchmarks/laser_variants.py LOG.clf.bz2 OUT.clf --backwards --every 2 --reach 8 --slip
-    python benchmarks/laser.py OUT.clf
+    python benchmarks/laser_logs.py OUT.clf
 
 Driven backwards, with every n-th scan (and those that relations name), with a laser that reaches
 less far, or with wheels that slip: LOG.relations, beside the log, becomes OUT.relations. The scans
@@ -36,10 +36,10 @@ class Change:
 
 @dataclass
 class _Wheels:
-    """Where wheels say that the robot is, and where they will say it once they slip."""
+    """Where wheels indicate that the robot is, and where they will say it once they slip."""
 
     slips: bool
-    told: np.ndarray | None = None
+    reported: np.ndarray | None = None
     slipped: np.ndarray | None = None
 
     def scan(self, laser: list[bytes], robot: list[bytes]) -> list[bytes]:
@@ -54,14 +54,14 @@ class _Wheels:
         if not self.slips:
             return words
         pose = np.array(words, np.float64)
-        if self.told is None or self.slipped is None:
+        if self.reported is None or self.slipped is None:
             self.slipped = pose
         else:
-            step = between_planar(self.told, pose)
+            step = between_planar(self.reported, pose)
             turn = _WIDER * step[2] + _DRIFT * np.hypot(step[0], step[1])
             step = np.array([*(_LONGER * step[:2]), turn])
             self.slipped = compose_planar(self.slipped, step)
-        self.told = pose
+        self.reported = pose
         return _words(self.slipped)
 
 

@@ -29,9 +29,9 @@ from formats.converting import Selection, convert_log
 from formats.logs import open_log
 from formats.logs.compression import decompress
 from formats.logs.mcap_records import HEAD_BYTES, parse_chunk_head, record_head
-from formats.logs.recorded import RecordedLog
+from formats.logs.recorded_log import RecordedLog
 from formats.logs.ros1_records import U32, field_u32, parse_fields
-from formats.recording import LogWriter
+from formats.recording_files import LogWriter
 from mapmyworld.sensing.survey import survey_log
 from mapmyworld.types import ImageMessage, LaserScanMessage, MessageKind
 

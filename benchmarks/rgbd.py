@@ -23,8 +23,8 @@ from pathlib import Path
 
 from cli.scoring import score_loops, truth_beside
 from formats.database import open_store
-from formats.trajectory import read_trajectory
-from mapmyworld.evaluation.trajectory import ate
+from formats.trajectory_files import read_trajectory
+from mapmyworld.evaluation.trajectory_error import ate
 from mapmyworld.types import ConstraintKind, MapStore, Trajectory
 
 ROOT = Path(__file__).resolve().parent.parent

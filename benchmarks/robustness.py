@@ -114,8 +114,8 @@ def _fuzz(
 
 
 def _tell(done: fuzzing.Tally) -> None:
-    told = ", ".join(f"{count} x {code}" for code, count in sorted(done.exits.items()))
-    print(f"{done.cases} files: exit codes {told}")
+    reported = ", ".join(f"{count} x {code}" for code, count in sorted(done.exits.items()))
+    print(f"{done.cases} files: exit codes {reported}")
     print(
         f"peak {done.peak_mb:.0f} MB, slowest {done.slowest_s:.1f} CPU s, "
         f"all {done.cpu_s:.0f} CPU s"
@@ -135,11 +135,11 @@ def _chosen(
 def _progress(tally: fuzzing.Tally) -> None:
     """How far it has come, and the faults found since the last word."""
     print(f"  {tally.cases} done, {len(tally.faults)} faults, {tally.cpu_s:.0f} CPU s", flush=True)
-    while tally.told < len(tally.faults):
-        case, fault = tally.faults[tally.told]
+    while tally.reported < len(tally.faults):
+        case, fault = tally.faults[tally.reported]
         command = " ".join(case.command)
         print(f"\n{case.source.name} seed {case.seed}: {command}\n{fault}", flush=True)
-        tally.told += 1
+        tally.reported += 1
 
 
 def _kill_builds(options: argparse.Namespace, folder: Path) -> None:
@@ -155,8 +155,8 @@ def _kill_builds(options: argparse.Namespace, folder: Path) -> None:
             continue
         count = -(-options.count // len(builds))
         found = kills.kill_builds(log, settings, count, options.seed, lambda _: None)
-        told = ", ".join(f"{n} x {stage}" for stage, n in sorted(found.after.items()))
-        print(f"{name}: {found.kills} killed ({found.late} of them too late), after: {told}")
+        reported = ", ".join(f"{n} x {stage}" for stage, n in sorted(found.after.items()))
+        print(f"{name}: {found.kills} killed ({found.late} of them too late), after: {reported}")
         print(
             f"  {found.stages_kept} finished stages kept, {len(found.repeated)} done again; "
             f"{len(found.different)} files differ; {len(found.unusable)} maps unusable",

@@ -14,7 +14,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from formats.recording import LogWriter
+from formats.recording_files import LogWriter
 from mapmyworld.simulation import WORLDS, SimulationSettings, simulate
 
 

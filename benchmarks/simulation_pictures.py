@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.simulation import WORLDS, Recording, SimulationSettings, simulate
-from mapmyworld.simulation.camera import Renderer
+from mapmyworld.simulation.simulated_camera import Renderer
 from mapmyworld.simulation.world import build_scene
 
 Picture = NDArray[np.uint8]

@@ -23,13 +23,13 @@ import numpy as np
 from laser_recall import closures_of, recalled, returns
 
 from formats.logs import open_log
-from formats.relations import read_relations
-from formats.trajectory import read_trajectory
+from formats.relation_files import read_relations
+from formats.trajectory_files import read_trajectory
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings
-from mapmyworld.evaluation.relations import poses_at, relations_score
-from mapmyworld.evaluation.trajectory import ate
+from mapmyworld.evaluation.relations_metric import poses_at, relations_score
+from mapmyworld.evaluation.trajectory_error import ate
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
@@ -156,7 +156,7 @@ def _false(store: MapStore, reference: Trajectory | None) -> int:
         poses_at(reference, np.array([stamp[i] for i in ids], np.int64))
         for ids in ([c.from_id for c in kept], [c.to_id for c in kept])
     )
-    miss = between(between(first, second), np.stack([c.from_from_to for c in kept]))
+    miss = between(between(first, second), np.stack([c.i_from_j for c in kept]))
     far = np.linalg.norm(miss[:, :3, 3], axis=1) > _FALSE[0]
     return int(np.count_nonzero(far | (np.degrees(rotation_angle(miss)) > _FALSE[1])))
 

@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cli.config_sources import settings_that_differ
 from cli.merging import extend_file, merge_files
-from cli.settings import settings_that_differ
 from cli.storing import storage_arguments
 from mapmyworld.errors import MapError
 

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
-PATH = click.Path(path_type=Path, readable=False)  # what cannot be read is told by its reader
+PATH = click.Path(path_type=Path, readable=False)  # what cannot be read is recognised by its reader
 
 F = TypeVar("F", bound=Callable[..., Any])
 _LARGEST = 1e9  # metres, seconds or shares: beyond it products overflow

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from cli.arguments import PATH, format_option
-from cli.streams import show_json
+from cli.standard_streams import show_json
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
@@ -95,8 +95,8 @@ def batch(
         for result in running:
             known[result.name] = result
             if not quiet:
-                told = result.message.splitlines()[0] if result.message else result.status
-                click.echo(f"[{len(known)}/{len(jobs)}] {result.name}: {told}", err=True)
+                reported = result.message.splitlines()[0] if result.message else result.status
+                click.echo(f"[{len(known)}/{len(jobs)}] {result.name}: {reported}", err=True)
     results = [known[job.name] for job in jobs]
     _write_summaries(results, place)
     if style == "json":
@@ -107,7 +107,7 @@ def batch(
 
 
 def _place(output: str) -> str:
-    from cli.batching.places import is_url
+    from cli.batching.urls import is_url
 
     if is_url(output):
         return output.rstrip("/")
@@ -128,8 +128,8 @@ def _run(jobs: Sequence[Job], place: str, at_once: int, scheduler: str | None) -
 
 
 def _write_summaries(results: Sequence[Result], place: str) -> None:
-    from cli.batching.places import delivered, is_url
     from cli.batching.summary import FORMS
+    from cli.batching.urls import delivered, is_url
     from formats.whole_files import write_whole
 
     with tempfile.TemporaryDirectory(prefix="mapmyworld-batch-") as scratch:

@@ -13,21 +13,25 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import PATH, default_map, format_option
+from cli.config_sources import config_options, load_config, settings_that_differ
 from cli.exit_codes import EXIT_PARTIAL
 from cli.memory import memory_limit, peak_memory_mb
 from cli.outputs import forget_products, require_map_place
 from cli.progress import StderrProgress, rate_text
 from cli.repeating import given_options, repeat_and_compare
-from cli.settings import config_options, load_config, settings_that_differ
+from cli.standard_streams import show_json
 from cli.storing import no_empty_map, storage_arguments
-from cli.streams import show_json
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
     from mapmyworld.config import Config
     from mapmyworld.types import LogSource
 
-_LATER = ("mapmyworld.exporting", "cli.report", "formats.grid")  # imported while the log is tracked
+_LATER = (
+    "mapmyworld.exporting",
+    "cli.report",
+    "formats.grid_files",
+)  # imported while the log is tracked
 
 
 @click.command()
@@ -81,7 +85,7 @@ def build(
     map.pgm + map.yaml are the grid, map.ply the cloud (where there is depth), map.tum the
     trajectory, map.html the report; map.timing.json says what each stage took.
 
-    Several LOGs that belong to one drive (split bags) are one log; other drives are refused.
+    Several LOGs that belong to one session (split bags) are one log; other sessions are refused.
     A map that exists already is continued: stages that are done with the same inputs are not
     done again.
 
@@ -107,7 +111,7 @@ def build(
         _show_plan(log, config, style)
         return
     if resume and not map_path.exists():
-        raise MapError(f"{map_path}: there is no map to resume; leave --resume away to begin one")
+        raise MapError(f"{map_path}: there is no map to resume; omit --resume to begin one")
     progress = StderrProgress(quiet=quiet)
     with memory_limit(max_memory):
         summary = _build(log, map_path, config, method, overwrite, not no_export, progress)
@@ -228,7 +232,7 @@ def _given_words(path: str) -> dict[int, Any] | None:
     """The visual words that the settings name; None where they are learned from the log."""
     if not path:
         return None
-    from formats.vocabulary import read_vocabulary
+    from formats.vocabulary_files import read_vocabulary
 
     return read_vocabulary(Path(path))
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import click
 
 from cli.arguments import PATH, FiniteRange, format_option, map_argument
-from cli.checking import KEYS, Sources, measure, told_of_few_relations
+from cli.checking import KEYS, Sources, few_relations_note, measure
 from cli.exit_codes import EXIT_CHECK_FAILED, EXIT_PARTIAL
 from cli.gates import BETTER, WHOLE, judged, no_worse, read_requirements, require_known, wholeness
 from cli.outputs import require_apart
-from cli.streams import own_words, show_json, shown
+from cli.standard_streams import own_words, show_json, shown
+from formats.check_results import Verdict, junit_xml, markdown
 from formats.readable import readable
-from formats.verdicts import Verdict, junit_xml, markdown
 from mapmyworld.errors import ConfigError, MapError
 
 
@@ -88,7 +88,7 @@ def check(
     _show(verdicts, style)
     if not all(verdict.passed for verdict in verdicts):
         sys.exit(EXIT_CHECK_FAILED)
-    if few := told_of_few_relations(sources):
+    if few := few_relations_note(sources):
         click.echo(f"mapmyworld: {few}", err=True)
         if not allow_partial:
             sys.exit(EXIT_PARTIAL)
@@ -101,7 +101,7 @@ def _verdicts(
     tolerance: float,
     allow_partial: bool,
 ) -> list[Verdict]:
-    from cli.figures import problems_of
+    from cli.figure_names import problems_of
     from formats.database import open_store
 
     requirements = read_requirements(texts)
@@ -120,7 +120,7 @@ def _verdicts(
 def _figures(wanted: set[str], sources: Sources) -> dict[str, float]:
     if not wanted:
         return {}
-    from cli.figures import figures_of
+    from cli.figure_names import figures_of
     from formats.database import open_store
 
     with open_store(sources.map_path, read_only=True) as store:
@@ -171,8 +171,8 @@ def _show(verdicts: Sequence[Verdict], style: str) -> None:
     for v in verdicts:
         word = click.style("ok", fg="green") if v.passed else click.style("FAILED", fg="red")
         pad = " " * (8 - len("ok" if v.passed else "FAILED"))
-        told = readable(f"{v.requirement}  ({v.message})")
-        click.echo(f"{word}{pad}{told}", file=own_words(sys.stdout))
+        reported = readable(f"{v.requirement}  ({v.message})")
+        click.echo(f"{word}{pad}{reported}", file=own_words(sys.stdout))
 
 
 def _finite(value: float | None) -> float | None:
@@ -183,7 +183,7 @@ def _list_keys(sources: Sources, style: str) -> None:
     """The short names with what they mean; then every figure of MAP, where there is one."""
     figures: dict[str, float] = {}
     if sources.map_path.exists():
-        from cli.figures import figures_of
+        from cli.figure_names import figures_of
         from formats.database import open_store
 
         with open_store(sources.map_path, read_only=True) as store:

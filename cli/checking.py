@@ -64,7 +64,7 @@ class Facts:
     @cached_property
     def related(self) -> RelationsScore:
         """Errors of the map's relations."""
-        from formats.relations import read_relations
+        from formats.relation_files import read_relations
 
         assert self.sources.relations is not None
         return relations_score(self.trajectory, read_relations(self.sources.relations))
@@ -87,7 +87,7 @@ class Facts:
     @cached_property
     def agreement(self) -> GridScore:
         """How the grid agrees with the reference's."""
-        from formats.grid import read_grid
+        from formats.grid_files import read_grid
 
         assert self.sources.grid is not None
         return grid_score(self.grid, read_grid(self.sources.grid))
@@ -167,7 +167,7 @@ KEYS: dict[str, Key] = {
 }
 
 
-def told_of_few_relations(sources: Sources) -> str:
+def few_relations_note(sources: Sources) -> str:
     """That few of the relations given are of the map's time; empty where most are."""
     from formats.database import open_store
 

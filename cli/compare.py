@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import PATH, format_option
+from cli.config_sources import config_options, load_config
 from cli.manners import note
 from cli.outputs import require_outputs
-from cli.settings import config_options, load_config
 from cli.spelling import british
-from cli.streams import show_json
+from cli.standard_streams import show_json
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
@@ -62,14 +62,14 @@ def compare(
 
     Accuracy needs the truth (--reference) or known relative poses (--relations). Sharpness needs
     neither: a better map has less entropy a cell and thinner walls. With --methods, MAP is a LOG
-    (or several that are one drive), and its maps are built first, into a folder.
+    (or several that are one session), and its maps are built first, into a folder.
 
     \b
     mapmyworld compare graph.db particles.db --relations intel.relations --image both.png
     mapmyworld compare drive.mcap --methods graph,fastslam,neighbour --reference truth.tum
     """
     from cli.comparing import figures_of, picture_of, read_candidate, table_lines
-    from formats.relations import read_relations
+    from formats.relation_files import read_relations
 
     read = [path for path in (*paths, reference, relations, config_path) if path is not None]
     require_outputs([] if image is None else [image], read)
@@ -90,7 +90,7 @@ def compare(
 
 def _read_path(path: Path) -> Trajectory:
     """A path from a TUM, KITTI or CSV file, or out of a map."""
-    from formats.trajectory import read_trajectory
+    from formats.trajectory_files import read_trajectory
 
     if path.suffix == ".db":
         from cli.comparing import read_candidate

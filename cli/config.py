@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from cli.arguments import format_option
-from cli.streams import show_json
+from cli.standard_streams import show_json
 from mapmyworld.config.settings import as_toml, list_settings
 
 

@@ -10,7 +10,7 @@ import click
 from cli.arguments import PATH, FiniteRange
 from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import require_apart, require_output_name
-from cli.streams import own_words
+from cli.standard_streams import own_words
 
 
 @click.command()
@@ -33,7 +33,7 @@ from cli.streams import own_words
 @click.option("--topic", "topics", multiple=True, help="Only this topic; may be repeated.")
 @click.option(
     "--compress", type=click.Choice(["none", "lz4", "zstd", "bz2"]),
-    help="Compression of the output: zstd for .mcap, none for the others unless told.",
+    help="Compression of the output: zstd for .mcap, none for the others unless set.",
 )  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="Replace the output where it exists.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no summary.")

@@ -14,7 +14,7 @@ import click
 import mapmyworld
 from cli.arguments import format_option
 from cli.exit_codes import EXIT_BAD_INPUT
-from cli.streams import show_json
+from cli.standard_streams import show_json
 from mapmyworld.open3d_library import PACKAGES
 
 _NEEDED = ("numpy", "scipy", "numba", "gtsam", "cv2", "mcap", "rosbags", "rich", "click")

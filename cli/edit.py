@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import click
 
 from cli.arguments import PATH, map_argument
+from cli.config_sources import config_options, load_config
 from cli.edit_account import Graph, account, fight
 from cli.exit_codes import EXIT_PARTIAL
 from cli.progress import StderrProgress
-from cli.settings import config_options, load_config
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
@@ -68,9 +68,9 @@ def edit(
     config = load_config(config_path, changes)
     from formats.database import open_store
     from formats.database.lock import only_writer
-    from formats.edits import read_edits
+    from formats.edit_files import read_edits
     from mapmyworld.sensing.plan import moves_in_plane
-    from mapmyworld.stages.edit import edit_map
+    from mapmyworld.stages.replay_edits import edit_map
 
     edits = read_edits(edits_path)
     progress = StderrProgress(quiet=quiet)

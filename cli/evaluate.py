@@ -13,11 +13,11 @@ import click
 
 from cli.arguments import PATH, FiniteRange, format_option
 from cli.exit_codes import EXIT_PARTIAL
-from cli.streams import show_json
+from cli.standard_streams import show_json
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
-    from mapmyworld.evaluation.statistics import ErrorStatistics
+    from mapmyworld.evaluation.error_statistics import ErrorStatistics
 
 
 @click.group()
@@ -106,7 +106,7 @@ def relations(estimate: Path, relations: Path, style: str) -> None:
     mapmyworld evaluate relations map.db intel.relations
     """
     from cli.scoring import few_relations, read_any_trajectory
-    from formats.relations import read_relations
+    from formats.relation_files import read_relations
     from mapmyworld.evaluation import relations_score
 
     score = relations_score(read_any_trajectory(estimate), read_relations(relations))
@@ -125,8 +125,8 @@ def relations(estimate: Path, relations: Path, style: str) -> None:
         click.echo(f"{score.count} relations in the trajectory's time{left_out}")
         for name, value in figures.items():
             click.echo(f"{name:28}{value.mean:9.4f} +- {value.std:.4f}")
-    if told := few_relations(score):
-        click.echo(f"mapmyworld: {told}", err=True)
+    if reported := few_relations(score):
+        click.echo(f"mapmyworld: {reported}", err=True)
         sys.exit(EXIT_PARTIAL)
 
 
@@ -140,7 +140,7 @@ def grid(grid: Path, reference: Path, style: str) -> None:
     \b
     mapmyworld evaluate grid map.yaml log.mcap.truth/grid.yaml
     """
-    from formats.grid import read_grid
+    from formats.grid_files import read_grid
     from mapmyworld.evaluation import grid_score
 
     score = grid_score(read_grid(grid), read_grid(reference))
@@ -212,8 +212,8 @@ def cloud(cloud: Path, mesh: Path, est: Path | None, reference: Path | None, sty
     mapmyworld evaluate cloud map.ply log.mcap.truth/mesh.ply
     """
     from cli.scoring import read_any_trajectory, to_reference
-    from formats.cloud import read_cloud
-    from formats.mesh import read_mesh
+    from formats.cloud_files import read_cloud
+    from formats.mesh_files import read_mesh
     from mapmyworld.evaluation import cloud_score
     from mapmyworld.geometry.rigid import transform_points
     from mapmyworld.types import PointCloud

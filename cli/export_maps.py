@@ -1,4 +1,4 @@
-"""`mapmyworld export grid`, `cloud` and `mesh`: what the robot's surroundings look like."""
+"""`mapmyworld export grid`, `cloud` and `mesh`: what the robot's environment look like."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import FiniteRange, map_argument
+from cli.config_sources import config_options, load_config
 from cli.exit_codes import EXIT_CHECK_FAILED
-from cli.export_options import open_map, output_option, output_or, save_option, tell
+from cli.export_options import open_map, output_option, output_or, save_option, show_written
 from cli.outputs import require_utf8
-from cli.settings import config_options, load_config
 
 if TYPE_CHECKING:
     from mapmyworld.config import Config
@@ -51,7 +51,7 @@ def grid(
     mapmyworld export grid
     mapmyworld export grid office.db -o maps/office --resolution 0.025
     """
-    from formats.grid import grid_files, write_grid
+    from formats.grid_files import grid_files, write_grid
     from mapmyworld.exporting import grid_at
 
     config = load_config(config_path, changes)
@@ -63,7 +63,7 @@ def grid(
         written = write_grid(stem, made, mode)
         if verify:
             _verify(written[1], made, mode)
-        tell(written, store)
+        show_written(written, store)
 
 
 _GRIDS = (".pgm", ".yaml", ".png")
@@ -71,7 +71,7 @@ _GRIDS = (".pgm", ".yaml", ".png")
 
 def _verify(path: Path, made: Any, mode: Any) -> None:
     """Ends with exit code 4 unless the files hold what we hold."""
-    from formats.grid import same_grid
+    from formats.grid_files import same_grid
 
     differing = same_grid(path, made, mode)
     if differing:
@@ -82,8 +82,8 @@ def _verify(path: Path, made: Any, mode: Any) -> None:
 @click.command()
 @map_argument
 @output_option("FILE", "A .ply or .pcd file.  [default: the map's name with .ply]")
-@click.option("--voxel", type=FiniteRange(min=0.001), metavar="M", help="Metres a voxel.")
-@click.option("--max-range", type=FiniteRange(min=0.1), metavar="M", help="Depth used up to.")
+@click.option("--voxel", type=FiniteRange(min=0.001), metavar="M", help="Voxel size [m].")
+@click.option("--max-range", type=FiniteRange(min=0.1), metavar="M", help="Maximum depth [m].")
 @save_option
 @config_options
 def cloud(
@@ -101,7 +101,7 @@ def cloud(
     mapmyworld export cloud
     mapmyworld export cloud office.db -o office.pcd --voxel 0.05
     """
-    from formats.cloud import read_cloud
+    from formats.cloud_files import read_cloud
     from mapmyworld.exporting import export_cloud, export_scan_cloud
 
     config = _for_cloud(load_config(config_path, changes), voxel, max_range)
@@ -110,7 +110,7 @@ def cloud(
         written = export_cloud(store, path, config) or export_scan_cloud(store, path, config)
         if save_in_map:
             store.set_cloud(read_cloud(path))
-        tell(written, store)
+        show_written(written, store)
 
 
 def _for_cloud(config: Config, voxel: float | None, max_range: float | None) -> Config:
@@ -140,9 +140,9 @@ def mesh(
     mapmyworld export mesh
     mapmyworld export mesh office.db -o office.ply
     """
-    from formats.mesh import write_mesh
+    from formats.mesh_files import write_mesh
     from mapmyworld.exporting import nodes_with_poses
-    from mapmyworld.mapping.mesh import build_mesh
+    from mapmyworld.mapping.mesh_map import build_mesh
 
     config = load_config(config_path, changes)
     path = output_or(map_path, output, lambda: map_path.with_name(map_path.stem + "_mesh.ply"))
@@ -151,4 +151,4 @@ def mesh(
         write_mesh(path, made)
         if save_in_map:
             store.set_mesh(made)
-        tell([path], store)
+        show_written([path], store)

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from cli.arguments import map_argument
-from cli.export_options import open_map, output_option, output_or, tell
+from cli.export_options import open_map, output_option, output_or, show_written
 
 
 @click.command()
@@ -36,7 +36,7 @@ def trajectory(map_path: Path, output: Path | None, style: Any, which: Any) -> N
     ending = {"tum": ".tum", "kitti": ".kitti", "csv": ".csv"}[style]
     path = output_or(map_path, output, lambda: map_path.with_suffix(ending))
     with open_map(map_path, path) as store:
-        tell(export_trajectory(store, path, style, which), store)
+        show_written(export_trajectory(store, path, style, which), store)
 
 
 @click.command()
@@ -49,13 +49,13 @@ def graph(map_path: Path, output: Path | None) -> None:
     mapmyworld export graph
     mapmyworld export graph office.db -o office.g2o
     """
-    from formats.pose_graph import write_graph
+    from formats.graph_files import write_graph
     from mapmyworld.exporting import graph_of
 
     path = output_or(map_path, output, lambda: map_path.with_suffix(".g2o"))
     with open_map(map_path, path) as store:
         write_graph(path, graph_of(store))
-        tell([path], store)
+        show_written([path], store)
 
 
 @click.command()
@@ -71,13 +71,13 @@ def images(map_path: Path, output: Path | None, names: Any) -> None:
     mapmyworld export images
     mapmyworld export images rtabmap.db -o pictures --names id
     """
-    from formats.images import write_images
+    from formats.image_folders import write_images
     from mapmyworld.exporting import node_items
 
     folder = output or map_path.with_name(map_path.stem + "_images")
     with open_map(map_path) as store:
         written = write_images(folder, node_items(store), names)
-        tell([folder], store, written.problems)
+        show_written([folder], store, written.problems)
 
 
 @click.command()
@@ -90,9 +90,9 @@ def vocabulary(map_path: Path, output: Path | None) -> None:
     mapmyworld export vocabulary office.db -o office.words.txt
     mapmyworld build next.mcap --set places.vocabulary=office.words.txt
     """
-    from formats.vocabulary import write_vocabulary
+    from formats.vocabulary_files import write_vocabulary
 
     path = output_or(map_path, output, lambda: map_path.with_suffix(".words.txt"))
     with open_map(map_path, path) as store:
         write_vocabulary(path, store.words())
-        tell([path], store)
+        show_written([path], store)

@@ -1,4 +1,4 @@
-"""What the commands of `export` share: where to write, how to open, what to tell."""
+"""What the commands of `export` share: where to write, how to open, what to determine it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import click
 from cli.arguments import PATH
 from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import require_file, require_no_recording, require_outputs
-from cli.streams import show_json
+from cli.standard_streams import show_json
 
 F = TypeVar("F", bound=Callable[..., Any])
 _FORMAT = "mapmyworld.format"
@@ -53,7 +53,7 @@ def output_or(map_path: Path, output: Path | None, beside: Callable[[], Path]) -
 
 
 def format_of_files() -> click.Option:
-    """--format text|json of a command that ends in `tell`."""
+    """--format text|json of a command that ends in `indicate`."""
 
     def keep(context: click.Context, _: click.Parameter, style: str) -> None:
         context.meta[_FORMAT] = style
@@ -69,7 +69,7 @@ def format_of_files() -> click.Option:
     )
 
 
-def tell(paths: Sequence[Path], store: Any, losses: Sequence[str] = ()) -> None:
+def show_written(paths: Sequence[Path], store: Any, losses: Sequence[str] = ()) -> None:
     """Names what was written on stdout; what was left out, on stderr with exit code 3."""
     problems = [*losses, *store.problems]
     if click.get_current_context().meta.get(_FORMAT) == "json":

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from cli.arguments import PATH, map_argument
-from cli.export_options import open_map, output_option, output_or, tell
+from cli.export_options import open_map, output_option, output_or, show_written
 
 
 @click.command()
@@ -28,7 +28,7 @@ def report(map_path: Path, output: Path | None, every_match: bool) -> None:
     path = output_or(map_path, output, lambda: map_path.with_suffix(".html"))
     with open_map(map_path, path) as store:
         write_report(store, path, every_match=every_match)
-        tell([path], store)
+        show_written([path], store)
 
 
 @click.command()
@@ -49,12 +49,12 @@ def figure(map_path: Path, what: str, output: Path | None) -> None:
     mapmyworld export figure office.db --what loops -o loops.pdf
     """
     from cli.report import report_contents, timing_beside
-    from formats.report.figures import write_figure
+    from formats.report.paper_figures import write_figure
 
     path = output_or(map_path, output, lambda: map_path.with_name(f"{map_path.stem}_{what}.png"))
     with open_map(map_path, path) as store:
         write_figure(path, what, report_contents(store, timing_beside(store)))
-        tell([path], store)
+        show_written([path], store)
 
 
 @click.command()
@@ -81,4 +81,4 @@ def mcap(map_path: Path, output: Path | None, logs: tuple[Path, ...]) -> None:
     beside = path.with_suffix(".layout.json")
     with open_map(map_path, path, beside, logs=logs) as store:
         written, losses = export_mcap(store, path, logs)
-        tell(written, store, losses)
+        show_written(written, store, losses)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from cli.checking import KEYS
 from cli.spelling import british
-from formats.verdicts import Verdict
+from formats.check_results import Verdict
 from mapmyworld.errors import ConfigError
 
 _OPERATORS: dict[str, Callable[[float, float], bool]] = {

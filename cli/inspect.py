@@ -31,7 +31,7 @@ class _InspectGroup(LazyGroup):
 def _is_map(path: Path) -> bool:
     """Whether it is a database of nodes, of ours or of RTAB-Map's."""
     from formats.database.connection import is_sqlite
-    from formats.logs.opening import tables_of
+    from formats.logs.opening_logs import tables_of
 
     return path.is_file() and is_sqlite(path) and "Node" in tables_of(path)
 

@@ -12,7 +12,7 @@ import click
 from cli.arguments import PATH, format_option, map_argument
 from cli.manners import note
 from cli.outputs import require_outputs
-from cli.streams import show_json
+from cli.standard_streams import show_json
 from mapmyworld.errors import MapError
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.types import ConstraintKind, Judged, Poses
@@ -35,7 +35,7 @@ _LEVEL = 0.005  # deg: a turn about the vertical alone
     "--between",
     type=(int, int),
     metavar="A B",
-    help="The pose of node B seen from node A, and how sure it is.",
+    help="The pose of node B seen from node A, and how confident it is.",
 )
 @click.option(
     "--worst", type=click.IntRange(0), default=10, show_default=True,
@@ -172,17 +172,17 @@ def graph_facts(
     from mapmyworld.graph.variance import variance_factors
     from mapmyworld.map_figures import components_of
 
-    misfits = audit.misfits_of(constraints, poses, planar)
-    known = [m for m in misfits if m is not None]
+    residuals = audit.residuals_against(constraints, poses, planar)
+    known = [m for m in residuals if m is not None]
     accepted = sorted((m for m in known if m.constraint.accepted), key=lambda m: -m.sigmas)
-    rejected = [(c, m) for c, m in zip(constraints, misfits, strict=True) if not c.accepted]
+    rejected = [(c, m) for c, m in zip(constraints, residuals, strict=True) if not c.accepted]
     factors = variance_factors(constraints, poses, planar)
-    corrections = audit.corrections_of(misfits, start)
+    corrections = audit.corrections_of(residuals, start)
     return {
         "nodes": int((poses.ids > 0).sum()),
         "landmarks": int((poses.ids < 0).sum()),
         "constraints": audit.counts_of(constraints),
-        "parts": [
+        "components": [
             {"first": first, "last": last, "nodes": count}
             for first, last, count in components_of(constraints, poses, divides)
         ],
@@ -199,15 +199,15 @@ def graph_facts(
     }
 
 
-def _shown(constraint: Judged, misfit: Any) -> dict[str, Any]:
+def _shown(constraint: Judged, residual: Any) -> dict[str, Any]:
     row: dict[str, Any] = {
         "kind": str(constraint.kind),
         "from": constraint.from_id,
         "to": constraint.to_id,
         "reason": reason_of(constraint),
     }
-    if misfit is not None:
-        row |= {"metres": misfit.metres, "degrees": misfit.degrees, "sigmas": misfit.sigmas}
+    if residual is not None:
+        row |= {"metres": residual.metres, "degrees": residual.degrees, "sigmas": residual.sigmas}
     return row
 
 
@@ -215,7 +215,7 @@ def _lines(facts: dict[str, Any]) -> list[str]:
     lines = [f"nodes       {facts['nodes']}"]
     if facts["landmarks"]:
         lines.append(f"landmarks   {facts['landmarks']}")
-    lines += _part_lines(facts["parts"])
+    lines += _component_lines(facts["components"])
     if facts["certainty"]:
         lines.append(f"certainty   {facts['certainty']}")
     if facts["uncertainty"]:
@@ -235,15 +235,15 @@ def _uncertainty_line(spread: dict[str, Any]) -> str:
 
 def _kind_lines(facts: dict[str, Any]) -> list[str]:
     """A line each kind of constraint, and a warning for each that claims too much."""
-    lines = [f"{'constraints':<14}{'tried':>8}{'accepted':>10}{'rejected':>10}{'misfit':>10}"]
+    lines = [f"{'constraints':<14}{'tried':>8}{'accepted':>10}{'rejected':>10}{'residual':>10}"]
     for kind, row in facts["constraints"].items():
         factor = facts["overconfidence"].get(kind)
-        misfit = "" if factor is None else f"{factor:>9.2f}x"
+        residual = "" if factor is None else f"{factor:>9.2f}x"
         lines.append(
-            f"{kind:<14}{row['tried']:>8}{row['accepted']:>10}{row['rejected']:>10}{misfit:>10}"
+            f"{kind:<14}{row['tried']:>8}{row['accepted']:>10}{row['rejected']:>10}{residual:>10}"
         )
     lines.append(
-        "misfit: errors of the accepted ones against what their covariances say (1x is honest)"
+        "residual: errors of the accepted ones against what their covariances indicate (1x is honest)"
     )
     return lines + [
         f"warning: {kind} constraints are over-confident: their errors are "
@@ -298,10 +298,10 @@ def _turn(roll_pitch_yaw: Sequence[float]) -> str:
     return f"{roll:+.2f} {pitch:+.2f} {yaw:+.2f} deg (roll, pitch, yaw)"
 
 
-def _part_lines(parts: list[dict[str, int]]) -> list[str]:
+def _component_lines(parts: list[dict[str, int]]) -> list[str]:
     if len(parts) <= 1:
         return ["connected   all nodes"]
-    lines = [f"connected   NO: {len(parts)} parts that nothing links"]
+    lines = [f"connected   NO: {len(parts)} components that nothing links"]
     return lines + [
         f"            nodes {p['first']} to {p['last']} ({p['nodes']} nodes)" for p in parts[:10]
     ]

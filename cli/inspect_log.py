@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import PATH, format_option
+from cli.config_sources import config_options, load_config
 from cli.exit_codes import EXIT_PARTIAL
 from cli.plan_text import plan_json, plan_lines
-from cli.settings import config_options, load_config
-from cli.streams import show_json
+from cli.standard_streams import show_json
 from formats.readable import one_line
 from mapmyworld.errors import LogError
 from mapmyworld.types import LogInfo, TopicInfo
@@ -77,11 +77,11 @@ def log(
 
 
 def finding_lines(findings: Sequence[Finding]) -> list[str]:
-    """Comparisons of sensors, each with its remedy where it needs one."""
+    """Comparisons of sensors, each with its suggestion where it needs one."""
     lines = ["diagnosis:"] if findings else []
     for finding in findings:
         lines.append(f"  {'ok ' if finding.good else 'BAD'}  {finding.text}")
-        lines += [f"       do: {finding.remedy}"] if finding.remedy else []
+        lines += [f"       do: {finding.suggestion}"] if finding.suggestion else []
     return lines
 
 
@@ -123,7 +123,7 @@ def _time(stamp_ns: int) -> str:
 
 
 def info_json(info: LogInfo) -> dict[str, Any]:
-    """What `inspect log` says of the file itself, as JSON can hold it."""
+    """What `inspect log` reports about the file itself, as JSON can hold it."""
     return {
         "paths": list(info.paths),
         "container": info.container,

@@ -11,7 +11,7 @@ import numpy as np
 
 from cli.arguments import PATH, format_option, map_argument
 from cli.outputs import require_outputs
-from cli.streams import show_json
+from cli.standard_streams import show_json
 from mapmyworld.errors import MapError
 from mapmyworld.types import MapStore, OccupancyGrid
 
@@ -133,8 +133,8 @@ def _lines(facts: dict[str, Any]) -> list[str]:
             f"area:       {grid['free_m2']:.1f} m2 free, {grid['occupied_m2']:.1f} m2 occupied",
         ]
         if grid["mean_entropy_bits"] is not None:
-            told = f"{grid['mean_entropy_bits']:.3f} bits mean entropy of seen cells"
-            lines.append(f"sharpness:  {told}")
+            reported = f"{grid['mean_entropy_bits']:.3f} bits mean entropy of seen cells"
+            lines.append(f"sharpness:  {reported}")
     if "particles" in facts:
         lines.append("particles:")
         lines += [
@@ -153,5 +153,5 @@ def _diagnosis_lines(findings: Sequence[Mapping[str, Any]]) -> list[str]:
     """What is not as it should be, with what to do."""
     bad = [found for found in findings if not found["good"]]
     lines = [f"diagnosis:  {len(findings)} comparisons of sensors, {len(bad)} to look at"]
-    lines += [f"  {found['text']}; {found['remedy']}" for found in bad]
+    lines += [f"  {found['text']}; {found['suggestion']}" for found in bad]
     return lines if findings else []

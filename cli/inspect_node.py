@@ -12,7 +12,7 @@ import numpy as np
 from cli.arguments import PATH, default_map, format_option
 from cli.manners import note
 from cli.outputs import require_outputs
-from cli.streams import show_json
+from cli.standard_streams import show_json
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.types import Judged, MapStore, Node, NodeData

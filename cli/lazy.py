@@ -43,14 +43,14 @@ class LazyGroup(click.Group):
         try:
             return super().invoke(ctx)
         except click.NoSuchOption as error:
-            raise _told_of_setting(error) from None
+            raise _setting_error(error) from None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl([(name, line) for name, (_, line) in self._table.items()])
 
 
-def _told_of_setting(error: click.NoSuchOption) -> click.UsageError:
+def _setting_error(error: click.NoSuchOption) -> click.UsageError:
     """The same error, with the setting of that name where the command takes --set."""
     command = error.ctx.command if error.ctx else None
     if command is None or not any("--set" in one.opts for one in command.params):

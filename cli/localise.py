@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import PATH, format_option
+from cli.config_sources import config_options, load_config
 from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import require_outputs
 from cli.progress import StderrProgress
-from cli.settings import config_options, load_config
-from cli.streams import show_json
+from cli.standard_streams import show_json
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def _localise(
 
     plan = plan_log(log, config, progress)
     if map_path.suffix in (".yaml", ".yml"):
-        from formats.grid import read_grid
+        from formats.grid_files import read_grid
 
         grid = read_grid(map_path)
         return grid, plan.base_frame, localise_log(grid, log, plan, config, progress)
@@ -116,11 +116,11 @@ def _localise(
 
 def _write(path: Path, found: Localisation, grid: OccupancyGrid, base_frame: str) -> None:
     if path.suffix == ".csv":
-        from formats.localisation import write_localisation_csv
+        from formats.localisation_files import write_localisation_csv
 
         write_localisation_csv(path, found)
     elif path.suffix == ".mcap":
-        from formats.localisation import write_localisation_mcap
+        from formats.localisation_files import write_localisation_mcap
 
         write_localisation_mcap(path, found, base_frame=base_frame, overwrite=True)
     elif path.suffix == ".png":
@@ -129,7 +129,7 @@ def _write(path: Path, found: Localisation, grid: OccupancyGrid, base_frame: str
 
         write_picture(path, localisation_picture(grid, found))
     else:
-        from formats.trajectory import write_trajectory
+        from formats.trajectory_files import write_trajectory
 
         write_trajectory(path, found.trajectory)
 

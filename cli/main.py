@@ -13,7 +13,7 @@ from cli.exit_codes import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_USAGE
 from cli.interrupts import Interrupted, forget_interrupts, heed_interrupts, is_wished
 from cli.lazy import LazyGroup
 from cli.spelling import british
-from cli.streams import keep_names, mend_streams
+from cli.standard_streams import keep_names, mend_streams
 from mapmyworld.errors import MapMyWorldError
 
 # Command -> (module:attribute, one line for the list of commands).
@@ -68,7 +68,7 @@ def main() -> None:
         error.show()
         sys.exit(EXIT_USAGE)
     except OSError as error:
-        click.echo(f"mapmyworld: {_told(error)}", err=True)
+        click.echo(f"mapmyworld: {_in_words(error)}", err=True)
         sys.exit(EXIT_BAD_INPUT)
     except ImportError as error:  # little memory is enough for it, not only a bad installation
         click.echo(f"mapmyworld: cannot be loaded whole ({error}): `mapmyworld doctor`", err=True)
@@ -95,9 +95,9 @@ def _run() -> NoReturn:
         raise
 
 
-def _told(error: OSError) -> str:
-    """What the system says of a file, and what to do."""
-    remedies = {
+def _in_words(error: OSError) -> str:
+    """What the system reports about a file, and what to do."""
+    suggestions = {
         errno.ENOSPC: "free some space and give the same command again",
         errno.EDQUOT: "free some space and give the same command again",
         errno.EROFS: "give another place with -o",
@@ -105,9 +105,9 @@ def _told(error: OSError) -> str:
         errno.ENOENT: "check that it was not moved or removed",
         errno.EIO: "check the disk or the network it is on",
     }
-    remedy = remedies.get(error.errno or 0, "check the file and its disk")
+    suggestion = suggestions.get(error.errno or 0, "check the file and its disk")
     place = f"{error.filename}: " if error.filename else ""
-    return f"{place}{error.strerror or error}: {remedy}"
+    return f"{place}{error.strerror or error}: {suggestion}"
 
 
 if __name__ == "__main__":

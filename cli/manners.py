@@ -20,7 +20,7 @@ def with_manners(command: click.Command) -> click.Command:
     if "--quiet" not in known:
         command.params.append(_flag("-q", "--quiet", "No progress and no notes.", _hush))
     if "--verbose" not in known:
-        command.params.append(_flag("-v", "--verbose", "Say what it took.", _account))
+        command.params.append(_flag("-v", "--verbose", "Show time and memory per stage.", _account))
     return command
 
 
@@ -53,11 +53,11 @@ def _account(context: click.Context, _: click.Parameter, asked: bool) -> None:
     context.meta[_VERBOSE] = asked
     started = time.monotonic()
 
-    def tell() -> None:
+    def show() -> None:
         from cli.memory import peak_memory_mb
 
         took = f"{time.monotonic() - started:.1f} s, {time.process_time():.1f} CPU s"
         click.echo(f"{context.command_path}: {took}, {peak_memory_mb():.0f} MB at most", err=True)
 
     if asked:
-        context.call_on_close(tell)
+        context.call_on_close(show)

@@ -36,7 +36,7 @@ def resident_mb() -> float:
 def peak_memory_mb() -> float:
     """The most memory that this process has held.
 
-    Linux tells it of the program alone; what getrusage tells may be that of who started it.
+    Linux indicates it of the program alone; what getrusage indicates may be that of who started it.
     """
     try:
         status = Path("/proc/self/status").read_text("ascii")

@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from cli.arguments import PATH, format_option
+from cli.config_sources import config_options, load_config
 from cli.progress import StderrProgress
-from cli.settings import config_options, load_config
 
 
 @click.command()

@@ -22,12 +22,12 @@ from cli.outputs import (
 )
 from cli.progress import StderrProgress
 from cli.result_maps import ResultMaps, numbered
-from cli.streams import show_json
+from cli.standard_streams import show_json
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
     from mapmyworld.config import Config
-    from mapmyworld.sessions import MergedMap, Unit
+    from mapmyworld.sessions import MergedMap, SessionMap
     from mapmyworld.types import MapStore
 
 
@@ -65,9 +65,9 @@ def extend_file(
 
     started, cpu = time.monotonic(), time.process_time()
     with only_writer(known), ResultMaps(known, config, spare=True) as results, ExitStack() as stack:
-        units = [_opened(path, stack) for path in sources]
+        session_maps = [_opened(path, stack) for path in sources]
         with results.copy_of_output() as store:
-            done = extend_map(store, units, config, progress)
+            done = extend_map(store, session_maps, config, progress)
             maps = [] if done is None else [_extended(store, known, done)]
         if done is None:
             results.discard()
@@ -89,25 +89,25 @@ def _merged(
     from mapmyworld.sessions import merge_maps
 
     with ExitStack() as stack:
-        units = [_opened(path, stack) for path in sources]
+        session_maps = [_opened(path, stack) for path in sources]
         wanted = None if first is None else str(first)
-        return merge_maps(units, results.open, config, progress, first=wanted)
+        return merge_maps(session_maps, results.open, config, progress, first=wanted)
 
 
-def _opened(path: Path, stack: ExitStack) -> Unit:
+def _opened(path: Path, stack: ExitStack) -> SessionMap:
     from formats.database import open_store
-    from mapmyworld.sessions import load_unit
+    from mapmyworld.sessions import load_session_map
 
     store = open_store(path, read_only=True)
     stack.callback(store.close)
-    return load_unit(str(path), store)
+    return load_session_map(str(path), store)
 
 
 def _extended(store: MapStore, known: Path, done: Any) -> MergedMap:
     from mapmyworld.sessions import MergedMap
 
     nodes = store.nodes()
-    names = (str(known), *(unit.name for unit in done.added))
+    names = (str(known), *(session_map.name for session_map in done.added))
     return MergedMap(names, len({node.session for node in nodes}), len(nodes), done.links)
 
 
@@ -119,13 +119,13 @@ def _summary(
     begun: tuple[float, float],
     export: bool,
 ) -> dict[str, Any]:
-    """What resulted; what stands beside each map is written anew, or told to be of another."""
+    """What resulted; what stands beside each map is written anew, or reported to be of another."""
     beside: list[str] = []
     for path, made in zip(results, maps, strict=True):
         if export:
             beside += _export(path, config, progress, begun)
         elif made.names != (str(path),):  # else it is what it was
-            _tell_stale(path, progress)
+            _note_stale(path, progress)
     return {
         "maps": [
             {
@@ -167,7 +167,7 @@ def _export(
         return written + report_beside(store, path, _cost(begun), progress, continued=False)
 
 
-def _tell_stale(path: Path, progress: StderrProgress) -> None:
+def _note_stale(path: Path, progress: StderrProgress) -> None:
     stale = ", ".join(product.name for product in products_of(path))
     if stale:
         progress.note(f"{stale}: of the map before; `mapmyworld export` writes them anew")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import PATH, format_option
+from cli.config_sources import config_options, load_config
 from cli.exit_codes import EXIT_PARTIAL
 from cli.manners import note
 from cli.outputs import (
@@ -20,13 +21,12 @@ from cli.outputs import (
     require_output_name,
     require_outputs,
 )
-from cli.settings import config_options, load_config
-from cli.streams import show_json
+from cli.standard_streams import show_json
 from mapmyworld.errors import GraphError
 
 if TYPE_CHECKING:
-    from mapmyworld.config.graph import GraphConfig
-    from mapmyworld.graph.optimise import OptimisedGraph
+    from mapmyworld.config.graph_settings import GraphConfig
+    from mapmyworld.graph.optimisation import OptimisedGraph
     from mapmyworld.types.pose_graph import PoseGraph
 
 
@@ -68,7 +68,7 @@ def optimise(
     output = output or Path(f"{path.stem}_optimised.g2o")
     _require_place(output, path)
     require_outputs([] if image is None else [image], [path, output])
-    import formats.pose_graph  # noqa: F401  so that its import does not count as reading
+    import formats.graph_files  # noqa: F401  so that its import does not count as reading
 
     started = time.perf_counter()
     graph, problems, notes = load_graph(path)
@@ -77,7 +77,7 @@ def optimise(
         why = problems[0] if problems else "nothing to optimise"
         raise GraphError(f"{path}: the graph has no nodes: {why}")
     solved = _timed(graph, robust, config, seconds)
-    losses = [*problems, *_told_of_parts(solved)]
+    losses = [*problems, *_component_losses(solved)]
     _write(output, path, graph, solved, losses)
     facts = {
         "file": str(path),
@@ -113,8 +113,8 @@ def _timed(
 ) -> OptimisedGraph:
     """The solved graph; notes how long importing and solving took."""
     started = time.perf_counter()
-    from mapmyworld.graph.optimise import optimise as optimise_graph
-    from mapmyworld.graph.optimise import optimise_robustly
+    from mapmyworld.graph.optimisation import optimise as optimise_graph
+    from mapmyworld.graph.optimisation import optimise_robustly
 
     seconds["import"] = time.perf_counter() - started
     started = time.perf_counter()
@@ -123,10 +123,10 @@ def _timed(
     return solved
 
 
-def _told_of_parts(solved: OptimisedGraph) -> list[str]:
-    from mapmyworld.graph.pose_graph import told_of_parts
+def _component_losses(solved: OptimisedGraph) -> list[str]:
+    from mapmyworld.graph.canonical_graph import component_losses
 
-    return told_of_parts(solved.component)
+    return component_losses(solved.component)
 
 
 def _facts(graph: PoseGraph, solved: OptimisedGraph) -> dict[str, Any]:
@@ -143,7 +143,7 @@ def _facts(graph: PoseGraph, solved: OptimisedGraph) -> dict[str, Any]:
         "converged": solved.converged,
         "certainty": solved.certainty,
         "certificate": None if solved.certificate is None else asdict(solved.certificate),
-        "parts": int(solved.component.max()) + 1,
+        "components": int(solved.component.max()) + 1,
         "rejected": [[int(a), int(b)] for a, b, good in ends if not good],
     }
 
@@ -160,7 +160,7 @@ def _write(
         with only_writer(output), whole_path(output) as part:
             write_map(part, path, graph, solved, losses)
     else:
-        from formats.pose_graph import write_graph
+        from formats.graph_files import write_graph
 
         write_graph(output, solved.graph)
 
@@ -168,7 +168,7 @@ def _write(
 def load_graph(path: Path) -> tuple[PoseGraph, list[str], list[str]]:
     """The graph of a text file or of a map, its problems, and its notes."""
     from formats.database.connection import is_sqlite
-    from formats.pose_graph import read_graph
+    from formats.graph_files import read_graph
 
     if path.is_file() and is_sqlite(path):
         return _graph_of_map(path), [], []
@@ -181,7 +181,7 @@ def _graph_of_map(path: Path) -> PoseGraph:
 
     from formats.database import open_store
     from mapmyworld.geometry.rigid import invert
-    from mapmyworld.graph.pose_graph import graph_from_constraints
+    from mapmyworld.graph.canonical_graph import graph_from_constraints
 
     with open_store(path, read_only=True) as store:
         nodes, constraints, plan = store.nodes(), store.constraints(), store.get("plan") or {}
@@ -232,8 +232,8 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         f"{name} {cost:.6g}" + (f" -> {reached[name]:.6g}" if name in reached else "")
         for name, cost in facts["start_costs"].items()
     )
-    if "winding" in reached:
-        starts += f", winding -> {reached['winding']:.6g}"
+    if "wraparound" in reached:
+        starts += f", wraparound -> {reached['wraparound']:.6g}"
     seconds = facts["seconds"]
     lines = [
         f"graph       {facts['nodes']} nodes, {facts['edges']} edges, "
@@ -245,8 +245,10 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         f"time        read {seconds['read']:.3f} s, optimise {seconds['optimise']:.3f} s",
         f"written     {facts['output']}",
     ]
-    if facts["parts"] > 1:
-        lines.insert(1, f"connected   NO: {facts['parts']} parts, each with its own anchor")
+    if facts["components"] > 1:
+        lines.insert(
+            1, f"connected   NO: {facts['components']} components, each with its own anchor"
+        )
     if facts["rejected"]:
         shown = ", ".join(f"{a}-{b}" for a, b in facts["rejected"][:10])
         more = ", ..." if len(facts["rejected"]) > 10 else ""

@@ -22,7 +22,7 @@ from mapmyworld.types import (
 )
 
 if TYPE_CHECKING:
-    from mapmyworld.graph.optimise import OptimisedGraph
+    from mapmyworld.graph.optimisation import OptimisedGraph
     from mapmyworld.types.pose_graph import PoseGraph
 
 _CARRIED = Verdict(Judge.GRAPH, False, Why.CARRIED_OVER)
@@ -111,7 +111,7 @@ def constraints_of(solved: OptimisedGraph, shift: int = 0) -> tuple[Judged, ...]
     """Edges, priors and sightings of the solved graph, with their verdicts."""
     graph, edges = solved.graph, solved.graph.edges
     planar = graph.planar
-    motions = _matrices(planar, edges.from_from_to)
+    motions = _matrices(planar, edges.i_from_j)
     information = information_from_planar(edges.information) if planar else edges.information
     kinds = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.NEIGHBOUR)
     made = [
@@ -150,7 +150,7 @@ def _priors(graph: PoseGraph, shift: int) -> list[Judged]:
 
 
 def _sightings(graph: PoseGraph, shift: int) -> list[Judged]:
-    from formats.pose_graph import cartesian
+    from formats.graph_files import cartesian
 
     if len(graph.sightings) == 0:
         return []

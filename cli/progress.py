@@ -12,7 +12,7 @@ import click
 from cli.interrupts import heed_wish
 from cli.manners import is_verbose
 from cli.memory import peak_memory_mb
-from cli.streams import own_words
+from cli.standard_streams import own_words
 from formats.readable import readable
 from mapmyworld.heap import give_back
 

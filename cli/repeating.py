@@ -13,7 +13,7 @@ from pathlib import Path
 from cli.exit_codes import EXIT_PARTIAL
 from mapmyworld.errors import MapError
 
-# What must not depend on when and how fast it was made; the page tells the time it took.
+# What must not depend on when and how fast it was made; the page indicates the time it took.
 REPEATED = {".db", ".pgm", ".yaml", ".tum", ".ply"}
 
 

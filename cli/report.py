@@ -1,4 +1,4 @@
-"""What the HTML report says of a map."""
+"""What the HTML report reports about a map."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mapmyworld
-from cli.figures import problems_of
+from cli.figure_names import problems_of
 from cli.report_evidence import fetch_evidence
 from formats.report.contents import ReportContents, ShownConstraint, ShownNodes
-from formats.report.report import ellipses_of, report_html
+from formats.report.report_page import ellipses_of, report_html
 from formats.whole_files import write_whole
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError, MapMyWorldError
@@ -43,7 +43,7 @@ def write_report(
     *,
     every_match: bool = False,
 ) -> None:
-    """The page as a file; with what the build took, where a file beside the map tells."""
+    """The page as a file; with what the build took, where a file beside the map indicates it."""
     timing = timing or timing_beside(store)
     write_whole(path, report_html(report_contents(store, timing, every_match=every_match)))
 
@@ -119,8 +119,8 @@ def report_contents(
     solved = store.poses() or Poses(
         np.array([n.id for n in nodes]), np.stack([n.tracked_from_base for n in nodes])
     )
-    misfits = audit.misfits_of(constraints, solved, is_planar(solved.map_from_node))
-    shown = _shown_constraints(constraints, misfits, nodes)
+    residuals = audit.residuals_against(constraints, solved, is_planar(solved.map_from_node))
+    shown = _shown_constraints(constraints, residuals, nodes)
     path, fetched = _path(store, nodes), fetch_evidence(store, constraints, every_match=every_match)
     problems = problems_of(store)
     return ReportContents(
@@ -199,7 +199,7 @@ def _shown_nodes(nodes: Sequence[Node], solved: Poses) -> ShownNodes:
 
 
 def _shown_constraints(
-    constraints: Sequence[Judged], misfits: Sequence[Any], nodes: Sequence[Node]
+    constraints: Sequence[Judged], residuals: Sequence[Any], nodes: Sequence[Node]
 ) -> list[ShownConstraint]:
     place = {node.id: k for k, node in enumerate(nodes)}
     tracked = np.stack([node.tracked_from_base for node in nodes])
@@ -212,7 +212,7 @@ def _shown_constraints(
         [(place[constraints[k].from_id], place[constraints[k].to_id]) for k in closures]
     )
     ends = ends.reshape(-1, 2).astype(np.int64)
-    measured = np.array([constraints[k].from_from_to for k in closures]).reshape(-1, 4, 4)
+    measured = np.array([constraints[k].i_from_j for k in closures]).reshape(-1, 4, 4)
     error = between(measured, between(tracked[ends[:, 0]], tracked[ends[:, 1]]))
     metres = np.linalg.norm(error[:, :3, 3], axis=1).tolist()
     degrees = np.degrees(rotation_angle(error)).tolist()
@@ -227,7 +227,7 @@ def _shown_constraints(
             None if m is None else (m.metres, m.degrees, m.sigmas),
             start.get(k),
         )
-        for k, (c, m) in enumerate(zip(constraints, misfits, strict=True))
+        for k, (c, m) in enumerate(zip(constraints, residuals, strict=True))
     ]
 
 
@@ -258,14 +258,14 @@ def _decisions(store: MapStore) -> list[tuple[str, str, str]]:
 
 
 def _notes(store: MapStore, problems: Sequence[str]) -> list[str]:
-    told = list((store.get("plan") or {}).get("warnings", ()))
-    told += [line for k in ("track", "solve") for line in (store.get(k) or {}).get("notes", ())]
-    return [line for line in dict.fromkeys(told) if line not in problems]
+    reported = list((store.get("plan") or {}).get("warnings", ()))
+    reported += [line for k in ("track", "solve") for line in (store.get(k) or {}).get("notes", ())]
+    return [line for line in dict.fromkeys(reported) if line not in problems]
 
 
 def _diagnosis(store: MapStore) -> list[tuple[bool, str, str]]:
     """What tracking the log said of its sensors; what is not as it should be stands first."""
-    found = [(f["good"], f["text"], f["remedy"]) for f in store.get("diagnosis") or ()]
+    found = [(f["good"], f["text"], f["suggestion"]) for f in store.get("diagnosis") or ()]
     return sorted(found, key=lambda row: row[0])
 
 
@@ -284,7 +284,7 @@ def _reproduce(store: MapStore) -> str:
 
 def cloud_beside(store: MapStore) -> Any:
     """The cloud that was written beside the map, if it is there."""
-    from formats.cloud import read_cloud
+    from formats.cloud_files import read_cloud
 
     path = Path(_name(store)).with_suffix(".ply")
     try:

@@ -109,7 +109,7 @@ def _chosen(constraints: Sequence[Judged], nodes: Mapping[int, Node]) -> tuple[l
 def _moved(c: Judged, nodes: Mapping[int, Node]) -> float:
     """Metres by which tracking alone had missed what the constraint measures."""
     start = between(nodes[c.from_id].tracked_from_base, nodes[c.to_id].tracked_from_base)
-    return float(np.linalg.norm(start[:3, 3] - c.from_from_to[:3, 3]))
+    return float(np.linalg.norm(start[:3, 3] - c.i_from_j[:3, 3]))
 
 
 def _nearly(c: Judged) -> tuple[float, float]:
@@ -124,7 +124,7 @@ def _nearly(c: Judged) -> tuple[float, float]:
 
 def _overlay(c: Judged, nodes: Mapping[int, Node]) -> ScanOverlay:
     start = between(nodes[c.from_id].tracked_from_base, nodes[c.to_id].tracked_from_base)
-    return ScanOverlay(matrix_to_planar(start), matrix_to_planar(c.from_from_to))
+    return ScanOverlay(matrix_to_planar(start), matrix_to_planar(c.i_from_j))
 
 
 def _matches(

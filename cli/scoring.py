@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.database.connection import is_sqlite
-from formats.truth import read_loop_pairs
+from formats.truth_files import read_loop_pairs
 from mapmyworld.evaluation import FEW, LoopScore, RelationsScore, loop_closure_score
 from mapmyworld.types import CLOSURES, MapStore, Trajectory
 
@@ -21,7 +21,7 @@ def read_any_trajectory(path: Path) -> Trajectory:
 
         with open_store(path, read_only=True) as store:
             return trajectory_of(store)
-    from formats.trajectory import read_trajectory
+    from formats.trajectory_files import read_trajectory
 
     return read_trajectory(path)
 
@@ -41,7 +41,7 @@ def score_loops(store: MapStore, truth: Trajectory, pairs: Path | None) -> LoopS
         if c.accepted and c.kind in CLOSURES and c.from_id in stamps and c.to_id in stamps
     ]
     moments = np.array([[stamps[c.from_id], stamps[c.to_id]] for c in kept], np.int64)
-    measured = np.array([c.from_from_to for c in kept], np.float64)
+    measured = np.array([c.i_from_j for c in kept], np.float64)
     true_pairs: NDArray[np.int64] = np.zeros((0, 2), np.int64)
     if pairs is not None:
         true_pairs = read_loop_pairs(pairs)[0]

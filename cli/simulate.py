@@ -11,10 +11,10 @@ import click
 from cli.arguments import PATH, format_option
 from cli.outputs import require_apart, require_output_name
 from cli.progress import StderrProgress
-from cli.streams import show_json
-from formats.recording import LogWriter
+from cli.standard_streams import show_json
+from formats.recording_files import LogWriter
 from formats.scene_mesh import SCENE_SUFFIXES, read_scene_mesh
-from formats.truth import truth_folder, write_truth
+from formats.truth_files import truth_folder, write_truth
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings, as_toml
 from mapmyworld.errors import ConfigError, WorldError

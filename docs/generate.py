@@ -15,9 +15,9 @@ HERE = Path(__file__).parent
 
 
 def messages_page() -> str:
-    """Every message about bad input, with its remedy."""
+    """Every message about bad input, with its suggestion."""
     sys.path.insert(0, str(HERE))
-    from messages import page
+    from all_messages import page
 
     return page()
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from formats.logs.channels import Channel, Payload, Record
 from formats.logs.decoding import decoder_for
 from formats.logs.merged import MergedLog
-from formats.logs.recorded import RecordedLog
-from formats.recording import LogWriter
+from formats.logs.recorded_log import RecordedLog
+from formats.recording_files import LogWriter
 from formats.transcoding import Transcoder, transcoder_for
 from mapmyworld.errors import LogError
 from mapmyworld.types import LogSource, MessageKind, RawMessage
@@ -40,7 +40,7 @@ class Conversion:
 
 
 Report = Callable[[int, float, float], None]
-"""Told messages, seconds of log and the real-time factor."""
+"""Reported messages, seconds of log and the real-time factor."""
 
 
 def convert_log(

@@ -25,7 +25,7 @@ Tables = dict[str, Table]
 
 
 def edges_of(tables: Tables, planar: bool, problems: list[str]) -> Edges:
-    """Constraints between poses; faults are told in `problems`."""
+    """Constraints between poses; faults are reported in `problems`."""
     tags = ("EDGE_SE2", "EDGE2", "ODOMETRY") if planar else ("EDGE_SE3:QUAT", "EDGE3")
     found = [_edges_of(tag, tables[tag], planar, problems) for tag in tags if tag in tables]
     return found[0] if len(found) == 1 else _joined([_no_edges(planar), *found])
@@ -47,7 +47,7 @@ def _edges_of(tag: str, table: Table, planar: bool, problems: list[str]) -> Edge
 
 
 def _sound(problems: list[str], tag: str, lines: Index, information: Array) -> NDArray[np.bool_]:
-    """Which matrices (R, d, d) are positive definite; the others are told."""
+    """Which matrices (R, d, d) are positive definite; the others are reported."""
     sums, diagonal = np.add.reduce(np.abs(information), axis=2), information.diagonal(0, 1, 2)
     least = 1e-14 * np.maximum.reduce(sums, axis=1)
     good = np.minimum.reduce(2.0 * diagonal - sums, axis=1) > least  # the diagonal rules: no doubt
@@ -71,7 +71,7 @@ def _positive(information: Array, least: Array) -> NDArray[np.bool_]:
 
 
 def sightings_of(tables: Tables, planar: bool, problems: list[str]) -> Sightings:
-    """Landmarks as nodes see them; faults are told in `problems`."""
+    """Landmarks as nodes see them; faults are reported in `problems`."""
     size = 2 if planar else 3
     parts: list[Sightings] = []
     tags = ("EDGE_SE2_XY", "LANDMARK", "BR") if planar else ("EDGE_SE3_TRACKXYZ",)
@@ -85,8 +85,10 @@ def sightings_of(tables: Tables, planar: bool, problems: list[str]) -> Sightings
             measured = values[:, 2:4]
             information = np.zeros((len(values), 2, 2))
             variances = values[:, 4:6] ** 2
-            told = variances > LEAST_VARIANCE
-            information[:, [0, 1], [0, 1]] = np.where(told, 1.0 / np.where(told, variances, 1), 0)
+            reported = variances > LEAST_VARIANCE
+            information[:, [0, 1], [0, 1]] = np.where(
+                reported, 1.0 / np.where(reported, variances, 1), 0
+            )
         else:
             skip = 2 if planar else 3
             measured = values[:, skip : skip + size]
@@ -116,7 +118,7 @@ def _at_node(
 
 
 def priors_of(tables: Tables, planar: bool, problems: list[str]) -> Priors:
-    """Poses that are known of themselves; faults are told in `problems`."""
+    """Poses that are known of themselves; faults are reported in `problems`."""
     tag = "EDGE_PRIOR_SE2" if planar else "EDGE_SE3_PRIOR"
     if tag not in tables:
         return no_priors(planar)
@@ -148,7 +150,7 @@ def _joined(parts: list[Edges]) -> Edges:
     return Edges(
         np.concatenate([p.from_ids for p in parts]),
         np.concatenate([p.to_ids for p in parts]),
-        np.concatenate([p.from_from_to for p in parts]),
+        np.concatenate([p.i_from_j for p in parts]),
         np.concatenate([p.information for p in parts]),
         np.concatenate([p.odometry for p in parts]),
     )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from formats.bounds import LARGEST
 
 _SHOWN = 5  # line numbers or ids in one message
-_SHORTEST = 1e-12  # square of a quaternion's length, below which it tells no direction
+_SHORTEST = 1e-12  # square of a quaternion's length, below which it indicates no direction
 _LARGEST_ID = 2.0**53  # above it not every whole number is one of double precision
 
 

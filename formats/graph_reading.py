@@ -122,7 +122,7 @@ class _Reader:
             self.problems.append(f"priors of unknown nodes {listed(priors.ids[~placed])}")
             priors = priors.chosen(placed)
         step = ids.searchsorted(edges.to_ids) - ids.searchsorted(edges.from_ids)
-        measured = edges.from_ids, edges.to_ids, edges.from_from_to, edges.information
+        measured = edges.from_ids, edges.to_ids, edges.i_from_j, edges.information
         graph = PoseGraph(
             self.planar,
             ids,

@@ -19,7 +19,7 @@ class Case:
     verdict: Literal["passed", "failure", "error"]
     message: str = ""
     """In one line, why it did not pass."""
-    told: str = ""
+    reported: str = ""
     """All that there is to say."""
 
 
@@ -36,9 +36,9 @@ def suite_xml(suite: str, classname: str, cases: Sequence[Case]) -> str:
         item = ElementTree.SubElement(root, "testcase", classname=classname, name=_clean(case.name))
         if case.verdict != "passed":
             why = ElementTree.SubElement(item, case.verdict, message=_clean(case.message))
-            why.text = _clean(case.told)
-        elif case.told:
-            ElementTree.SubElement(item, "system-out").text = _clean(case.told)
+            why.text = _clean(case.reported)
+        elif case.reported:
+            ElementTree.SubElement(item, "system-out").text = _clean(case.reported)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 

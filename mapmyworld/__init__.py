@@ -18,7 +18,7 @@ _PLACES = {
     "Merged": "mapmyworld.api",
     "ate": "mapmyworld.evaluation",
     "build": "mapmyworld.api",
-    "build_cloud": "mapmyworld.mapping.cloud",
+    "build_cloud": "mapmyworld.mapping.cloud_map",
     "build_grid": "mapmyworld.mapping.occupancy",
     "cloud": "mapmyworld.conversions",
     "configured": "mapmyworld.api",

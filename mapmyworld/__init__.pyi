@@ -19,7 +19,7 @@ from mapmyworld.evaluation import ate as ate
 from mapmyworld.evaluation import grid_score as grid_score
 from mapmyworld.evaluation import relations_score as relations_score
 from mapmyworld.evaluation import rpe as rpe
-from mapmyworld.mapping.cloud import build_cloud as build_cloud
+from mapmyworld.mapping.cloud_map import build_cloud as build_cloud
 from mapmyworld.mapping.occupancy import build_grid as build_grid
 from mapmyworld.memory_log import MemoryLog as MemoryLog
 from mapmyworld.memory_map import MemoryMap as MemoryMap

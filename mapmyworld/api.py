@@ -49,7 +49,7 @@ AnyMap = MapStore | Built | Merged | PathLike
 
 
 class Silent:
-    """A `Progress` that keeps the notes and says nothing."""
+    """A `Progress` that keeps the notes and indicates nothing."""
 
     def __init__(self) -> None:
         self.notes: list[str] = []
@@ -98,7 +98,7 @@ def localise(
     config, progress, source = config or Config(), progress or Silent(), _log(log)
     plan = plan_log(source, config, progress)
     if isinstance(known, str | os.PathLike) and Path(known).suffix in _GRIDS:
-        from formats.grid import read_grid
+        from formats.grid_files import read_grid
 
         known = read_grid(Path(known))
     if isinstance(known, OccupancyGrid):
@@ -116,7 +116,7 @@ def merge(
 
     The maps given are not changed. Those that nothing connects come out as several.
     """
-    from mapmyworld.sessions import load_unit, merge_maps
+    from mapmyworld.sessions import load_session_map, merge_maps
 
     if len(maps) < 2:
         raise MapError("give at least two maps to be merged")
@@ -128,8 +128,10 @@ def merge(
 
     with ExitStack() as stack:
         sources = [stack.enter_context(opened(given)) for given in maps]
-        units = [load_unit(f"map {n}", source) for n, source in enumerate(sources, start=1)]
-        made = merge_maps(units, fresh, config or Config(), progress or Silent())
+        session_maps = [
+            load_session_map(f"map {n}", source) for n, source in enumerate(sources, start=1)
+        ]
+        made = merge_maps(session_maps, fresh, config or Config(), progress or Silent())
     return tuple(Merged(s, m.sessions, m.links) for s, m in zip(stores, made, strict=True))
 
 
@@ -144,10 +146,10 @@ def edit(
 
     Gives what the map then lacks, one line each. A map in a file is changed in that file.
     """
-    from mapmyworld.stages.edit import edit_map
+    from mapmyworld.stages.replay_edits import edit_map
 
     if isinstance(edits, str | os.PathLike):
-        from formats.edits import read_edits
+        from formats.edit_files import read_edits
 
         edits = read_edits(Path(edits))
     config, progress = config or Config(), progress or Silent()

@@ -40,7 +40,7 @@ def export_beside(store: MapStore, map_path: Path, config: Config) -> list[str]:
 
 def export_grid(store: MapStore, stem: Path) -> list[Path]:
     """Writes the stored grid; nothing where there is none."""
-    from formats.grid import write_grid
+    from formats.grid_files import write_grid
 
     grid = store.grid()
     return [] if grid is None else list(write_grid(stem, grid))
@@ -53,7 +53,7 @@ def export_trajectory(
     which: Literal["optimised", "odometry"] = "optimised",
 ) -> list[Path]:
     """Writes the pose of every tracked frame, or of every node where only those were kept."""
-    from formats.trajectory import write_trajectory
+    from formats.trajectory_files import write_trajectory
 
     write_trajectory(path, trajectory_of(store, which), style)
     return [path]
@@ -61,7 +61,7 @@ def export_trajectory(
 
 def export_cloud(store: MapStore, path: Path, config: Config) -> list[Path]:
     """Writes the cloud of depth images or 3D scans; nothing where there are none."""
-    from formats.cloud import write_cloud
+    from formats.cloud_files import write_cloud
 
     cloud = cloud_of(store, config)
     if cloud is None:
@@ -72,7 +72,7 @@ def export_cloud(store: MapStore, path: Path, config: Config) -> list[Path]:
 
 def cloud_of(store: MapStore, config: Config) -> PointCloud | None:
     """The cloud of depth images or 3D scans; None where there are none."""
-    from mapmyworld.mapping.cloud import build_cloud, views_of_cloud
+    from mapmyworld.mapping.cloud_map import build_cloud, views_of_cloud
 
     kept = [store.node_data(node.id, features=False) for node in first_nodes(store.nodes())]
     if not any(data.cloud is not None or _depth_of(data) for data in kept):
@@ -90,8 +90,8 @@ def cloud_of(store: MapStore, config: Config) -> PointCloud | None:
 
 def export_scan_cloud(store: MapStore, path: Path, config: Config) -> list[Path]:
     """Writes the returns of all planar scans, at height 0, one a voxel."""
-    from formats.cloud import write_cloud
-    from mapmyworld.mapping.cloud import build_cloud
+    from formats.cloud_files import write_cloud
+    from mapmyworld.mapping.cloud_map import build_cloud
 
     flat = ((pose, NodeData(cloud=_lifted(data.scan))) for pose, data in nodes_with_poses(store))
     write_cloud(path, build_cloud(flat, _counting_each_point(config)))
@@ -161,8 +161,8 @@ def solved_poses(store: MapStore) -> Poses:
         return poses
     from mapmyworld.config import GraphConfig
     from mapmyworld.geometry.planar import planar_to_matrix
-    from mapmyworld.graph.optimise import optimise
-    from mapmyworld.graph.pose_graph import graph_from_constraints
+    from mapmyworld.graph.canonical_graph import graph_from_constraints
+    from mapmyworld.graph.optimisation import optimise
 
     nodes, constraints = store.nodes(), store.constraints()
     _require(bool(nodes), store, "holds no nodes")
@@ -200,7 +200,7 @@ def node_items(store: MapStore) -> Iterator[tuple[Node, NodeData, Array]]:
 
 def graph_of(store: MapStore) -> PoseGraph:
     """The solved graph with its accepted constraints."""
-    from mapmyworld.graph.pose_graph import graph_from_constraints
+    from mapmyworld.graph.canonical_graph import graph_from_constraints
 
     poses = solved_poses(store)
     return graph_from_constraints(

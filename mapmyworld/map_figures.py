@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.graph.audit import counts_of, parts_of
+from mapmyworld.graph.audit import connected_components_of, counts_of
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged, MapStore, Node, Poses
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
@@ -56,7 +56,7 @@ def map_figures(store: MapStore) -> MapFigures:
 
 
 def divides_of(store: MapStore) -> frozenset[int]:
-    """Nodes of which nothing tells how they lie to the node before: tracking was lost there."""
+    """Nodes of which nothing indicates how they lie to the node before: tracking was lost there."""
     return frozenset((store.get("solve") or {}).get("divides", ()))
 
 
@@ -67,8 +67,10 @@ def components_of(
 
     `divides`: nodes whose constraint to the node before ties nothing.
     """
-    ties = [c for c in constraints if not (c.is_break and c.to_id in divides)]
-    return tuple(part for part in parts_of(ties, poses) if part[1] > 0)  # landmarks are no nodes
+    ties = [c for c in constraints if not (c.is_tracking_loss and c.to_id in divides)]
+    return tuple(
+        part for part in connected_components_of(ties, poses) if part[1] > 0
+    )  # landmarks are no nodes
 
 
 def _tracked(nodes: Sequence[Node]) -> Poses:
@@ -80,7 +82,7 @@ def _path(nodes: Sequence[Node], poses: Poses, constraints: Sequence[Judged]) ->
     """Metres; by nodes, since the noise of frames adds up to a longer path than was driven."""
     place = dict(zip(poses.ids.tolist(), poses.map_from_node[:, :3, 3], strict=True))
     known = [node for node in nodes if node.id in place]
-    lost = {c.to_id for c in constraints if c.is_break}
+    lost = {c.to_id for c in constraints if c.is_tracking_loss}
     steps = [
         place[after.id] - place[before.id]
         for before, after in pairwise(known)

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.config.stages import FIRST_READ, FIRST_READ_BY_PARTICLES, settings_of
+from mapmyworld.config.stage_settings import FIRST_READ, FIRST_READ_BY_PARTICLES, settings_of
 from mapmyworld.errors import ConfigError, MapError
 from mapmyworld.map_figures import map_figures
 from mapmyworld.parallel import algebra_on_one_thread
 from mapmyworld.sensing import Plan, make_plan, survey_log
-from mapmyworld.stages.maps import draw_maps
+from mapmyworld.stages.draw_maps import draw_maps
 from mapmyworld.stages.recognise import LoadScans, recognise, scan_loader
 from mapmyworld.stages.record import StageRecord
 from mapmyworld.stages.track import odometry_lag, track
@@ -72,14 +72,16 @@ def build_map(
 
     run("plan", lambda: _note_plan(store, plan()))
     if method == "fastslam":
-        from mapmyworld.stages.particles import settle_particles, track_particles
+        from mapmyworld.stages.track_particles import finish_particles, track_particles
 
         run("track", lambda: track_particles(log, plan(), *given), method)
-        run("fastslam", lambda: settle_particles(store))
+        run("fastslam", lambda: finish_particles(store))
     else:
         scans = scan_loader(store, config)
         run("track", lambda: track(log, plan(), *given, later=later))
-        if lag := _sure_lag(log, plan, store, config):  # told by tracking: it is done once more
+        if lag := _confident_lag(
+            log, plan, store, config
+        ):  # reported by tracking: it is done once more
             record.again("track", lambda: track(log, plan(), *given, lag_s=lag))
         run("recognise", lambda: recognise(*given, scans, words), _digest(words))
         run("optimise", lambda: _solve(*given, scans), store.get("edits") or None)
@@ -88,12 +90,14 @@ def build_map(
 
 
 def _solve(store: MapStore, config: Config, progress: Progress, scans: LoadScans) -> None:
-    from mapmyworld.stages.solve import solve_and_judge
+    from mapmyworld.stages.solve_and_judge import solve_and_judge
 
     solve_and_judge(store, config, progress, scans)
 
 
-def _sure_lag(log: LogSource, plan: Callable[[], Plan], store: MapStore, config: Config) -> float:
+def _confident_lag(
+    log: LogSource, plan: Callable[[], Plan], store: MapStore, config: Config
+) -> float:
     """Seconds by which odometry is stamped later than the laser, beyond doubt; else 0."""
     first = odometry_lag(store, config)
     if not first:

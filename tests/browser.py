@@ -12,16 +12,16 @@ import pytest
 _NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 # Software rendering, for 3D on machines without a display; the sandbox needs rights root lacks.
 _FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-_REMEDY = (
+_SUGGESTION = (
     "`apt-get install chromium-headless-shell`, or `.venv/bin/playwright install "
     "chromium-headless-shell`"
 )
 
 
 def skip_without_browser(tests: str) -> None:
-    """Skips the test, or the whole module where it is called outside of one; told by `tests`."""
+    """Skips the test, or the whole module where it is called outside of one; reported by `tests`."""
     if _path() is None:
-        pytest.skip(f"{tests}: no browser: {_REMEDY}", allow_module_level=True)
+        pytest.skip(f"{tests}: no browser: {_SUGGESTION}", allow_module_level=True)
 
 
 def _path() -> str | None:
@@ -40,6 +40,6 @@ def browser() -> Iterator[Any]:
         try:
             running = playwright.chromium.launch(executable_path=_path(), args=_FLAGS)
         except api.Error as error:
-            pytest.skip(f"a page is not looked at: {error}: {_REMEDY}")
+            pytest.skip(f"a page is not looked at: {error}: {_SUGGESTION}")
         yield running
         running.close()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from memory_log import MemoryLog, odometry_at
+from messages_in_memory import MemoryLog, odometry_at
 from visual_rooms import FOCAL, HEIGHT, WIDTH, Room, planar_pose
 
 from mapmyworld.geometry.planar import compose_planar, matrix_to_planar

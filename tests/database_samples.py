@@ -1,4 +1,4 @@
-"""Nodes, scans, images and constraints with values that tests can tell apart."""
+"""Nodes, scans, images and constraints with values that tests can distinguish."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def node(number: int, session: int = 0, **changes: Any) -> Node:
 def constraint(from_id: int, to_id: int, kind: ConstraintKind, **changes: Any) -> Judged:
     root = np.random.default_rng(from_id * 31 + to_id).normal(size=(6, 6))
     values: dict[str, Any] = {
-        "from_from_to": pose(from_id * 100 + to_id),
+        "i_from_j": pose(from_id * 100 + to_id),
         "information": root @ root.T + 6 * np.eye(6),
         "source": ImageMatch(posterior=0.83, inliers=120),
         "verdicts": (Verdict(Judge.CAMERA, True, Why.IMAGES_AGREE, {"inliers": 120, "sigmas": 3}),),

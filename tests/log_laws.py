@@ -22,7 +22,7 @@ def check_laws(path: Path, scratch: Path) -> None:
     messages = list(log.messages())
     assert messages, "a log to test a reader with has messages"
     _in_order_and_again(log, messages)
-    _told_beforehand(log, messages)
+    _reported_beforehand(log, messages)
     assert log.content_hash() == open_log([path]).content_hash()
     assert log.losses() == ()
     converted = scratch / "converted.mcap"
@@ -44,7 +44,7 @@ def _in_order_and_again(log: LogSource, messages: list[RawMessage]) -> None:
     assert list(log.messages([])) == []
 
 
-def _told_beforehand(log: LogSource, messages: list[RawMessage]) -> None:
+def _reported_beforehand(log: LogSource, messages: list[RawMessage]) -> None:
     info = log.info()
     counts = Counter((message.topic, message.kind) for message in messages)
     assert {(t.topic, t.kind): t.count for t in info.topics} == counts

@@ -204,18 +204,18 @@ def _chunk(record: Record, indexes: list[Record], p: Patient) -> None:
     times = [time for rows in entries.values() for time, _ in rows]
     if times:
         p.ask((start, end) == (min(times), max(times)), f"chunk at {record.start}: times")
-    told = {}
+    reported = {}
     for index in indexes:
         fields = Fields(index.body)
         channel = fields.number(2)
-        p.ask(channel not in told, f"two indexes of channel {channel} for one chunk")
-        told[channel] = (index.start, sorted(fields.pairs(8, 8)))
-    listed = {channel: rows for channel, (_, rows) in told.items() if rows}
+        p.ask(channel not in reported, f"two indexes of channel {channel} for one chunk")
+        reported[channel] = (index.start, sorted(fields.pairs(8, 8)))
+    listed = {channel: rows for channel, (_, rows) in reported.items() if rows}
     p.ask(listed == {c: sorted(rows) for c, rows in entries.items()}, "message index is not true")
     p.chunks[record.start] = {
         "times": (start, end),
         "length": record.length,
-        "offsets": {channel: start_ for channel, (start_, _) in told.items()},
+        "offsets": {channel: start_ for channel, (start_, _) in reported.items()},
         "index length": sum(index.length for index in indexes),
         "kind": kind,
         "sizes": (len(packed), size),
@@ -238,8 +238,11 @@ def _summary(found: list[Record], footer: Record, data: bytes, p: Patient) -> No
     start, offsets, crc = fields.number(8), fields.number(8), fields.number(4)
     p.ask(crc == zlib.crc32(data[start : footer.start + footer.length - 4]), "summary's checksum")
     p.ask(bool(found) and found[0].start == start, "the footer misplaces the summary")
-    told = [record for record in found if record.code == SUMMARY_OFFSET]
-    p.ask(bool(told) and told[0].start == offsets, "the footer misplaces the summary's offsets")
+    reported = [record for record in found if record.code == SUMMARY_OFFSET]
+    p.ask(
+        bool(reported) and reported[0].start == offsets,
+        "the footer misplaces the summary's offsets",
+    )
     p.ask(all(r.code in _IN_SUMMARY for r in found), "a record that is no summary stands in it")
     groups: list[list[Record]] = []
     for record in found:
@@ -249,7 +252,7 @@ def _summary(found: list[Record], footer: Record, data: bytes, p: Patient) -> No
     codes = [group[0].code for group in groups]
     p.ask(len(codes) == len(set(codes)), "records of the summary are not grouped")
     true = {(g[0].code, g[0].start, sum(r.length for r in g)) for g in groups[:-1]}
-    rows = [Fields(record.body) for record in told]
+    rows = [Fields(record.body) for record in reported]
     listed = {(r.number(1), r.number(8), r.number(8)) for r in rows}
     p.ask({row for row in listed if row[2]} == true, "summary offsets")
     schemas = {_schema(r, p, again=True) for r in found if r.code == SCHEMA}
@@ -276,13 +279,13 @@ def _statistics(found: list[Fields], p: Patient) -> None:
 
 
 def _indexes(found: list[Record], p: Patient) -> None:
-    told = {}
+    reported = {}
     for record in found:
         if record.code == CHUNK_INDEX:
             f = Fields(record.body)
             times, start, length = (f.number(8), f.number(8)), f.number(8), f.number(8)
             offsets, size, kind = dict(f.pairs(2, 8)), f.number(8), f.text()
-            told[start] = {
+            reported[start] = {
                 "times": times,
                 "length": length,
                 "offsets": offsets,
@@ -291,7 +294,7 @@ def _indexes(found: list[Record], p: Patient) -> None:
                 "sizes": (f.number(8), f.number(8)),
             }
     true = {k: {n: v for n, v in c.items() if n != "channels"} for k, c in p.chunks.items()}
-    p.ask(told == true, "the chunk indexes are not true")
+    p.ask(reported == true, "the chunk indexes are not true")
     for kind, index in ((METADATA, METADATA_INDEX), (ATTACHMENT, ATTACHMENT_INDEX)):
         there = {(r.start, r.length) for r in found if r.code == kind}
         rows = [Fields(r.body) for r in found if r.code == index]

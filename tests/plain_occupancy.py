@@ -13,7 +13,7 @@ from mapmyworld.types import OccupancyGrid, Scan
 
 @dataclass(frozen=True, slots=True)
 class SensorModel:
-    """What one beam says of a cell: p(m_i | x_t, z_t)."""
+    """What one beam indicates about a cell: p(m_i | x_t, z_t)."""
 
     p_occupied: float = 0.7
     """Of the cell in which the beam ends."""

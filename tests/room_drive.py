@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from memory_log import odometry_at, scan_at, transform
+from messages_in_memory import odometry_at, scan_at, transform
 
-from formats.recording import LogWriter
+from formats.recording_files import LogWriter
 from mapmyworld.geometry.planar import compose_planar
 from mapmyworld.types import LaserScanMessage, Message
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from formats.logs import open_log
-from formats.trajectory import read_trajectory
-from mapmyworld.backend.descent import settle
+from formats.trajectory_files import read_trajectory
+from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.information import information_of
 from mapmyworld.backend.system import System
-from mapmyworld.evaluation.relations import poses_at
+from mapmyworld.evaluation.relations_metric import poses_at
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
@@ -60,7 +60,7 @@ def test_registered_clouds_are_edges_like_any_other(data: Path) -> None:
     for k in range(1, COUNT):  # along the registrations of neighbours
         step = np.flatnonzero((system.tails == k - 1) & (system.heads == k))[0]
         start[k] = start[k - 1] @ system.measured[step]
-    poses = settle(system, start, tolerance=1e-6)
+    poses = optimised_roughly(system, start, tolerance=1e-6)
     chained, missed = (np.linalg.norm(between(true, found)[:, :3, 3], axis=1).max()
                        for found in (start, poses))  # fmt: skip
     assert np.linalg.norm(np.diff(true[:, :3, 3], axis=0), axis=1).sum() > 4.0

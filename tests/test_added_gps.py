@@ -7,7 +7,7 @@ from pathlib import Path
 import gtsam
 import numpy as np
 
-from formats.trajectory import read_trajectory
+from formats.trajectory_files import read_trajectory
 from mapmyworld.backend.descent import solved
 from mapmyworld.backend.factors import FactorGraph, factor_graph, poses_of
 from mapmyworld.backend.information import Information
@@ -41,7 +41,7 @@ def drifting(true: Array, random: np.random.Generator) -> tuple[System, Array]:
 
 
 def test_fixes_hold_a_drifting_path_by_their_lever_arm(data: Path) -> None:
-    """Also its headings, which a single fix says nothing of."""
+    """Also its headings, which a single fix indicates nothing about."""
     truth = read_trajectory(data / "imu" / "euroc_v1_01.truth.tum")
     true = truth.poses[400:2600:10]  # every half second of a flight in all directions
     random = np.random.default_rng(2)

@@ -9,13 +9,13 @@ import gtsam
 import numpy as np
 
 from formats.logs import open_log
-from formats.trajectory import read_trajectory
+from formats.trajectory_files import read_trajectory
 from mapmyworld.backend.descent import solved
 from mapmyworld.backend.factors import FactorGraph, factor_graph, poses_of
 from mapmyworld.backend.information import Information
 from mapmyworld.backend.residuals import retract
 from mapmyworld.backend.system import System
-from mapmyworld.evaluation.relations import poses_at
+from mapmyworld.evaluation.relations_metric import poses_at
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle

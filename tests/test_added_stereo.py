@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.logs import open_log
-from formats.trajectory import read_trajectory
+from formats.trajectory_files import read_trajectory
 from mapmyworld.backend.descent import solved
 from mapmyworld.backend.factors import FactorGraph, factor_graph, poses_of
 from mapmyworld.backend.system import System

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import approx_fprime
 
-from mapmyworld.backend.blocks import edge_blocks
+from mapmyworld.backend.block_matrix import edge_blocks
 from mapmyworld.backend.descent import descend, solved
 from mapmyworld.backend.factors import factor_graph, poses_of
 from mapmyworld.backend.information import information_of

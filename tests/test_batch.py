@@ -62,11 +62,11 @@ def test_a_batch_sums_up_goes_on_and_gives_the_same_again(tmp_path: Path) -> Non
     # The trial takes 2 for a refusal in one line; here it is the summary's verdict.
     first = try_command(command, seconds=120.0)
     assert first.exit_code == 2
-    told = json.loads(first.stdout)
-    assert {log["name"]: log["status"] for log in told["logs"]} == {
+    reported = json.loads(first.stdout)
+    assert {log["name"]: log["status"] for log in reported["logs"]} == {
         "good": "built", "broken": "failed", "strict": "built",
     }  # fmt: skip
-    assert told["unmet"] == 1
+    assert reported["unmet"] == 1
     suite = ElementTree.parse(out / "summary.xml").getroot()
     assert (suite.get("tests"), suite.get("errors"), suite.get("failures")) == ("3", "1", "1")
     assert "UNMET" in (out / "summary.html").read_text("utf-8")
@@ -133,8 +133,8 @@ def test_ctrl_c_to_the_batch_alone_ends_its_builds_in_order(tmp_path: Path) -> N
         time.sleep(0.01)
     assert process.poll() is None, "the build is waited for"
     os.kill(build, signal.SIGCONT)
-    _, told = process.communicate(timeout=60)
-    assert (process.returncode, "interrupted" in told) == (130, True)
+    _, reported = process.communicate(timeout=60)
+    assert (process.returncode, "interrupted" in reported) == (130, True)
     assert not Path(f"/proc/{build}").exists()
     assert not (map_db.parent / "map.pgm").exists(), "the build went on to its end"
     found = try_command(["inspect", "map", str(map_db)])  # sound, of a build that had no node

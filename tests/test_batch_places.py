@@ -12,7 +12,7 @@ from fsspec.implementations.memory import MemoryFileSystem
 
 from cli.batching.job import Result, failure, finished
 from cli.batching.manifest import Job
-from cli.batching.places import delivered, fetched, is_url, mark_of, read_text
+from cli.batching.urls import delivered, fetched, is_url, mark_of, read_text
 from mapmyworld.errors import LogError, MapError, MissingDependencyError
 
 

@@ -1,4 +1,4 @@
-"""Sound drives, spoiled as recordings are: what is sound is used, and the rest is told."""
+"""Sound drives, spoiled as recordings are: what is sound is used, and the rest is reported."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from robust.ailments import AILMENTS, Ailment, Entry
 from robust.corpus import drive_entries
 from robust.trials import try_command
 
-from formats.recording import LogWriter
+from formats.recording_files import LogWriter
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def written(entries: Iterable[Entry], folder: Path) -> str:
 
 
 @pytest.mark.parametrize("ailment", AILMENTS, ids=lambda ailment: ailment.name)
-def test_inspect_log_tells_what_is_wrong(
+def test_inspect_log_indicates_what_is_wrong(
     ailment: Ailment, entries: list[Entry], tmp_path: Path
 ) -> None:
     found = try_command(["inspect", "log", spoiled(ailment, entries, tmp_path)])

@@ -19,14 +19,14 @@ import log_builders
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from memory_log import image_at
+from messages_in_memory import image_at
 from robust.trials import wait_for_tables
 from room_drive import START_NS, Drive, drive, write
 
 from cli.main import group
 from formats.database import open_store
-from formats.grid import read_grid, same_grid
-from formats.trajectory import read_trajectory
+from formats.grid_files import read_grid, same_grid
+from formats.trajectory_files import read_trajectory
 from mapmyworld.errors import MapMyWorldError
 from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between
@@ -186,7 +186,7 @@ def test_inspect_log_names_topics_plan_and_diagnosis(built: Path) -> None:
     assert facts["plan"]["base_frame"] == "base_link"
 
 
-def test_inspect_log_tells_rates_by_messages_not_by_chunks(tmp_path: Path) -> None:
+def test_inspect_log_indicates_rates_by_messages_not_by_chunks(tmp_path: Path) -> None:
     """One chunk holds all: what spoke at 20 Hz in the first second had 1 Hz of its 20 s."""
     entries = list(log_builders.drive(2, count=400, step_ns=50_000_000))
     early = [e for e in entries if e[0] != "/scan" or e[2] < entries[0][2] + 1_000_000_000]
@@ -280,7 +280,7 @@ def test_without_tf_the_map_is_partial_and_says_so(room: Drive, tmp_path: Path) 
     assert run("inspect", "log", tmp_path / "log.mcap", "--quick").exit_code == 3
 
 
-def test_a_robot_that_stands_still_is_told_to(room: Drive, tmp_path: Path) -> None:
+def test_a_robot_that_stands_still_is_reported_to(room: Drive, tmp_path: Path) -> None:
     """Ten times the sweep and the odometry of the drive's first moment."""
     topics = ("/scan", "/odom")
     first = {topic: next(e for e in room.entries if e[0] == topic) for topic in topics}
@@ -346,7 +346,7 @@ def test_time_that_runs_backwards_is_survived(room: Drive, tmp_path: Path) -> No
     assert "step back" in run("inspect", "log", tmp_path / "log.mcap").stdout
 
 
-def test_a_camera_without_camera_info_is_left_out_and_told(room: Drive, tmp_path: Path) -> None:
+def test_a_camera_without_camera_info_is_left_out_and_reported(room: Drive, tmp_path: Path) -> None:
     entries = list(room.entries)
     for i in range(10):
         time_ns = START_NS + i * 100_000_000

@@ -12,11 +12,11 @@ from database_samples import fill
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli.figures import figures_of, flattened
+from cli.figure_names import figures_of, flattened
 from cli.gates import BETTER, judged, no_worse, read_requirements
 from cli.main import group
+from formats.check_results import Verdict, junit_xml, markdown
 from formats.database import open_store
-from formats.verdicts import Verdict, junit_xml, markdown
 from mapmyworld.errors import ConfigError
 
 
@@ -60,9 +60,9 @@ def test_a_partial_map_never_passes_as_whole(small: Path) -> None:
 
 
 def test_a_misspelt_figure_is_named_with_its_neighbour(small: Path) -> None:
-    result = run("check", small, "--require", "graph.parts.cont == 1")
+    result = run("check", small, "--require", "graph.components.cont == 1")
     assert isinstance(result.exception, ConfigError)
-    assert "did you mean graph.parts.count?" in str(result.exception)
+    assert "did you mean graph.components.count?" in str(result.exception)
 
 
 def test_a_map_is_no_worse_than_itself(small: Path) -> None:

@@ -31,7 +31,7 @@ def run_action(inputs: dict[str, str], folder: Path) -> tuple[int, str]:
     action = loaded("action.yml")
     values = {name: str(spec.get("default", "")) for name, spec in action["inputs"].items()}
     values |= inputs
-    told = ""
+    reported = ""
     bin_folder = str(Path(sys.executable).parent)
     for step in action["runs"]["steps"]:
         if step.get("name") not in STEPS:
@@ -52,10 +52,10 @@ def run_action(inputs: dict[str, str], folder: Path) -> tuple[int, str]:
             check=False,
             timeout=300,
         )
-        told += done.stdout + done.stderr
+        reported += done.stdout + done.stderr
         if done.returncode:
-            return done.returncode, told
-    return 0, told
+            return done.returncode, reported
+    return 0, reported
 
 
 def test_every_input_of_the_example_is_one_of_the_action() -> None:
@@ -72,15 +72,15 @@ def test_the_example_workflow_passes_and_a_harder_one_fails(tmp_path: Path) -> N
     (job,) = loaded("docs/examples/map-check.yml")["jobs"].values()
     (step,) = (step for step in job["steps"] if "mapmyworld" in step["uses"])
     (tmp_path / "sample_logs").symlink_to(ROOT / "sample_logs")
-    status, told = run_action(step["with"], tmp_path)
-    assert status == 0, told
+    status, reported = run_action(step["with"], tmp_path)
+    assert status == 0, reported
     assert (tmp_path / "map" / "map.html").is_file()
     suite = ElementTree.parse(tmp_path / "map" / "check.xml").getroot()
     assert suite.get("failures") == "0"
     assert "all requirements hold" in (tmp_path / "summary.md").read_text()
     # The map is there already, so only the check is done anew.
-    status, told = run_action(step["with"] | {"require": "nodes >= 100000"}, tmp_path)
-    assert status == 4, told
+    status, reported = run_action(step["with"] | {"require": "nodes >= 100000"}, tmp_path)
+    assert status == 4, reported
     assert "misses 100000 by" in (tmp_path / "summary.md").read_text()
 
 

@@ -56,9 +56,9 @@ def test_interrupting_leaves_a_map_that_can_be_looked_at(tmp_path: Path) -> None
     )
     wait_for_tables(tmp_path / "map.db", process)
     process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=60)
+    _, reported = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "interrupted" in told
+    assert "interrupted" in reported
     found = mapmyworld("inspect", "map", tmp_path / "map.db")  # sound, of a build that had no node
     assert found.returncode == 2
     assert "did not get that far" in found.stderr

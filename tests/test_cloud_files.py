@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from formats.cloud import read_cloud, write_cloud
-from formats.mesh import read_mesh, write_mesh
+from formats.cloud_files import read_cloud, write_cloud
+from formats.mesh_files import read_mesh, write_mesh
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation import cloud_score
 from mapmyworld.types import Mesh, PointCloud

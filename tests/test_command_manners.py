@@ -81,14 +81,14 @@ def test_verbose_says_on_stderr_what_it_took(filled: Path) -> None:
 
 
 def test_exports_list_their_files_as_json(filled: Path) -> None:
-    told = json.loads(run("export", "grid", filled, "--format", "json").stdout)
+    reported = json.loads(run("export", "grid", filled, "--format", "json").stdout)
     files = [str(filled.with_suffix(ending)) for ending in (".pgm", ".yaml")]
-    assert told == {"files": files, "problems": []}
+    assert reported == {"files": files, "problems": []}
     text = run("export", "grid", filled, "--format", "text").stdout
     assert text.split() == files
 
 
-def test_what_cannot_be_read_is_told_by_its_reader() -> None:
+def test_what_cannot_be_read_is_reported_by_its_reader() -> None:
     """By click it would be wrong usage, in three lines."""
     kinds = [option.type for command in commands() for option in command.params]
     paths = [kind for kind in kinds if isinstance(kind, click.Path)]
@@ -106,7 +106,7 @@ def test_what_cannot_be_read_is_told_by_its_reader() -> None:
         (["build", "x.bag", "--resum"], "Did you mean '--resume'?"),
     ],
 )
-def test_what_is_mistyped_is_told(words: list[str], said: str) -> None:
+def test_what_is_mistyped_is_reported(words: list[str], said: str) -> None:
     done = CliRunner().invoke(group, words)
     assert said in done.stderr
     assert done.stderr.count("--resume") == said.count("--resume")

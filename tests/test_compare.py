@@ -17,7 +17,7 @@ from formats.database import open_store
 from formats.report.compare_picture import MapPanel, compare_picture
 from formats.report.grid_canvas import canvas_from_grid
 from formats.report.particle_picture import particle_picture
-from formats.trajectory import write_trajectory
+from formats.trajectory_files import write_trajectory
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation.sharpness import grid_sharpness
 from mapmyworld.geometry.planar import compose_planar, planar_to_matrix
@@ -83,9 +83,9 @@ def test_a_map_turned_in_its_frame_is_drawn_as_the_first_one() -> None:
     """A wall drawn from a map whose frame is turned by 30 degrees lies where the first's lies."""
     grid = walled(4)
     first_from_map = np.array([0.4, -0.3, np.pi / 6])
-    twin = compare_picture([MapPanel(grid, np.zeros(3), np.zeros((0, 2)), ())] * 2, side=400)
-    half = twin.shape[1] // 2
-    np.testing.assert_array_equal(twin[:, :half], twin[:, half:])
+    two = compare_picture([MapPanel(grid, np.zeros(3), np.zeros((0, 2)), ())] * 2, side=400)
+    half = two.shape[1] // 2
+    np.testing.assert_array_equal(two[:, :half], two[:, half:])
     wall = np.array([[-0.5, 0.2], [4.5, 0.2]])
     moved = compose_planar(first_from_map, np.column_stack([wall, np.zeros(2)]))[:, :2]
     panels = [MapPanel(grid, first_from_map, wall, ("turned",))]
@@ -155,7 +155,7 @@ def test_the_command_prints_json_and_draws(tmp_path: Path) -> None:
     assert [line.split()[0] for line in text.stdout.splitlines()] == ["map", "one", "two"]
 
 
-def test_a_missing_map_and_an_unknown_method_are_told(tmp_path: Path) -> None:
+def test_a_missing_map_and_an_unknown_method_are_reported(tmp_path: Path) -> None:
     with pytest.raises(MapError, match=r"none\.db"):
         CliRunner().invoke(compare, [str(tmp_path / "none.db")], catch_exceptions=False)
     done = CliRunner().invoke(compare, ["x.mcap", "--methods", "graph,magic"])

@@ -27,7 +27,7 @@ def test_the_printed_toml_gives_the_same_configuration() -> None:
     assert restored.sensing.node_distance == 0.25
 
 
-def test_unknown_names_and_wrong_values_are_all_told_at_once_with_a_suggestion() -> None:
+def test_unknown_names_and_wrong_values_are_all_reported_at_once_with_a_suggestion() -> None:
     with pytest.raises(ConfigError) as error:
         apply_settings(Config(), {"sensing.node_distanc": 1, "seed": "many", "nonsense": 3})
     text = str(error.value)

@@ -14,7 +14,7 @@ from test_recording import assert_same
 
 from cli.convert import convert
 from formats.logs import open_log
-from formats.logs.recorded import RecordedLog
+from formats.logs.recorded_log import RecordedLog
 from mapmyworld.types import MessageKind
 
 ROS1, ROS2 = drive(1), drive(2)

@@ -22,7 +22,7 @@ from formats.database.blobs import stored_stream
 from mapmyworld.errors import MapError
 from mapmyworld.types import NodeData
 
-# Writes nodes for ever, telling on stdout how many.
+# Writes nodes for ever, indicating on stdout how many.
 WRITER = """
 import sys
 import threading
@@ -81,12 +81,12 @@ def test_a_stage_done_again_gives_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_a_build_with_nothing_to_do_changes_no_byte(tmp_path: Path) -> None:
-    path, told = tmp_path / "map.db", {"Kp/MaxFeatures": "600"}
-    with open_store(path, create=True, parameters=told) as store:
+    path, reported = tmp_path / "map.db", {"Kp/MaxFeatures": "600"}
+    with open_store(path, create=True, parameters=reported) as store:
         fill(store)
         store.put("versions", {"numpy": "2"})
     before = path.read_bytes()
-    with open_store(path, create=True, parameters=told) as store:
+    with open_store(path, create=True, parameters=reported) as store:
         assert store.stage_done("map", "m")
         store.put("versions", {"numpy": "2"})
     assert path.read_bytes() == before

@@ -10,8 +10,8 @@ from foreign_database import add_nodes, floats, insert, mono, rtabmap_file, ster
 from numpy.typing import NDArray
 
 from formats.database import open_store
+from formats.database.image_blobs import decode_picture, encode_depth, encode_picture
 from formats.database.log_source import open_database_log
-from formats.database.pictures import decode_picture, encode_depth, encode_picture
 from mapmyworld.errors import MapError
 
 
@@ -135,7 +135,7 @@ def test_the_picture_of_two_cameras_is_decoded_once(
         asked.append(what)
         return decode_picture(data, what)
 
-    monkeypatch.setattr("formats.database.pictures.decode_picture", counted)
+    monkeypatch.setattr("formats.database.image_blobs.decode_picture", counted)
     colour = np.arange(48 * 128 * 3, dtype=np.uint8).reshape(48, 128, 3)
     with rtabmap_file(tmp_path / "r.db") as sqlite:
         add_nodes(sqlite, 1)

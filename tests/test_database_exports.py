@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from cli.main import group
-from formats.trajectory import read_trajectory
+from formats.trajectory_files import read_trajectory
 
 LOGS = {"fr079_laser": 252, "freiburg1_rpy": 47}
 
@@ -58,5 +58,5 @@ def test_images_can_be_read_as_a_tum_folder(data: Path, tmp_path: Path) -> None:
     assert depth is not None
     assert depth.dtype == np.uint16
     assert 0.5 < np.median(depth[depth > 0]) / 5000 < 5.0  # m, by TUM's factor
-    told = json.loads(run("inspect", "log", folder, "--format", "json"))
-    assert "TUM" in json.dumps(told)
+    reported = json.loads(run("inspect", "log", folder, "--format", "json"))
+    assert "TUM" in json.dumps(reported)

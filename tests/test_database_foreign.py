@@ -20,7 +20,7 @@ from foreign_database import (
 )
 
 from formats.database import open_store
-from formats.trajectory import read_trajectory
+from formats.trajectory_files import read_trajectory
 from mapmyworld.errors import MapError
 from mapmyworld.types import ConstraintKind
 
@@ -40,7 +40,7 @@ def test_poses_are_those_of_rtabmaps_own_exporter(data: Path, name: str) -> None
 
 
 def test_every_node_of_the_laser_database(data: Path) -> None:
-    """Counts as rtabmap-info tells them; scans as the independent decoder reads them."""
+    """Counts as rtabmap-info indicates them; scans as the independent decoder reads them."""
     path = data / "rtabmap/fr079_laser.db"
     decoder = decode.Decoder(path)
     rows = {row["id"]: row for row in decoder.rows("Data")}
@@ -106,7 +106,7 @@ def test_links_are_turned_forward_and_kept_once(tmp_path: Path) -> None:
         link(sqlite, 2, 2, 9, ahead(0.0))  # gravity: not a constraint of ours
         link(sqlite, 1, 3, 2, floats(*[0.0] * 12))  # of a node that was merged away
     with open_store(tmp_path / "r.db") as store:
-        found = [(c.from_id, c.to_id, c.kind, c.from_from_to[0, 3]) for c in store.constraints()]
+        found = [(c.from_id, c.to_id, c.kind, c.i_from_j[0, 3]) for c in store.constraints()]
         assert found == [
             (1, 2, ConstraintKind.NEIGHBOUR, 1.0),
             (2, 3, ConstraintKind.NEIGHBOUR, 1.0),
@@ -133,7 +133,7 @@ def link(sqlite: sqlite3.Connection, a: int, b: int, kind: int, motion: bytes) -
     )
 
 
-def test_links_that_cannot_be_are_left_out_and_told(tmp_path: Path) -> None:
+def test_links_that_cannot_be_are_left_out_and_reported(tmp_path: Path) -> None:
     with rtabmap_file(tmp_path / "r.db") as sqlite:
         add_nodes(sqlite, 2)
         link(sqlite, 1, 2, 0, ahead(1.0))

@@ -1,4 +1,4 @@
-"""Databases that lie: every claim is checked before memory is spent on it, and told in one line."""
+"""Databases that lie: every claim is checked before memory is spent on it, and reported in one line."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from formats.database import open_store
 from formats.database.blobs import blob_to_matrix, blob_to_pose
 from formats.database.calibration import blob_to_cameras
-from formats.database.pictures import decode_depth, decode_picture
-from formats.database.scans import blob_to_scan, columns_to_observation, scan_to_blob
+from formats.database.image_blobs import decode_depth, decode_picture
+from formats.database.scan_blobs import blob_to_scan, columns_to_observation, scan_to_blob
 from mapmyworld.errors import MapError
 from mapmyworld.types import Scan, TrackedFrames
 
@@ -64,7 +64,7 @@ def test_a_zlib_bomb_does_not_fill_the_memory() -> None:
     assert peak < 1 << 20
 
 
-def test_a_bomb_that_tells_its_size_is_refused_by_it() -> None:
+def test_a_bomb_that_indicates_its_size_is_refused_by_it() -> None:
     huge = zlib.compress(bytes(1 << 20), 9) + struct.pack("<3i", 1 << 14, 1 << 14, 5)
     with pytest.raises(MapError, match="cannot hold"):
         blob_to_matrix(huge, "scan")
@@ -237,7 +237,7 @@ def read_all(path: Path) -> None:
         ("mapmyworld_nodes", "contents", "[" * 100_000),
         ("mapmyworld_nodes", "stamp_ns", "noon"),
         ("mapmyworld_constraints", "from_id", b"bytes"),
-        ("mapmyworld_constraints", "from_from_to", np.full((4, 4), 1e300).tobytes()),
+        ("mapmyworld_constraints", "i_from_j", np.full((4, 4), 1e300).tobytes()),
         ("mapmyworld_constraints", "information", np.full((6, 6), np.nan).tobytes()),
         ("mapmyworld_constraints", "source", "Sonar"),
         ("mapmyworld_constraints", "source", b"bytes"),

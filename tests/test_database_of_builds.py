@@ -107,9 +107,9 @@ def test_scans_are_the_logs(sample: decode.Decoder, messages: dict[str, list[Any
         forward += parents[frame].transform.translation.x
         frame = parents[frame].header.frame_id
     for node, row in zip(sample.rows("Node"), sample.rows("Data"), strict=True):
-        told = decode.scan_info(row["scan_info"])
-        assert told["range_max"] == pytest.approx(30.0)
-        assert told["mount"][0, 3] == pytest.approx(forward, abs=1e-6)
+        reported = decode.scan_info(row["scan_info"])
+        assert reported["range_max"] == pytest.approx(30.0)
+        assert reported["mount"][0, 3] == pytest.approx(forward, abs=1e-6)
         points = decode.matrix(row["scan"])[0]
         scan = scans[float(stamps[np.abs(stamps - node["stamp"]).argmin()])]
         ranges = np.asarray(scan.ranges)
@@ -203,8 +203,8 @@ def test_a_laser_log(data: Path, tmp_path: Path) -> None:
     for node, row in zip(decoder.rows("Node"), decoder.rows("Data"), strict=True):
         points = decode.matrix(row["scan"])[0]
         ranges = lengths[float(stamps[np.abs(stamps - node["stamp"]).argmin()])]
-        told = decode.scan_info(row["scan_info"])
-        recorded = ranges[ranges < told["range_max"]]
+        reported = decode.scan_info(row["scan_info"])
+        recorded = ranges[ranges < reported["range_max"]]
         found = np.linalg.norm(points, axis=1)
         exact += len(found) == len(recorded) and bool(np.abs(found - recorded).max() < 0.1)
     assert exact > 0.95 * len(decoder.rows("Node"))

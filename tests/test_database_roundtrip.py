@@ -16,8 +16,8 @@ from formats.database import RtabmapStore, open_store
 from formats.logs import open_log
 from mapmyworld.config import Config, GraphConfig
 from mapmyworld.geometry.planar import between_planar
-from mapmyworld.graph.optimise import optimise
-from mapmyworld.graph.pose_graph import graph_from_constraints
+from mapmyworld.graph.canonical_graph import graph_from_constraints
+from mapmyworld.graph.optimisation import optimise
 from mapmyworld.pipeline import build_map
 from mapmyworld.types import MapStore, OccupancyGrid, Poses
 

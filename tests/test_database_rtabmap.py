@@ -32,7 +32,7 @@ from database_samples import (
 
 from formats.database import open_store
 from formats.database.connection import APPLICATION_ID
-from formats.database.pictures import encode_picture
+from formats.database.image_blobs import encode_picture
 from mapmyworld.types import ConstraintKind, Mesh, NodeData, PointCloud, RgbdImage
 
 # RTAB-Map's order of a tangent (translation first) in ours (rotation first).
@@ -200,15 +200,13 @@ def test_accepted_constraints_are_links_both_ways(written: decode.Decoder) -> No
     assert len(links) == len(written.rows("Link")) == len(accepted) + len(both_ways)
     for c in accepted:
         forward = links[c.from_id, c.to_id, numbers[c.kind]]
-        np.testing.assert_allclose(
-            decode.transform(forward["transform"]), c.from_from_to, atol=1e-6
-        )
+        np.testing.assert_allclose(decode.transform(forward["transform"]), c.i_from_j, atol=1e-6)
         expected = c.information[np.ix_(SWAP, SWAP)]
         np.testing.assert_array_equal(decode.information(forward["information_matrix"]), expected)
         if c in both_ways:
             backward = links[c.to_id, c.from_id, numbers[c.kind]]
             np.testing.assert_allclose(
-                decode.transform(backward["transform"]), np.linalg.inv(c.from_from_to), atol=1e-5
+                decode.transform(backward["transform"]), np.linalg.inv(c.i_from_j), atol=1e-5
             )
             assert backward["information_matrix"] == forward["information_matrix"]
 
@@ -401,28 +399,28 @@ def test_3d_and_planar_scan_of_one_node_are_both_kept(tmp_path: Path) -> None:
     np.testing.assert_array_equal(kept.cloud, cloud)
 
 
-def test_statistics_tell_what_each_node_showed(written: decode.Decoder) -> None:
+def test_statistics_indicate_what_each_node_showed(written: decode.Decoder) -> None:
     rows = written.rows("Statistics")
     assert [row["id"] for row in rows] == [1, 2, 3]
-    told = []
+    reported = []
     for row in rows:
         pairs = [part.rsplit(":", 1) for part in decode.text(row["data"]).rstrip(";").split(";")]
-        told.append({name: float(value) for name, value in pairs})
+        reported.append({name: float(value) for name, value in pairs})
         assert row["wm_state"] is None
-    assert told[0]["Loop/Accepted_hypothesis_id/"] == 0
-    assert told[2]["Loop/Accepted_hypothesis_id/"] == 1  # 1 to 3, found at the later of the two
-    assert told[2]["Loop/RejectedHypothesis/"] == 0
-    assert told[2]["Proximity/Space_last_detection_id/"] == 1
-    assert told[2]["Keypoint/Dictionary_size/words"] == 20
+    assert reported[0]["Loop/Accepted_hypothesis_id/"] == 0
+    assert reported[2]["Loop/Accepted_hypothesis_id/"] == 1  # 1 to 3, found at the later of the two
+    assert reported[2]["Loop/RejectedHypothesis/"] == 0
+    assert reported[2]["Proximity/Space_last_detection_id/"] == 1
+    assert reported[2]["Keypoint/Dictionary_size/words"] == 20
     walked = np.linalg.norm((np.linalg.inv(pose(1001)) @ pose(1002))[:3, 3])
-    assert told[1]["Memory/Distance_travelled/m"] == pytest.approx(walked, rel=1e-5)
-    assert told[1]["Loop/MapToBase_x/m"] == pytest.approx(pose(202)[0, 3], rel=1e-5)
+    assert reported[1]["Memory/Distance_travelled/m"] == pytest.approx(walked, rel=1e-5)
+    assert reported[1]["Loop/MapToBase_x/m"] == pytest.approx(pose(202)[0, 3], rel=1e-5)
 
 
-def test_parameters_tell_of_the_sensors(written: decode.Decoder, tmp_path: Path) -> None:
+def test_parameters_indicate_of_the_sensors(written: decode.Decoder, tmp_path: Path) -> None:
     """Odometry of the sample leaves the plane and has a laser; this one does neither."""
-    told = written.parameters()
-    assert (told["Grid/Sensor"], told["Reg/Force3DoF"]) == ("0", "false")
+    reported = written.parameters()
+    assert (reported["Grid/Sensor"], reported["Reg/Force3DoF"]) == ("0", "false")
     assert written.only("Info")["last_sign_added"] == 3
     lens = camera(distortion_model="plumb_bob", distortion=np.array([0.1, 0, 0, 0, 0]))
     flat = node(1, odom_from_base=np.eye(4), tracked_from_base=np.eye(4))
@@ -433,11 +431,11 @@ def test_parameters_tell_of_the_sensors(written: decode.Decoder, tmp_path: Path)
     ):
         store.add_node(flat, NodeData(images=(RgbdImage(lens, image().colour, None),)))
     decoder = decode.Decoder(tmp_path / "map.db")
-    told = decoder.parameters()
-    assert (told["Grid/Sensor"], told["Reg/Force3DoF"]) == ("1", "true")
-    assert told["Rtabmap/ImagesAlreadyRectified"] == "false"
-    assert told["Kp/MaxFeatures"] == "600"
-    assert told["Odd/Value"] == "a b.c:d"
+    reported = decoder.parameters()
+    assert (reported["Grid/Sensor"], reported["Reg/Force3DoF"]) == ("1", "true")
+    assert reported["Rtabmap/ImagesAlreadyRectified"] == "false"
+    assert reported["Kp/MaxFeatures"] == "600"
+    assert reported["Odd/Value"] == "a b.c:d"
     decoder.close()
 
 

@@ -74,7 +74,7 @@ def same_scan(a: Scan, b: Scan, tolerance: float = 0.0) -> None:
 def same_constraint(a: Judged, b: Judged) -> None:
     assert (a.from_id, a.to_id, a.kind) == (b.from_id, b.to_id, b.kind)
     assert (a.source, a.verdicts) == (b.source, b.verdicts)
-    np.testing.assert_array_equal(a.from_from_to, b.from_from_to)
+    np.testing.assert_array_equal(a.i_from_j, b.i_from_j)
     np.testing.assert_array_equal(a.information, b.information)
 
 
@@ -249,16 +249,16 @@ def test_poses_solved_again_without_covariances_have_none(filled: MapStore) -> N
 
 
 def test_a_superseded_measurement_comes_back_when_its_verdict_is_cleared(store: MapStore) -> None:
-    old, new = (constraint(1, 2, ConstraintKind.NEIGHBOUR, from_from_to=pose(k)) for k in (5, 6))
+    old, new = (constraint(1, 2, ConstraintKind.NEIGHBOUR, i_from_j=pose(k)) for k in (5, 6))
     with store.write_stage("track", "t"):
         store.add_constraints([old])
     with store.write_stage("judge", "j"):
         store.judge([old.judged(Verdict(Judge.CAMERA, False, Why.CORRECTED)), new])
         (found,) = store.constraints()
-        np.testing.assert_array_equal(found.from_from_to, new.from_from_to)
+        np.testing.assert_array_equal(found.i_from_j, new.i_from_j)
     with store.write_stage("judge", "j2"):
         (found,) = store.constraints()
-        np.testing.assert_array_equal(found.from_from_to, old.from_from_to)
+        np.testing.assert_array_equal(found.i_from_j, old.i_from_j)
 
 
 def test_verdicts_are_appended_and_the_last_one_counts(store: MapStore) -> None:

@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from memory_log import MemoryLog
+from messages_in_memory import MemoryLog
 
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
@@ -68,7 +68,7 @@ def test_a_sound_log_is_found_sound() -> None:
         "floor tilt"
     } <= set(found)  # fmt: skip
     assert [f.text for f in found.values() if not f.good] == []
-    assert all(f.remedy == "" for f in found.values())
+    assert all(f.suggestion == "" for f in found.values())
 
 
 def test_averaged_noise_is_no_time_offset() -> None:
@@ -86,7 +86,7 @@ def test_averaged_noise_is_no_time_offset() -> None:
 
 
 @pytest.mark.parametrize("upside_down", [False, True])
-def test_a_laser_upside_down_is_told_by_the_sense_of_its_turns(*, upside_down: bool) -> None:
+def test_a_laser_upside_down_is_reported_by_the_sense_of_its_turns(*, upside_down: bool) -> None:
     """Late besides: what turns the other way is no matter of stamps."""
     noise = np.random.default_rng(1)
     times = np.arange(200) * 0.1
@@ -96,7 +96,7 @@ def test_a_laser_upside_down_is_told_by_the_sense_of_its_turns(*, upside_down: b
     assert finding is not None
     assert not finding.good
     assert (finding.name == SENSE_OF_TURNING) == upside_down
-    assert ("upside down" in finding.remedy) == upside_down
+    assert ("upside down" in finding.suggestion) == upside_down
 
 
 @pytest.mark.parametrize("late_s", [0.12, -0.08])
@@ -110,7 +110,7 @@ def test_odometry_stamped_late_is_measured(late_s: float) -> None:
     found = findings(change)["time offset of odometry to laser"]
     assert not found.good
     assert found.value == pytest.approx(late_s, abs=0.02)
-    assert found.remedy
+    assert found.suggestion
 
 
 @pytest.mark.slow
@@ -138,7 +138,7 @@ def test_depth_in_another_unit_is_measured(factor: float, word: str) -> None:
 
     found = findings(change)
     assert found["depth scale"].value == pytest.approx(factor, rel=0.02)
-    assert word in found["depth scale"].remedy
+    assert word in found["depth scale"].suggestion
     assert [name for name, finding in found.items() if not finding.good] == ["depth scale"]
 
 
@@ -163,8 +163,8 @@ def test_a_camera_tilted_against_its_mount_is_measured() -> None:
 
 @pytest.mark.parametrize(("world", "compared"), [("corridor", False), ("hall", True)])
 @pytest.mark.slow
-def test_bare_walls_tell_nothing_of_the_wheels(world: str, compared: bool) -> None:
-    """Along a corridor a scan fits anywhere, and its steps say nothing of the odometry's scale."""
+def test_bare_walls_indicate_nothing_of_the_wheels(world: str, compared: bool) -> None:
+    """Along a corridor a scan fits anywhere, and its steps indicate nothing about the odometry's scale."""
     settings = SimulationSettings()
     settings = replace(
         settings,
@@ -198,7 +198,7 @@ def mounted_elsewhere(frame: str, pose: Array) -> Change:
 
 
 @pytest.mark.parametrize(
-    ("frame", "shift", "turn_deg", "told"),
+    ("frame", "shift", "turn_deg", "reported"),
     [
         ("hokuyo", (0.2, 0.0), 0.0, (-0.2, 0.0, 0.0)),
         ("hokuyo", (0.0, -0.15), 0.0, (0.0, 0.15, 0.0)),
@@ -208,7 +208,7 @@ def mounted_elsewhere(frame: str, pose: Array) -> Change:
 )
 @pytest.mark.slow
 def test_a_mount_of_laser_or_camera_that_is_wrong_is_measured(
-    frame: str, shift: tuple[float, float], turn_deg: float, told: tuple[float, float, float]
+    frame: str, shift: tuple[float, float], turn_deg: float, reported: tuple[float, float, float]
 ) -> None:
     turn = roll_pitch_yaw_to_rotation(0.0, 0.0, float(np.radians(turn_deg)))
     found = findings(mounted_elsewhere(frame, make_transform(turn, np.array([*shift, 0.0]))))
@@ -218,9 +218,9 @@ def test_a_mount_of_laser_or_camera_that_is_wrong_is_measured(
         r"moved by \((.*), (.*)\) m ahead and left and turned by (.*) deg", found[bad[0]].text
     )
     assert numbers is not None
-    assert np.array(numbers.groups(), float) == pytest.approx(np.array(told), abs=0.5)
-    assert np.array(numbers.groups()[:2], float) == pytest.approx(np.array(told[:2]), abs=0.03)
-    assert "scan_mount" in found[bad[0]].remedy
+    assert np.array(numbers.groups(), float) == pytest.approx(np.array(reported), abs=0.5)
+    assert np.array(numbers.groups()[:2], float) == pytest.approx(np.array(reported[:2]), abs=0.03)
+    assert "scan_mount" in found[bad[0]].suggestion
 
 
 @pytest.mark.parametrize("late_s", [0.15, -0.1])
@@ -234,7 +234,7 @@ def test_a_camera_stamped_late_is_measured(late_s: float) -> None:
     found = findings(change)["time offset of odometry to camera"]
     assert not found.good
     assert found.value == pytest.approx(-late_s, abs=0.03)
-    assert "stamps" in found.remedy
+    assert "stamps" in found.suggestion
 
 
 def test_nothing_is_said_where_nothing_can_be() -> None:
@@ -248,7 +248,7 @@ def test_nothing_is_said_where_nothing_can_be() -> None:
 
 
 @pytest.mark.slow
-def test_a_tracked_log_tells_the_same_without_being_read_again() -> None:
+def test_a_tracked_log_indicates_the_same_without_being_read_again() -> None:
     """The build's own comparison against that of `inspect log`, on wheels believed too large.
 
     By then it has taken the time offset of 0.12 s back by itself.
@@ -283,4 +283,4 @@ def test_depth_beside_its_colour_is_measured() -> None:
     found = findings(change)["camera and depth"]
     assert not found.good
     assert found.value == pytest.approx(7.0, abs=2.0)
-    assert "depth_registration" in found.remedy
+    assert "depth_registration" in found.suggestion

@@ -14,8 +14,8 @@ from database_samples import camera
 
 from formats.logs import open_log
 from mapmyworld.config import Config
-from mapmyworld.diagnosis import alignment
-from mapmyworld.diagnosis.alignment import Displacement, alignment_findings
+from mapmyworld.diagnosis import depth_on_colour as alignment
+from mapmyworld.diagnosis.depth_on_colour import Displacement, alignment_findings
 from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.memory_log import MemoryLog
 from mapmyworld.sensing import make_plan, survey_log
@@ -48,7 +48,7 @@ def turned_about(seed: int) -> list[RgbdImage]:
     return images_of(MemoryLog(list(drive.messages())))
 
 
-def told(images: list[RgbdImage], change: Callable[[Depth], Depth]) -> Finding | None:
+def reported(images: list[RgbdImage], change: Callable[[Depth], Depth]) -> Finding | None:
     def changed(depth: ImageMessage) -> ImageMessage:
         cells = change(np.asarray(depth.pixels(), np.float32))
         return replace(depth, pixels=lambda: cells)
@@ -81,7 +81,7 @@ def from_beside(depth: Depth) -> Depth:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", STARTS)
 def test_depth_on_its_colours_is_found_sound(seed: int) -> None:
-    found = told(turned_about(seed), lambda depth: depth)
+    found = reported(turned_about(seed), lambda depth: depth)
     assert found is not None
     assert found.good, found.text
     assert found.value <= 1.5
@@ -91,18 +91,18 @@ def test_depth_on_its_colours_is_found_sound(seed: int) -> None:
 @pytest.mark.parametrize("seed", STARTS)
 @pytest.mark.parametrize("shift", [(6, 0), (0, -5), (-6, 4), (14, 0)])
 def test_depth_moved_beside_its_colours_is_measured(seed: int, shift: tuple[int, int]) -> None:
-    found = told(turned_about(seed), moved(*shift))
+    found = reported(turned_about(seed), moved(*shift))
     assert found is not None
     assert not found.good
     assert found.value == pytest.approx(np.hypot(*shift), abs=1.5)
-    assert "register" in found.remedy
+    assert "register" in found.suggestion
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", STARTS)
 def test_depth_of_another_angle_of_view_is_measured(seed: int) -> None:
     """Six parts in a hundred larger: 9.6 pixels at the sides."""
-    found = told(turned_about(seed), moved(0, 0, 1.06))
+    found = reported(turned_about(seed), moved(0, 0, 1.06))
     assert found is not None
     assert not found.good
     assert found.value == pytest.approx(9.6, abs=2.0)
@@ -112,7 +112,7 @@ def test_depth_of_another_angle_of_view_is_measured(seed: int) -> None:
 @pytest.mark.parametrize("seed", STARTS)
 def test_depth_seen_from_beside_is_not_called_sound(seed: int) -> None:
     """Parallax moves near and far things differently: what is found is some mean of it, or none."""
-    found = told(turned_about(seed), from_beside)
+    found = reported(turned_about(seed), from_beside)
     assert found is None or not found.good
 
 
@@ -139,7 +139,7 @@ def test_upright_edges_alone_do_not_move_depth_up_or_down() -> None:
     assert found.value == 0.0
 
 
-def test_pictures_without_edges_tell_nothing() -> None:
+def test_pictures_without_edges_indicate_nothing() -> None:
     flat = turned_about(1)
     plain = [replace(i, depth=replace(i.depth, pixels=lambda: np.ones((240, 320)))) for i in flat]
     assert list(alignment_findings(plain)) == []
@@ -151,10 +151,10 @@ def test_pictures_without_edges_tell_nothing() -> None:
 def test_a_recorded_kinect_is_found_sound_and_moved_is_not(data: Path) -> None:
     """Registered by its driver to about 2 of 640 pixels."""
     images = images_of(open_log([data / "rgbd" / "freiburg1_rpy_15hz"]))
-    found = told(images, lambda depth: depth)
+    found = reported(images, lambda depth: depth)
     assert found is not None
     assert found.good, found.text
-    found = told(images, moved(12, -6))
+    found = reported(images, moved(12, -6))
     assert found is not None
     assert not found.good
     assert found.value == pytest.approx(np.hypot(12, 6), abs=5.0)

@@ -7,13 +7,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-from memory_log import MemoryLog
+from messages_in_memory import MemoryLog
 
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.diagnosis import Finding, diagnose
-from mapmyworld.diagnosis.depth_motion import pairs_on_the_way
-from mapmyworld.diagnosis.mounts import unit_remedy
+from mapmyworld.diagnosis.depth_motion import pairs_along_the_path
+from mapmyworld.diagnosis.depth_on_laser import unit_suggestion
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.memory_map import MemoryMap
@@ -60,7 +60,7 @@ def test_depth_in_another_unit_is_measured_without_a_laser(factor: float, word: 
     found = findings(factor)["depth scale"]
     assert not found.good
     assert found.value == pytest.approx(factor, rel=0.05)
-    assert word in found.remedy
+    assert word in found.suggestion
 
 
 @pytest.mark.slow
@@ -71,11 +71,11 @@ def test_sound_depth_is_found_sound_without_a_laser() -> None:
 
 
 @pytest.mark.slow
-def test_a_build_tells_depth_in_another_unit_as_well() -> None:
+def test_a_build_indicates_depth_in_another_unit_as_well() -> None:
     store = MemoryMap()
     build_map(log_of(5.0), store, Config(), Silent())
-    told = {found["name"]: found for found in store.get("diagnosis")}["depth scale"]
-    assert told["value"] == pytest.approx(5.0, rel=0.05)
+    reported = {found["name"]: found for found in store.get("diagnosis")}["depth scale"]
+    assert reported["value"] == pytest.approx(5.0, rel=0.05)
     assert any("1/5000 m" in note for note in store.get("track")["notes"])
 
 
@@ -85,7 +85,7 @@ def test_pairs_lie_a_little_apart_and_hardly_turned() -> None:
     turns = [planar_to_matrix(np.array([2.0, 0.0, 0.3 * i])) for i in range(1, 9)]
     poses: list[Array | None] = [*way, *turns]
     poses[7] = None
-    pairs = pairs_on_the_way(poses)
+    pairs = pairs_along_the_path(poses)
     assert len(pairs) == 16
     assert all(7 not in pair for pair in pairs)
     assert all(k <= 40 and 3 <= k - i <= 4 for i, k in pairs)
@@ -94,5 +94,5 @@ def test_pairs_lie_a_little_apart_and_hardly_turned() -> None:
 @pytest.mark.parametrize(
     ("scale", "word"), [(5.2, "1/5000 m"), (4.5, "by a factor of 0.222"), (1100.0, "millimetres")]
 )
-def test_a_remedy_names_the_unit_only_where_it_is_one(scale: float, word: str) -> None:
-    assert word in unit_remedy(scale)
+def test_a_suggestion_names_the_unit_only_where_it_is_one(scale: float, word: str) -> None:
+    assert word in unit_suggestion(scale)

@@ -127,11 +127,11 @@ def test_what_a_page_shows_works(page: Path, desk: Path) -> None:
 @pytest.mark.usefixtures("open3d")
 def test_what_the_pages_show_of_meshes_works(desk: Path) -> None:
     shutil.copy(desk / "map.db", desk / "office.db")  # which other commands of the page make
-    told = []
+    reported = []
     for page in PAGES:
         lines = [c for c in shown_in(page) if any(word in c.line for word in OF_MESHES)]
-        told += failures(lines, page)
-    assert told == []
+        reported += failures(lines, page)
+    assert reported == []
 
 
 def failures(commands: list[Shown], page: Path) -> list[str]:

@@ -9,21 +9,21 @@ import pytest
 from conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "docs"))
-import messages
+import all_messages as messages
 
 # Raised with words that come from elsewhere: the system's, or those of a message in the table.
 PASSED_ON = {
     "cli/batching/commands.py": 1,
-    "cli/batching/places.py": 1,
+    "cli/batching/urls.py": 1,
     "mapmyworld/exporting.py": 1,
     "formats/database/connection.py": 1,
     "formats/database/log_source.py": 1,
-    "formats/database/pictures.py": 1,
+    "formats/database/image_blobs.py": 1,
     "formats/graph_reading.py": 2,
     "formats/logs/packed.py": 1,
-    "formats/grid.py": 1,
+    "formats/grid_files.py": 1,
     "formats/ply.py": 1,
-    "formats/trajectory.py": 1,
+    "formats/trajectory_files.py": 1,
     "mapmyworld/evaluation/association.py": 1,
 }
 _OURS = (
@@ -51,15 +51,15 @@ def test_every_error_has_words_that_stand_in_the_table() -> None:
 
 
 def test_every_message_says_what_to_do_about_it() -> None:
-    told = messages.gathered()
-    assert len(told) > 300
-    assert [entry.text for entry in told if len(entry.remedy) < 9] == []
+    reported = messages.gathered()
+    assert len(reported) > 300
+    assert [entry.text for entry in reported if len(entry.suggestion) < 9] == []
 
 
-def test_no_remedy_is_left_of_words_that_nothing_says() -> None:
+def test_no_suggestion_is_left_of_words_that_nothing_says() -> None:
     """It no longer stood beside a message that had been reworded."""
-    told = "\n".join(entry.text for entry in messages.gathered())
-    unsaid = [words for words in messages.BY_WORDS if words not in told]
+    reported = "\n".join(entry.text for entry in messages.gathered())
+    unsaid = [words for words in messages.BY_WORDS if words not in reported]
     assert unsaid == ["Permission denied"]  # the system's words
 
 
@@ -78,14 +78,14 @@ def test_what_a_map_lacks_stands_in_the_table_as_well(words: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "remedy"),
+    ("text", "suggestion"),
     [
         ("cannot be written: it is a folder", "check the folder"),
         ("is in use by another program: close it there and try again", "close it there"),
         ("was changed or removed while it was read", "give the same command again"),
     ],
 )
-def test_messages_of_writers_and_their_remedies(text: str, remedy: str) -> None:
+def test_messages_of_writers_and_their_suggestions(text: str, suggestion: str) -> None:
     fitting = [entry for entry in messages.gathered() if text in entry.text]
     assert fitting
-    assert all(remedy in entry.remedy for entry in fitting)
+    assert all(suggestion in entry.suggestion for entry in fitting)

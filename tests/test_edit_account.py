@@ -1,4 +1,4 @@
-"""What `edit` says of what it did, and `inspect graph --between` of how a node is turned."""
+"""What `edit` reports about what it did, and `inspect graph --between` of how a node is turned."""
 
 from __future__ import annotations
 

@@ -49,11 +49,13 @@ def flat(built: Path, tmp_path: Path) -> Path:
 def state(path: Path) -> tuple[list[Any], bytes, bytes]:
     """Constraints with their verdicts, poses and the grid."""
     with open_store(path, read_only=True) as store:
-        told = [(c.from_id, c.to_id, c.kind, c.accepted, reason_of(c)) for c in store.constraints()]
+        reported = [
+            (c.from_id, c.to_id, c.kind, c.accepted, reason_of(c)) for c in store.constraints()
+        ]
         poses, grid = store.poses(), store.grid()
         assert poses is not None
         assert grid is not None
-        return told, poses.map_from_node.tobytes(), grid.log_odds.tobytes()
+        return reported, poses.map_from_node.tobytes(), grid.log_odds.tobytes()
 
 
 def closures(path: Path) -> list[Judged]:

@@ -12,8 +12,8 @@ from sample_verdicts import REJECTED
 
 from cli.main import group
 from formats.database import open_store
-from formats.grid import write_grid
-from formats.trajectory import write_trajectory
+from formats.grid_files import write_grid
+from formats.trajectory_files import write_trajectory
 from mapmyworld.errors import ConfigError, MapError
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.types import (
@@ -94,7 +94,7 @@ def test_relations_and_grids_are_scored(folder: Path) -> None:
     assert score["aligned"]["precision_1"] == score["unaligned"]["free"] == 1.0
 
 
-def test_relations_outside_the_map_are_not_scored_and_few_inside_are_told(folder: Path) -> None:
+def test_relations_outside_the_map_are_not_scored_and_few_inside_are_reported(folder: Path) -> None:
     """A map of the first 12 s against relations of a minute: its end pose is no answer there."""
     inside, outside = "1 2 0.96 0.24 0 0 0 0.5", "40 60 7 0 0 0 0 0"
     few = folder / "few.relations"
@@ -164,14 +164,14 @@ def test_a_drive_too_short_for_rpe_still_has_its_ate(folder: Path) -> None:
     assert "ATE [m]" in short.stdout
     assert "RPE" not in short.stdout
     assert "--delta" in short.stderr
-    told = json.loads(
+    reported = json.loads(
         CliRunner().invoke(group, [*words, "--delta", "1000", "--format", "json"]).stdout
     )
-    assert told["rpe"] is None
-    assert told["ate"]["count"] == COUNT
+    assert reported["rpe"] is None
+    assert reported["ate"]["count"] == COUNT
 
 
-def test_relations_that_are_not_there_are_told_without_pythons_words(folder: Path) -> None:
+def test_relations_that_are_not_there_are_reported_without_pythons_words(folder: Path) -> None:
     words = ["evaluate", "relations", str(folder / "map.db"), str(folder / "none.relations")]
     error = str(CliRunner().invoke(group, words).exception)
     assert "none.relations: cannot be read: No such file" in error

@@ -99,7 +99,7 @@ def square_drive() -> Trajectory:
     return Trajectory(np.arange(80, dtype=np.int64) * 10**9, planar_to_matrix(poses))
 
 
-def test_right_and_wrong_closures_are_told_apart() -> None:
+def test_right_and_wrong_closures_are_reported_apart() -> None:
     truth = square_drive()
     pairs = np.array([[k, k + 40] for k in range(0, 40, 10)])
     stamps = truth.stamps_ns[pairs]

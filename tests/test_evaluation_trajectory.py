@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from formats.relations import read_relations
+from formats.relation_files import read_relations
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation import ate, relations_score, rpe
-from mapmyworld.evaluation.relations import poses_at
+from mapmyworld.evaluation.relations_metric import poses_at
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between, se3_exp
 from mapmyworld.types import Trajectory
@@ -118,7 +118,7 @@ def test_trajectories_of_different_times_are_refused() -> None:
         ate(later, truth)
 
 
-def test_stamps_that_lie_between_one_anothers_are_told_what_to_allow() -> None:
+def test_stamps_that_lie_between_one_anothers_are_reported_what_to_allow() -> None:
     truth = wandering(1)
     between = Trajectory(truth.stamps_ns + 30_000_000, truth.poses)
     with pytest.raises(MapError, match="--max-difference"):

@@ -13,12 +13,12 @@ from click.testing import CliRunner, Result
 from database_samples import fill, grid
 
 from cli.export import export
-from formats.cloud import read_cloud
+from formats.cloud_files import read_cloud
 from formats.database import open_store
-from formats.grid import read_grid
+from formats.graph_files import read_graph
+from formats.grid_files import read_grid
 from formats.logs import open_log
-from formats.pose_graph import read_graph
-from formats.trajectory import read_trajectory
+from formats.trajectory_files import read_trajectory
 from mapmyworld.errors import MapError
 from mapmyworld.types import ImageMessage
 

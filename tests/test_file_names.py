@@ -13,8 +13,8 @@ import pytest
 from conftest import ROOT
 from room_drive import drive
 
-from cli.streams import shown
-from formats.grid import read_grid, write_grid
+from cli.standard_streams import shown
+from formats.grid_files import read_grid, write_grid
 from formats.report.match_picture import with_caption
 from formats.whole_files import utf8_of
 from mapmyworld.types import OccupancyGrid

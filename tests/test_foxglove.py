@@ -114,7 +114,7 @@ def test_the_doctor_finds_what_is_wrong(small: Path, tmp_path: Path) -> None:
         assert doctor(data[:size]) != []
 
 
-def test_the_graph_tells_its_facts(small: Path, tmp_path: Path) -> None:
+def test_the_graph_indicates_its_facts(small: Path, tmp_path: Path) -> None:
     run(small, "-o", tmp_path / "a.mcap")
     (scene,) = (m for _, topic, _, m in messages(tmp_path / "a.mcap") if topic == "/map/graph")
     facts = {e.id: {pair.key: pair.value for pair in e.metadata} for e in scene.entities}
@@ -148,8 +148,8 @@ def test_messages_are_as_the_schemas_in_the_file_say(small: Path, tmp_path: Path
         files = FileDescriptorSet.FromString(schema.data)
         own = message_factory.GetMessages(files.file)[schema.name]
         official = message.DESCRIPTOR.file
-        (told,) = (file for file in files.file if file.name == official.name)
-        assert told == FileDescriptorProto.FromString(official.serialized_pb)
+        (reported,) = (file for file in files.file if file.name == official.name)
+        assert reported == FileDescriptorProto.FromString(official.serialized_pb)
         raw = message.SerializeToString(deterministic=True)
         again = own.FromString(raw)
         assert again.SerializeToString(deterministic=True) == raw
@@ -159,7 +159,7 @@ def test_messages_are_as_the_schemas_in_the_file_say(small: Path, tmp_path: Path
 
 
 def assert_sound(message: Any) -> None:
-    """What the schemas say in words: unit quaternions, frames with names, data of the size told."""
+    """What the schemas say in words: unit quaternions, frames with names, data of the size reported."""
     for field, value in message.ListFields():
         repeated = (
             value if hasattr(value, "__len__") and not isinstance(value, str | bytes) else [value]

@@ -7,16 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from formats.pose_graph import read_graph
+from formats.graph_files import read_graph
 from mapmyworld.backend.certificate import Certificate, certify, proof_of
+from mapmyworld.backend.convex_relaxation import (
+    lower_weights,
+    multiplied_out,
+    relaxation_of,
+    relaxation_poses,
+)
 from mapmyworld.backend.descent import descend
 from mapmyworld.backend.residuals import retract
 from mapmyworld.backend.system import edge_chi2, fit_of
-from mapmyworld.backend.twin import lower_weights, multiplied_out, twin_of, twin_poses
-from mapmyworld.config.graph import GraphConfig
+from mapmyworld.config.graph_settings import GraphConfig
 from mapmyworld.geometry.planar import between_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import se3_exp
-from mapmyworld.graph.optimise import optimise
+from mapmyworld.graph.optimisation import optimise
 from mapmyworld.graph.problem import Problem, problem_of
 from mapmyworld.types.pose_graph import Edges, PoseGraph, no_priors, no_sightings
 from tests.test_graph_optimise import ring
@@ -70,15 +75,15 @@ def test_no_arrangement_of_the_nodes_costs_less_than_the_bound(planar):
 
 
 @pytest.mark.parametrize("planar", [True, False])
-def test_the_twin_never_costs_more_than_the_graph(planar):
+def test_the_relaxation_never_costs_more_than_the_graph(planar):
     problem = problem_of(optimise(ring(planar), ALONE).graph)
-    twin = twin_of(problem.system, fit_of(problem.system, problem.guess).residuals)
+    relaxation = relaxation_of(problem.system, fit_of(problem.system, problem.guess).residuals)
     rng = np.random.default_rng(1)
     for size in (0.0, 0.01, 0.3, 2.0):
         step = size * rng.normal(size=(len(problem.guess), 3 if planar else 6))
         poses = retract(planar, problem.guess, step)
-        x = twin_poses(planar, poses)[twin.order]
-        cost = 0.5 * float(np.sum(multiplied_out(twin.matrix, x) * x))
+        x = relaxation_poses(planar, poses)[relaxation.order]
+        cost = 0.5 * float(np.sum(multiplied_out(relaxation.matrix, x) * x))
         assert cost <= cost_at(problem, poses) * (1 + 1e-9)
 
 
@@ -147,7 +152,7 @@ def test_recorded_graphs_are_certified(data, name):
     graph = read_graph(data / "graphs" / f"{name}.g2o").graph
     certificate = optimise(graph).certificate
     assert certificate is not None
-    assert certificate.twin_is_global
+    assert certificate.relaxation_is_global
 
 
 def test_priors_and_fixed_nodes_leave_the_bound_below_the_cost():
@@ -158,12 +163,12 @@ def test_priors_and_fixed_nodes_leave_the_bound_below_the_cost():
 
 
 def test_words_promise_no_more_than_is_proven() -> None:
-    """However far below a bound lies, it is told, and what was tried."""
-    loose = proof_of(Certificate(1.2, 0.94, True), ["chordal"])
-    assert loose.startswith("not proven")
-    assert "94 % below" in loose
-    assert "end of one start (chordal)" in loose
-    nothing = proof_of(Certificate(0.0, 1.0, False), ["chordal", "winding", "winding"])
+    """However far below a bound lies, it is reported, and what was tried."""
+    unproven = proof_of(Certificate(1.2, 0.94, True), ["chordal"])
+    assert unproven.startswith("not proven")
+    assert "94 % below" in unproven
+    assert "end of one start (chordal)" in unproven
+    nothing = proof_of(Certificate(0.0, 1.0, False), ["chordal", "wraparound", "wraparound"])
     assert "no bound below it" in nothing
-    assert "cheapest end of 3 starts (chordal, winding)" in nothing
+    assert "cheapest end of 3 starts (chordal, wraparound)" in nothing
     assert proof_of(Certificate(9.9, 0.01, False)).startswith("the global minimum, proven")

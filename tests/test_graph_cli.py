@@ -19,10 +19,10 @@ from cli.inspect_graph import graph_facts
 from cli.main import group
 from cli.optimise import optimise
 from formats.database import open_store
-from formats.pose_graph import read_graph
+from formats.graph_files import read_graph
 from formats.report.graph_picture import draw_graph
 from mapmyworld.errors import MapError
-from mapmyworld.graph.solve import solve
+from mapmyworld.graph.solved_graph import solve
 from mapmyworld.types import ConstraintKind, Judged, Poses
 from tests.test_graph_solve import false_closures, noisy_constraints, square_walk
 
@@ -50,7 +50,7 @@ def test_a_sound_graph_is_solved_written_and_drawn(tmp_path):
     result = run(path, "--format", "json", "--image", str(picture))
     assert result.exit_code == 0
     facts = json.loads(result.stdout)
-    assert (facts["nodes"], facts["edges"], facts["parts"]) == (4, 4, 1)
+    assert (facts["nodes"], facts["edges"], facts["components"]) == (4, 4, 1)
     assert 0 < facts["cost"] < 0.5
     solved = read_graph(tmp_path / "square_optimised.g2o").graph
     assert np.allclose(solved.map_from_node[2, :2], [1, 1], atol=0.1)
@@ -71,7 +71,7 @@ def test_what_is_sound_of_a_broken_graph_is_solved_with_exit_code_3(tmp_path):
     path.write_text(SQUARE + "EDGE_SE2 0 2 nan 0 0 1 0 0 1 0 1\nEDGE_SE2 8 9 1 0 0 1 0 0 1 0 1\n")
     result = run(path, "--format", "json")
     assert result.exit_code == 3
-    assert json.loads(result.stdout)["parts"] == 2
+    assert json.loads(result.stdout)["components"] == 2
     assert "line 5" in result.stderr
 
 
@@ -114,7 +114,7 @@ def test_the_audit_counts_and_explains():
     facts = graph_facts(solved.poses, solved.constraints, Poses(ids, drifted), True, None, 5)
     assert facts["constraints"]["loop_closure"]["rejected"] == 10
     assert len(facts["rejected"]) == 10
-    assert facts["parts"] == [{"first": 1, "last": 120, "nodes": 120}]
+    assert facts["components"] == [{"first": 1, "last": 120, "nodes": 120}]
     assert facts["overconfident"] == []
     # Noise was drawn from the stated covariances.
     assert facts["overconfidence"]["neighbour"] == pytest.approx(1.0, abs=0.15)
@@ -180,10 +180,10 @@ def test_a_graph_that_falls_apart_makes_a_map_that_does_not_pass_as_whole(tmp_pa
     path.write_text(apart)
     done = run(path, "-o", str(made))
     assert done.exit_code == 3
-    assert "2 parts" in done.stderr
+    assert "2 components" in done.stderr
     checked = CliRunner().invoke(group, ["check", str(made), "--require", "nodes >= 6"])
     assert checked.exit_code == 4
-    assert "2 parts" in checked.output
+    assert "2 components" in checked.output
 
 
 def test_a_map_that_fails_on_the_way_leaves_the_one_before(tmp_path, monkeypatch):

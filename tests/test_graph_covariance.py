@@ -43,7 +43,7 @@ from mapmyworld.graph.covariance import (
     relative_covariances,
     relative_pose,
 )
-from mapmyworld.graph.solve import solve
+from mapmyworld.graph.solved_graph import solve
 from mapmyworld.types import ConstraintKind, Judged
 from mapmyworld.types.pose_graph import Edges, PoseGraph
 
@@ -208,7 +208,7 @@ def test_relative_poses_that_cannot_be_are_refused():
     with pytest.raises(GraphError, match="no node 99"):
         relative_pose(graph, 10, 99)
     parted = replace(graph, edges=graph.edges.chosen(np.array([0, 2])))
-    with pytest.raises(GraphError, match="separate parts"):
+    with pytest.raises(GraphError, match="separate components"):
         relative_pose(parted, 10, 13)
 
 

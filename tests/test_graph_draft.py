@@ -18,8 +18,8 @@ from mapmyworld.geometry.planar import (
     planar_to_matrix,
 )
 from mapmyworld.graph.chains import solve_by_chains
-from mapmyworld.graph.draft import landmark_guesses, solve_draft
-from mapmyworld.graph.solve import solve
+from mapmyworld.graph.draft_graph import landmark_guesses, solve_draft
+from mapmyworld.graph.solved_graph import solve
 from mapmyworld.types import ConstraintKind, Judged, Node
 
 SIGMAS = np.array([0.01, 0.01, 0.004])
@@ -53,7 +53,7 @@ def closure(truth: NDArray[np.float64], a: int, b: int) -> Judged:
 def test_a_draft_is_the_solution_but_for_its_linearisation() -> None:
     truth, nodes, motions = drive()
     true = [closure(truth, a, a + 80) for a in range(0, 40, 8)]
-    false = replace(closure(truth, 3, 60), from_from_to=planar_to_matrix([2.0, 1.0, 0.3]))
+    false = replace(closure(truth, 3, 60), i_from_j=planar_to_matrix([2.0, 1.0, 0.3]))
     ids = [node.id for node in nodes]
     start = np.stack([node.tracked_from_base for node in nodes])
     whole = solve(ids, start, [*motions, *true, false], True)
@@ -98,7 +98,7 @@ def test_chains_say_what_the_whole_graph_says() -> None:
     """Poses, verdicts, reasons and covariances of all nodes; what came rejected stays as it was."""
     truth, nodes, motions = drive()
     closures = [closure(truth, a, a + 80) for a in range(0, 40, 8)]
-    false = replace(closure(truth, 3, 60), from_from_to=planar_to_matrix([2.0, 1.0, 0.3]))
+    false = replace(closure(truth, 3, 60), i_from_j=planar_to_matrix([2.0, 1.0, 0.3]))
     refused = closure(truth, 9, 66).judged(REJECTED)
     strange = replace(motions[0], from_id=900, to_id=901)
     constraints = [*motions[:50], *closures, refused, *motions[50:], false, strange]

@@ -8,11 +8,17 @@ import numpy as np
 import pytest
 from sample_verdicts import REJECTED
 
-from formats.edits import read_edits
+from formats.edit_files import read_edits
 from mapmyworld.errors import ConfigError, GraphError, MapError
 from mapmyworld.graph.edited import changes, contradicted, farthest_moved, strained
-from mapmyworld.graph.edits import apply_edits, edits_from_json, edits_to_json, resolve_pins, unmet
-from mapmyworld.graph.solve import solve
+from mapmyworld.graph.edited_constraints import (
+    apply_edits,
+    edits_from_json,
+    edits_to_json,
+    resolve_pins,
+    unmet,
+)
+from mapmyworld.graph.solved_graph import solve
 from mapmyworld.types import ConstraintKind, Judged, Poses
 from mapmyworld.types.wording import reason_of
 from tests.test_graph_solve import noisy_constraints, square_walk
@@ -108,7 +114,7 @@ def test_what_was_measured_to_be_false_is_so_again_when_its_acceptance_is_undone
     assert restored.constraints[-1].verdicts == first.constraints[-1].verdicts == (REJECTED,)
 
 
-def test_an_edit_of_nothing_is_told(tmp_path):
+def test_an_edit_of_nothing_is_reported(tmp_path):
     _, constraints = world()
     edits = edits_from('[[reject]]\nfrom = 1\nto = 77\nreason = "no"\n', tmp_path)
     assert unmet(constraints, edits) == ["reject: no constraint between 1 and 77"]
@@ -149,7 +155,7 @@ def test_a_broken_edits_file_is_explained(text, word, tmp_path):
         edits_from(text, tmp_path)
 
 
-def test_what_is_stated_and_not_met_is_told_with_what_fights_it(tmp_path):
+def test_what_is_stated_and_not_met_is_reported_with_what_fights_it(tmp_path):
     """A wrong addition, sure of itself: closures that were accepted stand against it."""
     truth, constraints = world()
     ids = np.arange(1, 81)
@@ -158,9 +164,11 @@ def test_what_is_stated_and_not_met_is_told_with_what_fights_it(tmp_path):
     text = '[[add]]\nfrom = 5\nto = 30\npose = [0, 0, 0]\nsigma = [0.01, 0.5]\nreason = "no"\n'
     edits = edits_from(text, tmp_path)
     after = solve(ids, truth, apply_edits(before.constraints, edits), planar=True)
-    (told,) = contradicted(after.constraints, after.poses, True)
-    assert told.startswith("user 5 -> 30, stated by hand, is contradicted by the rest of the graph")
-    assert "sigma (limit 4.0): correct the edit" in told
+    (reported,) = contradicted(after.constraints, after.poses, True)
+    assert reported.startswith(
+        "user 5 -> 30, stated by hand, is contradicted by the rest of the graph"
+    )
+    assert "sigma (limit 4.0): correct the edit" in reported
     first, *others = changes(before.constraints, after.constraints)
     assert (first.constraint.kind, first.what) == (ConstraintKind.USER, "accepted")
     assert all(c.what == "rejected" for c in others)

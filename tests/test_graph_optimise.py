@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from formats.pose_graph import graph_from_text, read_graph
+from formats.graph_files import graph_from_text, read_graph
 from mapmyworld.backend.residuals import planar_exp, planar_log, retract
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.geometry.rigid import between, se3_exp
-from mapmyworld.graph.optimise import optimise, optimise_robustly
+from mapmyworld.graph.optimisation import optimise, optimise_robustly
 from mapmyworld.types.pose_graph import Edges, PoseGraph, Sightings, no_priors, no_sightings
 
 OPTIMA = {
@@ -143,7 +143,7 @@ def test_false_closures_are_rejected_in_a_graph_with_landmarks():
     mixed = Edges(
         np.concatenate([edges.from_ids, graph.ids[[3, 10, 20]]]),
         np.concatenate([edges.to_ids, graph.ids[[40, 33, 50]]]),
-        np.concatenate([edges.from_from_to, wrong]),
+        np.concatenate([edges.i_from_j, wrong]),
         np.concatenate([edges.information, edges.information[:3]]),
         np.concatenate([edges.odometry, np.zeros(3, np.bool_)]),
     )
@@ -224,7 +224,7 @@ def test_parts_are_solved_each_with_an_anchor_of_its_own():
         edges=Edges(
             np.concatenate([first.edges.from_ids, edges.from_ids + shift]),
             np.concatenate([first.edges.to_ids, edges.to_ids + shift]),
-            np.concatenate([first.edges.from_from_to, edges.from_from_to]),
+            np.concatenate([first.edges.i_from_j, edges.i_from_j]),
             np.concatenate([first.edges.information, edges.information]),
             np.concatenate([first.edges.odometry, edges.odometry]),
         ),
@@ -258,7 +258,7 @@ def test_random_false_closures_are_all_rejected(data, name):
     mixed = Edges(
         np.concatenate([edges.from_ids, graph.ids[ends[:, 0]]]),
         np.concatenate([edges.to_ids, graph.ids[ends[:, 1]]]),
-        np.concatenate([edges.from_from_to, motion]),
+        np.concatenate([edges.i_from_j, motion]),
         np.concatenate([edges.information, information]),
         np.concatenate([edges.odometry, np.zeros(number, np.bool_)]),
     )

@@ -1,4 +1,4 @@
-"""Which closures are believed: chances, groups that agree with themselves, parts left loose."""
+"""Which closures are believed: chances, groups that agree with themselves, components left alone."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mapmyworld.backend.descent import settle
+from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.system import edge_chi2
-from mapmyworld.config.graph import GraphConfig
+from mapmyworld.config.graph_settings import GraphConfig
 from mapmyworld.geometry.planar import between_planar, compose_planar
-from mapmyworld.graph.admission import expected_below
 from mapmyworld.graph.clusters import chance_of
-from mapmyworld.graph.optimise import optimise, optimise_robustly
+from mapmyworld.graph.inlier_recovery import expected_below
+from mapmyworld.graph.optimisation import optimise, optimise_robustly
 from mapmyworld.graph.problem import problem_of
 from mapmyworld.graph.robust import _afresh, _Found, _Question
 from mapmyworld.types.pose_graph import Edges, PoseGraph, Sightings, no_priors, no_sightings
@@ -86,7 +86,7 @@ def with_corridors(graph: PoseGraph, truth: np.ndarray, groups: int, size: int) 
         edges=Edges(
             np.concatenate([edges.from_ids, tails]),
             np.concatenate([edges.to_ids, heads]),
-            np.concatenate([edges.from_from_to, motions]),
+            np.concatenate([edges.i_from_j, motions]),
             np.concatenate([edges.information, np.tile(np.diag(SIGMA**-2.0), (count, 1, 1))]),
             np.concatenate([edges.odometry, np.zeros(count, np.bool_)]),
         ),
@@ -106,8 +106,8 @@ def test_groups_of_false_closures_that_agree_among_themselves_are_rejected(size)
     assert solved.squared_sigmas[true].sum() < 1.01 * clean.squared_sigmas.sum()
 
 
-def test_a_closure_that_alone_corrects_a_drift_is_admitted():
-    """One closure at the end of a long drive misses what odometry says by metres, within what
+def test_a_closure_that_alone_corrects_a_drift_is_recovered():
+    """One closure at the end of a long drive misses what odometry indicates by metres, within what
     odometry allows; nothing else supports it, and nothing looks false.
     """
     count = 400
@@ -119,7 +119,7 @@ def test_a_closure_that_alone_corrects_a_drift_is_admitted():
     assert solved.cost == pytest.approx(optimise(graph, PLAIN).cost, rel=1e-6)
 
 
-def test_what_nothing_predicts_is_not_admitted_and_the_parts_are_solved():
+def test_what_nothing_predicts_is_not_recovered_and_the_parts_are_solved():
     """Odometry breaks in the middle; one lone closure joins the halves, nothing speaks for it."""
     truth = lawn(4, 10)
     graph = drive(truth, np.array([[3, 70]]))
@@ -186,7 +186,7 @@ def test_what_false_closures_have_bent_does_not_stay_bent() -> None:
     question = _Question(system, trusted, closures, np.zeros(1, np.int64), 30.0, PLAIN)
     wound = np.zeros((41, 3))
     wound[:40, 2] = 2 * angle
-    bent = settle(system, wound, 1e-9, 100)
+    bent = optimised_roughly(system, wound, 1e-9, 100)
     best = optimise(graph).cost
     assert edge_chi2(system, bent).sum() > 10 * best
     found = _Found(bent, every, True)

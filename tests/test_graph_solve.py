@@ -7,8 +7,8 @@ import pytest
 
 from mapmyworld.geometry.planar import information_from_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between, se3_exp
-from mapmyworld.graph.pose_graph import told_of_parts
-from mapmyworld.graph.solve import solve
+from mapmyworld.graph.canonical_graph import component_losses
+from mapmyworld.graph.solved_graph import solve
 from mapmyworld.types import ConstraintKind, Judged
 from mapmyworld.types.wording import reason_of
 
@@ -75,7 +75,9 @@ def test_parts_without_a_link_are_solved_apart():
     ids = np.arange(1, len(truth) + 1)
     solved = solve(ids, truth, made, planar=True)
     assert solved.component.tolist() == [0] * 50 + [1] * 30
-    assert told_of_parts(solved.component) == ["the graph falls into 2 parts that nothing connects"]
+    assert component_losses(solved.component) == [
+        "the graph falls into 2 components that nothing connects"
+    ]
     assert np.allclose(solved.poses.map_from_node[50], truth[50])
 
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from formats.grid import read_grid, same_grid, write_grid
+from formats.grid_files import read_grid, same_grid, write_grid
 from mapmyworld.errors import MapError
 from mapmyworld.types import OccupancyGrid
 

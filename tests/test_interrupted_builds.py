@@ -161,8 +161,8 @@ def unprivileged(arguments: list[str]) -> Outcome:
             if os.geteuid() == 0:
                 os.setuid(65534)
             outcome = try_command(arguments)
-            told = f"{outcome.exit_code}\n{outcome.fault}\0{outcome.stderr}"
-            os.write(writing, told.encode())
+            reported = f"{outcome.exit_code}\n{outcome.fault}\0{outcome.stderr}"
+            os.write(writing, reported.encode())
         finally:
             os._exit(0)
     os.close(writing)

@@ -134,8 +134,8 @@ def test_json_of_small_maps(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert holds("export graph room.db -o room.g2o", "export")["files"] == ["room.g2o"]
     holds("export grid room.db -o floor", "export")
     holds("optimise room.g2o", "optimise")
-    told = holds("batch logs.toml -o batch -q", "batch", 2)
-    assert (told["failed"], told["unmet"]) == (1, 1)
+    reported = holds("batch logs.toml -o batch -q", "batch", 2)
+    assert (reported["failed"], reported["unmet"]) == (1, 1)
 
 
 @pytest.mark.slow
@@ -158,8 +158,8 @@ def test_json_of_a_map_with_images(
     log, grid = shlex.quote(str(APARTMENT)), apartment.with_suffix(".yaml")
     found = holds(f"build {log} -o map.db -q", "build")
     assert found["reused_stages"]
-    told = holds(f"inspect log {log}", "inspect-log")
-    assert {"floor tilt", "odometry scale"} <= {f["name"] for f in told["diagnosis"]}
+    reported = holds(f"inspect log {log}", "inspect-log")
+    assert {"floor tilt", "odometry scale"} <= {f["name"] for f in reported["diagnosis"]}
     holds("inspect graph", "inspect-graph")
     holds("inspect node 1", "inspect-node")
     holds("inspect map", "inspect-map")

@@ -11,7 +11,7 @@ import pytest
 from formats.logs import open_log
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar
-from mapmyworld.odometry.laser import LaserTracker
+from mapmyworld.odometry.laser_odometry import LaserTracker
 from mapmyworld.sensing import make_plan, read_frames, survey_log
 
 CONFIG = Config()

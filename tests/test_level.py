@@ -21,10 +21,17 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between, invert, make_transform, transform_points
 from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.mapping.depth_grid import levelled_image, scan_from_depth
-from mapmyworld.mapping.level import Level, Surfaces, find_level, joined, surfaces_of, up_as_held
-from mapmyworld.odometry.felt_force import FeltForce
+from mapmyworld.mapping.level_surfaces import (
+    Level,
+    Surfaces,
+    find_level,
+    joined,
+    surfaces_of,
+    up_as_held,
+)
+from mapmyworld.odometry.gravity_direction import GravityDirection
 from mapmyworld.pipeline import build_map
-from mapmyworld.stages.level import levelled_poses
+from mapmyworld.stages.level_map import levelled_poses
 from mapmyworld.types import (
     ConstraintKind,
     ImageMessage,
@@ -113,7 +120,7 @@ def test_a_table_is_not_the_floor() -> None:
     assert abs(level.level_from_map[2, 3]) < 0.02
 
 
-def test_a_ceiling_alone_tells_what_is_up_and_no_floor() -> None:
+def test_a_ceiling_alone_indicates_what_is_up_and_no_floor() -> None:
     random = np.random.default_rng(3)
     ceiling = np.column_stack([random.uniform(0.0, 4.0, (3000, 2)), np.full(3000, 2.5)])
     level = find_level(Surfaces(ceiling, np.tile(-UP, (3000, 1))), so3_exp([0.2, 0, 0]) @ UP, None)
@@ -122,7 +129,7 @@ def test_a_ceiling_alone_tells_what_is_up_and_no_floor() -> None:
     assert "no floor" in level.reason
 
 
-def test_where_nothing_is_level_an_accelerometer_tells_else_how_pictures_were_held() -> None:
+def test_where_nothing_is_level_an_accelerometer_indicates_else_how_pictures_were_held() -> None:
     random = np.random.default_rng(5)
     normals = random.normal(size=(4000, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -160,7 +167,7 @@ def test_a_camera_that_looks_straight_down_has_its_back_to_what_is_up() -> None:
     np.testing.assert_allclose(up_as_held(turned), UP, atol=0.05)
 
 
-def test_a_force_tells_a_slanted_roof_from_a_floor() -> None:
+def test_a_force_indicates_a_slanted_roof_from_a_floor() -> None:
     """Most surfaces lean by 20 degrees, as under a roof; the accelerometer knows better."""
     random = np.random.default_rng(7)
     roof = Surfaces(
@@ -178,7 +185,7 @@ def sample(force: Array) -> ImuSample:
 
 
 def test_shaking_cancels_out_and_gravity_stays() -> None:
-    random, felt = np.random.default_rng(1), FeltForce()
+    random, felt = np.random.default_rng(1), GravityDirection()
     for _ in range(400):
         turned = make_transform(so3_exp(random.normal(0.0, 0.4, 3)), np.zeros(3))
         shaken = 9.81 * UP + random.normal(0.0, 2.0, 3)
@@ -188,8 +195,8 @@ def test_shaking_cancels_out_and_gravity_stays() -> None:
     assert np.degrees(np.arccos(mean[2] / np.linalg.norm(mean))) < 2.0
 
 
-def test_without_gravity_a_force_says_nothing() -> None:
-    random, felt = np.random.default_rng(1), FeltForce()
+def test_without_gravity_a_force_indicates_nothing() -> None:
+    random, felt = np.random.default_rng(1), GravityDirection()
     assert felt.mean() is None
     for _ in range(400):
         felt.add([sample(random.normal(0.0, 1.0, 3))], np.eye(4))

@@ -16,9 +16,9 @@ from room_drive import Drive, drive, write
 
 from cli.main import group
 from formats.database import open_store
-from formats.localisation import CSV_COLUMNS
+from formats.localisation_files import CSV_COLUMNS
 from formats.logs import open_log
-from formats.trajectory import read_trajectory
+from formats.trajectory_files import read_trajectory
 from mapmyworld.errors import MapMyWorldError
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, planar_to_matrix
 from mapmyworld.types import LaserScanMessage, PoseMessage, TransformsMessage
@@ -97,7 +97,7 @@ def test_a_log_is_localised_and_the_map_is_left_alone(folder: Path, tmp_path: Pa
     assert off.max() < 0.1
 
 
-def test_the_csv_tells_state_pose_and_correction(folder: Path, tmp_path: Path) -> None:
+def test_the_csv_indicates_state_pose_and_correction(folder: Path, tmp_path: Path) -> None:
     run("localise", folder / "one.db", folder / "two.mcap", "-o", tmp_path / "path.csv", "-q")
     with (tmp_path / "path.csv").open() as stream:
         rows = list(csv.DictReader(stream))
@@ -236,9 +236,9 @@ def test_what_stands_beside_a_map_is_of_that_map(folder: Path, tmp_path: Path) -
     assert run("build", folder / "one.mcap", "-o", out, "-q").exit_code == 0
     (tmp_path / "map.ply").write_text("of a map with a camera")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    told = run("build", "--append", out, folder / "two.mcap", "--no-export")
-    assert "map.ply" in told.stderr
-    assert "of the map before" in told.stderr
+    reported = run("build", "--append", out, folder / "two.mcap", "--no-export")
+    assert "map.ply" in reported.stderr
+    assert "of the map before" in reported.stderr
     shutil.copy(folder / "one.db", out)
     done = run("build", "--append", out, folder / "two.mcap", "-q", "--format", "json")
     written = {Path(name).name for name in json.loads(done.stdout)["files"]}
@@ -312,15 +312,15 @@ def test_other_programs_read_the_outputs(folder: Path, tmp_path: Path) -> None:
     error.process_data(sync.associate_trajectories(truth, found, max_diff=0.001))
     assert error.get_statistic(metrics.StatisticsType.median) < 0.03
 
-    told: dict[str, list[object]] = {}
+    reported: dict[str, list[object]] = {}
     with AnyReader([files[2]], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
         for connection, _, raw in reader.messages():
             message = reader.deserialize(raw, connection.msgtype)
-            told.setdefault(connection.topic, []).append(message)
-    assert set(told) == {"/tf", "/localisation/pose", "/localisation/state"}
+            reported.setdefault(connection.topic, []).append(message)
+    assert set(reported) == {"/tf", "/localisation/pose", "/localisation/state"}
     changes = [state for state, _ in itertools.groupby(row["state"] for row in rows.values())]
-    assert [message.data for message in told["/localisation/state"]] == changes  # type: ignore[attr-defined]
-    for message in told["/localisation/pose"]:
+    assert [message.data for message in reported["/localisation/state"]] == changes  # type: ignore[attr-defined]
+    for message in reported["/localisation/pose"]:
         row = rows[message.header.stamp.sec * 10**9 + message.header.stamp.nanosec]  # type: ignore[attr-defined]
         pose = message.pose.pose.position  # type: ignore[attr-defined]
         assert (pose.x, pose.y) == pytest.approx((float(row["x"]), float(row["y"])), abs=1e-8)
@@ -328,5 +328,5 @@ def test_other_programs_read_the_outputs(folder: Path, tmp_path: Path) -> None:
         own = np.hypot(float(row["sigma_x"]), float(row["sigma_y"]))
         assert np.sqrt(np.trace(covariance[:2, :2])) == pytest.approx(own, rel=1e-4)
         assert np.sqrt(covariance[5, 5]) == pytest.approx(float(row["sigma_yaw"]), rel=1e-4)
-    frames = {(t.header.frame_id, t.child_frame_id) for m in told["/tf"] for t in m.transforms}  # type: ignore[attr-defined]
+    frames = {(t.header.frame_id, t.child_frame_id) for m in reported["/tf"] for t in m.transforms}  # type: ignore[attr-defined]
     assert frames == {("map", "odom"), ("odom", "base_link")}

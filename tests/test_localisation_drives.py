@@ -11,13 +11,13 @@ from ros_grids import grid_of_bag
 
 from cli.main import group
 from formats.database import open_store
-from formats.grid import read_grid
+from formats.grid_files import read_grid
 from formats.logs import open_log
-from formats.relations import read_relations
-from formats.trajectory import read_trajectory
+from formats.relation_files import read_relations
+from formats.trajectory_files import read_trajectory
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
-from mapmyworld.evaluation.relations import relations_score
+from mapmyworld.evaluation.relations_metric import relations_score
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between, interpolate
 from mapmyworld.localisation import localise_log, plan_log
@@ -182,11 +182,11 @@ def test_a_real_log_in_the_map_of_its_beginning(data: Path, tmp_path: Path) -> N
 
 
 def _relations_of(since_ns: int, known: Trajectory, path: Path) -> Relations:
-    """Those of a file that end after a moment and tell of two known ones."""
+    """Those of a file that end after a moment and report two known ones."""
     relations = read_relations(path)
     exact = np.round(known.stamps_ns, -3)
-    told = np.isin(np.round(relations.stamps_ns, -3), exact).all(axis=1)
-    chosen = told & (relations.stamps_ns.max(axis=1) > since_ns)
+    reported = np.isin(np.round(relations.stamps_ns, -3), exact).all(axis=1)
+    chosen = reported & (relations.stamps_ns.max(axis=1) > since_ns)
     return Relations(relations.stamps_ns[chosen], relations.first_from_second[chosen])
 
 

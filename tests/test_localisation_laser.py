@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.planar import matrix_to_planar, wrap_angle
-from mapmyworld.kernels.localisation import cast_rays, explain_points
+from mapmyworld.kernels.map_search import cast_rays, explain_points
 from mapmyworld.localisation.known_place import KnownPlace, known_place_from_grid
-from mapmyworld.localisation.laser import LaserLocaliser
+from mapmyworld.localisation.laser_localisation import LaserLocaliser
 from mapmyworld.localisation.monte_carlo import MonteCarlo
 from mapmyworld.localisation.search import elsewhere, search_map
 from mapmyworld.types import OccupancyGrid
@@ -106,7 +106,7 @@ def test_blind_moments_are_followed_by_odometry_and_then_given_up(place: KnownPl
         frames[k] = replace(frames[k], scan=replace(scan, points=empty))
     found = LaserLocaliser(place, Config()).follow(frames)
     assert found[119].state != State.LOST
-    # A scan that fails while the wheels roll on says nothing; the pose is not claimed for long.
+    # A scan that fails while the wheels roll on indicates nothing; the pose is not claimed for long.
     assert not claims(found)[-1]
 
 
@@ -127,8 +127,8 @@ def test_the_search_holds_the_true_pose(place: KnownPlace) -> None:
         off[:, 2] = np.abs(wrap_angle(off[:, 2]))
         assert np.any((off[:, 0] < 0.15) & (off[:, 1] < 0.15) & (off[:, 2] < 0.12))
         assert np.all(np.diff(found.scores) <= 0.0)
-        rival, pose = elsewhere(found, DRIVEN[k], 1.0)
-        assert rival <= found.scores[0]
+        second_best, pose = elsewhere(found, DRIVEN[k], 1.0)
+        assert second_best <= found.scores[0]
         assert pose is None or np.hypot(*(pose - DRIVEN[k])[:2]) > 1.0
 
 
@@ -168,7 +168,7 @@ def test_points_are_explained_contradicted_or_neither() -> None:
     counts = np.zeros(3, np.int64)
     eye = np.array([1.0, 1.0])
     explain_points(distance, cells, np.zeros(2), 0.1, points, eye, 0.15, counts)
-    # At the wall; in free space; behind the wall; where the map says nothing.
+    # At the wall; in free space; behind the wall; where the map indicates nothing.
     assert counts.tolist() == [1, 2, 1]
 
 

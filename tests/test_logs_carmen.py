@@ -18,7 +18,7 @@ from log_builders import allowed
 from formats.logs import open_log
 from formats.logs.carmen_records import flaser_angles
 from formats.logs.carmen_survey import longest_return
-from formats.logs.stamps import stamp_from_text
+from formats.logs.text_stamps import stamp_from_text
 from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
 from mapmyworld.geometry.planar import matrix_to_planar
@@ -155,7 +155,7 @@ def test_a_rear_laser_has_its_topic_frame_and_place(tmp_path: Path) -> None:
     assert scan.frame_id == "laser_rear"  # type: ignore[union-attr]
 
 
-def test_no_return_values_are_told_from_long_ones(tmp_path: Path) -> None:
+def test_no_return_values_are_reported_from_long_ones(tmp_path: Path) -> None:
     """A repeated value far above all others is no return; a long wall is not."""
     lines = [
         flaser([f"{5 + i}.0", f"{6.4 + i}", "81.83"], "0 0 0", "0 0 0", f"{i}.5") for i in range(21)

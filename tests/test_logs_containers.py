@@ -11,7 +11,7 @@ import pytest
 from log_builders import Built, drive, serialised, write_mcap, write_ros1, write_rosbag2
 
 from formats.logs import open_log
-from formats.logs.recorded import RecordedLog
+from formats.logs.recorded_log import RecordedLog
 from mapmyworld.errors import LogError
 from mapmyworld.types import LaserScanMessage, MessageKind, OdometryMessage, TransformsMessage
 

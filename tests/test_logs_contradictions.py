@@ -90,7 +90,7 @@ def test_a_summary_that_points_beyond_any_file_is_not_believed(tmp_path: Path) -
     assert "the index points to places without a chunk" in said
 
 
-def test_a_summary_that_hides_channels_is_told(tmp_path: Path) -> None:
+def test_a_summary_that_hides_channels_is_reported(tmp_path: Path) -> None:
     """Every second chunk is said to hold a channel that does not exist, and no other."""
     path = write_mcap(tmp_path / "a.mcap", drive(2, count=200), chunk_bytes=4000)
     log = open_log([path])
@@ -112,7 +112,7 @@ def test_a_summary_that_hides_channels_is_told(tmp_path: Path) -> None:
     assert f"{whole - had} messages of /scan stand elsewhere" in " ".join(log.losses())
 
 
-def test_chunks_that_begin_before_their_index_says_so_are_told(tmp_path: Path) -> None:
+def test_chunks_that_begin_before_their_index_says_so_are_reported(tmp_path: Path) -> None:
     path = write_mcap(tmp_path / "a.mcap", drive(2, count=60), chunk_bytes=4000)
 
     def late(content: bytes) -> bytes:

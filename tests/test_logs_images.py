@@ -13,7 +13,7 @@ from log_builders import allowed, changes, damaged
 from numpy.typing import NDArray
 
 from formats.logs.compressed_depth import decode_rvl
-from formats.logs.images import compressed_image, raw_image
+from formats.logs.image_pixels import compressed_image, raw_image
 from formats.picture_files import picture_size
 from mapmyworld.errors import LogError
 
@@ -184,7 +184,7 @@ def test_compressed_depth_of_floats_is_inverse_depth() -> None:
 
 
 def encode_rvl(depth: NDArray[np.uint16]) -> bytes:
-    """Wilson's coder, nibble by nibble, after the paper: the twin of the compiled one."""
+    """Wilson's coder, nibble by nibble, after the paper: the relaxation of the compiled one."""
     nibbles: list[int] = []
 
     def put(value: int) -> None:

@@ -1,4 +1,4 @@
-"""Damaged logs: what can be had is had, the rest is told, and nothing but LogError is raised."""
+"""Damaged logs: what can be had is had, the rest is reported, and nothing but LogError is raised."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from log_builders import (
 from formats.logs import open_log
 from formats.logs.mcap_records import MAGIC, record_head
 from formats.logs.merged import MergedLog
-from formats.logs.recorded import RecordedLog
+from formats.logs.recorded_log import RecordedLog
 from formats.logs.rosbag2_salvage import salvage
 from mapmyworld.errors import LogError
 from mapmyworld.sensing import survey_log
@@ -137,7 +137,7 @@ def test_a_file_cut_anywhere_keeps_whole_chunks(whole: Path, name: str, tmp_path
 
 
 @pytest.mark.parametrize("name", ["zstd.mcap", "plain.mcap", "bz2.bag", "lz4.bag"])
-def test_a_bad_chunk_is_skipped_and_told(whole: Path, name: str, tmp_path: Path) -> None:
+def test_a_bad_chunk_is_skipped_and_reported(whole: Path, name: str, tmp_path: Path) -> None:
     data = bytearray((whole / name).read_bytes())
     start, end = chunks((whole / name).read_bytes())[1]
     middle = (start + end) // 2
@@ -169,7 +169,9 @@ def test_flipped_bytes_never_raise_anything_else(
     found = allowed(lambda: read(path))
     if found is not None and name in CHECKED:
         records, losses = found
-        if any("summary" in line for line in losses):  # told; it may be all that names the topics
+        if any(
+            "summary" in line for line in losses
+        ):  # reported; it may be all that names the topics
             sound = {record[1:] for record in expected_of(name)}
             assert {record[1:] for record in records} <= sound
         else:
@@ -182,7 +184,7 @@ def without_footer(whole: Path) -> bytearray:
 
 
 def test_of_a_chunk_with_a_damaged_head_no_message_is_taken(whole: Path, tmp_path: Path) -> None:
-    """Its checksum cannot be told from the rest, and one of its messages is damaged as well."""
+    """Its checksum cannot be distinguished from the rest, and one of its messages is damaged as well."""
     data = without_footer(whole)
     start, end = chunks(bytes(data))[1]
     data[start + 42] ^= 1  # how many bytes of messages it holds
@@ -202,7 +204,9 @@ def test_an_index_of_messages_that_became_a_message_is_none(whole: Path, tmp_pat
     assert read(tmp_path / "a.mcap")[0] == expected_of("plain.mcap")
 
 
-def test_topics_that_only_an_unchecked_summary_names_are_told(whole: Path, tmp_path: Path) -> None:
+def test_topics_that_only_an_unchecked_summary_names_are_reported(
+    whole: Path, tmp_path: Path
+) -> None:
     data = without_footer(whole)
     start, end = chunks(bytes(data))[0]
     data[(start + end) // 2] ^= 1
@@ -210,8 +214,8 @@ def test_topics_that_only_an_unchecked_summary_names_are_told(whole: Path, tmp_p
     (tmp_path / "a.mcap").write_bytes(data)
     records, losses = read(tmp_path / "a.mcap")
     assert {topic for topic, *_ in records} >= {"/adom"}
-    (told,) = (line for line in losses if "only its summary" in line)
-    assert "/adom" in told
+    (reported,) = (line for line in losses if "only its summary" in line)
+    assert "/adom" in reported
 
 
 @pytest.mark.parametrize("name", ["a.mcap", "a.bag", "a.log", "a.db3"])
@@ -266,7 +270,7 @@ def test_a_lying_footer_is_not_believed(whole: Path, tmp_path: Path) -> None:
 
 
 def kept_of(built: list[Any], data: bytes, pages: range) -> list[tuple[str, int, bytes]]:
-    """Messages of which no byte stands in these pages; told by where their bytes are."""
+    """Messages of which no byte stands in these pages; recognised by where their bytes are."""
     gone = range(pages.start * 4096, pages.stop * 4096)
     found = []
     for record in built:
@@ -364,8 +368,8 @@ def test_a_time_that_is_none_costs_no_other_message(tmp_path: Path, time: object
     assert all(0 <= found < 1 << 62 for found in times)
     assert len(times) >= len(DRIVES[2]) - 1
     assert survey_log(log).streams
-    told = any("have no time" in line for line in log.losses())
-    assert told == (not isinstance(time, int))
+    reported = any("have no time" in line for line in log.losses())
+    assert reported == (not isinstance(time, int))
 
 
 def test_a_topic_without_number_costs_its_messages_and_no_others(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""rosbag2 recordings that are cut, renamed or lie: used as far as they go, and told."""
+"""rosbag2 recordings that are cut, renamed or lie: used as far as they go, and reported."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def counted_apart(path: Path) -> tuple[str, int]:
     done = subprocess.run(
         [sys.executable, "-c", _READ, path], capture_output=True, text=True, check=True
     )
-    told, peak_kb = done.stdout.splitlines()
-    return told, int(peak_kb) // 1000
+    reported, peak_kb = done.stdout.splitlines()
+    return reported, int(peak_kb) // 1000
 
 
 def change(folder: Path, *statements: str) -> None:
@@ -83,14 +83,14 @@ def test_a_message_beyond_the_limit_is_left_out_unread(tmp_path: Path) -> None:
         "INSERT INTO messages (topic_id, timestamp, data)"
         " SELECT topic_id, timestamp, zeroblob(700000000) FROM messages LIMIT 1",
     )
-    told, peak_mb = counted_apart(folder)
-    assert told.startswith(f"{whole} ")
-    assert "it claims 700000000 bytes, more than limits.chunk_mb allows" in told
+    reported, peak_mb = counted_apart(folder)
+    assert reported.startswith(f"{whole} ")
+    assert "it claims 700000000 bytes, more than limits.chunk_mb allows" in reported
     assert peak_mb < 400
 
 
 @pytest.mark.parametrize("kept", [0.3, 0.999])
-def test_a_packed_file_that_is_cut_is_told_by_its_own_name(kept: float, tmp_path: Path) -> None:
+def test_a_packed_file_that_is_cut_is_reported_by_its_own_name(kept: float, tmp_path: Path) -> None:
     folder = recording(tmp_path, "file")
     whole, said = counted(open_log([folder]))
     assert (whole, said) == (136, "")
@@ -123,6 +123,6 @@ def test_a_large_damaged_file_is_not_held_in_memory(tmp_path: Path) -> None:
     data[100:200] = bytes(100)  # the head of the first page: SQLite gives nothing
     path.write_bytes(data)
     os.truncate(path, 1 << 30)
-    told, peak_mb = counted_apart(path)
-    assert told.startswith("136 ")
+    reported, peak_mb = counted_apart(path)
+    assert reported.startswith("136 ")
     assert peak_mb < 400

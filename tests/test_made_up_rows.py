@@ -11,7 +11,7 @@ from database_samples import fill
 
 from formats.database import open_store
 from formats.logs import open_log
-from formats.recording import LogWriter
+from formats.recording_files import LogWriter
 from mapmyworld.errors import LogError, MapError
 from mapmyworld.types import TextMessage
 

@@ -67,7 +67,7 @@ def test_terminal_report_and_inspect_show_the_same(tmp_path: Path) -> None:
     assert counted == inspected["closures"]
     assert page["closures"] == f"{counted['accepted']} accepted of {counted['tried']} tried"
     assert "closures accepted" not in verdict  # which counted those that reached the solver only
-    assert inspected["components"] == len(graph["parts"]) == 1  # type: ignore[arg-type]
+    assert inspected["components"] == len(graph["components"]) == 1  # type: ignore[arg-type]
 
 
 def lost_and_found(divides: list[int], *more: Judged) -> MemoryMap:

@@ -1,4 +1,4 @@
-"""The occupancy grid: by hand, against a plain twin, and against what must not matter."""
+"""The occupancy grid: by hand, against a plain references, and against what must not matter."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_log_odds_add_up_as_bayes_says_and_stop_at_the_clamp() -> None:
 
 
 def passed_cells(x0: float, y0: float, x1: float, y1: float) -> set[tuple[int, int]]:
-    """The plain twin: cells that a finely sampled segment enters, the last one left out."""
+    """The plain references: cells that a finely sampled segment enters, the last one left out."""
     t = np.linspace(0.0, 1.0, 200_001)
     x, y = np.floor(x0 + t * (x1 - x0)).astype(int), np.floor(y0 + t * (y1 - y0)).astype(int)
     return set(zip(y.tolist(), x.tolist(), strict=True)) - {(int(y1), int(x1))}

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
-from mapmyworld.kernels.laser_motion import leaves_open
+from mapmyworld.kernels.laser_motion import is_degenerate
 from mapmyworld.odometry import laser
-from mapmyworld.odometry.laser import LaserMotion, LaserTracker
-from mapmyworld.odometry.laser_stretches import WeakStretches
+from mapmyworld.odometry.degeneracy import DegenerateSections
+from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
 from mapmyworld.types import Frame, Scan
 
 
@@ -113,7 +113,7 @@ def test_scans_that_begin_empty_are_tracked_from_the_first_that_is_not(empty: in
     assert turned < 0.01
 
 
-def test_a_laser_that_tells_nothing_of_most_of_the_drive_is_a_loss() -> None:
+def test_a_laser_that_indicates_nothing_of_most_of_the_drive_is_a_loss() -> None:
     """Ranges in millimetres: all lie beyond what is matched."""
     truth, scans = drive()
     sound = follow(scans, truth)[1]
@@ -124,7 +124,7 @@ def test_a_laser_that_tells_nothing_of_most_of_the_drive_is_a_loss() -> None:
     assert f"{len(scans) - 1} of {len(scans)} scans fit nothing" in lost[0]
 
 
-def test_a_corridor_is_reported_with_the_stretch() -> None:
+def test_a_corridor_is_reported_with_its_section() -> None:
     """Only walls along x: along x the motion is the odometry's, and its uncertainty grows."""
     walls = np.array([[-99.0, -1.0, 99.0, -1.0], [-99.0, 1.0, 99.0, 1.0]])
     truth = np.stack([np.linspace(0, 6, 100), np.zeros(100), np.zeros(100)], axis=-1)
@@ -137,20 +137,20 @@ def test_a_corridor_is_reported_with_the_stretch() -> None:
     assert any("poorly constrained" in note for note in tracker.notes())
 
 
-def test_weak_stretches_are_bridged_and_measured() -> None:
+def test_weak_sections_are_bridged_and_measured() -> None:
     weak, good = np.diag([1.0, 1e5, 1e5]), np.diag([1e5, 1e5, 1e5])
-    assert leaves_open(weak)
-    assert not leaves_open(good)
-    stretches = WeakStretches()
+    assert is_degenerate(weak)
+    assert not is_degenerate(good)
+    sections = DegenerateSections()
     for k in range(60):
         open_now = 10 <= k < 40 and k != 20
-        stretches.add(k * 10**9, 0.1, weak=leaves_open(weak if open_now else good))
-    (note,) = stretches.notes()
+        sections.add(k * 10**9, 0.1, weak=is_degenerate(weak if open_now else good))
+    (note,) = sections.notes()
     assert note.startswith("from 10 s to 39 s (2.9 m)")
 
 
 def test_scans_followed_together_are_followed_as_one_by_one() -> None:
-    """With a blind stretch and a jump of the odometry, which leave the kernel, in between."""
+    """With a blind section and a jump of the odometry, which leave the kernel, in between."""
     truth, scans = drive()
     nothing = np.zeros((0, 2), np.float32)
     scans[40:43] = [Scan(nothing, np.zeros(3), scans[0].missing, 8.0, 0.01)] * 3

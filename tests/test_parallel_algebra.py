@@ -1,4 +1,4 @@
-"""Linear algebra on one thread, whatever the surroundings."""
+"""Linear algebra on one thread, whatever the environment."""
 
 from __future__ import annotations
 

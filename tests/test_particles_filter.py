@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from plain_occupancy import SensorModel, update_occupancy_grid
 
 from formats.logs import open_log
-from formats.relations import read_relations
+from formats.relation_files import read_relations
 from mapmyworld.config import Config, MappingConfig, ParticlesConfig
 from mapmyworld.errors import ConfigError, LogError
 from mapmyworld.evaluation import ate, relations_score
@@ -19,10 +19,10 @@ from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to
 from mapmyworld.mapping.occupancy import build_grid
 from mapmyworld.particles import kernels
 from mapmyworld.particles.fastslam import run_fastslam
+from mapmyworld.particles.filter_scans import beams_from_scan
 from mapmyworld.particles.history import loops_reentered
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.proposal import improved_proposal
-from mapmyworld.particles.scans import beams_from_scan
 from mapmyworld.particles.smoothing import _banded_step, _motion_jacobians
 from mapmyworld.particles.threads import Workers
 from mapmyworld.particles.tiles import TileMaps
@@ -125,12 +125,12 @@ def error(path: Array, truth: Array) -> float:
 def test_known_poses_give_the_graph_pipelines_grid() -> None:
     poses = drive_round(1.0)[::24] + np.array([0.0137, 0.0071, 0.0031])
     scans = [cast(RING, pose) for pose in poses]
-    sure = MappingConfig(clamp_probability=1.0 - 1e-12)
-    expected = build_grid(zip(poses, scans, strict=True), Config(mapping=sure))
+    confident = MappingConfig(clamp_probability=1.0 - 1e-12)
+    expected = build_grid(zip(poses, scans, strict=True), Config(mapping=confident))
     grid = OccupancyGrid(
         np.full_like(expected.log_odds, np.nan), expected.resolution, expected.origin
     )
-    sensor = SensorModel(sure.hit_probability, sure.miss_probability, limit=100.0)
+    sensor = SensorModel(confident.hit_probability, confident.miss_probability, limit=100.0)
     for pose, z in zip(poses, scans, strict=True):
         grid = update_occupancy_grid(z, pose, grid, sensor)
     np.testing.assert_allclose(grid.log_odds, expected.log_odds, atol=1e-4)
@@ -167,10 +167,10 @@ def test_one_particles_map_does_not_depend_on_the_others() -> None:
         a, b = lone.surfaces, many.surfaces
         shift = a.base - b.base
         for y, x in np.argwhere(a.tables[0]):
-            slot, twin = a.tables[0, y, x], b.tables[0, y + shift[0], x + shift[1]]
-            np.testing.assert_array_equal(a.visits[slot], b.visits[twin])
-            np.testing.assert_array_equal(a.hits[slot], b.hits[twin])
-            np.testing.assert_array_equal(a.means[slot], b.means[twin])
+            slot, same = a.tables[0, y, x], b.tables[0, y + shift[0], x + shift[1]]
+            np.testing.assert_array_equal(a.visits[slot], b.visits[same])
+            np.testing.assert_array_equal(a.hits[slot], b.hits[same])
+            np.testing.assert_array_equal(a.means[slot], b.means[same])
 
 
 def mapped(walls: Array, poses: Array, workers: Workers) -> TileMaps:

@@ -1,4 +1,4 @@
-"""Loop closures by scans: true ones found from poor guesses, look-alikes refused."""
+"""Loop closures by scans: true ones found from poor guesses, aliases refused."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     planar_to_matrix,
 )
-from mapmyworld.graph.solve import solve
+from mapmyworld.graph.solved_graph import solve
 from mapmyworld.places.laser_candidates import candidate_pairs, untied
 from mapmyworld.places.laser_closures import compare_places
-from mapmyworld.places.laser_lost import loose_way, lost_pairs
 from mapmyworld.places.laser_nodes import calm_spots, laser_nodes, spaced
-from mapmyworld.places.laser_pairs import first_visits, neighbour_pairs
+from mapmyworld.places.laser_pairs import among_first_revisits, neighbour_pairs
+from mapmyworld.places.wide_search import distance_to_closure, lost_pairs
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.types import ConstraintKind, ImageMatch, Judged, ScanMatch, Why
 from mapmyworld.types.wording import reason_of
@@ -42,15 +42,15 @@ def closures(
     walls: NDArray[np.float64],
     believed: NDArray[np.float64],
     *,
-    settled: bool = False,
+    optimised: bool = False,
     threads: int = 2,
 ) -> list[Judged]:
     scans = scan_set(
         [prepare_scan(cast(p, walls, k), CONFIG.registration) for k, p in enumerate(two_visits())]
     )
     nodes = laser_nodes(np.arange(len(believed), dtype=np.int64), scans, believed)
-    pairs = candidate_pairs(nodes, CONFIG, settled=settled)
-    return compare_places(nodes, pairs, replace(CONFIG, threads=threads), settled=settled)
+    pairs = candidate_pairs(nodes, CONFIG, optimised=optimised)
+    return compare_places(nodes, pairs, replace(CONFIG, threads=threads), optimised=optimised)
 
 
 def test_drift_is_found_and_measured() -> None:
@@ -63,7 +63,7 @@ def test_drift_is_found_and_measured() -> None:
     assert len(accepted) >= 2
     for c in accepted:
         error = between_planar(
-            between_planar(truth[c.from_id], truth[c.to_id]), matrix_to_planar(c.from_from_to)
+            between_planar(truth[c.from_id], truth[c.to_id]), matrix_to_planar(c.i_from_j)
         )
         assert np.hypot(*error[:2]) < 0.03
         assert abs(error[2]) < 0.01
@@ -98,8 +98,8 @@ def second_drive_along_it(
     )
     nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, believed)
     nodes = replace(nodes, path=nodes.path + 150.0 * (np.arange(len(truth)) >= 81))
-    pairs = candidate_pairs(nodes, CONFIG, settled=False)
-    return truth, compare_places(nodes, pairs, CONFIG, settled=False)
+    pairs = candidate_pairs(nodes, CONFIG, optimised=False)
+    return truth, compare_places(nodes, pairs, CONFIG, optimised=False)
 
 
 def test_one_of_many_equal_doors_is_not_taken_for_another() -> None:
@@ -115,15 +115,15 @@ def test_a_place_like_no_other_is_recognised_between_equal_doors() -> None:
     assert accepted
     for c in accepted:
         apart = between_planar(truth[c.from_id], truth[c.to_id])
-        error = between_planar(apart, matrix_to_planar(c.from_from_to))
+        error = between_planar(apart, matrix_to_planar(c.i_from_j))
         assert np.hypot(*error[:2]) < 0.05
 
 
-@pytest.mark.parametrize("settled", [False, True])
-def test_the_result_does_not_depend_on_threads(settled: bool) -> None:
-    first = closures(WALLS, two_visits(), settled=settled, threads=1)
-    again = closures(WALLS, two_visits(), settled=settled, threads=3)
-    assert [c.from_from_to.tobytes() for c in first] == [c.from_from_to.tobytes() for c in again]
+@pytest.mark.parametrize("optimised", [False, True])
+def test_the_result_does_not_depend_on_threads(optimised: bool) -> None:
+    first = closures(WALLS, two_visits(), optimised=optimised, threads=1)
+    again = closures(WALLS, two_visits(), optimised=optimised, threads=3)
+    assert [c.i_from_j.tobytes() for c in first] == [c.i_from_j.tobytes() for c in again]
 
 
 def test_neighbours_grow_with_the_drive_not_with_its_square() -> None:
@@ -136,9 +136,9 @@ def test_neighbours_grow_with_the_drive_not_with_its_square() -> None:
 def test_first_visits_grow_with_the_area_not_with_the_laps() -> None:
     lap = np.stack([np.linspace(0, 30, 100), np.zeros(100), np.zeros(100)], axis=-1)
     back = lap[::-1] + np.array([0.0, 0.1, np.pi])
-    twice = first_visits(np.concatenate([lap, back, lap, back]), 1)
+    twice = among_first_revisits(np.concatenate([lap, back, lap, back]), 1)
     np.testing.assert_array_equal(twice, np.arange(400) < 200)  # a heading is a visit of its own
-    assert first_visits(np.tile(lap, (12, 1)), 3).sum() == 300
+    assert among_first_revisits(np.tile(lap, (12, 1)), 3).sum() == 300
 
 
 def test_other_visits_are_looked_for_among_some_only() -> None:
@@ -167,7 +167,7 @@ def test_a_drive_that_comes_back_after_500_m_of_drift_is_closed() -> None:
     pairs = lost_pairs(nodes, [], CONFIG)
     assert pairs
     widest = CONFIG.places.laser_window
-    tried = compare_places(nodes, pairs, CONFIG, settled=False, widest=widest)
+    tried = compare_places(nodes, pairs, CONFIG, optimised=False, widest=widest)
     solved = solve(nodes.ids, planar_to_matrix(believed), [*drive(believed), *tried], True)
     error = between_planar(truth, matrix_to_planar(solved.poses.map_from_node))[98:]
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.05
@@ -181,7 +181,7 @@ def drive(believed: NDArray[np.float64]) -> list[Judged]:
     sigmas[97] = 10.0, 10.0, 1.0
     return [
         Judged(
-            from_id=k, to_id=k + 1, kind=ConstraintKind.NEIGHBOUR, from_from_to=step,
+            from_id=k, to_id=k + 1, kind=ConstraintKind.NEIGHBOUR, i_from_j=step,
             information=information_from_planar(np.diag(sigmas[k] ** -2.0)),
         )
         for k, step in enumerate(steps)
@@ -198,12 +198,12 @@ def test_where_closures_hold_the_drive_nothing_is_lost() -> None:
     closed = [
         Judged(
             from_id=k, to_id=k + 98, kind=ConstraintKind.LOOP_CLOSURE,
-            from_from_to=np.eye(4), information=np.eye(6),
+            i_from_j=np.eye(4), information=np.eye(6),
         )
         for k in range(0, 49, 4)
     ]  # fmt: skip
-    assert loose_way(nodes, closed)[98:].max() < 20.0
-    assert loose_way(nodes, [])[0] == np.inf
+    assert distance_to_closure(nodes, closed)[98:].max() < 20.0
+    assert distance_to_closure(nodes, [])[0] == np.inf
     assert lost_pairs(nodes, [], CONFIG)
     between_laps = range(49, 98)
     pairs = lost_pairs(nodes, closed, CONFIG)
@@ -230,7 +230,7 @@ def test_joined_places_are_not_compared_again() -> None:
     poses[:, 0] = 0.2 * np.arange(200)
     nodes = laser_nodes(np.arange(200), scan_set([]), poses)
     closure = Judged(
-        from_id=5, to_id=105, kind=ConstraintKind.LOOP_CLOSURE, from_from_to=np.eye(4),
+        from_id=5, to_id=105, kind=ConstraintKind.LOOP_CLOSURE, i_from_j=np.eye(4),
         information=np.eye(6), source=ScanMatch(),
     )  # fmt: skip
     pairs = [(6, 106), (5, 120), (30, 106)]

@@ -67,7 +67,7 @@ def test_settings_are_checked() -> None:
 
 
 def test_a_path_is_all_that_building_needs(tmp_path: Path) -> None:
-    """What everybody tries first; as text, as a path, or as the parts of one drive."""
+    """What everybody tries first; as text, as a path, or as the parts of one session."""
     log = tmp_path / "room.mcap"
     drive().write(log)
     built = mapmyworld.build(str(log))

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from log_builders import Built, drive, write_mcap
 
+from formats.check_results import Verdict, junit_xml
 from formats.readable import one_line, readable
 from formats.report.page import Page, paragraph
-from formats.verdicts import Verdict, junit_xml
 
 EVIL = "/s\x1b[31m\x1b]0;title\x07\x9b2J\u202egnp\r\n  ok  all is well\x00"
 
@@ -29,12 +29,12 @@ def log(folder: Path) -> Path:
 def test_no_name_of_a_log_reaches_the_terminal_raw(words: list[str], tmp_path: Path) -> None:
     command = [sys.executable, "-m", "cli.main", *words, str(log(tmp_path))]
     done = subprocess.run(command, capture_output=True, check=False, timeout=300)
-    told = (done.stdout + done.stderr).decode()
-    assert set(told) & {*map(chr, range(32)), "\x7f", "\x9b", "\u202e"} <= {"\n"}
-    lines = [line for line in told.splitlines() if "/s\\x1b[31m" in line]
+    reported = (done.stdout + done.stderr).decode()
+    assert set(reported) & {*map(chr, range(32)), "\x7f", "\x9b", "\u202e"} <= {"\n"}
+    lines = [line for line in reported.splitlines() if "/s\\x1b[31m" in line]
     assert lines
     assert all("\\u202egnp" in line for line in lines)
-    assert not any(line.startswith("  ok  all is well") for line in told.splitlines())
+    assert not any(line.startswith("  ok  all is well") for line in reported.splitlines())
 
 
 def test_a_page_holds_no_control_characters() -> None:

@@ -12,13 +12,13 @@ from click.testing import CliRunner
 
 from cli.main import group
 from formats.database import open_store
-from formats.grid import read_grid
-from formats.relations import read_relations
-from formats.trajectory import read_trajectory
+from formats.grid_files import read_grid
+from formats.relation_files import read_relations
+from formats.trajectory_files import read_trajectory
 from mapmyworld.config import Config
-from mapmyworld.evaluation.relations import relations_score
+from mapmyworld.evaluation.relations_metric import relations_score
 from mapmyworld.evaluation.sharpness import grid_sharpness
-from mapmyworld.evaluation.trajectory import ate
+from mapmyworld.evaluation.trajectory_error import ate
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.mapping.occupancy import build_grid
 

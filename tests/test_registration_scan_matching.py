@@ -1,4 +1,4 @@
-"""Scan matching: laws, analytic cases, and plain twins of the kernels."""
+"""Scan matching: laws, analytic cases, and plain references of the kernels."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def test_the_noise_of_a_sweep_is_measured_at_any_angle_to_the_walls(
 
 
 def test_walls_keep_their_direction_when_ranges_are_noisier_than_points_are_apart() -> None:
-    """A wall at 1 m, beams 4 mm apart, noise of 30 mm: neighbours alone tell nothing."""
+    """A wall at 1 m, beams 4 mm apart, noise of 30 mm: neighbours alone indicate nothing."""
     pose = np.array([0.5, 0.0, 0.0])
     scan = room_scan(pose, CORRIDOR, seed=3, noise=0.03, step=0.25)
     rows = prepare_scan(scan, CONFIG).rows
@@ -174,7 +174,7 @@ def test_a_match_finds_the_true_motion(x: float, y: float, yaw: float) -> None:
     truth = between_planar(first, second)
     guess = truth + np.array([x, y, yaw])
     match = match_scan(
-        scan, targets, np.zeros(1, np.int64), np.zeros((1, 3)), guess, CONFIG, reaches=COARSE
+        scan, targets, np.zeros(1, np.int64), np.zeros((1, 3)), guess, CONFIG, max_distances=COARSE
     )
     error = between_planar(truth, match.pose)
     assert np.hypot(*error[:2]) < 0.006
@@ -194,7 +194,7 @@ def test_a_room_is_known_in_every_direction_a_corridor_only_across() -> None:
     assert in_hall.information[0, 0] < 1e-3 * in_hall.information[1, 1]
 
 
-def test_a_prior_holds_what_the_match_leaves_open() -> None:
+def test_a_prior_holds_what_the_match_is_degenerate() -> None:
     """Along a corridor the pose stays where the prior puts it, and the match takes no credit."""
     hall = scan_set([prepared([0.0, 0.0, 0.0], room=CORRIDOR)])
     guess, known = np.array([0.2, 0.05, 0.02]), np.diag([1e4, 1e-3, 1e-3])
@@ -247,8 +247,8 @@ def _best_by_trying(grid, points, guess, angles, reach) -> float:  # type: ignor
     return best
 
 
-def test_a_search_finds_a_scan_turned_round_and_names_the_rival() -> None:
-    """A rectangle looks the same turned by half a turn: the other pose must show as a rival."""
+def test_a_search_finds_a_scan_turned_round_and_names_the_second_best() -> None:
+    """A rectangle looks the same turned by half a turn: the other pose must show as a second best."""
     target = prepared([0.0, 0.0, 0.0]).rows[:, :2].astype(np.float64)
     scan = prepared([1.5, -1.0, 2.0]).rows[:, :2].astype(np.float64)
     found = search_grid(scan, likelihood_grid(target), np.zeros(3), 4.0, np.pi, 0.5)
@@ -258,7 +258,7 @@ def test_a_search_finds_a_scan_turned_round_and_names_the_rival() -> None:
     other = np.array([1.0 - 1.5, 1.0 + 1.0, 2.0 - np.pi])
     errors = [np.hypot(*between_planar(p, found.pose)[:2]) for p in (truth, other)]
     assert min(errors) < 0.15
-    assert found.rival > 0.9 * found.score
+    assert found.second_best > 0.9 * found.score
 
 
 def test_a_pair_seen_from_either_end_is_the_same() -> None:
@@ -304,15 +304,15 @@ def test_joint_alignment_brings_scattered_scans_home(threads: int) -> None:
     start[0] = truth[0]
     pairs = np.array([(i, j) for i in range(12) for j in range(i + 1, 12)], np.int64)
     weak = steps_between(between_planar(start[:-1], start[1:]), np.eye(3))
-    reaches = [0.4, 0.3, 0.2, 0.12, 0.12]
-    solved = align_jointly(scans, weak, start, pairs, reaches, CONFIG, threads)
+    max_distances = [0.4, 0.3, 0.2, 0.12, 0.12]
+    solved = align_jointly(scans, weak, start, pairs, max_distances, CONFIG, threads)
     error = compose_planar(invert_planar(truth), solved.poses)
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.005
     assert np.abs(error[:, 2]).max() < 0.002
     assert solved.moved[-1] < solved.moved[0] / 10
     held = np.arange(12) % 3 == 0
     placed = np.where(held[:, None], truth, start)
-    solved = align_jointly(scans, weak.held(held), placed, pairs, reaches, CONFIG, threads)
+    solved = align_jointly(scans, weak.held(held), placed, pairs, max_distances, CONFIG, threads)
     np.testing.assert_array_equal(solved.poses[held, :2], truth[held, :2])
     error = compose_planar(invert_planar(truth), solved.poses)
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.005

@@ -18,7 +18,7 @@ from sample_maps import apartment  # noqa: F401
 from cli.report import report_contents
 from formats.database import open_store
 from formats.report.page import embedded_json
-from formats.report.report import report_html
+from formats.report.report_page import report_html
 from mapmyworld.types import ConstraintKind, Judge, Judged, Verdict, Why
 
 pytestmark = pytest.mark.beyond_pip
@@ -60,8 +60,8 @@ def small(tmp_path: Path) -> Path:
         store.add_constraints([bad])
         plan = {"decisions": [{"role": NASTY, "choice": NASTY, "reason": NASTY}]}
         store.put("plan", plan | {"warnings": [NASTY], "losses": [NASTY]})
-        bad_wheel = {"good": False, "text": "0.9 of the distance", "remedy": NASTY}
-        store.put("diagnosis", [{"good": True, "text": NASTY, "remedy": ""}, bad_wheel])
+        bad_wheel = {"good": False, "text": "0.9 of the distance", "suggestion": NASTY}
+        store.put("diagnosis", [{"good": True, "text": NASTY, "suggestion": ""}, bad_wheel])
         page = report_html(report_contents(store))
     (tmp_path / "map.html").write_text(page)
     return tmp_path / "map.html"
@@ -85,12 +85,12 @@ def test_text_from_a_log_stays_text(opened: Opened) -> None:
     assert opened.page.evaluate("document.body.innerText").count("onerror=alert") >= 4
 
 
-def test_what_the_log_was_diagnosed_with_stands_with_its_remedy_first(opened: Opened) -> None:
-    told = opened.page.locator("ul.diagnosis li").all_inner_texts()
-    assert len(told) == 2
-    assert told[0].startswith("look 0.9 of the distance")
-    assert "What to do" in told[0]
-    assert told[1].startswith("well ")
+def test_what_the_log_was_diagnosed_with_stands_with_its_suggestion_first(opened: Opened) -> None:
+    reported = opened.page.locator("ul.diagnosis li").all_inner_texts()
+    assert len(reported) == 2
+    assert reported[0].startswith("look 0.9 of the distance")
+    assert "What to do" in reported[0]
+    assert reported[1].startswith("well ")
 
 
 def test_layers_go_and_come(opened: Opened) -> None:
@@ -206,12 +206,12 @@ def test_the_report_of_a_real_build(
     facts = card.inner_text()
     for said in (r"\d+ and \d+ features", r"\d+ of \d+ matches agree", r"\d+ words in common"):
         assert re.search(said, facts), facts
-    told = page.locator("main").inner_text()
+    reported = page.locator("main").inner_text()
     for said in (
         "Settings that differ", "mapmyworld build apartment.mcap", "content hash", "peak memory",
         "rejected ones, those that came closest first", "worst ten", "times what their covariances"
     ):  # fmt: skip
-        assert said in told, said
+        assert said in reported, said
     assert found.complaints == []
     page.close()
 
@@ -268,7 +268,7 @@ def test_the_cloud_is_on_paper_too(browser: Any, apartment: Path) -> None:  # no
 
 
 @pytest.mark.slow
-def test_a_build_tells_its_time_apart_from_the_map(
+def test_a_build_indicates_its_time_apart_from_the_map(
     apartment: Path,  # noqa: F811
     tmp_path: Path,
 ) -> None:

@@ -118,7 +118,7 @@ def test_a_disk_without_locks_is_named(tmp_path: Path, monkeypatch: pytest.Monke
         pass
 
 
-def test_a_map_that_is_moved_while_it_is_written_is_told(tmp_path: Path) -> None:
+def test_a_map_that_is_moved_while_it_is_written_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "map.db"
     with open_store(path, create=True) as store:
         store.put("one", 1)

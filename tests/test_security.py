@@ -16,14 +16,14 @@ import zstandard
 from conftest import ROOT
 from robust.trials import try_command
 
-from formats.database.pictures import decode_picture
-from formats.grid import read_grid, write_grid
+from formats.database.image_blobs import decode_picture
+from formats.grid_files import read_grid, write_grid
 from formats.limits import Limits, limits, set_limits
 from formats.logs import open_log
-from formats.logs.blocks import DamagedBlockError
+from formats.logs.block_files import DamagedBlockError
 from formats.logs.compressed_depth import decode_compressed_depth
 from formats.logs.compression import decompress
-from formats.logs.images import encoded_pixels
+from formats.logs.image_pixels import encoded_pixels
 from formats.picture_files import claims_too_much, picture_size
 from formats.scene_mesh import read_scene_mesh
 from mapmyworld.errors import LogError, MapError
@@ -98,7 +98,7 @@ def test_bombs_stop_at_the_limit(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["zstd", "lz4", "bz2"])
 def test_a_chunk_unpacks_to_no_more_than_it_claims(kind: str) -> None:
-    """Though its frame says, truly, that it is 64 MB."""
+    """Though its frame indicates, truly, that it is 64 MB."""
     plain = bytes(64 << 20)
     pack = {
         "zstd": zstandard.ZstdCompressor().compress,

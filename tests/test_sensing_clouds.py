@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from memory_log import MemoryLog
+from messages_in_memory import MemoryLog
 from room_drive import ROOM, Drive, drive
 
 import mapmyworld
 from cli.main import group
-from formats.cloud import read_cloud
+from formats.cloud_files import read_cloud
 from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar
@@ -106,9 +106,9 @@ def test_a_thinned_cloud_keeps_one_point_a_cube() -> None:
 
 def test_the_plan_says_that_clouds_serve_as_scans(clouds: Drive, tmp_path: Path) -> None:
     clouds.write(tmp_path / "log.mcap")
-    told = CliRunner().invoke(group, ["inspect", "log", str(tmp_path / "log.mcap")])
-    assert "80 clouds at 10.0 Hz" in told.output
-    assert "3D points serve as flat scans" in told.output
+    reported = CliRunner().invoke(group, ["inspect", "log", str(tmp_path / "log.mcap")])
+    assert "80 clouds at 10.0 Hz" in reported.output
+    assert "3D points serve as flat scans" in reported.output
 
 
 def test_a_laser_comes_first_and_a_cameras_points_are_no_scan(clouds: Drive) -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from memory_log import MemoryLog, camera_info_at, image_at, odometry_at, scan_at, transform
+from messages_in_memory import MemoryLog, camera_info_at, image_at, odometry_at, scan_at, transform
 
 from mapmyworld.config import SensingConfig
 from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
@@ -63,7 +63,7 @@ def test_an_image_goes_to_the_scan_nearest_in_time_carried_there_by_odometry() -
 
 
 @pytest.mark.parametrize("wheels", [True, False])
-def test_colour_without_depth_is_counted_and_helps_only_where_images_tell_the_motion(
+def test_colour_without_depth_is_counted_and_helps_only_where_images_indicate_the_motion(
     wheels: bool,
 ) -> None:
     entries: Entries = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from memory_log import MemoryLog, camera_info_at, image_at, odometry_at, transform
+from messages_in_memory import MemoryLog, camera_info_at, image_at, odometry_at, transform
 
 from mapmyworld.config import SensingConfig
 from mapmyworld.sensing import make_plan, read_frames, survey_log

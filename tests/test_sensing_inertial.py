@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from memory_log import MemoryLog, scan_at, transform
+from messages_in_memory import MemoryLog, scan_at, transform
 
 from mapmyworld.config import SensingConfig
 from mapmyworld.sensing import make_plan, read_frames, survey_log

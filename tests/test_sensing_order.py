@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from memory_log import MemoryLog, odometry_at, scan_at, transform
+from messages_in_memory import MemoryLog, odometry_at, scan_at, transform
 
 from mapmyworld.api import Silent
 from mapmyworld.config import Config, SensingConfig
@@ -57,7 +57,7 @@ def test_where_log_time_steps_back_stamps_decide_the_order() -> None:
     assert not any("silent" in line for line in plan.warnings)
 
 
-def test_where_stamps_step_back_but_the_log_tells_of_motion_its_order_is_kept() -> None:
+def test_where_stamps_step_back_but_the_log_indicates_of_motion_its_order_is_kept() -> None:
     """As the Intel log has them: stamps some of which are late, lines in the order of motion."""
     entries: Entries = [("/tf_static", transform("base_link", "laser", (0, 0, 0)), 0)]
     for i in range(100):
@@ -84,7 +84,7 @@ def test_a_sensor_whose_clock_was_set_back_is_placed_by_log_time() -> None:
 
 
 def test_one_clock_set_back_is_a_loss() -> None:
-    """Without wheels to tell which order is right, the log's is kept."""
+    """Without wheels to indicate which order is right, the log's is kept."""
     scans = [e for e in drive(160) if e[0] != "/odom"]
     back = [
         (topic, scan_at(time - 5 * S) if topic == "/scan" and time > 18 * S else message, time)
@@ -170,7 +170,7 @@ def test_a_log_that_runs_backwards_is_not_called_one_without_stamps() -> None:
     assert not any("no header stamps" in loss for loss in plan.losses)
 
 
-def test_a_build_tells_the_length_of_the_drive_by_its_stamps() -> None:
+def test_a_build_indicates_the_length_of_the_drive_by_its_stamps() -> None:
     log = MemoryLog(drive(20, lambda _: 0))
     result = build_map(log, MemoryMap(), Config(), Silent())
     assert result.duration_s == pytest.approx(1.9)

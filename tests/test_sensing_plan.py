@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from memory_log import MemoryLog, camera_info_at, image_at, odometry_at, scan_at, transform
+from messages_in_memory import MemoryLog, camera_info_at, image_at, odometry_at, scan_at, transform
 
 from mapmyworld.config import SensingConfig
 from mapmyworld.errors import ConfigError, LogError
@@ -99,7 +99,7 @@ def test_a_base_of_any_name_is_what_moves() -> None:
 
 @pytest.mark.parametrize("by_topic", [True, False])
 def test_a_sensor_that_tf_does_not_connect_is_not_taken_for_the_base(*, by_topic: bool) -> None:
-    """Its own frame was: the odometry then told the motion of an optical frame."""
+    """Its own frame was: the odometry then reported the motion of an optical frame."""
     entries: Entries = []
     for i in range(10):
         time = i * STEP_NS + 1
@@ -113,7 +113,7 @@ def test_a_sensor_that_tf_does_not_connect_is_not_taken_for_the_base(*, by_topic
 
 
 @pytest.mark.parametrize(("child", "lost"), [("imu_link", True), ("base_footprint", False)])
-def test_odometry_of_a_frame_that_tf_does_not_know_is_told(child: str, *, lost: bool) -> None:
+def test_odometry_of_a_frame_that_tf_does_not_know_is_reported(child: str, *, lost: bool) -> None:
     entries: Entries = [("/tf_static", transform("base_link", "laser", (0.2, 0, 0)), 0)]
     for i in range(10):
         time = i * STEP_NS + 1
@@ -121,8 +121,8 @@ def test_odometry_of_a_frame_that_tf_does_not_know_is_told(child: str, *, lost: 
         entries.append(("/scan", scan_at(time), time))
     plan = plan_of(entries)
     assert plan.base_frame == "base_link"
-    told = "\n".join(plan.losses if lost else plan.warnings)
-    assert f"no transform from {child} to base_link" in told
+    reported = "\n".join(plan.losses if lost else plan.warnings)
+    assert f"no transform from {child} to base_link" in reported
     assert bool(plan.losses) == lost
 
 
@@ -145,10 +145,10 @@ def test_a_robot_that_stands_before_it_drives_has_odometry_from_tf_throughout() 
 def test_without_tf_the_mount_is_assumed_and_called_a_loss() -> None:
     plan = plan_of(drive())
     assert "sensing.scan_mount" in "\n".join(plan.losses)
-    told = plan_of(drive(), scan_mount="0.3 0 0.2 0 0 0.5")
-    assert told.scan is not None
-    assert "sensing.scan_mount" not in "\n".join(told.losses)
-    assert matrix_to_planar(told.scan.base_from_lidar) == pytest.approx([0.3, 0.0, 0.5])
+    reported = plan_of(drive(), scan_mount="0.3 0 0.2 0 0 0.5")
+    assert reported.scan is not None
+    assert "sensing.scan_mount" not in "\n".join(reported.losses)
+    assert matrix_to_planar(reported.scan.base_from_lidar) == pytest.approx([0.3, 0.0, 0.5])
 
 
 def test_without_odometry_the_motion_is_left_to_the_sensors() -> None:
@@ -195,9 +195,9 @@ def test_images_that_cannot_be_decoded_are_named_with_the_reason(*, laser: bool)
             ("/rgb/camera_info", camera_info_at(time), time),
             ("/depth/image", ImageMessage(time, "optical", "64FC1", 64, 48, unknown), time),
         ]
-    told = "\n".join(plan_of(entries).losses) if laser else refusal_of(entries)
-    assert "/depth/image: image encoding '64FC1' is not known" in told
-    assert "no depth" in told
+    reported = "\n".join(plan_of(entries).losses) if laser else refusal_of(entries)
+    assert "/depth/image: image encoding '64FC1' is not known" in reported
+    assert "no depth" in reported
 
 
 def refusal_of(entries: Entries) -> str:
@@ -235,21 +235,21 @@ def test_clocks_that_disagree_are_replaced_by_log_time() -> None:
     assert "clocks disagree" in "\n".join(plan.losses)
 
 
-def test_time_that_steps_back_is_told() -> None:
+def test_time_that_steps_back_is_reported() -> None:
     entries = with_mount(drive())
     entries.append(("/scan", scan_at(5), 20 * STEP_NS))
     assert "step back 1 times" in "\n".join(plan_of(entries).warnings)
 
 
-def test_ranges_that_are_nan_are_told() -> None:
+def test_ranges_that_are_nan_are_reported() -> None:
     ranges = np.full(181, 2.0)
     ranges[0] = np.nan
     entries = [
         (topic, scan_at(time, ranges) if topic == "/scan" else message, time)
         for topic, message, time in with_mount(drive())
     ]
-    (told,) = [line for line in plan_of(entries).warnings if "are NaN" in line]
-    nan, ranges_seen = (int(text.replace(",", "")) for text in re.findall(r"[\d,]+", told)[:2])
+    (reported,) = [line for line in plan_of(entries).warnings if "are NaN" in line]
+    nan, ranges_seen = (int(text.replace(",", "")) for text in re.findall(r"[\d,]+", reported)[:2])
     assert ranges_seen == 181 * nan
 
 
@@ -260,7 +260,7 @@ def test_settings_override_and_unknown_topics_are_refused() -> None:
         plan_of(with_mount(drive()), scan_topic="/nowhere")
     with pytest.raises(ConfigError, match=r"odometry: /odom; did you mean /odom\?"):
         plan_of(with_mount(drive()), odometry_topic="/odmo")
-    with pytest.raises(ConfigError, match="tells no motion of base_link; what does: /odom"):
+    with pytest.raises(ConfigError, match="reports no motion of base_link; what does: /odom"):
         plan_of(with_mount(drive()), odometry_topic="tf")
     assert plan_of(with_mount(drive()), odometry_topic="none").odometry is None
 

@@ -13,7 +13,7 @@ from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.localisation import localise_log, plan_log
 from mapmyworld.memory_map import MemoryMap
-from mapmyworld.sessions import MergedMap, load_unit, merge_maps
+from mapmyworld.sessions import MergedMap, load_session_map, merge_maps
 from mapmyworld.types import MapStore
 from mapmyworld.types.localisation import State
 
@@ -40,8 +40,8 @@ def merged(maps: dict[str, MapStore], *names: str) -> tuple[list[MergedMap], lis
         stores.append(MemoryMap())
         return stores[-1]
 
-    units = [load_unit(name, maps[name]) for name in names]
-    return merge_maps(units, new_store, Config(), Silent()), stores
+    session_maps = [load_session_map(name, maps[name]) for name in names]
+    return merge_maps(session_maps, new_store, Config(), Silent()), stores
 
 
 def test_a_camera_alone_is_found_and_tracked(maps: dict[str, MapStore]) -> None:

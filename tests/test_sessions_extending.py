@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from database_samples import features, node, scan
-from memory_log import MemoryLog
+from messages_in_memory import MemoryLog
 from room_drive import Drive, drive
 from test_localisation_commands import later
 
@@ -19,10 +19,10 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar
 from mapmyworld.mapping.added_grid import added_grid
 from mapmyworld.memory_map import MemoryMap
-from mapmyworld.sessions import extend_map, load_unit, merge_maps
+from mapmyworld.sessions import extend_map, load_session_map, merge_maps
 from mapmyworld.sessions.skeleton import skeleton_of
 from mapmyworld.stages.recognise import scan_loader
-from mapmyworld.stages.solve import solve_and_judge
+from mapmyworld.stages.solve_and_judge import solve_and_judge
 from mapmyworld.types import ConstraintKind, MapStore, NodeData, OccupancyGrid
 from mapmyworld.types.wording import reason_of
 
@@ -45,7 +45,7 @@ def merged(maps: dict[str, MapStore], names: Sequence[str]) -> MemoryMap:
         stores.append(MemoryMap())
         return stores[-1]
 
-    made = merge_maps([load_unit(n, maps[n]) for n in names], new_store, Config(), Silent())
+    made = merge_maps([load_session_map(n, maps[n]) for n in names], new_store, Config(), Silent())
     assert [m.sessions for m in made] == [len(names)]
     return stores[0]
 
@@ -53,7 +53,7 @@ def merged(maps: dict[str, MapStore], names: Sequence[str]) -> MemoryMap:
 def extended(maps: dict[str, MapStore], names: Sequence[str]) -> MemoryMap:
     """The first drive's map, with those named laid into it."""
     store = merged(maps, ["one"])
-    done = extend_map(store, [load_unit(n, maps[n]) for n in names], Config(), Silent())
+    done = extend_map(store, [load_session_map(n, maps[n]) for n in names], Config(), Silent())
     assert done is not None
     assert len(done.added) == len(names)
     assert done.links >= 2
@@ -66,13 +66,13 @@ def content(store: MapStore) -> tuple[bytes, ...]:
     assert poses is not None
     assert frames is not None
     assert grid is not None
-    told = [(c.from_id, c.to_id, c.kind, c.accepted, reason_of(c)) for c in store.constraints()]
+    reported = [(c.from_id, c.to_id, c.kind, c.accepted, reason_of(c)) for c in store.constraints()]
     sessions = [(node.id, node.session) for node in store.nodes()]
     return (
         poses.map_from_node.tobytes(),
         frames.tobytes(),
         grid.log_odds.tobytes(),
-        repr(told).encode(),
+        repr(reported).encode(),
         repr(sessions).encode(),
     )
 
@@ -120,14 +120,14 @@ def test_appended_at_once_in_any_order_they_give_the_same_map(maps: dict[str, Ma
 
 
 @pytest.mark.slow
-def test_what_a_map_lacks_is_still_told_when_a_session_was_laid_into_it(
+def test_what_a_map_lacks_is_still_reported_when_a_session_was_laid_into_it(
     maps: dict[str, MapStore],
 ) -> None:
     """A partial map never passes as whole."""
     store = merged(maps, ["one"])
-    with store.extend_stage("optimise", "told"):
+    with store.extend_stage("optimise", "reported"):
         store.put("solve", {"certainty": "", "losses": ["the graph falls apart"]})
-    done = extend_map(store, [load_unit("two", maps["two"])], Config(), Silent())
+    done = extend_map(store, [load_session_map("two", maps["two"])], Config(), Silent())
     assert done is not None
     assert store.get("solve")["losses"] == ["the graph falls apart"]
 
@@ -149,8 +149,8 @@ def test_an_extended_map_can_be_solved_anew(maps: dict[str, MapStore]) -> None:
 def test_the_skeleton_grows_with_the_area_and_not_with_the_drives(
     maps: dict[str, MapStore],
 ) -> None:
-    alone = skeleton_of(load_unit("one", merged(maps, ["one"])), Config())
-    both = skeleton_of(load_unit("all", extended(maps, ["two", "three"])), Config())
+    alone = skeleton_of(load_session_map("one", merged(maps, ["one"])), Config())
+    both = skeleton_of(load_session_map("all", extended(maps, ["two", "three"])), Config())
     assert len(both.nodes) <= len(alone.nodes) + 2
     assert len(both.nodes) < len(merged(maps, ["one"]).nodes())
 
@@ -185,8 +185,8 @@ def test_twice_the_same_grid_is_twice_as_sure_up_to_the_limit() -> None:
     for _ in range(10):
         total = added_grid(total, total, Config())
         assert total is not None
-    surest = Config().mapping.clamp_probability
-    assert np.allclose(total.probabilities(), [[surest, 1.0 - surest]])
+    clamp = Config().mapping.clamp_probability
+    assert np.allclose(total.probabilities(), [[clamp, 1.0 - clamp]])
 
 
 @pytest.mark.parametrize("limit", range(60_000, 80_000, 2_500))

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from sample_maps import APARTMENT
 
 from cli.main import group
-from formats.cloud import read_cloud
+from formats.cloud_files import read_cloud
 from formats.database import open_store
 from mapmyworld.memory_map import MemoryMap
 from mapmyworld.sessions.copying import copy_plan

@@ -48,17 +48,17 @@ def test_the_sample_logs_become_good_maps(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "told"), [("hall.bag", True), ("apartment.mcap", False)])
+@pytest.mark.parametrize(("name", "reported"), [("hall.bag", True), ("apartment.mcap", False)])
 def test_a_build_by_camera_names_known_ground_that_it_did_not_recognise(
-    tmp_path: Path, name: str, told: bool
+    tmp_path: Path, name: str, reported: bool
 ) -> None:
     """In the hall a view is blank, or has a double 2 m away; the flat is recognised everywhere."""
     built = run(
         "build", SAMPLES / name, "-o", tmp_path / "map.db", "--set", "sensing.use_scans=false"
     )
     for text in (built.output, (tmp_path / "map.html").read_text()):
-        assert ("nothing recognised" in text) == told
-        assert ("not recognised at" in text) == told
+        assert ("nothing recognised" in text) == reported
+        assert ("not recognised at" in text) == reported
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.simulation import SimulationSettings, find_world
 from mapmyworld.simulation.camera_noise import disturb_colour, disturb_depth
 from mapmyworld.simulation.robot import base_from_optical, intrinsics
-from mapmyworld.simulation.settings import CameraSettings
+from mapmyworld.simulation.robot_settings import CameraSettings
 from mapmyworld.simulation.solids import wall
 from mapmyworld.simulation.world import Ground, World, build_scene, scene_from_mesh
 
@@ -18,7 +18,7 @@ SETTINGS = SimulationSettings()
 
 
 def renderer(world: World, settings: SimulationSettings = SETTINGS):
-    from mapmyworld.simulation.camera import Renderer
+    from mapmyworld.simulation.simulated_camera import Renderer
 
     return Renderer(build_scene(world), settings)
 
@@ -54,7 +54,7 @@ def test_depth_in_a_box_room_is_right_to_a_millimetre() -> None:
     assert np.abs(view.depth - expected[:, None]).max() < 1e-3
 
 
-def test_rich_stretches_have_features_and_blank_walls_have_none(hall) -> None:
+def test_rich_sections_have_features_and_blank_walls_have_none(hall) -> None:
     random = np.random.default_rng(0)
     rich = disturb_colour(
         hall.render(seen_from(9.5, 1.0, 0.0)).colour, 1.0, SETTINGS.camera, random
@@ -66,7 +66,7 @@ def test_rich_stretches_have_features_and_blank_walls_have_none(hall) -> None:
     assert orb_count(blank) < 50
 
 
-def test_repeating_stretches_look_exactly_the_same(hall) -> None:
+def test_repeating_sections_look_exactly_the_same(hall) -> None:
     """The same two pictures again, one period on: the images agree but for rounding."""
     first = hall.render(seen_from(7.15, 0.0, -90.0)).colour[:, 220:420].astype(int)
     again = hall.render(seen_from(9.75, 0.0, -90.0)).colour[:, 220:420].astype(int)
@@ -112,7 +112,7 @@ def test_depth_is_missing_at_edges_far_away_and_at_grazing_angles() -> None:
 
 
 def test_a_users_mesh_is_seen_in_its_own_colours() -> None:
-    from mapmyworld.simulation.camera import Renderer
+    from mapmyworld.simulation.simulated_camera import Renderer
     from mapmyworld.types import Mesh
 
     corners = np.array([[2, -9, -9], [2, 9, -9], [2, 0, 18]], np.float32)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from formats.trajectory import read_trajectory
-from formats.truth import read_loop_pairs
-from mapmyworld.evaluation.relations import poses_at
+from formats.trajectory_files import read_trajectory
+from formats.truth_files import read_loop_pairs
+from mapmyworld.evaluation.relations_metric import poses_at
 from mapmyworld.geometry.planar import (
     between_planar,
     matrix_to_planar,
@@ -20,10 +20,8 @@ from mapmyworld.geometry.planar import (
 )
 from mapmyworld.simulation import Recording, SimulationSettings, simulate
 from mapmyworld.simulation.driver import drive_route
-from mapmyworld.simulation.laser import Sweep, disturb_sweep
-from mapmyworld.simulation.odometry import disturb_wheels, integrate_wheels, wheel_travel
-from mapmyworld.simulation.route import read_route
-from mapmyworld.simulation.settings import (
+from mapmyworld.simulation.message_streams import ODOMETRY_TOPIC, SCAN_TOPIC
+from mapmyworld.simulation.robot_settings import (
     BodySettings,
     CameraSettings,
     DriverSettings,
@@ -31,7 +29,9 @@ from mapmyworld.simulation.settings import (
     LaserSettings,
     OdometrySettings,
 )
-from mapmyworld.simulation.streams import ODOMETRY_TOPIC, SCAN_TOPIC
+from mapmyworld.simulation.route import read_route
+from mapmyworld.simulation.simulated_laser import Sweep, disturb_sweep
+from mapmyworld.simulation.wheel_odometry import disturb_wheels, integrate_wheels, wheel_travel
 from mapmyworld.types import LaserScanMessage, OdometryMessage, TransformsMessage
 
 LASER_ONLY = SimulationSettings(

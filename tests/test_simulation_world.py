@@ -10,15 +10,15 @@ from hypothesis import strategies as st
 from mapmyworld.errors import WorldError
 from mapmyworld.simulation import WORLDS, find_world, simulate
 from mapmyworld.simulation.driver import TICK, drive_route
-from mapmyworld.simulation.plan import plan_at
-from mapmyworld.simulation.route import read_route
-from mapmyworld.simulation.settings import (
+from mapmyworld.simulation.floor_plan import plan_at
+from mapmyworld.simulation.robot_settings import (
     CameraSettings,
     DriverSettings,
     ImuSettings,
     OdometrySettings,
     SimulationSettings,
 )
+from mapmyworld.simulation.route import read_route
 from mapmyworld.simulation.solids import GLASS, Box, Opening, Post, wall
 from mapmyworld.simulation.textures import make_texture
 from mapmyworld.simulation.world import Ground, World, build_scene
@@ -69,7 +69,7 @@ ROOM_PLAN = plan_at(build_scene(box_room()), 0.3)
 
 
 def plain_cast(segments: np.ndarray, ray: np.ndarray) -> float:
-    """Every segment in turn, by solving for the crossing: the twin of the kernel."""
+    """Every segment in turn, by solving for the crossing: the relaxation of the kernel."""
     way = np.array([np.cos(ray[2]), np.sin(ray[2])])
     best = np.inf
     for x0, y0, x1, y1 in segments:

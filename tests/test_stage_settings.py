@@ -14,7 +14,7 @@ from formats.logs import open_log
 from mapmyworld.api import Silent, configured
 from mapmyworld.config import Config
 from mapmyworld.config.settings import Setting, apply_settings, list_settings
-from mapmyworld.config.stages import FIRST_READ, FIRST_READ_BY_PARTICLES, settings_of
+from mapmyworld.config.stage_settings import FIRST_READ, FIRST_READ_BY_PARTICLES, settings_of
 from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import build_map
 from mapmyworld.stages.record import StageRecord
@@ -56,7 +56,7 @@ def by_graph() -> dict[str, set[str]]:
     ]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            "mapmyworld.stages.recognise._STRETCH", 2.0
+            "mapmyworld.stages.recognise._SECTION", 2.0
         )  # as if the drive were a long one
         for source, config in asked:
             for stage, names in settings_read(source, config).items():

@@ -10,7 +10,7 @@ from memory_store import MemoryStore
 
 from mapmyworld.config import SensingConfig
 from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
-from mapmyworld.graph.trajectory import pose_every_frame
+from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.record import StageRecord
 from mapmyworld.types import Frame, Judged, Node, Odometry, Poses, TrackedFrames
@@ -49,7 +49,7 @@ def test_neighbour_constraints_carry_the_motion_and_all_its_uncertainty() -> Non
     assert len(constraints) == 2
     first = constraints[0]
     assert (first.from_id, first.to_id) == (1, 2)
-    assert matrix_to_planar(first.from_from_to) == pytest.approx([0.1, 0.0, 0.0])
+    assert matrix_to_planar(first.i_from_j) == pytest.approx([0.1, 0.0, 0.0])
     sigmas = np.sqrt(np.diag(np.linalg.inv(first.information)))
     assert sigmas[3] == pytest.approx(0.01 * np.sqrt(5), rel=1e-6)
     assert sigmas[4] > 0.01 * np.sqrt(5)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formats.stamps import nanoseconds_from_text, seconds_text
+from formats.decimal_stamps import nanoseconds_from_text, seconds_text
 
 
 @given(st.integers(-(1 << 63) + 1, (1 << 63) - 1))

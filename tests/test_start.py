@@ -60,7 +60,7 @@ def test_kernels_run_where_numba_may_not_compile(tmp_path: Path) -> None:
 
 
 def test_what_is_tracked_first_takes_no_solver(tmp_path: Path) -> None:
-    script = "import sys, mapmyworld.pipeline, mapmyworld.odometry.laser\n"
+    script = "import sys, mapmyworld.pipeline, mapmyworld.odometry.laser_odometry\n"
     script += "print({'scipy.linalg', 'cv2', 'gtsam'} & set(sys.modules))"
     assert printed_by(script, tmp_path) == "set()"
 
@@ -69,7 +69,7 @@ def test_modules_are_imported_meanwhile(tmp_path: Path, monkeypatch: pytest.Monk
     (tmp_path / "needed_later.py").write_text("import threading\nby = threading.get_ident()\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     with imported_meanwhile(("no_such_module", "broken")):
-        pass  # is told where they are used
+        pass  # is reported where they are used
     with imported_meanwhile(("needed_later",)):
         pass
     assert sys.modules.pop("needed_later").by != threading.get_ident()

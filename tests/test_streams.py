@@ -42,7 +42,7 @@ def test_a_build_goes_on_without_its_words(log: Path, tmp_path: Path, streams: s
     assert (tmp_path / "map.db").read_bytes() == (tmp_path / "known.db").read_bytes()
 
 
-def test_an_answer_that_cannot_be_written_is_told_in_one_line(log: Path) -> None:
+def test_an_answer_that_cannot_be_written_is_reported_in_one_line(log: Path) -> None:
     done = shell("MAPMYWORLD inspect log LOG > /dev/full", LOG=log)
     assert done.returncode == 2
     assert done.stderr.startswith("mapmyworld: No space left on device")

@@ -53,7 +53,7 @@ def test_the_script_for_each_shell_names_the_program(shell: str) -> None:
     assert "_MAPMYWORLD_COMPLETE" in result.stdout
 
 
-def test_a_line_of_progress_tells_the_time_left(
+def test_a_line_of_progress_indicates_the_time_left(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = [100.0]
@@ -137,7 +137,7 @@ def at_a_terminal(words: list[str], folder: Path) -> str:
         while True:
             try:
                 parts.append(os.read(shown, 65536))
-            except OSError:  # how Linux tells that the other end is closed
+            except OSError:  # how Linux indicates that the other end is closed
                 break
             if not parts[-1]:
                 break

@@ -73,9 +73,9 @@ def test_images_are_shifted_with_their_stamp() -> None:
 def test_an_offset_beyond_doubt_is_taken_back_by_itself() -> None:
     progress, log = Silent(), late(OdometryMessage, LATE_S)
     found = mapmyworld.build(log, progress=progress)
-    told = [note for note in progress.notes if "odometry is stamped" in note]
-    assert "its stamps are shifted by -0.1" in told[-1]
-    assert found.map.get("track")["notes"].count(told[-1]) == 1
+    reported = [note for note in progress.notes if "odometry is stamped" in note]
+    assert "its stamps are shifted by -0.1" in reported[-1]
+    assert found.map.get("track")["notes"].count(reported[-1]) == 1
     findings = {f["name"]: f for f in found.map.get("diagnosis")}
     assert findings["time offset of odometry to laser"]["good"]
     assert found.map.get("track")["odometry_lag_s"] == pytest.approx(LATE_S, abs=0.01)
@@ -92,10 +92,10 @@ def test_a_sound_log_is_tracked_once() -> None:
 @pytest.mark.parametrize(
     ("name", "setting"), [("odometry", "odometry_offset"), ("gyroscope", "imu_offset")]
 )
-def test_the_remedy_names_the_setting_and_its_sign(name: str, setting: str) -> None:
+def test_the_suggestion_names_the_setting_and_its_sign(name: str, setting: str) -> None:
     times = np.arange(0.0, 60.0, 0.1)
     heading = np.sin(times)
     clock = (times + 0.1, heading)  # stamped 0.1 s late
     found = time_offset(("laser", name), times[:-1], times[1:], np.diff(heading), clock)
     assert found is not None
-    assert f"set sensing.{setting} = -0.1" in found.remedy
+    assert f"set sensing.{setting} = -0.1" in found.suggestion

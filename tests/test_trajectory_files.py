@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from formats.trajectory import CSV_HEADER, read_trajectory, write_trajectory
-from formats.truth import read_loop_pairs
+from formats.trajectory_files import CSV_HEADER, read_trajectory, write_trajectory
+from formats.truth_files import read_loop_pairs
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.types import Trajectory

@@ -1,4 +1,4 @@
-"""Known ground that nothing recognised: what the notes say of paths whose closures are known."""
+"""Known ground that nothing recognised: what the notes report about paths whose closures are known."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sample_verdicts import REJECTED
 
 from mapmyworld.geometry.rigid import make_transform, se3_exp
 from mapmyworld.geometry.rotations import so3_exp
-from mapmyworld.places.unrecognised import told_of_unrecognised
+from mapmyworld.places.unrecognised import unrecognised_notes
 from mapmyworld.types import ConstraintKind, Judged, Node, Poses
 
 Array = NDArray[np.float64]
@@ -51,28 +51,28 @@ def closures(but: range = range(0)) -> list[Judged]:
     return [closure(i - _LAP, i) for i in range(_LAP + 1, 2 * _LAP + 1) if i not in but]
 
 
-def test_the_stretch_without_a_closure_is_named_with_its_time_and_length() -> None:
+def test_the_section_without_a_closure_is_named_with_its_time_and_length() -> None:
     nodes, poses = solved(laps(2))
-    told = told_of_unrecognised(nodes, poses, closures(range(101, 114)))
-    assert len(told) == 2
-    assert "nothing recognised 3.0 m of known ground" in told[0]  # 12 steps of 0.25 m
-    assert told[1] == "not recognised at 10.10 s for 1.2 s (3.0 m, nodes 101 to 113)"
+    reported = unrecognised_notes(nodes, poses, closures(range(101, 114)))
+    assert len(reported) == 2
+    assert "nothing recognised 3.0 m of known ground" in reported[0]  # 12 steps of 0.25 m
+    assert reported[1] == "not recognised at 10.10 s for 1.2 s (3.0 m, nodes 101 to 113)"
 
 
 def test_what_was_recognised_everywhere_or_lacks_less_than_a_metre_is_worth_no_word() -> None:
     nodes, poses = solved(laps(2))
-    assert told_of_unrecognised(nodes, poses, closures()) == []
-    assert told_of_unrecognised(nodes, poses, closures(range(101, 105))) == []
+    assert unrecognised_notes(nodes, poses, closures()) == []
+    assert unrecognised_notes(nodes, poses, closures(range(101, 105))) == []
 
 
 def test_a_first_lap_and_ground_seen_the_other_way_round_are_not_known_ground() -> None:
     nodes, poses = solved(laps(1))
-    assert told_of_unrecognised(nodes, poses, ()) == []
+    assert unrecognised_notes(nodes, poses, ()) == []
     out = [make_transform(np.eye(3), [0.25 * k, 0.0, 0.0]) for k in range(40)]
     about = so3_exp([0.0, 0.0, np.pi])
     home = [make_transform(about, pose[:3, 3]) for pose in out[::-1]]
-    assert told_of_unrecognised(*solved(out + home), ()) == []
-    assert told_of_unrecognised(*solved(out + out), ()) != []
+    assert unrecognised_notes(*solved(out + home), ()) == []
+    assert unrecognised_notes(*solved(out + out), ()) != []
 
 
 def test_rejected_closures_and_those_to_the_nodes_just_before_recognise_nothing() -> None:
@@ -80,26 +80,26 @@ def test_rejected_closures_and_those_to_the_nodes_just_before_recognise_nothing(
     rejected = [c.judged(REJECTED) for c in closures()]
     near = [closure(i, i + 2) for i in range(1, 2 * _LAP - 1)]
     for useless in (rejected, near):
-        assert "nodes 81 to 160" in told_of_unrecognised(nodes, poses, useless)[1]
+        assert "nodes 81 to 160" in unrecognised_notes(nodes, poses, useless)[1]
 
 
 def test_markers_and_other_sessions_recognise_too() -> None:
     nodes, poses = solved(laps(2))
     markers = [closure(i, -1, ConstraintKind.LANDMARK) for i in range(_LAP + 1, 2 * _LAP + 1)]
-    assert told_of_unrecognised(nodes, poses, markers) == []
+    assert unrecognised_notes(nodes, poses, markers) == []
     path = laps(1)[:6]  # 1.25 m, twice: only another session makes it known ground
-    assert told_of_unrecognised(*solved(path + path), ()) == []
-    assert told_of_unrecognised(*solved(path + path, [0] * 6 + [1] * 6), ()) != []
+    assert unrecognised_notes(*solved(path + path), ()) == []
+    assert unrecognised_notes(*solved(path + path, [0] * 6 + [1] * 6), ()) != []
 
 
-def test_five_stretches_are_named_in_order_and_the_rest_counted() -> None:
+def test_five_sections_are_named_in_order_and_the_rest_counted() -> None:
     nodes, poses = solved(laps(2))
     gaps = [range(_LAP + 3 + 11 * k, _LAP + 9 + 11 * k + (k != 2)) for k in range(7)]
     kept = [c for c in closures() if not any(c.to_id in gap for gap in gaps)]
-    told = told_of_unrecognised(nodes, poses, kept)
-    assert len(told) == 7
-    assert told[-1] == "shorter stretches not recognised: 2"
-    starts = [float(line.split()[3]) for line in told[1:-1]]
+    reported = unrecognised_notes(nodes, poses, kept)
+    assert len(reported) == 7
+    assert reported[-1] == "shorter sections not recognised: 2"
+    starts = [float(line.split()[3]) for line in reported[1:-1]]
     assert starts == sorted(starts)
     assert gaps[2][0] / 10 not in starts
 
@@ -109,10 +109,10 @@ def test_a_rigid_motion_of_the_map_changes_no_word(twist: list[float]) -> None:
     nodes, poses = solved(laps(2))
     moved = replace(poses, map_from_node=se3_exp(np.array(twist)) @ poses.map_from_node)
     useful = closures(range(101, 114))
-    assert told_of_unrecognised(nodes, moved, useful) == told_of_unrecognised(nodes, poses, useful)
+    assert unrecognised_notes(nodes, moved, useful) == unrecognised_notes(nodes, poses, useful)
 
 
 def test_single_nodes_and_empty_maps_are_fine() -> None:
-    assert told_of_unrecognised([], Poses(np.zeros(0, np.int64), np.zeros((0, 4, 4))), ()) == []
+    assert unrecognised_notes([], Poses(np.zeros(0, np.int64), np.zeros((0, 4, 4))), ()) == []
     nodes, poses = solved(laps(1)[:1])
-    assert told_of_unrecognised(nodes, poses, ()) == []
+    assert unrecognised_notes(nodes, poses, ()) == []

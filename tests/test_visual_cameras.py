@@ -9,8 +9,8 @@ from typing import cast
 
 import numpy as np
 import pytest
-from memory_log import MemoryLog, camera_info_at, image_at, odometry_at, transform
 from memory_store import MemoryStore
+from messages_in_memory import MemoryLog, camera_info_at, image_at, odometry_at, transform
 from numpy.typing import NDArray
 from test_visual_places import Silent, drifting, translation_errors
 from visual_rooms import HEIGHT, WIDTH, Room, planar_pose
@@ -199,7 +199,7 @@ def filmed() -> MemoryLog:
 
 @pytest.mark.slow
 def test_a_map_of_two_cameras_is_closed_by_both(tmp_path: Path) -> None:
-    """From the log to the database and back: what wheels say is corrected on the way back."""
+    """From the log to the database and back: what wheels indicate is corrected on the way back."""
     with open_store(tmp_path / "two.db", create=True) as store:
         build_map(filmed(), store, CONFIG, Silent())
         across = [

@@ -1,4 +1,4 @@
-"""Images decoded no finer than wanted, and points summed by voxel, against plain twins."""
+"""Images decoded no finer than wanted, and points summed by voxel, against plain references."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from formats.logs.images import encoded_pixels
+from formats.logs.image_pixels import encoded_pixels
 from mapmyworld.config import Config
-from mapmyworld.mapping.voxels import VoxelMap
+from mapmyworld.mapping.voxel_map import VoxelMap
 from mapmyworld.places.features import extract_features
-from mapmyworld.registration.pictures import colours_at, grey_picture
+from mapmyworld.registration.image_levels import colours_at, grey_picture
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.types import CameraModel, ImageMessage, RgbdImage
 

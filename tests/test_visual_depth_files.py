@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from formats.database import open_store
-from formats.logs.images import compressed_image
+from formats.logs.image_pixels import compressed_image
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between, evenly_along
 from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.registration.pictures import is_whole_png
+from mapmyworld.registration.image_levels import is_whole_png
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.types import CameraModel, Node, NodeData, RgbdImage
 

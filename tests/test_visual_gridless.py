@@ -9,7 +9,7 @@ from memory_store import MemoryStore
 from visual_rooms import HEIGHT, WIDTH, Room, planar_pose
 
 from mapmyworld.config import Config
-from mapmyworld.stages.maps import draw_maps
+from mapmyworld.stages.draw_maps import draw_maps
 from mapmyworld.types import ImageMessage, Node, NodeData, Poses, RgbdImage
 
 POSE = planar_pose(3.0, 2.5, 0.0)
@@ -17,7 +17,7 @@ POSE = planar_pose(3.0, 2.5, 0.0)
 
 @dataclass
 class Heard:
-    """Progress that remembers what it was told."""
+    """Progress that remembers what it was reported."""
 
     notes: list[str] = field(default_factory=list)
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from visual_rooms import FOCAL, HEIGHT, WIDTH, Room, planar_pose
 
 from mapmyworld.config import Config, VisualConfig
-from mapmyworld.mapping.cloud import build_cloud
+from mapmyworld.mapping.cloud_map import build_cloud
 from mapmyworld.mapping.depth_grid import scan_from_depth
-from mapmyworld.mapping.voxels import VoxelMap
+from mapmyworld.mapping.voxel_map import VoxelMap
 from mapmyworld.types import ImageMessage, NodeData, RgbdImage
 
 Array = NDArray[np.float64]
@@ -143,7 +143,7 @@ def test_a_low_box_stops_the_beam_and_a_lamp_does_not() -> None:
 
 @pytest.mark.beyond_pip
 def test_a_mesh_of_a_wall_is_flat_and_coloured(open3d: Any) -> None:
-    from mapmyworld.mapping.mesh import build_mesh
+    from mapmyworld.mapping.mesh_map import build_mesh
 
     room = Room()
     poses = [planar_pose(3.0, 2.5 + 0.02 * i, 0.0) for i in range(4)]

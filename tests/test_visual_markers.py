@@ -67,7 +67,7 @@ def test_a_marker_becomes_a_landmark_where_it_hangs(length: float) -> None:
     (constraint,) = find_markers(store, replace(Config(), visual=visual), Silent())
     assert (constraint.from_id, constraint.to_id) == (1, -8)
     assert constraint.accepted
-    error = se3_log(between(truth, constraint.from_from_to))
+    error = se3_log(between(truth, constraint.i_from_j))
     assert np.abs(error[:3]).max() < 0.03
     assert np.abs(error[3:]).max() < 0.015
     assert error @ constraint.information @ error < 40  # within what it claims to know

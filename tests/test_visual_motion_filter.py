@@ -1,4 +1,4 @@
-"""What inertia says of a camera: the filter of pose and velocity, and the tracker that uses it."""
+"""What inertia reports about a camera: the filter of pose and velocity, and the tracker that uses it."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between, se3_exp, se3_log
 from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.odometry.motion_filter import MotionFilter, motion_information
-from mapmyworld.odometry.visual import VisualMotion, VisualTracker
-from mapmyworld.odometry.visual_doubts import Doubts
+from mapmyworld.odometry.tracking_quality import TrackingQuality
+from mapmyworld.odometry.visual_odometry import VisualMotion, VisualTracker
 from mapmyworld.types import Frame, ImuSample
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ def test_a_steady_motion_is_predicted() -> None:
     assert np.abs(off).max() < 2e-3
 
 
-def test_what_images_tell_surely_is_believed() -> None:
+def test_what_images_indicate_surely_is_believed() -> None:
     poses = driven(6)
     followed = started(poses[:-1], SHARP)
     followed.predict(STEP)
@@ -83,7 +83,7 @@ def test_a_pose_that_moved_with_its_map_is_no_motion() -> None:
     assert 0.09 < np.sqrt(np.linalg.inv(known)[2, 2]) < 0.11
 
 
-def test_a_gyroscope_tells_the_turn_better_than_constant_velocity() -> None:
+def test_a_gyroscope_indicates_the_turn_better_than_constant_velocity() -> None:
     still = [np.eye(4)] * 5
     blind, turning = started(still, SHARP), started(still, SHARP)
     turned = so3_exp([0.0, 0.0, 0.4])
@@ -114,7 +114,7 @@ def test_what_is_measured_is_merged_as_two_gaussians(
 
 
 def test_tracked_turns_with_a_gyroscope_are_as_sure_as_the_gyroscope() -> None:
-    """Blind frames know their turn where a gyroscope told it, else they do not."""
+    """Blind frames know their turn where a gyroscope reported it, else they do not."""
     truth = circle((3.0, 2.5), 1.0, 8, 0.1)
     room, step_ns = Room(), 50_000_000
     frames = [
@@ -135,8 +135,8 @@ def motion(verdict: str, *notes: str, sigma_m: float = 0.0) -> VisualMotion:
     return VisualMotion(np.eye(4), np.eye(6), verdict, notes, 0, sigma_m)
 
 
-def test_blind_frames_are_told_as_stretches() -> None:
-    doubts = Doubts()
+def test_blind_frames_are_reported_as_periods() -> None:
+    doubts = TrackingQuality()
     for i in range(60):
         blind = i in {10, 11, 12, 15, 40}
         said = motion("dead reckoning", "no image") if blind else motion("tracked", sigma_m=0.01)
@@ -148,8 +148,8 @@ def test_blind_frames_are_told_as_stretches() -> None:
     )
 
 
-def test_only_the_longest_stretches_are_named() -> None:
-    doubts = Doubts()
+def test_only_the_longest_sections_are_named() -> None:
+    doubts = TrackingQuality()
     for k in range(9):
         for i in range(k + 1):
             doubts.add((10 * k) * 1_000_000_000 + i * 100_000_000, motion("dead reckoning", "dark"))
@@ -157,11 +157,11 @@ def test_only_the_longest_stretches_are_named() -> None:
     assert [line.split(" s ")[0] for line in lines[1:-1]] == [
         f"blind at {10 * k}.00" for k in range(4, 9)
     ]
-    assert lines[-1] == "4 shorter blind stretches"
+    assert lines[-1] == "4 shorter blind periods"
 
 
-def test_a_camera_that_sees_little_is_told_and_one_that_sees_enough_is_not() -> None:
-    little, enough = Doubts(), Doubts()
+def test_a_camera_that_sees_little_is_reported_and_one_that_sees_enough_is_not() -> None:
+    little, enough = TrackingQuality(), TrackingQuality()
     for i in range(10):
         little.add(i, motion("tracked", sigma_m=0.2 if i < 3 else 0.01))
         enough.add(i, motion("tracked", sigma_m=0.01))

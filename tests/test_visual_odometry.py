@@ -12,7 +12,7 @@ from visual_rooms import Room, circle
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.odometry.visual import VisualMotion, VisualTracker
+from mapmyworld.odometry.visual_odometry import VisualMotion, VisualTracker
 from mapmyworld.types import Frame, ImageMessage, ImuSample, RgbdImage
 
 Array = NDArray[np.float64]
@@ -86,7 +86,7 @@ def covered(image: RgbdImage) -> RgbdImage:
     )
 
 
-def test_blindness_is_bridged_by_odometry_and_admitted() -> None:
+def test_blindness_is_bridged_by_odometry_and_recovered() -> None:
     truth = circle((3.0, 2.5), 1.0, 40, 0.35)
     frames = frames_of(Room(), truth, odometry=truth)
     for i in range(15, 22):

@@ -1,4 +1,4 @@
-"""Words, places and closures: twins of the kernels, known loops, and doubles of places."""
+"""Words, places and closures: references of the kernels, known loops, and doubles of places."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def hamming(a: NDArray[np.uint64], b: NDArray[np.uint64]) -> NDArray[np.int64]:
     return np.abs(bits_a[:, None] - bits_b[None]).sum(axis=2)
 
 
-def test_exhaustive_matching_agrees_with_its_numpy_twin() -> None:
+def test_exhaustive_matching_agrees_with_its_numpy_reference() -> None:
     a, b = random_words(0, 60), random_words(1, 80)
     b[10:40] = a[5:35] ^ np.uint64(0b1011)
     distance = hamming(a, b)
@@ -187,7 +187,7 @@ def drifting(truth: list[Array], seed: int) -> list[Array]:
 def translation_errors(constraints: list[Judged], truth: list[Array]) -> list[float]:
     errors = []
     for c in constraints:
-        error = between(between(truth[c.from_id - 1], truth[c.to_id - 1]), c.from_from_to)
+        error = between(between(truth[c.from_id - 1], truth[c.to_id - 1]), c.i_from_j)
         errors.append(float(np.linalg.norm(error[:3, 3])))
     return errors
 
@@ -225,7 +225,7 @@ def test_results_do_not_depend_on_the_number_of_threads() -> None:
     for threads in (1, 3):
         store = store_of(Room(), truth, truth, 1.0)
         found = find_visual_closures(store, None, replace(CONFIG, threads=threads), Silent())
-        runs.append([(c.from_id, c.to_id, c.verdicts, c.from_from_to.tobytes()) for c in found])
+        runs.append([(c.from_id, c.to_id, c.verdicts, c.i_from_j.tobytes()) for c in found])
     assert runs[0] == runs[1]
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from formats.logs import open_log
-from formats.trajectory import read_trajectory
+from formats.trajectory_files import read_trajectory
 from mapmyworld.config import Config
-from mapmyworld.evaluation.trajectory import ate
-from mapmyworld.odometry.visual import VisualTracker
+from mapmyworld.evaluation.trajectory_error import ate
+from mapmyworld.odometry.visual_odometry import VisualTracker
 from mapmyworld.sensing import make_plan, read_frames, survey_log
 from mapmyworld.types import Trajectory
 

@@ -1,4 +1,4 @@
-"""Cameras, poses from points, and bundles, against known truth and independent twins."""
+"""Cameras, poses from points, and bundles, against known truth and independent references."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import between, invert, se3_exp, se3_log, transform_points
-from mapmyworld.graph.bundle import Bundle, RelativePoses, adjust_bundle
+from mapmyworld.graph.bundle_adjustment import Bundle, RelativePoses, adjust_bundle
 from mapmyworld.kernels.pose_refinement import move_by_tangent, solve_damped
-from mapmyworld.registration.camera import pixels_of_points, rays_of_pixels
-from mapmyworld.registration.visual import Sightings, errors, inliers, ransac_pose, refine_pose
+from mapmyworld.registration.camera_model import pixels_of_points, rays_of_pixels
+from mapmyworld.registration.camera_pose import Sightings, errors, inliers, ransac_pose, refine_pose
 from mapmyworld.types import CameraModel
 
 Array = NDArray[np.float64]

@@ -10,8 +10,8 @@ from visual_rooms import Room, circle
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between, se3_exp, se3_log
-from mapmyworld.odometry.visual import VisualTracker, view_of_frame
-from mapmyworld.odometry.visual_slips import SteadyPath, misfit, together
+from mapmyworld.odometry.visual_odometry import VisualTracker, view_of_frame
+from mapmyworld.odometry.visual_slips import SteadyPath, normalised_residual, together
 from mapmyworld.registration.views import View
 from mapmyworld.types import Frame, ImuSample
 
@@ -47,7 +47,7 @@ def test_a_map_that_slips_does_not_carry_the_path_along() -> None:
 
 
 def test_a_jolt_is_followed() -> None:
-    """Inertia says the camera stands still; both the map and the last two images say it moved."""
+    """Inertia says the camera stands still; both the map and the last two images indicate it moved."""
     poses, views = steps()
     path = SteadyPath(Config())
     path.reach(poses[0], views[0])
@@ -76,7 +76,7 @@ def test_two_measurements_together_lie_between_and_are_surer(
     both, covariance = together(one, other)
     assert np.allclose(se3_log(between(one[0], both)), 0.2 * np.array(off) / (1.0 + share))
     assert np.allclose(np.linalg.inv(covariance), np.linalg.inv(one[1]) + np.linalg.inv(other[1]))
-    assert misfit(one, (both, covariance)) <= misfit(one, other) + 1e-9
+    assert normalised_residual(one, (both, covariance)) <= normalised_residual(one, other) + 1e-9
 
 
 def test_a_picture_recognised_where_the_camera_cannot_be_is_not_believed() -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from formats.vocabulary import read_vocabulary, write_vocabulary
+from formats.vocabulary_files import read_vocabulary, write_vocabulary
 from mapmyworld.errors import MapError
 from mapmyworld.places.vocabulary import train_vocabulary, vocabulary_of_words
 

@@ -1,4 +1,4 @@
-"""Wheels checked by images: wrong radii, wrong tracks and slips are told as they are."""
+"""Wheels checked by images: wrong radii, wrong tracks and slips are reported as they are."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from mapmyworld.types import ConstraintKind, ImageMatch, Judged, Node, Odometry
 def drive(
     distance_share: float, turn_share: float, slip: float, twist: float = 0.0
 ) -> tuple[list[Node], list[Judged]]:
-    """A winding drive as images see it, and as wheels tell it that are wrong by these shares."""
+    """A winding drive as images see it, and as wheels indicate it that are wrong by these shares."""
     random = np.random.default_rng(0)
     odometry, truth = np.eye(4), np.eye(4)
     nodes, seen = [Node(1, 0, 0, odometry, odometry)], []
     for k in range(1, 200):
         way, turn = 0.1, 0.08 * np.sin(0.1 * k)
-        told = [way / (1 + distance_share), 0.0, turn / (1 + turn_share)]
+        reported = [way / (1 + distance_share), 0.0, turn / (1 + turn_share)]
         if k == 120:
-            told[0] += slip
-            told[2] += twist
-        odometry = odometry @ planar_to_matrix(np.array(told))
+            reported[0] += slip
+            reported[2] += twist
+        odometry = odometry @ planar_to_matrix(np.array(reported))
         noise = random.normal(size=3) * [0.001, 0.001, 0.0005]
         truth = truth @ planar_to_matrix(np.array([way, 0.0, turn]) + noise)
         nodes.append(Node(k + 1, 0, k * 10**9, odometry, truth))
@@ -59,7 +59,7 @@ def test_a_slip_is_found_where_it_was() -> None:
     assert check.distance_share == pytest.approx(0.01, abs=0.003)
 
 
-def test_how_far_a_turn_is_off_is_told_as_it_is() -> None:
+def test_how_far_a_turn_is_off_is_reported_as_it_is() -> None:
     check = check_wheels(*drive(0.0, 0.0, 0.0, twist=0.06))
     assert check is not None
     assert [slip.stamp_ns for slip in check.slips] == [120 * 10**9]
@@ -67,7 +67,7 @@ def test_how_far_a_turn_is_off_is_told_as_it_is() -> None:
     assert check.scatter_rad == pytest.approx(0.0005, rel=0.5)  # about one axis, not two
 
 
-def test_a_few_images_tell_nothing() -> None:
+def test_a_few_images_indicate_nothing() -> None:
     nodes, seen = drive(0.1, 0.1, 0.0)
     assert check_wheels(nodes, seen[:10]) is None
 
@@ -79,8 +79,8 @@ def test_refused_pairs_and_longer_steps_do_not_count() -> None:
     assert check_wheels(nodes, [*refused, *longer]) is None
 
 
-def told(nodes: list[Node]) -> list[Judged]:
-    """The motions from node to node as wheels told them."""
+def reported(nodes: list[Node]) -> list[Judged]:
+    """The motions from node to node as wheels reported them."""
     kind = ConstraintKind.NEIGHBOUR
     steps = [between(a.odom_from_base, b.odom_from_base) for a, b in pairwise(nodes)]
     return [
@@ -90,13 +90,13 @@ def told(nodes: list[Node]) -> list[Judged]:
 
 def end_of(steps: list[Judged]) -> np.ndarray:
     """Where a path of these steps ends (4, 4)."""
-    return reduce(np.matmul, [c.from_from_to for c in steps])
+    return reduce(np.matmul, [c.i_from_j for c in steps])
 
 
 @pytest.mark.parametrize(("distance", "turn"), [(-0.05, -0.05), (0.0, 0.04), (0.03, 0.0)])
 def test_what_all_motions_share_in_error_is_taken_out(distance: float, turn: float) -> None:
     nodes, seen = drive(distance, turn, 0.0)
-    check, wheels = check_wheels(nodes, seen), told(nodes)
+    check, wheels = check_wheels(nodes, seen), reported(nodes)
     assert check is not None
     assert check.is_far_off
     assert "corrected" in check.lines()[-1]
@@ -109,7 +109,7 @@ def test_what_all_motions_share_in_error_is_taken_out(distance: float, turn: flo
     assert after < min(0.06, 0.3 * before)
 
 
-def test_wheels_off_by_little_or_by_a_slip_are_taken_as_told() -> None:
+def test_wheels_off_by_little_or_by_a_slip_are_taken_as_reported() -> None:
     for shares in ((0.01, -0.01, 0.0), (0.0, 0.0, 0.3)):
         check = check_wheels(*drive(*shares))
         assert check is not None

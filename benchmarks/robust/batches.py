@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from formats.recording import LogWriter
+from formats.recording_files import LogWriter
 from mapmyworld.config.settings import apply_settings
 from mapmyworld.simulation import SimulationSettings, simulate
 

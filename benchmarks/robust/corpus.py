@@ -17,7 +17,7 @@ from mcap.writer import CompressionType, Writer
 
 from cli.main import group
 from formats.logs import open_log
-from formats.recording import LogWriter
+from formats.recording_files import LogWriter
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.simulation import SimulationSettings, simulate
 from mapmyworld.simulation.worlds import find_world
@@ -173,9 +173,11 @@ def _foxglove(path: Path, entries: list[Entry]) -> Path:
             schema = writer.register_schema(f"foxglove.{kind}", "jsonschema", b'{"type": "object"}')
             channels[kind] = writer.register_channel(f"/{kind.lower()}", "json", schema)
         for _, message, time in entries:
-            told = _as_json(message, time)
-            if told is not None:
-                writer.add_message(channels[told[0]], time, json.dumps(told[1]).encode(), time)
+            reported = _as_json(message, time)
+            if reported is not None:
+                writer.add_message(
+                    channels[reported[0]], time, json.dumps(reported[1]).encode(), time
+                )
         writer.finish()
     return path
 
@@ -210,15 +212,17 @@ def _carmen(entries: list[Entry]) -> str:
         seconds = (time - entries[0][2]) * 1e-9
         if isinstance(message, OdometryMessage):
             pose = matrix_to_planar(message.pose)
-            told = " ".join(f"{v:.4f}" for v in pose)
-            lines.append(f"ODOM {told} 0.2 0.1 0 {seconds:.4f} host {seconds:.4f}")
+            reported = " ".join(f"{v:.4f}" for v in pose)
+            lines.append(f"ODOM {reported} 0.2 0.1 0 {seconds:.4f} host {seconds:.4f}")
         elif isinstance(message, LaserScanMessage):
-            told = " ".join(f"{v:.4f}" for v in pose)
+            reported = " ".join(f"{v:.4f}" for v in pose)
             ranges = " ".join(f"{min(float(r), 80.0):.2f}" for r in message.ranges)
             count = len(message.ranges)
-            lines.append(f"FLASER {count} {ranges} {told} {told} {seconds:.4f} host {seconds:.4f}")
             lines.append(
-                f"ROBOTLASER1 0 -1.57 3.14 0.034 30 0.01 0 {count} {ranges} 0 {told} {told} "
+                f"FLASER {count} {ranges} {reported} {reported} {seconds:.4f} host {seconds:.4f}"
+            )
+            lines.append(
+                f"ROBOTLASER1 0 -1.57 3.14 0.034 30 0.01 0 {count} {ranges} 0 {reported} {reported} "
                 f"0.2 0.1 0.3 0.3 0.5 {seconds:.4f} host {seconds:.4f}"
             )
     return "\n".join(lines) + "\n"

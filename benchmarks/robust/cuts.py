@@ -8,7 +8,7 @@ from typing import Literal
 
 from formats.logs import open_log
 from formats.logs.mcap_records import MAGIC, record_head
-from formats.logs.recorded import RecordedLog
+from formats.logs.recorded_log import RecordedLog
 from mapmyworld.errors import LogError
 
 Record = tuple[str, int, bytes]

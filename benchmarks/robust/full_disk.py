@@ -18,7 +18,7 @@ from robust.kills import digests
 from robust.trials import Outcome, end_with_parent, try_command
 
 _SOURCE = Path(__file__).with_name("faulty_disk.c")
-_BESIDE = (".html", ".timing.json")  # which tell of the build itself and need not repeat
+_BESIDE = (".html", ".timing.json")  # which report the build itself and need not repeat
 
 
 @dataclass
@@ -77,9 +77,9 @@ def _one(found: FullDisks, folder: Path, build: list[str], wanted: dict[str, str
     outcome, _ = _in_child([*build, str(path)], folder, k)
     found.tried += 1
     found.exits[str(outcome.exit_code)] = found.exits.get(str(outcome.exit_code), 0) + 1
-    told = outcome.stderr.strip()
-    if outcome.fault or (outcome.exit_code == 2 and "\n" in told) or outcome.exit_code == 0:
-        found.faults.append(f"write {k}: exit {outcome.exit_code}: {outcome.fault or told}")
+    reported = outcome.stderr.strip()
+    if outcome.fault or (outcome.exit_code == 2 and "\n" in reported) or outcome.exit_code == 0:
+        found.faults.append(f"write {k}: exit {outcome.exit_code}: {outcome.fault or reported}")
     if path.exists():
         looked, _ = _in_child(["inspect", "map", str(path)], folder, None)
         if looked.fault or looked.exit_code not in (0, 2):
@@ -104,9 +104,9 @@ def _in_child(arguments: list[str], folder: Path, fails_from: int | None) -> tup
     if child:
         os.close(writing)
         with os.fdopen(reading, "rb") as stream:
-            told = stream.read()
+            reported = stream.read()
         os.waitpid(child, 0)
-        outcome, count = pickle.loads(told) if told else (Outcome(None, "died", "", ""), 0)
+        outcome, count = pickle.loads(reported) if reported else (Outcome(None, "died", "", ""), 0)
         return outcome, count
     try:
         end_with_parent()

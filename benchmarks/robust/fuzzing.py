@@ -46,7 +46,7 @@ class Tally:
     peak_mb: float = 0.0
     cpu_s: float = 0.0
     slowest_s: float = 0.0
-    told: int = 0
+    reported: int = 0
     """Faults shown to the user so far."""
 
     def add(self, case: Case, exit_code: int | None, fault: str, mb: float, cpu: float) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 
 from robust.trials import end_with_parent, try_command
 
-_WAIT_S = 120.0  # wall time in which a build ends that was told to, on a busy machine too
+_WAIT_S = 120.0  # wall time in which a build ends that was reported to, on a busy machine too
 PRODUCTS = (".db", ".pgm", ".yaml", ".tum", ".ply")
 
 
@@ -89,8 +89,8 @@ def _kill_one(
         os.kill(child, signal.SIGKILL)
     _wait(child)
     found.kills += 1
-    told = path.with_suffix(".json")
-    found.late += told.exists() and bool(told.read_text())
+    reported = path.with_suffix(".json")
+    found.late += reported.exists() and bool(reported.read_text())
     if path.exists() and path.stat().st_size:
         looked = try_command(["inspect", "map", str(path)])
         if looked.exit_code not in (0, 2) or looked.fault:

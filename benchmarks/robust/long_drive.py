@@ -17,8 +17,8 @@ from cli.memory import resident_mb
 from cli.progress import StderrProgress
 from formats.logs import open_log
 from formats.logs.channels import Channel
-from formats.logs.recorded import RecordedLog
-from formats.recording import LogWriter
+from formats.logs.recorded_log import RecordedLog
+from formats.recording_files import LogWriter
 from formats.recording_sinks import Handle, McapSink
 from mapmyworld.simulation import SimulationSettings, simulate
 from mapmyworld.simulation.worlds import find_world
@@ -163,10 +163,10 @@ def build_drive(path: Path, options: list[str]) -> dict[str, object]:
         [*command, "-o", str(path.with_suffix(".db")), "--overwrite", *options],
         capture_output=True, text=True, check=False, cwd=Path(__file__).parent.parent,
     )  # fmt: skip
-    told, _, course = done.stdout.strip().rpartition("\n")
+    reported, _, course = done.stdout.strip().rpartition("\n")
     if done.returncode or json.loads(course)["exit"] not in (0, 3):
         raise SystemExit(done.stderr)
-    summary = json.loads(told)
+    summary = json.loads(reported)
     return {
         "gigabytes": path.stat().st_size / 1e9,
         "duration_s": summary["duration_s"],

@@ -89,8 +89,8 @@ def _other_bytes(value: bytes, rng: Rng) -> bytes:
         return mutated(value, (int(rng.integers(1 << 31)),))
     if rng.random() < 0.5 and len(held) >= 8:  # a number where one stood
         place = 8 * int(rng.integers(len(held) // 8))
-        told = struct.pack("<d", _FLOATS[int(rng.integers(len(_FLOATS)))])
-        held = held[:place] + told + held[place + 8 :]
+        reported = struct.pack("<d", _FLOATS[int(rng.integers(len(_FLOATS)))])
+        held = held[:place] + reported + held[place + 8 :]
     else:
         held = mutated(held, (int(rng.integers(1 << 31)),))
     return zlib.compress(held) + decoder.unused_data
@@ -113,14 +113,14 @@ def _number(data: bytearray, rng: Rng) -> bytearray:
     if rng.random() < 0.5:
         width = int(rng.choice([1, 2, 4, 8]))
         value = _INTEGERS[int(rng.integers(len(_INTEGERS)))]
-        told = (value & ((1 << 8 * width) - 1)).to_bytes(width, "little")
+        reported = (value & ((1 << 8 * width) - 1)).to_bytes(width, "little")
     else:
         kind = "<f" if rng.random() < 0.5 else "<d"
         with np.errstate(over="ignore"):
             value = float(np.float32(_FLOATS[int(rng.integers(len(_FLOATS)))]))
-        told = struct.pack(kind, value)
-    place = int(rng.integers(max(len(data) - len(told), 1)))
-    data[place : place + len(told)] = told
+        reported = struct.pack(kind, value)
+    place = int(rng.integers(max(len(data) - len(reported), 1)))
+    data[place : place + len(reported)] = reported
     return data
 
 

@@ -124,22 +124,22 @@ def _one(
     found: Ends, place: Place, words: list[str], end: tuple[float, signal.Signals] | None
 ) -> None:
     process = _started(words, place)
-    told, what = "", " ".join(words[:2])
+    reported, what = "", " ".join(words[:2])
     if end is not None:
         what += f" {end[1].name} after {end[0]:.2f} s"
         _wait_until(process, end[0], by_wall=words[0] == "batch")
         process.send_signal(end[1])
     started = time.monotonic()
     try:
-        _, told = process.communicate(timeout=_WAIT_S)
+        _, reported = process.communicate(timeout=_WAIT_S)
     except subprocess.TimeoutExpired:
         found.faults.append(f"{what}: hangs\n{_stacks(process.pid)}")
         os.killpg(process.pid, signal.SIGKILL)
-        _, told = process.communicate()
+        _, reported = process.communicate()
     found.trials += 1
     found.exits[process.returncode] += 1
     found.slowest_s = max(found.slowest_s, time.monotonic() - started)
-    fault = _fault(process.returncode, told, place, end and end[1])
+    fault = _fault(process.returncode, reported, place, end and end[1])
     found.faults += [f"{what}: {fault}"] if fault else []
     _emptied(place.out)
 
@@ -167,17 +167,17 @@ def _started(words: list[str], place: Place) -> subprocess.Popen[str]:
     )
 
 
-def _fault(code: int, told: str, place: Place, how: signal.Signals | None) -> str:
+def _fault(code: int, reported: str, place: Place, how: signal.Signals | None) -> str:
     """What is wrong with the way it ended; empty when all is well."""
-    if told and "/cli/" not in told and "mapmyworld" not in told:
+    if reported and "/cli/" not in reported and "mapmyworld" not in reported:
         return ""  # Python itself was not yet up
     ended = {0, 2, 3} if how is None else {0, 3, _INTERRUPTED, -how}
     if code not in ended:
-        return f"exit code {code}: {told[-600:]}"
-    if "Traceback" in told or "Exception ignored" in told:
-        return f"traceback: {told[-1500:]}"
-    if code in (2, _INTERRUPTED) and len(told.strip().splitlines()) != 1:
-        return f"not one line: {told[-600:]}"
+        return f"exit code {code}: {reported[-600:]}"
+    if "Traceback" in reported or "Exception ignored" in reported:
+        return f"traceback: {reported[-1500:]}"
+    if code in (2, _INTERRUPTED) and len(reported.strip().splitlines()) != 1:
+        return f"not one line: {reported[-600:]}"
     if how is signal.SIGTERM:
         return ""  # the default: it has no time to clear up
     left = [path.name for path in (place.folder / "tmp").iterdir()]
@@ -207,7 +207,7 @@ def _stacks(process: int) -> str:
 
 
 def end_all(log: Path, count: int, seed: int, only: str) -> list[str]:
-    """Every command by Ctrl-C and by SIGTERM, builds by the limit too; lines that tell."""
+    """Every command by Ctrl-C and by SIGTERM, builds by the limit too; lines that indicate."""
     lines = []
     with tempfile.TemporaryDirectory(prefix="signals-") as name:
         place = make_place(log, Path(name))
@@ -215,12 +215,12 @@ def end_all(log: Path, count: int, seed: int, only: str) -> list[str]:
         kinds: list[tuple[str, signal.Signals | None]] = [*itertools.product(COMMANDS, signals)]
         kinds += [(c, None) for c in ("build", "fastslam")]
         for command, how in kinds:
-            told = f"{command} {how.name if how else '--max-memory'}"
-            if only not in told:
+            reported = f"{command} {how.name if how else '--max-memory'}"
+            if only not in reported:
                 continue
             found = end_commands(place, command, how, count, seed)
             exits = ", ".join(f"{n} x {code}" for code, n in sorted(found.exits.items()))
-            line = f"{told}: {found.trials} ended ({exits}), slowest {found.slowest_s:.1f} s"
+            line = f"{reported}: {found.trials} ended ({exits}), slowest {found.slowest_s:.1f} s"
             lines += [line, *(f"  {fault}" for fault in found.faults)]
             print("\n".join(lines[-1 - len(found.faults) :]), flush=True)
     return lines

@@ -39,10 +39,10 @@ def run_command(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
 def _run(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
     process = _start([sys.executable, "-m", "cli.main", *arguments])
     try:
-        out, told = process.communicate()
+        out, reported = process.communicate()
     finally:
         _running.discard(process)
-    return subprocess.CompletedProcess(arguments, process.returncode, out, told)
+    return subprocess.CompletedProcess(arguments, process.returncode, out, reported)
 
 
 def _start(command: Sequence[str]) -> subprocess.Popen[str]:
@@ -82,5 +82,5 @@ def end_commands() -> None:
 
 def why(done: subprocess.CompletedProcess[str]) -> str:
     """What a command that did not end well said of it."""
-    told = done.stderr.strip().removeprefix("mapmyworld: ")
-    return told or f"exit code {done.returncode} without a word"
+    reported = done.stderr.strip().removeprefix("mapmyworld: ")
+    return reported or f"exit code {done.returncode} without a word"

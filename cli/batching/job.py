@@ -14,7 +14,7 @@ from typing import Any, Literal
 import mapmyworld
 from cli.batching.commands import run_command, why
 from cli.batching.manifest import Job
-from cli.batching.places import delivered, fetched, is_url, mark_of, read_text
+from cli.batching.urls import delivered, fetched, is_url, mark_of, read_text
 from cli.exit_codes import EXIT_BAD_INPUT
 from cli.repeating import REPEATED
 from formats.whole_files import write_whole

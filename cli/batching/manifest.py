@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cli.batching.places import is_url
+from cli.batching.urls import is_url
 from cli.gates import read_requirements
 from formats.nested_text import read_toml
 from mapmyworld.config import Config
@@ -59,7 +59,7 @@ def read_manifest(path: Path) -> tuple[Job, ...]:
 
 def jobs_of_folder(folder: Path) -> tuple[Job, ...]:
     """A job for each log in a folder; raises `ConfigError` where there is none."""
-    from formats.logs.opening import logs_in
+    from formats.logs.opening_logs import logs_in
 
     logs = logs_in(folder)
     if not logs:

@@ -34,8 +34,8 @@ def as_text(results: Sequence[Result]) -> str:
     for result in results:
         lines.append(f"{_verdict(result):<9}{result.name:<{width}}  {_figures(result)}".rstrip())
         lines += [f"{'':9}- {line}" for line in _faults(result)]
-    told = ", ".join(f"{count} {name}" for name, count in _counts(results).items())
-    return "\n".join([*lines, told]) + "\n"
+    reported = ", ".join(f"{count} {name}" for name, count in _counts(results).items())
+    return "\n".join([*lines, reported]) + "\n"
 
 
 def as_junit(results: Sequence[Result]) -> str:
@@ -44,13 +44,13 @@ def as_junit(results: Sequence[Result]) -> str:
 
 
 def _case(result: Result) -> Case:
-    told = "\n".join(_faults(result))
+    reported = "\n".join(_faults(result))
     if result.status == "failed":
         first = result.message.splitlines()[0] if result.message else "no map"
-        return Case(result.name, "error", first, told)
+        return Case(result.name, "error", first, reported)
     if not result.passed:
-        return Case(result.name, "failure", "requirements not met", told)
-    return Case(result.name, "passed", told=told)
+        return Case(result.name, "failure", "requirements not met", reported)
+    return Case(result.name, "passed", reported=reported)
 
 
 def as_html(results: Sequence[Result]) -> str:
@@ -58,8 +58,8 @@ def as_html(results: Sequence[Result]) -> str:
     from formats.report.page import Page, table
 
     counts = _counts(results)
-    told = ", ".join(f"{count} {name}" for name, count in counts.items())
-    page = Page("mapmyworld batch", told)
+    reported = ", ".join(f"{count} {name}" for name, count in counts.items())
+    page = Page("mapmyworld batch", reported)
     rows = [
         (result.name, _verdict(result), _figures(result), "; ".join(_faults(result)))
         for result in results
@@ -105,5 +105,5 @@ def _faults(result: Result) -> list[str]:
         for check in result.checks
         if not check["passed"]
     ]
-    told = result.message.splitlines() if result.message else []
-    return [*told, *unmet, *result.figures.get("losses", [])]
+    reported = result.message.splitlines() if result.message else []
+    return [*reported, *unmet, *result.figures.get("losses", [])]

@@ -64,5 +64,5 @@ def check_lengths(db: Connection, what: str, *arrays: NDArray[Any] | None) -> No
     """Raises `MapError` unless these arrays, as far as they are there, have as many rows."""
     lengths = {len(array) for array in arrays if array is not None}
     if len(lengths) > 1:
-        told = ", ".join(map(str, sorted(lengths)))
-        raise MapError(f"{db.path}: {what}: damaged arrays (of {told} rows)")
+        reported = ", ".join(map(str, sorted(lengths)))
+        raise MapError(f"{db.path}: {what}: damaged arrays (of {reported} rows)")

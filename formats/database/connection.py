@@ -110,7 +110,7 @@ class Connection:
                 yield some
 
     def run(self, sql: str, parameters: Sequence[Any] = ()) -> None:
-        """One statement; `MapError` tells of a file that cannot be written."""
+        """One statement; `MapError` reports a file that cannot be written."""
         with self._ready():
             self._sqlite.execute(sql, parameters)
 
@@ -178,7 +178,7 @@ class Connection:
                     f"{self.path}: was moved or removed while it was written: give the same "
                     "command again"
                 ) from error
-            raise MapError(f"{self.path}: {_remedy(str(error))}") from error
+            raise MapError(f"{self.path}: {_suggestion(str(error))}") from error
 
 
 def uri_of(path: Path) -> str:
@@ -186,7 +186,7 @@ def uri_of(path: Path) -> str:
     return f"file:{quote(os.fsencode(path.absolute()))}"
 
 
-def _remedy(message: str) -> str:
+def _suggestion(message: str) -> str:
     """What SQLite says, and what to do about it."""
     if "locked" in message:
         return "is in use by another program: close it there and try again"

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.database import pictures
+from formats.database import image_blobs
 from formats.database.blobs import FAST, blob_to_matrix, matrix_to_blob
 from formats.database.calibration import (
     blob_to_cameras,
@@ -24,7 +24,7 @@ from formats.database.calibration import (
 from formats.database.cells import local_cells
 from formats.database.depth_cells import depth_cells
 from formats.database.node_rows import StorageOptions
-from formats.database.scans import cloud_to_columns, columns_to_observation, scans_to_columns
+from formats.database.scan_blobs import cloud_to_columns, columns_to_observation, scans_to_columns
 from formats.nested_text import json_from_text
 from formats.picture_files import is_16_bit_png
 from mapmyworld.errors import MapError
@@ -79,10 +79,10 @@ def _colour_blob(colours: list[ImageMessage | None], options: StorageOptions) ->
     there = [colour for colour in colours if colour is not None]
     if not there:
         return None
-    if len(colours) == 1 and (there[0].encoded or b"").startswith(pictures.JPEG_MAGIC):
+    if len(colours) == 1 and (there[0].encoded or b"").startswith(image_blobs.JPEG_MAGIC):
         return there[0].encoded
     joined = _side_by_side([None if c is None else c.pixels() for c in colours], "colour images")
-    return pictures.encode_picture(joined, options.image_codec, options.image_quality)
+    return image_blobs.encode_picture(joined, options.image_codec, options.image_quality)
 
 
 def _depth_blob(depths: list[ImageMessage | None], options: StorageOptions) -> bytes | None:
@@ -92,7 +92,7 @@ def _depth_blob(depths: list[ImageMessage | None], options: StorageOptions) -> b
     if len(depths) == 1 and options.depth_codec != "float" and _is_millimetres(there[0]):
         return there[0].encoded
     joined = _side_by_side([None if d is None else d.pixels() for d in depths], "depth images")
-    return pictures.encode_depth(joined, options.depth_codec)
+    return image_blobs.encode_depth(joined, options.depth_codec)
 
 
 def _is_millimetres(depth: ImageMessage) -> bool:
@@ -169,8 +169,8 @@ def _images(
 ) -> tuple[RgbdImage, ...]:
     """One a camera; without a calibration there is nothing that the pixels could mean."""
     count = len(cameras)
-    colours = _strips(image, count, stamps, f"{what}'s image", pictures.decode_picture, "rgb8")
-    depths = _strips(depth, count, stamps, f"{what}'s depth", pictures.decode_depth, "32FC1")
+    colours = _strips(image, count, stamps, f"{what}'s image", image_blobs.decode_picture, "rgb8")
+    depths = _strips(depth, count, stamps, f"{what}'s depth", image_blobs.decode_depth, "32FC1")
     return tuple(
         RgbdImage(camera, colour, deep)
         for camera, colour, deep in zip(cameras, colours, depths, strict=True)
@@ -189,7 +189,7 @@ def _stereo_images(
     found = _images(image, None, cameras, stamps, what)
     scales = stereo_scales(calibration, f"{what}'s calibration")
     rights = _strips(
-        right, len(cameras), stamps, f"{what}'s right image", pictures.decode_picture, "rgb8"
+        right, len(cameras), stamps, f"{what}'s right image", image_blobs.decode_picture, "rgb8"
     )
     return tuple(
         RgbdImage(left.camera, left.colour, _stereo_depth(left.colour, other, scale, what))
@@ -223,8 +223,8 @@ def _strips(
     """The images of `count` cameras in one file, decoded when asked for."""
     if data is None or len(data) <= 4 or count == 0:
         return [None] * count
-    width, height = pictures.image_size(data, what)
-    if encoding == "rgb8" and pictures.is_grey(data, what):
+    width, height = image_blobs.image_size(data, what)
+    if encoding == "rgb8" and image_blobs.is_grey(data, what):
         encoding = "mono8"
     strip = width // count
     # What one camera asks for is at hand for the others.

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.database import features as feature_rows
+from formats.database import feature_rows
 from formats.database import foreign_graph as graph
 from formats.database.blobs import blob_to_matrix, blob_to_pose, blobs_to_poses
 from formats.database.connection import Connection
+from formats.database.environment_rows import blob_to_gps, blob_to_readings, nanoseconds
 from formats.database.frame_rows import nodes_as_frames
 from formats.database.opened import Opened
 from formats.database.read_only import ReadOnly
 from formats.database.results import text_to_parameters
-from formats.database.surroundings import blob_to_gps, blob_to_readings, nanoseconds
 from mapmyworld.errors import MapError
 from mapmyworld.types import (
     Judged,

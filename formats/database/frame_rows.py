@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from formats.database.arrays import check_lengths, read_array, write_array
 from formats.database.connection import Connection
-from formats.database.scans import blob_to_scan
+from formats.database.scan_blobs import blob_to_scan
 from mapmyworld.types import Node, Scan, TrackedFrames
 
 INSERT_SCAN = "INSERT OR REPLACE INTO mapmyworld_scans VALUES (?,?)"

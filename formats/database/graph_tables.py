@@ -7,8 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from formats.database import features as feature_rows
-from formats.database import links
+from formats.database import feature_rows, links
 from formats.database.connection import Connection
 from formats.database.transactions import Transactions
 from mapmyworld.types import Judged, Verdict
@@ -39,7 +38,7 @@ class GraphTables(Transactions):
             [(number, verdict) for number, c in made.items() for verdict in c.verdicts]
         )
         self._db.later(links.INSERT_LINK, constraints, links.link_rows)
-        self._settle()
+        self._commit()
 
     def judge(self, constraints: Sequence[Judged]) -> None:
         self._begin()
@@ -56,7 +55,7 @@ class GraphTables(Transactions):
         self.add_constraints(constraints[len(known) :])
         self._rewrite_links()
         self._solved_anew = True
-        self._settle()
+        self._commit()
 
     def constraints(self) -> tuple[Judged, ...]:
         return tuple(self._in_force().values())
@@ -92,7 +91,7 @@ class GraphTables(Transactions):
         self._db.run("DELETE FROM Word")
         self._db.run_many(feature_rows.INSERT_WORD, feature_rows.word_rows(words))
         self._db.run("UPDATE Info SET dictionary_size = ?", (len(words),))
-        self._settle()
+        self._commit()
 
     def words(self) -> dict[int, NDArray[Any]]:
         return feature_rows.read_words(self._db)

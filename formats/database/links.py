@@ -22,7 +22,7 @@ INSERT_LINK = (
     "INSERT INTO Link (from_id, to_id, type, information_matrix, transform) VALUES (?,?,?,?,?)"
 )
 INSERT_CONSTRAINT = (
-    "INSERT INTO mapmyworld_constraints (id, rank, from_id, to_id, kind, from_from_to, information,"
+    "INSERT INTO mapmyworld_constraints (id, rank, from_id, to_id, kind, i_from_j, information,"
     " source, figures) VALUES (?,?,?,?,?,?,?,?,?)"
 )
 INSERT_VERDICT = (
@@ -30,7 +30,7 @@ INSERT_VERDICT = (
     " VALUES (?,?,?,?,?,?,?)"
 )
 SELECT_CONSTRAINTS = (
-    "SELECT from_id, to_id, kind, from_from_to, information, source, figures, id"
+    "SELECT from_id, to_id, kind, i_from_j, information, source, figures, id"
     " FROM mapmyworld_constraints ORDER BY id"
 )
 SELECT_VERDICTS = (
@@ -45,7 +45,7 @@ LINK_TYPES = {
     ConstraintKind.LANDMARK: 8,
 }
 _VIRTUAL = 5  # RTAB-Map's "virtual closure": any other relative pose
-# Those of RTAB-Map which are relative poses between nodes, told apart as far as ours are:
+# Those of RTAB-Map which are relative poses between nodes, distinguished as far as ours are:
 # closures in time are proximity, merged neighbours are neighbours.
 KINDS = {number: kind for kind, number in LINK_TYPES.items()} | {
     3: ConstraintKind.PROXIMITY,
@@ -61,10 +61,10 @@ _TYPES: Mapping[str, Any] = {"float": int | float, "int": int, "bool": bool, "st
 def link_rows(constraints: Iterable[Judged]) -> Iterator[Row]:
     """RTAB-Map's links of the accepted constraints, both directions where it keeps both."""
     accepted = [c for c in constraints if c.accepted]
-    backwards = invert(np.array([c.from_from_to for c in accepted]).reshape(-1, 4, 4))
+    backwards = invert(np.array([c.i_from_j for c in accepted]).reshape(-1, 4, 4))
     for c, to_from_from in zip(accepted, backwards, strict=True):
         kind, information = LINK_TYPES.get(c.kind, _VIRTUAL), information_to_blob(c.information)
-        yield (c.from_id, c.to_id, kind, information, pose_to_blob(c.from_from_to))
+        yield (c.from_id, c.to_id, kind, information, pose_to_blob(c.i_from_j))
         if c.kind not in _ONE_WAY:
             # RTAB-Map keeps the information of the forward link for the backward one.
             yield (c.to_id, c.from_id, kind, information, pose_to_blob(to_from_from))
@@ -79,7 +79,7 @@ def constraint_rows(numbered: Iterable[tuple[int, int, Constraint]]) -> Iterator
             c.from_id,
             c.to_id,
             str(c.kind),
-            np.asarray(c.from_from_to, "<f8").tobytes(),
+            np.asarray(c.i_from_j, "<f8").tobytes(),
             np.asarray(c.information, "<f8").tobytes(),
             type(c.source).__name__,
             json.dumps(asdict(c.source)),

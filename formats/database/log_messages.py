@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.database.sweeps import message_from_scan
+from formats.database.sweep_messages import message_from_scan
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.types import (
     CameraInfoMessage,
@@ -56,7 +56,7 @@ class Moment:
 def messages_at(
     moment: Moment, data: NodeData, mounts: dict[str, NDArray[np.float64]]
 ) -> Iterator[RawMessage]:
-    """Everything of one moment; `mounts` remembers which sensors' places were told already."""
+    """Everything of one moment; `mounts` remembers which sensors' places were reported already."""
     fresh = {name: at for name, at in _mounts(data).items() if name not in mounts}
     if fresh:
         mounts |= fresh
@@ -65,7 +65,7 @@ def messages_at(
     if moment.is_node and moment.node.ground_truth is not None:
         yield _raw("/ground_truth", MessageKind.POSE, moment, lambda: _truth(moment))
     if moment.is_node:
-        yield from _surroundings(moment)
+        yield from _environment(moment)
     for number, image in enumerate(data.images):
         yield from _camera_messages(moment, number, image)
     scan, cloud = data.scan, data.cloud
@@ -120,7 +120,7 @@ def _truth(moment: Moment) -> PoseMessage:
     return PoseMessage(moment.stamp_ns, "world", truth, np.zeros((6, 6)))
 
 
-def _surroundings(moment: Moment) -> Iterator[RawMessage]:
+def _environment(moment: Moment) -> Iterator[RawMessage]:
     """The fix and the readings that the node keeps."""
     fix = moment.node.gps
     if fix is not None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from formats.database.foreign import RtabmapStore
 from formats.database.log_messages import TYPES, Moment, messages_at
-from formats.database.opening import open_store
+from formats.database.opening_maps import open_store
 from formats.database.store import DatabaseStore
 from formats.logs.files import hash_files
 from mapmyworld.errors import LogError, MapError
@@ -76,7 +76,7 @@ class DatabaseLog:
                 return
 
     def _count(self, raw: RawMessage) -> int:
-        """How many of its topic there are, where the tables tell without reading blobs."""
+        """How many of its topic there are, where the tables indicate without reading blobs."""
         if raw.kind is MessageKind.TRANSFORMS:
             return 1
         if raw.kind is MessageKind.ODOMETRY:

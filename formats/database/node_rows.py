@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.database.blobs import doubles, matrix_to_blob, pose_to_blob, stacked_doubles
-from formats.database.scans import scan_without_points
-from formats.database.surroundings import (
+from formats.database.environment_rows import (
     blob_to_gps,
     blob_to_readings,
     gps_to_blob,
     readings_to_blob,
 )
+from formats.database.scan_blobs import scan_without_points
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_to_roll_pitch_yaw

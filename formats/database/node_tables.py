@@ -8,12 +8,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.database import features as feature_rows
-from formats.database import frame_rows
+from formats.database import feature_rows, frame_rows
 from formats.database import node_rows as rows
 from formats.database.connection import Connection
 from formats.database.node_rows import StorageOptions
-from formats.database.scans import scan_to_blob
+from formats.database.scan_blobs import scan_to_blob
 from formats.database.transactions import Transactions
 from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
@@ -58,7 +57,7 @@ class NodeTables(Transactions):
             for statement, written in self._feature_statements(node.id, data.features):
                 self._db.run_many(statement, written)
         self._previous[node.session] = node
-        self._settle("nodes")
+        self._commit("nodes")
 
     def nodes(self) -> tuple[Node, ...]:
         if self._nodes is None:
@@ -97,7 +96,7 @@ class NodeTables(Transactions):
         self._db.run("DELETE FROM Feature WHERE node_id = ?", (node_id,))
         for statement, written in self._feature_statements(node_id, features):
             self._db.run_many(statement, written)
-        self._settle()
+        self._commit()
 
     def _feature_statements(
         self, node_id: int, features: Features
@@ -112,7 +111,7 @@ class NodeTables(Transactions):
         """The scan of the tracked frame with this index."""
         self._begin()
         self._db.later(frame_rows.INSERT_SCAN, [(frame, scan_to_blob(scan))])
-        self._settle("scans")
+        self._commit("scans")
 
     def scans(self, frames: Sequence[int] | NDArray[np.int64]) -> Iterator[tuple[int, Scan]]:
         yield from frame_rows.read_scans(self._db, frames)
@@ -124,7 +123,7 @@ class NodeTables(Transactions):
     def set_tracked_frames(self, frames: TrackedFrames) -> None:
         self._begin()
         frame_rows.write_frames(self._db, self._current_rank(), frames)
-        self._settle()
+        self._commit()
 
     def tracked_frames(self) -> TrackedFrames:
         return frame_rows.read_frames(self._db) or frame_rows.nodes_as_frames(self.nodes())

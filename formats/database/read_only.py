@@ -26,7 +26,7 @@ from mapmyworld.types import (
 
 
 class ReadOnly:
-    """Refuses every change, with the remedy."""
+    """Refuses every change, with the suggestion."""
 
     path: Path
 

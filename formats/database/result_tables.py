@@ -27,7 +27,7 @@ class ResultTables(Transactions):
         self._write("poses covariances", poses.covariances)
         results.write_poses(self._db, poses)
         self._solved_anew = True
-        self._settle()
+        self._commit()
 
     def poses(self) -> Poses | None:
         ids = self._read("poses ids", "i", (-1,))
@@ -41,7 +41,7 @@ class ResultTables(Transactions):
     def set_frame_poses(self, map_from_frame: NDArray[np.float64]) -> None:
         self._begin()
         self._write("frame poses", map_from_frame)
-        self._settle()
+        self._commit()
 
     def frame_poses(self) -> NDArray[np.float64] | None:
         return self._motions("frame poses")
@@ -60,7 +60,7 @@ class ResultTables(Transactions):
         figures = [grid.resolution, *grid.origin, grid.occupied_threshold, grid.free_threshold]
         self._write("grid figures", np.array(figures, np.float64))
         results.write_grid(self._db, grid)
-        self._settle()
+        self._commit()
 
     def grid(self) -> OccupancyGrid | None:
         log_odds = self._read("grid log_odds", "f", (-1, -1))
@@ -76,7 +76,7 @@ class ResultTables(Transactions):
         """Adds to how the map was made, in RTAB-Map's parameter names."""
         self._begin()
         results.write_parameters(self._db, parameters)
-        self._settle()
+        self._commit()
 
     def parameters(self) -> dict[str, str]:
         """How the map was made, in RTAB-Map's parameter names."""
@@ -86,10 +86,10 @@ class ResultTables(Transactions):
         """The cloud that RTAB-Map's viewer shows of the map as a whole."""
         self._begin()
         results.write_cloud(self._db, cloud)
-        self._settle()
+        self._commit()
 
     def set_mesh(self, mesh: Mesh) -> None:
         """The mesh that RTAB-Map's viewer shows of the map as a whole."""
         self._begin()
         results.write_mesh(self._db, mesh)
-        self._settle()
+        self._commit()

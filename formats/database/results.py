@@ -37,7 +37,7 @@ def write_poses(db: Connection, poses: Poses) -> None:
 
 def write_grid(db: Connection, grid: OccupancyGrid) -> None:
     """`opt_map` and a picture of it for file managers."""
-    from formats.database.pictures import encode_picture
+    from formats.database.image_blobs import encode_picture
 
     cells = grid.trinary()
     corner = [float(value) for value in grid.origin]
@@ -124,7 +124,7 @@ def write_parameters(db: Connection, parameters: Mapping[str, str]) -> None:
 
 
 def sensor_parameters(db: Connection) -> dict[str, str]:
-    """What the nodes' data say of the sensors: laser or camera, planar or not, lens or none."""
+    """What the nodes' data report about the sensors: laser or camera, planar or not, lens or none."""
     (scans,) = db.row("SELECT EXISTS (SELECT 1 FROM Data WHERE scan IS NOT NULL)")
     poses = db.rows("SELECT tracked_from_base FROM mapmyworld_nodes")
     motion = np.array([np.frombuffer(blob, "<f8") for (blob,) in poses]).reshape(-1, 4, 4)

@@ -60,7 +60,7 @@ _OWN_TABLES: Mapping[str, str] = {
     "mapmyworld_scans": "frame INTEGER PRIMARY KEY, scan BLOB NOT NULL",
     "mapmyworld_constraints": "id INTEGER PRIMARY KEY, rank INTEGER NOT NULL,"
     " from_id INTEGER NOT NULL, to_id INTEGER NOT NULL, kind TEXT NOT NULL,"
-    " from_from_to BLOB NOT NULL, information BLOB NOT NULL, source TEXT NOT NULL,"
+    " i_from_j BLOB NOT NULL, information BLOB NOT NULL, source TEXT NOT NULL,"
     " figures TEXT NOT NULL",
     # Of several verdicts on a constraint the last one counts.
     "mapmyworld_verdicts": "id INTEGER PRIMARY KEY, constraint_id INTEGER NOT NULL,"

@@ -12,7 +12,7 @@ _BLOCK = 5  # pixels a side of what is compared
 _SPAN = 16  # the widest disparity searched is a multiple of this
 _SHARE = 0.15  # of the image's width: the widest disparity, for things near the camera
 _SMOOTH, _JUMP = 8 * _BLOCK * _BLOCK, 32 * _BLOCK * _BLOCK  # prices of small and large steps
-_FRACTION = 16.0  # parts of a pixel in which disparities are told
+_FRACTION = 16.0  # parts of a pixel in which disparities are reported
 
 
 def depth_from_pair(

@@ -13,10 +13,10 @@ from formats.database.arrays import check_lengths
 from formats.database.connection import Connection
 from formats.database.graph_tables import GraphTables
 from formats.database.node_rows import StorageOptions
+from formats.database.node_statistics import INSERT_STATISTICS, statistics_rows
 from formats.database.node_tables import NodeTables
 from formats.database.result_tables import ResultTables
-from formats.database.stages import clear_from, rank_of
-from formats.database.statistics import INSERT_STATISTICS, statistics_rows
+from formats.database.stage_tables import clear_from, rank_of
 from mapmyworld.types.seams import STAGE_RANKS
 
 
@@ -65,7 +65,7 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
         try:
             yield
             self._begin()
-            self._tell_rtabmap(rank)
+            self._note_for_rtabmap(rank)
             self._compact = True
             record = "INSERT OR REPLACE INTO mapmyworld_stages VALUES (?,?,?)"
             self._db.run(record, (stage, rank, inputs))
@@ -73,7 +73,7 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
             self._rank = None
             self._db.commit()
 
-    def _tell_rtabmap(self, rank: int) -> None:
+    def _note_for_rtabmap(self, rank: int) -> None:
         """At the end of a stage, what follows from it under RTAB-Map's names."""
         if rank == STAGE_RANKS["track"]:
             results.write_parameters(self._db, results.sensor_parameters(self._db))

@@ -45,12 +45,12 @@ class Transactions(Opened):
         self._begin()
         if self._rank is None and [known for known, _ in found] == [rank]:
             self._db.run("UPDATE mapmyworld_keys SET value = ? WHERE key = ?", (text, key))
-            self._settle()  # the row stays where it is, as if nothing else had stood there
+            self._commit()  # the row stays where it is, as if nothing else had stood there
             return
         if self._rank is None:
             self._db.run("DELETE FROM mapmyworld_keys WHERE key = ?", (key,))
         self._db.run("INSERT OR REPLACE INTO mapmyworld_keys VALUES (?,?,?)", (key, rank, text))
-        self._settle()
+        self._commit()
 
     def _write(self, name: str, array: NDArray[Any] | None) -> None:
         write_array(self._db, name, self._current_rank(), array)
@@ -70,7 +70,7 @@ class Transactions(Opened):
             raise MapError(f"{self.path}: was opened for reading only")
         self._db.begin()
 
-    def _settle(self, written: str = "") -> None:
+    def _commit(self, written: str = "") -> None:
         """Commits: outside a stage at once, inside one a batch at a time."""
         if written:
             self._uncommitted[written] += 1

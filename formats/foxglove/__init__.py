@@ -1,5 +1,5 @@
 """Maps as Foxglove shows them."""
 
-from formats.foxglove.export import FoxgloveMap, write_foxglove
+from formats.foxglove.map_file import FoxgloveMap, write_foxglove
 
 __all__ = ["FoxgloveMap", "write_foxglove"]

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.converting import Copier
-from formats.foxglove import messages as fox
-from formats.foxglove.export import MAP, Event, FoxgloveMap, map_events, write_layout
+from formats.foxglove import foxglove_messages as fox
+from formats.foxglove.map_file import MAP, Event, FoxgloveMap, map_events, write_layout
 from formats.foxglove.sink import FoxgloveSink
-from formats.recording import LogWriter
+from formats.recording_files import LogWriter
 from formats.recording_sinks import McapSink
 from mapmyworld.errors import LogError
 from mapmyworld.types import (
@@ -40,12 +40,12 @@ class _Frames:
 
     odom: str
     base: str
-    told: bool
+    reported: bool
     """Whether the log's tf leads from odom to base."""
     behind_ns: int
     """Log time less header stamp, at least."""
     first: Mapping[str, TransformStamped]
-    """Frame -> the first that the log's tf says of it; it is told from the log's start on."""
+    """Frame -> the first that the log's tf indicates about it; it is reported from the log's start on."""
 
 
 def write_replay(
@@ -106,7 +106,7 @@ def _links(
     if odom_from_base is None:
         return [(MAP, frames.base, pose)]
     links = [(MAP, frames.odom, pose @ np.linalg.inv(odom_from_base[k]))]
-    return links if frames.told else [*links, (frames.odom, frames.base, odom_from_base[k])]
+    return links if frames.reported else [*links, (frames.odom, frames.base, odom_from_base[k])]
 
 
 def _frames_of(log: LogSource, base: str) -> _Frames:

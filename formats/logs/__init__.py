@@ -1,5 +1,5 @@
 """Recorded logs of every kind behind one function: open_log."""
 
-from formats.logs.opening import open_log
+from formats.logs.opening_logs import open_log
 
 __all__ = ["open_log"]

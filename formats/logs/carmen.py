@@ -22,7 +22,7 @@ from formats.logs.carmen_records import (
 from formats.logs.carmen_survey import Survey, survey_lines
 from formats.logs.files import UnpackedFile, hash_files
 from formats.logs.poses import planar_pose
-from formats.logs.stamps import stamp_from_text
+from formats.logs.text_stamps import stamp_from_text
 from mapmyworld.errors import LogError
 from mapmyworld.types import (
     LogInfo,

@@ -20,14 +20,14 @@ _MAX_BEAMS = 100_000  # more in one line is damage, not a lidar
 FRONT_LASERS = (b"FLASER", b"ROBOTLASER1", b"RAWLASER1")
 REAR_LASERS = (b"RLASER", b"ROBOTLASER2", b"RAWLASER2")
 RAW_LASERS = frozenset({b"RAWLASER1", b"RAWLASER2"})
-"""Whose lines tell no pose."""
+"""Whose lines indicate no pose."""
 LASER_FRAMES = dict.fromkeys(FRONT_LASERS, "laser") | dict.fromkeys(REAR_LASERS, "laser_rear")
 LASER_TOPICS = dict.fromkeys(FRONT_LASERS, "/scan") | dict.fromkeys(REAR_LASERS, "/scan_rear")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserRecord:
-    """One sweep, and the poses at which it was taken where its line tells them."""
+    """One sweep, and the poses at which it was taken where its line indicates them."""
 
     ranges: NDArray[np.float64]  # (N,) m
     intensities: NDArray[np.float32]  # (N,) or (0,)
@@ -87,10 +87,10 @@ def parse_robotlaser(line: bytes) -> LaserRecord:
     count = _count(fields[8], fields)
     remissions = _count(fields[count + 9], fields)
     tail = count + 10 + remissions
-    told = 0 if line.startswith(b"RAWLASER") else 11
-    if len(fields) != tail + told + 3:
-        raise ValueError(f"{len(fields)} fields where {tail + told + 3} are announced")
-    poses = _finite(_floats(fields[tail : tail + min(told, 6)]))
+    reported = 0 if line.startswith(b"RAWLASER") else 11
+    if len(fields) != tail + reported + 3:
+        raise ValueError(f"{len(fields)} fields where {tail + reported + 3} are announced")
+    poses = _finite(_floats(fields[tail : tail + min(reported, 6)]))
     intensities = _floats(fields[count + 10 : tail]) if remissions == count else np.zeros(0)
     return LaserRecord(
         _floats(fields[9 : count + 9]),

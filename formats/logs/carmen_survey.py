@@ -32,7 +32,7 @@ _RANGE_PARAMETERS = (b"robot_front_laser_max", b"robot_frontlaser_max")
 
 @dataclass
 class Survey:
-    """What the lines of a log tell together."""
+    """What the lines of a log indicate together."""
 
     counts: Counter[str] = field(default_factory=Counter)
     first_ns: dict[str, int] = field(default_factory=dict)
@@ -52,7 +52,7 @@ class Survey:
         self.first_ns.setdefault(topic, log_time_ns)
         self.last_ns[topic] = log_time_ns
 
-    def settle_raw(self) -> None:
+    def choose_raw(self) -> None:
         """Sweeps without pose count where the same laser has none with; CARMEN often logs both."""
         for kind in RAW_LASERS & self.range_max.keys():
             name, topic = kind.decode(), LASER_TOPICS[kind]
@@ -100,7 +100,7 @@ class LaserSurvey:
 def longest_return(histogram: NDArray[np.int64], single: NDArray[np.bool_]) -> float:
     """Metres below which all real returns lie, given counts of readings by whole metres.
 
-    `single` tells where all of a metre's readings are one and the same value. Such a value,
+    `single` indicates where all of a metre's readings are one and the same value. Such a value,
     repeated at the top, far above all others, is what the driver writes for "no return"; there may
     be two of them (50.0 and 81.83, say).
     """
@@ -126,10 +126,10 @@ def add_laser(survey: Survey, kind: bytes, lasers: LaserSurvey) -> None:
     if lasers.mountings:
         survey.base_from_laser[frame] = _mounting(survey, kind, np.array(lasers.mountings))
         return
-    survey.base_from_laser[frame] = _mounting_told(survey, kind)
+    survey.base_from_laser[frame] = _reported_mounting(survey, kind)
     if _offset_name(kind) not in survey.parameters:
         survey.doubts[LASER_TOPICS[kind]] = (
-            f"{kind.decode()} lines do not tell where the laser sits, and no PARAM "
+            f"{kind.decode()} lines do not indicate where the laser sits, and no PARAM "
             f"{_offset_name(kind).decode()} does: it is put on the robot's centre"
         )
 
@@ -158,10 +158,10 @@ def _mounting(survey: Survey, kind: bytes, samples: NDArray[np.float64]) -> NDAr
         f"{kind.decode()}: laser pose minus robot pose is not constant, so it is no mounting "
         "(a corrected log?); the laser is put where PARAM says, else on the robot's centre"
     )
-    return _mounting_told(survey, kind)
+    return _reported_mounting(survey, kind)
 
 
-def _mounting_told(survey: Survey, kind: bytes) -> NDArray[np.float64]:
+def _reported_mounting(survey: Survey, kind: bytes) -> NDArray[np.float64]:
     """base_from_laser (3,) by PARAM, else the robot's centre; a rear laser looks back."""
     forward = _number(survey.parameters.get(_offset_name(kind), b""))
     return np.array([forward, 0.0, np.pi if kind in REAR_LASERS else 0.0])
@@ -208,5 +208,5 @@ def survey_lines(lines: Iterable[tuple[bytes, bytes, int, int]]) -> Survey:
         laser.count()
         if laser.records:
             add_laser(survey, kind, laser)
-    survey.settle_raw()
+    survey.choose_raw()
     return survey

@@ -8,7 +8,7 @@ import lz4.frame
 import zstandard
 
 from formats.limits import limits
-from formats.logs.blocks import DamagedBlockError
+from formats.logs.block_files import DamagedBlockError
 
 # What claims more is damaged, and must not exhaust memory.
 MAX_DEFINITION_BYTES = 1 << 26

@@ -147,7 +147,7 @@ def _same_size(base: str) -> str:
 def is_standard(channel: Channel) -> bool:
     """Whether messages are laid out as the standard type of that name.
 
-    True where nothing was recorded to tell (rosbag2's older .db3 files).
+    True where nothing was recorded to determine it (rosbag2's older .db3 files).
     """
     if not channel.schema.strip():
         return True

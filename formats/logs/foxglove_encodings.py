@@ -10,7 +10,7 @@ from typing import Any
 
 from formats.bounds import LATEST_NS
 from formats.logs.channels import Channel, Payload
-from formats.logs.foxglove import CONVERTERS, foxglove_name, stamp_of
+from formats.logs.foxglove_decoders import CONVERTERS, foxglove_name, stamp_of
 from formats.nested_text import json_from_text
 from mapmyworld.errors import LogError
 from mapmyworld.types import Message, MessageKind, TransformsMessage

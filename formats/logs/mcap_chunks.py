@@ -7,7 +7,7 @@ from typing import BinaryIO
 from isal.isal_zlib import crc32  # ten times as fast as zlib's
 
 from formats.limits import limits
-from formats.logs.blocks import DamagedBlockError
+from formats.logs.block_files import DamagedBlockError
 from formats.logs.compression import decompress, decompress_beginning
 from formats.logs.mcap_records import CHUNK, HEAD_BYTES, parse_chunk_head, record_head
 

@@ -9,7 +9,7 @@ from typing import BinaryIO
 from isal.isal_zlib import crc32
 from mcap.records import ChunkIndex, Header, Statistics
 
-from formats.logs.blocks import BlockFile, DamagedBlockError, borne_out
+from formats.logs.block_files import BlockFile, DamagedBlockError, borne_out
 from formats.logs.channels import Block, Channel, Index, Record
 from formats.logs.files import begins_about_as
 from formats.logs.mcap_chunks import chunk_beginning, chunk_data

@@ -14,7 +14,7 @@ from typing import TypeVar
 from mcap import records
 from mcap.data_stream import ReadDataStream
 
-from formats.logs.blocks import DamagedBlockError
+from formats.logs.block_files import DamagedBlockError
 from formats.logs.channels import Channel, Payload, normalised_type, payload
 
 MAGIC = b"\x89MCAP0\r\n"

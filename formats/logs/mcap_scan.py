@@ -8,7 +8,7 @@ from struct import Struct
 from typing import BinaryIO
 
 from formats.limits import limits
-from formats.logs.blocks import DamagedBlockError
+from formats.logs.block_files import DamagedBlockError
 from formats.logs.channels import Block, Index, Payload
 from formats.logs.compression import MAX_DEFINITION_BYTES
 from formats.logs.mcap_chunks import chunk_beginning, chunk_data
@@ -50,9 +50,11 @@ class _Scan:
         self.latest_ns = 0
         self.has_ended = False  # the data: what looks like a message behind it is a damaged index
         # Whether the file has chunks. What looks like a message outside of them is then damage:
-        # part of one whose checksum cannot be told from the rest, or an index, laid out alike.
+        # part of one whose checksum cannot be distinguished from the rest, or an index, laid out alike.
         self.chunked = False
-        self.unchecked: set[int] = set()  # channels of which no chunk tells, only the summary
+        self.unchecked: set[int] = (
+            set()
+        )  # channels of which no chunk indicates it, only the summary
         self.bare: list[tuple[int, int, Payload]] = []
         self.bare_start = self.bare_end = 0
 
@@ -69,12 +71,12 @@ class _Scan:
                 )
                 position = following
         self._close_run()
-        self._tell_unchecked()
+        self._note_unchecked()
         self.index.channels = self.definitions.channels
         self.index.details.append(("blocks", str(len(self.index.blocks))))
         return self.index
 
-    def _tell_unchecked(self) -> None:
+    def _note_unchecked(self) -> None:
         topics = {self.definitions.channels[key].topic for key in self.unchecked}
         if topics:
             self.index.problems.append(

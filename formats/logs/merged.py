@@ -1,4 +1,4 @@
-"""Several logs of one drive as one: split bags, or bags recorded side by side."""
+"""Several logs of one session as one: split bags, or bags recorded side by side."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import heapq
 from collections.abc import Collection, Iterator, Sequence
 
 from formats.logs.channels import Record
-from formats.logs.recorded import RecordedLog
+from formats.logs.recorded_log import RecordedLog
 from formats.logs.topics import merged_topics
 from mapmyworld.types import LogInfo, LogSource, RawMessage
 
@@ -16,7 +16,7 @@ class MergedLog:
     """A LogSource over several, in log-time order, ties in the order in which they were given."""
 
     def __init__(self, sources: Sequence[LogSource], problems: Sequence[str] = ()) -> None:
-        """`problems` tells of parts that could not be opened."""
+        """`problems` reports parts that could not be opened."""
         nested = [source for source in sources if isinstance(source, MergedLog)]
         flat = [s.sources if isinstance(s, MergedLog) else (s,) for s in sources]
         self.sources: tuple[LogSource, ...] = tuple(source for part in flat for source in part)

@@ -13,7 +13,7 @@ from typing import BinaryIO
 import zstandard
 
 from formats.limits import check_unpacked
-from formats.logs.blocks import BlockFile
+from formats.logs.block_files import BlockFile
 from formats.logs.channels import Index, Record
 from formats.logs.clock_steps import ClockStep
 from formats.logs.mcap_file import open_mcap

@@ -7,7 +7,7 @@ from struct import Struct
 from typing import BinaryIO
 
 from formats.limits import limits
-from formats.logs.blocks import BlockFile, DamagedBlockError, borne_out
+from formats.logs.block_files import BlockFile, DamagedBlockError, borne_out
 from formats.logs.channels import Block, Channel, Index, Payload, Record
 from formats.logs.compression import (
     MAX_DEFINITION_BYTES,

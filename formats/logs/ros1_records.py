@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from struct import Struct
 
-from formats.logs.blocks import DamagedBlockError
+from formats.logs.block_files import DamagedBlockError
 from formats.logs.channels import Channel, Payload, Record, normalised_type, payload
 
 MAGIC = b"#ROSBAG V2.0\n"

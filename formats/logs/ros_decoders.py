@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.logs.channels import Payload
-from formats.logs.images import compressed_image, raw_image
+from formats.logs.environment_decoders import nav_sat_fix, reading_decoder
+from formats.logs.image_pixels import compressed_image, raw_image
 from formats.logs.point_clouds import PointField, cloud_points
 from formats.logs.poses import pose_matrix
-from formats.logs.surroundings import nav_sat_fix, reading_decoder
 from formats.logs.wire import Wire
 from mapmyworld.types import (
     CameraInfoMessage,
@@ -114,7 +114,7 @@ def odometry(wire: Wire, data: Payload) -> OdometryMessage:
 
 
 def imu(wire: Wire, data: Payload) -> ImuMessage:
-    """An inertial sample; its orientation is None where the device says that it has none."""
+    """An inertial sample; its orientation is None where the device indicates that it has none."""
     stamp, frame, position = wire.header(data, wire.start)
     values, _ = _doubles(wire, data, position, 37)
     # A first covariance of -1 says "no orientation"; so does a quaternion that was never set.

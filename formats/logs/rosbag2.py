@@ -11,7 +11,7 @@ from pathlib import Path
 import zstandard
 
 from formats.limits import limits
-from formats.logs.blocks import DamagedBlockError
+from formats.logs.block_files import DamagedBlockError
 from formats.logs.channels import Block, Channel, Index, Record, normalised_type
 from formats.logs.clock_steps import ClockStep
 from formats.logs.compression import decompress, decompress_beginning
@@ -124,7 +124,9 @@ class SqliteBag:
         except SQLITE_ERRORS as error:
             where = f"{self.path}: damaged after {last_ns * 1e-9:.2f} s ({one_line(error)})"
             self._salvage = salvage(self.path)
-            self.index().problems.append(f"{where}: {self._salvage.told}")  # for later passes too
+            self.index().problems.append(
+                f"{where}: {self._salvage.reported}"
+            )  # for later passes too
             yield from self._rest(wanted, (last_ns, seen))
 
     def _rest(
@@ -148,7 +150,7 @@ class SqliteBag:
                 "try `sqlite3 FILE .recover`"
             ) from error
         index, self._salvage = Index(), found
-        index.problems.append(f"{self.path}: damaged ({one_line(error)}): {found.told}")
+        index.problems.append(f"{self.path}: damaged ({one_line(error)}): {found.reported}")
         for key, (_, topic, kind, encoding, *rest) in found.topics.items():
             name, profiles = normalised_type(str(kind)), str(rest[0] if rest else "")
             latching = is_transient_local(profiles)

@@ -30,7 +30,7 @@ class Salvage:
         return self.pages.values(cell)[3]
 
     @property
-    def told(self) -> str:
+    def reported(self) -> str:
         """How much was found, and how much is known to be missing: rows are numbered from 1."""
         missing = max((row for _, row, _, _ in self.messages), default=0) - len(self.messages)
         return f"read page by page, {len(self.messages)} messages found, {max(missing, 0)} missed"

@@ -39,7 +39,7 @@ class ShownConstraint:
     kind: ConstraintKind
     accepted: bool
     reason: str
-    misfit: tuple[float, float, float] | None
+    residual: tuple[float, float, float] | None
     """Metres, degrees and sigmas by which the solved poses miss it."""
     start: tuple[float, float] | None
     """Metres and degrees by which the path before any closure missed it."""
@@ -98,7 +98,7 @@ class ReportContents:
     version: str
     headline: Sequence[tuple[str, str]]
     verdict: str
-    """One sentence: is this map whole, and how sure is it."""
+    """One sentence: is this map whole, and how confident is it."""
     problems: Sequence[str]
     grid: OccupancyGrid | None
     path: Floats
@@ -117,7 +117,7 @@ class ReportContents:
     """What was chosen in the log, and why."""
     notes: Sequence[str]
     diagnosis: Sequence[tuple[bool, str, str]]
-    """What the sensors say of one another: whether it is well, what was found, what to do."""
+    """What the sensors indicate about one another: whether it is well, what was found, what to do."""
     settings: Sequence[tuple[str, str, str]]
     """Changed settings: name, value, default."""
     reproduce: str

@@ -42,14 +42,14 @@ def _constraints(contents: ReportContents) -> dict[str, Any]:
     for c in contents.constraints:
         # How each step of the path was matched would be the bulk of the page.
         reason = "" if c.kind == ConstraintKind.NEIGHBOUR and c.accepted else c.reason
-        misfit = [_short(v) for v in c.misfit] if c.misfit else [None] * 3
+        residual = [_short(v) for v in c.residual] if c.residual else [None] * 3
         rows.append(
             [
                 c.from_id,
                 c.to_id,
                 kinds.index(str(c.kind)),
                 int(c.accepted),
-                *misfit,
+                *residual,
                 reasons.setdefault(reason, len(reasons)),
             ]
         )

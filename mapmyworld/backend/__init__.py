@@ -2,5 +2,5 @@
 imports gtsam.
 
 `system` holds the arrays, `factors` makes gtsam's factors of them, `descent` solves, `information`
-tells how certain the solution is, `certificate` whether there can be a better one.
+indicates how certain the solution is, `certificate` whether there can be a better one.
 """

@@ -1,4 +1,4 @@
-"""How sure we are that a minimum is the global one: a bound below every possible solution.
+"""How confident we are that a minimum is the global one: a bound below every possible solution.
 
 For symmetric multipliers L of the rotations' orthogonality, twice the relaxation's cost is
 `trace(X (M - L) X') + trace(L)`; when `M - L + eta` is positive semi-definite, which its
@@ -12,18 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mapmyworld.backend.blocks import Blocks, diagonals
-from mapmyworld.backend.information import NotPositiveDefiniteError
-from mapmyworld.backend.system import Fit, System
-from mapmyworld.backend.twin import (
-    Twin,
+from mapmyworld.backend.block_matrix import Blocks, diagonals
+from mapmyworld.backend.convex_relaxation import (
+    Relaxation,
     moved,
     multiplied_out,
     multipliers,
+    relaxation_of,
+    relaxation_poses,
     tangent_bases,
-    twin_of,
-    twin_poses,
 )
+from mapmyworld.backend.information import NotPositiveDefiniteError
+from mapmyworld.backend.system import Fit, System
 from mapmyworld.geometry import Array
 
 _STEPS = 6  # of Newton's method at most, from the solution to the relaxation's minimum
@@ -40,13 +40,13 @@ class Certificate:
     """No arrangement of the nodes costs less; zero where nothing is known."""
     gap: float
     """By what share of its cost the solution could still be improved, at most."""
-    twin_is_global: bool
+    relaxation_is_global: bool
     """Whether the relaxation's minimum beside this solution is proven to be its global one."""
 
     @property
     def trusted(self) -> bool:
         """Whether there is no reason to look for a better minimum."""
-        return self.twin_is_global or self.gap <= _PROVEN
+        return self.relaxation_is_global or self.gap <= _PROVEN
 
 
 def certify(system: System, solved: Fit) -> Certificate:
@@ -62,60 +62,64 @@ def certify(system: System, solved: Fit) -> Certificate:
 
 
 def _certified(system: System, solved: Fit, *, equal: bool) -> Certificate:
-    cost, twin = solved.cost, twin_of(system, solved.residuals, equal=equal)
-    found = _multipliers_at_minimum(twin, twin_poses(system.planar, solved.poses)[twin.order])
+    cost, relaxation = solved.cost, relaxation_of(system, solved.residuals, equal=equal)
+    found = _multipliers_at_minimum(
+        relaxation, relaxation_poses(system.planar, solved.poses)[relaxation.order]
+    )
     if found is None:
         return Certificate(0.0, 1.0, False)
     dual = float(found.trace(0, 1, 2).sum())
     for slack in _SLACK:
-        if _is_positive(twin, found, 2.0 * slack * cost):
+        if _is_positive(relaxation, found, 2.0 * slack * cost):
             lower = max(0.0, 0.5 * dual - slack * cost)
             return Certificate(lower, max(0.0, 1.0 - lower / cost), slack <= _EXACT)
     return Certificate(0.0, 1.0, False)
 
 
-def _is_positive(twin: Twin, multiplied: Array, slack: float) -> bool:
+def _is_positive(relaxation: Relaxation, multiplied: Array, slack: float) -> bool:
     """Whether `M - L` is positive definite with so much more on its rotations, over all of them."""
     nodes, size = multiplied.shape[:2]
     more = np.zeros((nodes, size + 1))
     more[:, 1:] = slack / (nodes * size)
-    more[twin.anchors, 0] += twin.matrix.matrix.data.max()
+    more[relaxation.anchors, 0] += relaxation.matrix.matrix.data.max()
     try:
-        _less(twin, multiplied).plus(diagonals(more)).factorised(np.arange(nodes))
+        _less(relaxation, multiplied).plus(diagonals(more)).factorised(np.arange(nodes))
     except NotPositiveDefiniteError:
         return False
     return True
 
 
-def _less(twin: Twin, multiplied: Array) -> Blocks:
+def _less(relaxation: Relaxation, multiplied: Array) -> Blocks:
     """`S = M - L`; positive semi-definite at a global minimum."""
     nodes, size = multiplied.shape[:2]
     blocks = np.zeros((nodes, size + 1, size + 1))
     blocks[:, 1:, 1:] = -multiplied
-    return twin.matrix.plus(blocks)
+    return relaxation.matrix.plus(blocks)
 
 
-def _multipliers_at_minimum(twin: Twin, x: Array) -> Array | None:
+def _multipliers_at_minimum(relaxation: Relaxation, x: Array) -> Array | None:
     """L (N, d, d) at the relaxation's minimum near X, by Newton's steps; None where these fail."""
-    pulled = multiplied_out(twin.matrix, x)
+    pulled = multiplied_out(relaxation.matrix, x)
     cost = float(np.vdot(pulled, x))
     for _ in range(_STEPS):
-        found = multipliers(twin, x, pulled)
+        found = multipliers(relaxation, x, pulled)
         if abs(cost - float(found.trace(0, 1, 2).sum())) <= _EXACT * cost:
             return found
-        step = _newton_step(twin, x, pulled, found)
+        step = _newton_step(relaxation, x, pulled, found)
         if step is None:
             return None
         x = moved(x, step)
-        pulled = multiplied_out(twin.matrix, x)
+        pulled = multiplied_out(relaxation.matrix, x)
         cost = float(np.vdot(pulled, x))
-    return multipliers(twin, x, pulled)
+    return multipliers(relaxation, x, pulled)
 
 
-def _newton_step(twin: Twin, x: Array, pulled: Array, multiplied: Array) -> Array | None:
+def _newton_step(
+    relaxation: Relaxation, x: Array, pulled: Array, multiplied: Array
+) -> Array | None:
     """Newton's step (N, m) along the tangents; None where there is no minimum nearby."""
     nodes, size = x.shape[:2]
-    bases, less = tangent_bases(x), _less(twin, multiplied)
+    bases, less = tangent_bases(x), _less(relaxation, multiplied)
     slope = pulled.copy()
     slope[:, :, 1:] -= x[:, :, 1:] @ multiplied
     gradient = np.einsum("nkxp,nxp->nk", bases, slope)
@@ -124,10 +128,12 @@ def _newton_step(twin: Twin, x: Array, pulled: Array, multiplied: Array) -> Arra
     flat = bases.reshape(*bases.shape[:2], -1)
     left = (bases[rows] @ laid.data[:, None]).reshape(len(rows), *flat.shape[1:])
     blocks = left @ np.swapaxes(flat[laid.indices], 1, 2)
-    # Landmarks have no rotation; the first node of every part does not move.
+    # Landmarks have no rotation; the first node of every component does not move.
     firm = np.zeros(gradient.shape)
-    firm[twin.anchors] = firm[twin.points, : bases.shape[1] - size] = np.abs(blocks).max()
-    gradient[twin.anchors] = 0.0
+    firm[relaxation.anchors] = firm[relaxation.points, : bases.shape[1] - size] = np.abs(
+        blocks
+    ).max()
+    gradient[relaxation.anchors] = 0.0
     try:
         found = less.with_blocks(blocks).plus(diagonals(firm)).factorised(np.arange(nodes))
     except NotPositiveDefiniteError:
@@ -138,7 +144,7 @@ def _newton_step(twin: Twin, x: Array, pulled: Array, multiplied: Array) -> Arra
 def certainty_of(
     freedom: int, cost: float, converged: bool, certificate: Certificate | None, starts: list[str]
 ) -> str:
-    """A sentence about a minimum of this cost: what is proven, else what the residuals say.
+    """A sentence about a minimum of this cost: what is proven, else what the residuals indicate.
 
     `freedom` counts the numbers that edges measure beyond those that are unknown; `starts` are
     those that were followed.
@@ -160,7 +166,7 @@ def proof_of(certificate: Certificate | None, starts: list[str] | None = None) -
     if share <= _PROVEN:
         return f"the global minimum, proven to within {100 * share:.2g} % ({bound})"
     known = [f"{bound}, {100 * share:.2g} % below" if share < 1.0 else "no bound below it is known"]
-    if certificate.twin_is_global:
+    if certificate.relaxation_is_global:
         known.append("it lies beside the proven minimum of the same graph with simpler covariances")
     if starts:
         kinds = ", ".join(dict.fromkeys(starts))

@@ -7,7 +7,7 @@ from typing import Any
 
 import gtsam
 
-from mapmyworld.backend.blocks import metis_order_of
+from mapmyworld.backend.block_matrix import metis_order_of
 from mapmyworld.backend.factors import FactorGraph, elimination_order, factor_graph, poses_of
 from mapmyworld.backend.system import Fit, System, fit_of
 from mapmyworld.geometry import Array
@@ -25,7 +25,9 @@ class Descent:
     converged: bool
 
 
-def settle(system: System, poses: Array, tolerance: float = 1e-3, steps: int = _STEPS) -> Array:
+def optimised_roughly(
+    system: System, poses: Array, tolerance: float = 1e-3, steps: int = _STEPS
+) -> Array:
     """Poses at the nearby minimum."""
     return descend(system, fit_of(system, poses), tolerance, steps).fit.poses
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import diags_array
 
+from mapmyworld.backend.connected_components import Index
 from mapmyworld.backend.factors import factors_of, values_of
 from mapmyworld.backend.information import Factorised, Variables
-from mapmyworld.backend.parts import Index
 from mapmyworld.backend.residuals import retract
 from mapmyworld.backend.system import System, believed_edges, edge_chi2, moving_edges
 from mapmyworld.geometry import Array

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapmyworld.backend.parts import Index, positions
+from mapmyworld.backend.connected_components import Index, positions
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix, wrap_angle
 from mapmyworld.geometry.rotations import skew, so3_log

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.connected_components import Index
 from mapmyworld.backend.factors import factors_of, values_of
 from mapmyworld.backend.information import Information
-from mapmyworld.backend.parts import Index
 from mapmyworld.backend.system import System, chosen_edges, moving_edges, residuals_of
 from mapmyworld.geometry import Array
 

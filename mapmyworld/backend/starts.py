@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
-from mapmyworld.backend.blocks import diagonals, edge_blocks, metis_order_of, place_in
-from mapmyworld.backend.parts import Index
+from mapmyworld.backend.block_matrix import diagonals, edge_blocks, metis_order_of, place_in
+from mapmyworld.backend.connected_components import Index
 from mapmyworld.backend.system import System
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import (

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.connected_components import Index, held_nodes
 from mapmyworld.backend.landmarks import sighting_residuals
-from mapmyworld.backend.parts import Index, held_nodes
 from mapmyworld.backend.residuals import edge_residuals, squared_sigmas
 from mapmyworld.geometry import Array
 
@@ -107,7 +107,7 @@ def with_edges(
 
 
 def believed_edges(system: System, which: NDArray[np.bool_]) -> System:
-    """The system with some of its edges; the first node of every part they leave loose stays."""
+    """The system with some of its edges; the first node of every component they leave stays."""
     part, held = chosen_edges(system, which), np.flatnonzero(system.free < 0)
     stays = held_nodes(len(system.free), part.tails, part.heads, held)
     return replace(part, free=number_free(stays))

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from mapmyworld.config.graph import GraphConfig
-from mapmyworld.config.limits import LimitsConfig
-from mapmyworld.config.localisation import LocalisationConfig
-from mapmyworld.config.mapping import MappingConfig
-from mapmyworld.config.odometry import OdometryConfig
-from mapmyworld.config.particles import ParticlesConfig
-from mapmyworld.config.places import PlacesConfig
+from mapmyworld.config.graph_settings import GraphConfig
+from mapmyworld.config.limits_settings import LimitsConfig
+from mapmyworld.config.localisation_settings import LocalisationConfig
+from mapmyworld.config.mapping_settings import MappingConfig
+from mapmyworld.config.odometry_settings import OdometryConfig
+from mapmyworld.config.particles_settings import ParticlesConfig
+from mapmyworld.config.places_settings import PlacesConfig
 from mapmyworld.config.ranges import Seed, Whole
-from mapmyworld.config.registration import RegistrationConfig
-from mapmyworld.config.sensing import SensingConfig
-from mapmyworld.config.storage import StorageConfig
-from mapmyworld.config.visual import VisualConfig
+from mapmyworld.config.registration_settings import RegistrationConfig
+from mapmyworld.config.sensing_settings import SensingConfig
+from mapmyworld.config.storage_settings import StorageConfig
+from mapmyworld.config.visual_settings import VisualConfig
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,16 +9,16 @@ from itertools import pairwise
 import numpy as np
 
 from mapmyworld.config import Config
-from mapmyworld.diagnosis.alignment import alignment_findings, grey_levels
-from mapmyworld.diagnosis.depth_motion import depth_motion_findings, pairs_on_the_way
+from mapmyworld.diagnosis.depth_motion import depth_motion_findings, pairs_along_the_path
+from mapmyworld.diagnosis.depth_on_colour import alignment_findings, grey_levels
+from mapmyworld.diagnosis.depth_on_laser import DEPTH_SCALE, mount_findings
 from mapmyworld.diagnosis.finding import Finding
-from mapmyworld.diagnosis.mounts import DEPTH_SCALE, mount_findings
 from mapmyworld.diagnosis.rotation import time_offset
 from mapmyworld.diagnosis.sample import Sample, odometry_yaw
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import transform_points
 from mapmyworld.parallel import in_threads
-from mapmyworld.registration.camera import depth_grid_points, rays_of_pixels
+from mapmyworld.registration.camera_model import depth_grid_points, rays_of_pixels
 from mapmyworld.sensing.plan import Plan
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.types import Frame, ImageMessage, RgbdImage
@@ -37,7 +37,7 @@ _HEIGHT = 0.05  # m
 
 
 def camera_findings(sample: Sample, config: Config) -> Iterator[Finding]:
-    """What the depth and colour images say of units, mounts and clocks."""
+    """What the depth and colour images indicate about units, mounts and clocks."""
     guard = ImageGuard()
     framed = [frame for frame in sample.frames if frame.images]
     if not framed:
@@ -45,7 +45,7 @@ def camera_findings(sample: Sample, config: Config) -> Iterator[Finding]:
     spread = np.unique(np.linspace(0, len(framed) - 1, _IMAGES).astype(int))
     yield from image_findings([framed[i] for i in spread], sample.plan)
     if sample.plan.scan is None:
-        pairs = pairs_on_the_way([frame.odom_from_base for frame in framed])
+        pairs = pairs_along_the_path([frame.odom_from_base for frame in framed])
         yield from depth_motion_findings([(framed[i], framed[k]) for i, k in pairs], config)
     yield from _clock(framed, sample, guard)
 
@@ -103,8 +103,10 @@ def _floor(images: list[RgbdImage], scale: float) -> Iterator[Finding]:
     text = (
         f"the floor is tilted by {tilt:.1f} deg and lies {height:+.3f} m high ({len(near)} points)"
     )
-    remedy = "" if good else "correct the camera's mount (tf, or sensing.camera_mount) by as much"
-    yield Finding("floor tilt", tilt, "deg", good, text, remedy)
+    suggestion = (
+        "" if good else "correct the camera's mount (tf, or sensing.camera_mount) by as much"
+    )
+    yield Finding("floor tilt", tilt, "deg", good, text, suggestion)
 
 
 def _base_points(image: RgbdImage, scale: float) -> Array:

@@ -8,16 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from mapmyworld.config import Config
+from mapmyworld.diagnosis.depth_on_laser import DEPTH_SCALE, unit_suggestion
 from mapmyworld.diagnosis.finding import Finding
-from mapmyworld.diagnosis.mounts import DEPTH_SCALE, unit_remedy
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.features import extract_features
-from mapmyworld.registration.camera import depth_at, pose_of_rays
+from mapmyworld.registration.camera_model import depth_at, pose_of_rays
+from mapmyworld.registration.camera_pose import Sightings, inliers, refine_pose
 from mapmyworld.registration.views import View, make_view, match_views
-from mapmyworld.registration.visual import Sightings, inliers, refine_pose
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.types import Frame, RgbdImage
 
@@ -33,13 +33,13 @@ _REFINED = 3
 _PARALLAX = 8.0  # pixels by which a point at the middle depth must have moved
 _FEATURES = 400  # of an image
 _SCALE_OFF = 0.15  # share that is worth a word: wheels and images are rougher than a laser
-_UNSURE = 0.05  # share, standard deviation of the scale, beyond which nothing is said
+_UNCERTAIN = 0.05  # share, standard deviation of the scale, beyond which nothing is said
 
 
 def depth_motion_findings(
     pairs: Sequence[tuple[Frame, Frame]], config: Config
 ) -> Iterator[Finding]:
-    """The scale of depth by which images see the robot move as far as its odometry says.
+    """The scale of depth by which images see the robot move as far as its odometry indicates.
 
     Depth in a smaller unit makes the motion that explains two images longer by as much.
     """
@@ -49,24 +49,26 @@ def depth_motion_findings(
         return
     scale = float(np.median(ratios))
     spread = float(np.median(np.abs(ratios - scale)))  # of a normal law 0.674 sigma, and the
-    if 1.86 * spread / np.sqrt(len(ratios)) > _UNSURE * scale:  # median's is 1.253 of the mean's
+    if 1.86 * spread / np.sqrt(len(ratios)) > _UNCERTAIN * scale:  # median's is 1.253 of the mean's
         return
     good = abs(scale - 1.0) < _SCALE_OFF
     text = (
         f"by its depth the camera moves {scale:.3f} of the distance that odometry reports "
         f"({len(ratios)} pairs of images)"
     )
-    remedy = "" if good else f"{unit_remedy(scale)}, unless the odometry's distances are wrong"
-    yield Finding(DEPTH_SCALE, scale, "", good, text, remedy)
+    suggestion = (
+        "" if good else f"{unit_suggestion(scale)}, unless the odometry's distances are wrong"
+    )
+    yield Finding(DEPTH_SCALE, scale, "", good, text, suggestion)
 
 
-def pairs_on_the_way(odom_from_base: Sequence[Array | None]) -> list[tuple[int, int]]:
+def pairs_along_the_path(odom_from_base: Sequence[Array | None]) -> list[tuple[int, int]]:
     """Poses (4, 4) between which the robot drove a little and hardly turned, over all the drive."""
     known = [(i, pose) for i, pose in enumerate(odom_from_base) if pose is not None]
     found, k = list[tuple[int, int]](), 0
     for i, (first, before) in enumerate(known):
         k = max(k, i + 1)
-        while k < len(known) and _way(before, known[k][1]) < _NEAREST:
+        while k < len(known) and _distance(before, known[k][1]) < _NEAREST:
             k += 1
         if k < len(known) and _is_fit(before, known[k][1]):
             found.append((first, known[k][0]))
@@ -74,12 +76,14 @@ def pairs_on_the_way(odom_from_base: Sequence[Array | None]) -> list[tuple[int, 
     return [found[i] for i in chosen]
 
 
-def _way(before: Array, now: Array) -> float:
+def _distance(before: Array, now: Array) -> float:
     return float(np.linalg.norm(between(before, now)[:3, 3]))
 
 
 def _is_fit(before: Array, now: Array) -> bool:
-    return _way(before, now) < _FARTHEST and float(rotation_angle(between(before, now))) < _TURN
+    return (
+        _distance(before, now) < _FARTHEST and float(rotation_angle(between(before, now))) < _TURN
+    )
 
 
 def _ratio(before: Frame, now: Frame, config: Config) -> float | None:
@@ -116,7 +120,7 @@ def _camera_motion(a: RgbdImage, b: RgbdImage, config: Config) -> Array | None:
 def _sightings(a: RgbdImage, b: RgbdImage, config: Config) -> tuple[Sightings, float]:
     """What b saw of a's points by rays alone, and the middle depth, as unit of the points.
 
-    The depth of b has the same unit as that of a, and would say nothing of it.
+    The depth of b has the same unit as that of a, and would indicate nothing about it.
     """
     assert a.depth is not None
     mine, theirs = (_view(image, config) for image in (a, b))

@@ -12,7 +12,7 @@ from mapmyworld.types import LogSource
 
 
 def diagnose(log: LogSource, plan: Plan, config: Config) -> tuple[Finding, ...]:
-    """What the sensors of a log say of one another, from its first minutes of motion."""
+    """What the sensors of a log report about one another, from its first minutes of motion."""
     sample = take_sample(log, plan, config.sensing)
     if not sample.frames:
         return ()

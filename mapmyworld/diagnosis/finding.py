@@ -19,5 +19,5 @@ class Finding:
     good: bool
     text: str
     """What was found, and from how much."""
-    remedy: str = ""
+    suggestion: str = ""
     """What to do; empty where all is well."""

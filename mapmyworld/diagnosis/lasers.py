@@ -20,10 +20,12 @@ from mapmyworld.sensing.plan import Plan
 from mapmyworld.types import Frame, LogSource
 
 _LEAST_OVERLAP = 0.6
-_STRAIGHT = 0.02  # rad of turn below which a step tells of distances
+_STRAIGHT = 0.02  # rad of turn below which a step reports distances
 _LEAST_STEP = 0.02  # m
-_TOLD = 0.1  # share of a match's information that lies along the way, for it to tell of distances
-_LEAST_WAY = 0.5  # m in all, from which the scale is worth a word
+_INFORMATIVE = (
+    0.1  # share of a match's information that lies along the way, for it to report distances
+)
+_LEAST_DISTANCE = 0.5  # m in all, from which the scale is worth a word
 _ROUNDS = 5  # measurements of a time offset, each from the stamps that the one before gave
 _FAR_BETTER = 2.5  # by which the error must fall for a time offset to be taken back
 _NOTHING_LEFT = 0.005  # s, half of the steps in which offsets are tried
@@ -31,19 +33,19 @@ _SCALE_OFF = 0.03  # share by which odometry may be wrong before it is worth a w
 
 
 def laser_findings(sample: Sample, config: RegistrationConfig) -> Iterator[Finding]:
-    """What comparing neighbouring scans says of the odometry and the clocks."""
+    """What comparing neighbouring scans reports about the odometry and the clocks."""
     pairs = [(a, b) for a, b in pairwise(sample.frames) if a.scan and b.scan]
     if not pairs:
         return
-    moves, told = _matched(pairs, config)
+    moves, reported = _matched(pairs, config)
     good = np.isfinite(moves[:, 0])
     if not good.any():
         return
     first_ns = sample.frames[0].stamp_ns
     starts, ends = _times(pairs, first_ns)[:, good]
     turns = moves[good, 2]
-    sure = good & (told > _TOLD)
-    yield from distance_scale(_odometry_steps(pairs)[sure], moves[sure])
+    certain = good & (reported > _INFORMATIVE)
+    yield from distance_scale(_odometry_steps(pairs)[certain], moves[certain])
     clock = odometry_yaw(sample.plan, first_ns)
     if clock is not None:
         yield from _some(time_offset(("laser", "odometry"), starts, ends, turns, clock))
@@ -74,7 +76,7 @@ def refined_lag(log: LogSource, plan: Plan, config: Config, lag_s: float) -> flo
 
 
 def _offset(log: LogSource, plan: Plan, config: Config) -> tuple[float, float] | None:
-    """`nearest_offset` of odometry to laser in a log's first minutes; None where nothing tells."""
+    """`nearest_offset` of odometry to laser in a log's first minutes; None where nothing indicates it."""
     sample = take_sample(log, plan, config.sensing)
     pairs = [(a, b) for a, b in pairwise(sample.frames) if a.scan and b.scan]
     clock = odometry_yaw(plan, sample.frames[0].stamp_ns) if pairs else None
@@ -99,37 +101,37 @@ def _some(finding: Finding | None) -> Iterator[Finding]:
 
 
 def _matched(pairs: list[tuple[Frame, Frame]], config: RegistrationConfig) -> tuple[Array, Array]:
-    """Motions (N, 3) by scan matching, and what it tells along the way (N,), see `_told_along`.
+    """Motions (N, 3) by scan matching, and what it indicates along the way (N,), see `_information_along`.
 
     NaN where the scans do not overlap enough.
     """
     scans = [pair[0].scan for pair in pairs] + [pairs[-1][1].scan]
     prepared = prepare_scans([scan for scan in scans if scan is not None], config)
-    moves, told = np.full((len(pairs), 3), np.nan), np.zeros(len(pairs))
+    moves, reported = np.full((len(pairs), 3), np.nan), np.zeros(len(pairs))
     guess = np.zeros(3)
     for i, (before, now) in enumerate(pairs):
         if before.odom_from_base is not None and now.odom_from_base is not None:
             guess = matrix_to_planar(between(before.odom_from_base, now.odom_from_base))
         which, at_origin = np.array([i], np.int64), np.zeros((len(prepared), 3))
         match = match_scan(
-            prepared.one(i + 1), prepared, which, at_origin[:1], guess, config, reaches=COARSE
+            prepared.one(i + 1), prepared, which, at_origin[:1], guess, config, max_distances=COARSE
         )
         if match.overlap > _LEAST_OVERLAP:
             moves[i] = guess = match.pose
-            told[i] = _told_along(match.pose[:2], match.information)
-    return moves, told
+            reported[i] = _information_along(match.pose[:2], match.information)
+    return moves, reported
 
 
-def _told_along(way: Array, information: Array) -> float:
-    """Share of all that a match tells of the place which it tells along the way.
+def _information_along(distance: Array, information: Array) -> float:
+    """Share of all that a match reports the place which it indicates along the way.
 
     Between bare walls it is next to nothing, and the scan stays where noise puts it.
     """
-    length, whole = float(np.hypot(*way)), float(information[0, 0] + information[1, 1])
+    length, whole = float(np.hypot(*distance)), float(information[0, 0] + information[1, 1])
     if length < 1e-6 or whole <= 0.0:
         return 0.0
     spread = np.linalg.inv(information + 1e-9 * whole * np.eye(3))[:2, :2]
-    along = way / length
+    along = distance / length
     return float(1.0 / max(float(along @ spread @ along) * whole, 1.0))
 
 
@@ -147,32 +149,32 @@ def _odometry_steps(pairs: list[tuple[Frame, Frame]]) -> Array:
 
 def distance_scale(steps: Array, moves: Array) -> Iterator[Finding]:
     """Distance by scan matching (N, 3) over that by odometry (N, 3), where the robot drives on."""
-    way = np.hypot(steps[:, 0], steps[:, 1])
+    distance = np.hypot(steps[:, 0], steps[:, 1])
     with np.errstate(invalid="ignore"):
-        usable = (way > _LEAST_STEP) & (np.abs(moves[:, 2]) < _STRAIGHT)
-    if not usable.any() or way[usable].sum() < _LEAST_WAY:
+        usable = (distance > _LEAST_STEP) & (np.abs(moves[:, 2]) < _STRAIGHT)
+    if not usable.any() or distance[usable].sum() < _LEAST_DISTANCE:
         return
     seen = np.hypot(moves[usable, 0], moves[usable, 1])
-    scale = _ratio(seen, way[usable])
+    scale = _ratio(seen, distance[usable])
     good = abs(scale - 1.0) < _SCALE_OFF
     text = (
         f"the laser sees {scale:.3f} of the distance that odometry reports "
-        f"({usable.sum()} straight steps, {way[usable].sum():.1f} m)"
+        f"({usable.sum()} straight steps, {distance[usable].sum():.1f} m)"
     )
-    remedy = "" if good else f"correct the wheel radius by a factor of {scale:.3f}"
-    yield Finding("odometry scale", scale, "", good, text, remedy)
+    suggestion = "" if good else f"correct the wheel radius by a factor of {scale:.3f}"
+    yield Finding("odometry scale", scale, "", good, text, suggestion)
 
 
-def _ratio(seen: Array, way: Array) -> float:
+def _ratio(seen: Array, distance: Array) -> float:
     """Of the distances, without the steps that slipped.
 
     Of their sums: jitter of the stamps shifts way from one step to the next, which a median of
-    the steps' ratios follows (Intel: 0.951, where any metre of the path says 0.966).
+    the steps' ratios follows (Intel: 0.951, where any metre of the path indicates 0.966).
     """
-    ratios = seen / way
+    ratios = seen / distance
     middle = np.median(ratios)
     kept = (ratios > 0.5 * middle) & (ratios < 2.0 * middle)
-    return float(seen[kept].sum() / way[kept].sum()) if kept.any() else float(middle)
+    return float(seen[kept].sum() / distance[kept].sum()) if kept.any() else float(middle)
 
 
 def _gyro_yaw(sample: Sample) -> tuple[Array, Array] | None:

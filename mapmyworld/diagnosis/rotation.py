@@ -39,23 +39,23 @@ def time_offset(
     offset = _vertex(offsets, errors, best)
     # Half-way between two headings their noise is averaged, which agrees better on both sides.
     others = min(errors[len(offsets) // 2], errors[len(offsets) - 1 - best])
-    sure = others > _BETTER * errors[best]
-    if not sure and abs(offset) < _between_headings(clock):
+    certain = others > _BETTER * errors[best]
+    if not certain and abs(offset) < _between_headings(clock):
         return _none_seen(names, len(turns))
-    good = not sure or abs(offset) < _WORTH_SAYING
+    good = not certain or abs(offset) < _WORTH_SAYING
     order = "later" if offset > 0 else "earlier"
-    doubt = ", not sure" if not sure and abs(offset) >= _WORTH_SAYING else ""
+    doubt = ", uncertain" if not certain and abs(offset) >= _WORTH_SAYING else ""
     text = (
         f"{names[1]} is stamped {abs(offset):.3f} s {order} than the {names[0]}, by how both saw "
         f"the robot turn ({len(turns)} pairs{doubt})"
     )
-    remedy = (
+    suggestion = (
         ""
         if good
         else "correct the stamps where they are made (driver latency, clock synchronisation), or "
         f"set sensing.{_SETTINGS[names[1]]} = {-offset:.3f}"
     )
-    return Finding(f"time offset of {names[1]} to {names[0]}", offset, "s", good, text, remedy)
+    return Finding(f"time offset of {names[1]} to {names[0]}", offset, "s", good, text, suggestion)
 
 
 def nearest_offset(
@@ -87,11 +87,11 @@ def _backwards(names: tuple[str, str], pairs: int) -> Finding:
         f"by {names[1]} the robot turns left where by the {names[0]} it turns right ({pairs} "
         "pairs): the map may be a mirror image"
     )
-    remedy = (
+    suggestion = (
         f"where the {names[0]} hangs upside down, say so in tf or with sensing.{mount} (roll "
         f"3.14159); else correct the sign of {names[1]}'s turns"
     )
-    return Finding(SENSE_OF_TURNING, -1.0, "", False, text, remedy)
+    return Finding(SENSE_OF_TURNING, -1.0, "", False, text, suggestion)
 
 
 def _none_seen(names: tuple[str, str], pairs: int) -> Finding:

@@ -8,7 +8,7 @@ import numpy as np
 
 from mapmyworld.config import Config
 from mapmyworld.diagnosis.cameras import image_findings
-from mapmyworld.diagnosis.depth_motion import depth_motion_findings, pairs_on_the_way
+from mapmyworld.diagnosis.depth_motion import depth_motion_findings, pairs_along_the_path
 from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.diagnosis.lasers import distance_scale
 from mapmyworld.diagnosis.rotation import time_offset
@@ -23,7 +23,7 @@ _IMAGES = 12  # nodes whose images are looked at, spread over the drive
 
 
 def diagnose_tracked(store: MapStore, plan: Plan, config: Config) -> tuple[Finding, ...]:
-    """What a tracked log's sensors say of one another: the whole path, and some nodes' images.
+    """What a tracked log's sensors indicate about one another: the whole path, and some nodes' images.
 
     Scans followed the odometry closely where they said nothing themselves, so a fault shows
     smaller than it is where walls are missing.
@@ -32,7 +32,7 @@ def diagnose_tracked(store: MapStore, plan: Plan, config: Config) -> tuple[Findi
 
 
 def _motion_findings(store: MapStore, plan: Plan) -> Iterator[Finding]:
-    """Laser against odometry; a robot that was followed by its odometry tells nothing."""
+    """Laser against odometry; a robot that was followed by its odometry indicates nothing."""
     frames = store.tracked_frames()
     if plan.scan is None or frames.odom_from_base is None or len(frames.stamps_ns) < 2:
         return
@@ -67,7 +67,7 @@ def _camera_findings(store: MapStore, plan: Plan, config: Config) -> Iterator[Fi
     found = [_frame(store, nodes[k]) for k in chosen]
     yield from image_findings([frame for frame in found if frame.images], plan)
     if plan.scan is None and plan.odometry is not None:
-        pairs = pairs_on_the_way([node.odom_from_base for node in nodes])
+        pairs = pairs_along_the_path([node.odom_from_base for node in nodes])
         both = [(_frame(store, nodes[i]), _frame(store, nodes[k])) for i, k in pairs]
         yield from depth_motion_findings([(a, b) for a, b in both if a.images and b.images], config)
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 from scipy.spatial import cKDTree
 
-from mapmyworld.evaluation.alignment import rigid_alignment
+from mapmyworld.evaluation.rigid_alignment import rigid_alignment
 from mapmyworld.geometry.planar import transform_points_planar
 
 _COARSE = 0.2  # m, cell of the search over all rotations and shifts

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.evaluation.relations import poses_at
+from mapmyworld.evaluation.relations_metric import poses_at
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.types import Trajectory

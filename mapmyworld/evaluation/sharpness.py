@@ -1,4 +1,4 @@
-"""How sharp a grid is: a good map is sure of its cells, and its walls are thin."""
+"""How sharp a grid is: a good map is confident of its cells, and its walls are thin."""
 
 from __future__ import annotations
 

@@ -103,7 +103,7 @@ def so3_log(rotation: ArrayLike) -> Array:
     safe = np.maximum(sine, _SMALL_ANGLE)
     factor = np.where(sine < _SMALL_ANGLE, 1.0, np.arctan2(sine, cosine) / safe)
     vector = np.asarray(axis * factor[..., None])
-    if (far := cosine < -0.5).any():  # towards pi the sine tells ever less of the axis
+    if (far := cosine < -0.5).any():  # towards pi the sine indicates ever less of the axis
         vector[far] = _log_by_quaternion(r[far])
     return vector
 

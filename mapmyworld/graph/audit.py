@@ -1,4 +1,4 @@
-"""What a person wants to know about a solved graph: counts, misfits, corrections, connection."""
+"""What a person wants to know about a solved graph: counts, residuals, corrections, connection."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mapmyworld.backend.parts import components, positions
+from mapmyworld.backend.connected_components import components, positions
 from mapmyworld.backend.residuals import edge_residuals, squared_sigmas
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import PLANAR_IN_TANGENT, information_to_planar
@@ -20,7 +20,7 @@ _OVERCONFIDENT = 2.0  # times larger than stated: errors from which a kind is ca
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Misfit:
+class ConstraintResidual:
     """One constraint against the solution."""
 
     constraint: Judged
@@ -29,20 +29,17 @@ class Misfit:
     sigmas: float
 
 
-def misfits_of(
+def residuals_against(
     constraints: Sequence[Judged], poses: Poses, planar: bool
-) -> tuple[Misfit | None, ...]:
+) -> tuple[ConstraintResidual | None, ...]:
     """Every constraint against the solved poses, accepted or not; None where a node is missing."""
     order = np.argsort(poses.ids, kind="stable")
     known = poses.ids[order]
-    found: list[Misfit | None] = [None] * len(constraints)
+    found: list[ConstraintResidual | None] = [None] * len(constraints)
     ends = np.array([(c.from_id, c.to_id) for c in constraints], np.int64).reshape(-1, 2)
     places = positions(known, ends.ravel()).reshape(-1, 2)
     sound = np.array(
-        [
-            np.isfinite(c.from_from_to).all() and np.isfinite(c.information).all()
-            for c in constraints
-        ],
+        [np.isfinite(c.i_from_j).all() and np.isfinite(c.information).all() for c in constraints],
         np.bool_,
     )
     usable = np.flatnonzero((places >= 0).all(axis=1) & sound)
@@ -52,7 +49,7 @@ def misfits_of(
     tails = matrices[places[usable, 0]]
     tails[ends[usable, 0] == ends[usable, 1]] = np.eye(4)
     heads = matrices[places[usable, 1]]
-    measured = np.array([constraints[k].from_from_to for k in usable.tolist()])
+    measured = np.array([constraints[k].i_from_j for k in usable.tolist()])
     information = np.array([constraints[k].information for k in usable.tolist()])
     residuals = edge_residuals(False, tails, heads, measured)
     if planar:
@@ -62,7 +59,7 @@ def misfits_of(
     metres = np.linalg.norm(error[:, :3, 3], axis=1)
     degrees = np.degrees(rotation_angle(error))
     for n, k in enumerate(usable.tolist()):
-        found[k] = Misfit(
+        found[k] = ConstraintResidual(
             constraints[k], float(metres[n]), float(degrees[n]), float(chi2[n] ** 0.5)
         )
     return tuple(found)
@@ -89,29 +86,31 @@ def is_overconfident(factor: float) -> bool:
 
 
 def corrections_of(
-    misfits: Sequence[Misfit | None], start: Poses
-) -> tuple[tuple[Misfit, float, float], ...]:
+    residuals: Sequence[ConstraintResidual | None], start: Poses
+) -> tuple[tuple[ConstraintResidual, float, float], ...]:
     """Accepted closures with the metres and degrees by which the start had missed them.
 
     `start` holds the poses by tracking alone; largest first.
     """
     at = {int(k): pose for k, pose in zip(start.ids, start.map_from_node, strict=True)}
-    found: list[tuple[Misfit, float, float]] = []
-    for misfit in misfits:
-        if misfit is None or not misfit.constraint.accepted:
+    found: list[tuple[ConstraintResidual, float, float]] = []
+    for residual in residuals:
+        if residual is None or not residual.constraint.accepted:
             continue
-        c = misfit.constraint
+        c = residual.constraint
         if c.kind in (ConstraintKind.NEIGHBOUR, ConstraintKind.PRIOR):
             continue
         if c.from_id in at and c.to_id in at:
-            error = between(c.from_from_to, between(at[c.from_id], at[c.to_id]))
+            error = between(c.i_from_j, between(at[c.from_id], at[c.to_id]))
             moved = float(np.linalg.norm(error[:3, 3])), float(np.degrees(rotation_angle(error)))
-            found.append((misfit, *moved))
+            found.append((residual, *moved))
     return tuple(sorted(found, key=lambda item: -item[1]))
 
 
-def parts_of(constraints: Sequence[Judged], poses: Poses) -> tuple[tuple[int, int, int], ...]:
-    """Connected parts as first node, last node and number of nodes."""
+def connected_components_of(
+    constraints: Sequence[Judged], poses: Poses
+) -> tuple[tuple[int, int, int], ...]:
+    """Connected components as first node, last node and number of nodes."""
     order = np.argsort(poses.ids, kind="stable")
     known = poses.ids[order]
     ends = np.array([(c.from_id, c.to_id) for c in constraints if c.accepted], np.int64)

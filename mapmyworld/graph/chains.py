@@ -1,6 +1,6 @@
 """The graph solved over the nodes that more than motion ties, and all others along the chains.
 
-A drive of hours has most of its nodes in chains: they cost memory and time, and say nothing that
+A drive of hours has most of its nodes in chains: they cost memory and time, and indicate nothing that
 the composed motion does not say (see `draft`). What solving moved is shared out along a chain, and
 the uncertainty of a node in it is that of a Brownian bridge between the chain's two ends.
 """
@@ -17,10 +17,10 @@ from mapmyworld.backend.residuals import chi_squared_quantile
 from mapmyworld.config import GraphConfig
 from mapmyworld.geometry.rigid import between, se3_adjoint
 from mapmyworld.graph.constraint_system import stated_system
-from mapmyworld.graph.draft import are_motions, composed_motions, followed, kept_nodes
+from mapmyworld.graph.draft_graph import are_motions, composed_motions, followed, kept_nodes
+from mapmyworld.graph.graph_verdicts import judged
 from mapmyworld.graph.robust import RobustSolution
-from mapmyworld.graph.solve import SolvedGraph, solve
-from mapmyworld.graph.verdicts import judged
+from mapmyworld.graph.solved_graph import SolvedGraph, solve
 from mapmyworld.parallel import batches
 from mapmyworld.types import Constraint, Judge, Judged, Node, Poses
 

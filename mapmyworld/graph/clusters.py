@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
+from mapmyworld.backend.connected_components import Index, components
 from mapmyworld.backend.information import information_of
-from mapmyworld.backend.parts import Index, components
 from mapmyworld.backend.predictions import Prediction, predictions
 from mapmyworld.backend.residuals import chi_squared_quantile
 from mapmyworld.backend.system import System, believed_edges
@@ -43,7 +43,7 @@ class Judgement:
     evidence: Array
     """(G,) logarithm of how much likelier the group's best fit is than chance."""
     scale: float
-    """Squared sigmas of the typical group over what its covariances say."""
+    """Squared sigmas of the typical group over what its covariances indicate."""
 
 
 def groups_of(system: System, closures: Index, consistency: Consistency, limit: float) -> Index:
@@ -82,8 +82,8 @@ def evidence_of(fit: Array, volume: Array, space: float, scale: float, freedom: 
     scale, between the typical one and the stated one, suits each best.
     """
     sharp = np.clip(fit / freedom, min(max(scale, 1e-4), 1.0), 1.0)
-    misfit = fit / sharp + freedom * np.log(sharp)
-    return np.asarray(space - np.log(volume) - 0.5 * misfit)
+    normalised = fit / sharp + freedom * np.log(sharp)
+    return np.asarray(space - np.log(volume) - 0.5 * normalised)
 
 
 def judge_groups(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mapmyworld.backend.parts import Index
+from mapmyworld.backend.connected_components import Index
 from mapmyworld.backend.residuals import planar_log
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import compose_planar, invert_planar, planar_adjoint
@@ -64,7 +64,7 @@ def compare_closures(
     information: Array,
     limit: float,
 ) -> Consistency:
-    """The agreement of K closures with those that join the same stretches of the path."""
+    """The agreement of K closures with those that join the same sections of the path."""
     count = len(tails)
     tails, heads, measured, spread = _forward(planar, tails, heads, measured, information)
     pairs = _near_pairs(odometry.chain, tails, heads)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.backend.parts import Index, held_nodes, positions
+from mapmyworld.backend.connected_components import Index, held_nodes, positions
 from mapmyworld.backend.system import System, number_free
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import information_to_planar, matrix_to_planar
@@ -25,7 +25,7 @@ class StatedSystem:
     trusted: NDArray[np.bool_]
     """(E,) edges that nobody questions."""
     anchors: Index
-    """The map's frame, and the first node of every part that no prior ties to it."""
+    """The map's frame, and the first node of every component that no prior ties to it."""
 
 
 def stated_system(
@@ -37,7 +37,7 @@ def stated_system(
     """
     world = len(known)
     start = np.concatenate([guess, np.eye(4)[None]])
-    measured = np.array([c.from_from_to for c in constraints]).reshape(-1, 4, 4)
+    measured = np.array([c.i_from_j for c in constraints]).reshape(-1, 4, 4)
     information = np.array([c.information for c in constraints]).reshape(-1, 6, 6)
     if planar:
         start, measured = matrix_to_planar(start), matrix_to_planar(measured)

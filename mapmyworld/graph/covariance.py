@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.backend.connected_components import Index, positions
 from mapmyworld.backend.information import NotPositiveDefiniteError, information_of
-from mapmyworld.backend.parts import Index, positions
 from mapmyworld.backend.predictions import predictions
 from mapmyworld.backend.system import System, chosen_edges
 from mapmyworld.errors import GraphError
@@ -56,7 +56,7 @@ def graph_covariances(graph: PoseGraph, accepted: NDArray[np.bool_]) -> Array | 
 
 
 def relative_pose(graph: PoseGraph, from_id: int, to_id: int) -> tuple[Array, Array]:
-    """from_from_to (4, 4) of a solved graph, and its covariance (6, 6) in to's frame.
+    """i_from_j (4, 4) of a solved graph, and its covariance (6, 6) in to's frame.
 
     Raises `GraphError` for nodes that the graph lacks, does not link or leaves undetermined.
     """
@@ -66,7 +66,9 @@ def relative_pose(graph: PoseGraph, from_id: int, to_id: int) -> tuple[Array, Ar
         if index < 0:
             raise GraphError(f"the graph has no node {node_id}: it has {_span(graph.ids)}")
     if problem.component[at[0]] != problem.component[at[1]]:
-        raise GraphError(f"nothing links nodes {from_id} and {to_id}: they lie in separate parts")
+        raise GraphError(
+            f"nothing links nodes {from_id} and {to_id}: they lie in separate components"
+        )
     poses = _solved(problem)
     try:
         covariance = relative_covariances(problem.system, poses, at[:1], at[1:])

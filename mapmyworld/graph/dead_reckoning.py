@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapmyworld.backend.parts import Index, components
+from mapmyworld.backend.connected_components import Index, components
 from mapmyworld.backend.starts import along_tree, spanning_tree
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_adjoint

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mapmyworld.backend.residuals import chi_squared_quantile
-from mapmyworld.graph.audit import Misfit, misfits_of
+from mapmyworld.graph.audit import ConstraintResidual, residuals_against
 from mapmyworld.types import Constraint, ConstraintKind, Judged, Poses
 
-_SURE = 0.999  # of statements that are true fit within the limit
+_CONFIDENCE = 0.999  # of statements that are true fit within the limit
 _GREW = 1.0  # sigmas by which a constraint must fit worse than before to count as strained
 Key = tuple[str, int, int, int]
 
@@ -69,16 +69,18 @@ def farthest_moved(before: Poses, after: Poses) -> tuple[int, float]:
 
 def contradicted(constraints: Sequence[Judged], poses: Poses, planar: bool) -> list[str]:
     """What a person stated and the solved graph does not meet, one line each."""
-    limit = float(np.sqrt(chi_squared_quantile(_SURE, 3 if planar else 6)))
+    limit = float(np.sqrt(chi_squared_quantile(_CONFIDENCE, 3 if planar else 6)))
     stated = [c for c in constraints if c.is_by_hand and c.accepted]
-    unmet = [m for m in misfits_of(stated, poses, planar) if m is not None and m.sigmas > limit]
-    return [_contradiction(misfit, limit) for misfit in unmet]
+    unmet = [
+        m for m in residuals_against(stated, poses, planar) if m is not None and m.sigmas > limit
+    ]
+    return [_contradiction(residual, limit) for residual in unmet]
 
 
-def _contradiction(misfit: Misfit, limit: float) -> str:
+def _contradiction(residual: ConstraintResidual, limit: float) -> str:
     return (
-        f"{name_of(misfit.constraint)}, stated by hand, is contradicted by the rest of the graph: "
-        f"missed by {misfit.metres:.3g} m, {misfit.degrees:.1f} deg = {misfit.sigmas:.1f} sigma "
+        f"{name_of(residual.constraint)}, stated by hand, is contradicted by the rest of the graph: "
+        f"missed by {residual.metres:.3g} m, {residual.degrees:.1f} deg = {residual.sigmas:.1f} sigma "
         f"(limit {limit:.1f}): correct the edit, give it a larger sigma, or reject what is wrong"
     )
 
@@ -103,14 +105,18 @@ def strained(
 
 def _sigmas(constraints: Sequence[Judged], poses: Poses, planar: bool) -> Mapping[Key, float]:
     found = _measured(constraints, poses, planar)
-    return {key: misfit.sigmas for key, misfit in found.items() if misfit.constraint.accepted}
+    return {key: residual.sigmas for key, residual in found.items() if residual.constraint.accepted}
 
 
-def _measured(constraints: Sequence[Judged], poses: Poses, planar: bool) -> dict[Key, Misfit]:
+def _measured(
+    constraints: Sequence[Judged], poses: Poses, planar: bool
+) -> dict[Key, ConstraintResidual]:
     """Constraints that no person made or judged, against the poses."""
     keyed = {k: c for k, c in _by_key(constraints).items() if not c.is_by_hand}
-    misfits = misfits_of(list(keyed.values()), poses, planar)
-    return {k: misfit for k, misfit in zip(keyed, misfits, strict=True) if misfit is not None}
+    residuals = residuals_against(list(keyed.values()), poses, planar)
+    return {
+        k: residual for k, residual in zip(keyed, residuals, strict=True) if residual is not None
+    }
 
 
 def name_of(constraint: Constraint) -> str:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.backend.descent import settle
+from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.landmarks import first_places
 from mapmyworld.backend.system import System, chosen_edges, number_free
 from mapmyworld.geometry import Array
@@ -46,7 +46,7 @@ def grown_start(graph: PoseGraph, system: System, chain: Array) -> Array:
         used = inside & known[system.heads]
         free = number_free(~known | (system.free < 0))
         part = replace(chosen_edges(system, used), free=free)
-        poses = settle(part, poses)
+        poses = optimised_roughly(part, poses)
         nodes, places = poses[: count + 1], poses[count + 1 :]
     return np.concatenate([nodes, places])
 

@@ -7,12 +7,12 @@ from itertools import accumulate
 
 import numpy as np
 
+from mapmyworld.backend.connected_components import Index, components, held_nodes, positions
 from mapmyworld.backend.landmarks import as_edges
-from mapmyworld.backend.parts import Index, components, held_nodes, positions
 from mapmyworld.backend.system import System, number_free
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array
-from mapmyworld.graph.pose_graph import canonical_order
+from mapmyworld.graph.canonical_graph import canonical_order
 from mapmyworld.types.pose_graph import Edges, PoseGraph
 
 
@@ -26,7 +26,7 @@ class Problem:
     guess: Array
     """Poses of all, landmarks at zero."""
     anchors: Index
-    """The map's frame, fixed nodes, and the first node of every part that has neither."""
+    """The map's frame, fixed nodes, and the first node of every component that has neither."""
     order: Index
     """(E,) the graph's edges in canonical order."""
     component: Index
@@ -60,7 +60,7 @@ def problem_of(graph: PoseGraph) -> Problem:
         graph.planar,
         tails,
         heads,
-        np.concatenate([edges.from_from_to, poses, measured]),
+        np.concatenate([edges.i_from_j, poses, measured]),
         np.concatenate([edges.information, weights, information]),
         number_free(stays),
         np.concatenate([np.zeros(len(tails) - len(kinds), np.int64), kinds])

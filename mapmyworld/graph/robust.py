@@ -7,20 +7,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.backend.descent import settle
+from mapmyworld.backend.connected_components import Index
+from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.graduated import graduate
 from mapmyworld.backend.information import NotPositiveDefiniteError
-from mapmyworld.backend.parts import Index
 from mapmyworld.backend.residuals import chi_squared_quantile
 from mapmyworld.backend.starts import chordal_start
 from mapmyworld.backend.system import System, believed_edges, chosen_edges, edge_chi2
-from mapmyworld.config.graph import GraphConfig
+from mapmyworld.config.graph_settings import GraphConfig
 from mapmyworld.geometry import Array
-from mapmyworld.graph.admission import admissible
 from mapmyworld.graph.clusters import groups_of, judge_groups
 from mapmyworld.graph.consistency import Consistency, compare_closures
 from mapmyworld.graph.dead_reckoning import reckon
-from mapmyworld.graph.supposition import explaining
+from mapmyworld.graph.group_hypothesis import explaining
+from mapmyworld.graph.inlier_recovery import recoverable
 
 _GROUP_ROUNDS = 12  # at most, of leaving the worst groups out
 _GROWTH_ROUNDS = 30  # at most, of growing from odometry
@@ -77,12 +77,12 @@ def solve_robustly(
     agreeing = trusted.copy()
     agreeing[closures[consistency.clique]] = True
     start = _fresh_start(system, guess, anchors, agreeing)
-    best = _refined(question, settle(believed_edges(system, agreeing), start), agreeing)
+    best = _refined(question, optimised_roughly(believed_edges(system, agreeing), start), agreeing)
     if (agreeing & ~best.inliers).any():
         other = _refined(question, *_grown(question, guess))
         best = min(best, other, key=lambda found: _truncated_cost(question, found))
         best = _afresh(question, guess, anchors, best)
-    if not best.settled:
+    if not best.converged:
         best = _refined(question, best.poses, best.inliers, _ENOUGH)
     chi2 = edge_chi2(system, best.poses)
     return RobustSolution(best.poses, best.inliers, chi2, limit, closures, consistency)
@@ -106,7 +106,7 @@ class _Found:
 
     poses: Array
     inliers: NDArray[np.bool_]
-    settled: bool
+    converged: bool
     """Whether nothing more came in or left when it was tried last."""
 
 
@@ -117,7 +117,7 @@ def _afresh(question: _Question, guess: Array, anchors: Index, found: _Found) ->
     """
     system, inliers = question.system, found.inliers
     start = _fresh_start(system, guess, anchors, inliers)
-    fresh = settle(believed_edges(system, inliers), start)
+    fresh = optimised_roughly(believed_edges(system, inliers), start)
     costs = [edge_chi2(system, poses)[inliers].sum() for poses in (fresh, found.poses)]
     return _refined(question, fresh, inliers) if costs[0] < _BETTER * costs[1] else found
 
@@ -131,13 +131,13 @@ def _truncated_cost(question: _Question, found: _Found) -> float:
 def _grown(question: _Question, guess: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Poses and inliers that grow from odometry: in comes what the solution so far predicts."""
     system, inliers = question.system, question.trusted.copy()
-    poses = settle(believed_edges(system, inliers), guess)
+    poses = optimised_roughly(believed_edges(system, inliers), guess)
     for _ in range(_GROWTH_ROUNDS):
-        found = admissible(system, poses, inliers, question.limit, 1.0)
+        found = recoverable(system, poses, inliers, question.limit, 1.0)
         if not found.any():
             break
         inliers = inliers | found
-        poses = settle(believed_edges(system, inliers), poses)
+        poses = optimised_roughly(believed_edges(system, inliers), poses)
     return poses, inliers
 
 
@@ -146,29 +146,29 @@ def _refined(
 ) -> _Found:
     """The solution without what it contradicts, and with all else that it predicts."""
     system, trusted, limit = question.system, question.trusted, question.limit
-    before, settled = np.zeros(0, np.bool_), False
+    before, converged = np.zeros(0, np.bool_), False
     for _ in range(rounds):
-        poses, inliers = _without_misfits(system, poses, trusted, inliers, limit)
+        poses, inliers = _without_outliers(system, poses, trusted, inliers, limit)
         scale = 1.0
         if question.config.groups:
             poses, inliers, scale = _without_strangers(
                 system, poses, inliers, question.closures, question.groups, question.config
             )
-        found = inliers | admissible(system, poses, inliers, limit, scale)
+        found = inliers | recoverable(system, poses, inliers, limit, scale)
         if np.array_equal(found, inliers) or np.array_equal(found, before):
             found = found | explaining(
                 system, poses, inliers, question.closures, question.groups, limit, scale
             )
-        settled = np.array_equal(found, inliers) or np.array_equal(found, before)
+        converged = np.array_equal(found, inliers) or np.array_equal(found, before)
         if not np.array_equal(found, inliers):
             before = inliers = found
-            poses = settle(believed_edges(system, inliers), poses)
-        if settled:
+            poses = optimised_roughly(believed_edges(system, inliers), poses)
+        if converged:
             break
-    return _Found(*_without_misfits(system, poses, trusted, inliers, limit), settled)
+    return _Found(*_without_outliers(system, poses, trusted, inliers, limit), converged)
 
 
-def _without_misfits(
+def _without_outliers(
     system: System,
     poses: Array,
     trusted: NDArray[np.bool_],
@@ -184,7 +184,7 @@ def _without_misfits(
         if np.array_equal(found, inliers):  # one hovers about the limit
             found[np.argmax(chi2)] = False
         inliers = found
-        poses = settle(believed_edges(system, inliers), poses)
+        poses = optimised_roughly(believed_edges(system, inliers), poses)
 
 
 def _without_strangers(
@@ -212,7 +212,7 @@ def _without_strangers(
         for k in np.flatnonzero(worst).tolist():
             inliers[found.members[k]] = False
         left_out += sum(len(found.members[k]) > 2 for k in np.flatnonzero(worst).tolist())
-        poses = settle(believed_edges(system, inliers), poses)
+        poses = optimised_roughly(believed_edges(system, inliers), poses)
     return poses, inliers, scale
 
 

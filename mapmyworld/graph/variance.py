@@ -18,7 +18,7 @@ from mapmyworld.backend.system import edge_chi2
 from mapmyworld.graph.constraint_system import stated_system
 from mapmyworld.types import Judged, Poses
 
-_LEAST = 3.0  # redundancy of a kind, below which its misfits say nothing
+_LEAST = 3.0  # redundancy of a kind, below which its residuals indicate nothing
 
 
 def variance_factors(constraints: Sequence[Judged], poses: Poses, planar: bool) -> dict[str, float]:

@@ -11,7 +11,7 @@ from mapmyworld.kernels.scan_alignment import invert3, relative
 Array = NDArray[np.float64]
 _FAINT = 1e-3  # information that keeps an open direction finite
 _RATIO = 12.0  # sigma along the weakest direction over sigma along the strongest
-_STILL = 0.03  # of a keyscan's distance: less is no motion
+_STILL = 0.03  # of a keyframe's distance: less is no motion
 _LEAST_SHARE = 0.01  # of a match's covariance that every step adds
 _STEP_VARIANCE = 1e-8  # m^2 and rad^2, at least, of any step
 
@@ -82,7 +82,7 @@ def position_variances(information: Array) -> Array:
 
 
 @jit
-def leaves_open(information: Array) -> bool:
+def is_degenerate(information: Array) -> bool:
     """Whether a match (3, 3) knows one direction of the plane far worse than the other."""
     variances = position_variances(information)
     return bool(variances[1] > _RATIO * _RATIO * max(variances[0], 1e-12))
@@ -93,13 +93,13 @@ def step_covariance(
     step: Array,
     information: Array,
     variances: Array,
-    keyscan_distance: float,
-    keyscan_angle: float,
+    keyframe_distance: float,
+    keyframe_angle: float,
 ) -> Array:
-    """Covariance (3, 3) of a matched step: errors add up from keyscan to keyscan only."""
-    moved = max(np.hypot(step[0], step[1]) / keyscan_distance, abs(step[2]) / keyscan_angle)
+    """Covariance (3, 3) of a matched step: errors add up from keyframe to keyframe only."""
+    moved = max(np.hypot(step[0], step[1]) / keyframe_distance, abs(step[2]) / keyframe_angle)
     share = min(max(moved, _LEAST_SHARE), 1.0)
-    if moved > _STILL and leaves_open(information):
+    if moved > _STILL and is_degenerate(information):
         share = 1.0  # the open direction rests on odometry, whose errors add up step by step
     total = information.copy()
     for i in range(3):

@@ -71,7 +71,7 @@ def surface_line(before: Sums, after: Sums, x: float, y: float, noise: float) ->
 
     Where both sides do not lie on one line, as noise in the range would let them, they may be two
     surfaces, such as a wall and the recess of its door: then it is the side that does. If both
-    do, it is a corner. A line through one neighbour a side says nothing then.
+    do, it is a corner. A line through one neighbour a side indicates nothing then.
     """
     line = _fitted(before, after)
     slant = abs(line.normal_x * x + line.normal_y * y) / np.sqrt(x * x + y * y)

@@ -190,7 +190,7 @@ def align(
     guess: NDArray[np.float64],
     prior: NDArray[np.float64],
     prior_information: NDArray[np.float64],
-    reaches: NDArray[np.float64],
+    max_distances: NDArray[np.float64],
     share: float,
     sigma: float,
     out: NDArray[np.float64],
@@ -206,11 +206,11 @@ def align(
     system = np.zeros(12)
     a, b = np.empty((3, 3)), np.empty(3)
     length = 0.0
-    rounds, turn = len(reaches), 0
+    rounds, turn = len(max_distances), 0
     while turn <= rounds:
         system[:] = 0.0
         hit[:] = False
-        reach = reaches[min(turn, rounds - 1)]
+        reach = max_distances[min(turn, rounds - 1)]
         scale = share * reach
         for w in which:
             add_target(source, s_first, s_last, targets, starts[w], ends[w], origins[w],

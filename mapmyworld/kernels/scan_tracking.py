@@ -9,7 +9,7 @@ from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.kernels.laser_motion import (
     between_poses,
     innovation,
-    leaves_open,
+    is_degenerate,
     motion_variances,
     step_covariance,
     wrapped,
@@ -44,9 +44,9 @@ def remember_scan(
     key_rows: NDArray[np.float32], key_counts: Index, key_origins: Array, key_poses: Array,
     keys: Index,
 ) -> bool:  # fmt: skip
-    """Lets a scan join the submap, a ring of keyscans, where it says something new; if it did.
+    """Lets a scan join the submap, a ring of keyframes, where it says something new; if it did.
 
-    `keys` holds the slot of the newest keyscan and how many there are.
+    `keys` holds the slot of the newest keyframe and how many there are.
     """
     slots = len(key_counts)
     if not is_new(pose, overlap, distance, angle, key_poses, keys):
@@ -65,8 +65,8 @@ def remember_scan(
 
 
 @jit
-def chosen_keyscans(back: Index, keys: Index, slots: int) -> Index:
-    """Slots of the keyscans that lie so many places back in the ring."""
+def chosen_keyframes(back: Index, keys: Index, slots: int) -> Index:
+    """Slots of the keyframes that lie so many places back in the ring."""
     found = np.empty(len(back), np.int64)
     count = 0
     for b in back:
@@ -77,13 +77,13 @@ def chosen_keyscans(back: Index, keys: Index, slots: int) -> Index:
 
 
 @inner_jit
-def match_keyscans(
+def match_keyframes(
     rows: Rows, first: int, last: int,
     key_rows: NDArray[np.float32], key_counts: Index, key_origins: Array, key_poses: Array,
-    which: Index, predicted: Array, known: Array, reaches: Array, settings: Array,
+    which: Index, predicted: Array, known: Array, max_distances: Array, settings: Array,
     out: Array, information: Array,
 ) -> None:  # fmt: skip
-    """Aligns a scan with keyscans; fills `out` as `align` does, and the match's information.
+    """Aligns a scan with keyframes; fills `out` as `align` does, and the match's information.
 
     `known` (3, 3) is the information of the predicted pose; `settings` are those of `track_scans`.
     """
@@ -93,7 +93,7 @@ def match_keyscans(
         starts[k], ends[k] = k * capacity, k * capacity + key_counts[k]
     align(
         rows, first, last, key_rows.reshape(-1, 5), starts, ends, which, key_poses,
-        key_origins, predicted, predicted, known, reaches, settings[0],
+        key_origins, predicted, predicted, known, max_distances, settings[0],
         settings[1] * np.sqrt(settings[2]), out,
     )  # fmt: skip
     variance = max(settings[1] * settings[1], out[10]) * settings[2]
@@ -109,12 +109,12 @@ def match_keyscans(
 def learn_matching(
     rows: Rows, first: int, last: int,
     key_rows: NDArray[np.float32], key_counts: Index, key_origins: Array, key_poses: Array,
-    which: Index, pose: Array, reaches: Array, settings: Array,
+    which: Index, pose: Array, max_distances: Array, settings: Array,
 ) -> None:  # fmt: skip
     """Lets the variance factor of matches learn from how two keyframes differ about a scan.
 
     Aligned with each alone, the scan comes out at two poses; these differ by what their
-    covariances say, times the factor.
+    covariances indicate, times the factor.
     """
     if len(which) < 2:
         return
@@ -122,9 +122,9 @@ def learn_matching(
     poses, total = np.zeros((2, 3)), np.zeros((3, 3))
     information = np.zeros((3, 3))
     for k in range(2):
-        match_keyscans(
+        match_keyframes(
             rows, first, last, key_rows, key_counts, key_origins, key_poses, which[k : k + 1],
-            pose, none, reaches, settings, found, information,
+            pose, none, max_distances, settings, found, information,
         )  # fmt: skip
         for i in range(3):
             poses[k, i] = found[i]
@@ -165,7 +165,7 @@ def track_scans(
     back: Index,
     state: Array,
     wheels: Array,
-    reaches: Array,
+    max_distances: Array,
     settings: Array,
     fewest: int,
     out: Array,
@@ -175,7 +175,7 @@ def track_scans(
 
     `recorded` (B, 3) are odometry's steps, NaN where there is none; `state` (6,) is the pose and
     the last step, `wheels` (15,) the model of the odometry; `settings` are residual share, sigma of
-    a range, correlation, share and floor of the motion model, limits of NIS and overlap, keyscan
+    a range, correlation, share and floor of the motion model, limits of NIS and overlap, keyframe
     distance and angle, the least correlation. Fills `out` (B, 7): pose, overlap, NIS, metres moved,
     weak (1 or 0); and
     `covariances` (B, 3, 3) of the steps.
@@ -198,15 +198,15 @@ def track_scans(
             variances = motion_variances(state[3:6], 1.0, 0.05, np.ones(2))
         for i in range(3):
             known[i, i] = 1.0 / variances[i]
-        which = chosen_keyscans(back, keys, len(key_counts))
-        match_keyscans(
+        which = chosen_keyframes(back, keys, len(key_counts))
+        match_keyframes(
             rows, bounds[k], bounds[k + 1], key_rows, key_counts, key_origins, key_poses, which,
-            predicted, known, reaches, settings, found, information,
+            predicted, known, max_distances, settings, found, information,
         )  # fmt: skip
         for i in range(3):
             pose[i] = found[i]
-        surprise = innovation(predicted, pose, information, variances)
-        if surprise[6] > settings[5] or found[9] < settings[6]:
+        innovations = innovation(predicted, pose, information, variances)
+        if innovations[6] > settings[5] or found[9] < settings[6]:
             for i in range(8, 15):
                 wheels[i] = before[i]
             return k
@@ -216,18 +216,18 @@ def track_scans(
             for j in range(3):
                 covariances[k, i, j] = total[i, j]
             out[k, i], state[i], state[3 + i] = pose[i], pose[i], moved[i]
-        out[k, 3], out[k, 4], out[k, 5] = found[9], surprise[6], np.hypot(moved[0], moved[1])
-        out[k, 6] = 1.0 if leaves_open(information) else 0.0
+        out[k, 3], out[k, 4], out[k, 5] = found[9], innovations[6], np.hypot(moved[0], moved[1])
+        out[k, 6] = 1.0 if is_degenerate(information) else 0.0
         if is_new(pose, found[9], settings[7], settings[8], key_poses, keys):
             learn_matching(
                 rows, bounds[k], bounds[k + 1], key_rows, key_counts, key_origins, key_poses,
-                which, pose, reaches, settings,
+                which, pose, max_distances, settings,
             )  # fmt: skip
         if remember_scan(
             rows[bounds[k] : bounds[k + 1]], origins[k], pose, found[9], settings[7], settings[8],
             key_rows, key_counts, key_origins, key_poses, keys,
         ):  # fmt: skip
             if has_odometry:
-                learn(wheels, surprise, variances, settings[3])
+                learn(wheels, innovations, variances, settings[3])
             anchor(wheels, pose)
     return len(bounds) - 1

@@ -10,8 +10,8 @@ from mapmyworld.kernels.compiling import inner_jit, jit
 BITS = 21  # of a voxel index along each axis: a million voxels either way
 OFFSET = 1 << (BITS - 1)
 FULL = 255  # points of a voxel that count
-STEPS = 256  # in which a point's place within its voxel is told
-TURNS = 127  # in which a normal's component is told
+STEPS = 256  # in which a point's place within its voxel is reported
+TURNS = 127  # in which a normal's component is reported
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # Fibonacci hashing: the golden ratio of 64 bits
 
 

@@ -2,7 +2,7 @@
 
 Of the errors of wheels (Borenstein and Feng, "UMBmark", 1995) three grow with the drive: a wrong
 scale, and a heading that errs with the distance (unequal wheels) and with the rotation (a wrong
-wheelbase). Scan matching shows them: what a match says beyond the odometry since the last keyframe
+wheelbase). Scan matching shows them: what a match indicates beyond the odometry since the last keyframe
 is an innovation, and each is one sample. The model is an array (15,) that kernels read and write:
 
   0-1    factors on the variances of position and heading that `motion_variances` states
@@ -25,7 +25,7 @@ _FIRST_SIGMAS = (0.03, 0.015, 0.03)  # m per m, rad per m, rad per rad: of wheel
 _MEMORY = 0.95  # weight of the past in the running mean of squared innovations
 _LARGEST = 25.0  # that one innovation may teach
 _OUTLIER = 16.0  # NIS from which an innovation is a fault, and teaches nothing systematic
-_MOVES = 0.01  # m and rad from which a motion tells about odometry
+_MOVES = 0.01  # m and rad from which a motion is informative about odometry
 
 
 def new_wheels() -> Array:
@@ -70,7 +70,7 @@ def reckoned_variances(wheels: Array, share: float, floor: float) -> Array:
 def learn(wheels: Array, found: Array, variances: Array, share: float) -> None:
     """Lets noise and systematic errors learn from one innovation (7,) of these variances (3,).
 
-    All of it counts as the odometry's: what the match errs by makes its prior no surer.
+    All of it counts as the odometry's: what the match errs by makes its prior no more certain.
     """
     if wheels[11] < _MOVES and wheels[12] < _MOVES:
         return

@@ -25,7 +25,7 @@ from mapmyworld.types import CameraModel, Features, MapStore, Registration, Rgbd
 Array = NDArray[np.float64]
 _REMEMBERED = 300  # views of the map kept at hand
 _CANDIDATES = 3  # nodes that a view is compared with while the place is unknown
-_ONE_PLACE = 0.6  # m between two answers that tell of one place
+_ONE_PLACE = 0.6  # m between two answers that report one place
 _WORTH = 0.5  # of the best similarity, from which another place is compared as well
 
 

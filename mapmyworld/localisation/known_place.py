@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.planar import matrix_to_planar, transform_points_planar, wrap_angle
-from mapmyworld.kernels.localisation import cast_rays, explain_points
+from mapmyworld.kernels.map_search import cast_rays, explain_points
 from mapmyworld.registration.scan_matching import PreparedScan, ScanSet, prepare_scan, scan_set
 from mapmyworld.registration.scan_search import LikelihoodGrid, likelihood_grid
 from mapmyworld.types import MapStore, OccupancyGrid, Scan

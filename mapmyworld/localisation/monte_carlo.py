@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import wrap_angle
-from mapmyworld.kernels.localisation import field_scores
+from mapmyworld.kernels.map_search import field_scores
 from mapmyworld.localisation.known_place import KnownPlace
 from mapmyworld.localisation.search import search_map
 from mapmyworld.parallel import run_in_chunks

@@ -1,4 +1,4 @@
-"""One moment of a laser, and what a known place says of it at a pose."""
+"""One moment of a laser, and what a known place reports about it at a pose."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar
 from mapmyworld.localisation.known_place import Fit, KnownPlace
-from mapmyworld.odometry.laser import LaserMotion
+from mapmyworld.odometry.laser_odometry import LaserMotion
 from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import Match, PreparedScan, prepare_scan
 from mapmyworld.types import Frame
 
 Array = NDArray[np.float64]
 _AGREEING = np.array([0.15, 0.15])  # m and rad between two accounts of one motion
-_FEWEST = 12  # points of a scan below which it says nothing
+_FEWEST = 12  # points of a scan below which it indicates nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,12 +35,12 @@ class Moment:
     """(3,) motion since the moment before."""
     shaken: bool
     """Whether that motion is doubtful: the scan did not go with the ones before."""
-    broken: bool
-    """Whether it says nothing: odometry, if there is any, does not bear it out."""
+    motion_lost: bool
+    """Whether it indicates nothing: odometry, if there is any, does not bear it out."""
 
     @property
     def is_blind(self) -> bool:
-        """Whether the scan shows too little to tell anything."""
+        """Whether the scan shows too little to indicate anything."""
         return len(self.scan.rows) < _FEWEST
 
 
@@ -49,8 +49,8 @@ def is_shaken(moved: LaserMotion) -> bool:
     return moved.verdict in ("lost", "odometry only", "odometry ignored")
 
 
-def is_broken(moved: LaserMotion, step: Array, recorded: Array | None) -> bool:
-    """Whether a motion `step` (3,) of the tracker says nothing of how the robot moved.
+def is_motion_lost(moved: LaserMotion, step: Array, recorded: Array | None) -> bool:
+    """Whether a motion `step` (3,) of the tracker indicates nothing about how the robot moved.
 
     A scan that was placed without the odometry counts where the `recorded` motion (3,) agrees.
     """
@@ -81,7 +81,7 @@ def match_at(
     place: KnownPlace,
     moment: Moment,
     guess: Array,
-    reaches: Array,
+    max_distances: Array,
     config: Config,
     prior_information: Array | None = None,
 ) -> Match:
@@ -89,7 +89,7 @@ def match_at(
     which = place.targets(guess, config.localisation.targets)
     return match_scan(
         moment.scan, place.scans, which, place.poses, guess, config.registration,
-        prior=guess, prior_information=prior_information, reaches=reaches,
+        prior=guess, prior_information=prior_information, max_distances=max_distances,
     )  # fmt: skip
 
 

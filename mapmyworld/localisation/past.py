@@ -17,7 +17,7 @@ _REMEMBERED = 200  # scans; the search weighs one every 0.1 m or 0.1 rad
 
 
 class Past:
-    """Scans with the motion that led to each; a broken motion ends what can be remembered."""
+    """Scans with the motion that led to each; a lost motion ends what can be remembered."""
 
     def __init__(self) -> None:
         self._scans: deque[tuple[Array, Array]] = deque(maxlen=_REMEMBERED)

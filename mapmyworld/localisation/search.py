@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import wrap_angle
-from mapmyworld.kernels.localisation import best_in_blocks, block_bounds
+from mapmyworld.kernels.map_search import best_in_blocks, block_bounds
 from mapmyworld.localisation.known_place import KnownPlace
 from mapmyworld.parallel import run_in_chunks
 

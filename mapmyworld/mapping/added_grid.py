@@ -22,8 +22,8 @@ def added_grid(known: OccupancyGrid, more: OccupancyGrid, config: Config) -> Occ
         rows, columns = grid.log_odds.shape
         part = total[corner[1] : corner[1] + rows, corner[0] : corner[0] + columns]
         part[...] = np.where(np.isnan(part), grid.log_odds, part + np.nan_to_num(grid.log_odds))
-    surest = config.mapping.clamp_probability
-    limit = np.float32(np.log(surest / (1.0 - surest)))
+    clamp = config.mapping.clamp_probability
+    limit = np.float32(np.log(clamp / (1.0 - clamp)))
     origin = np.round(known.origin + low * known.resolution, 9)
     return OccupancyGrid(
         np.clip(total, -limit, limit), known.resolution, origin,

@@ -12,7 +12,7 @@ from mapmyworld.kernels.rays import count_scans
 from mapmyworld.mapping.beams import Beams
 
 _MARGIN = 64  # cells by which the canvas outgrows what is needed, so that it seldom grows
-_MOST_MARKS = 255  # scans that a cell's mark tells apart
+_MOST_MARKS = 255  # scans that a cell's mark indicates apart
 _MOST_COUNTED = 65535  # scans that a cell counts
 _MOST_CELLS = 400_000_000  # of the canvas; beyond, some range or pose is nonsense
 

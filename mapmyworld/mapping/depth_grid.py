@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between, transform_points
-from mapmyworld.mapping.cloud import organised_normals, organised_points
-from mapmyworld.registration.camera import depth_grid_points
+from mapmyworld.mapping.cloud_map import organised_normals, organised_points
+from mapmyworld.registration.camera_model import depth_grid_points
 from mapmyworld.types import RgbdImage, Scan
 
 Array = NDArray[np.float64]
@@ -97,7 +97,7 @@ def _seen(image: RgbdImage, origin: Array, config: Config) -> _Seen:
 
 
 def planar_scan(image: RgbdImage, map_from_base: Array, config: Config) -> tuple[Array, Scan]:
-    """The pose (3,) of a node in the plane and what its depth image tells there, also where the
+    """The pose (3,) of a node in the plane and what its depth image indicates there, also where the
     camera was carried.
     """
     image = levelled_image(image, map_from_base) if image.camera.is_carried else image

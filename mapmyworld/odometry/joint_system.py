@@ -115,7 +115,7 @@ def _closed(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged])
     near = np.searchsorted(chosen, rows, side="right") - 1
     matrices = np.stack([node.tracked_from_base for node in nodes])
     aside = between(matrices[chosen[near]], matrices[rows])
-    measured = np.stack([c.from_from_to for c in found])
+    measured = np.stack([c.i_from_j for c in found])
     moved = aside[:, 0] @ measured @ invert(aside[:, 1])
     known = information_to_planar(np.stack([c.information for c in found]))
     keep = near[:, 0] != near[:, 1]

@@ -20,14 +20,23 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.heap import give_back
 from mapmyworld.odometry.joint_system import NOTHING, Statements, joint_system
 from mapmyworld.places.laser_nodes import NodeScans, load_node_scans
-from mapmyworld.places.laser_pairs import first_visits, neighbour_pairs
+from mapmyworld.places.laser_pairs import among_first_revisits, neighbour_pairs
 from mapmyworld.places.stored_scans import Scans
 from mapmyworld.registration.joint_alignment import align_jointly
 from mapmyworld.types import Judged, MapStore, Node, Poses, Progress
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_REACHES = (0.3, 0.2, 0.15, 0.12, 0.12, 0.12, 0.12, 0.12)  # m within which points are associated
+_MAX_DISTANCES = (
+    0.3,
+    0.2,
+    0.15,
+    0.12,
+    0.12,
+    0.12,
+    0.12,
+    0.12,
+)  # m within which points are associated
 _ANEW = 2  # rounds after which neighbours are chosen anew
 _NOTHING = 4e-4  # m of movement, root mean square, at which refinement has ended
 
@@ -50,31 +59,31 @@ def refine_poses(
     config: Config,
     progress: Progress,
     loaded: NodeScans | None = None,
-    island: Index | None = None,
+    component: Index | None = None,
 ) -> Refinement | None:
     """Solved poses, refined by all scans; None where there are too few scans.
 
     Priors, landmarks, images and what a person stated hold them as they held the solution. Nodes
     that are not aligned themselves keep their place between those that are. Scans on
-    different ones of these `island`s (N,) are not compared: nothing tells how these lie.
+    different ones of these `component`s (N,) are not compared: nothing indicates how these lie.
     """
     nodes, scans, unseen, _ = loaded or load_node_scans(store, config)
     if len(nodes) < 3:
         return None
-    progress.stage("refine", len(_REACHES), "rounds")
+    progress.stage("refine", len(_MAX_DISTANCES), "rounds")
     rows = {int(i): row for row, i in enumerate(poses.ids)}
     solved = matrix_to_planar(np.stack([poses.map_from_node[rows[n.id]] for n in nodes]))
-    drives = _drives(nodes, unseen)
+    sessions = _sessions(nodes, unseen)
     statements = Statements.of(nodes, constraints)
-    chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in drives])
+    chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in sessions])
     chosen = np.union1d(chosen, statements.concerns(nodes))
-    island = np.zeros(len(nodes), np.int64) if island is None else island
-    task = _Task(nodes, chosen, scans, constraints, statements, island, config)
+    component = np.zeros(len(nodes), np.int64) if component is None else component
+    task = _Task(nodes, chosen, scans, constraints, statements, component, config)
     found = _aligned(task, solved[chosen], statements.places_of(poses), progress)
     every = np.concatenate(
         [
             _carried(solved[a:b], chosen - a, found.poses, (chosen >= a) & (chosen < b))
-            for a, b in drives
+            for a, b in sessions
         ]
     )
     moved = np.concatenate([every, found.landmarks])
@@ -96,8 +105,8 @@ class _Task:
     """Of all nodes."""
     constraints: Sequence[Judged]
     statements: Statements
-    island: Index
-    """(N,) of all nodes, the part of the path that each is in."""
+    component: Index
+    """(N,) of all nodes, the component of the path that each is in."""
     config: Config
 
 
@@ -117,7 +126,7 @@ def _aligned(task: _Task, poses: Array, landmarks: Array, progress: Progress) ->
     So the factor graph grows with the area that was seen, and not with how often it was. What is
     stated holds the first ones: a node that it concerns is among them.
     """
-    first = first_visits(poses, task.config.odometry.refine_visits)
+    first = among_first_revisits(poses, task.config.odometry.refine_references)
     first |= np.isin(task.chosen, task.statements.concerns(task.nodes))
     rows = np.flatnonzero(first)
     some = replace(task, chosen=task.chosen[rows])
@@ -146,14 +155,21 @@ def _rounds(
     scans = task.scans.some(task.chosen)
     task.scans.let_go()
     among = held if held.any() else None
-    for reaches in (_REACHES[:_ANEW], _REACHES[_ANEW:]):
+    for max_distances in (_MAX_DISTANCES[:_ANEW], _MAX_DISTANCES[_ANEW:]):
         pairs = neighbour_pairs(
-            every[:count], settings.refine_radius, settings.refine_passes, among=among
+            every[:count], settings.refine_radius, settings.refine_revisits, among=among
         )
-        island = task.island[task.chosen[pairs]]
-        pairs = pairs[~held[pairs].all(axis=1) & (island[:, 0] == island[:, 1])]
+        component = task.component[task.chosen[pairs]]
+        pairs = pairs[~held[pairs].all(axis=1) & (component[:, 0] == component[:, 1])]
         found = align_jointly(
-            scans, system, every, pairs, reaches, config.registration, config.threads, _NOTHING
+            scans,
+            system,
+            every,
+            pairs,
+            max_distances,
+            config.registration,
+            config.threads,
+            _NOTHING,
         )
         every, residual = found.poses, found.residual
         moved += found.moved
@@ -161,8 +177,8 @@ def _rounds(
     return _Aligned(every[:count], every[count:-1], moved, residual)
 
 
-def _drives(nodes: Sequence[Node], unseen: Array) -> list[tuple[int, int]]:
-    """First node and one past the last of stretches without a break; carrying stays within."""
+def _sessions(nodes: Sequence[Node], unseen: Array) -> list[tuple[int, int]]:
+    """First node and one past the last of sections without a loss; carrying stays within."""
     sessions = np.array([node.session for node in nodes])
     anew = np.diff(sessions, prepend=sessions[0]) != 0
     edges = [0, *np.flatnonzero(anew | (unseen > 0.0)).tolist(), len(nodes)]

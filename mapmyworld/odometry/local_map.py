@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between, transform_points
 from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.graph.bundle import Bundle, RelativePoses, adjust_bundle
+from mapmyworld.graph.bundle_adjustment import Bundle, RelativePoses, adjust_bundle
+from mapmyworld.registration.camera_pose import Sightings, inliers
 from mapmyworld.registration.views import View
-from mapmyworld.registration.visual import Sightings, inliers
 
 Array = NDArray[np.float64]
 _WINDOW = 8  # keyframes adjusted together

@@ -1,6 +1,6 @@
-"""What a camera's motion so far says of where it is next: a Kalman filter of pose and velocity.
+"""What a camera's motion so far reports about where it is next: a Kalman filter of pose and velocity.
 
-Where images leave a direction open (a distant wall, features in one corner), successive poses
+Where images leave a direction degenerate (a distant wall, features in one corner), successive poses
 would jump by as much as they leave open; inertia does not allow it.
 """
 
@@ -20,7 +20,7 @@ _UNKNOWN = (1.0, 1.0)  # rad/s and m/s, a velocity at the start
 _GYRO = 0.02  # rad/s by which a gyroscope may be off: its bias
 _ODOMETRY = (0.1, 0.005)  # share of a recorded motion that is in doubt, and as much anyway
 _FADING = 0.3  # s in which the velocity of a blind camera falls to a third
-_SURPRISE = 22.5  # squared sigmas that one in a thousand measurements exceeds (6 dimensions)
+_NIS_LIMIT = 22.5  # squared sigmas that one in a thousand measurements exceeds (6 dimensions)
 _LEAST_STEP = 1e-3  # s that a step takes, at least
 FLOOR = 1e-6 * np.eye(6)
 """rad^2 and m^2: no motion between two frames is known better."""
@@ -91,9 +91,9 @@ class MotionFilter:
         prior = self._covariance
         squared = float(off @ np.linalg.solve(prior[:6, :6] + covariance, off))
         self.slip = np.zeros(6)
-        if squared > _SURPRISE:
+        if squared > _NIS_LIMIT:
             self.slip = off
-            prior = prior * (squared / _SURPRISE)
+            prior = prior * (squared / _NIS_LIMIT)
         gain = np.linalg.solve(prior[:6, :6] + covariance, prior[:6]).T
         change = gain @ off
         prior = prior - gain @ prior[:6]
@@ -121,9 +121,9 @@ class MotionFilter:
         self._covariance[:6] = self._covariance[:, :6] = 0.0
 
 
-def is_surprising(off: Array, covariance: Array) -> bool:
+def exceeds_nis(off: Array, covariance: Array) -> bool:
     """Whether an error (6,) is so large that one in a thousand is."""
-    return float(off @ np.linalg.solve(covariance, off)) > _SURPRISE
+    return float(off @ np.linalg.solve(covariance, off)) > _NIS_LIMIT
 
 
 def covariance_of_base(information: Array, base_from_camera: Array) -> Array:

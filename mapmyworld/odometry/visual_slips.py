@@ -1,7 +1,7 @@
 """A camera's path where its local map slips beneath it.
 
 A camera that comes back to an older part of its map is placed there at once, by as much as it has
-drifted since. Its base did not move so: the last two images tell, by themselves, how it did.
+drifted since. Its base did not move so: the last two images indicate, by themselves, how it did.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class SteadyPath:
 
     def reach(self, pose: Array, view: View | None) -> Array:
         """path_from_base (4, 4) at a pose in the map; it and its image are remembered."""
-        self._view, self._pose = view or None, pose  # one without features tells nothing
+        self._view, self._pose = view or None, pose  # one without features indicates nothing
         return np.asarray(self._path_from_map @ pose)
 
     def is_matched(self, view: View) -> bool:
@@ -48,7 +48,7 @@ class SteadyPath:
         """Covariance (6, 6) of the motion to this frame, once a slip of the map is taken out.
 
         `seen`: the pose in the map, `expected`: that of inertia; each with the covariance of the
-        motion. None where the images say that the base did jump, or where they do not tell; and
+        motion. None where the images indicate that the base did jump, or where they do not indicate it; and
         for a slip that is less than takes a new keyframe: so much drift the map takes back rightly.
         """
         slip = se3_log(between(expected[0], seen[0]))
@@ -59,7 +59,7 @@ class SteadyPath:
             return None
         direct = pair.a_from_b, np.asarray(np.linalg.inv(pair.information))
         jump, carried = ((between(self._pose, pose), known) for pose, known in (seen, expected))
-        if misfit(carried, direct) > misfit(jump, direct):
+        if normalised_residual(carried, direct) > normalised_residual(jump, direct):
             return None
         motion, covariance = together(carried, direct)
         self._path_from_map = self._path_from_map @ self._pose @ motion @ invert(seen[0])
@@ -77,14 +77,14 @@ class SteadyPath:
         return pair if pair.inliers >= LEAST_INLIERS else None
 
 
-def misfit(one: Known, other: Known) -> float:
+def normalised_residual(one: Known, other: Known) -> float:
     """Squared sigmas by which two measurements of a motion differ."""
     off = se3_log(between(one[0], other[0]))
     return float(off @ np.linalg.solve(one[1] + other[1], off))
 
 
 def together(one: Known, other: Known) -> Known:
-    """What two measurements of a motion tell of it together."""
+    """What two measurements of a motion report it together."""
     off = se3_log(between(one[0], other[0]))
     gain = np.linalg.solve(one[1] + other[1], one[1]).T
     covariance = one[1] - gain @ one[1]

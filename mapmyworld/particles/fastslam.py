@@ -19,9 +19,9 @@ from mapmyworld.geometry.planar import (
     wrap_angle,
 )
 from mapmyworld.particles.filter import ParticleFilter, motion_covariance
+from mapmyworld.particles.filter_scans import beams_from_scan
 from mapmyworld.particles.history import FastSlamHistory, history_from_filter
 from mapmyworld.particles.kernels import Beams
-from mapmyworld.particles.scans import beams_from_scan
 from mapmyworld.particles.smoothing import smooth_path
 from mapmyworld.particles.threads import Workers
 from mapmyworld.particles.tracker import LocalTracker

@@ -35,14 +35,14 @@ def sample_motion_model(
     # Lines 5 to 7 of the table.
     variance_rot_1, variance_trans, variance_rot_2 = motion_variances(u, noise)
     first = rot_1 - random.normal(0.0, np.sqrt(variance_rot_1), len(x))
-    way = trans - random.normal(0.0, np.sqrt(variance_trans), len(x))
+    distance = trans - random.normal(0.0, np.sqrt(variance_trans), len(x))
     second = rot_2 - random.normal(0.0, np.sqrt(variance_rot_2), len(x))
     # Lines 8 to 10.
     heading = x[:, 2] + first
     return np.stack(
         [
-            x[:, 0] + way * np.cos(heading),
-            x[:, 1] + way * np.sin(heading),
+            x[:, 0] + distance * np.cos(heading),
+            x[:, 1] + distance * np.sin(heading),
             wrap_angle(heading + second),
         ],
         axis=-1,
@@ -67,11 +67,11 @@ def rotations_and_translation(u: NDArray[np.float64]) -> tuple[float, float, flo
 def motion_variances(u: NDArray[np.float64], noise: MotionNoise) -> tuple[float, float, float]:
     """Variances of first turn, way and second turn (ibid., lines 5 to 7)."""
     rot_1, trans, rot_2 = rotations_and_translation(u)
-    by_way = (noise.turn_by_distance * trans) ** 2
+    by_distance = (noise.turn_by_distance * trans) ** 2
     variance_trans = (noise.distance_by_distance * trans) ** 2
     variance_trans += noise.distance_by_turn**2 * (rot_1**2 + rot_2**2)
     return (
-        (noise.turn_by_turn * rot_1) ** 2 + by_way,
+        (noise.turn_by_turn * rot_1) ** 2 + by_distance,
         variance_trans,
-        (noise.turn_by_turn * rot_2) ** 2 + by_way,
+        (noise.turn_by_turn * rot_2) ** 2 + by_distance,
     )

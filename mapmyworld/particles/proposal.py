@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config.particles import ParticlesConfig
+from mapmyworld.config.particles_settings import ParticlesConfig
 from mapmyworld.geometry.planar import compose_planar, wrap_angle
 from mapmyworld.particles import kernels
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.threads import Workers
 from mapmyworld.particles.tiles import TileMaps
 
-_REACHES = np.array([3, 2, 2, 2, 2, 2, 2, 2], np.int64)  # cells searched around end points
+_MAX_DISTANCES = np.array([3, 2, 2, 2, 2, 2, 2, 2], np.int64)  # cells searched around end points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +66,7 @@ def improved_proposal(
         kernels.match,
         m.surfaces,
         count,
-        (z, starts, prior, 0.0, _REACHES, config.sigma, scale, mean, information, quality),
+        (z, starts, prior, 0.0, _MAX_DISTANCES, config.sigma, scale, mean, information, quality),
     )
     log_z = quality[:, 1]
     if config.measurement == "beams":

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from mapmyworld.config.particles import ParticlesConfig
+from mapmyworld.config.particles_settings import ParticlesConfig
 from mapmyworld.geometry.planar import between_planar, wrap_angle
 from mapmyworld.particles import kernels
 from mapmyworld.particles.kernels import Beams

@@ -10,14 +10,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config.particles import ParticlesConfig
+from mapmyworld.config.particles_settings import ParticlesConfig
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.particles import kernels
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.threads import Workers
 from mapmyworld.particles.tiles import TileMaps
 
-_REACHES = np.array([6, 5, 4, 3, 2, 2, 2, 2, 2, 2, 2, 2], np.int64)
+_MAX_DISTANCES = np.array([6, 5, 4, 3, 2, 2, 2, 2, 2, 2, 2, 2], np.int64)
 _ROBUST = 2.0  # standard deviations after which odometry counts less
 _GOOD = 0.7  # matched share from which the first guess is taken
 _FAR = 4.0  # squared deviation from odometry from which other guesses are tried
@@ -72,7 +72,7 @@ class LocalTracker:
             starts,
             self._prior(guesses[0], recorded),
             _ROBUST,
-            _REACHES,
+            _MAX_DISTANCES,
             self._config.sigma,
             self._scale(beams),
             pose,

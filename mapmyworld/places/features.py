@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import transform_points
-from mapmyworld.registration.camera import depth_at, rays_of_pixels
-from mapmyworld.registration.pictures import grey_picture
+from mapmyworld.registration.camera_model import depth_at, rays_of_pixels
+from mapmyworld.registration.image_levels import grey_picture
 from mapmyworld.types import Features, RgbdImage
 
 _PYRAMID_LEVELS = 8  # scales at which ORB looks

@@ -1,4 +1,4 @@
-"""Pairs of images worth comparing: by words, in succession, and by solved poses."""
+"""Pairs of images worth comparing: by words, in sequence, and by solved poses."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class Proposal:
     """Rows of `NodeImages`: an image each."""
     kind: ConstraintKind
     source: ImageMatch
-    """What proposes them; what registration says of them is still open."""
+    """What proposes them; what registration indicates about them is still open."""
     guess: Array | None = None
-    """other_from_index where tracking tells it well enough to search around it only."""
+    """other_from_index where tracking indicates it well enough to search around it only."""
 
 
 def by_words(images: NodeImages, size: int, config: Config) -> list[Proposal]:
@@ -58,8 +58,8 @@ def _proposal_of(candidate: Candidate) -> Proposal:
     return Proposal(candidate.index, candidate.other, ConstraintKind.LOOP_CLOSURE, source)
 
 
-def by_succession(images: NodeImages) -> list[Proposal]:
-    """Each node with the ones just before it: what the images say of the motion between them."""
+def by_sequence(images: NodeImages) -> list[Proposal]:
+    """Each node with the ones just before it: what the images indicate about the motion between them."""
     nodes, sessions, cameras = images.nodes, images.sessions(), images.camera_of
     found = []
     for i in range(1, len(sessions)):

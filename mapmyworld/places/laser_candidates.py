@@ -20,26 +20,28 @@ _NEAR = 3.0  # m between two places that see the same
 _TIED = 1.2  # m of path at both ends within which one closure says what another would
 
 
-def candidate_pairs(nodes: LaserNodes, config: Config, *, settled: bool, first: int = 0) -> Pairs:
+def candidate_pairs(nodes: LaserNodes, config: Config, *, optimised: bool, first: int = 0) -> Pairs:
     """(earlier, later) indices of visits that may be of the same place, the later from `first`."""
     places = config.places
-    spacing = places.laser_spacing if settled else places.laser_far_spacing
+    spacing = places.laser_spacing if optimised else places.laser_far_spacing
     spots = calm_spots(nodes, spacing)
     tree = cKDTree(nodes.poses[spots, :2])
-    widest = _NEAR + (1.0 if settled else FIRST_WINDOW)
+    widest = _NEAR + (1.0 if optimised else FIRST_WINDOW)
     pairs: Pairs = []
     for later in spots[spots >= first]:
         near = np.array(sorted(tree.query_ball_point(nodes.poses[later, :2], widest)), np.int64)
         near = near[nodes.path[later] - nodes.path[spots[near]] > _LEAST_PATH]
         apart = np.hypot(*(nodes.poses[spots[near], :2] - nodes.poses[later, :2]).T)
         drift = places.laser_drift * drift_between(nodes, spots[near], later)
-        reach = _NEAR + (0.0 if settled else 1.0) * np.minimum(drift, FIRST_WINDOW)
-        best = _nearest_of_visits(near[apart < reach], apart[apart < reach], places.laser_passes)
+        reach = _NEAR + (0.0 if optimised else 1.0) * np.minimum(drift, FIRST_WINDOW)
+        best = _nearest_of_revisits(
+            near[apart < reach], apart[apart < reach], places.laser_revisits
+        )
         pairs += [(int(spots[k]), int(later)) for k in best]
     return pairs
 
 
-def _nearest_of_visits(near: Index, apart: NDArray[np.float64], most: int) -> list[int]:
+def _nearest_of_revisits(near: Index, apart: NDArray[np.float64], most: int) -> list[int]:
     """Of each visit, a run of neighbouring spots, the nearest one; of so many visits at most."""
     if len(near) == 0:
         return []
@@ -52,8 +54,10 @@ def _nearest_of_visits(near: Index, apart: NDArray[np.float64], most: int) -> li
 
 def drift_between(nodes: LaserNodes, a: Index | int, b: Index | int) -> NDArray[np.float64]:
     """Metres of path that the pose between two nodes may have drifted over."""
-    driven, known = nodes.path[b] - nodes.path[a], nodes.part[a] == nodes.part[b]
-    return np.asarray(np.where(known, np.minimum(driven, nodes.loose[a] + nodes.loose[b]), driven))
+    driven, known = nodes.path[b] - nodes.path[a], nodes.component[a] == nodes.component[b]
+    return np.asarray(
+        np.where(known, np.minimum(driven, nodes.to_closure[a] + nodes.to_closure[b]), driven)
+    )
 
 
 def drift_window(

@@ -14,8 +14,8 @@ from mapmyworld.geometry.planar import (
     information_from_planar,
     planar_to_matrix,
 )
-from mapmyworld.kernels.laser_motion import leaves_open
-from mapmyworld.odometry.laser_stretches import leaves_turn_open
+from mapmyworld.kernels.laser_motion import is_degenerate
+from mapmyworld.odometry.degeneracy import has_open_heading
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_candidates import (
     FIRST_WINDOW,
@@ -23,11 +23,11 @@ from mapmyworld.places.laser_candidates import (
     drift_window,
     untied,
 )
-from mapmyworld.places.laser_joins import doubt_joins
-from mapmyworld.places.laser_lookalikes import doubt_lookalikes
-from mapmyworld.places.laser_lost import held_by, islands, lost_pairs
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps, place_around, submap_members
+from mapmyworld.places.perceptual_aliasing import reject_aliases
+from mapmyworld.places.session_joining import reject_ambiguous_joins
+from mapmyworld.places.wide_search import components_of, held_by, lost_pairs
 from mapmyworld.registration.evidence import FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_matching import (
     Match,
@@ -51,8 +51,8 @@ from mapmyworld.types import (
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_SETTLED_WINDOW = 1.0  # m to each side that is searched once the graph is optimised
-_SETTLED_ANGLE = 0.2  # rad, the same
+_OPTIMISED_WINDOW = 1.0  # m to each side that is searched once the graph is optimised
+_OPTIMISED_ANGLE = 0.2  # rad, the same
 _AHEAD = 8  # places a thread that are made ready: one may take as long as many others
 _AGREEMENT = np.diag([0.02**2, 0.02**2, 0.005**2])  # m^2 and rad^2 that two maps may differ by
 
@@ -74,9 +74,9 @@ def first_closures(
     nodes = nodes_at(loaded, poses, span[1])
     if poses is not None:
         nodes = held_by(nodes, known)
-    pairs = candidate_pairs(nodes, config, settled=False, first=span[0])
+    pairs = candidate_pairs(nodes, config, optimised=False, first=span[0])
     progress.stage("loop closures by laser", len(pairs), "pairs")
-    return compare_places(nodes, pairs, config, settled=False)
+    return compare_places(nodes, pairs, config, optimised=False)
 
 
 def find_laser_closures(
@@ -103,17 +103,17 @@ def find_laser_closures(
         ends = [(a, b, int(nodes.ids[a]), int(nodes.ids[b])) for a, b in pairs]
         return [(a, b) for a, b, i, j in ends if (i, j) not in known and j >= since]
 
-    island = islands(loaded, tied)
-    pairs = [(a, b) for a, b in candidate_pairs(nodes, config, settled=True)
-             if island[a] == island[b]]  # fmt: skip
+    component = components_of(loaded, tied)
+    pairs = [(a, b) for a, b in candidate_pairs(nodes, config, optimised=True)
+             if component[a] == component[b]]  # fmt: skip
     pairs = untried(untied(nodes, pairs, tied))
-    nodes = replace(nodes, part=held_by(nodes, tied).part)
+    nodes = replace(nodes, component=held_by(nodes, tied).component)
     lost = untried(lost_pairs(nodes, tied, config))
     lost = [pair for pair in lost if pair not in set(pairs)]
     progress.stage("loop closures by laser", len(pairs) + len(lost), "pairs")
-    near = compare_places(nodes, pairs, config, settled=True)
+    near = compare_places(nodes, pairs, config, optimised=True)
     widest = config.places.laser_window
-    return near + compare_places(nodes, lost, config, settled=False, widest=widest)
+    return near + compare_places(nodes, lost, config, optimised=False, widest=widest)
 
 
 def compare_places(
@@ -121,12 +121,12 @@ def compare_places(
     pairs: list[tuple[int, int]],
     config: Config,
     *,
-    settled: bool,
+    optimised: bool,
     widest: float = FIRST_WINDOW,
 ) -> list[Judged]:
     """Each pair's constraint, accepted or not, in the order of the pairs.
 
-    From settled poses the search is small, else as far as drift goes, `widest` metres at most.
+    From optimised poses the search is small, else as far as drift goes, `widest` metres at most.
     """
     by_target: dict[int, list[int]] = {}
     for k, (a, _) in enumerate(pairs):
@@ -135,7 +135,7 @@ def compare_places(
     def compare(target: tuple[LaserNodes, int, list[int]]) -> list[Judged]:
         held, a, rows = target
         place = place_around(held, a, config)  # large: one a thread is held
-        return [_compare(held, place, *pairs[k], config, settled, widest) for k in rows]
+        return [_compare(held, place, *pairs[k], config, optimised, widest) for k in rows]
 
     def targets() -> Iterator[tuple[LaserNodes, int, list[int]]]:
         for a, rows in by_target.items():
@@ -148,10 +148,10 @@ def compare_places(
     places = [k for rows in by_target.values() for k in rows]
     by_place = dict(zip(places, (c for some in found for c in some), strict=True))
     closures = [by_place[k] for k in range(len(pairs))]
-    if settled:
+    if optimised:
         return closures
-    closures = doubt_lookalikes(nodes, pairs, closures, config, widest)
-    return doubt_joins(nodes, pairs, closures, config, widest)
+    closures = reject_aliases(nodes, pairs, closures, config, widest)
+    return reject_ambiguous_joins(nodes, pairs, closures, config, widest)
 
 
 def _compare(
@@ -160,12 +160,12 @@ def _compare(
     a: int,
     b: int,
     config: Config,
-    settled: bool,
+    optimised: bool,
     widest: float,
 ) -> Judged:
     guess = between_planar(nodes.poses[a], nodes.poses[b])
-    distance, angle = _SETTLED_WINDOW, _SETTLED_ANGLE
-    if not settled:
+    distance, angle = _OPTIMISED_WINDOW, _OPTIMISED_ANGLE
+    if not optimised:
         distance, angle = drift_window(nodes, a, b, config, widest)
     around = place_around(nodes, b, config)
     needed = needed_evidence(distance, angle)
@@ -174,20 +174,22 @@ def _compare(
     )
     if found is None:
         verdict = Verdict(Judge.LASER, False, Why.NOTHING_IN_COMMON)
-        return _constraint(nodes, a, b, settled, guess, np.eye(3), ScanMatch(), verdict)
+        return _constraint(nodes, a, b, optimised, guess, np.eye(3), ScanMatch(), verdict)
     match = match_submaps(nodes, a, b, found.pose, config)
     moved = between_planar(guess, match.pose)
-    said = place.says(around, match.pose)
-    rival = place.says(around, found.rival_pose) if found.rival > 0.0 else None
+    agreement = place.agreement_with(around, match.pose)
+    second_best = (
+        place.agreement_with(around, found.second_best_pose) if found.second_best > 0.0 else None
+    )
     source = ScanMatch(
-        said.evidence, rival.evidence if rival else 0.0,
-        said.beyond(rival) if rival and rival.evidence >= needed else said.evidence,
+        agreement.evidence, second_best.evidence if second_best else 0.0,
+        agreement.beyond(second_best) if second_best and second_best.evidence >= needed else agreement.evidence,
         float(found.score), float(match.overlap), float(match.residual),
         float(np.hypot(*moved[:2])),
     )  # fmt: skip
     verdict = _verdict(source, found, match, needed)
     information = closure_information(match) if verdict.accepted else np.eye(3)
-    return _constraint(nodes, a, b, settled, match.pose, information, source, verdict)
+    return _constraint(nodes, a, b, optimised, match.pose, information, source, verdict)
 
 
 def _verdict(source: ScanMatch, found: Found, match: Match, needed: float) -> Verdict:
@@ -197,26 +199,30 @@ def _verdict(source: ScanMatch, found: Found, match: Match, needed: float) -> Ve
     if source.evidence < needed:
         return Verdict(Judge.LASER, False, Why.LITTLE_EVIDENCE, numbers)
     if source.beyond < MARGIN:
-        numbers = {"rival": source.rival, "evidence": source.evidence, "beyond": source.beyond}
+        numbers = {
+            "second_best": source.second_best,
+            "evidence": source.evidence,
+            "beyond": source.beyond,
+        }
         return Verdict(Judge.LASER, False, Why.AMBIGUOUS_POSE, numbers)
     if metres > 0.5 or radians > 0.15:
         numbers = {"metres": metres, "degrees": float(np.degrees(radians))}
         return Verdict(Judge.LASER, False, Why.NOT_CONVERGED, numbers)
-    if leaves_open(match.information) or leaves_turn_open(match.information):
-        return Verdict(Judge.LASER, False, Why.OPEN_DIRECTION)
+    if is_degenerate(match.information) or has_open_heading(match.information):
+        return Verdict(Judge.LASER, False, Why.DEGENERATE)
     numbers |= {"overlap": source.overlap, "residual": source.residual}
     return Verdict(Judge.LASER, True, Why.SCANS_ALIGNED, numbers)
 
 
 def _constraint(
-    nodes: LaserNodes, a: int, b: int, settled: bool, pose: Array, information: Array,
+    nodes: LaserNodes, a: int, b: int, optimised: bool, pose: Array, information: Array,
     source: ScanMatch, verdict: Verdict,
 ) -> Judged:  # fmt: skip
     return Judged(
         from_id=int(nodes.ids[a]),
         to_id=int(nodes.ids[b]),
-        kind=ConstraintKind.PROXIMITY if settled else ConstraintKind.LOOP_CLOSURE,
-        from_from_to=planar_to_matrix(pose),
+        kind=ConstraintKind.PROXIMITY if optimised else ConstraintKind.LOOP_CLOSURE,
+        i_from_j=planar_to_matrix(pose),
         information=information_from_planar(information),
         source=source,
         verdicts=(verdict,),

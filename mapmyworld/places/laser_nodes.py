@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
-from mapmyworld.places.laser_breaks import unseen_path
 from mapmyworld.places.stored_scans import Scans, StoredScans
+from mapmyworld.places.unseen_path import unseen_path
 from mapmyworld.types import MapStore, Node, Poses
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _ASIDE = np.array([0, -1, 1, -2, 2])  # nodes from a spot, nearest first, that may stand for it
-_FEWEST = 12  # points from which a scan says where it was taken
+_FEWEST = 12  # points from which a scan indicates where it was taken
 _EVEN = 0.02  # rad that turns from node to node differ by in any case
 
 
@@ -30,13 +30,13 @@ class LaserNodes:
     poses: Array
     """(N, 3)."""
     path: Array
-    """(N,) metres driven, rotation and breaks of tracking counted as well."""
-    loose: Array
+    """(N,) metres driven, rotation and tracking losses counted as well."""
+    to_closure: Array
     """(N,) metres driven since or until something holds the pose; infinite where nothing does."""
     sees: NDArray[np.bool_]
     """(N,) whether the scan has points enough to say where it was taken."""
-    part: Index
-    """(N,) number of the part of the path whose nodes are known to each other: breaks divide it."""
+    component: Index
+    """(N,) number of the component of the path whose nodes are known to each other: losses divide it."""
 
 
 class NodeScans(NamedTuple):
@@ -45,7 +45,7 @@ class NodeScans(NamedTuple):
     nodes: list[Node]
     scans: Scans
     unseen: Array
-    """(N,) metres of path that breaks of tracking right before each node count for."""
+    """(N,) metres of path that tracking losses right before each node count for."""
     sees: NDArray[np.bool_]
     """(N,) whether the scan has points enough to say where it was taken."""
 
@@ -66,8 +66,8 @@ def laser_nodes(ids: Index, scans: Scans, poses: Array) -> LaserNodes:
     lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.2 * np.abs(steps[:, 2])
     path = np.concatenate([[0.0], np.cumsum(lengths)])
     sees = np.ones(len(ids), np.bool_)
-    part = np.zeros(len(ids), np.int64)
-    return LaserNodes(ids, scans, poses, path, np.full(len(ids), np.inf), sees, part)
+    component = np.zeros(len(ids), np.int64)
+    return LaserNodes(ids, scans, poses, path, np.full(len(ids), np.inf), sees, component)
 
 
 def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -> LaserNodes:
@@ -81,8 +81,8 @@ def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -
         matrices = poses.map_from_node[[row[int(i)] for i in ids]]
     found = laser_nodes(ids, loaded.scans, matrix_to_planar(matrices))
     unseen = loaded.unseen[: len(ids)]
-    path, part = found.path + np.cumsum(unseen), np.cumsum((unseen > 0.0).astype(np.int64))
-    return replace(found, path=path, sees=loaded.sees[: len(ids)], part=part)
+    path, component = found.path + np.cumsum(unseen), np.cumsum((unseen > 0.0).astype(np.int64))
+    return replace(found, path=path, sees=loaded.sees[: len(ids)], component=component)
 
 
 def spaced(path: Array, spacing: float) -> Index:
@@ -96,7 +96,7 @@ def calm_spots(nodes: LaserNodes, spacing: float) -> Index:
     nearby.
 
     Where a turn begins between two samples of the odometry, a sweep, and so its node and every
-    closure with it, may be turned by more than a degree, and nothing in the scans tells.
+    closure with it, may be turned by more than a degree, and nothing in the scans indicates it.
     """
     spots = spaced(nodes.path, spacing)
     near = np.clip(spots[:, None] + _ASIDE, 0, len(nodes.path) - 1)

@@ -15,12 +15,12 @@ Index = NDArray[np.int64]
 _IN_TIME = (1, 2, 4, 8)  # scans ahead that each scan is compared with
 _GAP = 9  # scans between two that are of different visits
 _METRES_PER_RADIAN = 1.5  # how much farther a scan counts for looking elsewhere
-_BLOCK = 128  # scans whose surroundings are held in memory together
+_BLOCK = 128  # scans whose environment are held in memory together
 _SAME_PLACE, _SAME_HEADING = 0.5, 0.5  # m and rad within which a place is visited again
 _AROUND = tuple(itertools.product((-1, 0, 1), repeat=2))
 
 
-def first_visits(poses: NDArray[np.float64], visits: int) -> NDArray[np.bool_]:
+def among_first_revisits(poses: NDArray[np.float64], revisits: int) -> NDArray[np.bool_]:
     """(N,) poses that are among the first `visits` of their place and heading.
 
     Their number grows with the area that was driven over, not with how often it was.
@@ -34,7 +34,7 @@ def first_visits(poses: NDArray[np.float64], visits: int) -> NDArray[np.bool_]:
         apart = np.hypot(*(poses[around, :2] - poses[k, :2]).T)
         turn = np.abs(wrap_angle(poses[around, 2] - poses[k, 2]))
         before = around[(apart < _SAME_PLACE) & (turn < _SAME_HEADING)]
-        first[k] = np.count_nonzero(np.diff(before, prepend=-_GAP - 1) > _GAP) < visits
+        first[k] = np.count_nonzero(np.diff(before, prepend=-_GAP - 1) > _GAP) < revisits
         if first[k]:
             taken[column, row].append(k)
     return first
@@ -43,7 +43,7 @@ def first_visits(poses: NDArray[np.float64], visits: int) -> NDArray[np.bool_]:
 def neighbour_pairs(
     poses: NDArray[np.float64],
     radius: float,
-    passes: int,
+    revisits: int,
     among: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.int64]:
     """(P, 2) ascending pairs of scan indices: close in time, or of another pass nearby.
@@ -63,14 +63,14 @@ def neighbour_pairs(
         scans, others = near["i"] + start, asked[near["j"]]
         apart = np.abs(others - scans) >= _GAP
         keys = np.sort(scans[apart] * count + others[apart])
-        found.append(_nearest_of_passes(poses, keys // count, keys % count, passes))
+        found.append(_nearest_of_revisits(poses, keys // count, keys % count, revisits))
     low, high = np.sort(np.concatenate(found), axis=1).T
     keys = np.unique(low * count + high)
     return np.stack([keys // count, keys % count], axis=1).astype(np.int64)
 
 
-def _nearest_of_passes(
-    poses: NDArray[np.float64], scans: Index, others: Index, passes: int
+def _nearest_of_revisits(
+    poses: NDArray[np.float64], scans: Index, others: Index, revisits: int
 ) -> Index:
     """The pairs (K, 2) kept of `scans` and `others`, which ascend scan by scan."""
     turn = np.abs(wrap_angle(poses[others, 2] - poses[scans, 2]))
@@ -80,7 +80,7 @@ def _nearest_of_passes(
     best = _least_of_runs(cost, anew)
     best = best[np.lexsort((cost[best], scans[best]))]
     first = np.searchsorted(scans[best], scans[best], side="left")
-    best = best[np.arange(len(best)) - first < passes]
+    best = best[np.arange(len(best)) - first < revisits]
     return np.stack([scans[best], others[best]], axis=1)
 
 

@@ -1,4 +1,4 @@
-"""The submap around a node: what the laser saw along a stretch of the path, as if from there."""
+"""The submap around a node: what the laser saw along a section of the path, as if from there."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def match_submaps(nodes: LaserNodes, a: int, b: int, guess: Array, config: Confi
         _joined(nodes, b, submap_members(nodes, b, config)), nodes.scans.some(targets),
         np.arange(len(targets)), between_planar(nodes.poses[a], nodes.poses[targets]), guess,
         config.registration, prior=guess, prior_information=_NO_PRIOR,
-        reaches=np.concatenate([[0.4, 0.3], FINE]),
+        max_distances=np.concatenate([[0.4, 0.3], FINE]),
     )  # fmt: skip
 
 

@@ -10,9 +10,9 @@ from mapmyworld.config import Config
 from mapmyworld.errors import ConfigError
 from mapmyworld.geometry.rigid import invert, make_transform, se3_adjoint
 from mapmyworld.parallel import in_threads
-from mapmyworld.registration.camera import depth_at, rays_of_pixels
-from mapmyworld.registration.pictures import grey_picture
-from mapmyworld.registration.visual import Sightings, errors, refine_pose
+from mapmyworld.registration.camera_model import depth_at, rays_of_pixels
+from mapmyworld.registration.camera_pose import Sightings, errors, refine_pose
+from mapmyworld.registration.image_levels import grey_picture
 from mapmyworld.types import (
     ConstraintKind,
     Judge,

@@ -17,25 +17,25 @@ Array = NDArray[np.float64]
 _GROUND = 1.0  # m between two nodes that stand on the same ground
 _VIEW = np.radians(30.0)  # between their headings: most of the view is shared
 _AWAY = 3.0  # m travelled and rad turned between them; what is nearer, tracking ties
-_LEAST = 1.0  # m of a stretch that is worth a word
-_NAMED = 5  # stretches that are named, the longest ones
+_LEAST = 1.0  # m of a section that is worth a word
+_NAMED = 5  # sections that are named, the longest ones
 
 
-def told_of_unrecognised(
+def unrecognised_notes(
     nodes: Sequence[Node], poses: Poses, constraints: Iterable[Judged]
 ) -> list[str]:
-    """A line for each stretch, by the solved poses; none where all known ground was recognised."""
+    """A line for each section, by the solved poses; none where all known ground was recognised."""
     if len(nodes) < 2:
         return []
     rows = np.searchsorted(poses.ids[poses.ids > 0], [node.id for node in nodes])
     placed = poses.map_from_node[rows]
-    way = _way(placed, np.array([node.session for node in nodes]))
-    lost = _back(placed, way, ~_recognised(nodes, way, constraints))
-    stretches = [(_metres(placed, run), run) for run in _runs(lost)]
-    return _lines(nodes, [(metres, run) for metres, run in stretches if metres >= _LEAST])
+    path = _path_of(placed, np.array([node.session for node in nodes]))
+    lost = _back(placed, path, ~_recognised(nodes, path, constraints))
+    sections = [(_metres(placed, run), run) for run in _runs(lost)]
+    return _lines(nodes, [(metres, run) for metres, run in sections if metres >= _LEAST])
 
 
-def _way(placed: Array, sessions: NDArray[np.int64]) -> Array:
+def _path_of(placed: Array, sessions: NDArray[np.int64]) -> Array:
     """(N,) metres travelled and radians turned up to each node; far apart between sessions."""
     steps = between(placed[:-1], placed[1:])
     gone = np.linalg.norm(steps[:, :3, 3], axis=1) + rotation_angle(steps)
@@ -44,7 +44,7 @@ def _way(placed: Array, sessions: NDArray[np.int64]) -> Array:
 
 
 def _recognised(
-    nodes: Sequence[Node], way: Array, constraints: Iterable[Judged]
+    nodes: Sequence[Node], path: Array, constraints: Iterable[Judged]
 ) -> NDArray[np.bool_]:
     """(N,) nodes that a closure ties to another part of the path, or that saw a marker."""
     index = {node.id: k for k, node in enumerate(nodes)}
@@ -53,17 +53,19 @@ def _recognised(
         if not c.accepted:
             continue
         ends = [index[i] for i in (c.from_id, c.to_id) if i in index]
-        if c.kind is ConstraintKind.LANDMARK or (c.kind in CLOSURES and np.ptp(way[ends]) >= _AWAY):
+        if c.kind is ConstraintKind.LANDMARK or (
+            c.kind in CLOSURES and np.ptp(path[ends]) >= _AWAY
+        ):
             known[ends] = True
     return known
 
 
-def _back(placed: Array, way: Array, asked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _back(placed: Array, path: Array, asked: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(N,) those asked for that stand where an earlier node stood, and look where it looked."""
     tree, found = cKDTree(placed[:, :3, 3]), np.zeros(len(placed), np.bool_)
     for i in np.flatnonzero(asked).tolist():
         near = np.array(tree.query_ball_point(placed[i, :3, 3], _GROUND))
-        near = near[way[i] - way[near] >= _AWAY]
+        near = near[path[i] - path[near] >= _AWAY]
         found[i] = (rotation_angle(between(placed[i], placed[near])) <= _VIEW).any()
     return found
 
@@ -79,17 +81,17 @@ def _metres(placed: Array, run: tuple[int, int]) -> float:
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
-def _lines(nodes: Sequence[Node], stretches: list[tuple[float, tuple[int, int]]]) -> list[str]:
-    if not stretches:
+def _lines(nodes: Sequence[Node], sections: list[tuple[float, tuple[int, int]]]) -> list[str]:
+    if not sections:
         return []
-    total, count = sum(metres for metres, _ in stretches), len(stretches)
+    total, count = sum(metres for metres, _ in sections), len(sections)
     head = (
         f"nothing recognised {total:.1f} m of known ground to which the path came back: "
         "there only the motion from node to node holds it"
     )
-    longest = sorted(stretches, key=lambda stretch: -stretch[0])[:_NAMED]
-    named = [_text(nodes, *stretch) for stretch in sorted(longest, key=lambda s: s[1])]
-    rest = [f"shorter stretches not recognised: {count - _NAMED}"] if count > _NAMED else []
+    longest = sorted(sections, key=lambda section: -section[0])[:_NAMED]
+    named = [_text(nodes, *section) for section in sorted(longest, key=lambda s: s[1])]
+    rest = [f"shorter sections not recognised: {count - _NAMED}"] if count > _NAMED else []
     return [head, *named, *rest]
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.drift import Drift
-from mapmyworld.places.image_proposals import Proposal, by_poses, by_succession, by_words
+from mapmyworld.places.image_proposals import Proposal, by_poses, by_sequence, by_words
 from mapmyworld.places.node_images import NodeImages
 from mapmyworld.registration.image_pairs import ImagePair, register_images
 from mapmyworld.registration.views import View
@@ -58,7 +58,7 @@ def find_visual_closures(
         vocabulary = images.learn_words(given_words)
         proposals += by_words(images, vocabulary.size, config)
         if not with_laser:
-            proposals += by_succession(images)
+            proposals += by_sequence(images)
     if poses is not None:
         proposals += by_poses(images, poses, proposals)
     tried = _pairs(known)

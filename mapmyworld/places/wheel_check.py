@@ -1,4 +1,4 @@
-"""Wheels checked by the camera: what images say of the motion between successive nodes."""
+"""Wheels checked by the camera: what images indicate about the motion between successive nodes."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from mapmyworld.types import (
 )
 
 Array = NDArray[np.float64]
-_ENOUGH = 20  # motions from which a share can be told
+_ENOUGH = 20  # motions from which a share can be reported
 _SLIP_SIGMAS = 5.0  # robust sigmas beyond which wheels and images contradict each other
 _SLIP_FLOOR = (0.02, 0.02)  # m, rad: smaller contradictions are not worth a word
-_BELIEVED = 0.02  # share up to which wheels are taken as told: it adds up to less than slips do
+_BELIEVED = 0.02  # share up to which wheels are taken as reported: it adds up to less than slips do
 
 
 @dataclass(frozen=True, slots=True)
 class Slip:
-    """A motion that wheels and images tell differently."""
+    """A motion that wheels and images indicate differently."""
 
     stamp_ns: int
     """Of the later node."""
@@ -91,11 +91,11 @@ def check_wheels(nodes: Sequence[Node], constraints: Sequence[Judged]) -> WheelC
     ends = np.array([(place[c.from_id], place[c.to_id]) for c in seen])
     odometry = np.stack([node.odom_from_base for node in nodes])
     wheels = between(odometry[ends[:, 0]], odometry[ends[:, 1]])
-    images = np.stack([c.from_from_to for c in seen])
-    way, seen_way = wheels[:, :3, 3], images[:, :3, 3]
+    images = np.stack([c.i_from_j for c in seen])
+    moved, seen_moved = wheels[:, :3, 3], images[:, :3, 3]
     turn, seen_turn = so3_log(wheels[:, :3, :3]), so3_log(images[:, :3, :3])
-    distance, turned = _ratio(way, seen_way), _ratio(turn, seen_turn)
-    apart = np.linalg.norm(seen_way - distance * way, axis=1)
+    distance, turned = _ratio(moved, seen_moved), _ratio(turn, seen_turn)
+    apart = np.linalg.norm(seen_moved - distance * moved, axis=1)
     twisted = np.linalg.norm(seen_turn - (1.0 if np.isnan(turned) else turned) * turn, axis=1)
     scatter = _spread(apart), _spread(twisted)
     bad = apart > np.maximum(_SLIP_SIGMAS * scatter[0], _SLIP_FLOOR[0])
@@ -108,7 +108,7 @@ def check_wheels(nodes: Sequence[Node], constraints: Sequence[Judged]) -> WheelC
 
 
 def corrected(constraints: Sequence[Judged], check: WheelCheck) -> list[Judged]:
-    """The constraints, and instead of the motions told by wheels these by the shares of `check`.
+    """The constraints, and instead of the motions reported by wheels these by the shares of `check`.
 
     The model of wheels takes one motion's error to know nothing of the next one's. An error that
     all motions share adds up much faster where images measure none of them.
@@ -124,20 +124,20 @@ def corrected(constraints: Sequence[Judged], check: WheelCheck) -> list[Judged]:
     motions = [c for c in constraints if c.kind is ConstraintKind.NEIGHBOUR]
     return [
         *(c.judged(verdict) if c.kind is ConstraintKind.NEIGHBOUR else c for c in constraints),
-        *(replace(c, from_from_to=mended(c.from_from_to), source=source) for c in motions),
+        *(replace(c, i_from_j=mended(c.i_from_j), source=source) for c in motions),
     ]
 
 
-def _ratio(told: Array, seen: Array) -> float:
-    """The factor that takes vectors (N, 3) told by wheels to those seen; NaN for hardly any."""
-    length = np.linalg.norm(told, axis=1)
+def _ratio(reported: Array, seen: Array) -> float:
+    """The factor that takes vectors (N, 3) reported by wheels to those seen; NaN for hardly any."""
+    length = np.linalg.norm(reported, axis=1)
     if length.sum() < 0.5:  # m or rad
         return float("nan")
     factor = 1.0
     for _ in range(5):
-        off = np.linalg.norm(seen - factor * told, axis=1)
+        off = np.linalg.norm(seen - factor * reported, axis=1)
         weight = 1.0 / np.maximum(off, max(_spread(off), 1e-6))
-        factor = float(np.sum(weight[:, None] * told * seen) / np.sum(weight * length**2))
+        factor = float(np.sum(weight[:, None] * reported * seen) / np.sum(weight * length**2))
     return factor
 
 

@@ -1,4 +1,4 @@
-"""What two views say of each other: points that agree, less those that contradict."""
+"""What two views indicate about each other: points that agree, less those that contradict."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FORTH = 0.3
 """Share of the evidence that a search must find in the points of the later place."""
 APART = 0.6, 0.3
 """Metres and radians between poses that are hypotheses of their own."""
-_UNSEEN = 0.25  # weight of what one view knows of another and its rival does not
+_UNSEEN = 0.25  # weight of what one view knows of another and its second best does not
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +39,7 @@ class Place:
         return Place(submap, evidence_grid(submap))
 
     def says(self, other: Place, here_from_there: Array) -> Said:
-        """What each says of the other's points, at a relative pose."""
+        """What each reports about the other's points, at a relative pose."""
         back = invert_planar(here_from_there)
         return Said(
             judged_points(other.submap.points, self.grid, here_from_there),
@@ -59,15 +59,15 @@ class Said:
         """Points that agree, less those that contradict."""
         return float(self.forth.sum() + self.back.sum())
 
-    def beyond(self, rival: Said) -> float:
-        """Evidence beyond that of a rival for the same later place.
+    def beyond(self, second_best: Said) -> float:
+        """Evidence beyond that of a second best for the same later place.
 
         What only one of them saw counts a quarter: it may well look like what both know, as where
         equal doors follow each other.
         """
-        known = (self.forth != 0) & (rival.forth != 0)
-        apart = (self.forth - rival.forth) * np.where(known, 1.0, _UNSEEN)
-        back = _weighed(self.back) - _weighed(rival.back)
+        known = (self.forth != 0) & (second_best.forth != 0)
+        apart = (self.forth - second_best.forth) * np.where(known, 1.0, _UNSEEN)
+        back = _weighed(self.back) - _weighed(second_best.back)
         return float(apart.sum() + back)
 
 

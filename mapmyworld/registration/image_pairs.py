@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import invert, se3_adjoint, transform_points
+from mapmyworld.registration.camera_pose import Sightings, errors, inliers, ransac_pose, refine_pose
 from mapmyworld.registration.views import View, match_around, match_views
-from mapmyworld.registration.visual import Sightings, errors, inliers, ransac_pose, refine_pose
 from mapmyworld.types import Judge, Registration, Verdict, Why
 
 Array = NDArray[np.float64]
@@ -21,7 +21,7 @@ _RADIUS = 8.0  # pixels around a found motion's projections for more matches
 _LARGEST_TRANSLATION = 0.065  # m, no closure is less certain
 _LARGEST_ROTATION = 0.006  # rad, no closure is less certain
 Indices = NDArray[np.int64]
-_LATTICE = np.array([8, 6])  # cells over the image that tell how widely matches are spread
+_LATTICE = np.array([8, 6])  # cells over the image that indicate how widely matches are spread
 _CORRELATED = 2.0  # features of one image err alike: each is worth half of what it seems
 # What no residual shows: shutter, colour and depth at different moments, calibration (rad, m).
 _FLOOR = np.array([0.002, 0.002, 0.002, 0.003, 0.003, 0.003])
@@ -124,7 +124,7 @@ def _judged(
     sigmas = [
         float(np.sqrt(np.linalg.eigvalsh(covariance[k : k + 3, k : k + 3])[-1])) for k in (0, 3)
     ]
-    misfit = _misfit(count, len(mine), share, cells, config)
+    shortfall = _shortfall(count, len(mine), share, cells, config)
     agreement = {"inliers": count, "sigmas": settings.inlier_sigmas}
     fits = Verdict(Judge.CAMERA, True, Why.IMAGES_AGREE, agreement)
     focal = float(b.camera.intrinsics[0, 0])
@@ -136,17 +136,19 @@ def _judged(
     registration = Registration(
         pose @ camera_from_base,
         information,
-        misfit or _uncertainty(sigmas) or fits,
+        shortfall or _uncertainty(sigmas) or fits,
         count,
         share,
         residual,
     )
     return ImagePair(
-        registration, mine, theirs, agreed, misfit is None, cells, sigmas[0], sigmas[1]
+        registration, mine, theirs, agreed, shortfall is None, cells, sigmas[0], sigmas[1]
     )
 
 
-def _misfit(count: int, matches: int, share: float, cells: int, config: Config) -> Verdict | None:
+def _shortfall(
+    count: int, matches: int, share: float, cells: int, config: Config
+) -> Verdict | None:
     """None when enough matches agree, else the first limit that is missed, with its value."""
     settings = config.visual
     if count < settings.closure_inliers:
@@ -184,5 +186,5 @@ def occupied_cells(view: View, chosen: Indices) -> int:
 
 
 def _failed(mine: Indices, theirs: Indices, verdict: Verdict) -> ImagePair:
-    nothing = Registration(np.eye(4), 1e-6 * np.eye(6), verdict)  # says nothing
+    nothing = Registration(np.eye(4), 1e-6 * np.eye(6), verdict)  # indicates nothing
     return ImagePair(nothing, mine, theirs, np.zeros(len(mine), np.bool_), False, 0, np.inf, np.inf)

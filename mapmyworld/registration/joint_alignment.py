@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.backend.descent import settle
+from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.residuals import planar_exp
 from mapmyworld.backend.system import System, believed_edges, with_edges
 from mapmyworld.config import RegistrationConfig
@@ -45,7 +45,7 @@ def align_jointly(
     system: System,
     poses: Array,
     pairs: Pairs,
-    reaches: Sequence[float],
+    max_distances: Sequence[float],
     config: RegistrationConfig,
     threads: int,
     enough: float = 0.0,
@@ -57,7 +57,7 @@ def align_jointly(
     """
     systems = np.zeros((len(pairs), 12))
     moved: list[float] = []
-    for reach in reaches:
+    for reach in max_distances:
         _associate(scans, poses, pairs, reach, config, threads, systems)
         every = with_edges(system, *pair_edges(poses, pairs, systems, config))
         joint = believed_edges(every, np.ones(len(every.tails), np.bool_))

@@ -18,7 +18,7 @@ def share_seen_through(scan: PreparedScan, targets: ScanSet, poses: Array, pose:
     """Share of a scan's points that, from a pose (3,), lie beyond surfaces of the targets.
 
     Of those that lie at or beyond one: what comes from nearer may be somebody in the way, and
-    about the rest the targets, at `poses` (S, 3), say nothing.
+    about the rest the targets, at `poses` (S, 3), indicate nothing.
     """
     origin = transform_points_planar(pose, scan.origin[None])
     surfaces = submap_points(targets, np.arange(len(targets)), poses)

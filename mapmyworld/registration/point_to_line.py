@@ -23,7 +23,7 @@ def match_scan(
     *,
     prior: Array | None = None,
     prior_information: Array | None = None,
-    reaches: Array = FINE,
+    max_distances: Array = FINE,
 ) -> Match:
     """Aligns a scan with targets `which` at `poses` (S, 3), from `guess` (3,).
 
@@ -38,7 +38,7 @@ def match_scan(
     sigma = config.range_sigma * np.sqrt(config.correlation)
     align(
         scan.rows, 0, len(scan.rows), targets.rows, targets.bounds[:-1], targets.bounds[1:], which,
-        poses, targets.origins, guess, prior, prior_information, reaches,
+        poses, targets.origins, guess, prior, prior_information, max_distances,
         config.residual_share, sigma, out,
     )  # fmt: skip
     return _match_from_row(out, len(which), config)

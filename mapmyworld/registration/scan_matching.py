@@ -1,4 +1,4 @@
-"""Scans made ready for matching, and where a match says that one lies."""
+"""Scans made ready for matching, and where a match indicates that one lies."""
 
 from __future__ import annotations
 

@@ -22,9 +22,9 @@ _UNSEEN = 128  # value of a cell that no beam passed: it speaks neither for a po
 POINTS = 140
 """Of a scan or a submap that are scored, at most."""
 _NEAR_SEEN = 0.67  # the same in a grid that knows free cells
-_ELSEWHERE = np.array([0.6, 0.3])  # m and rad from the best pose where a rival counts
+_ELSEWHERE = np.array([0.6, 0.3])  # m and rad from the best pose where a second best counts
 NATS = 0.23
-"""By which a point of a submap speaks for a pose or against it: some four points tell as one."""
+"""By which a point of a submap speaks for a pose or against it: some four points count as one."""
 MARGIN = float(np.log(100.0) / NATS)
 """Evidence, in points, by which a pose is a hundred times as likely as another."""
 _NOWHERE = np.array([0.0, 0.0, 0.0, -1.0, -1.0])
@@ -50,7 +50,7 @@ class LikelihoodGrid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Submap:
-    """What the laser saw along a stretch of the path, as one."""
+    """What the laser saw along a section of the path, as one."""
 
     points: Array
     """(N, 2), scan after scan."""
@@ -62,15 +62,15 @@ class Submap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """The best pose in the window and its rival."""
+    """The best pose in the window and its second best."""
 
     pose: Array
     """(3,)."""
     score: float
     """Mean likelihood of the scan's points, 0 to 1."""
-    rival: float
+    second_best: float
     """Score of the best pose elsewhere in the window; 0 if none comes near."""
-    rival_pose: Array
+    second_best_pose: Array
     """(3,) of that pose."""
 
 
@@ -87,7 +87,7 @@ def likelihood_grid(points: Array) -> LikelihoodGrid:
 
 
 def evidence_grid(submap: Submap) -> LikelihoodGrid:
-    """The grid of what scans say for and against a surface: 255 for, 0 against, 128 unseen."""
+    """The grid of what scans indicate for and against a surface: 255 for, 0 against, 128 unseen."""
     margin = 1 << (_LEVELS - 1)
     low = submap.points.min(axis=0, initial=np.inf if len(submap.points) else 0.0)
     corner = low - 2.0 * _RESOLUTION
@@ -107,7 +107,7 @@ def evidence_grid(submap: Submap) -> LikelihoodGrid:
 
 
 def judged_points(points: Array, grid: LikelihoodGrid, pose: Array) -> NDArray[np.int64]:
-    """What a grid says of points (N, 2) at a pose: 1 on a surface, -1 where it is free, 0 unseen.
+    """What a grid indicates about points (N, 2) at a pose: 1 on a surface, -1 where it is free, 0 unseen.
 
     Of points one to a cell, `POINTS` at most, the same whatever the pose.
     """
@@ -130,8 +130,8 @@ def search_grid(
     best_shift(*fixed, least, _NOWHERE, best)
     if best[0] <= least:
         return None
-    rival = _best_elsewhere(fixed, best[1:], max(least, 0.8 * best[0]))
-    return Found(best[1:].copy(), float(best[0]), float(rival[0]), rival[1:].copy())
+    second_best = _best_elsewhere(fixed, best[1:], max(least, 0.8 * best[0]))
+    return Found(best[1:].copy(), float(best[0]), float(second_best[0]), second_best[1:].copy())
 
 
 def search_evidence(
@@ -139,7 +139,7 @@ def search_evidence(
 ) -> Found | None:
     """The best pose of points (N, 2) about `guess` in a grid of evidence; None below `least`.
 
-    `least` and what a rival may be behind are evidence, in points.
+    `least` and what a second best may be behind are evidence, in points.
     """
     if len(points) == 0:
         return None
@@ -150,8 +150,8 @@ def search_evidence(
     best_shift(*fixed, floor, _NOWHERE, best)
     if best[0] <= floor:
         return None
-    rival = _best_elsewhere(fixed, best[1:], max(floor, best[0] - MARGIN * a_point))
-    return Found(best[1:].copy(), float(best[0]), float(rival[0]), rival[1:].copy())
+    second_best = _best_elsewhere(fixed, best[1:], max(floor, best[0] - MARGIN * a_point))
+    return Found(best[1:].copy(), float(best[0]), float(second_best[0]), second_best[1:].copy())
 
 
 def evidence_elsewhere(

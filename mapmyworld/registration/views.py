@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import invert, transform_points
 from mapmyworld.kernels.image_matching import match_all, match_projected
-from mapmyworld.registration.camera import rays_of_pixels
-from mapmyworld.registration.visual import Sightings
+from mapmyworld.registration.camera_model import rays_of_pixels
+from mapmyworld.registration.camera_pose import Sightings
 from mapmyworld.types import CameraModel, Features
 
 Array = NDArray[np.float64]

@@ -22,7 +22,7 @@ def points_of_cloud(
 ) -> Array:
     """Points (N, 3) of the base frame, the robot's own body left out; `LogError` without any.
 
-    Nothing tells when each point was taken, so the sweep keeps the robot's motion.
+    Nothing indicates when each point was taken, so the sweep keeps the robot's motion.
     """
     points = transform_points(base_from_lidar, message.points.astype(np.float64))
     away = points[:, :2] - base_from_lidar[:2, 3]

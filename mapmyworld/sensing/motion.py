@@ -80,7 +80,7 @@ class RecordedMotion:
         """The same poses with so much added to their stamps."""
         return RecordedMotion(self.stamps_ns + round(seconds * 1e9), self._values)
 
-    def way(self) -> float:
+    def distance(self) -> float:
         """Metres from pose to pose, in the order in which they are."""
         return float(np.linalg.norm(np.diff(self._values[:, :, 3], axis=0), axis=1).sum())
 

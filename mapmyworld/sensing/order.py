@@ -1,4 +1,4 @@
-"""In which order a log tells of the motion: that of its log times, or of its header stamps."""
+"""In which order a log reports the motion: that of its log times, or of its header stamps."""
 
 from __future__ import annotations
 
@@ -28,12 +28,14 @@ def choose_order(
         return 0, odometry
     lag_ns = max(stream.largest_lag_ns for stream in back)
     steps = sum(stream.backward_steps for stream in back)
-    told = f"{steps} messages have header stamps up to {lag_ns * 1e-9:.3f} s before earlier ones"
+    reported = (
+        f"{steps} messages have header stamps up to {lag_ns * 1e-9:.3f} s before earlier ones"
+    )
     names = ", ".join(stream.topic for stream in back)
     if _stamps_are_right(back, odometry) and lag_ns < _FARTHEST_NS:
-        draft.decide("order", "header stamps", f"by log time the robot would leap; {told}")
+        draft.decide("order", "header stamps", f"by log time the robot would leap; {reported}")
         draft.losses.append(
-            f"{names}: log times are out of order ({told}): messages are put in the order of their "
+            f"{names}: log times are out of order ({reported}): messages are put in the order of their "
             "header stamps"
         )
         if odometry is not None:
@@ -47,16 +49,16 @@ def check_stamps(draft: Draft, used: list[Stream]) -> None:
     for stream in used:
         if not stream.backward_steps:
             continue
-        told = (
+        reported = (
             f"{stream.topic}: header stamps step back {stream.backward_steps} times, by up to "
             f"{stream.largest_lag_ns * 1e-9:.3f} s; the order of the log is kept"
         )
         if stream.largest_lag_ns > _APART_NS:
             draft.losses.append(
-                f"{told}, so the times of its poses are doubtful: was a clock set while recording?"
+                f"{reported}, so the times of its poses are doubtful: was a clock set while recording?"
             )
         else:
-            draft.warnings.append(told)
+            draft.warnings.append(reported)
 
 
 def _stamps_are_right(back: list[Stream], odometry: OdometrySource | None) -> bool:
@@ -66,8 +68,8 @@ def _stamps_are_right(back: list[Stream], odometry: OdometrySource | None) -> bo
     """
     if odometry is None or odometry.motion.is_sorted:
         return any(s.backward_steps > _INTERLEAVED * s.count for s in back)
-    way = odometry.motion.way()
-    return odometry.motion.in_stamp_order().way() < _SHORTER * way
+    distance = odometry.motion.distance()
+    return odometry.motion.in_stamp_order().distance() < _SHORTER * distance
 
 
 def in_stamp_order(messages: Iterable[RawMessage], wait_ns: int) -> Iterator[RawMessage]:

@@ -75,7 +75,7 @@ class Plan:
     odometry: OdometrySource | None
     imu: ImuSource | None
     ground_truth_topic: str
-    surroundings: tuple[str, ...]
+    environment: tuple[str, ...]
     """Topics of GPS fixes and readings, kept with the nodes and not used for the map."""
     base_frame: str
     map_from_first: NDArray[np.float64]
@@ -108,7 +108,7 @@ class Plan:
         for camera in (self.camera, *self.more_cameras):
             found += [camera.colour_topic, camera.depth_topic] if camera else []
         found += [self.imu.topic] if self.imu else []
-        return tuple(t for t in [*found, self.ground_truth_topic, *self.surroundings] if t)
+        return tuple(t for t in [*found, self.ground_truth_topic, *self.environment] if t)
 
 
 @dataclass(slots=True)

@@ -76,7 +76,7 @@ def _sensor_frames(draft: Draft) -> set[str]:
 
 
 def _serves(draft: Draft, base: str) -> bool:
-    """Whether some sensor hangs on this base, or no tf says otherwise."""
+    """Whether some sensor hangs on this base, or no tf indicates otherwise."""
     sensors = _sensor_frames(draft)
     if not draft.tree.frames() or not sensors:
         return True

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from mapmyworld.errors import LogError
 from mapmyworld.sensing.grey_images import bits_of, eight_bits, is_grey
-from mapmyworld.sensing.mounts import mount_of
 from mapmyworld.sensing.plan import CameraSource, Draft, ScanSource
+from mapmyworld.sensing.sensor_mounts import mount_of
 from mapmyworld.sensing.survey import Stream
 from mapmyworld.sensing.transforms import frame_name
 from mapmyworld.types import CameraInfoMessage, CameraModel, ImageMessage, MessageKind
@@ -62,7 +62,7 @@ def images_of(draft: Draft) -> list[Images]:
 
 
 def _is_grey(draft: Draft, images: Images, depths: list[tuple[str, str]]) -> bool:
-    """Whether an image is a 16-bit picture, as the user says or as its name and others tell."""
+    """Whether an image is a 16-bit picture, as the user says or as its name and others indicate."""
     if images.topic == draft.config.depth_topic:
         return False
     if images.topic == draft.config.colour_topic:
@@ -114,12 +114,12 @@ def _explain_missing(draft: Draft, missing: list[str], images: list[Images]) -> 
         draft.decide("camera", "", "no images in the log")
         return
     line = f"the camera is not used: the log has images ({images[0].topic}) but no {what}"
-    remedy = {
+    suggestion = {
         "camera info": "record the camera_info topic beside the images",
         "depth": "record a depth image registered to the colour image",
         "colour": "record the colour image beside the depth image",
     }[missing[-1]]
-    draft.losses.append(f"{line}: {remedy}")
+    draft.losses.append(f"{line}: {suggestion}")
     draft.decide("camera", "", f"no {what}")
 
 

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from mapmyworld.errors import LogError
 from mapmyworld.sensing.cloud_scans import points_of_cloud, scan_of_points, view_of
-from mapmyworld.sensing.mounts import mount_of
 from mapmyworld.sensing.plan import Draft, ScanSource
+from mapmyworld.sensing.sensor_mounts import mount_of
 from mapmyworld.sensing.survey import Stream
 from mapmyworld.sensing.transforms import frame_name
 from mapmyworld.sensing.valid_ranges import valid_ranges
@@ -80,7 +80,7 @@ def _judge(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
 
 
 def _fault_of(scans: list[LaserScanMessage]) -> str:
-    """What makes scans say nothing of directions; empty where they do."""
+    """What makes scans indicate nothing about directions; empty where they do."""
     if all(len(s.ranges) < _LEAST_BEAMS for s in scans):
         return f"a scan needs {_LEAST_BEAMS} beams at least"
     if not any(np.isfinite(s.angle_min) and 0 < abs(s.angle_increment) < _WHOLE for s in scans):
@@ -133,7 +133,7 @@ def _source(draft: Draft, stream: Stream, base: str) -> ScanSource:
     if isinstance(scan, PointCloudMessage):
         draft.losses.append(
             f"{stream.topic}: 3D points serve as flat scans, cut at the heights of "
-            "sensing.cloud_lowest and cloud_highest, and tell nothing of slopes and floors; they "
+            "sensing.cloud_lowest and cloud_highest, and indicate nothing about slopes and floors; they "
             "are not corrected for the robot's motion"
         )
     elif scan.time_increment == 0:

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.sensing.mounts import mount_of
 from mapmyworld.sensing.plan import CameraSource, Draft
 from mapmyworld.sensing.plan_cameras import (
     Images,
@@ -17,6 +16,7 @@ from mapmyworld.sensing.plan_cameras import (
     score_pair,
     source_of,
 )
+from mapmyworld.sensing.sensor_mounts import mount_of
 from mapmyworld.sensing.survey import Stream
 from mapmyworld.sensing.transforms import frame_name
 
@@ -45,7 +45,7 @@ def choose_more_cameras(
         _, mount_assumed = mount_of(draft, base, colour.sample.frame_id, "camera")
         if depth is None or mount_assumed or not infos:
             continue
-        source = _told_quietly(draft, base, colour, depth, infos)
+        source = _chosen_quietly(draft, base, colour, depth, infos)
         if source is not None and all(_is_apart(source, other) for other in found):
             found.append(source)
             used |= {colour.topic, depth.topic}
@@ -69,7 +69,7 @@ def _depth_of(colour: Images, images: list[Images]) -> Images | None:
     return max(near, key=lambda item: (item[0], item[1].topic))[1] if near else None
 
 
-def _told_quietly(
+def _chosen_quietly(
     draft: Draft, base: str, colour: Images, depth: Images, infos: list[Stream]
 ) -> CameraSource | None:
     """The camera, if it has a calibration of its own frame."""

@@ -1,4 +1,4 @@
-"""The part of the plan that decides odometry and what else tells of motion."""
+"""The part of the plan that decides odometry and what else reports motion."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def choose_odometry(draft: Draft, base: str) -> OdometrySource | None:
         if not candidates:
             found = ", ".join(sorted(c[1].name for c in _candidates(draft, base))) or "none"
             raise ConfigError(
-                f"sensing.odometry_topic = {wanted!r} tells no motion of {base}; what does: {found}"
+                f"sensing.odometry_topic = {wanted!r} reports no motion of {base}; what does: {found}"
             )
     if not candidates:
         draft.decide("odometry", "", "no odometry topic and no moving tf above the base")
@@ -60,7 +60,7 @@ def _check_child(draft: Draft, odometry: OdometrySource, base: str) -> None:
         return
     alike = is_called(child, BASES) and is_called(base, BASES)
     (draft.warnings if alike else draft.losses).append(
-        f"no transform from {child} to {base}: {odometry.name} is taken to tell the motion of "
+        f"no transform from {child} to {base}: {odometry.name} is taken to indicate the motion of "
         f"{base}; record /tf_static, or set sensing.base_frame"
     )
 
@@ -126,7 +126,7 @@ def choose_ground_truth(draft: Draft) -> str:
 
 
 def choose_imu(draft: Draft, base: str) -> ImuSource | None:
-    """The IMU with the most samples, when tf says how it is mounted."""
+    """The IMU with the most samples, when tf indicates how it is mounted."""
     streams = draft.survey.of_kind(MessageKind.IMU)
     if not streams:
         return None

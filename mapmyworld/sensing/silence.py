@@ -1,4 +1,4 @@
-"""The part of the plan that tells where a sensor is silent: late, stopped, or with a hole."""
+"""The part of the plan that indicates where a sensor is silent: late, stopped, or with a hole."""
 
 from __future__ import annotations
 

@@ -10,9 +10,9 @@ from mapmyworld.geometry import Array
 from mapmyworld.types import ImuMessage
 
 _SPACING_NS = 100_000_000  # between samples that are looked at: a drive may last for hours
-_STRETCH_S = 3.0  # over which samples are averaged: longer than starting and braking take
-_LEAST_SAMPLES = 10  # of a stretch
-_TRUE_FORCE = (0.8, 1.2)  # of its usual length, for a stretch's force to be gravity's alone
+_WINDOW_S = 3.0  # over which samples are averaged: longer than starting and braking take
+_LEAST_SAMPLES = 10  # of a window
+_TRUE_FORCE = (0.8, 1.2)  # of its usual length, for a window's force to be gravity's alone
 
 
 class Forces:
@@ -32,27 +32,27 @@ class Forces:
             self._values.extend(message.linear_acceleration.tolist())
 
     def slope(self) -> float:
-        """Radians by which the steepest stretch leans from the usual up; 0 where nothing tells."""
-        stretches = _means(np.array(self._stamps), np.array(self._values).reshape(-1, 3))
-        lengths = np.linalg.norm(stretches, axis=1)
+        """Radians by which the steepest window leans from the usual up; 0 where nothing indicates it."""
+        windows = _means(np.array(self._stamps), np.array(self._values).reshape(-1, 3))
+        lengths = np.linalg.norm(windows, axis=1)
         usual = float(np.median(lengths)) if len(lengths) else 0.0
         low, high = (share * usual for share in _TRUE_FORCE)
         kept = (lengths > low) & (lengths < high)
         if not kept.any():
             return 0.0
-        directions = stretches[kept] / lengths[kept, None]
+        directions = windows[kept] / lengths[kept, None]
         up = np.median(directions, axis=0)
         cosines = directions @ (up / np.linalg.norm(up))
         return float(np.arccos(np.clip(cosines.min(), -1.0, 1.0)))
 
 
 def _means(stamps_ns: np.ndarray, forces: Array) -> Array:
-    """Mean force (K, 3) of every stretch with enough samples."""
+    """Mean force (K, 3) of every window with enough samples."""
     if len(stamps_ns) == 0:
         return np.zeros((0, 3))
-    number = ((stamps_ns - stamps_ns[0]) * 1e-9 // _STRETCH_S).astype(np.int64)
-    _, stretch = np.unique(number, return_inverse=True)
-    counts = np.bincount(stretch)
-    sums = np.stack([np.bincount(stretch, forces[:, axis]) for axis in range(3)], axis=1)
+    number = ((stamps_ns - stamps_ns[0]) * 1e-9 // _WINDOW_S).astype(np.int64)
+    _, window = np.unique(number, return_inverse=True)
+    counts = np.bincount(window)
+    sums = np.stack([np.bincount(window, forces[:, axis]) for axis in range(3)], axis=1)
     enough = counts >= _LEAST_SAMPLES
     return np.asarray(sums[enough] / counts[enough, None])

@@ -50,7 +50,7 @@ class ImageGuard:
 
     def _tried(self, colour: ImageMessage | None, camera: CameraModel) -> ImageMessage | None:
         """The colour image, known to decode: of a JPEG, kept as it came, an eighth is tried."""
-        from mapmyworld.registration.pictures import decodes
+        from mapmyworld.registration.image_levels import decodes
 
         wanted = camera.height, camera.width
         if colour is not None and decodes(colour, wanted):
@@ -85,7 +85,7 @@ def _fits(found: tuple[int, ...], wanted: tuple[int, int], *, depth: bool) -> bo
 
 def _tried_depth(image: RgbdImage) -> ImageMessage | None:
     """The depth image: a PNG with right checksums as it came, else decoded once for all."""
-    from mapmyworld.registration.pictures import is_whole_png
+    from mapmyworld.registration.image_levels import is_whole_png
 
     depth = image.depth
     if depth is not None and is_whole_png(depth, (image.camera.height, image.camera.width)):

@@ -203,7 +203,7 @@ def _timed(info: LogInfo, streams: dict[str, Stream]) -> LogInfo:
 def survey_log(
     log: LogSource, watch: Callable[[int], None] | None = None, *, every_topic: bool = False
 ) -> Survey:
-    """Reads the log once; `watch` is told the log time reached, for progress.
+    """Reads the log once; `watch` is given the log time reached, for progress.
 
     `every_topic`: those of unknown types as well, for their times.
     """

@@ -1,4 +1,4 @@
-"""Frames: what the sensors say about one moment, matched by stamp while the log streams."""
+"""Frames: what the sensors indicate about one moment, matched by stamp while the log streams."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from mapmyworld.errors import LogError
 from mapmyworld.geometry.rotations import quaternion_to_rotation, rotation_to_quaternion
 from mapmyworld.sensing.camera_queue import CameraQueue, Pending
 from mapmyworld.sensing.cloud_scans import points_of_cloud, scan_of_points
+from mapmyworld.sensing.environment_sensors import EnvironmentSensors
 from mapmyworld.sensing.order import in_stamp_order
 from mapmyworld.sensing.plan import Plan
-from mapmyworld.sensing.surroundings import Surroundings
 from mapmyworld.sensing.sweeps import scan_from_message
 from mapmyworld.types import (
     Frame,
@@ -80,7 +80,7 @@ def read_frames(
 ) -> Iterator[Frame]:
     """The frames of a log in its order: one for each scan, or for each image without a laser.
 
-    `counts` tells afterwards what was left out; `watch` hears the log time reached. Without
+    `counts` indicates afterwards what was left out; `watch` hears the log time reached. Without
     `inertial` no inertial sample is read, and frames have none.
     """
     counts = counts if counts is not None else FrameCounts()
@@ -99,7 +99,7 @@ class _Synchroniser:
     def __init__(self, plan: Plan, config: SensingConfig, counts: FrameCounts) -> None:
         self.plan, self.config, self.counts = plan, config, counts
         self.buffers = _Buffers()
-        self.surroundings = Surroundings()
+        self.environment = EnvironmentSensors()
         motion = plan.odometry.motion if plan.odometry else None
         sources = [s for s in (plan.camera, *plan.more_cameras) if s is not None]
         self.cameras = [CameraQueue(source, motion, config) for source in sources]
@@ -127,8 +127,8 @@ class _Synchroniser:
             self._add_imu(pending)
         elif topic == self.plan.ground_truth_topic:
             self._add_truth(pending.raw)
-        elif topic in self.plan.surroundings:
-            self.surroundings.add(pending.raw)
+        elif topic in self.plan.environment:
+            self.environment.add(pending.raw)
 
     def _forget_strays(self, now_ns: int) -> None:
         """Images that no frame has asked for in time: the scans may have stopped for good."""
@@ -173,8 +173,8 @@ class _Synchroniser:
             cloud=seen.cloud,
             imu=self._imu_until(main.stamp_ns),
             ground_truth=self._truth_at(main.stamp_ns),
-            gps=self.surroundings.fix_at(main.stamp_ns),
-            readings=self.surroundings.readings_at(main.stamp_ns),
+            gps=self.environment.fix_at(main.stamp_ns),
+            readings=self.environment.readings_at(main.stamp_ns),
         )
 
     def _observations(self, main: Pending) -> _Seen:
@@ -199,7 +199,7 @@ class _Synchroniser:
         return _Seen(scan_from_message(message, base_from_lidar, motion))
 
     def _main_image(self, main: Pending) -> RgbdImage | None:
-        """The image that a frame begins with; colour alone where only images tell the motion."""
+        """The image that a frame begins with; colour alone where only images indicate the motion."""
         image = self.cameras[0].pair(main, main.stamp_ns)
         if image is None and self.plan.odometry is None:
             self.counts.unpaired_images += 1

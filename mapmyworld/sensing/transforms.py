@@ -65,7 +65,7 @@ class TransformTree:
         """Child frame -> why one of its parents was ignored."""
 
     def add(self, message: TransformsMessage) -> None:
-        """What a message says of frames."""
+        """What a message reports about frames."""
         for transform in message.transforms:
             recorded = transform.parent, transform.child
             names = self._names.get(recorded) or self._name(*recorded)
@@ -89,11 +89,11 @@ class TransformTree:
         for edge in self._edges.values():
             if edge.recorder is not None:
                 edge.motion, edge.recorder = edge.recorder.finish(), None
-            rival = self._parents.get(edge.child)
-            if rival is None or edge.count > rival.count:
+            chosen = self._parents.get(edge.child)
+            if chosen is None or edge.count > chosen.count:
                 self._parents[edge.child] = edge
-            if rival is not None:
-                loser = rival if self._parents[edge.child] is edge else edge
+            if chosen is not None:
+                loser = chosen if self._parents[edge.child] is edge else edge
                 self.ignored[edge.child] = (
                     f"{loser.parent} -> {loser.child} ({loser.count}x) ignored: "
                     f"{edge.child} also hangs on {self._parents[edge.child].parent}"

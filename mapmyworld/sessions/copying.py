@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import invert
-from mapmyworld.graph.edits import as_found
-from mapmyworld.sessions.units import Unit
+from mapmyworld.graph.edited_constraints import as_found
+from mapmyworld.sessions.session_maps import SessionMap
 from mapmyworld.types import Judged, MapStore, Node, TrackedFrames
 
 Array = NDArray[np.float64]
@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 class Placed:
     """A unit, and where its frame lies in the common one."""
 
-    unit: Unit
-    common_from_unit: Array
+    session_map: SessionMap
+    common_from_session_map: Array
     """(4, 4)."""
     first_id: int
     """What its node ids begin after."""
@@ -33,14 +33,16 @@ class Placed:
         return node_id + self.first_id if node_id > 0 else node_id
 
 
-def place_units(units: Sequence[Unit], common_from_unit: Sequence[Array]) -> list[Placed]:
+def place_session_maps(
+    session_maps: Sequence[SessionMap], common_from_session_map: Sequence[Array]
+) -> list[Placed]:
     """The units one after the other, with ids and sessions counted on."""
     placed: list[Placed] = []
     first_id = first_session = 0
-    for unit, pose in zip(units, common_from_unit, strict=True):
-        placed.append(Placed(unit, pose, first_id, first_session))
-        first_id += unit.nodes[-1].id
-        first_session += len(unit.sessions)
+    for session_map, pose in zip(session_maps, common_from_session_map, strict=True):
+        placed.append(Placed(session_map, pose, first_id, first_session))
+        first_id += session_map.nodes[-1].id
+        first_session += len(session_map.sessions)
     return placed
 
 
@@ -69,7 +71,7 @@ def copy_drives(placed: Sequence[Placed], store: MapStore) -> None:
     for item in placed:
         frames.append(_copy_drive(item, store, sum(len(f.stamps_ns) for f in frames)))
     store.set_tracked_frames(_joined(frames))
-    _note_tracks([item.unit.store for item in placed], store)
+    _note_tracks([item.session_map.store for item in placed], store)
 
 
 def add_drive(item: Placed, store: MapStore) -> None:
@@ -77,16 +79,16 @@ def add_drive(item: Placed, store: MapStore) -> None:
     known = store.tracked_frames()
     frames = _copy_drive(item, store, len(known.stamps_ns))
     store.set_tracked_frames(_joined([known, frames]))
-    _note_tracks([store, item.unit.store], store)
+    _note_tracks([store, item.session_map.store], store)
 
 
 def _copy_drive(item: Placed, store: MapStore, first_frame: int) -> TrackedFrames:
     for node, moved in _nodes(item):
-        data = item.unit.store.node_data(node.id)
+        data = item.session_map.store.node_data(node.id)
         features = None if data.features is None else replace(data.features, words=None)
         store.add_node(moved, replace(data, features=features))
-    own = item.unit.store.tracked_frames()
-    for frame, scan in item.unit.store.scans(np.arange(len(own.stamps_ns))):
+    own = item.session_map.store.tracked_frames()
+    for frame, scan in item.session_map.store.scans(np.arange(len(own.stamps_ns))):
         store.add_scan(first_frame + frame, scan)
     return replace(own, node_ids=own.node_ids + item.first_id)
 
@@ -105,13 +107,13 @@ def _note_tracks(sources: Sequence[MapStore], store: MapStore) -> None:
 
 def _nodes(item: Placed) -> list[tuple[Node, Node]]:
     """Each node with what becomes of it: new id and session, tracked in the common frame."""
-    sessions = {s: item.first_session + k for k, s in enumerate(item.unit.sessions)}
+    sessions = {s: item.first_session + k for k, s in enumerate(item.session_map.sessions)}
     moved: dict[int, Array] = {}
     pairs = []
-    for row, node in enumerate(item.unit.nodes):
+    for row, node in enumerate(item.session_map.nodes):
         if node.session not in moved:
             # The session's first node goes where the common frame has it; the others follow.
-            solved = item.common_from_unit @ item.unit.solved[row]
+            solved = item.common_from_session_map @ item.session_map.solved[row]
             moved[node.session] = solved @ invert(node.tracked_from_base)
         tracked = moved[node.session] @ node.tracked_from_base
         fresh = replace(
@@ -129,7 +131,7 @@ def copied_constraints(placed: Sequence[Placed]) -> list[Judged]:
     return [
         replace(c, from_id=item.new_id(c.from_id), to_id=item.new_id(c.to_id))
         for item in placed
-        for c in as_found(item.unit.store.constraints())
+        for c in as_found(item.session_map.store.constraints())
     ]
 
 

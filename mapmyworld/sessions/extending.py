@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint
-from mapmyworld.graph.edits import as_found
-from mapmyworld.graph.trajectory import pose_every_frame
+from mapmyworld.graph.edited_constraints import as_found
+from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.localisation.known_place import known_place_from_store
 from mapmyworld.mapping.added_grid import added_grid
 from mapmyworld.mapping.occupancy import build_grid
@@ -28,14 +28,14 @@ from mapmyworld.sessions.copying import (
     copy_drives,
     copy_plan,
 )
-from mapmyworld.sessions.joining import have_scans, locate_unit
+from mapmyworld.sessions.joining import have_scans, locate_session_map
 from mapmyworld.sessions.notes import digest_of, note_sessions
+from mapmyworld.sessions.session_maps import Joint, SessionMap, load_session_map
 from mapmyworld.sessions.skeleton import skeleton_of
-from mapmyworld.sessions.units import Joint, Unit, load_unit
+from mapmyworld.stages.draw_maps import draw_maps
 from mapmyworld.stages.kept import has_images
-from mapmyworld.stages.maps import draw_maps
 from mapmyworld.stages.recognise import scan_loader
-from mapmyworld.stages.solve import solve_and_judge
+from mapmyworld.stages.solve_and_judge import solve_and_judge
 from mapmyworld.types import Judged, MapStore, Poses, Progress, Why
 
 Array = NDArray[np.float64]
@@ -46,53 +46,55 @@ _CONTRADICTING = 0.2  # share of a session's closures with the map from which it
 class Extension:
     """What became of the units that were to be added."""
 
-    added: tuple[Unit, ...]
+    added: tuple[SessionMap, ...]
     """In the order in which they were."""
-    apart: tuple[Unit, ...]
+    apart: tuple[SessionMap, ...]
     """Those that show another place."""
     links: int
     """Accepted constraints between the added sessions and those before them."""
 
 
 def extend_map(
-    store: MapStore, units: Sequence[Unit], config: Config, progress: Progress
+    store: MapStore, session_maps: Sequence[SessionMap], config: Config, progress: Progress
 ) -> Extension | None:
     """Lays units into a finished map, in an order of their own; None where that does not do.
 
     It does not for maps that keep images, whose words are those of all sessions, and for a session
     that contradicts the map. The store has then been changed and must be given up.
     """
-    waiting, links = sorted(units, key=lambda unit: unit.order), 0
-    added: list[Unit] = []
-    if any(has_images(one) for one in (store, *(unit.store for unit in units))):
+    waiting, links = sorted(session_maps, key=lambda session_map: session_map.order), 0
+    added: list[SessionMap] = []
+    if any(
+        has_images(one) for one in (store, *(session_map.store for session_map in session_maps))
+    ):
         return None
     while True:
-        base = load_unit("", store)
+        base = load_session_map("", store)
         found = _first_that_joins(base, waiting, config, progress)
         if found is None:
             return Extension(tuple(added), tuple(waiting), links)
-        unit, joint = found
-        laid = _lay(base, unit, joint.earlier_from_later, config, progress)
+        session_map, joint = found
+        laid = _lay(base, session_map, joint.earlier_from_later, config, progress)
         if laid is None:
             return None
         _write(base, laid, store, config, progress)
-        waiting.remove(unit)
-        added.append(unit)
+        waiting.remove(session_map)
+        added.append(session_map)
         links += laid.links
 
 
 def _first_that_joins(
-    base: Unit, units: Sequence[Unit], config: Config, progress: Progress
-) -> tuple[Unit, Joint] | None:
-    units = [unit for unit in units if have_scans(base, unit)]
-    if not units:
+    base: SessionMap, session_maps: Sequence[SessionMap], config: Config, progress: Progress
+) -> tuple[SessionMap, Joint] | None:
+    session_maps = [session_map for session_map in session_maps if have_scans(base, session_map)]
+    if not session_maps:
         return None
-    progress.stage("join sessions", len(units), "sessions")
+    progress.stage("join sessions", len(session_maps), "sessions")
     place = known_place_from_store(base.store, config)
-    for unit in units:
-        joint = locate_unit(unit, place, 0, 1, config)
+    for session_map in session_maps:
+        joint = locate_session_map(session_map, place, 0, 1, config)
         if joint is not None:
-            return unit, joint
+            return session_map, joint
     return None
 
 
@@ -111,13 +113,15 @@ class _Laid:
     divides: tuple[int, ...]
 
 
-def _lay(base: Unit, unit: Unit, joint: Array, config: Config, progress: Progress) -> _Laid | None:
+def _lay(
+    base: SessionMap, session_map: SessionMap, joint: Array, config: Config, progress: Progress
+) -> _Laid | None:
     """The unit solved against the map's skeleton; None where many closures do not fit."""
     skeleton = skeleton_of(base, config)
-    item = Placed(unit, joint, base.nodes[-1].id, max(base.sessions) + 1)
+    item = Placed(session_map, joint, base.nodes[-1].id, max(base.sessions) + 1)
     placed, scratch = [Placed(skeleton, np.eye(4), 0, 0), item], MemoryMap()
     with scratch.write_stage("plan", ""):
-        copy_plan([base.store, unit.store], scratch)
+        copy_plan([base.store, session_map.store], scratch)
     with scratch.write_stage("track", ""):
         copy_drives(placed, scratch)
     with scratch.write_stage("recognise", ""):
@@ -132,16 +136,16 @@ def _lay(base: Unit, unit: Unit, joint: Array, config: Config, progress: Progres
         return None
     solved = scratch.get("solve") or {}
     poses = _held_poses(scratch, skeleton, base, item)
-    told = str(solved.get("certainty", "")), tuple(solved.get("losses", ()))
+    reported = str(solved.get("certainty", "")), tuple(solved.get("losses", ()))
     divides = tuple(i for i in solved.get("divides", ()) if i > item.first_id)
-    return _Laid(item, poses, tuple(mine), accepted, *told, divides)
+    return _Laid(item, poses, tuple(mine), accepted, *reported, divides)
 
 
 def _contradicts(closure: Judged) -> bool:
     return any(verdict.why is Why.CONTRADICTS for verdict in closure.verdicts)
 
 
-def _held_poses(scratch: MapStore, skeleton: Unit, base: Unit, item: Placed) -> Poses:
+def _held_poses(scratch: MapStore, skeleton: SessionMap, base: SessionMap, item: Placed) -> Poses:
     """The unit's poses seen from the nearest node of the map, which is put back where it was.
 
     A node is as uncertain as that node of the map and the motion between the two.
@@ -167,18 +171,20 @@ def _held_poses(scratch: MapStore, skeleton: Unit, base: Unit, item: Placed) -> 
     return Poses(found.ids[new], poses, covariances)
 
 
-def _write(base: Unit, laid: _Laid, store: MapStore, config: Config, progress: Progress) -> None:
+def _write(
+    base: SessionMap, laid: _Laid, store: MapStore, config: Config, progress: Progress
+) -> None:
     """Adds what was laid to the map: nothing that it holds is read again, or moved."""
-    unit = laid.item.unit
+    session_map = laid.item.session_map
     progress.stage("copy", 1, "sessions")
     before, frame_poses, judged = store.poses(), store.frame_poses(), store.constraints()
     assert before is not None
     assert frame_poses is not None
     solved = store.get("solve") or {}
-    inputs = digest_of([store, unit.store], config)
-    note_sessions(store, [base, unit], inputs)
+    inputs = digest_of([store, session_map.store], config)
+    note_sessions(store, [base, session_map], inputs)
     with store.extend_stage("plan", inputs):
-        copy_plan([store, unit.store], store)
+        copy_plan([store, session_map.store], store)
     with store.extend_stage("track", inputs):
         add_drive(laid.item, store)
     with store.extend_stage("recognise", inputs):
@@ -186,17 +192,17 @@ def _write(base: Unit, laid: _Laid, store: MapStore, config: Config, progress: P
     with store.extend_stage("optimise", inputs):
         store.judge((*judged, *laid.constraints))
         store.set_poses(_both(before, laid.poses))
-        own = unit.store.tracked_frames()
+        own = session_map.store.tracked_frames()
         own = replace(own, node_ids=own.node_ids + laid.item.first_id)
         nodes = [node for node in store.nodes() if node.id > laid.item.first_id]
         fresh = pose_every_frame(nodes, laid.poses, own, laid.constraints)
         store.set_frame_poses(np.concatenate([frame_poses, fresh]))
         losses = list(dict.fromkeys((*solved.get("losses", ()), *laid.losses)))
         divides = [*solved.get("divides", ()), *laid.divides]
-        told = {"certainty": laid.certainty, "losses": losses}
-        store.put("solve", told | ({"divides": divides} if divides else {}))
+        reported = {"certainty": laid.certainty, "losses": losses}
+        store.put("solve", reported | ({"divides": divides} if divides else {}))
     with store.extend_stage("map", inputs):
-        _draw(store, unit, fresh, config, progress)
+        _draw(store, session_map, fresh, config, progress)
 
 
 def _both(before: Poses, new: Poses) -> Poses:
@@ -213,10 +219,14 @@ def _both(before: Poses, new: Poses) -> Poses:
 
 
 def _draw(
-    store: MapStore, unit: Unit, map_from_frame: Array, config: Config, progress: Progress
+    store: MapStore,
+    session_map: SessionMap,
+    map_from_frame: Array,
+    config: Config,
+    progress: Progress,
 ) -> None:
     planar, known = matrix_to_planar(map_from_frame), store.grid()
-    scans = unit.store.scans(np.arange(len(planar)))
+    scans = session_map.store.scans(np.arange(len(planar)))
     more = build_grid(((planar[frame], scan) for frame, scan in scans), config)
     total = None if known is None else added_grid(known, more, config)
     if total is None:

@@ -12,16 +12,18 @@ from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.localisation.known_images import KnownImages
 from mapmyworld.registration.views import View
-from mapmyworld.sessions.units import Joint, Unit
+from mapmyworld.sessions.session_maps import Joint, SessionMap
 
 Array = NDArray[np.float64]
 _WITNESSES = 80  # images all over a unit that are looked for in the earlier one
-_SUPPORT = 6  # sightings that must tell of one joint, at least
+_SUPPORT = 6  # sightings that must report one joint, at least
 _MAJORITY = 3.0  # times more that must agree than contradict
 _AGREES = (0.4, 0.15)  # m and rad within which a sighting bears a joint out
 
 
-def locate_unit(a: Unit, b: Unit, earlier: int, later: int, config: Config) -> Joint | None:
+def locate_session_map(
+    a: SessionMap, b: SessionMap, earlier: int, later: int, config: Config
+) -> Joint | None:
     """Where most sightings of `a` by `b` put `b`, if they agree and are many."""
     images = KnownImages(a.store, config)
     if len(images) == 0 or a.planar != b.planar:
@@ -44,12 +46,12 @@ def locate_unit(a: Unit, b: Unit, earlier: int, later: int, config: Config) -> J
     return Joint(earlier, later, joints[best])
 
 
-def _views(unit: Unit, images: KnownImages) -> Iterator[tuple[int, View]]:
+def _views(session_map: SessionMap, images: KnownImages) -> Iterator[tuple[int, View]]:
     """Views of some of a unit's nodes in the other's words; no image is decoded."""
-    count = len(unit.nodes)
+    count = len(session_map.nodes)
     rows = np.unique(np.linspace(0, count - 1, min(_WITNESSES, count)).astype(np.int64))
     for row in rows.tolist():
-        data = unit.store.node_data(unit.nodes[row].id)
+        data = session_map.store.node_data(session_map.nodes[row].id)
         if data.features is None or not data.images:
             continue
         view = images.view_of_features(data.features, data.images[0].camera)

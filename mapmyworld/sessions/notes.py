@@ -1,4 +1,4 @@
-"""What a map says of the sessions in it: their logs, and a digest of all that went in."""
+"""What a map reports about the sessions in it: their logs, and a digest of all that went in."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import asdict
 
 import mapmyworld
 from mapmyworld.config import Config
-from mapmyworld.sessions.units import Unit
+from mapmyworld.sessions.session_maps import SessionMap
 from mapmyworld.types import MapStore
 
 
@@ -20,18 +20,24 @@ def digest_of(stores: Sequence[MapStore], config: Config) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def note_sessions(store: MapStore, units: Sequence[Unit], inputs: str) -> None:
+def note_sessions(store: MapStore, session_maps: Sequence[SessionMap], inputs: str) -> None:
     """Which logs the units were made of, in their order."""
-    logs = [unit.store.get("log") or {} for unit in units]
+    logs = [session_map.store.get("log") or {} for session_map in session_maps]
     paths = [path for log in logs for path in log.get("paths", ())]
-    listed = [entry for unit, log in zip(units, logs, strict=True) for entry in _entries(unit, log)]
+    listed = [
+        entry
+        for session_map, log in zip(session_maps, logs, strict=True)
+        for entry in _entries(session_map, log)
+    ]
     store.put("log", {"hash": inputs, "paths": paths})
     store.put("sessions", listed)
 
 
-def _entries(unit: Unit, log: dict[str, object]) -> list[dict[str, object]]:
+def _entries(session_map: SessionMap, log: dict[str, object]) -> list[dict[str, object]]:
     """What is known of a unit's sessions: a merged map lists its own."""
-    known = unit.store.get("sessions")
+    known = session_map.store.get("sessions")
     if known:
         return list(known)
-    return [{"log": log.get("hash"), "paths": log.get("paths", []), "nodes": len(unit.nodes)}]
+    return [
+        {"log": log.get("hash"), "paths": log.get("paths", []), "nodes": len(session_map.nodes)}
+    ]

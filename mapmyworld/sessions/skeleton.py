@@ -13,7 +13,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import information_from_planar, matrix_to_planar, wrap_angle
 from mapmyworld.geometry.rigid import between
 from mapmyworld.memory_map import MemoryMap
-from mapmyworld.sessions.units import Unit
+from mapmyworld.sessions.session_maps import SessionMap
 from mapmyworld.types import ConstraintKind, Judged, Node, NodeData, TrackedFrames
 
 _TURNED = 0.6  # rad of difference in heading from which a node at the same place is left as well
@@ -22,7 +22,7 @@ _HELD = information_from_planar(np.diag([1e6, 1e6, 1e8]))  # 1 mm and 0.1 mrad
 _RIGID = information_from_planar(np.diag([1e8, 1e8, 1e10]))  # 0.1 mm and 0.01 mrad a step
 
 
-def skeleton_of(base: Unit, config: Config) -> Unit:
+def skeleton_of(base: SessionMap, config: Config) -> SessionMap:
     """The unit's nodes that are left, under their ids, with their scans, as a map in memory.
 
     Their number grows with the area that was seen, not with how often it was.
@@ -47,7 +47,7 @@ def skeleton_of(base: Unit, config: Config) -> Unit:
     with store.write_stage("recognise", ""):
         store.add_constraints(_ties(nodes))
     solved = np.array([node.tracked_from_base for node in nodes]).reshape(-1, 4, 4)
-    return Unit(base.name, store, tuple(nodes), solved, base.planar)
+    return SessionMap(base.name, store, tuple(nodes), solved, base.planar)
 
 
 def _spread_out(poses: NDArray[np.float64], spacing: float) -> list[int]:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.simulation.settings import CameraSettings
+from mapmyworld.simulation.robot_settings import CameraSettings
 
 _EXPOSURE_PERIOD = 9.0  # s in which brightness wanders up and down
 

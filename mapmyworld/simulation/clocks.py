@@ -1,4 +1,4 @@
-"""When sensors measure, what their stamps say, and when the recorder gets the message."""
+"""When sensors measure, what their stamps indicate, and when the recorder gets the message."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.simulation.settings import ClockSettings
+from mapmyworld.simulation.robot_settings import ClockSettings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -18,7 +18,7 @@ class Schedule:
     times: NDArray[np.float64]
     """(N,) seconds since the start at which it is really taken."""
     stamps_ns: NDArray[np.int64]
-    """(N,) what its header says, increasing."""
+    """(N,) what its header indicates, increasing."""
     log_times_ns: NDArray[np.int64]
     """(N,) when it is recorded, increasing."""
 

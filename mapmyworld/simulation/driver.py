@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapmyworld.errors import WorldError
 from mapmyworld.geometry.planar import interpolate_planar
+from mapmyworld.simulation.robot_settings import DriverSettings
 from mapmyworld.simulation.route import Step
-from mapmyworld.simulation.settings import DriverSettings
 
 TICK = 0.005  # s between poses of a drive
 _ARRIVED = 0.12  # m from a place at which the driver turns to the next
@@ -121,8 +121,8 @@ def _go(robot: _Robot, place: NDArray[np.float64], *, backwards: bool) -> None:
     began, start = len(robot.poses), np.array(robot.pose[:2])
     limit_s = _GIVE_UP + float(np.hypot(*(place - start))) / s.speed
     while True:
-        way = place - np.array(robot.pose[:2])
-        distance = float(np.hypot(*way))
+        path = place - np.array(robot.pose[:2])
+        distance = float(np.hypot(*path))
         aim = _carrot(start, place, np.array(robot.pose[:2])) - np.array(robot.pose[:2])
         course = np.arctan2(aim[1], aim[0]) + (np.pi if backwards else 0.0)
         off = float(np.remainder(course - robot.pose[2] + np.pi, 2.0 * np.pi) - np.pi)
@@ -144,12 +144,12 @@ def _carrot(
     start: NDArray[np.float64], place: NDArray[np.float64], here: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """The point of the straight way that lies `_LOOK_AHEAD` beyond the nearest one."""
-    way = place - start
-    length = float(np.hypot(*way))
+    path = place - start
+    length = float(np.hypot(*path))
     if length < 1e-9:
         return place
-    along = float((here - start) @ way) / length + _LOOK_AHEAD
-    return np.asarray(start + way * min(along / length, 1.0))
+    along = float((here - start) @ path) / length + _LOOK_AHEAD
+    return np.asarray(start + path * min(along / length, 1.0))
 
 
 def _face(robot: _Robot, yaw: float) -> None:

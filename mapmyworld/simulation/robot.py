@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import make_transform
 from mapmyworld.geometry.rotations import roll_pitch_yaw_to_rotation, rotation_to_roll_pitch_yaw
-from mapmyworld.simulation.settings import SimulationSettings
+from mapmyworld.simulation.robot_settings import SimulationSettings
 
 BASE, ODOM, CHASSIS = "robot_footprint", "odom", "chassis"
 LASER, CAMERA, OPTICAL = "hokuyo", "camera", "camera_link_optical"

@@ -13,8 +13,8 @@ from mapmyworld.geometry.planar import between_planar, planar_to_matrix, wrap_an
 from mapmyworld.kernels.planar_rays import mark_passed_cells
 from mapmyworld.simulation import robot
 from mapmyworld.simulation.driver import TICK, Drive
-from mapmyworld.simulation.plan import Plan
-from mapmyworld.simulation.settings import SimulationSettings
+from mapmyworld.simulation.floor_plan import Plan
+from mapmyworld.simulation.robot_settings import SimulationSettings
 from mapmyworld.simulation.world import Scene
 from mapmyworld.types import Mesh, OccupancyGrid, Trajectory
 

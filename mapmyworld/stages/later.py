@@ -9,10 +9,14 @@ from importlib import import_module
 
 from mapmyworld.sensing import Plan
 
-_ALWAYS = ("mapmyworld.stages.solve", "mapmyworld.diagnosis", "mapmyworld.mapping.occupancy")
+_ALWAYS = (
+    "mapmyworld.stages.solve_and_judge",
+    "mapmyworld.diagnosis",
+    "mapmyworld.mapping.occupancy",
+)
 _WITH_SCANS = (
     "mapmyworld.places.laser_closures",
-    "mapmyworld.places.laser_review",
+    "mapmyworld.places.closure_refinement",
     "mapmyworld.odometry.laser_refinement",
     "mapmyworld.places.wheel_check",
 )

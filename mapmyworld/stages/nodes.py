@@ -19,7 +19,7 @@ _PATIENCE = 1.5  # times the distance that a due node waits for a frame with an 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """What a tracker says of one frame."""
+    """What a tracker reports about one frame."""
 
     tracked_from_base: NDArray[np.float64]
     """(4, 4)."""
@@ -29,7 +29,7 @@ class Motion:
     """Where the motion comes from."""
 
     @property
-    def is_break(self) -> bool:
+    def is_tracking_loss(self) -> bool:
         """Whether nothing is known of it: the robot was lost."""
         return isinstance(self.source, LaserTracking) and self.source.lost
 
@@ -56,7 +56,7 @@ class NodeSelector:
         self._since.append(motion)
         pose, last = motion.tracked_from_base, self._last
         moved = np.eye(4) if last is None else between(last.tracked_from_base, pose)
-        if last is not None and not motion.is_break and not self._is_due(frame, moved):
+        if last is not None and not motion.is_tracking_loss and not self._is_due(frame, moved):
             return None, None, moved
         odometry = pose if frame.odom_from_base is None else frame.odom_from_base
         node = Node(
@@ -97,7 +97,7 @@ class NodeSelector:
             from_id=last.id,
             to_id=node.id,
             kind=ConstraintKind.NEIGHBOUR,
-            from_from_to=moved,
+            i_from_j=moved,
             information=np.asarray(np.linalg.inv(covariance)),
             source=self._since[-1].source,
         )

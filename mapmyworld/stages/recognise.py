@@ -17,10 +17,10 @@ from mapmyworld.stages.kept import has_images, has_scans
 from mapmyworld.types import Judged, MapStore, Poses, Progress
 
 if TYPE_CHECKING:
-    from mapmyworld.graph.draft import Draft
+    from mapmyworld.graph.draft_graph import Draft
     from mapmyworld.places.laser_nodes import NodeScans
 
-_STRETCH = 200.0  # m of path, about, that are searched before what was found is solved
+_SECTION = 200.0  # m of path, about, that are searched before what was found is solved
 
 LoadScans = Callable[[], "NodeScans | None"]
 """Gives the nodes' laser scans, made ready once; None for a log without a laser."""
@@ -73,17 +73,17 @@ def recognise(
 def closures_by_laser(
     store: MapStore, config: Config, progress: Progress, loaded: NodeScans
 ) -> list[Judged]:
-    """Stretch by stretch, each from poses that the closures before it hold: so the search reaches
+    """Section by section, each from poses that the closures before it hold: so the search reaches
     no farther after hours than at first.
     """
     from mapmyworld.places.laser_closures import first_closures
     from mapmyworld.places.laser_nodes import nodes_at
-    from mapmyworld.stages.draft import solve_draft_of
+    from mapmyworld.stages.solve_draft import solve_draft_of
 
     if len(loaded.nodes) < 2:
         return []
     path = nodes_at(loaded, None).path
-    count = max(1, round(float(path[-1]) / _STRETCH))
+    count = max(1, round(float(path[-1]) / _SECTION))
     edges = np.searchsorted(path, np.linspace(0.0, path[-1], count + 1)[1:-1])
     found: list[Judged] = []
     for span in pairwise([0, *edges.tolist(), len(path)]):
@@ -107,7 +107,7 @@ def _finders() -> tuple[Finder, ...]:
 def _check_wheels(store: MapStore, progress: Progress, *, alone: bool) -> None:
     """Says what images think of the recorded odometry, where both are there.
 
-    Where wheels `alone` told the motion, what all of it shares in error is taken out.
+    Where wheels `alone` reported the motion, what all of it shares in error is taken out.
     """
     if store.tracked_frames().odom_from_base is None:
         return

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config, SensingConfig
-from mapmyworld.odometry.felt_force import FeltForce
+from mapmyworld.odometry.gravity_direction import GravityDirection
 from mapmyworld.parallel import (
     algebra_on_one_thread,
     batches,
@@ -67,11 +67,11 @@ def track(
     notes += _advice(faults, spoilt=False)
     counted = _count_losses(counts, guard)
     losses = [*log.losses(), *tracker.losses(), *counted, *_advice(faults, spoilt=True)]
-    told = {"losses": losses, "notes": notes, "odometry_lag_s": lag_s}
-    store.put("track", {"frames": counts.frames, **told})
-    for note in _lag_notes(lag_s) if lag_s else notes:  # the others were told the first time
+    reported = {"losses": losses, "notes": notes, "odometry_lag_s": lag_s}
+    store.put("track", {"frames": counts.frames, **reported})
+    for note in _lag_notes(lag_s) if lag_s else notes:  # the others were reported the first time
         progress.note(note)
-    store.put("felt_force", writer.force.mean())
+    store.put("gravity_direction", writer.force.mean())
 
 
 def odometry_lag(store: MapStore, config: Config) -> float:
@@ -132,12 +132,12 @@ def _diagnose(store: MapStore, plan: Plan, config: Config) -> tuple[Finding, ...
 
 
 def _advice(faults: Sequence[Finding], *, spoilt: bool) -> Iterator[str]:
-    """What sensors say against one another, and what to do; `spoilt`: what makes the map wrong."""
+    """What sensors indicate against one another, and what to do; `spoilt`: what makes the map wrong."""
     from mapmyworld.diagnosis.finding import SENSE_OF_TURNING
 
     for fault in faults:
         if (fault.name == SENSE_OF_TURNING) == spoilt:
-            yield f"{fault.text}: {fault.remedy}"
+            yield f"{fault.text}: {fault.suggestion}"
 
 
 class _Writer:
@@ -157,7 +157,7 @@ class _Writer:
         self._stamps, self._node_ids, self._is_node = array("q"), array("q"), array("b")
         # Of every frame only numbers are kept, 104 bytes a pose: a drive may last for hours.
         self._moved, self._odometry = array("d"), array("d")
-        self.force = FeltForce()
+        self.force = GravityDirection()
 
     @property
     def nodes(self) -> int:

@@ -9,14 +9,14 @@ import numpy as np
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import covariance_from_planar, planar_to_matrix
-from mapmyworld.odometry.recorded import RecordedMotionModel
+from mapmyworld.odometry.recorded_odometry import RecordedMotionModel
 from mapmyworld.parallel import batches
 from mapmyworld.sensing import Plan
 from mapmyworld.stages.nodes import Motion
 from mapmyworld.types import CameraTracking, Frame, LaserTracking, Odometry
 
 if TYPE_CHECKING:
-    from mapmyworld.odometry.visual import VisualMotion
+    from mapmyworld.odometry.visual_odometry import VisualMotion
 
 _AT_ONCE = 64  # scans that are followed in one go
 _OUT_OF_PLANE = 1e-8  # rad^2 and m^2 by which a planar robot leaves its plane, a step
@@ -73,12 +73,12 @@ class CameraFollower:
     """Estimates the motion from colour and depth."""
 
     def __init__(self, plan: Plan, config: Config) -> None:
-        from mapmyworld.odometry.visual import VisualTracker
-        from mapmyworld.odometry.visual_doubts import Doubts
+        from mapmyworld.odometry.tracking_quality import TrackingQuality
+        from mapmyworld.odometry.visual_odometry import VisualTracker
 
         self._start = plan.map_from_first
         self._tracker = VisualTracker(config)
-        self._doubts = Doubts()
+        self._doubts = TrackingQuality()
 
     def follow(self, frames: Iterable[Frame]) -> Followed:
         for frame, motion in self._tracker.track_all(frames):
@@ -104,7 +104,7 @@ class LaserFollower:
     """Matches each scan against the local map, with the odometry as a prior."""
 
     def __init__(self, plan: Plan, config: Config) -> None:
-        from mapmyworld.odometry.laser import LaserTracker
+        from mapmyworld.odometry.laser_odometry import LaserTracker
 
         self._tracker = LaserTracker(config)
 
@@ -113,8 +113,8 @@ class LaserFollower:
             tracked = self._tracker.track_all(some)
             poses = planar_to_matrix(np.stack([moment.pose for moment in tracked]))
             for frame, moment, pose in zip(some, tracked, poses, strict=True):
-                # What the scans refute the odometry still bridges: the path never breaks by it.
-                lost = moment.is_break and frame.odom_from_base is None
+                # What the scans refute the odometry still bridges: the path is never lost by it.
+                lost = moment.is_tracking_loss and frame.odom_from_base is None
                 source = LaserTracking(moment.verdict, float(moment.overlap), lost)
                 covariance = covariance_from_planar(moment.covariance, off_plane=_OUT_OF_PLANE)
                 yield frame, Motion(pose, covariance, source)

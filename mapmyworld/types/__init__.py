@@ -1,5 +1,14 @@
 """The values that flow through the house: frozen dataclasses of read-only arrays."""
 
+from mapmyworld.types.constraints import (
+    CLOSURES,
+    TRUSTED,
+    Constraint,
+    ConstraintKind,
+    Judged,
+    Poses,
+    Registration,
+)
 from mapmyworld.types.frames import (
     CameraModel,
     Features,
@@ -11,15 +20,6 @@ from mapmyworld.types.frames import (
     Scan,
     TrackedFrames,
     first_nodes,
-)
-from mapmyworld.types.graph import (
-    CLOSURES,
-    TRUSTED,
-    Constraint,
-    ConstraintKind,
-    Judged,
-    Poses,
-    Registration,
 )
 from mapmyworld.types.maps import Mesh, OccupancyGrid, PointCloud, Trajectory
 from mapmyworld.types.messages import (

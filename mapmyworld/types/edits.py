@@ -31,7 +31,7 @@ class Edit:
     kind: str = ""
     """Restricts accept and reject to constraints of one kind; empty = all between the nodes."""
     motion: NDArray[np.float64] | None = None
-    """(4, 4): from_from_to of an added constraint; map_from_node of a prior or a pin. A pin
+    """(4, 4): i_from_j of an added constraint; map_from_node of a prior or a pin. A pin
     without one stays where the node is."""
     covariance: NDArray[np.float64] | None = None
     """(6, 6), rotation first, of an added constraint or a prior."""

@@ -79,7 +79,7 @@ class ImuSample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """One moment: everything the sensors say about it, matched by header stamps."""
+    """One moment: everything the sensors indicate about it, matched by header stamps."""
 
     stamp_ns: int
     odom_from_base: NDArray[np.float64] | None

@@ -1,4 +1,4 @@
-"""What localisation says of every moment of a log."""
+"""What localisation reports about every moment of a log."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class ImageMessage:
     encoding: str
     """ROS name ("rgb8", "bgr8", "mono8", "16UC1", "32FC1", ...), after decompression."""
     width: int
-    """Pixels; 0 where only decoding tells (compressed images)."""
+    """Pixels; 0 where only decoding indicates (compressed images)."""
     height: int
     pixels: Callable[[], NDArray[np.generic]]
     """Colour (H, W, 3) uint8 RGB, grey (H, W) uint8, depth (H, W) float32 metres (0 = none)."""
@@ -187,7 +187,7 @@ class GpsMessage:
 
 
 class Quantity(StrEnum):
-    """What a sensor of the surroundings measures, in the unit of `ReadingMessage.value`."""
+    """What a sensor of the environment measures, in the unit of `ReadingMessage.value`."""
 
     WIFI = "wifi"  # dBm
     TEMPERATURE = "temperature"  # degrees Celsius
@@ -198,7 +198,7 @@ class Quantity(StrEnum):
 
 @message_type(frozen=True, slots=True, eq=False)
 class ReadingMessage:
-    """A measured quantity of the surroundings."""
+    """A measured quantity of the environment."""
 
     stamp_ns: int
     frame_id: str
@@ -244,7 +244,7 @@ class RawMessage:
 
 @dataclass(frozen=True, slots=True)
 class TopicInfo:
-    """What a log says of one of its topics."""
+    """What a log indicates about one of its topics."""
 
     topic: str
     type_name: str
@@ -252,7 +252,7 @@ class TopicInfo:
     encoding: str
     """Serialisation: "cdr", "ros1", "protobuf", "json", "carmen", ..."""
     count: int
-    """Messages; -1 where only reading the file tells."""
+    """Messages; -1 where only reading the file indicates it."""
     first_ns: int | None = None
     last_ns: int | None = None
 
@@ -267,7 +267,7 @@ class TopicInfo:
 
 @dataclass(frozen=True, slots=True)
 class LogInfo:
-    """What a log says of itself, cheaply: from the index where there is one."""
+    """What a log indicates about itself, cheaply: from the index where there is one."""
 
     paths: tuple[str, ...]
     container: str

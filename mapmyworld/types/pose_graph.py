@@ -15,7 +15,7 @@ class Edges:
     from_ids: NDArray[np.int64]
     to_ids: NDArray[np.int64]
     """(E,) ids of nodes."""
-    from_from_to: NDArray[np.float64]
+    i_from_j: NDArray[np.float64]
     """(E, 3) as x, y, yaw in a planar graph, else (E, 4, 4)."""
     information: NDArray[np.float64]
     """(E, 3, 3) over x, y, yaw in a planar graph, else (E, 6, 6), rotation first."""
@@ -30,7 +30,7 @@ class Edges:
         return Edges(
             self.from_ids[which],
             self.to_ids[which],
-            self.from_from_to[which],
+            self.i_from_j[which],
             self.information[which],
             self.odometry[which],
         )

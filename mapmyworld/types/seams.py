@@ -1,4 +1,4 @@
-"""The seams of the house as Protocols: where logs come from, where maps are kept, who is told."""
+"""The seams of the house as Protocols: where logs come from, where maps are kept, who is notified."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.types.constraints import Judged, Poses
 from mapmyworld.types.frames import Features, Node, NodeData, Scan, TrackedFrames
-from mapmyworld.types.graph import Judged, Poses
 from mapmyworld.types.maps import OccupancyGrid
 from mapmyworld.types.messages import LogInfo, RawMessage
 
@@ -38,7 +38,7 @@ class LogSource(Protocol):
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         """Messages of `topics` (all when None) in log-time order, ties in file order.
 
-        Damaged parts are skipped; `losses` then tells what is missing.
+        Damaged parts are skipped; `losses` then indicates what is missing.
         """
 
     def losses(self) -> tuple[str, ...]:
@@ -46,7 +46,7 @@ class LogSource(Protocol):
 
 
 class Progress(Protocol):
-    """Told what is going on; draws nothing itself unless it is the command line's."""
+    """Reported what is going on; draws nothing itself unless it is the command line's."""
 
     def stage(self, name: str, total: float | None = None, unit: str = "") -> None:
         """A stage begins; `total` in `unit`s ("s" of log time, "nodes", ...)."""

@@ -57,10 +57,10 @@ class ScanMatch:
 
     evidence: float = 0.0
     """Points of both that the other confirms, less those that it contradicts."""
-    rival: float = 0.0
+    second_best: float = 0.0
     """That of the best pose elsewhere in the search."""
     beyond: float = 0.0
-    """Evidence beyond that pose's, what only one of them saw by a quarter; all without a rival."""
+    """Evidence beyond that pose's, what only one of them saw by a quarter; all without a second best."""
     score: float = 0.0
     """Mean likelihood of the best pose of the search."""
     overlap: float = 0.0
@@ -78,7 +78,7 @@ class ImageMatch:
     posterior: float = 0.0
     """By words."""
     steps: int = 0
-    """Nodes between the two, by succession."""
+    """Nodes between the two, in sequence."""
     distance: float = 0.0
     """m between the solved poses, by these."""
     matches: int = 0

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 
 from mapmyworld.shares import percent_below
-from mapmyworld.types.graph import Judged
+from mapmyworld.types.constraints import Judged
 from mapmyworld.types.sources import (
     CameraTracking,
     CorrectedOdometry,
@@ -36,16 +36,16 @@ _VERDICTS: Mapping[Why, str] = {
     Why.SCANS_ALIGNED: "overlap {overlap:.0%}, residual {residual:.3f} m",
     Why.NOTHING_IN_COMMON: "nothing that was seen at both places",
     Why.LITTLE_EVIDENCE: "evidence {evidence:.0f} points below {limit:.0f}",
-    Why.AMBIGUOUS_POSE: "ambiguous: another pose has evidence {rival:.0f} against "
+    Why.AMBIGUOUS_POSE: "ambiguous: another pose has evidence {second_best:.0f} against "
     "{evidence:.0f} points",
     Why.NOT_CONVERGED: "not converged: the refined pose left the best one of the search by "
     "{metres:.2f} m, {degrees:.0f} deg",
-    Why.OPEN_DIRECTION: "poorly constrained: the surfaces leave a direction open",
-    Why.AMBIGUOUS_PLACE: "ambiguous: another place near by has evidence {rival:.0f} against "
+    Why.DEGENERATE: "poorly constrained: the surfaces leave a direction degenerate",
+    Why.AMBIGUOUS_PLACE: "ambiguous: another place near by has evidence {second_best:.0f} against "
     "{evidence:.0f} points",
-    Why.SURROUNDINGS_UNMET: "what was seen around does not fit what had been seen there",
-    Why.LESS_EXPLAINED: "another closure between the same parts explains more of what was seen",
-    Why.AMBIGUOUS_JOIN: "ambiguous: what was seen after the break fits as well {metres:.1f} m and "
+    Why.SUBMAPS_DISAGREE: "what was seen around does not fit what had been seen there",
+    Why.LESS_EXPLAINED: "another closure between the same components explains more of what was seen",
+    Why.AMBIGUOUS_AFTER_LOSS: "ambiguous: what was seen after the loss fits as well {metres:.1f} m and "
     "{degrees:.0f} deg from there",
     Why.IMAGES_AGREE: "{inliers} matches agree within {sigmas:g} sigma",
     Why.FEW_INLIERS: "{inliers} of {matches} matches agree, {limit} needed",

@@ -3,7 +3,7 @@
 from mapmyworld.particles.kernels.insertion import insert, insert_path, mark_path, touched_tiles
 from mapmyworld.particles.kernels.likelihood import beam_log_likelihoods
 from mapmyworld.particles.kernels.matching import linearise_path, match
-from mapmyworld.particles.kernels.surfaces import TILE, Beams, Surfaces
+from mapmyworld.particles.kernels.surface_tiles import TILE, Beams, Surfaces
 
 __all__ = [
     "TILE",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.kernels.compiling import inner_jit, jit
-from mapmyworld.particles.kernels.surfaces import (
+from mapmyworld.particles.kernels.surface_tiles import (
     FULL,
     MASK,
     MEMORY,

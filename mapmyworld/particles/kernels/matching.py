@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mapmyworld.kernels.assignment import assign
 from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.particles.kernels.likelihood import log_likelihood
-from mapmyworld.particles.kernels.surfaces import PLANAR, Beams, nearest, turned
+from mapmyworld.particles.kernels.surface_tiles import PLANAR, Beams, nearest, turned
 
 STEP, TURN = 1e-3, 2e-4  # m, rad: steps that change no cell and end the search
 POINT = 0.1  # weight of an end point at a cell that is no line: it may lie beside the true one
@@ -129,7 +129,7 @@ def match(
     starts: NDArray[np.float64],
     prior: NDArray[np.float64],
     robust: float,
-    reaches: NDArray[np.int64],
+    max_distances: NDArray[np.int64],
     sigma: float,
     scale: float,
     poses: NDArray[np.float64],
@@ -154,25 +154,27 @@ def match(
         for k in range(starts.shape[1]):
             assign(pose, starts[particle, k])
             share = 0.0
-            for iteration in range(reaches.shape[0]):
+            for iteration in range(max_distances.shape[0]):
                 H[:], g[:] = 0.0, 0.0
                 # A wide search tolerates wide residuals.
-                width = sigma * (1.0 + 0.5 * (reaches[iteration] - reaches[-1]))
-                share = linearise(maps, particle, beams, pose, reaches[iteration], width, H, g)
+                width = sigma * (1.0 + 0.5 * (max_distances[iteration] - max_distances[-1]))
+                share = linearise(
+                    maps, particle, beams, pose, max_distances[iteration], width, H, g
+                )
                 H *= scale
                 g *= scale
                 squared = _deviation(pose, mean, P, gap)
                 weight = 1.0 if robust <= 0.0 else 1.0 / (1.0 + squared / (robust * robust))
-                if reaches[iteration] > reaches[-1]:
+                if max_distances[iteration] > max_distances[-1]:
                     weight *= 0.02
                 H += weight * P
                 g += weight * (P[:, 0] * gap[0] + P[:, 1] * gap[1] + P[:, 2] * gap[2])
                 _solve(H, g, step)
                 pose += step
                 small = abs(step[0]) + abs(step[1]) < STEP and abs(step[2]) < TURN
-                if small and reaches[iteration] == reaches[-1]:
+                if small and max_distances[iteration] == max_distances[-1]:
                     break
-            fit = log_likelihood(maps, particle, beams, pose, reaches[-1], sigma)
+            fit = log_likelihood(maps, particle, beams, pose, max_distances[-1], sigma)
             squared = _deviation(pose, mean, P, gap)
             if robust > 0.0:
                 cost = 0.5 * robust * robust * math.log(1.0 + squared / (robust * robust))

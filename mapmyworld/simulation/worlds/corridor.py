@@ -1,4 +1,4 @@
-"""A long corridor in which nothing tells a laser how far it has come."""
+"""A long corridor in which nothing shows a laser how far it has come."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _WEST, _EAST, _HALF_WIDTH = -3.0, 97.0, 1.0
 
 CORRIDOR = World(
     name="corridor",
-    about="100 m of bare walls: along it, only the ends tell a laser where it is",
+    about="100 m of bare walls: along it, only the ends show a laser where it is",
     solids=(
         *wall((_WEST, -_HALF_WIDTH), (_EAST, -_HALF_WIDTH), "plain:white"),
         *wall((_EAST, -_HALF_WIDTH), (_EAST, _HALF_WIDTH), "plain:white"),

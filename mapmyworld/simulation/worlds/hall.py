@@ -1,8 +1,8 @@
 """A bare rectangular hall made to provoke missed and false loop closures.
 
 Along the walls, seen from a robot that drives round them: pictures of which each hangs only once
-(rich stretches), nothing at all (blank stretches), and the very same pictures again and again
-(repeating stretches). A laser sees four walls and nothing else.
+(rich sections), nothing at all (blank sections), and the very same pictures again and again
+(repeating sections). A laser sees four walls and nothing else.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _west = _WEST + _INNER + _DEPTH / 2
 
 HALL = World(
     name="hall",
-    about="14 x 9 m, bare: rich, featureless and exactly repeating stretches of wall",
+    about="14 x 9 m, bare: rich, featureless and exactly repeating sections of wall",
     solids=(
         *wall((_WEST, _SOUTH), (_EAST, _SOUTH), "plain:cream"),
         *wall((_EAST, _SOUTH), (_EAST, _NORTH), "plain:cream"),

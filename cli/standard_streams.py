@@ -1,0 +1,131 @@
+"""The standard streams: names and JSON on them, and what if they were closed or filled."""
+
+from __future__ import annotations
+
+import codecs
+import errno
+import io
+import json
+import os
+import sys
+from collections.abc import Container
+from typing import Any
+
+import click
+
+from formats.readable import readable
+
+
+def mend_streams() -> None:
+    """Before any file is opened: words that nobody can read end no command.
+
+    A file that took the place of a closed stream would be written into by whoever has a word to
+    say, so the place is taken. What cannot be written to stderr is dropped, and of stdout what
+    its reader did not wait for.
+    """
+    for number in range(3):
+        _take_place(number)
+    if sys.stdin is None:
+        sys.stdin = io.TextIOWrapper(io.BufferedReader(io.FileIO(0, closefd=False)))
+    if sys.stdout is sys.__stdout__:
+        sys.stdout = _lenient(1, sys.stdout, {errno.EPIPE})
+    if sys.stderr is sys.__stderr__:
+        sys.stderr = _lenient(2, sys.stderr, _ALL)
+
+
+def _take_place(number: int) -> None:
+    try:
+        os.fstat(number)
+    except OSError:
+        os.open(os.devnull, os.O_RDWR)  # which takes the lowest number that is free
+
+
+_ALL = frozenset(errno.errorcode)
+
+
+class _Words(io.FileIO):
+    """A stream into which writing does not fail with these errors."""
+
+    def __init__(self, number: int, dropped: Container[int | None]) -> None:
+        super().__init__(number, "w", closefd=False)
+        self._dropped = dropped
+
+    def write(self, data: Any) -> int:
+        try:
+            written = super().write(data)
+        except OSError as error:
+            if error.errno in self._dropped:
+                return len(data)
+            self._dropped = _ALL  # reported once; what is left over is tried again at the very end
+            raise
+        return len(data) if written is None else written
+
+
+class _ReadableText(io.TextIOWrapper):
+    """A stream whose text may hold names from files: what a terminal would obey is written out."""
+
+    def write(self, text: str) -> int:
+        super().write(readable(text))
+        return len(text)
+
+
+class _OwnWords:
+    """The stream below a readable one."""
+
+    def __init__(self, stream: _ReadableText) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        return io.TextIOWrapper.write(self._stream, text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def own_words(stream: Any) -> Any:
+    """The stream for words of ours that colour or move the cursor: bars, counters, verdicts."""
+    return _OwnWords(stream) if isinstance(stream, _ReadableText) else stream
+
+
+def _lenient(number: int, before: Any, dropped: Container[int | None]) -> _ReadableText:
+    """The stream of that number in the manner of the one before, None where that was closed."""
+    lines = number == 2 or os.isatty(number) or (before is not None and before.line_buffering)
+    return _ReadableText(
+        io.BufferedWriter(_Words(number, dropped)),
+        encoding="utf-8" if before is None else before.encoding,
+        errors="backslashreplace" if before is None else before.errors,
+        line_buffering=lines,
+        write_through=before is not None and before.write_through,
+    )
+
+
+def shown(name: str) -> str:
+    """A file's name as text that any encoding of Unicode can hold."""
+    return os.fsencode(name).decode("utf-8", "replace")
+
+
+def keep_names(stream: Any) -> None:
+    """From now on the stream prints file names as they are, and what it cannot hold as `?`."""
+    codecs.register_error(_NAMES, _as_given)
+    if hasattr(stream, "reconfigure"):
+        stream.reconfigure(errors=_NAMES)
+
+
+_NAMES = "mapmyworld.names"
+
+
+def _as_given(error: UnicodeError) -> tuple[str | bytes, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    letters = error.object[error.start : error.end]
+    return b"".join(_byte_of(ord(letter)) for letter in letters), error.end
+
+
+def _byte_of(code: int) -> bytes:
+    """The byte for which Python's names of files have this code."""
+    return bytes([code - 0xDC00]) if 0xDC80 <= code <= 0xDCFF else b"?"
+
+
+def show_json(value: Any) -> None:
+    """One JSON document on stdout."""
+    click.echo(json.dumps(value, indent=2, allow_nan=False, default=float))

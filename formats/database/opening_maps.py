@@ -1,0 +1,153 @@
+"""Opening a map: ours for reading and writing, RTAB-Map's for reading."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from formats.database import schema
+from formats.database.connection import (
+    APPLICATION_ID,
+    Connection,
+    is_sqlite,
+    keeps_write_ahead_log,
+    says_ours,
+)
+from formats.database.foreign import RtabmapStore
+from formats.database.node_rows import StorageOptions
+from formats.database.results import parameters_to_text
+from formats.database.store import DatabaseStore
+from mapmyworld.errors import MapError
+
+# What RTAB-Map's tools need to know of any map of ours.
+_PARAMETERS = {
+    "Mem/IncrementalMemory": "true",
+    "RGBD/CreateOccupancyGrid": "true",
+    "RGBD/Enabled": "true",
+}
+
+
+def open_store(
+    path: Path | str,
+    *,
+    create: bool = False,
+    overwrite: bool = False,
+    read_only: bool = False,
+    parameters: Mapping[str, str] | None = None,
+    **options: Any,
+) -> DatabaseStore | RtabmapStore:
+    """The map in `path`.
+
+    `create` makes the file where there is none; `overwrite` then replaces one of ours.
+    `parameters`: how the map is made, in RTAB-Map's names, for a new file.
+    `options`: the fields of `StorageOptions`. A database of RTAB-Map's is never changed.
+    """
+    path = Path(path)
+    settings = StorageOptions(**options)
+    if path.is_dir():
+        raise MapError(f"{path}: is a folder, not a map")
+    if path.is_file() and says_ours(path):
+        _recover(path)  # before anything is read: a killed build leaves torn pages and a journal
+    exists = path.exists() and path.stat().st_size > 0 and not _is_blank(path)
+    if not exists:
+        if not create:
+            raise MapError(f"{path}: no such map (make one with `mapmyworld build LOG -o {path}`)")
+        return DatabaseStore(_created(path, settings, parameters or {}), settings)
+    if not is_sqlite(path):
+        raise MapError(f"{path}: is not a map (no SQLite database): give another file")
+    if not _is_ours(path, replaced=create and overwrite):
+        return _foreign(path, create=create)
+    if create and overwrite:
+        path.unlink()
+        _beside(path, "journal").unlink(missing_ok=True)
+        return DatabaseStore(_created(path, settings, parameters or {}), settings)
+    store = DatabaseStore(Connection(path, writable=not read_only), settings)
+    if parameters and not read_only:
+        store.set_parameters(parameters)
+    return store
+
+
+def _beside(path: Path, ending: str) -> Path:
+    return path.with_name(f"{path.name}-{ending}")
+
+
+def _is_blank(path: Path) -> bool:
+    """Whether it is a database without a table: a build was stopped before it had begun."""
+    if not is_sqlite(path):
+        return False
+    connection = Connection(path, writable=False, frozen=True)
+    try:
+        return not connection.row("SELECT EXISTS (SELECT 1 FROM sqlite_master)")[0]
+    finally:
+        connection.close()
+
+
+def _is_ours(path: Path, *, replaced: bool) -> bool:
+    """Whether it is a map of ours; of a format that is read here, unless it will be `replaced`."""
+    connection = Connection(path, writable=False, frozen=True)
+    try:
+        if not connection.columns("mapmyworld_format"):
+            return False
+        found = connection.row("SELECT MAX(version) FROM mapmyworld_format")[0]
+    finally:
+        connection.close()
+    if not isinstance(found, int):
+        raise MapError(f"{path}: the number of its format is damaged: build it anew")
+    if found > schema.FORMAT:
+        raise MapError(
+            f"{path}: was written by a newer mapmyworld (format {found}): update this one"
+        )
+    if found < schema.FORMAT and not replaced:
+        raise MapError(
+            f"{path}: was written by an older mapmyworld (format {found}, this one reads "
+            f"{schema.FORMAT}): build it anew with --overwrite"
+        )
+    return True
+
+
+def _recover(path: Path) -> None:
+    """Takes back what a killed build had half written, as SQLite does on opening for writing."""
+    if _beside(path, "journal").exists():
+        connection = Connection(path, writable=True)
+        try:
+            connection.begin()
+            connection.commit()
+        finally:
+            connection.close()
+
+
+def _foreign(path: Path, *, create: bool) -> RtabmapStore:
+    """A database of RTAB-Map's, for reading; refused where a map was to be written."""
+    for ending in ("journal", "wal"):
+        if _beside(path, ending).exists() and _beside(path, ending).stat().st_size:
+            raise MapError(
+                f"{path}: was not closed cleanly ({_beside(path, ending).name} lies beside it):"
+                " run `rtabmap-info` on it once, or on a copy of both files"
+            )
+    store = RtabmapStore(Connection(path, writable=False, frozen=keeps_write_ahead_log(path)))
+    if create:
+        store.close()
+        raise MapError(f"{path}: is a database of RTAB-Map's and is never changed: give another -o")
+    return store
+
+
+def _created(path: Path, options: StorageOptions, parameters: Mapping[str, str]) -> Connection:
+    """A map without nodes. Admin and Info have their one row each before any node comes."""
+    if not path.absolute().parent.is_dir():
+        raise MapError(f"{path}: its folder does not exist")
+    connection = Connection(path, writable=True)
+    connection.begin()
+    connection.run(f"PRAGMA application_id = {APPLICATION_ID}")
+    for statement in schema.statements():
+        connection.run(statement)
+    connection.run("INSERT INTO mapmyworld_format VALUES (?)", (schema.FORMAT,))
+    connection.run("INSERT INTO Admin (version) VALUES (?)", (schema.RTABMAP_VERSION,))
+    reported = _PARAMETERS | {"Grid/CellSize": str(options.local_cell_size)} | dict(parameters)
+    connection.run(
+        "INSERT INTO Info (STM_size, last_sign_added, process_mem_used, database_mem_used,"
+        " dictionary_size, parameters) VALUES (0, 0, 0, 0, 0, ?)",
+        (parameters_to_text(reported),),
+    )
+    connection.commit()
+    return connection

@@ -1,0 +1,164 @@
+"""A finished map as an MCAP file that Foxglove's 3D panel draws at once."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.constraint_kinds import COLOURS, REJECTED, rgb
+from formats.foxglove import foxglove_messages as fox
+from formats.foxglove.layout import layout
+from formats.foxglove.sink import FoxgloveSink
+from formats.recording_files import LogWriter
+from formats.recording_sinks import McapSink
+from mapmyworld.types import (
+    CameraModel,
+    ConstraintKind,
+    Judged,
+    Node,
+    NodeData,
+    OccupancyGrid,
+    PointCloud,
+    PoseMessage,
+)
+from mapmyworld.types.wording import reason_of
+
+Floats = NDArray[np.float64]
+MAP = "map"
+_LISTED = 60  # constraints of a kind whose facts an entity indicates it
+Event = tuple[int, str, Any]
+"""Time in nanoseconds, topic, message."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoxgloveMap:
+    """What is written."""
+
+    base_frame: str
+    stamps_ns: NDArray[np.int64]
+    """(F,) of the tracked frames."""
+    map_from_base: Floats
+    """(F, 4, 4)."""
+    nodes: Sequence[tuple[Node, Floats, Floats | None]]
+    """Each with map_from_node and its covariance (6, 6), rotation first, in its own frame."""
+    constraints: Sequence[Judged]
+    grid: OccupancyGrid | None
+    cloud: PointCloud | None
+
+
+def write_foxglove(path: Path, shown: FoxgloveMap, data: Iterable[NodeData]) -> list[Path]:
+    """Writes the map and a layout beside it; `data` of the nodes, in their order, one at a time."""
+    with LogWriter(path, overwrite=True) as writer:
+        assert isinstance(writer.sink, McapSink)
+        sink = FoxgloveSink(writer.sink)
+        for time_ns, topic, message in map_events(shown):
+            sink.write(topic, message, time_ns)
+        transforms = tf_events(shown)
+        waiting = next(transforms, None)
+        for (node, pose, covariance), item in zip(shown.nodes, data, strict=True):
+            while waiting is not None and waiting[0] <= node.stamp_ns:
+                sink.write(waiting[1], waiting[2], waiting[0])
+                waiting = next(transforms, None)
+            writer.write("/map/pose", _pose(node.stamp_ns, pose, covariance), node.stamp_ns)
+            for time_ns, topic, message in image_events(node.stamp_ns, item, shown.base_frame):
+                sink.write(topic, message, time_ns)
+        while waiting is not None:
+            sink.write(waiting[1], waiting[2], waiting[0])
+            waiting = next(transforms, None)
+    return [path, write_layout(path)]
+
+
+def write_layout(path: Path) -> Path:
+    """The panels that show the map, for Foxglove's "import layout"."""
+    beside = path.with_suffix(".layout.json")
+    beside.write_text(json.dumps(layout(), indent=1) + "\n", encoding="utf-8")
+    return beside
+
+
+def first_ns(shown: FoxgloveMap) -> int:
+    """When everything that does not move is reported: before the first frame and node."""
+    stamps = [int(shown.stamps_ns[0])] if len(shown.stamps_ns) else []
+    return min(stamps + [node.stamp_ns for node, _, _ in shown.nodes], default=0)
+
+
+def map_events(shown: FoxgloveMap) -> Iterator[Event]:
+    """Grid, cloud, path and graph, all at the start."""
+    start = first_ns(shown)
+    if len(shown.map_from_base):
+        yield start, "/tf", fox.transform(start, MAP, shown.base_frame, shown.map_from_base[0])
+    if shown.grid is not None:
+        yield start, "/map/grid", fox.grid(start, MAP, shown.grid)
+    if shown.cloud is not None:
+        yield start, "/map/cloud", fox.cloud(start, MAP, shown.cloud)
+    yield start, "/map/path", fox.path(start, MAP, shown.map_from_base)
+    yield start, "/map/graph", fox.scene(list(_entities(start, shown)))
+
+
+def tf_events(shown: FoxgloveMap) -> Iterator[Event]:
+    """The robot in the map, frame by frame."""
+    for stamp, pose in zip(shown.stamps_ns.tolist(), shown.map_from_base, strict=True):
+        yield stamp, "/tf", fox.transform(stamp, MAP, shown.base_frame, pose)
+
+
+def _rgba(colour: str, opacity: float = 1.0) -> tuple[float, float, float, float]:
+    red, green, blue = rgb(colour)
+    return red / 255.0, green / 255.0, blue / 255.0, opacity
+
+
+def _entities(start: int, shown: FoxgloveMap) -> Iterator[Any]:
+    """One for each kind of accepted constraint, one for all rejected ones."""
+    place = {node.id: pose[:3, 3] for node, pose, _ in shown.nodes}
+    groups = [
+        (str(kind), _rgba(colour), [c for c in shown.constraints if c.accepted and c.kind == kind])
+        for kind, colour in COLOURS.items()
+    ]
+    groups.append(
+        ("rejected", _rgba(REJECTED, 0.4), [c for c in shown.constraints if not c.accepted])
+    )
+    for name, colour, members in groups:
+        drawn = [c for c in members if {c.from_id, c.to_id} <= place.keys()]
+        if drawn:
+            ends = np.array([(place[c.from_id], place[c.to_id]) for c in drawn])
+            facts = {"constraints": str(len(members))}
+            if name != str(ConstraintKind.NEIGHBOUR):
+                facts |= {f"{c.from_id} and {c.to_id}": reason_of(c) for c in drawn[:_LISTED]}
+            yield fox.lines_entity(start, MAP, name, ends, colour, facts)
+
+
+def _pose(stamp_ns: int, pose: Floats, covariance: Floats | None) -> PoseMessage:
+    """In ROS's order and in the map's axes, as geometry_msgs/PoseWithCovariance wants it."""
+    ros = np.zeros((6, 6))
+    if covariance is not None:
+        turn = np.zeros((6, 6))
+        turn[:3, 3:] = turn[3:, :3] = pose[:3, :3]
+        ros = turn @ covariance @ turn.T
+    return PoseMessage(stamp_ns, MAP, pose, ros)
+
+
+def image_events(stamp_ns: int, data: NodeData, base_frame: str) -> Iterator[Event]:
+    """A node's colour images with their calibration and where their cameras sit."""
+    for index, image in enumerate(data.images):
+        if image.colour is None:
+            continue
+        frame = f"{base_frame}/camera{index}"
+        encoded = image.colour.encoded or _encoded(image.colour.pixels())
+        topic = f"/map/camera{index}"
+        yield stamp_ns, "/tf", _camera_transform(stamp_ns, base_frame, frame, image.camera)
+        yield stamp_ns, f"{topic}/info", fox.calibration(stamp_ns, frame, image.camera)
+        yield stamp_ns, f"{topic}/image", fox.jpeg(stamp_ns, frame, encoded)
+
+
+def _camera_transform(stamp_ns: int, base: str, frame: str, camera: CameraModel) -> Any:
+    return fox.transform(stamp_ns, base, frame, camera.base_from_camera)
+
+
+def _encoded(pixels: NDArray[np.generic]) -> bytes:
+    from formats.database.image_blobs import encode_picture
+
+    return encode_picture(np.asarray(pixels, np.uint8), "jpeg", 90)

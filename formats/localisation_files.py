@@ -1,0 +1,96 @@
+"""Where a robot was in a finished map, as CSV with states and as MCAP for viewers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.decimal_stamps import seconds_text
+from formats.recording_files import LogWriter
+from formats.whole_files import write_whole
+from mapmyworld.geometry.planar import PLANAR_IN_TANGENT
+from mapmyworld.geometry.rigid import SWAP_ROTATION_TRANSLATION
+from mapmyworld.geometry.rotations import rotation_to_quaternion
+from mapmyworld.types import PoseMessage, TextMessage, TransformsMessage, TransformStamped
+from mapmyworld.types.localisation import Estimate, Localisation
+
+_CORRECTION = tuple(f"correction_{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw"))
+_SIGMAS = ("sigma_x", "sigma_y", "sigma_yaw")
+CSV_COLUMNS = (
+    "stamp_ns", "time_s", "state", "known", "x", "y", "z", "qx", "qy", "qz", "qw", *_SIGMAS, "fit",
+    *_CORRECTION,
+)  # fmt: skip
+
+
+def write_localisation_csv(path: Path, localisation: Localisation) -> None:
+    """One row a moment; `sigma_*` in the robot's frame, `correction_*` is map_from_odom."""
+    lines = [",".join(CSV_COLUMNS), *(_row(e) for e in localisation.estimates)]
+    write_whole(path, ("\n".join(lines) + "\n").encode())
+
+
+def _row(estimate: Estimate) -> str:
+    sigmas = np.sqrt(np.diag(estimate.covariance)[PLANAR_IN_TANGENT])
+    correction = estimate.map_from_odom
+    shown = [""] * 7 if correction is None else _numbers(correction)
+    return ",".join(
+        [
+            str(estimate.stamp_ns),
+            seconds_text(estimate.stamp_ns),
+            str(estimate.state),
+            str(int(estimate.known)),
+            *_numbers(estimate.map_from_base),
+            *(f"{sigma:.6g}" for sigma in sigmas),
+            f"{estimate.fit:.4f}",
+            *shown,
+        ]
+    )
+
+
+def _numbers(pose: NDArray[np.float64]) -> list[str]:
+    values = [*pose[:3, 3].tolist(), *rotation_to_quaternion(pose[:3, :3]).tolist()]
+    return [f"{value + 0.0:.9f}" for value in values]
+
+
+def write_localisation_mcap(
+    path: Path, localisation: Localisation, *, base_frame: str, overwrite: bool = False
+) -> None:
+    """Known poses as /localisation/pose, states as /localisation/state, and tf.
+
+    tf is `map -> odom` with the recorded `odom -> base` where the log has odometry, else
+    `map -> base`; while the place is unknown there is none.
+    """
+    with LogWriter(path, overwrite=overwrite) as writer:
+        # In the order of the log: stamps may step back, the time of recording must not.
+        time = 0
+        state = None
+        for estimate in localisation.estimates:
+            time = max(time, estimate.stamp_ns)
+            if estimate.state != state:
+                state = estimate.state
+                text = TextMessage(estimate.stamp_ns, str(state))
+                writer.write("/localisation/state", text, time)
+            if estimate.known:
+                writer.write(
+                    "/tf", TransformsMessage(tuple(_tf(estimate, base_frame)), False), time
+                )
+                writer.write("/localisation/pose", _pose_message(estimate), time)
+
+
+def _tf(estimate: Estimate, base: str) -> Iterator[TransformStamped]:
+    correction, odometry = estimate.map_from_odom, estimate.odom_from_base
+    if correction is None or odometry is None:
+        yield TransformStamped(estimate.stamp_ns, "map", base, estimate.map_from_base)
+        return
+    yield TransformStamped(estimate.stamp_ns, "map", "odom", correction)
+    yield TransformStamped(estimate.stamp_ns, "odom", base, odometry)
+
+
+def _pose_message(estimate: Estimate) -> PoseMessage:
+    """ROS states the covariance about the map's axes, translation first."""
+    rotation = np.kron(np.eye(2), estimate.map_from_base[:3, :3])
+    about_map = rotation @ estimate.covariance @ rotation.T
+    swapped = about_map[np.ix_(SWAP_ROTATION_TRANSLATION, SWAP_ROTATION_TRANSLATION)]
+    return PoseMessage(estimate.stamp_ns, "map", estimate.map_from_base, swapped)

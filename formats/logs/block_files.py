@@ -1,0 +1,167 @@
+"""Files that are read block by block: ROS 1 bags and MCAP files."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from formats.logs.channels import Block, Channel, Index, Record
+from formats.logs.clock_steps import ClockStep, ClockSteps
+from formats.logs.files import open_binary
+from formats.logs.time_order import in_time_order
+
+
+class DamagedBlockError(Exception):
+    """A block that cannot be read; the message says why."""
+
+
+IndexReader = Callable[[BinaryIO, Path], Index]
+BlockReader = Callable[[BinaryIO, Block, dict[int, Channel], bool], list[Record]]
+"""Reads a block's records on these channels; the last argument says whether to check sums."""
+
+
+def borne_out(
+    index: Index, is_chunk: Callable[[int], bool], scan: Callable[[], Index], path: Path
+) -> Index:
+    """The index where a chunk of its own stands at each of its places; else what `scan` finds.
+
+    Where that finds no chunk elsewhere, those that the index names were hit: then it stays.
+    """
+    named = {block.offset for block in index.blocks}
+    if len(named) == len(index.blocks) and all(map(is_chunk, sorted(named))):
+        return index
+    scanned = scan()
+    if all(block.offset in named for block in scanned.blocks if not block.bare):
+        return index
+    scanned.problems.insert(
+        0, f"{path}: the index points to places without a chunk: chunks were read one by one"
+    )
+    return scanned
+
+
+def _note_nameless(index: Index, path: Path) -> None:
+    for key in sorted(index.counts.keys() - index.channels.keys()):
+        index.problems.append(
+            f"{path}: {index.counts[key]} message(s) of channel number {key}, which is defined "
+            "nowhere, are left out"
+        )
+
+
+class _Found:
+    """What blocks held in fact, beside what the index reports about them."""
+
+    def __init__(self) -> None:
+        self._counts: dict[int, Counter[Channel]] = {}
+        self._early: dict[int, int] = {}
+
+    def add(self, block: Block, records: list[Record]) -> None:
+        """A block as it was read, the first time or again."""
+        self._counts[block.offset] = Counter(channel for _, channel, _ in records)
+        earliest_ns = min((time for time, _, _ in records), default=block.start_ns)
+        self._early[block.offset] = block.start_ns - earliest_ns
+
+    def contradictions(self, name: object, index: Index, wanted: dict[int, Channel]) -> list[str]:
+        """Where an index lies: what stands elsewhere than it says is not read, or in no order."""
+        losses = list[str]()
+        early = max(self._early.values(), default=0)
+        if early > 0:
+            losses.append(
+                f"{name}: chunks begin up to {early * 1e-9:.3f} s before the times that its index "
+                "has: messages may be out of order"
+            )
+        if len(self._counts) < len(index.blocks):
+            met = sum(self._counts.values(), Counter[Channel]())
+            for key, channel in wanted.items():
+                missing = index.counts.get(key, 0) - met[channel]
+                if missing > 0:
+                    losses.append(
+                        f"{name}: {missing} messages of {channel.topic} stand elsewhere than its "
+                        "index says"
+                    )
+        return losses
+
+
+class BlockFile:
+    """A Container over one file of blocks: a ROS 1 bag or an MCAP file."""
+
+    def __init__(
+        self, path: Path, name: str, read_index: IndexReader, read_block: BlockReader
+    ) -> None:
+        self.path = path
+        self.name = name
+        self._read_index, self._read_block = read_index, read_block
+        self._index: Index | None = None
+        self._losses: list[str] = []
+        self._checked: set[int] = set()
+        self._clock = ClockSteps()
+        self.clock_step: ClockStep | None = None
+        """Where the clock was set back; known once the file was read."""
+
+    def index(self) -> Index:
+        """Blocks and channels; read from the file's summary, or by looking through all of it."""
+        if self._index is None:
+            with open_binary(self.path) as stream:
+                self._index = self._read_index(stream, self.path)
+            _note_nameless(self._index, self.path)
+        return self._index
+
+    def files(self) -> tuple[Path, ...]:
+        """The file itself."""
+        return (self.path,)
+
+    def losses(self) -> tuple[str, ...]:
+        """Of the index, and of what was read since."""
+        return (*self.index().problems, *self._losses)
+
+    def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
+        """Records in log-time order, block by block."""
+        index = self.index()
+        wanted = {
+            key: channel
+            for key, channel in index.channels.items()
+            if topics is None or channel.topic in topics
+        }
+        blocks = [
+            b for b in index.blocks if b.channels is None or not b.channels.isdisjoint(wanted)
+        ]
+        losses: list[str] = []
+        self._losses = losses
+        found = _Found()
+        with open_binary(self.path) as stream:
+
+            def read(block: Block) -> list[Record]:
+                check = block.offset not in self._checked  # once is enough for one log
+                try:
+                    records = self._read_block(stream, block, wanted, check)
+                    self._checked.add(block.offset)
+                    if check:
+                        self._clock.add(block.offset, records)
+                    if self.clock_step is not None:
+                        records = self.clock_step.mended(block, records)
+                    found.add(block, records)
+                    return records
+                except DamagedBlockError as error:
+                    losses.append(
+                        f"{self.path}: chunk at byte {block.offset} skipped: {error}; "
+                        f"lost {(block.end_ns - block.start_ns) * 1e-9:.2f} s of recording"
+                    )
+                    return []
+
+            yield from in_time_order(blocks, read)
+        if self.clock_step is None:
+            self._mend(self._clock.found())
+        if not losses:
+            losses += found.contradictions(self.path, index, wanted)
+
+    def _mend(self, step: ClockStep | None) -> None:
+        """From now on the log is as if its clock had not been set back."""
+        if step is None:
+            return
+        self.clock_step, index = step, self.index()
+        index.blocks[:] = [step.moved(block) for block in index.blocks]
+        index.problems.append(
+            f"{self.path}: the clock was set back by {step.back_ns * 1e-9:.1f} s while recording: "
+            "what follows is moved by as much"
+        )

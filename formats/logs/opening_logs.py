@@ -1,0 +1,240 @@
+"""Which reader a path needs, recognised by its first bytes rather than by its name."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import re
+from collections.abc import Callable, Sequence, Set
+from pathlib import Path
+from typing import cast
+
+from formats.logs.carmen import MARKS, CarmenLog
+from formats.logs.files import DECOMPRESSION_ERRORS, begins_about_as, open_binary
+from formats.logs.mcap_file import open_mcap
+from formats.logs.mcap_records import MAGIC as MCAP_MAGIC
+from formats.logs.merged import MergedLog
+from formats.logs.one_session import require_one_session
+from formats.logs.packed import PackedBag
+from formats.logs.recorded_log import RecordedLog
+from formats.logs.ros1_bag import open_ros1_bag
+from formats.logs.rosbag2 import (
+    SQLITE_ERRORS,
+    ZSTD_MAGIC,
+    SqliteBag,
+    connect_read_only,
+    listed_files,
+    one_line,
+)
+from formats.logs.tum_rgbd import LISTS, TumRgbdLog
+from formats.stored_tables import stored_tables
+from mapmyworld.errors import LogError
+from mapmyworld.types import LogSource
+
+_HEAD = 1 << 16  # bytes that show what a file is
+_BAG_NAMES = (".db3", ".mcap", ".bag", ".db3.zstd", ".mcap.zstd")
+_KINDS = (
+    "a ROS 1 .bag, a rosbag2 folder, .db3 or .mcap, a CARMEN .log/.clf, a TUM RGB-D folder "
+    "or an RTAB-Map .db"
+)
+
+
+def open_log(paths: Sequence[Path | str]) -> LogSource:
+    """The log in these files or folders; several of them are one log in time order.
+
+    Raises LogError with what is wrong and what to do.
+    """
+    if isinstance(paths, str | Path):
+        paths = [paths]
+    if not paths:
+        raise LogError("no log given: name " + _KINDS)
+    sources = [_open_one(Path(path)) for path in paths]
+    if len(sources) == 1:
+        return sources[0]
+    require_one_session(sources)
+    return MergedLog(sources)
+
+
+def logs_in(folder: Path) -> list[tuple[Path, ...]]:
+    """The logs in a folder, by name; the numbered parts of a split recording are one.
+
+    The folder itself, where it is one.
+    """
+    if _is_log_folder(folder):
+        return [(folder,)]
+    parts: dict[str, list[Path]] = {}
+    for path in sorted(folder.iterdir(), key=_numbered):
+        if _is_log_folder(path) or _is_log_file(path):
+            split = _PART.fullmatch(path.name)
+            whole = f"{split[1]}{split[3]}" if split else ""
+            if split and int(split[2]) == len(parts.get(whole, ())):
+                parts.setdefault(whole, []).append(path)
+            else:
+                parts[path.name] = [path]
+    return [tuple(found) for found in parts.values()]
+
+
+_PART = re.compile(r"(.+)_(\d+)(\..+)")
+_TEXT_LOGS = re.compile(r".+\.(log|clf|gfs)(\.bz2|\.gz)?")
+
+
+def _is_log_folder(path: Path) -> bool:
+    return path.is_dir() and (
+        (path / "metadata.yaml").is_file() or any(fits(path) for fits, _ in _FOLDERS)
+    )
+
+
+def _is_log_file(path: Path) -> bool:
+    if not path.is_file() or path.name.startswith("."):
+        return False
+    if path.name.endswith(_BAG_NAMES):
+        return True
+    if _TEXT_LOGS.fullmatch(path.name) is None:
+        return False
+    try:
+        start = _first_bytes(path)
+    except LogError:
+        return False
+    return any(mark in start for mark in MARKS)
+
+
+def _open_one(path: Path) -> LogSource:
+    if not path.exists():
+        raise LogError(f"{path}: no such file or folder: check the path")
+    if path.is_dir():
+        return _open_folder(path)
+    if path.name == "metadata.yaml":
+        return _open_folder(path.parent)
+    if not path.is_file():
+        raise LogError(f"{path}: is a device or a pipe: copy what it gives into a file")
+    if path.stat().st_size == 0:
+        raise LogError(f"{path}: the file is empty: was the recording or the copy interrupted?")
+    return _open_file(path)
+
+
+def _open_folder(path: Path) -> LogSource:
+    for fits, open_it in _FOLDERS:
+        if fits(path):
+            return open_it(path)
+    metadata = path / "metadata.yaml"
+    if metadata.is_file():
+        listed = listed_files(metadata)
+        if listed:
+            return _open_several(path, listed, _in_place_of_missing(path, listed))
+    if found := _recordings_in(path):
+        whole = _open_several(path, found)
+        if isinstance(whole, MergedLog):
+            require_one_session(whole.sources)
+        return whole
+    raise LogError(f"{path}: no log in this folder: name " + _KINDS)
+
+
+def _recordings_in(folder: Path) -> list[Path]:
+    return sorted(
+        (child for child in folder.iterdir() if child.name.endswith(_BAG_NAMES)), key=_numbered
+    )
+
+
+def _in_place_of_missing(folder: Path, listed: list[Path]) -> list[Path]:
+    """Recordings beside a metadata.yaml that names others, which are not there: renamed ones."""
+    if all(file.exists() for file in listed):
+        return []
+    return [file for file in _recordings_in(folder) if file not in listed]
+
+
+def _open_several(folder: Path, files: list[Path], more: Sequence[Path] = ()) -> LogSource:
+    """The parts of a split recording, as one; parts that are missing or unreadable are reported.
+
+    `more`: files that stand beside those, and are read as well.
+    """
+    sources, problems = list[LogSource](), list[str]()
+    for file in more:
+        problems.append(f"{file}: is read instead of missing files that metadata.yaml names")
+    for file in (*files, *more):
+        try:
+            sources.append(_open_one(file))
+        except LogError as error:
+            problems.append(str(error))
+    if not sources:
+        raise LogError(f"{folder}: none of its files can be read", problems=problems)
+    if len(sources) == 1 and not problems:
+        return sources[0]
+    return MergedLog(sources, problems)
+
+
+def _numbered(path: Path) -> tuple[list[str | int], str]:
+    """Orders bag_2 before bag_10."""
+    parts = re.split(r"(\d+)", path.name)
+    return [int(part) if i % 2 else part for i, part in enumerate(parts)], path.name
+
+
+def _open_file(path: Path) -> LogSource:
+    start = _first_bytes(path)
+    for fits, open_it in _READERS:
+        if fits(start, path):
+            return open_it(path)
+    raise LogError(f"{path}: not a log this program knows: give {_KINDS}")
+
+
+_CREATED = re.compile(rb"CREATE TABLE \"?'?(\w+)")
+
+
+def _open_sqlite(path: Path) -> LogSource:
+    tables = tables_of(path)
+    if {"topics", "messages"} <= tables:
+        return RecordedLog(SqliteBag(path))
+    if "Node" in tables:
+        module = importlib.import_module("formats.database.log_source")
+        source: LogSource = module.open_database_log(path)
+        return source
+    raise LogError(f"{path}: an SQLite file that is neither a rosbag2 nor an RTAB-Map database")
+
+
+def tables_of(path: Path) -> Set[str]:
+    """Names of an SQLite file's tables; `LogError` where it is too damaged to determine it."""
+    try:
+        database = connect_read_only(path)
+        try:
+            return stored_tables(database)
+        finally:
+            database.close()
+    except SQLITE_ERRORS as error:
+        with path.open("rb") as stream:
+            named = {name.decode() for name in _CREATED.findall(stream.read(1 << 16))}
+        if {"topics", "messages"} <= named or "Node" in named:  # reported where they were made
+            return named
+        raise LogError(f"{path}: damaged SQLite file ({one_line(error)})") from error
+
+
+def _first_bytes(path: Path) -> bytes:
+    """What can be had of them: a compressed file may be damaged soon after its start."""
+    found = b""
+    try:
+        with open_binary(path) as stream:
+            while len(found) < _HEAD and (block := cast(io.BufferedReader, stream).read1(4096)):
+                found += block
+    except DECOMPRESSION_ERRORS as error:
+        if not found:
+            raise LogError(f"{path}: cannot be read from the start: {error}") from error
+    return found
+
+
+# What a file's first bytes and its path must be for a reader; the first that fits takes it.
+_READERS: tuple[tuple[Callable[[bytes, Path], bool], Callable[[Path], LogSource]], ...] = (
+    (lambda start, _: start.startswith(b"SQLite format 3\0"), _open_sqlite),
+    (
+        lambda start, _: begins_about_as(start, b"#ROSBAG V"),
+        lambda p: RecordedLog(open_ros1_bag(p)),
+    ),
+    (lambda start, _: begins_about_as(start, MCAP_MAGIC), lambda p: RecordedLog(open_mcap(p))),
+    (
+        lambda start, path: start.startswith(ZSTD_MAGIC) and path.suffix == ".zstd",
+        lambda path: RecordedLog(PackedBag(path)),  # rosbag2 compressed the file as a whole
+    ),
+    # Last, because its marks may stand anywhere in the start.
+    (lambda start, _: any(mark in start for mark in MARKS), CarmenLog),
+)
+# What a folder must be for a reader of its own; any other one is looked through for bags.
+_FOLDERS: tuple[tuple[Callable[[Path], bool], Callable[[Path], LogSource]], ...] = (
+    (lambda folder: any((folder / name).is_file() for name in LISTS), TumRgbdLog),
+)

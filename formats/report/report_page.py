@@ -1,0 +1,179 @@
+"""The report: one page on a finished map."""
+
+from __future__ import annotations
+
+from collections import Counter
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from formats.report.contents import ReportContents
+from formats.report.evidence import card, definitions
+from formats.report.map_layers import layers_of, map_svg, view_of
+from formats.report.page import Page, figures, folded, notes, paragraph, table
+from formats.report.page_data import cloud_data, page_data
+
+_LISTED = 200  # rejected constraints listed one by one
+_WORST = 10
+
+
+def report_html(contents: ReportContents) -> str:
+    """The page. Only its data block `timing` differs between two builds of the same map."""
+    page = Page(f"Map {contents.name}", f"made by mapmyworld {contents.version}")
+    state = "problem" if contents.problems else "fine"
+    first, stop, rest = contents.verdict.partition(". ")
+    reported = f"<b>{escape(first + stop)}</b>{escape(rest)}"
+    page.add(f'<p class="verdict-line {state}">{reported}</p>')
+    page.add(notes(contents.problems))
+    page.add(figures(contents.headline))
+    page.section("The map", _map(contents))
+    page.section("Closures", _kinds(contents), *_evidence(contents))
+    page.section("How well it fits", *_fit(contents))
+    page.section(
+        "How confident it is", _chart("sigma") if contents.nodes.sigmas_m is not None else ""
+    )
+    cloud = cloud_data(contents.cloud)
+    page.section("The cloud", _cloud(cloud))
+    page.section("The log", table(("what", "choice", "why"), contents.decisions))
+    page.section("The log's diagnosis", _diagnosis(contents))
+    page.section("What was noticed", notes(contents.notes))
+    page.section("Settings that differ", *_settings(contents))
+    page.section("Make it again", *_again(contents))
+    page.section("Time and memory", _timing(contents))
+    page.data("data", page_data(contents))
+    page.data("cloud-data", cloud)
+    page.data("timing-data", contents.timing)
+    return page.html()
+
+
+def _map(contents: ReportContents) -> str:
+    view = view_of(contents)
+    layers = layers_of(contents, view)
+    boxes = "".join(
+        f'<label class="swatch-{layer.key}"><input type="checkbox" data-layer="{layer.key}"'
+        f"{' checked' if layer.shown else ''}>{escape(layer.title)}</label>"
+        for layer in layers
+    )
+    return (
+        f'<div id="layers">{boxes}</div>{definitions(contents)}'
+        f'<div id="map-frame">{map_svg(layers, view)}'
+        '<div id="zoom" hidden><button type="button" data-by="1.6" aria-label="closer">+</button>'
+        '<button type="button" data-by="0.625" aria-label="farther">−</button>'
+        '<button type="button" data-by="0" aria-label="everything">⤢</button></div>'
+        '<div id="tip" role="status" hidden></div></div>'
+        '<div id="time" hidden><button type="button" id="play" aria-label="play">▶</button>'
+        '<input type="range" id="clock" min="0" max="1000" value="0" aria-label="time">'
+        '<output id="moment"></output></div><div id="seen" hidden></div>'
+    )
+
+
+def _kinds(contents: ReportContents) -> str:
+    tried = Counter(str(c.kind) for c in contents.constraints)
+    good = Counter(str(c.kind) for c in contents.constraints if c.accepted)
+    rows = [
+        (kind.replace("_", " "), tried[kind], good[kind], tried[kind] - good[kind])
+        for kind in tried
+    ]
+    return table(("kind", "tried", "accepted", "rejected"), rows)
+
+
+def _evidence(contents: ReportContents) -> list[str]:
+    accepted = [e for e in contents.evidence if contents.constraints[e.index].accepted]
+    rejected = [e for e in contents.evidence if not contents.constraints[e.index].accepted]
+    parts = []
+    for title, items in (
+        (f"{len(accepted)} accepted closures, those that moved most first", accepted),
+        (f"{len(rejected)} rejected ones, those that came closest first", rejected),
+    ):
+        cards = "".join(card(item, contents) for item in items)
+        if cards:
+            heading = f"<h3>{escape(title)}</h3>"
+            parts.append(f'{heading}<div class="cards" tabindex="0">{cards}</div>')
+    if contents.evidence_left_out:
+        parts.append(
+            paragraph(
+                f"{contents.evidence_left_out:,} more accepted closures stand on the map: hover "
+                "over one for its facts"
+            )
+        )
+    parts.append(_rejected(contents))
+    return parts
+
+
+def _rejected(contents: ReportContents) -> str:
+    rejected = [c for c in contents.constraints if not c.accepted]
+    rows = [(f"{c.from_id} and {c.to_id}", str(c.kind), c.reason) for c in rejected[:_LISTED]]
+    more = len(rejected) - len(rows)
+    listed = table(("nodes", "kind", "why"), rows)
+    if more > 0:
+        listed += paragraph(f"and {more:,} more: mapmyworld inspect graph --all")
+    return folded(f"all {len(rejected):,} rejected constraints, with reasons", listed)
+
+
+def _fit(contents: ReportContents) -> list[str]:
+    known = [c for c in contents.constraints if c.residual is not None and c.accepted]
+    if not known:
+        return []
+    worst = sorted(known, key=lambda c: -(c.residual or (0, 0, 0))[2])[:_WORST]
+    rows = [
+        (f"{c.from_id} and {c.to_id}", str(c.kind), *(c.residual or ()), c.reason) for c in worst
+    ]
+    reported = [
+        f"{kind.replace('_', ' ')}: errors are {factor:.2f} times what their covariances indicate"
+        for kind, factor in contents.overconfidence.items()
+    ]
+    titles = ("nodes", "kind", "m", "deg", "sigmas", "accepted because")
+    return [_chart("residuals"), notes(reported), folded("worst ten", table(titles, rows))]
+
+
+def _chart(key: str) -> str:
+    return f'<div class="chart" id="chart-{key}"></div>'
+
+
+def _cloud(cloud: dict[str, Any] | None) -> str:
+    if cloud is None:
+        return ""
+    text = f"{cloud['count']:,} of {cloud['of']:,} points. Drag to turn, scroll or pinch to zoom."
+    return f'<canvas id="cloud" tabindex="0" aria-label="point cloud"></canvas>{paragraph(text)}'
+
+
+def _diagnosis(contents: ReportContents) -> str:
+    """What the sensors indicate about one another."""
+    items = "".join(_finding(*row) for row in contents.diagnosis)
+    reported = paragraph(
+        "From the path as it was tracked and some images; mapmyworld inspect log compares the "
+        "sensors without making a map."
+    )
+    return f'<ul class="diagnosis">{items}</ul>{reported}' if items else ""
+
+
+def _finding(good: bool, text: str, suggestion: str) -> str:
+    state, word = ("fine", "well") if good else ("problem", "look")
+    more = f"<br>What to do: {escape(suggestion)}." if suggestion else ""
+    return f'<li class="{state}"><b>{word}</b> {escape(text)}{more}</li>'
+
+
+def _settings(contents: ReportContents) -> list[str]:
+    if not contents.settings:
+        return [paragraph("None: the defaults served.")]
+    return [table(("setting", "here", "default"), contents.settings)]
+
+
+def _again(contents: ReportContents) -> list[str]:
+    if not contents.reproduce:
+        return []
+    return [f"<pre>{escape(contents.reproduce)}</pre>"]
+
+
+def _timing(contents: ReportContents) -> str:
+    """An empty place: the script fills it from the block that may differ between builds."""
+    return '<div id="timing"></div>' if contents.timing else ""
+
+
+def ellipses_of(covariances: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+    """Half axes and angle in the map (N, 3) of planar covariances (N, 2, 2) in the node's frame."""
+    values, vectors = np.linalg.eigh(covariances)
+    angle = np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1]) + yaw
+    halves = np.sqrt(np.maximum(values[:, ::-1], 0.0))
+    return np.column_stack([halves, angle])

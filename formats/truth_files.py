@@ -1,0 +1,79 @@
+"""The truth beside a simulated log: `<log>.truth/` with plain files."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.bounds import FARTHEST
+from formats.decimal_stamps import nanoseconds_from_integer
+from formats.grid_files import write_grid
+from formats.mesh_files import write_mesh
+from formats.trajectory_files import write_trajectory
+from mapmyworld.errors import MapError
+from mapmyworld.types import Mesh, OccupancyGrid, Trajectory
+
+_PAIR_COLUMNS = ["first_stamp_ns", "second_stamp_ns", "x", "y", "yaw"]
+
+
+def truth_folder(log: Path) -> Path:
+    """Where the truth of a log lies."""
+    return log.with_name(log.name + ".truth")
+
+
+def write_truth(
+    folder: Path,
+    *,
+    trajectory: Trajectory,
+    grid: OccupancyGrid,
+    mesh: Mesh,
+    loop_stamps_ns: NDArray[np.int64],
+    loop_poses: NDArray[np.float64],
+    calibration: Mapping[str, Any],
+) -> None:
+    """Writes all of it; `MapError` where the folder cannot be written."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_trajectory(folder / "trajectory.tum", trajectory, "tum")
+        write_grid(folder / "grid", grid)
+        write_mesh(folder / "mesh.ply", mesh)
+        _write_pairs(folder / "loop_pairs.csv", loop_stamps_ns, loop_poses)
+        text = json.dumps(calibration, indent=2) + "\n"
+        (folder / "calibration.json").write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise MapError(f"{folder}: cannot be written: {error.strerror or error}") from None
+
+
+def _write_pairs(path: Path, stamps_ns: NDArray[np.int64], poses: NDArray[np.float64]) -> None:
+    with path.open("w", newline="", encoding="ascii") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(_PAIR_COLUMNS)
+        for (first, second), (x, y, yaw) in zip(stamps_ns.tolist(), poses.tolist(), strict=True):
+            writer.writerow([first, second, f"{x:.6f}", f"{y:.6f}", f"{yaw:.6f}"])
+
+
+def read_loop_pairs(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Stamps (P, 2) and poses (P, 3) of loop_pairs.csv; `MapError` names a line that is wrong."""
+    stamps, poses = [], []
+    try:
+        lines = path.read_text(encoding="ascii").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise MapError(f"{path}: cannot be read: {error}") from None
+    for number, line in enumerate(lines[1:], start=2):
+        fields = line.split(",")
+        try:
+            first, second, x, y, yaw = fields
+            stamps.append((nanoseconds_from_integer(first), nanoseconds_from_integer(second)))
+            poses.append((float(x), float(y), float(yaw)))
+            if not (np.abs(poses[-1]) <= FARTHEST).all():
+                raise ValueError
+        except ValueError:
+            expected = ",".join(_PAIR_COLUMNS)
+            raise MapError(f"{path}, line {number}: expected {expected}") from None
+    return np.array(stamps, np.int64).reshape(-1, 2), np.array(poses).reshape(-1, 3)

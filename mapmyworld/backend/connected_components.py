@@ -1,0 +1,43 @@
+"""Connected components of a graph, and which node of each has to stay."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Index = NDArray[np.int64]
+
+
+def components(node_count: int, tails: Index, heads: Index) -> Index:
+    """(N,) number of the connected component of every node; components are numbered by their first node."""
+    from scipy.sparse import coo_array  # loads scipy.linalg, which tracking does without
+    from scipy.sparse.csgraph import connected_components
+
+    links = coo_array((np.ones(len(tails)), (tails, heads)), shape=(node_count, node_count))
+    label = connected_components(links, directed=False)[1]
+    _, first, number = np.unique(label, return_index=True, return_inverse=True)
+    return np.asarray(np.argsort(np.argsort(first))[number], np.int64)
+
+
+def first_nodes(node_count: int, tails: Index, heads: Index) -> Index:
+    """(N,) the first node of the connected component of every node."""
+    component = components(node_count, tails, heads)
+    return np.asarray(np.unique(component, return_index=True)[1][component], np.int64)
+
+
+def held_nodes(node_count: int, tails: Index, heads: Index, held: Index) -> NDArray[np.bool_]:
+    """(N,) nodes that are `held`, and the first node of every connected component without any."""
+    first = first_nodes(node_count, tails, heads)
+    found, placed = np.zeros((2, node_count), np.bool_)
+    placed[first[held]] = True
+    found[first[~placed[first]]] = True
+    found[held] = True
+    return found
+
+
+def positions(known: Index, wanted: Index) -> Index:
+    """Where `wanted` ids stand in the ascending `known`; -1 for those that do not."""
+    if len(known) == 0 or len(wanted) == 0:
+        return np.full(len(wanted), -1, np.int64)
+    found = np.minimum(known.searchsorted(wanted), len(known) - 1)
+    return np.where(known[found] == wanted, found, -1)

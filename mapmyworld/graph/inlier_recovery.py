@@ -1,0 +1,98 @@
+"""Closures left out that come in again: those that the solution predicts too well for chance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.backend.connected_components import Index, components
+from mapmyworld.backend.information import NotPositiveDefiniteError, information_of
+from mapmyworld.backend.predictions import predictions
+from mapmyworld.backend.system import System, believed_edges, chosen_edges, edge_chi2
+from mapmyworld.geometry import Array
+from mapmyworld.graph.clusters import HEAVY, allowed, chance_of
+from mapmyworld.graph.consistency import alternatives
+
+_CANDIDATES = 3000  # closures left out that are tried again at once, best fitting first
+_LOGARITHMS = -690.0, 690.0  # of volumes that a float can hold
+_FALSE = 0.2  # false closures that chance may let into a whole graph, expected
+
+
+def recoverable(
+    system: System, poses: Array, inliers: NDArray[np.bool_], limit: float, scale: float
+) -> NDArray[np.bool_]:
+    """(E,) edges left out that the solution predicts, and too well to be chance.
+
+    The prediction's own uncertainty counts: a closure after a long drift may miss by metres and
+    be true. Where many closures look false, fitting by chance becomes likely, and a lone closure
+    must fit the better. Those that chance hardly explains may miss by more than stated.
+    """
+    recovered = np.zeros(len(inliers), np.bool_)
+    found = left_out_fits(system, poses, inliers, limit, scale)
+    if found is not None:
+        recovered[found.candidates] = found.fits & (found.lucky <= _FALSE)
+    return recovered
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeftOutFits:
+    """What a solution predicts of edges that were left out."""
+
+    candidates: Index
+    """(C,) their positions, best fitting first."""
+    fits: NDArray[np.bool_]
+    """(C,) whether they can be true."""
+    chance: Array
+    """(C,) of a false one to fit as well."""
+    lucky: Array
+    """(C,) how many false ones of the whole graph fit as well, expected."""
+
+
+def left_out_fits(
+    system: System, poses: Array, inliers: NDArray[np.bool_], limit: float, scale: float
+) -> LeftOutFits | None:
+    """How edges left out fit; None where none can be judged."""
+    part = components(len(poses), system.tails[inliers], system.heads[inliers])
+    within = part[system.tails] == part[system.heads]  # nothing predicts what joins two components
+    candidates = np.flatnonzero(~inliers & within)
+    chi2 = edge_chi2(system, poses)[candidates]
+    candidates = candidates[np.argsort(chi2, kind="stable")[:_CANDIDATES]]
+    if len(candidates) == 0:
+        return None
+    try:
+        fit, volume = innovations(system, poses, inliers, candidates)
+    except NotPositiveDefiniteError:  # a landmark that is seen once has no covariance
+        return None
+    space = float(np.log(alternatives(system.planar, system.measured[~inliers])))
+    farthest = np.full(len(fit), HEAVY * limit * allowed(scale))
+    chance, most = (chance_of(f, volume, space, system.dimension) for f in (fit, farthest))
+    lucky = expected_below(chance, most[fit > farthest])
+    return LeftOutFits(candidates, fit <= farthest, chance, lucky)
+
+
+def expected_below(chance: Array, most: Array) -> Array:
+    """(C,) false closures, each with at most a chance `most` to fit at all, that would fit by a
+    chance as small as `chance`.
+    """
+    ordered = np.sort(most)
+    below = np.searchsorted(ordered, chance)
+    return np.concatenate([[0.0], np.cumsum(ordered)])[below] + chance * (len(most) - below)
+
+
+def innovations(
+    system: System, poses: Array, inliers: NDArray[np.bool_], candidates: Index
+) -> tuple[Array, Array]:
+    """Squared sigmas (C,) of edges against what the inliers predict, and the volume of that."""
+    part = believed_edges(system, inliers)
+    tested = replace(chosen_edges(system, candidates), free=part.free)
+    alone = list(np.arange(len(candidates)).reshape(-1, 1))
+    found = predictions(information_of(part, poses), tested, poses, alone)
+    missed = np.stack([one.residuals for one in found])
+    predicted, axes = np.linalg.eigh(np.stack([one.covariance for one in found]))
+    variances = 1.0 + np.maximum(predicted, 0.0)  # of whitened residuals: rounding takes none
+    fit = (np.einsum("eia,ei->ea", axes, missed) ** 2 / variances).sum(1)
+    stated = np.linalg.slogdet(tested.information)[1]
+    volume = np.exp(np.clip(0.5 * (np.log(2.0 * np.pi * variances).sum(1) - stated), *_LOGARITHMS))
+    return fit, volume

@@ -1,0 +1,218 @@
+"""A pose graph, optimised from the best of several starts, and what is proven of the result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.backend.certificate import Certificate, certainty_of, certify
+from mapmyworld.backend.descent import Descent, descend
+from mapmyworld.backend.information import NotPositiveDefiniteError
+from mapmyworld.backend.system import Fit, System, chosen_edges, fit_of
+from mapmyworld.backend.wraparound import wraparound_starts
+from mapmyworld.config.graph_settings import GraphConfig
+from mapmyworld.geometry import Array
+from mapmyworld.graph.candidates import (
+    dead_reckoning,
+    near_start,
+    plain_starts,
+    starts_of,
+    with_landmarks,
+)
+from mapmyworld.graph.growth import grown_start
+from mapmyworld.graph.problem import Problem, problem_of
+from mapmyworld.graph.robust import solve_robustly
+from mapmyworld.parallel import on_one_thread
+from mapmyworld.types.pose_graph import PoseGraph
+
+_LARGEST = 10_000  # nodes up to which starts with other wraparounds are worth their minutes
+_WRAPAROUNDS = 12  # starts with other wraparounds that are followed from one minimum
+_TOGETHER = 6000  # nodes of all of them together, of large graphs
+_ROUNDS = 4  # minima from which they are
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OptimisedGraph:
+    """Where the nodes of a graph are, and how good that is."""
+
+    graph: PoseGraph
+    """The graph with the solved poses and landmarks in place of the guesses."""
+    cost: float
+    """Half the sum of squared sigmas of what was accepted."""
+    start: str
+    """The start that led there: "chordal", "odometry", "growing", "guess", "wraparound"."""
+    start_costs: dict[str, float]
+    """The cost of every start that was made, before optimisation."""
+    reached: dict[str, float]
+    """The cost that each start which was followed led to."""
+    iterations: int
+    converged: bool
+    squared_sigmas: NDArray[np.float64]
+    """(E,) chi-squared of every edge, in the graph's order."""
+    accepted: NDArray[np.bool_]
+    """(E,) edges that count; all of them unless solved robustly."""
+    component: NDArray[np.int64]
+    """(N,) connected component of every node, numbered by first node."""
+    certificate: Certificate | None
+    """What is proven; None when it was not asked for."""
+    certainty: str
+    """What is known about the minimum, in words."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Followed:
+    """A start, and where it led."""
+
+    start: str
+    end: Descent
+
+    @property
+    def cost(self) -> float:
+        return self.end.fit.cost
+
+
+@on_one_thread
+def optimise(graph: PoseGraph, config: GraphConfig | None = None) -> OptimisedGraph:
+    """The graph with every node where all edges together want it.
+
+    Followed is the chordal start, or the cheapest one where there is none; the others are made and
+    followed as well where its minimum is not proven to be the global one. The result does not
+    depend on the order of nodes and edges, nor on a rigid motion of the world; the first node of
+    every connected component stays at its guess unless priors place it.
+    """
+    config = config or GraphConfig()
+    problem = problem_of(graph)
+    system = problem.system
+    starts = _fits(system, (near_start(problem) if config.certify else {}) or starts_of(problem))
+    costs = {name: fit.cost for name, fit in starts.items()}
+    cheapest = min(costs, key=lambda name: costs[name])
+    best = _descended(system, cheapest, starts.pop(cheapest), config)
+    followed, certificate = [best], None
+    if config.certify:
+        certificate = certify(system, best.end.fit)
+    if certificate is not None and not certificate.trusted:
+        others = starts or _fits(system, plain_starts(problem))
+        costs |= {name: fit.cost for name, fit in others.items()}
+        best, certificate, followed = _best_of_all(problem, best, certificate, others, config)
+    every = np.ones(len(system.tails), np.bool_)
+    return _result(problem, every, costs, best, certificate, followed)
+
+
+def _fits(system: System, starts: dict[str, Array]) -> dict[str, Fit]:
+    return {name: fit_of(system, poses) for name, poses in starts.items()}
+
+
+def _descended(system: System, name: str, start: Fit, config: GraphConfig) -> _Followed:
+    if system.size == 0:
+        return _Followed(name, Descent(start, 0, True))
+    return _Followed(name, descend(system, start, config.tolerance, config.iterations))
+
+
+def _best_of_all(
+    problem: Problem,
+    best: _Followed,
+    certificate: Certificate,
+    others: dict[str, Fit],
+    config: GraphConfig,
+) -> tuple[_Followed, Certificate, list[_Followed]]:
+    """The cheapest minimum of all starts, looked for until one is proven to be the global one."""
+    followed = [best]
+    for name, start in _other_starts(problem, followed, others):
+        followed.append(_descended(problem.system, name, start, config))
+        if followed[-1].cost < (1.0 - config.tolerance) * best.cost:
+            best = followed[-1]
+            certificate = certify(problem.system, best.end.fit)
+            if certificate.trusted:
+                break
+    return best, certificate, followed
+
+
+def _other_starts(
+    problem: Problem, followed: list[_Followed], others: dict[str, Fit]
+) -> Iterator[tuple[str, Fit]]:
+    """Starts by name, made when they are asked for; `followed` grows meanwhile."""
+    system = problem.system
+    if len(problem.graph.sightings):  # no other start comes near that of a growing path
+        return
+    if len(problem.graph) <= _LARGEST:
+        count = min(_WRAPAROUNDS, 1 + _TOGETHER // len(problem.graph))
+        for _ in range(_ROUNDS):
+            before = _cheapest(followed)
+            with suppress(NotPositiveDefiniteError):  # an edge that weighs nothing holds no node
+                for start in wraparound_starts(system, before.end.fit.poses, count):
+                    yield "wraparound", fit_of(system, start)
+            if _cheapest(followed) is before:
+                break
+    yield from others.items()
+
+
+def _cheapest(followed: list[_Followed]) -> _Followed:
+    return min(followed, key=lambda one: one.cost)
+
+
+@on_one_thread
+def optimise_robustly(graph: PoseGraph, config: GraphConfig | None = None) -> OptimisedGraph:
+    """The graph solved without the edges that contradict odometry and each other."""
+    config = config or GraphConfig()
+    problem = problem_of(graph)
+    system = problem.system
+    trusted = np.ones(len(system.tails), np.bool_)
+    trusted[: len(graph.edges)] = graph.edges.odometry[problem.order]
+    start = dead_reckoning(problem)
+    if len(graph.sightings):
+        start = grown_start(graph, chosen_edges(system, trusted), start)
+    elif len(graph.landmark_ids):
+        start = with_landmarks(problem, start)
+    solution = solve_robustly(system, start, problem.anchors, trusted, config)
+    part = chosen_edges(system, solution.inliers)
+    end = descend(part, fit_of(part, solution.poses), config.tolerance, config.iterations)
+    certificate = certify(part, end.fit) if config.certify else None
+    costs = {"odometry": fit_of(system, start).cost}
+    found = _Followed(
+        "odometry", Descent(fit_of(system, end.fit.poses), end.iterations, end.converged)
+    )
+    return _result(problem, solution.inliers, costs, found, certificate, [found])
+
+
+def _reached(followed: list[_Followed]) -> dict[str, float]:
+    """The cheapest cost by start, in the order in which they were followed."""
+    found: dict[str, float] = {}
+    for one in followed:
+        found[one.start] = min(one.cost, found.get(one.start, one.cost))
+    return found
+
+
+def _result(
+    problem: Problem,
+    accepted: NDArray[np.bool_],
+    costs: dict[str, float],
+    best: _Followed,
+    certificate: Certificate | None,
+    followed: list[_Followed],
+) -> OptimisedGraph:
+    graph, count, end = problem.graph, problem.nodes, best.end
+    poses, squares = end.fit.poses, end.fit.squares
+    chi2, good = np.empty(len(graph.edges)), np.empty(len(graph.edges), np.bool_)
+    chi2[problem.order] = squares[: len(graph.edges)]
+    good[problem.order] = accepted[: len(graph.edges)]
+    places = poses[count:, :2] if graph.planar else poses[count:, :3, 3]
+    freedom = problem.system.dimension * int(accepted.sum()) - problem.system.size
+    cost = 0.5 * float(squares[accepted].sum())
+    return OptimisedGraph(
+        graph.placed(poses[: count - 1], places),
+        cost,
+        best.start,
+        costs,
+        _reached(followed),
+        end.iterations,
+        end.converged,
+        chi2,
+        good,
+        problem.component,
+        certificate,
+        certainty_of(freedom, cost, end.converged, certificate, [one.start for one in followed]),
+    )

@@ -1,0 +1,238 @@
+"""A laser in a known map: lost, found by search over the whole map, tracked, and lost again."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry.planar import (
+    between_planar,
+    compose_planar,
+    covariance_from_planar,
+    matrix_to_planar,
+    planar_adjoint,
+    planar_to_matrix,
+)
+from mapmyworld.geometry.rigid import between
+from mapmyworld.kernels.scan_alignment import invert3
+from mapmyworld.localisation.global_localisation import Discovery, GlobalLocalisation
+from mapmyworld.localisation.known_place import Fit, KnownPlace
+from mapmyworld.localisation.observation import (
+    Moment,
+    fit_at,
+    is_convincing,
+    is_motion_lost,
+    is_shaken,
+    match_at,
+    scan_of,
+    thinned_points,
+)
+from mapmyworld.localisation.search import elsewhere, search_map
+from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
+from mapmyworld.registration.scan_matching import COARSE, FINE, Match
+from mapmyworld.types import Frame
+from mapmyworld.types.localisation import Estimate, State
+
+if TYPE_CHECKING:
+    from mapmyworld.localisation.known_images import KnownImages
+
+Array = NDArray[np.float64]
+_REMEMBERED = 3000  # moments while lost that a recognition explains afterwards
+_ELSEWHERE = 1.0  # m from the tracked pose at which a second best counts
+_BLIND = 0.3  # m of uncertainty from which dead reckoning is no tracking
+_PROBATION = 2.0  # m of motion after a recognition during which no doubt is allowed
+_OFF_PLANE = 1e-6  # rad^2 and m^2
+_BACKWARDS = np.diag([0.05, 0.05, 0.03]) ** 2  # m^2, m^2, rad^2 of one step back
+
+
+class LaserLocaliser:
+    """Follows a robot through a known place; holds little but the place itself."""
+
+    def __init__(
+        self, place: KnownPlace, config: Config, images: KnownImages | None = None
+    ) -> None:
+        """`images` of the same map help where scans alone are ambiguous."""
+        self._place, self._images, self._config = place, images, config
+        self._settings = config.localisation
+        self._tracker = LaserTracker(config)
+        self._global = GlobalLocalisation(place, config)
+        self._pose, self._covariance = np.zeros(3), np.diag([1e6, 1e6, 10.0])
+        self._tracked: Array | None = None
+        self._state = State.LOST
+        self._waiting: deque[Moment] = deque(maxlen=_REMEMBERED)
+        self._since_found = self._since_confirmed = self._since_agreed = 0.0
+        self._doubts = 0
+        self.estimates: list[Estimate] = []
+        self.notes: list[str] = []
+
+    def follow(self, frames: Iterable[Frame]) -> list[Estimate]:
+        """An estimate for every frame."""
+        for frame in frames:
+            moved = self._tracker.track(frame)
+            moment = self._moment(frame, moved)
+            self._predict(moment.step, invert3(moved.information))
+            if self._state == State.LOST:
+                self._state, fit = self._seek(moment, frame)
+            else:
+                self._state, fit = self._keep(moment)
+            self._report(frame, fit)
+            if self._state != State.LOST:
+                self._explain_past(moment)
+        self.notes += self._tracker.notes()
+        return self.estimates
+
+    def _moment(self, frame: Frame, moved: LaserMotion) -> Moment:
+        step = np.zeros(3) if self._tracked is None else between_planar(self._tracked, moved.pose)
+        self._tracked = moved.pose
+        scan = scan_of(frame, self._config)
+        points = thinned_points(scan, self._settings.field_points)
+        motion_lost = is_motion_lost(moved, step, self._recorded_step(frame))
+        shaken = is_shaken(moved)
+        return Moment(len(self.estimates), scan, points, moved.pose, step, shaken, motion_lost)
+
+    def _recorded_step(self, frame: Frame) -> Array | None:
+        """Motion (3,) since the frame before, as recorded."""
+        before = self.estimates[-1].odom_from_base if self.estimates else None
+        if before is None or frame.odom_from_base is None:
+            return None
+        return matrix_to_planar(between(before, frame.odom_from_base))
+
+    def _predict(self, step: Array, covariance: Array) -> None:
+        """The pose after a motion; its uncertainty is carried into the new frame and grows."""
+        self._pose = compose_planar(self._pose, step)
+        adjoint = planar_adjoint(between_planar(step, np.zeros(3)))
+        self._covariance = adjoint @ self._covariance @ adjoint.T + covariance
+
+    # While the place is known
+
+    def _keep(self, moment: Moment) -> tuple[State, float]:
+        distance = float(np.hypot(*moment.step[:2])) + 0.2 * abs(float(moment.step[2]))
+        self._since_found += distance
+        self._since_confirmed += distance
+        self._since_agreed += distance
+        if self._since_found < _PROBATION:
+            self._global.reckon(moment)
+        if moment.is_blind:
+            return self._reckon(moment), 0.0
+        match = match_at(
+            self._place, moment, self._pose, FINE, self._config, invert3(self._covariance)
+        )
+        fit = fit_at(self._place, moment, match.pose, self._config)
+        if fit.agreement < self._settings.agreement:
+            new = self._since_found < _PROBATION
+            return (self._lose(moment) if new else self._reckon(moment)), fit.agreement
+        if fit.coverage < self._settings.coverage:
+            return self._reckon(moment), fit.agreement
+        self._since_agreed = 0.0
+        self._correct(match)
+        due = self._settings.step_distance if self._doubts else self._settings.confirm_distance
+        if not moment.shaken and self._since_confirmed < due:
+            return State.TRACKING, fit.agreement
+        self._since_confirmed = 0.0
+        return self._confirm(moment, fit), fit.agreement
+
+    def _reckon(self, moment: Moment) -> State:
+        """Goes on by odometry where the map does not help, if that is certain enough."""
+        sigma = np.sqrt(np.linalg.eigvalsh(self._covariance[:2, :2])[-1])
+        far = self._since_agreed > self._settings.reckon_distance
+        if moment.shaken or far or sigma > _BLIND:
+            return self._lose(moment)
+        return State.TRACKING
+
+    def _correct(self, match: Match) -> None:
+        """Takes over a match whose prior was the prediction."""
+        settings = self._settings
+        information = match.information + invert3(self._covariance)
+        floor = np.array([settings.position_floor, settings.position_floor, settings.heading_floor])
+        self._pose = match.pose
+        self._covariance = invert3(information) + np.diag(floor**2)
+
+    def _confirm(self, moment: Moment, fit: Fit) -> State:
+        """Whether the scan could have been taken elsewhere, and better so."""
+        found = search_map(self._place, moment.points, self._config)
+        _, pose = elsewhere(found, self._pose, _ELSEWHERE)
+        second_best = Fit(0.0, 0.0)
+        if pose is not None:
+            match = match_at(self._place, moment, pose, COARSE, self._config)
+            second_best = fit_at(self._place, moment, match.pose, self._config)
+        better = second_best.agreement > self._settings.ambiguity_ratio * fit.agreement
+        if not better or not is_convincing(second_best, self._config):
+            self._doubts = 0
+            alone = second_best.coverage < fit.coverage and is_convincing(fit, self._config)
+            return State.RECOGNISED if alone else State.TRACKING
+        self._doubts += 1
+        return State.TRACKING if self._doubts < 2 else self._lose(moment)
+
+    def _lose(self, moment: Moment) -> State:
+        if self._since_found < _PROBATION:
+            self._global.resume(moment)
+        else:
+            self._global.begin(moment, self._pose)
+        self._doubts = 0
+        self._waiting.clear()
+        self._waiting.append(moment)
+        return State.LOST
+
+    # While it is not
+
+    def _seek(self, moment: Moment, frame: Frame) -> tuple[State, float]:
+        self._waiting.append(moment)
+        found = self._global.look(moment) or self._by_image(moment, frame)
+        if found is None:
+            return State.LOST, 0.0
+        self._take(found)
+        return State.RECOGNISED, found.fit.agreement
+
+    def _by_image(self, moment: Moment, frame: Frame) -> Discovery | None:
+        if self._images is None or not frame.images or moment.is_blind:
+            return None
+        view = self._images.view_of(frame.images[0])
+        reported = None if view is None else self._images.most_alike(view)
+        if reported is None:
+            return None
+        return self._global.add_match(moment, matrix_to_planar(reported.map_from_base))
+
+    def _take(self, found: Discovery) -> None:
+        self._covariance = found.covariance
+        self._correct(found.match)
+        self._since_found = _PROBATION if found.supported else 0.0
+        self._since_confirmed = self._since_agreed = 0.0
+
+    # What is said of it
+
+    def _report(self, frame: Frame, fit: float) -> None:
+        covariance = covariance_from_planar(self._covariance, off_plane=_OFF_PLANE)
+        pose, known = planar_to_matrix(self._pose), self._state != State.LOST
+        stamp, odometry = frame.stamp_ns, frame.odom_from_base
+        self.estimates.append(Estimate(stamp, pose, covariance, self._state, fit, known, odometry))
+
+    def _explain_past(self, now: Moment) -> None:
+        """Backwards from a recognition, as long as the scans fit: where the robot had been."""
+        pose, after = self._pose, now
+        prior = invert3(_BACKWARDS)
+        while self._waiting:
+            moment = self._waiting.pop()
+            if moment.index == now.index:
+                continue
+            if moment.shaken:
+                break  # its scan may have been taken while the robot was carried
+            guess = compose_planar(pose, between_planar(after.tracked, moment.tracked))
+            match = match_at(self._place, moment, guess, FINE, self._config, prior)
+            fit = fit_at(self._place, moment, match.pose, self._config)
+            if fit.agreement < self._settings.agreement_found:
+                break
+            pose, after = match.pose, moment
+            self.estimates[moment.index] = replace(
+                self.estimates[moment.index],
+                map_from_base=planar_to_matrix(pose),
+                covariance=self.estimates[now.index].covariance,
+                fit=fit.agreement,
+                known=True,
+            )
+        self._waiting.clear()

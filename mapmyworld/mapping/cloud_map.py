@@ -1,0 +1,171 @@
+"""One coloured cloud of all depth images at their final poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry.rigid import evenly_along, invert, transform_points
+from mapmyworld.kernels.surfaces import compare_with_depth, surface_normals
+from mapmyworld.mapping.voxel_map import VoxelMap
+from mapmyworld.parallel import done_behind, in_threads
+from mapmyworld.registration.camera_model import bending, depth_grid_points, grid_rays
+from mapmyworld.registration.image_levels import colours_at
+from mapmyworld.types import NodeData, PointCloud, RgbdImage
+
+Array = NDArray[np.float64]
+_STRIDE = 4  # pixels between neighbouring points of a view, at most
+_AGREEMENT = 0.03  # share of the depth by which two views of a point may differ
+VIEW_ANGLE = 75.0  # deg between a surface's normal and the ray to it, at most
+Posed = tuple[Array, NodeData]
+_AROUND = 0.05  # m within which measurements of a surface speak for one another
+_USUAL = 0.5  # of the cloud's range: at this depth a view has a point for each voxel
+
+
+def build_cloud(items: Iterable[Posed], config: Config) -> PointCloud:
+    """The cloud of all nodes given as (map_from_base (4, 4), data), in the order of motion.
+
+    Streams: a few views and the voxels of the map are all that is held. A point counts when its
+    surface is not seen too flat and the views before and after do not look through it.
+    Finer voxels are filled by more points of each view.
+    3D scans of nodes without a depth image are added as they are, without colour.
+    """
+    settings = config.visual
+    voxels = VoxelMap(settings.cloud_voxel)
+
+    def add(seen: tuple[_View | None, _View, _View | None]) -> None:
+        before, view, after = seen
+        others = [other for other in (before, after) if other is not None]
+        kept = _agreeing(view, others, _AGREEMENT)
+        voxels.add(view.points[kept], view.colours[kept], view.normals[kept])
+
+    views = in_threads(lambda make: make(), _views(items, config), config.threads)
+    with done_behind(add, 1) as hand_over:  # while the next nodes are read
+        for seen in _with_neighbours(views):
+            hand_over(seen)
+    return voxels.to_cloud(settings.cloud_views, _AROUND)
+
+
+def views_of_cloud(poses: Array, config: Config) -> NDArray[np.int64]:
+    """Which of the nodes at these poses (N, 4, 4), in time, give the cloud their images.
+
+    Neighbours see nearly the same: one every `visual.cloud_spacing` is enough.
+    """
+    return evenly_along(poses, config.visual.cloud_spacing)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    """One image's points in the map, and what is needed to look through them from elsewhere."""
+
+    image: RgbdImage | None
+    depth: NDArray[np.float32]
+    map_from_camera: Array
+    points: Array
+    colours: NDArray[np.uint8]
+    normals: NDArray[np.float32]
+
+
+def _views(items: Iterable[Posed], config: Config) -> Iterator[Callable[[], _View]]:
+    """What makes each view: decoding is left to other threads."""
+    for map_from_base, data in items:
+        images = [image for image in data.images if image.depth is not None]
+        for image in images:
+            map_from_camera = map_from_base @ image.camera.base_from_camera
+            yield partial(_view_of_image, map_from_camera, image, config)
+        if not images and data.cloud is not None and len(data.cloud):
+            yield partial(_view_of_scan, map_from_base, data.cloud)
+
+
+def _view_of_scan(map_from_base: Array, cloud: NDArray[np.float32]) -> _View:
+    points = transform_points(map_from_base, cloud)
+    grey = np.full((len(points), 3), 128, np.uint8)
+    none = np.zeros((len(points), 3), np.float32)
+    return _View(None, np.zeros((1, 1), np.float32), map_from_base, points, grey, none)
+
+
+def _view_of_image(map_from_camera: Array, image: RgbdImage, config: Config) -> _View:
+    settings = config.visual
+    stride = _stride(image, config)
+    pixels, depth = depth_grid_points(image, stride)
+    camera_points = organised_points(image, pixels, depth)
+    normals, slant = organised_normals(camera_points)
+    good = (depth > settings.depth_min) & (depth < settings.cloud_range)
+    good &= slant > np.cos(np.radians(VIEW_ANGLE))
+    points = transform_points(map_from_camera, camera_points[good])
+    turned = normals[good] @ map_from_camera[:3, :3].T
+    colours = colours_at(image, pixels[good], stride)
+    return _View(image, depth, map_from_camera, points, colours, turned.astype(np.float32))
+
+
+def _stride(image: RgbdImage, config: Config) -> int:
+    """Pixels between neighbouring points: as far apart, at the usual depth, as voxels are."""
+    settings = config.visual
+    depth = _USUAL * settings.cloud_range
+    pixels = int(settings.cloud_voxel * image.camera.intrinsics[0, 0] / depth)
+    return min(_STRIDE, max(1, pixels))
+
+
+def organised_points(
+    image: RgbdImage, pixels: Array, depth: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Points (h, w, 3) in the camera's frame of a lattice of pixels (h, w, 2)."""
+    rays = grid_rays(image.camera, pixels)
+    return np.concatenate([rays * depth[..., None], depth[..., None]], axis=-1)
+
+
+def organised_normals(
+    points: NDArray[np.float32],
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Unit normals (h, w, 3) towards the camera, and the cosine (h, w) of the angle to the ray.
+
+    By the cross product of central differences. At the rim and beside missing depth the normal
+    and the cosine are 0; across a jump in depth the surface seems slanted, so its cosine is small.
+    """
+    normals = np.zeros_like(points)
+    cosines = np.zeros(points.shape[:2], np.float32)
+    surface_normals(np.ascontiguousarray(points, np.float32), normals, cosines)
+    return normals, cosines
+
+
+def _with_neighbours(
+    views: Iterable[_View],
+) -> Iterator[tuple[_View | None, _View, _View | None]]:
+    """Each view between the one before it and the one after it."""
+    before: _View | None = None
+    current: _View | None = None
+    for after in views:
+        if current is not None:
+            yield before, current, after
+        before, current = current, after
+    if current is not None:
+        yield before, current, None
+
+
+def _agreeing(view: _View, others: list[_View], share: float) -> NDArray[np.bool_]:
+    """Mask (N,) of the points that no other view looks through, unless another one sees them."""
+    seen = np.zeros(len(view.points), np.int32)
+    pierced = np.zeros(len(view.points), np.int32)
+    for other in others:
+        if other.image is None:
+            continue
+        camera = other.image.camera
+        bent, distortion = bending(camera)
+        compare_with_depth(
+            view.points,
+            np.ascontiguousarray(invert(other.map_from_camera)),
+            np.ascontiguousarray(camera.intrinsics),
+            bent,
+            distortion,
+            other.depth,
+            camera.width / other.depth.shape[1],
+            share,
+            seen,
+            pierced,
+        )
+    return np.asarray((pierced == 0) | (seen > pierced))

@@ -1,0 +1,123 @@
+"""The local submap: some scans of the last few metres, against which the next one is matched."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry.planar import transform_points_planar
+from mapmyworld.kernels.scan_tracking import (
+    chosen_keyframes,
+    is_new,
+    learn_matching,
+    remember_scan,
+)
+from mapmyworld.registration.evidence import Place
+from mapmyworld.registration.line_of_sight import share_seen_through
+from mapmyworld.registration.point_to_line import match_scan
+from mapmyworld.registration.scan_matching import (
+    FINE,
+    Match,
+    PreparedScan,
+    ScanSet,
+    scan_set,
+)
+from mapmyworld.registration.scan_search import Submap, submap_points
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Ring = tuple[NDArray[np.float32], Index, Array, Array, Index, Index]
+"""Rows, counts, origins, poses, newest and places of keyframes."""
+_BACK = np.array([1, 3, 8])  # how many keyframes back the targets of a match lie
+_SLOTS = 8  # of the ring: the farthest target is the oldest scan
+
+
+class Keyframes:
+    """A ring of scans at their poses, in arrays that a kernel reads and writes."""
+
+    def __init__(self, config: Config) -> None:
+        self._odometry, self._matching = config.odometry, config.registration
+        self._rows = np.zeros((_SLOTS, 0, 5), np.float32)
+        self._counts = np.zeros(_SLOTS, np.int64)
+        self._origins, self._poses = np.zeros((_SLOTS, 2)), np.zeros((_SLOTS, 3))
+        self._newest = np.zeros(2, np.int64)  # its slot, and how many scans there are
+
+    @property
+    def count(self) -> int:
+        """How many scans there are."""
+        return int(self._newest[1])
+
+    @property
+    def ring(self) -> Ring:
+        """Rows, counts, origins, poses, newest and places: arguments of `track_scans`."""
+        return self._rows, self._counts, self._origins, self._poses, self._newest, _BACK
+
+    def make_room(self, points: int) -> None:
+        """Lets every slot hold a scan of so many points."""
+        missing = points - self._rows.shape[1]
+        if missing > 0:
+            self._rows = np.pad(self._rows, ((0, 0), (0, missing), (0, 0)))
+
+    def forget(self) -> None:
+        """Begins a new submap."""
+        self._newest[1] = 0
+
+    def remember(self, scan: PreparedScan, pose: Array, overlap: float) -> bool:
+        """Lets a scan join, where it says something new; whether it did."""
+        return remember_scan(
+            scan.rows, scan.origin, pose, overlap,
+            self._odometry.keyframe_distance, self._odometry.keyframe_angle, *self.ring[:-1],
+        )  # fmt: skip
+
+    def match(
+        self,
+        scan: PreparedScan,
+        guess: Array,
+        information: Array,
+        max_distances: Array,
+        settings: Array,
+    ) -> Match:
+        """Aligns a scan with the submap; `information` (3, 3) is how well the guess is known.
+
+        `settings` are those of `track_scans`, of which the variance factor is learnt.
+        """
+        scans, poses = self.targets()
+        return match_scan(
+            scan, scans, np.arange(len(scans)), poses, guess,
+            replace(self._matching, correlation=float(settings[2])),
+            prior_information=information, max_distances=max_distances,
+        )  # fmt: skip
+
+    def is_new(self, match: Match, settings: Array) -> bool:
+        """Whether a scan matched so is about to join."""
+        ring = self.ring
+        return bool(is_new(match.pose, match.overlap, settings[7], settings[8], ring[3], ring[4]))
+
+    def learn_matching(self, scan: PreparedScan, match: Match, settings: Array) -> None:
+        """Lets the variance factor learn from a scan that is about to join."""
+        learn_matching(
+            scan.rows, 0, len(scan.rows), *self.ring[:4], self._chosen(), match.pose, FINE, settings
+        )
+
+    def place(self) -> Place:
+        """What the submap's scans saw together."""
+        scans, poses = self.targets()
+        points = submap_points(scans, np.arange(len(scans)), poses)
+        origins = transform_points_planar(poses, scans.origins[:, None])[:, 0]
+        return Place.of(Submap(points, origins, scans.bounds))
+
+    def share_seen_through(self, scan: PreparedScan, pose: Array) -> float:
+        """How much of a scan, from this pose, lies beyond the submap's surfaces."""
+        return share_seen_through(scan, *self.targets(), pose)
+
+    def targets(self) -> tuple[ScanSet, Array]:
+        """The scans that are matched against, and their poses (S, 3)."""
+        which = self._chosen()
+        scans = [PreparedScan(self._rows[k, : self._counts[k]], self._origins[k]) for k in which]
+        return scan_set(scans), self._poses[which]
+
+    def _chosen(self) -> NDArray[np.int64]:
+        return np.asarray(chosen_keyframes(_BACK, self._newest, len(self._counts)))

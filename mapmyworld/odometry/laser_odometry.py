@@ -1,0 +1,333 @@
+"""Laser odometry: each scan aligned with a local submap, recorded motion as a doubted prior."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
+from mapmyworld.kernels.laser_motion import (
+    innovation,
+    is_degenerate,
+    motion_variances,
+    step_covariance,
+)
+from mapmyworld.kernels.scan_tracking import track_scans
+from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, reckoned_variances
+from mapmyworld.odometry.degeneracy import DegenerateSections
+from mapmyworld.odometry.laser_keyframes import Keyframes
+from mapmyworld.odometry.odometry_faults import OdometryFaults
+from mapmyworld.odometry.tracking_losses import TrackingLosses
+from mapmyworld.registration.evidence import APART, FORTH, Place, needed_evidence
+from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
+from mapmyworld.registration.scan_search import NATS, Submap, search_evidence
+from mapmyworld.types import Frame, Scan
+
+Array = NDArray[np.float64]
+_NEW_SUBMAP = 2  # scans in a row that fit nothing after which a new submap begins
+_VIEW = 1.0, 0.5  # m and rad since the last keyframe from which another view is to be expected
+_SEEN = 0.5  # share of the points seen through surfaces from which nobody can have been there
+_LEAST_STEP = 1e-8  # m^2 and rad^2 by which any step may err
+_FAULT = (
+    1e-3  # probability that odometry indicates nothing about a step: it stalls, slips, catches up
+)
+_CARRIED = 1e-9  # that a robot does not go on as it did, but is somewhere else at once
+_INDEPENDENT = 0.1  # variance factor of matches, at least: more than all points cannot determine
+_LOG_ODDS = 1.3  # nats by which a point on a surface speaks for a pose: 0.75 against 0.2
+_CORRELATED = 4.0  # neighbouring points of a scan that count as much as one, at least
+_FEWEST = 12  # points of a scan below which it is not matched
+_WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
+_FIRST = np.full(3, 1e-6)  # variances of the first pose, which is the origin
+_EMPTY = Scan(np.zeros((0, 2), np.float32), np.zeros(3), np.zeros(0, np.float32), 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaserMotion:
+    """What the laser indicates about one frame."""
+
+    pose: Array
+    """(3,) tracked_from_base."""
+    covariance: Array
+    """(3, 3) of the motion since the previous frame, in this frame's base."""
+    verdict: str
+    """"first", "matched", "odometry ignored", "odometry only" or "lost"."""
+    overlap: float
+    """Share of the scan that the local submap explains."""
+    is_tracking_loss: bool = False
+    """Whether the scans before no longer say where the robot is, and the odometry, if any, errs."""
+
+    @property
+    def information(self) -> Array:
+        """(3, 3), the covariance's inverse."""
+        return np.asarray(np.linalg.inv(self.covariance))
+
+
+class LaserTracker:
+    """Follows the robot from scan to scan in bounded memory."""
+
+    def __init__(self, config: Config) -> None:
+        self._odometry, self._matching = config.odometry, config.registration
+        self._faults = OdometryFaults()
+        self._degenerate = DegenerateSections()
+        self._losses = TrackingLosses()
+        self._keyframes = Keyframes(config)
+        self._state = np.zeros(6)  # pose, last step
+        self._wheels = new_wheels()
+        self._last_odometry: Array | None = None
+        self._begun = False
+        self._missed = 0
+        self.verdicts: Counter[str] = Counter()
+        odometry, matching = config.odometry, config.registration
+        self._settings = np.array([
+            matching.residual_share, matching.range_sigma, matching.correlation,
+            odometry.relative_noise, odometry.absolute_noise, odometry.contradiction**2,
+            odometry.least_overlap, odometry.keyframe_distance, odometry.keyframe_angle,
+            _INDEPENDENT,
+        ])  # fmt: skip
+
+    def track(self, frame: Frame) -> LaserMotion:
+        """The robot's pose at a frame, from its scan, its odometry and the scans before."""
+        return self.track_all([frame])[0]
+
+    def track_all(self, frames: Sequence[Frame]) -> list[LaserMotion]:
+        """The same of some frames in a row, with the same result and faster."""
+        scans = prepare_scans([frame.scan or _EMPTY for frame in frames], self._matching)
+        recorded = self._recorded_steps(frames)
+        self._keyframes.make_room(int(np.diff(scans.bounds).max(initial=0)))
+        out, covariances = np.zeros((len(frames), 7)), np.zeros((len(frames), 3, 3))
+        tracked: list[LaserMotion] = []
+        while len(tracked) < len(frames):
+            first = len(tracked)
+            # Most scans need no second look: a kernel follows them, up to one that does.
+            last = track_scans(
+                first, scans.rows, scans.bounds, scans.origins, recorded, *self._keyframes.ring,
+                self._state, self._wheels, FINE, self._settings, _FEWEST, out, covariances,
+            )  # fmt: skip
+            for k in range(first, last):
+                tracked.append(LaserMotion(out[k, :3], covariances[k], "matched", float(out[k, 3])))
+                self._degenerate.add(frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0)
+            if last > first:
+                self._losses.go_on(frames[last - 1].stamp_ns)
+            self._faults.steps += int(np.isfinite(recorded[first:last, 0]).sum())
+            if last < len(frames):
+                step = None if np.isnan(recorded[last, 0]) else recorded[last]
+                tracked.append(self._look_closely(frames[last], scans.one(last), step))
+        self.verdicts.update(moment.verdict for moment in tracked)
+        return tracked
+
+    def notes(self) -> tuple[str, ...]:
+        """What was noticed on the way: how far odometry can be trusted, where tracking failed."""
+        found = [*self._faults.notes(), *self._degenerate.notes(), *self._losses.notes()]
+        for verdict, text in _NOTES.items():
+            if self.verdicts[verdict]:
+                found.append(f"{self.verdicts[verdict]} scans {text}")
+        return tuple(found)
+
+    def losses(self) -> tuple[str, ...]:
+        """Whether most scans reported nothing, so that the path owes them next to nothing."""
+        useless = self.verdicts["odometry only"] + self.verdicts["lost"]
+        total = self.verdicts.total()
+        if 2 * useless <= total:
+            return ()
+        return (
+            f"{useless} of {total} scans fit nothing that was seen before: the path is not the "
+            "laser's; see that its ranges are in metres, its angles in radians, and that it sees "
+            "walls",
+        )
+
+    def _recorded_steps(self, frames: Sequence[Frame]) -> Array:
+        """Odometry's motion (B, 3) from frame to frame, NaN where it is not known."""
+        poses = [self._last_odometry, *(frame.odom_from_base for frame in frames)]
+        self._last_odometry = poses[-1]
+        unknown = np.full((4, 4), np.nan)
+        planar = matrix_to_planar(np.stack([unknown if p is None else p for p in poses]))
+        return np.ascontiguousarray(between_planar(planar[:-1], planar[1:]))
+
+    def _look_closely(
+        self, frame: Frame, scan: PreparedScan, recorded: Array | None
+    ) -> LaserMotion:
+        """One frame that needs more than a match: the first, an empty or a contradicting one."""
+        if not self._begun:
+            self._begun = True
+            tracked = LaserMotion(np.zeros(3), np.diag(_FIRST), "first", 1.0)
+        else:
+            tracked = self._follow(frame, scan, recorded)
+        self._losses.go_on(frame.stamp_ns)
+        self._state[3:6] = between_planar(self._state[:3], tracked.pose)
+        self._state[:3] = tracked.pose
+        placed = tracked.verdict != "odometry only"
+        if len(scan.rows) >= _FEWEST and (placed or not self._keyframes.count):
+            if tracked.is_tracking_loss:
+                self._keyframes.forget()  # the old submap no longer says where the robot is
+                self._state[3:6] = 0.0
+            if self._keyframes.remember(scan, tracked.pose, tracked.overlap):
+                anchor(self._wheels, tracked.pose)
+        return tracked
+
+    def _follow(self, frame: Frame, scan: PreparedScan, recorded: Array | None) -> LaserMotion:
+        if recorded is None:  # the robot is expected to go on as it did
+            predicted = compose_planar(self._state[:3], self._state[3:6])
+            variances = motion_variances(self._state[3:6], 1.0, 0.05, np.ones(2))
+            grown = variances
+        else:
+            before = self._reckoned()
+            reckon(self._wheels, recorded)
+            predicted, variances = self._wheels[8:11].copy(), self._reckoned()
+            grown = np.maximum(variances - before, _LEAST_STEP)
+        if len(scan.rows) < _FEWEST or not self._keyframes.count:
+            verdict = "lost" if recorded is None else "odometry only"
+            return LaserMotion(predicted, np.diag(grown), verdict, 0.0)
+        fault = _CARRIED if recorded is None else _FAULT
+        match, verdict = self._matched(scan, predicted, variances, fault)
+        if verdict == "lost":
+            return self._unmatched(frame, scan, predicted, grown, match, recorded is not None)
+        self._missed = 0
+        if recorded is None:
+            verdict = "matched"
+        is_new = self._keyframes.is_new(match, self._settings)
+        if is_new:
+            self._keyframes.learn_matching(scan, match, self._settings)
+        return self._placed(
+            frame.stamp_ns, recorded, predicted, variances, match, verdict, is_new=is_new
+        )
+
+    def _reckoned(self) -> Array:
+        """(3,) variances of the odometry since the last keyframe."""
+        share, floor = self._odometry.relative_noise, self._odometry.absolute_noise
+        return np.asarray(reckoned_variances(self._wheels, share, floor))
+
+    def _unmatched(
+        self, frame: Frame, scan: PreparedScan, predicted: Array, grown: Array, match: Match,
+        has_odometry: bool,
+    ) -> LaserMotion:  # fmt: skip
+        """A scan that fits nothing: the odometry leads on, unless it is refuted.
+
+        Where it says that the view has changed, a new submap begins; and where it says that the
+        robot is where it was, but from there one would see through walls: it was carried off.
+        """
+        self._missed += 1
+        apart = between_planar(predicted, match.pose)
+        if not has_odometry:
+            unknown, lost = self._losses.found(frame.stamp_ns, grown, apart, match.overlap)
+            return LaserMotion(match.pose, np.diag(unknown), "lost", match.overlap, lost)
+        path, rotation = self._wheels[11:13]
+        changed, refuted = path > _VIEW[0] or rotation > _VIEW[1], False
+        if self._missed >= _NEW_SUBMAP:
+            if not changed:
+                refuted = self._keyframes.share_seen_through(scan, predicted) >= _SEEN
+            if changed or refuted:
+                self._missed = 0
+                self._keyframes.forget()
+        return LaserMotion(predicted, np.diag(grown), "odometry only", match.overlap, refuted)
+
+    def _placed(
+        self, stamp_ns: int, recorded: Array | None, predicted: Array, variances: Array,
+        match: Match, verdict: str, *, is_new: bool,
+    ) -> LaserMotion:  # fmt: skip
+        """What a match that is believed reports about the motion, and of the odometry."""
+        moved = between_planar(self._state[:3], match.pose)
+        weak = is_degenerate(match.information)
+        self._degenerate.add(stamp_ns, float(np.hypot(*moved[:2])), weak=weak)
+        if recorded is not None:
+            found = innovation(predicted, match.pose, match.information, variances)
+            if is_new or verdict != "matched":
+                learn(self._wheels, found, variances, self._odometry.relative_noise)
+                anchor(self._wheels, match.pose)
+            self._faults.steps += 1
+            if found[6] > self._odometry.contradiction**2:
+                self._faults.add(recorded, moved)
+                if verdict != "matched":
+                    variances = np.full(3, 1e6)
+        covariance = step_covariance(
+            moved, match.information, variances,
+            self._odometry.keyframe_distance, self._odometry.keyframe_angle,
+        )  # fmt: skip
+        return LaserMotion(match.pose, covariance, verdict, match.overlap)
+
+    def _matched(
+        self, scan: PreparedScan, predicted: Array, variances: Array, fault: float
+    ) -> tuple[Match, str]:
+        """The match near the prediction, or where that contradicts it, the best of several."""
+        information = np.diag(1.0 / variances)
+        wide = 9.0 * variances[0] > FINE[0] ** 2
+        first = self._keyframes.match(
+            scan, predicted, information, COARSE if wide else FINE, self._settings
+        )
+        found = innovation(predicted, first.pose, first.information, variances)
+        good = first.overlap >= self._odometry.least_overlap
+        if good and found[6] <= self._odometry.contradiction**2:
+            return first, "matched"
+        return self._look_again(scan, predicted, variances, first, fault)
+
+    def _look_again(
+        self, scan: PreparedScan, predicted: Array, variances: Array, first: Match, fault: float
+    ) -> tuple[Match, str]:
+        """The likeliest of several hypotheses, with the odometry and without it."""
+        pose, place = self._state[:3].copy(), self._keyframes.place()
+        view = Place.of(
+            Submap(
+                scan.rows[:, :2].astype(np.float64),
+                scan.origin[None],
+                np.array([0, len(scan.rows)]),
+            )
+        )
+        distance, angle = self._odometry.search_distance, self._odometry.search_angle
+        needed = needed_evidence(distance, angle)
+        starts = [first.pose, compose_planar(pose, self._state[3:6]), pose, predicted]
+        found = search_evidence(
+            view.submap.points, place.grid, pose, distance, angle, FORTH * needed
+        )
+        if found is not None:
+            starts.append(found.pose)
+        free = [self._keyframes.match(scan, s, _WEAK_PRIOR, COARSE, self._settings) for s in starts]
+        plain = place.says(view, first.pose)
+        prior = self._log_prior(predicted, first.pose, variances, fault)
+        points = len(scan.rows) / max(float(self._settings[2]), _CORRELATED)
+        near = needed_evidence(*np.minimum(3.0 * np.sqrt(variances[[0, 2]]), (distance, angle)))
+        fits = plain.evidence >= near and first.overlap * len(scan.rows) >= _FEWEST
+        best, most = (first, 0.0) if fits else (None, 0.0)
+        for match in free:
+            other, apart = place.says(view, match.pose), between_planar(first.pose, match.pose)
+            if other.evidence < needed or match.overlap * len(scan.rows) < _FEWEST:
+                continue
+            more = self._log_prior(predicted, match.pose, variances, fault)
+            if not fits:  # against nothing that fits: what exceeds chance
+                more += NATS * (other.evidence - needed)
+            elif np.hypot(*apart[:2]) < APART[0] and abs(apart[2]) < APART[1]:
+                more += _LOG_ODDS * points * (_quality(match) - _quality(first)) - prior
+            else:
+                more += NATS * other.beyond(plain) - prior
+            if more > most:
+                best, most = match, more
+        if best is None:
+            return first, "lost"
+        return best, "matched" if best is first else "odometry ignored"
+
+    def _log_prior(self, predicted: Array, pose: Array, variances: Array, fault: float) -> float:
+        """Log density of a pose by the odometry over that of the predicted one.
+
+        A mixture: with the probability of a fault odometry indicates nothing, and the robot may be
+        anywhere in the window of a search.
+        """
+        apart = between_planar(predicted, pose)
+        window = 8.0 * self._odometry.search_distance**2 * self._odometry.search_angle
+        width = (2.0 * np.pi) ** 1.5 * np.sqrt(variances.prod())
+        anywhere = np.log(fault * min(width / window, 1.0))
+        return float(np.logaddexp(-0.5 * (apart**2 / variances).sum(), anywhere))
+
+
+def _quality(match: Match) -> float:
+    """Overlap, less what the points miss their lines by (0.1 m costs a whole overlap)."""
+    return match.overlap - 10.0 * match.residual
+
+
+_NOTES = {
+    "odometry ignored": "contradicted the odometry and were placed without it",
+    "odometry only": "could not be matched; their motion is the odometry's",
+    "lost": "could not be matched and have no odometry: the robot is taken to go on as before",
+}

@@ -1,0 +1,42 @@
+"""What is wrong with recorded odometry, reported by what the scans indicate."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+_STILL = 0.01  # m and rad within which a frame's motion counts as none
+_JUMP = 0.3  # rad or m by which odometry exceeds the match in a catch-up step
+
+
+class OdometryFaults:
+    """Counts the steps in which odometry and scans contradict each other, by kind."""
+
+    def __init__(self) -> None:
+        self._faults: Counter[str] = Counter()
+        self.steps = 0
+        """Steps of which odometry and match are known."""
+
+    def add(self, recorded: NDArray[np.float64], moved: NDArray[np.float64]) -> None:
+        """One more step (x, y, yaw) that odometry recorded otherwise than the scans."""
+        self._faults[_fault(recorded, moved)] += 1
+
+    def notes(self) -> tuple[str, ...]:
+        """Kinds of faults and how often they came."""
+        return tuple(
+            f"odometry {kind} at {count} of {self.steps} scans"
+            for kind, count in self._faults.most_common()
+        )
+
+
+def _fault(recorded: NDArray[np.float64], moved: NDArray[np.float64]) -> str:
+    along = recorded[0] * moved[0]
+    if along < 0 and min(abs(recorded[0]), abs(moved[0])) > _STILL:
+        return "runs the wrong way"
+    if np.abs(recorded).max() < _STILL:
+        return "stalls while the robot moves"
+    if np.abs(recorded - moved).max() > _JUMP:
+        return "jumps"
+    return "disagrees with the scans"

@@ -1,0 +1,110 @@
+"""Laser closures looked at once more, from the final poses.
+
+A closure is measured while the poses around its two nodes are still tracked ones. Where a turn
+began between two odometry samples, a node's sweep, and so the closure, may be turned by a degree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry.planar import (
+    between_planar,
+    information_from_planar,
+    matrix_to_planar,
+    planar_to_matrix,
+)
+from mapmyworld.kernels.laser_motion import is_degenerate
+from mapmyworld.odometry.degeneracy import has_open_heading
+from mapmyworld.places.laser_closures import closure_information
+from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
+from mapmyworld.places.laser_submaps import match_submaps, place_around
+from mapmyworld.registration.evidence import needed_evidence
+from mapmyworld.registration.scan_search import MARGIN
+from mapmyworld.types import (
+    CLOSURES,
+    Constraint,
+    Judge,
+    Judged,
+    Poses,
+    ScanMatch,
+    Verdict,
+    Why,
+)
+
+_METRES, _RADIANS = 0.4, np.radians(3.0)  # by which no true closure misses the final poses
+
+
+def refine_closures(
+    constraints: Sequence[Judged], poses: Poses, config: Config, loaded: NodeScans
+) -> tuple[Judged, ...]:
+    """The constraints; accepted laser closures that miss the refined poses are measured anew.
+
+    The new measurements stand behind all others. What misses the poses still is rejected. Half of
+    what makes a closure false is a miss.
+    """
+    nodes = nodes_at(loaded, poses)
+    row = {int(i): k for k, i in enumerate(nodes.ids)}
+    result, anew = list(constraints), []
+    for k, c in enumerate(constraints):
+        if _is_by_laser(c) and not _fits(c, nodes, row, 0.25):
+            verdict, measured = _reviewed(c, nodes, row, config)
+            result[k] = c.judged(verdict)
+            anew += measured
+    return (*result, *anew)
+
+
+def _is_by_laser(constraint: Judged) -> bool:
+    """Whether an accepted closure comes from `laser_closures`."""
+    by_laser = isinstance(constraint.source, ScanMatch)
+    return constraint.accepted and constraint.kind in CLOSURES and by_laser
+
+
+def _fits(c: Constraint, nodes: LaserNodes, row: dict[int, int], share: float) -> bool:
+    miss = _miss(matrix_to_planar(c.i_from_j), nodes, row[c.from_id], row[c.to_id])
+    return bool(np.hypot(*miss[:2]) <= share * _METRES and abs(miss[2]) <= share * _RADIANS)
+
+
+def _miss(measured: NDArray[np.float64], nodes: LaserNodes, a: int, b: int) -> NDArray[np.float64]:
+    return between_planar(between_planar(nodes.poses[a], nodes.poses[b]), measured)
+
+
+def _reviewed(
+    c: Judged, nodes: LaserNodes, row: dict[int, int], config: Config
+) -> tuple[Verdict, list[Judged]]:
+    """The verdict on a closure, and what was measured in its place, if that fits."""
+    assert isinstance(c.source, ScanMatch)
+    a, b = row[c.from_id], row[c.to_id]
+    guess = between_planar(nodes.poses[a], nodes.poses[b])
+    match = match_submaps(nodes, a, b, guess, config)
+    weak = is_degenerate(match.information) or has_open_heading(match.information)
+    one, other = place_around(nodes, a, config), place_around(nodes, b, config)
+    agreement = one.agreement_with(other, match.pose).evidence
+    before = one.agreement_with(other, matrix_to_planar(c.i_from_j)).evidence
+    if weak or agreement < max(needed_evidence(_METRES, _RADIANS), before - MARGIN):
+        return _refusal(c, nodes, a, b), []
+    overlap, residual = float(match.overlap), float(match.residual)
+    numbers = {"overlap": overlap, "residual": residual}
+    anew = replace(
+        c,
+        i_from_j=planar_to_matrix(match.pose),
+        information=information_from_planar(closure_information(match)),
+        source=replace(c.source, overlap=overlap, residual=residual),
+        verdicts=(Verdict(Judge.ALIGNMENT, True, Why.MEASURED_ANEW, numbers),),
+    )
+    if not _fits(anew, nodes, row, 1.0):
+        return _refusal(c, nodes, a, b), []
+    return Verdict(Judge.ALIGNMENT, False, Why.MEASURED_ANEW, numbers), [anew]
+
+
+def _refusal(c: Constraint, nodes: LaserNodes, a: int, b: int) -> Verdict:
+    miss = _miss(matrix_to_planar(c.i_from_j), nodes, a, b)
+    numbers = {
+        "metres": float(np.hypot(*miss[:2])), "degrees": float(np.degrees(abs(miss[2])))
+    }  # fmt: skip
+    return Verdict(Judge.ALIGNMENT, False, Why.MISSES_ALIGNED, numbers)

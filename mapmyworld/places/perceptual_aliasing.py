@@ -1,0 +1,113 @@
+"""Closures doubted that other places near by would give as well.
+
+Where equal doors follow each other, the next one lies beyond the submap that a scan was found in,
+and no second best shows. So it is looked for in the places along the path as well, as far as the drift
+may reach.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mapmyworld.config import Config
+from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
+from mapmyworld.parallel import in_threads
+from mapmyworld.places.laser_candidates import drift_window
+from mapmyworld.places.laser_nodes import LaserNodes, spaced
+from mapmyworld.places.laser_submaps import place_around, submap_members
+from mapmyworld.registration.evidence import FORTH, Place, needed_evidence
+from mapmyworld.registration.scan_search import MARGIN, evidence_elsewhere
+from mapmyworld.types import Judge, Judged, ScanMatch, Verdict, Why
+
+_SPACING = 4.0  # m of path between places that are looked at: what a submap covers
+_SAME = 1.0  # m of path around the place that was found, whose own alternatives are known
+_REVISIT = 8.0  # m of path before the later place, of which the rest is that place itself
+
+Pairs = Sequence[tuple[int, int]]
+Look = tuple[LaserNodes, int, list[int]]
+"""Nodes with the scans that are needed, a place along the path, closures to look for there."""
+
+
+def reject_aliases(
+    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config, widest: float
+) -> list[Judged]:
+    """The closures of these pairs, those rejected for which another place scores as well."""
+    wanted = _places_to_look_at(nodes, pairs, closures, config, widest)
+
+    def looks() -> Iterator[Look]:
+        for spot, which in wanted.items():
+            asked = {spot, *(end for w in which for end in pairs[w])}
+            ends = [submap_members(nodes, k, config) for k in sorted(asked)]
+            yield replace(nodes, scans=nodes.scans.hold(np.concatenate(ends))), spot, which
+
+    def look(at: Look) -> list[tuple[int, float]]:
+        held, spot, which = at
+        place = place_around(held, spot, config)
+        return [
+            (k, _second_best(held, place, spot, pairs[k], closures[k], config, widest))
+            for k in which
+        ]
+
+    second_bests = [0.0] * len(closures)
+    for scores in in_threads(look, looks(), config.threads):
+        for k, score in scores:
+            second_bests[k] = max(second_bests[k], score)
+    return [
+        _doubted(c, second_best) if second_best > 0 else c
+        for c, second_best in zip(closures, second_bests, strict=True)
+    ]
+
+
+def _places_to_look_at(
+    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config, widest: float
+) -> dict[int, list[int]]:
+    """Place along the path -> closures that it may second best."""
+    spots, path = spaced(nodes.path, _SPACING), nodes.path
+    found: dict[int, list[int]] = {}
+    for k, (a, b) in enumerate(pairs):
+        if closures[k].accepted:
+            reach, _ = drift_window(nodes, a, b, config, widest)
+            apart = np.abs(path[spots] - path[a])
+            near = (apart > _SAME) & (apart <= reach) & (path[spots] < path[b] - _REVISIT)
+            for spot in spots[near].tolist():
+                found.setdefault(spot, []).append(k)
+    return found
+
+
+def _second_best(
+    nodes: LaserNodes, place: Place, spot: int, pair: tuple[int, int],
+    closure: Judged, config: Config, widest: float,
+) -> float:  # fmt: skip
+    """Evidence, in points, that what was seen around the later node lies around `spot` instead.
+
+    0 where it is too little to be as likely.
+    """
+    a, b = pair
+    found = compose_planar(nodes.poses[a], matrix_to_planar(closure.i_from_j))
+    distance, angle = drift_window(nodes, a, b, config, widest)
+    here, there = between_planar(nodes.poses[spot], found), place_around(nodes, b, config)
+    needed = needed_evidence(distance, angle)
+    points = there.submap.points
+    other = evidence_elsewhere(points, place.grid, here, distance, angle, FORTH * needed)
+    if other is None:
+        return 0.0
+    second_best = place.agreement_with(there, other)
+    if second_best.evidence < needed:
+        return 0.0
+    agreement = place_around(nodes, a, config).agreement_with(
+        there, matrix_to_planar(closure.i_from_j)
+    )
+    return second_best.evidence if agreement.beyond(second_best) < MARGIN else 0.0
+
+
+def _doubted(closure: Judged, second_best: float) -> Judged:
+    numbers = {"second_best": second_best, "evidence": _evidence(closure)}
+    return closure.judged(Verdict(Judge.LASER, False, Why.AMBIGUOUS_PLACE, numbers))
+
+
+def _evidence(closure: Judged) -> float:
+    assert isinstance(closure.source, ScanMatch)
+    return closure.source.evidence

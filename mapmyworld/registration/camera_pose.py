@@ -1,0 +1,166 @@
+"""The pose of a camera from 3D points and what it sees of them, robustly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.geometry.rigid import make_transform
+from mapmyworld.kernels.pose_refinement import refine, score_poses, squared_errors
+from mapmyworld.registration.camera_model import pose_of_rays
+
+Array = NDArray[np.float64]
+_HYPOTHESES = 512  # tried for a pose, at most
+_BATCH = 64  # hypotheses scored between two looks at whether more are needed
+_POLISHES = 4  # refinements of a hypothesis, at most
+_FEWEST = 6  # sightings that a pose is refined on
+_ROUNDS = 10  # of Gauss-Newton, at most
+_MISS = 1e-4  # probability of having overlooked the best hypothesis at which the search ends
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sightings:
+    """What one camera saw of N known points, in normalised image coordinates."""
+
+    points: Array
+    """(N, 3) metres, map frame."""
+    seen: Array
+    """(N, 3): x, y at depth 1 and the inverse depth in 1/m, NaN without depth."""
+    sigmas: Array
+    """(N, 3) standard deviations of x and y, and of the inverse depth; and the largest deviation of
+    the inverse depth that is no outlier, since depth is wrong by far more than noise at edges."""
+
+    def select(self, chosen: NDArray[np.generic]) -> Sightings:
+        """The sightings that a mask or an index array chooses."""
+        return Sightings(self.points[chosen], self.seen[chosen], self.sigmas[chosen])
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def errors(pose: Array, sightings: Sightings) -> Array:
+    """Squared residuals (N, 2) in sigmas: image position, inverse depth (0 without depth)."""
+    found = np.empty((len(sightings), 2))
+    squared_errors(_dense(pose), sightings.points, sightings.seen, sightings.sigmas, found)
+    return found
+
+
+def inliers(pose: Array, sightings: Sightings, limit: float) -> NDArray[np.bool_]:
+    """Mask (N,) of sightings within `limit` sigmas of map_from_camera, and whose depth fits."""
+    squared = errors(pose, sightings)
+    deviation = np.sqrt(squared[:, 1]) * sightings.sigmas[:, 1]
+    return np.asarray((squared[:, 0] < limit * limit) & (deviation < sightings.sigmas[:, 2]))
+
+
+def ransac_pose(sightings: Sightings, limit: float, seed: int, least: int = 1) -> tuple[Array, int]:
+    """The map_from_camera (4, 4) on which most sightings agree within `limit` sigmas; how many.
+
+    Each hypothesis aligns three points with their own back-projections; without three that have
+    depth the rays alone decide (P3P). The best of a batch is refined on what agrees with it, as
+    three noisy points fit few others. Fewer than `least` agreeing sightings are of no use: the
+    search ends once more would hardly have been overlooked. Where nothing fits, it is the identity
+    and 0. Draws follow from `seed`. (Chum, Matas and Kittler, "Locally optimized RANSAC", 2003.)
+    """
+    best_pose, best = np.eye(4), 0
+    deep = np.flatnonzero(np.isfinite(sightings.seen[:, 2]))
+    if len(sightings) < least:
+        return best_pose, best
+    if len(deep) < 3:
+        return _pose_without_depth(sightings, limit)
+    random = np.random.default_rng(seed)
+    local = _back_projected(sightings.seen)
+    tried = 0
+    while tried < _HYPOTHESES:
+        picks = deep[random.integers(0, len(deep), (_BATCH, 3))]
+        poses = _aligned(sightings.points[picks], local[picks])
+        tried += _BATCH
+        counts = np.zeros(len(poses), np.int64)
+        score_poses(poses, sightings.points, sightings.seen, sightings.sigmas, float(limit), counts)
+        if len(poses) and counts.max() > best:
+            best = int(counts.max())
+            best_pose = poses[int(counts.argmax())]
+            best_pose, best = _polished(best_pose, best, sightings, limit)
+        if tried >= _rounds_needed(max(best, least) / len(sightings)):
+            break
+    return best_pose, best
+
+
+def _pose_without_depth(sightings: Sightings, limit: float) -> tuple[Array, int]:
+    """The pose by rays alone, and how many agree; the identity and 0 where there is none."""
+    reach = limit * float(np.median(sightings.sigmas[:, 0])) if len(sightings) else 0.0
+    pose = pose_of_rays(sightings.points, sightings.seen[:, :2], reach, _HYPOTHESES)
+    if pose is None:
+        return np.eye(4), 0
+    return _polished(pose, int(np.count_nonzero(inliers(pose, sightings, limit))), sightings, limit)
+
+
+def _polished(pose: Array, count: int, sightings: Sightings, limit: float) -> tuple[Array, int]:
+    """The pose refined on all within twice the limit, as long as more agree; and how many do."""
+    for _ in range(_POLISHES):
+        near = inliers(pose, sightings, 2.0 * limit)
+        if np.count_nonzero(near) < _FEWEST:
+            break
+        refined, _ = refine_pose(pose, sightings.select(near))
+        agreed = int(np.count_nonzero(inliers(refined, sightings, limit)))
+        if agreed <= count:
+            break
+        pose, count = refined, agreed
+    return pose, count
+
+
+def refine_pose(start: Array, sightings: Sightings, *, width: float = 2.0) -> tuple[Array, Array]:
+    """map_from_camera (4, 4) of least robust error near `start`, and its information (6, 6).
+
+    Gauss-Newton on reprojection and inverse depth with Huber's weights from `width` sigmas on;
+    a step that makes things worse is taken back and ends it.
+    """
+    pose, information = _dense(start).copy(), np.eye(6)
+    refine(pose, sightings.points, sightings.seen, sightings.sigmas, width, _ROUNDS, information)
+    return pose, information
+
+
+def _dense(pose: Array) -> Array:
+    return np.ascontiguousarray(pose, np.float64)
+
+
+def _back_projected(seen: Array) -> Array:
+    rays = np.concatenate([seen[:, :2], np.ones((len(seen), 1))], axis=1)
+    with np.errstate(divide="ignore"):
+        return np.asarray(rays / seen[:, 2:])
+
+
+def _aligned(world: Array, camera: Array) -> Array:
+    """Motions (K', 4, 4) that lay triangles (K, 3, 3) of the camera on those of the world.
+
+    Triangles that are nearly a line, or whose sides differ by more than a fifth, are left out.
+    """
+    frames, heights = zip(_triangle_frames(world), _triangle_frames(camera), strict=True)
+    sides = [np.linalg.norm(np.roll(t, -1, axis=1) - t, axis=2) for t in (world, camera)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        alike = (np.abs(sides[0] / sides[1] - 1.0) < 0.2).all(axis=1)
+    good = alike & (heights[0] > 0.02) & (heights[1] > 0.02)
+    rotation = frames[0][good] @ np.swapaxes(frames[1][good], 1, 2)
+    centres = world[good].mean(axis=1), camera[good].mean(axis=1)
+    return np.ascontiguousarray(
+        make_transform(rotation, centres[0] - np.einsum("kij,kj->ki", rotation, centres[1]))
+    )
+
+
+def _triangle_frames(triangles: Array) -> tuple[Array, Array]:
+    """Orthonormal frames (K, 3, 3) of triangles (K, 3, 3), and their heights (K,) in metres."""
+    x = triangles[:, 1] - triangles[:, 0]
+    x = x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-9)
+    side = triangles[:, 2] - triangles[:, 0]
+    y = side - x * np.sum(x * side, axis=1, keepdims=True)
+    height = np.linalg.norm(y, axis=1)
+    y = y / np.maximum(height, 1e-9)[:, None]
+    return np.stack([x, y, np.cross(x, y)], axis=-1), height
+
+
+def _rounds_needed(share: float) -> float:
+    chance = share**3
+    if chance <= 0.0:
+        return np.inf
+    return float(np.log(_MISS) / np.log1p(-min(chance, 1.0 - 1e-12)))

@@ -1,0 +1,124 @@
+"""Several finished maps as one, or as few as they connect to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry.rigid import invert
+from mapmyworld.sessions.copying import (
+    copied_constraints,
+    copy_drives,
+    copy_plan,
+    place_session_maps,
+)
+from mapmyworld.sessions.joining import find_joints
+from mapmyworld.sessions.notes import digest_of, note_sessions
+from mapmyworld.sessions.session_maps import Joint, SessionMap
+from mapmyworld.stages.draw_maps import draw_maps
+from mapmyworld.stages.recognise import scan_loader
+from mapmyworld.stages.solve_and_judge import solve_and_judge
+from mapmyworld.types import ConstraintKind, MapStore, Progress
+
+Array = NDArray[np.float64]
+OpenStore = Callable[[int], AbstractContextManager[MapStore]]
+"""Gives the empty store of the first, second, ... map that results."""
+
+
+@dataclass(frozen=True, slots=True)
+class MergedMap:
+    """One of the maps that resulted."""
+
+    names: tuple[str, ...]
+    """Of the maps that went into it, in its order."""
+    sessions: int
+    nodes: int
+    links: int
+    """Accepted constraints between different sessions."""
+
+
+def merge_maps(
+    session_maps: Sequence[SessionMap],
+    open_store: OpenStore,
+    config: Config,
+    progress: Progress,
+    *,
+    first: str | None = None,
+) -> list[MergedMap]:
+    """One map of every group of units that connect, the one with the most nodes first.
+
+    Instead that of the unit named `first`, where there is one. The order in which the units are
+    given does not matter.
+    """
+    ordered = sorted(session_maps, key=lambda session_map: session_map.order)
+    joints = find_joints(ordered, config, progress)
+    groups = _groups(len(ordered), joints)
+    wanted = {k for k, session_map in enumerate(ordered) if session_map.name == first}
+    sizes = [len(session_map.nodes) for session_map in ordered]
+    groups.sort(key=lambda g: (not wanted & set(g), -sum(sizes[k] for k in g), g))
+    merged = []
+    for number, group in enumerate(groups):
+        with open_store(number) as store:
+            merged.append(_merge(ordered, group, joints, store, config, progress))
+    return merged
+
+
+def _groups(count: int, joints: Sequence[Joint]) -> list[list[int]]:
+    group = list(range(count))
+    for joint in joints:
+        old, new = group[joint.later], group[joint.earlier]
+        group = [new if g == old else g for g in group]
+    return [[k for k in range(count) if group[k] == g] for g in sorted(set(group))]
+
+
+def _merge(
+    session_maps: Sequence[SessionMap],
+    group: Sequence[int],
+    joints: Sequence[Joint],
+    store: MapStore,
+    config: Config,
+    progress: Progress,
+) -> MergedMap:
+    placed = place_session_maps([session_maps[k] for k in group], _common_poses(group, joints))
+    inputs = digest_of([session_maps[k].store for k in group], config)
+    note_sessions(store, [session_maps[k] for k in group], inputs)
+    progress.stage("copy", len(group), "sessions")
+    with store.write_stage("plan", inputs):
+        copy_plan([item.session_map.store for item in placed], store)
+    with store.write_stage("track", inputs):
+        copy_drives(placed, store)
+    with store.write_stage("recognise", inputs):
+        store.add_constraints(copied_constraints(placed))
+    scans = scan_loader(store, config)
+    with store.write_stage("optimise", inputs):
+        solve_and_judge(store, config, progress, scans)
+    with store.write_stage("map", inputs):
+        draw_maps(store, config, progress)
+    nodes = store.nodes()
+    session_of = {node.id: node.session for node in nodes}
+    links = sum(
+        c.accepted and session_of.get(c.from_id) != session_of.get(c.to_id)
+        for c in store.constraints()
+        if c.kind != ConstraintKind.PRIOR and c.to_id > 0
+    )
+    names = tuple(session_maps[k].name for k in group)
+    return MergedMap(names, len({n.session for n in nodes}), len(nodes), links)
+
+
+def _common_poses(group: Sequence[int], joints: Sequence[Joint]) -> list[Array]:
+    """Where each unit's frame lies in that of the group's first, along the joints."""
+    known: dict[int, Array] = {group[0]: np.eye(4)}
+    waiting = [joint for joint in joints if joint.later in group]
+    while waiting:
+        joint = next(j for j in waiting if j.earlier in known or j.later in known)
+        waiting.remove(joint)
+        if joint.earlier in known:
+            known[joint.later] = known[joint.earlier] @ joint.earlier_from_later
+        else:
+            known[joint.earlier] = known[joint.later] @ invert(joint.earlier_from_later)
+    return [known[k] for k in group]

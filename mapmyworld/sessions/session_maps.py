@@ -1,0 +1,65 @@
+"""What is merged: finished maps, each of one session or of several that belong together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.errors import MapError
+from mapmyworld.geometry.planar import matrix_to_planar
+from mapmyworld.sensing.plan import moves_in_plane
+from mapmyworld.types import MapStore, Node
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SessionMap:
+    """A finished map to be joined with others."""
+
+    name: str
+    store: MapStore
+    nodes: tuple[Node, ...]
+    solved: Array
+    """(N, 4, 4) poses of the nodes, in the unit's own frame."""
+    planar: bool
+
+    @cached_property
+    def poses(self) -> Array:
+        """(N, 3) of `solved`."""
+        return matrix_to_planar(self.solved)
+
+    @property
+    def sessions(self) -> tuple[int, ...]:
+        """Its sessions, in their order."""
+        return tuple(sorted({node.session for node in self.nodes}))
+
+    @property
+    def order(self) -> tuple[int, bytes]:
+        """Sorts units the same way however they were given: by time, then by content."""
+        first = self.nodes[0]
+        return first.stamp_ns, np.stack([n.tracked_from_base for n in self.nodes]).tobytes()
+
+
+def load_session_map(name: str, store: MapStore) -> SessionMap:
+    """A map as a unit; raises `MapError` where it is not finished."""
+    nodes, poses = store.nodes(), store.poses()
+    if not nodes or poses is None or store.frame_poses() is None:
+        raise MapError(f"{name}: is not finished: build it to its end before it is merged")
+    at = {int(i): row for row, i in enumerate(poses.ids)}
+    solved = np.stack([poses.map_from_node[at[node.id]] for node in nodes])
+    planar = moves_in_plane(store)
+    return SessionMap(name, store, nodes, solved, planar)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint:
+    """How a later unit lies in an earlier one."""
+
+    earlier: int
+    later: int
+    earlier_from_later: Array
+    """(4, 4)."""

@@ -1,0 +1,150 @@
+"""The stage that optimises the graph, looks again from the better poses, and judges."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mapmyworld.config import Config
+from mapmyworld.graph.chains import solve_by_chains
+from mapmyworld.graph.draft_graph import landmark_guesses
+from mapmyworld.graph.edited import contradicted
+from mapmyworld.graph.edited_constraints import apply_edits, edits_from_json, unmet
+from mapmyworld.graph.frame_poses import pose_every_frame
+from mapmyworld.graph.solved_graph import SolvedGraph, solve
+from mapmyworld.heap import give_back
+from mapmyworld.map_figures import components_of
+from mapmyworld.parallel import on_one_thread
+from mapmyworld.sensing.plan import moves_in_plane
+from mapmyworld.stages.kept import has_images
+from mapmyworld.stages.level_map import levelled_poses
+from mapmyworld.stages.recognise import LoadScans, add_closures
+from mapmyworld.stages.solve_draft import solve_draft_of
+from mapmyworld.types import CLOSURES, Judged, MapStore, Poses, Progress
+from mapmyworld.types.edits import Edit, EditAction
+
+_ROUNDS = 4  # looks from better poses, at most; each finds less than the one before
+_FEW = 0.05  # share of new closures among all from which another look is not worth its time
+
+
+@on_one_thread
+def solve_and_judge(
+    store: MapStore, config: Config, progress: Progress, scans: LoadScans, since: int = 0
+) -> None:
+    """Optimises, tries proximity constraints from the optimised poses, until none is new.
+
+    Among nodes with ids before `since` none is tried.
+    """
+    for _ in range(_ROUNDS):
+        progress.stage("optimise", len(store.nodes()), "nodes")
+        draft = solve_draft_of(store, config, _edited(store))
+        new = add_closures(store, draft, config, progress, scans, since)
+        if new <= _FEW * sum(c.accepted for c in store.constraints() if c.kind in CLOSURES):
+            break
+    give_back()
+    solved = _solve(store, config, progress, chains=_is_refined(store, config, scans))
+    give_back()
+    poses, constraints = _refined(store, solved, config, progress, scans)
+    store.judge(constraints)
+    poses, levelled = levelled_poses(store, poses, constraints, config)
+    notes = [*levelled, *_unrecognised_notes(store, poses, constraints, scans)]
+    for note in notes:
+        progress.note(note)
+    store.set_poses(poses)
+    frames = store.tracked_frames()
+    store.set_frame_poses(pose_every_frame(store.nodes(), poses, frames, constraints))
+    wanted = [edit for edit in _edits(store) if edit.action is EditAction.ACCEPT]
+    divides = _divides(scans)
+    losses = [
+        *_component_losses(constraints, poses, divides), *unmet(constraints, wanted),
+        *contradicted(constraints, poses, moves_in_plane(store)),
+    ]  # fmt: skip
+    reported = {"certainty": solved.certainty, "losses": losses, "notes": notes}
+    store.put("solve", reported | ({"divides": divides} if divides else {}))
+
+
+def _refined(
+    store: MapStore, solved: SolvedGraph, config: Config, progress: Progress, scans: LoadScans
+) -> tuple[Poses, tuple[Judged, ...]]:
+    """Poses after all laser scans have been aligned with each other, and closures judged by them.
+
+    Without a laser they stay as they were solved.
+    """
+    loaded = scans()
+    if loaded is None or not _is_refined(store, config, scans):
+        return solved.poses, solved.constraints
+    from mapmyworld.odometry.laser_refinement import refine_poses
+    from mapmyworld.places.closure_refinement import refine_closures
+    from mapmyworld.places.wide_search import components_of
+
+    component = components_of(loaded, solved.constraints)
+    refined = refine_poses(
+        store, solved.poses, solved.constraints, config, progress, loaded, component
+    )
+    if refined is None:
+        return solved.poses, solved.constraints
+    return refined.poses, refine_closures(solved.constraints, refined.poses, config, loaded)
+
+
+def _divides(scans: LoadScans) -> list[int]:
+    """Nodes before which tracking was lost, and wheels do not indicate what was driven meanwhile."""
+    loaded = scans()
+    if loaded is None:
+        return []
+    from mapmyworld.places.wide_search import components_of
+
+    begins = 1 + np.flatnonzero(np.diff(components_of(loaded, ())))
+    return [loaded.nodes[row].id for row in begins.tolist()]
+
+
+def _component_losses(
+    constraints: Sequence[Judged], poses: Poses, divides: Sequence[int]
+) -> list[str]:
+    """What divides the map, where nothing recognised joins its components again."""
+    count = len(components_of(constraints, poses, divides))
+    if count < 2:
+        return []
+    if not divides:
+        return [f"the graph falls into {count} components that nothing connects"]
+    reported = "whose places to each other nothing indicates it: none was recognised in another beyond doubt"
+    return [f"tracking was lost and left {count} components of the path {reported}"]
+
+
+def _unrecognised_notes(
+    store: MapStore, poses: Poses, constraints: Sequence[Judged], scans: LoadScans
+) -> list[str]:
+    """Known ground that images did not recognise, where no laser holds the path there."""
+    if scans() is not None or not has_images(store):
+        return []
+    from mapmyworld.places.unrecognised import unrecognised_notes
+
+    return unrecognised_notes(store.nodes(), poses, constraints)
+
+
+def _is_refined(store: MapStore, config: Config, scans: LoadScans) -> bool:
+    """Whether solved poses only begin an alignment of all laser scans."""
+    return moves_in_plane(store) and config.odometry.refine and scans() is not None
+
+
+def _edits(store: MapStore) -> tuple[Edit, ...]:
+    return edits_from_json(store.get("edits"))
+
+
+def _edited(store: MapStore) -> tuple[Judged, ...]:
+    """What was found, as people's edits want it: they concern the solution, not what is found."""
+    return apply_edits(store.constraints(), _edits(store))
+
+
+def _solve(store: MapStore, config: Config, progress: Progress, *, chains: bool) -> SolvedGraph:
+    nodes = store.nodes()
+    progress.stage("optimise", len(nodes), "nodes")
+    starts = {node.id: node.tracked_from_base for node in nodes}
+    landmarks = landmark_guesses(starts, store.constraints())
+    planar = moves_in_plane(store)
+    constraints = _edited(store)
+    if chains:
+        return solve_by_chains(nodes, landmarks, constraints, planar, config.graph)
+    starts |= landmarks
+    ids, start = np.array(list(starts), np.int64), np.stack(list(starts.values()))
+    return solve(ids, start, constraints, planar, config.graph)

@@ -1,0 +1,67 @@
+"""The stages of `--method fastslam`: particles give the path, the store keeps it as any other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from mapmyworld.config import Config
+from mapmyworld.errors import LogError
+from mapmyworld.geometry.planar import covariance_from_planar, planar_to_matrix
+from mapmyworld.graph.frame_poses import pose_every_frame
+from mapmyworld.parallel import on_one_thread
+from mapmyworld.particles.fastslam import FastSlamResult, run_fastslam
+from mapmyworld.sensing import Plan, read_frames
+from mapmyworld.stages.nodes import Motion
+from mapmyworld.stages.track import track
+from mapmyworld.types import Frame, LogSource, MapStore, Particles, Poses, Progress
+
+_STEP_COVARIANCE = np.diag([1e-8, 1e-8, 1e-6, 1e-6, 1e-6, 1e-8])  # of one step of a smoothed path
+
+
+@on_one_thread
+def track_particles(
+    log: LogSource, plan: Plan, store: MapStore, config: Config, progress: Progress
+) -> None:
+    """Filters the log with particles, then writes frames and nodes along the best one's path."""
+    if plan.scan is None:
+        raise LogError("--method fastslam needs a laser: this log has no usable scan")
+    frames = read_frames(log, plan, config.sensing, inertial=False)
+    result = run_fastslam(frames, config, progress)
+    track(log, plan, store, config, progress, _PathFollower(result))
+    tracked = store.tracked_frames()
+    spread = result.covariances[: len(tracked.stamps_ns)][tracked.is_node]
+    store.put("particle_spread", spread.reshape(-1, 9).tolist())
+    store.put("particles", result.history.summary())
+    store.put("particle_paths", result.history.paths())
+
+
+@on_one_thread
+def finish_particles(store: MapStore) -> None:
+    """The best particle's path as the map's poses, its spread as their covariances."""
+    nodes = store.nodes()
+    spread = np.array(store.get("particle_spread")).reshape(-1, 3, 3)
+    covariances = covariance_from_planar(spread[: len(nodes)])
+    ids = np.array([node.id for node in nodes], np.int64)
+    poses = Poses(ids, np.stack([node.tracked_from_base for node in nodes]), covariances)
+    store.set_poses(poses)
+    store.set_frame_poses(pose_every_frame(nodes, poses, store.tracked_frames()))
+
+
+class _PathFollower:
+    """Gives the frames with a scan, one after the other, the poses of a finished path."""
+
+    def __init__(self, result: FastSlamResult) -> None:
+        self._path = planar_to_matrix(result.path)
+
+    def follow(self, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Motion]]:
+        with_scan = (frame for frame in frames if frame.scan is not None)
+        for frame, pose in zip(with_scan, self._path, strict=True):
+            yield frame, Motion(pose, _STEP_COVARIANCE, Particles())
+
+    def notes(self) -> tuple[str, ...]:
+        return ()
+
+    def losses(self) -> tuple[str, ...]:
+        return ()

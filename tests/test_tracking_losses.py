@@ -1,0 +1,267 @@
+"""Where tracking is lost nothing spans the loss: no submap, no certain motion, no shared error."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from laser_rooms import WALLS, cast
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
+from mapmyworld.graph.draft_graph import kept_nodes
+from mapmyworld.graph.frame_poses import pose_every_frame
+from mapmyworld.kernels.laser_motion import is_degenerate
+from mapmyworld.odometry.degeneracy import has_open_heading
+from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
+from mapmyworld.odometry.tracking_losses import TrackingLosses
+from mapmyworld.places.laser_candidates import candidate_pairs, drift_window
+from mapmyworld.places.laser_closures import compare_places
+from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, calm_spots, nodes_at
+from mapmyworld.places.laser_submaps import submap_members
+from mapmyworld.places.unseen_path import unseen_path
+from mapmyworld.registration.scan_matching import prepare_scan, scan_set
+from mapmyworld.stages.nodes import Motion, NodeSelector
+from mapmyworld.types import (
+    ConstraintKind,
+    Frame,
+    Judged,
+    LaserTracking,
+    Node,
+    Poses,
+    Scan,
+    TrackedFrames,
+)
+
+CONFIG = Config()
+Array = NDArray[np.float64]
+NOTHING = Scan(np.zeros((0, 2), np.float32), np.zeros(3), np.zeros(0, np.float32), 8.0, 0.01)
+STEP = np.array([0.05, 0.0, 0.0])
+LEFT = np.stack([np.linspace(-3.0, -1.0, 41), np.full(41, 1.0), np.zeros(41)], axis=-1)
+RIGHT = np.stack([np.full(41, 4.5), np.linspace(-2.0, 0.0, 41), np.full(41, np.pi / 2)], axis=-1)
+CARRIED = np.concatenate([LEFT, RIGHT])  # from one room into the other, while the wheels stand
+
+
+def odometry_of(truth: Array, unmoved: int | None = None) -> Array:
+    """What perfect wheels indicate that were lifted at one step."""
+    steps = between_planar(truth[:-1], truth[1:])
+    if unmoved is not None:
+        steps[unmoved - 1] = 0.0
+    poses = [np.zeros(3)]
+    for step in steps:
+        poses.append(compose_planar(poses[-1], step))
+    return np.stack(poses)
+
+
+def follow(
+    scans: list[Scan], odometry: Array | None, pause: tuple[int, float]
+) -> tuple[list[LaserMotion], LaserTracker]:
+    """`pause`: seconds without a scan before one of them."""
+    tracker = LaserTracker(CONFIG)
+    stamps = np.arange(len(scans)) * 100_000_000
+    stamps[pause[0] :] += round(pause[1] * 1e9)
+    poses = [None] * len(scans) if odometry is None else list(planar_to_matrix(odometry))
+    frames = [
+        Frame(int(stamp), pose, scan)
+        for stamp, pose, scan in zip(stamps, poses, scans, strict=True)
+    ]
+    return tracker.track_all(frames), tracker
+
+
+def test_a_robot_that_was_carried_off_is_lost_without_odometry_and_says_when() -> None:
+    scans = [cast(pose, WALLS, k) for k, pose in enumerate(CARRIED)]
+    tracked, tracker = follow(scans, None, (41, 3.0))
+    assert [k for k, moment in enumerate(tracked) if moment.is_tracking_loss] == [41]
+    sigmas = np.sqrt(np.diag(tracked[41].covariance))
+    assert (sigmas >= [5.0, 5.0, 1.5]).all()
+    assert any("tracking was lost at 7 s" in note for note in tracker.notes())
+    after = np.stack([moment.pose for moment in tracked[41:]])
+    error = between_planar(between_planar(RIGHT[0], RIGHT), between_planar(after[0], after))
+    assert np.hypot(*error[:, :2].T).max() < 0.02  # it goes on from there as before
+
+
+def test_where_odometry_goes_on_the_path_is_never_lost() -> None:
+    """For 3 s no scan comes while the robot turns away: the odometry catches up in one step."""
+    away = LEFT[-1] + np.array([[0.3, 0.1, 2.2], [0.3, 0.2, 2.2]])
+    truth = np.concatenate([LEFT, away])
+    scans = [cast(pose, WALLS, k) for k, pose in enumerate(truth)]
+    tracked, tracker = follow(scans, odometry_of(truth), (41, 3.0))
+    assert not any(moment.is_tracking_loss for moment in tracked)
+    assert not any("lost" in note for note in tracker.notes())
+    end = between_planar(between_planar(truth[0], truth[-1]), tracked[-1].pose)
+    assert np.hypot(*end[:2]) < 0.05
+
+
+def test_a_drive_without_losses_has_none() -> None:
+    scans = [cast(pose, WALLS, k) for k, pose in enumerate(LEFT)]
+    tracked, tracker = follow(scans, odometry_of(LEFT), (41, 0.0))
+    assert not any(moment.is_tracking_loss for moment in tracked)
+    assert not any("lost" in note for note in tracker.notes())
+
+
+def test_wheels_are_trusted_less_the_farther_a_blind_robot_drove_by_them() -> None:
+    """After 0.5 m unseen, 0.4 m beside where the wheels lead is no contradiction: no loss."""
+    seen = [cast(pose, WALLS, k) for k, pose in enumerate(LEFT)]
+    blind = [NOTHING if 20 <= k < 30 else scan for k, scan in enumerate(seen)]
+    wheels = odometry_of(LEFT)
+    wheels[20:30, 0] = wheels[19, 0] + 0.2 * (wheels[20:30, 0] - wheels[19, 0])
+    wheels[30:, 0] -= wheels[30, 0] - wheels[29, 0] - 0.05
+    tracked, _ = follow(blind, wheels, (41, 0.0))
+    assert not any(moment.is_tracking_loss for moment in tracked)
+    end = between_planar(between_planar(LEFT[0], LEFT[-1]), tracked[-1].pose)
+    assert np.hypot(*end[:2]) < 0.03
+
+
+def covered() -> Scan:
+    """Something 0.3 m away all round."""
+    around = np.linspace(-np.pi / 2, np.pi / 2, 181)
+    points = 0.3 * np.stack([np.cos(around), np.sin(around)], axis=-1)
+    times = np.zeros(181, np.float32)
+    return Scan(points.astype(np.float32), np.zeros(3), times, 8.0, 0.01)
+
+
+def test_what_passes_before_the_laser_breaks_nothing() -> None:
+    """The wheels lead on for a second, and what was seen before is there again."""
+    seen = [cast(pose, WALLS, k) for k, pose in enumerate(LEFT)]
+    hidden = [covered() if 20 <= k < 30 else scan for k, scan in enumerate(seen)]
+    tracked, tracker = follow(hidden, odometry_of(LEFT), (41, 0.0))
+    assert not any(moment.is_tracking_loss for moment in tracked)
+    assert tracked[20].verdict == "odometry only"
+    assert not any("lost" in note for note in tracker.notes())
+    end = between_planar(between_planar(LEFT[0], LEFT[-1]), tracked[-1].pose)
+    assert np.hypot(*end[:2]) < 0.02
+
+
+def test_scans_that_fit_a_little_lose_tracking_once_in_a_moment() -> None:
+    """Without odometry, among chair legs: the view changes, and nobody carries the robot off."""
+    losses, known, here = TrackingLosses(), np.full(3, 1e-4), np.zeros(3)
+    losses.go_on(0)
+    moments = [1, 2, 10, 60]  # tenths of a second
+    reported = []
+    for moment in moments:
+        losses.go_on(moment * 100_000_000 - 1)
+        reported.append(losses.found(moment * 100_000_000, known, here, 0.3))
+    assert [is_tracking_loss for _, is_tracking_loss in reported] == [True, False, False, True]
+    vague = [bool((variances > known).all()) for variances, _ in reported]
+    assert vague == [True, False, False, True]
+    assert losses.notes() == ()
+
+
+def neighbour(to_id: int, sigmas: Array, *, lost: bool) -> Judged:
+    covariance = np.diag([1e-6, 1e-6, sigmas[2], sigmas[0], sigmas[1], 1e-6]) ** 2
+    return Judged(
+        to_id - 1, to_id, ConstraintKind.NEIGHBOUR, np.eye(4), np.linalg.inv(covariance),
+        LaserTracking("lost", 0.0, lost),
+    )  # fmt: skip
+
+
+def test_a_loss_is_as_much_path_as_takes_a_drift_so_large() -> None:
+    """3 sigmas of 0.4 m at 4 % are 30 m; of 0.2 rad at 0.004 rad/m 150 m; unknown is a turn."""
+    near, turned = np.array([0.4, 0.1, 1e-3]), np.array([0.1, 0.1, 0.2])
+    constraints = [
+        neighbour(3, near, lost=True),
+        neighbour(5, turned, lost=True),
+        neighbour(6, np.full(3, 9.0), lost=False),
+        neighbour(9, np.array([5.0, 5.0, 1.5]), lost=True),
+    ]
+    # Node 5 has no scan: what was lost before it was lost before the next one.
+    added = unseen_path(np.array([1, 2, 3, 4, 6, 7, 8, 9]), constraints, CONFIG.places)
+    assert added[:7] == pytest.approx([0, 0, 30, 0, 150, 0, 0])
+    assert CONFIG.places.laser_drift_angle * added[7] + 0.2 > np.pi
+
+
+def two_rooms(lost: Array | None) -> LaserNodes:
+    """A robot carried back to the start of its path, 2 m and 40 degrees from where it believes."""
+    truth = np.concatenate([LEFT, LEFT])
+    believed = truth.copy()
+    shift = compose_planar(LEFT[-1], [0.0, 0.0, np.radians(40.0)])
+    believed[41:] = compose_planar(shift, between_planar(LEFT[0], LEFT))
+    scans = scan_set([prepare_scan(cast(p, WALLS, k), CONFIG.registration)
+                      for k, p in enumerate(truth)])  # fmt: skip
+    ids = np.arange(1, len(truth) + 1)
+    nodes = [
+        Node(int(i), 0, int(i), p, p) for i, p in zip(ids, planar_to_matrix(believed), strict=True)
+    ]
+    losses = [] if lost is None else [neighbour(42, lost, lost=True)]
+    unseen = unseen_path(ids, losses, CONFIG.places)
+    return nodes_at(NodeScans(nodes, scans, unseen, np.ones(len(ids), np.bool_)), None)
+
+
+def test_no_submap_spans_a_loss() -> None:
+    broken, whole = two_rooms(np.array([5.0, 5.0, 1.5])), two_rooms(None)
+    for middle in (38, 40, 41, 43):
+        members = submap_members(broken, middle, CONFIG)
+        assert len(set((members >= 41).tolist())) == 1
+        across = submap_members(whole, middle, CONFIG)
+        assert len(set((across >= 41).tolist())) == 2
+
+
+def test_a_robot_carried_off_is_found_at_once_in_what_it_saw_before() -> None:
+    nodes = two_rooms(np.array([5.0, 5.0, 1.5]))
+    pairs = candidate_pairs(nodes, CONFIG, optimised=False)
+    window = drift_window(nodes, *pairs[0], CONFIG, 15.0)
+    assert window == pytest.approx((15.0, np.pi))
+    found = [c for c in compare_places(nodes, pairs, CONFIG, optimised=False) if c.accepted]
+    assert found
+    for c in found:
+        apart = between_planar(LEFT[c.from_id - 1], LEFT[c.to_id - 42])
+        error = planar_to_matrix(apart) - c.i_from_j
+        assert np.abs(error).max() < 0.03
+
+
+def test_a_blind_node_stands_for_no_place_and_an_empty_submap_closes_nothing() -> None:
+    nodes = two_rooms(None)
+    sees = np.ones(82, np.bool_)
+    sees[:30] = False
+    spots = calm_spots(replace(nodes, sees=sees), 1.0)
+    assert len(spots)
+    assert spots.min() >= 30
+    blind = replace(nodes, scans=scan_set([prepare_scan(NOTHING, CONFIG.registration)] * 82))
+    tried = compare_places(blind, [(0, 60), (5, 81)], CONFIG, optimised=False)
+    assert [c.accepted for c in tried] == [False, False]
+
+
+def test_a_circle_says_nothing_of_the_heading() -> None:
+    """A cover 0.3 m around the laser fits itself however it is turned."""
+    angles = np.linspace(-np.pi / 2, np.pi / 2, 181)
+    normals = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    radius = 0.3
+    arms = radius * (np.cos(angles) * normals[:, 1] - np.sin(angles) * normals[:, 0])
+    rows = np.column_stack([normals, arms])
+    round_about = rows.T @ rows / 0.02**2
+    assert has_open_heading(round_about)
+    assert not is_degenerate(round_about)
+    assert not has_open_heading(round_about + np.diag([0.0, 0.0, 1e4]))
+
+
+def test_a_loss_makes_a_node_at_once_and_shares_no_error() -> None:
+    """Frames before it stay with their node, however far solving moves the node after it."""
+    selector = NodeSelector(CONFIG.sensing, wants_images=False)
+    made = []
+    for k in range(4):
+        pose = planar_to_matrix([0.02 * k, 0.0, 0.0])
+        motion = Motion(pose, np.eye(6), LaserTracking("lost", 0.0, k == 3))
+        made.append(selector.consider(Frame(k, pose), motion))
+    nodes = [node for node, _, _ in made if node]
+    assert [node.stamp_ns for node in nodes] == [0, 3]
+    (constraint,) = [c for _, c, _ in made if c]
+    assert constraint.is_tracking_loss
+    frames = TrackedFrames(
+        np.arange(4),
+        np.array([1, 1, 1, 2]),
+        np.stack([moved for _, _, moved in made]),
+        np.array([True, False, False, True]),
+    )
+    solved = Poses(np.array([1, 2]), planar_to_matrix([[0.0, 0.0, 0.0], [5.0, 5.0, 1.0]]), None)
+    every = pose_every_frame(nodes, solved, frames, [constraint])
+    assert every[:3, 0, 3] == pytest.approx([0.0, 0.02, 0.04])
+    assert every[:, 1, 3] == pytest.approx([0.0, 0.0, 0.0, 5.0])
+    assert pose_every_frame(nodes, solved, frames)[2, 1, 3] > 1.0
+
+
+def test_both_ends_of_a_loss_are_kept_where_chains_are_left_out() -> None:
+    nodes = [Node(k, 0, k, np.eye(4), np.eye(4)) for k in range(1, 8)]
+    motions = [neighbour(k, np.full(3, 0.01), lost=k == 5) for k in range(2, 8)]
+    assert kept_nodes(nodes, motions, []).tolist() == [True, False, False, True, True, False, True]

@@ -1,10 +1,10 @@
 """Tables about the back end: optima, false closures, size, marginals.
 
 python benchmarks/graph_optima.py graphs     cost and time beside plain gtsam
-python benchmarks/graph_optima.py robust     random and consistent false closures
-python benchmarks/graph_optima.py made       simulated graphs of eleven kinds, beside gtsam and the truth
-python benchmarks/graph_optima.py hard       graphs with many minima, beside the best of many restarts
-python benchmarks/graph_optima.py large      the same of graphs of 2,400 to 10,000 poses
+python benchmarks/graph_optima.py robust  random and consistent false closures
+python benchmarks/graph_optima.py made    simulated graphs of eleven kinds, beside gtsam and truth
+python benchmarks/graph_optima.py hard    graphs with many minima, and the best of many restarts
+python benchmarks/graph_optima.py large   the same of graphs of 2,400 to 10,000 poses
 python benchmarks/graph_optima.py scale      cost against size, to 100,000 poses
 python benchmarks/graph_optima.py marginals  covariances of all nodes
 """

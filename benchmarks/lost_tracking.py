@@ -77,8 +77,8 @@ def main() -> None:
     parser.add_argument("--beams", type=int, default=181)
     options = parser.parse_args()
     print(
-        "| drive | world | spoilt | ATE m | max m | deg | components | ATE within m | closures | wrong "
-        "| lost scans |\n" + "| --- " * 11 + "|"
+        "| drive | world | spoilt | ATE m | max m | deg | components | ATE within m "
+        "| closures | wrong | lost scans |\n" + "| --- " * 11 + "|"
     )
     for number in range(options.first, options.end or options.first + 1):
         for world in [options.world] if options.world else WORLDS:
@@ -104,7 +104,7 @@ def row(number: int, world: str, kind: str, losses: int, beams: int) -> str:
     count, wrong = closures_of(built, truth)
     components = connected_components_of(built)[sound]
     within = [ate(Trajectory(stamps[sound][k], frames[sound][k]), truth).translation.rmse
-              for k in (components == component for component in np.unique(components))]  # fmt: skip
+              for k in (components == one for one in np.unique(components))]  # fmt: skip
     sizes = np.unique(components, return_counts=True)[1]
     inside = np.sqrt(np.average(np.square(within), weights=sizes))
     lost = sum(getattr(c.source, "state", "") == "odometry only" for c in built.map.constraints())
@@ -191,7 +191,7 @@ def wandered(poses: Array, moments: Array, sections: list[Section]) -> Array:
 
 
 def connected_components_of(built: Built) -> NDArray[np.int64]:
-    """(F,) which component of the path each scan is in; nothing indicates how components lie to each other."""
+    """(F,) the connected component of each scan; relative poses between them are unknown."""
     loaded = load_node_scans(built.map, Config())
     ids = np.array([node.id for node in loaded.nodes])
     component = components_of(loaded, built.map.constraints())

@@ -160,12 +160,14 @@ def main() -> None:
         reported = build(options.log, path, chosen)
         print(f"{options.log.name}, {options.method}: {reported['cpu_s']:.1f} CPU s, ", end="")
         print(
-            f"{reported['duration_s'] / reported['cpu_s']:.0f}x by CPU, {reported['peak_memory_mb']:.0f} MB\n"
+            f"{reported['duration_s'] / reported['cpu_s']:.0f}x by CPU, "
+            f"{reported['peak_memory_mb']:.0f} MB\n"
         )
         print("| stage | CPU s | share |\n|---|---|---|")
         for stage in reported["stages"]:
             print(
-                f"| {stage['name']} | {stage['cpu_s']:.2f} | {stage['cpu_s'] / reported['cpu_s']:.0%} |"
+                f"| {stage['name']} | {stage['cpu_s']:.2f} "
+                f"| {stage['cpu_s'] / reported['cpu_s']:.0%} |"
             )
         print("\n| bare work | CPU s | stages that do it | their CPU s |\n|---|---|---|---|")
         for bare in bare_work(options.log, path):

@@ -61,7 +61,12 @@ _LATER = (
 @click.option("--no-export", is_flag=True, help="Write map.db only.")
 @click.option("--dry-run", is_flag=True, help="Print the plan and stop.")
 @click.option("--verify-repeat", is_flag=True, help="Build twice; refuse if any byte differs.")
-@click.option("--max-memory", type=click.IntRange(1), metavar="MB", help="Stop in order beyond it.")
+@click.option(
+    "--max-memory",
+    type=click.IntRange(1),
+    metavar="MB",
+    help="Stop cleanly above this limit; the build can be resumed.",
+)
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no notes.")
 @format_option
 def build(
@@ -126,7 +131,7 @@ def build(
         click.echo("\n".join(_summary_lines(summary)))
     if summary["losses"]:
         if style == "text":
-            click.echo("partial map, because something was lost or assumed:", err=True)
+            click.echo("partial map; lost or assumed:", err=True)
             for loss in summary["losses"]:
                 click.echo(f"  - {loss}", err=True)
         sys.exit(EXIT_PARTIAL)

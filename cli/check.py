@@ -36,7 +36,7 @@ from mapmyworld.errors import ConfigError, MapError
     show_default=True,
     help="Share of OLD's figures by which MAP's may be worse.",
 )
-@click.option("--allow-partial", is_flag=True, help="Let a map pass that lost something.")
+@click.option("--allow-partial", is_flag=True, help="Accept a partial map.")
 @click.option("--reference", type=PATH, help="True trajectory, a TUM file or a MAP.")
 @click.option("--relations", type=PATH, help="Known relative poses.")
 @click.option("--grid", type=PATH, help="YAML of the true grid.")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @click.command()
 @map_argument
 @output_option("STEM", "Writes STEM.pgm and STEM.yaml.  [default: the map's name]")
-@click.option("--resolution", type=FiniteRange(min=0.001), metavar="M", help="Metres a cell.")
+@click.option("--resolution", type=FiniteRange(min=0.001), metavar="M", help="Cell size [m].")
 @click.option(
     "--mode",
     type=click.Choice(["trinary", "scale", "raw"]),

@@ -238,16 +238,16 @@ def _kind_lines(facts: dict[str, Any]) -> list[str]:
     lines = [f"{'constraints':<14}{'tried':>8}{'accepted':>10}{'rejected':>10}{'residual':>10}"]
     for kind, row in facts["constraints"].items():
         factor = facts["overconfidence"].get(kind)
-        residual = "" if factor is None else f"{factor:>9.2f}x"
+        residual = "" if factor is None else f"{factor:.2f}"
         lines.append(
             f"{kind:<14}{row['tried']:>8}{row['accepted']:>10}{row['rejected']:>10}{residual:>10}"
         )
     lines.append(
-        "residual: errors of the accepted ones against what their covariances indicate (1x is honest)"
+        "normalised residual (1 = consistent with the stated covariance), of accepted constraints"
     )
     return lines + [
-        f"warning: {kind} constraints are over-confident: their errors are "
-        f"{facts['overconfidence'][kind]:.1f} times what they claim"
+        f"warning: {kind} constraints are over-confident: normalised residual "
+        f"{facts['overconfidence'][kind]:.1f}"
         for kind in facts["overconfident"]
     ]
 
@@ -301,7 +301,7 @@ def _turn(roll_pitch_yaw: Sequence[float]) -> str:
 def _component_lines(parts: list[dict[str, int]]) -> list[str]:
     if len(parts) <= 1:
         return ["connected   all nodes"]
-    lines = [f"connected   NO: {len(parts)} components that nothing links"]
+    lines = [f"connected   NO: {len(parts)} components"]
     return lines + [
         f"            nodes {p['first']} to {p['last']} ({p['nodes']} nodes)" for p in parts[:10]
     ]

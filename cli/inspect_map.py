@@ -123,7 +123,7 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         closures = facts["closures"]
         lines.append(f"closures:   {closures['accepted']} accepted of {closures['tried']} tried")
     if facts.get("components", 1) > 1:
-        lines.append(f"components: {facts['components']}, which nothing ties to each other")
+        lines.append(f"components: {facts['components']}, with unknown relative pose")
     if "largest_sigma_m" in facts:
         lines.append(f"sigma:      {facts['largest_sigma_m']:.3f} m at the worst node")
     grid = facts.get("grid")

@@ -18,6 +18,7 @@ from cli.standard_streams import show_json
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
+    from mapmyworld.sensing import Plan
     from mapmyworld.types import OccupancyGrid
     from mapmyworld.types.localisation import Localisation
 
@@ -61,9 +62,10 @@ def localise(
     progress = StderrProgress(quiet=quiet)
     from formats.logs import open_log
 
-    grid, base_frame, found = _localise(map_path, open_log(logs), config, progress)
+    grid, plan, found = _localise(map_path, open_log(logs), config, progress)
+    seen = "images" if plan.scan is None else "scans"
     for path in outputs:
-        _write(path, found, grid, base_frame)
+        _write(path, found, grid, plan.base_frame)
     progress.finish()
     summary = {
         **_facts(found),
@@ -74,9 +76,9 @@ def localise(
     if style == "json":
         show_json(summary)
     else:
-        click.echo("\n".join(_lines(summary)))
+        click.echo("\n".join(_lines(summary, seen)))
     if found.known_share < 1.0 or found.losses:
-        _complain(found)
+        _complain(found, seen)
         sys.exit(EXIT_PARTIAL)
 
 
@@ -96,7 +98,7 @@ def _beside(log: Path) -> tuple[Path, ...]:
 
 def _localise(
     map_path: Path, log: Any, config: Any, progress: StderrProgress
-) -> tuple[OccupancyGrid, str, Localisation]:
+) -> tuple[OccupancyGrid, Plan, Localisation]:
     from mapmyworld.localisation import localise_log, plan_log
 
     plan = plan_log(log, config, progress)
@@ -104,14 +106,14 @@ def _localise(
         from formats.grid_files import read_grid
 
         grid = read_grid(map_path)
-        return grid, plan.base_frame, localise_log(grid, log, plan, config, progress)
+        return grid, plan, localise_log(grid, log, plan, config, progress)
     from formats.database import open_store
 
     with open_store(map_path, read_only=True) as store:
         stored = store.grid()
         if stored is None:
             raise MapError(f"{map_path}: has no grid: build it to its end first")
-        return stored, plan.base_frame, localise_log(store, log, plan, config, progress)
+        return stored, plan, localise_log(store, log, plan, config, progress)
 
 
 def _write(path: Path, found: Localisation, grid: OccupancyGrid, base_frame: str) -> None:
@@ -148,24 +150,28 @@ def _facts(found: Localisation) -> dict[str, Any]:
     }
 
 
-def _lines(summary: dict[str, Any]) -> list[str]:
+def _lines(summary: dict[str, Any], seen: str) -> list[str]:
     after, share = summary["recognised_after_s"], summary["share"]
     speed = summary["duration_s"] / max(summary["wall_s"], 1e-9)
-    recognised = "never" if after is None else f"after {after:.1f} s"
+    localised = (
+        "not localised"
+        if after is None
+        else f"localised:     after {after:.1f} s, then lost {summary['times_lost']} times"
+    )
     return [
-        f"recognised:    {recognised}; lost {summary['times_lost']} times afterwards",
+        localised,
         "states:        " + ", ".join(f"{name} {part:.1%}" for name, part in share.items()),
-        f"known:         {summary['known_share']:.1%} of {summary['moments']} moments in the end, "
-        "by looking back from later ones",
+        f"pose known for {round(summary['known_share'] * summary['moments'])} of "
+        f"{summary['moments']} {seen} (after smoothing)",
         f"time:          {summary['wall_s']:.1f} s ({speed:.0f}x real time), "
         f"{summary['cpu_s']:.1f} CPU s",
         *(f"written:       {path}" for path in summary["files"]),
     ]
 
 
-def _complain(found: Localisation) -> None:
+def _complain(found: Localisation, seen: str) -> None:
     if found.known_share < 1.0:
-        unknown = f"{1.0 - found.known_share:.1%} of the moments"
-        click.echo(f"the place was not found for {unknown}: see the states", err=True)
+        unknown = f"{1.0 - found.known_share:.1%} of the {seen}"
+        click.echo(f"The pose is unknown for {unknown}: see the states.", err=True)
     for loss in found.losses:
         click.echo(f"  - {loss}", err=True)

@@ -70,8 +70,8 @@ def memory_limit(megabytes: int | None) -> Iterator[None]:
         if not is_wished(_Over):
             raise
         raise MemoryLimitError(
-            f"more than the {megabytes} MB of --max-memory are needed: allow more, and the same "
-            "command goes on with this stage; or set sensing.node_distance higher"
+            f"more than {megabytes} MB (--max-memory) are needed: raise it and repeat the command "
+            "to resume; or set sensing.node_distance higher"
         ) from None
     finally:
         done.set()

@@ -16,7 +16,7 @@ def plan_lines(plan: Plan) -> list[str]:
         lines.append(f"  {decision.role + ':':<14} {choice:<28} {decision.reason}")
         lines += [f"  {'':<14} not {other}" for other in decision.others]
     if plan.warnings:
-        lines += ["to know:", *(f"  - {warning}" for warning in plan.warnings)]
+        lines += ["notes:", *(f"  - {warning}" for warning in plan.warnings)]
     if plan.losses:
         lines += ["lost or assumed:", *(f"  - {loss}" for loss in plan.losses)]
     return lines

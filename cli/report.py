@@ -246,10 +246,10 @@ def _headline(figures: MapFigures) -> list[tuple[str, str]]:
 
 def _verdict(store: MapStore, problems: Sequence[str]) -> str:
     certainty = str((store.get("solve") or {}).get("certainty", ""))
-    state = "Nothing was lost"
+    state = "No data lost."
     if problems:
-        state = f"A partial map: {len(problems)} thing{'s' * (len(problems) > 1)} to know"
-    return f"{state}. {certainty[:1].upper()}{certainty[1:]}" if certainty else f"{state}."
+        state = f"Partial map: {len(problems)} problem{'s' * (len(problems) > 1)}."
+    return f"{state} {certainty}".rstrip()
 
 
 def _decisions(store: MapStore) -> list[tuple[str, str, str]]:

@@ -22,6 +22,14 @@ def messages_page() -> str:
     return page()
 
 
+def index_page() -> str:
+    """Everything that is printed or shown, by its beginning."""
+    sys.path.insert(0, str(HERE))
+    from message_index import index_page
+
+    return index_page()
+
+
 def commands_page() -> str:
     """Every command with its help text."""
     parts = ["# Commands", "", "Written by `python docs/generate.py`; do not edit."]
@@ -62,6 +70,7 @@ PAGES = {
     "commands.md": commands_page,
     "settings.md": settings_page,
     "troubleshooting.md": messages_page,
+    "messages.md": index_page,
 }
 
 if __name__ == "__main__":

@@ -42,9 +42,7 @@ from mapmyworld.types import ConstraintKind
 from mapmyworld.types.edits import Edit, EditAction
 
 _PAIR = {"from", "to", "reason"}
-_LEAST_SIGMA = (
-    1e-9  # m or degrees: what is more certain still is no measurement, and divides by zero
-)
+_LEAST_SIGMA = 1e-9  # m or degrees: less is no measurement, and divides by zero
 _FIELDS = {
     EditAction.ACCEPT: (_PAIR, {"kind"}),
     EditAction.REJECT: (_PAIR, {"kind"}),

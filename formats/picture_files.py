@@ -17,7 +17,7 @@ _SCAN, _MOST_SCANS = b"\xff\xda", 100  # each visits all pixels; a progressive f
 
 
 def picture_size(data: bytes) -> tuple[int, int]:
-    """Width and height of a PNG, JPEG or WebP file, from its head; 0, 0 where it does not indicate it."""
+    """Width and height of a PNG, JPEG or WebP file, from its head; 0, 0 where it holds none."""
     if data[:4] == _PNG and len(data) >= 24:
         return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     if data[8:15] == b"WEBPVP8" and len(data) >= 30:
@@ -61,7 +61,7 @@ def is_16_bit_png(data: bytes) -> bool:
 
 
 def claims_too_much(data: bytes) -> bool:
-    """Whether a file reports about itself what would fill the memory, or does not say how large it is.
+    """Whether a file claims a size that would fill the memory, or no size at all.
 
     OpenCV takes room for a chunk of a PNG, up to 4 GB, before it reads it; so each must be there.
     """

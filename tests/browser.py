@@ -19,7 +19,7 @@ _SUGGESTION = (
 
 
 def skip_without_browser(tests: str) -> None:
-    """Skips the test, or the whole module where it is called outside of one; reported by `tests`."""
+    """Skips the test, or the whole module where it is called outside of one."""
     if _path() is None:
         pytest.skip(f"{tests}: no browser: {_SUGGESTION}", allow_module_level=True)
 

@@ -1,4 +1,4 @@
-"""Databases that lie: every claim is checked before memory is spent on it, and reported in one line."""
+"""Databases that lie: claims are checked before memory is spent on them, and named in one line."""
 
 from __future__ import annotations
 

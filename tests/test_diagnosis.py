@@ -164,7 +164,7 @@ def test_a_camera_tilted_against_its_mount_is_measured() -> None:
 @pytest.mark.parametrize(("world", "compared"), [("corridor", False), ("hall", True)])
 @pytest.mark.slow
 def test_bare_walls_indicate_nothing_of_the_wheels(world: str, compared: bool) -> None:
-    """Along a corridor a scan fits anywhere, and its steps indicate nothing about the odometry's scale."""
+    """Along a corridor a scan fits anywhere, and its steps do not measure the odometry's scale."""
     settings = SimulationSettings()
     settings = replace(
         settings,

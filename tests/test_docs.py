@@ -12,7 +12,9 @@ from conftest import ROOT
 from cli.main import COMMANDS
 
 
-@pytest.mark.parametrize("name", ["commands.md", "settings.md", "troubleshooting.md"])
+@pytest.mark.parametrize(
+    "name", ["commands.md", "settings.md", "troubleshooting.md", "messages.md"]
+)
 def test_generated_pages_are_up_to_date(name: str) -> None:
     """When this fails: `python docs/generate.py`.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import sys
 
 import pytest
@@ -66,15 +67,52 @@ def test_no_suggestion_is_left_of_words_that_nothing_says() -> None:
 @pytest.mark.parametrize(
     "words",
     [
-        "frames have no odometry near their stamp", "had the very stamp of the one before",
+        "frames have no odometry near their stamp", "frames repeat a timestamp; duplicates dropped",
         "no usable index (...)", "a message of ...: ...", "silent for ... s",
-        "scans fit nothing that was seen before", "the camera was blind in ... frames",
-        "runs the wrong way", "header stamps step back", "ambiguous: another place near by",
+        "scans match nothing seen before", "visual tracking lost in ... frames",
+        "runs backwards", "header stamps step back", "ambiguous: another place near by",
         "contradicts the rest of the graph", "is stamped ... s ... than the", "no intrinsics",
     ],
 )  # fmt: skip
 def test_what_a_map_lacks_stands_in_the_table_as_well(words: str) -> None:
     assert any(words in entry.text for entry in messages.gathered())
+
+
+@pytest.mark.parametrize(
+    "beginning",
+    [
+        "Tracking was lost. The map has ... components with unknown relative pose.",
+        "Global optimality not certified (", "Global optimality certified (gap", "not localised",
+        "pose known for ... of ... ... (after smoothing)", "no time offset between ... and ...",
+        "normalised residual (1 = consistent with the stated covariance)",
+        "Show time and memory per stage.", "Stop cleanly above this limit; the build",
+        "... frames repeat a timestamp; duplicates dropped", "hand-held camera: ",
+        "recorded odometry against visual odometry over ...", "gravity estimated from ...",
+        "degenerate from ... s to ... s (... m, corridor): position along it relies on odometry",
+        "residual ..., ... deg (... sigma, limit ...)",
+        "consistent with ... of ... nearby closures",
+        "Voxel size [m].", "Maximum depth [m].", "could not be matched and have no odometry",
+        "Diagnosis of the sensors", "click for the evidence",
+    ],
+)  # fmt: skip
+def test_a_message_is_found_by_its_beginning(beginning: str) -> None:
+    """Errors, notes, output of commands, help, headings and what the report's script shows."""
+    page = (ROOT / "docs" / "messages.md").read_text(encoding="utf-8")
+    assert beginning in page
+
+
+def test_what_commands_print_is_on_the_page() -> None:
+    """Looked for in the source by other means than the page is made."""
+    page = (ROOT / "docs" / "messages.md").read_text(encoding="utf-8").replace("\\_", "_")
+    found = [
+        beginning
+        for path in sorted((ROOT / "cli").rglob("*.py"))
+        for beginning in re.findall(
+            r'(?:click\.echo|lines\.append|note)\(\s*f?"([\w ,:;-]{12,})', path.read_text("utf-8")
+        )
+    ]
+    assert len(found) > 10
+    assert [beginning for beginning in found if " ".join(beginning.split()) not in page] == []
 
 
 @pytest.mark.parametrize(

@@ -159,7 +159,7 @@ def test_messages_are_as_the_schemas_in_the_file_say(small: Path, tmp_path: Path
 
 
 def assert_sound(message: Any) -> None:
-    """What the schemas say in words: unit quaternions, frames with names, data of the size reported."""
+    """What the schemas say in words: unit quaternions, named frames, data of the stated size."""
     for field, value in message.ListFields():
         repeated = (
             value if hasattr(value, "__len__") and not isinstance(value, str | bytes) else [value]

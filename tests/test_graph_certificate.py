@@ -110,7 +110,7 @@ def test_a_wrong_minimum_is_never_certified():
     assert not certify(problem.system, end.fit).trusted
     assert right.certificate is not None
     assert right.certificate.gap < 1e-2
-    assert "proven" in right.certainty
+    assert "Global optimality certified" in right.certainty
 
 
 def test_where_the_cheapest_start_is_not_proven_others_are_followed():
@@ -165,10 +165,11 @@ def test_priors_and_fixed_nodes_leave_the_bound_below_the_cost():
 def test_words_promise_no_more_than_is_proven() -> None:
     """However far below a bound lies, it is reported, and what was tried."""
     unproven = proof_of(Certificate(1.2, 0.94, True), ["chordal"])
-    assert unproven.startswith("not proven")
-    assert "94 % below" in unproven
-    assert "end of one start (chordal)" in unproven
+    assert unproven.startswith("Global optimality not certified (gap 94 %).")
+    assert unproven.endswith("Best of 1 start (chordal).")
     nothing = proof_of(Certificate(0.0, 1.0, False), ["chordal", "wraparound", "wraparound"])
-    assert "no bound below it" in nothing
-    assert "cheapest end of 3 starts (chordal, wraparound)" in nothing
-    assert proof_of(Certificate(9.9, 0.01, False)).startswith("the global minimum, proven")
+    assert "(no bound known)" in nothing
+    assert "Best of 3 starts (chordal, wraparound)." in nothing
+    assert proof_of(Certificate(9.9, 0.01, False)).startswith(
+        "Global optimality certified (gap 1 %)"
+    )

@@ -1,4 +1,4 @@
-"""Which closures are believed: chances, groups that agree with themselves, components left alone."""
+"""Which closures are believed: chances, groups that agree, components left alone."""
 
 from __future__ import annotations
 

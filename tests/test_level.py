@@ -267,7 +267,7 @@ def test_solved_poses_become_level_and_motions_stay() -> None:
     store = carried_map(poses, [image for image, _ in views])
     found, notes = levelled_poses(store, Poses(np.arange(1, 7), poses), (), CONFIG)
     assert len(notes) == 1
-    assert notes[0].startswith("the camera was carried: ")
+    assert notes[0].startswith("hand-held camera: gravity estimated from ")
     assert notes[0].endswith("; it began at 1.20 m")
     height = views[0][1][2, 3]
     np.testing.assert_allclose(found.map_from_node[:, 2, 3], height, atol=0.02)

@@ -106,7 +106,7 @@ def test_blind_moments_are_followed_by_odometry_and_then_given_up(place: KnownPl
         frames[k] = replace(frames[k], scan=replace(scan, points=empty))
     found = LaserLocaliser(place, Config()).follow(frames)
     assert found[119].state != State.LOST
-    # A scan that fails while the wheels roll on indicates nothing; the pose is not claimed for long.
+    # A scan that fails while the wheels roll on is no evidence; the pose is not claimed for long.
     assert not claims(found)[-1]
 
 

@@ -1,4 +1,4 @@
-"""Damaged logs: what can be had is had, the rest is reported, and nothing but LogError is raised."""
+"""Damaged logs: what is sound is read, the rest is reported, and nothing but LogError is raised."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ def without_footer(whole: Path) -> bytearray:
 
 
 def test_of_a_chunk_with_a_damaged_head_no_message_is_taken(whole: Path, tmp_path: Path) -> None:
-    """Its checksum cannot be distinguished from the rest, and one of its messages is damaged as well."""
+    """Its checksum looks like the rest, and one of its messages is damaged as well."""
     data = without_footer(whole)
     start, end = chunks(bytes(data))[1]
     data[start + 42] ^= 1  # how many bytes of messages it holds

@@ -121,7 +121,7 @@ def test_a_laser_that_indicates_nothing_of_most_of_the_drive_is_a_loss() -> None
     far = [replace(scan, points=scan.points * 1000) for scan in scans]
     lost = follow(far, truth)[1].losses()
     assert len(lost) == 1
-    assert f"{len(scans) - 1} of {len(scans)} scans fit nothing" in lost[0]
+    assert f"{len(scans) - 1} of {len(scans)} scans match nothing" in lost[0]
 
 
 def test_a_corridor_is_reported_with_its_section() -> None:

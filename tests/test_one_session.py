@@ -1,4 +1,4 @@
-"""Several logs given as one: parts of a drive are read together, other sessions are refused."""
+"""Several logs given as one: those of one session are read together, others are refused."""
 
 from __future__ import annotations
 

@@ -248,7 +248,7 @@ def _best_by_trying(grid, points, guess, angles, reach) -> float:  # type: ignor
 
 
 def test_a_search_finds_a_scan_turned_round_and_names_the_second_best() -> None:
-    """A rectangle looks the same turned by half a turn: the other pose must show as a second best."""
+    """A rectangle looks the same after half a turn: the other pose must show as second best."""
     target = prepared([0.0, 0.0, 0.0]).rows[:, :2].astype(np.float64)
     scan = prepared([1.5, -1.0, 2.0]).rows[:, :2].astype(np.float64)
     found = search_grid(scan, likelihood_grid(target), np.zeros(3), 4.0, np.pi, 0.5)

@@ -1,4 +1,4 @@
-"""Sensors that a flat map leaves out or flattens are reported: slopes, 3D lidars, unmounted IMUs."""
+"""Sensors that a flat map ignores or flattens are reported: slopes, 3D lidars, unmounted IMUs."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ def losses(log: MemoryLog) -> str:
 def test_a_slope_under_a_flat_map_is_reported_with_its_angle() -> None:
     reported = losses(felt(8.0, 6.0))
     assert (
-        "/imu feels slopes of up to 8." in reported or "/imu feels slopes of up to 7." in reported
+        "/imu measures slopes of up to 8." in reported
+        or "/imu measures slopes of up to 7." in reported
     )
     assert "the map is flat" in reported
 

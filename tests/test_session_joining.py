@@ -56,7 +56,7 @@ def carried(walls: Array, *paths: Array, unseen: float = LENGTH) -> tuple[LaserN
 
 
 def found(walls: Array, *paths: Array) -> tuple[list[Judged], Array]:
-    """Closures from every later place to every earlier component, and how far off each is (K, 3)."""
+    """Closures from each later place to each earlier component, and how far off each is (K, 3)."""
     nodes, _ = carried(walls, *paths)
     pairs = lost_pairs(nodes, [], CONFIG)
     tried = compare_places(nodes, pairs, CONFIG, optimised=False, widest=25.0)

@@ -41,7 +41,7 @@ def test_a_node_comes_with_every_tenth_of_a_metre_and_of_a_radian() -> None:
 
 
 def test_neighbour_constraints_carry_the_motion_and_all_its_uncertainty() -> None:
-    """Five steps of standard deviation 0.01 m along the way: sqrt(5) times as unsure along x.
+    """Five steps of standard deviation 0.01 m along the path: sqrt(5) times as uncertain along x.
 
     Sideways the turns of the earlier steps add to it: more than sqrt(5).
     """

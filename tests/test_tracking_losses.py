@@ -122,7 +122,7 @@ def covered() -> Scan:
     return Scan(points.astype(np.float32), np.zeros(3), times, 8.0, 0.01)
 
 
-def test_what_passes_before_the_laser_breaks_nothing() -> None:
+def test_what_passes_before_the_laser_loses_nothing() -> None:
     """The wheels lead on for a second, and what was seen before is there again."""
     seen = [cast(pose, WALLS, k) for k, pose in enumerate(LEFT)]
     hidden = [covered() if 20 <= k < 30 else scan for k, scan in enumerate(seen)]

@@ -1,4 +1,4 @@
-"""What inertia reports about a camera: the filter of pose and velocity, and the tracker that uses it."""
+"""Inertia of a camera: the filter of pose and velocity, and the tracker that uses it."""
 
 from __future__ import annotations
 
@@ -142,9 +142,9 @@ def test_blind_frames_are_reported_as_periods() -> None:
         said = motion("dead reckoning", "no image") if blind else motion("tracked", sigma_m=0.01)
         doubts.add(i * 100_000_000, said)
     assert doubts.lines() == (
-        "the camera was blind in 5 frames (8.3%): dead reckoning there",
-        "blind at 1.00 s for 0.5 s (4 frames): no image",
-        "blind at 4.00 s for 0.0 s (1 frames): no image",
+        "visual tracking lost in 5 frames (8.3%): dead reckoning",
+        "lost at 1.00 s for 0.5 s (4 frames): no image",
+        "lost at 4.00 s for 0.0 s (1 frames): no image",
     )
 
 
@@ -155,9 +155,9 @@ def test_only_the_longest_sections_are_named() -> None:
             doubts.add((10 * k) * 1_000_000_000 + i * 100_000_000, motion("dead reckoning", "dark"))
     lines = doubts.lines()
     assert [line.split(" s ")[0] for line in lines[1:-1]] == [
-        f"blind at {10 * k}.00" for k in range(4, 9)
+        f"lost at {10 * k}.00" for k in range(4, 9)
     ]
-    assert lines[-1] == "4 shorter blind periods"
+    assert lines[-1] == "4 shorter losses"
 
 
 def test_a_camera_that_sees_little_is_reported_and_one_that_sees_enough_is_not() -> None:

@@ -47,7 +47,7 @@ def test_a_map_that_slips_does_not_carry_the_path_along() -> None:
 
 
 def test_a_jolt_is_followed() -> None:
-    """Inertia says the camera stands still; both the map and the last two images indicate it moved."""
+    """By inertia the camera stands still; by the map and the last two images it moved."""
     poses, views = steps()
     path = SteadyPath(Config())
     path.reach(poses[0], views[0])

@@ -19,7 +19,7 @@ from mapmyworld.types import ConstraintKind, ImageMatch, Judged, Node, Odometry
 def drive(
     distance_share: float, turn_share: float, slip: float, twist: float = 0.0
 ) -> tuple[list[Node], list[Judged]]:
-    """A winding drive as images see it, and as wheels indicate it that are wrong by these shares."""
+    """A curved drive as images see it, and as wheels measure it that err by these shares."""
     random = np.random.default_rng(0)
     odometry, truth = np.eye(4), np.eye(4)
     nodes, seen = [Node(1, 0, 0, odometry, odometry)], []

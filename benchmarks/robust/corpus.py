@@ -222,7 +222,8 @@ def _carmen(entries: list[Entry]) -> str:
                 f"FLASER {count} {ranges} {reported} {reported} {seconds:.4f} host {seconds:.4f}"
             )
             lines.append(
-                f"ROBOTLASER1 0 -1.57 3.14 0.034 30 0.01 0 {count} {ranges} 0 {reported} {reported} "
+                f"ROBOTLASER1 0 -1.57 3.14 0.034 30 0.01 0 {count} {ranges} 0 {reported} "
+                f"{reported} "
                 f"0.2 0.1 0.3 0.3 0.5 {seconds:.4f} host {seconds:.4f}"
             )
     return "\n".join(lines) + "\n"

@@ -124,7 +124,7 @@ def write_parameters(db: Connection, parameters: Mapping[str, str]) -> None:
 
 
 def sensor_parameters(db: Connection) -> dict[str, str]:
-    """What the nodes' data report about the sensors: laser or camera, planar or not, lens or none."""
+    """The sensors by the nodes' data: laser or camera, planar or not, with a lens or without."""
     (scans,) = db.row("SELECT EXISTS (SELECT 1 FROM Data WHERE scan IS NOT NULL)")
     poses = db.rows("SELECT tracked_from_base FROM mapmyworld_nodes")
     motion = np.array([np.frombuffer(blob, "<f8") for (blob,) in poses]).reshape(-1, 4, 4)

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 # release since, and in distributions that ship 0.20 or 0.21.
 RTABMAP_VERSION = "0.20.0"
 # Of our own tables; a file with another number was written by another mapmyworld.
-FORMAT = 2
+FORMAT = 3
 
 _RTABMAP_TABLES: Mapping[str, str] = {
     "Node": "id INTEGER NOT NULL, map_id INTEGER NOT NULL, weight INTEGER, stamp FLOAT, pose BLOB,"

@@ -45,7 +45,7 @@ class _Frames:
     behind_ns: int
     """Log time less header stamp, at least."""
     first: Mapping[str, TransformStamped]
-    """Frame -> the first that the log's tf indicates about it; it is reported from the log's start on."""
+    """Frame -> the first transform that the log's tf holds of it; valid from the log's start on."""
 
 
 def write_replay(

@@ -50,11 +50,9 @@ class _Scan:
         self.latest_ns = 0
         self.has_ended = False  # the data: what looks like a message behind it is a damaged index
         # Whether the file has chunks. What looks like a message outside of them is then damage:
-        # part of one whose checksum cannot be distinguished from the rest, or an index, laid out alike.
+        # part of one whose checksum looks like the rest, or an index, laid out alike.
         self.chunked = False
-        self.unchecked: set[int] = (
-            set()
-        )  # channels of which no chunk indicates it, only the summary
+        self.unchecked: set[int] = set()  # channels that only the summary names
         self.bare: list[tuple[int, int, Payload]] = []
         self.bare_start = self.bare_end = 0
 

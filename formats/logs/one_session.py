@@ -17,9 +17,7 @@ _SENSORS = {
 _TOGETHER = 0.1  # share of the shorter one for which both record a topic: parts touch at their ends
 _BUFFERED_NS = 10**9  # that recorders write late, and may so seem to record together
 _APART_NS = 3600 * 10**9  # between the parts of one recording; a robot is elsewhere after longer
-_WAYS = (
-    "`mapmyworld batch` makes a map of each; `build --append MAP` and `merge` join them in one map"
-)
+_WAYS = "map each with `mapmyworld batch`; join maps with `build --append MAP` or `merge`"
 
 Spans = dict[str, tuple[int, int]]
 """Topic -> first and last log time."""

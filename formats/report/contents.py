@@ -117,7 +117,7 @@ class ReportContents:
     """What was chosen in the log, and why."""
     notes: Sequence[str]
     diagnosis: Sequence[tuple[bool, str, str]]
-    """What the sensors indicate about one another: whether it is well, what was found, what to do."""
+    """Comparisons of the sensors: whether one is sound, what was found, what to do."""
     settings: Sequence[tuple[str, str, str]]
     """Changed settings: name, value, default."""
     reproduce: str

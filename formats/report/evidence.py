@@ -65,10 +65,10 @@ def card(item: Evidence, contents: ReportContents) -> str:
 def _facts(constraint: ShownConstraint, matches: ImageMatches | None) -> Iterable[str]:
     if constraint.start is not None and constraint.residual is not None and constraint.accepted:
         before, after = constraint.start, constraint.residual
-        yield f"moved: {before[0]:.2f} m, {before[1]:.1f}° off before, {after[0]:.3f} m after"
+        yield f"residual by tracking {before[0]:.2f} m, {before[1]:.1f}°; after {after[0]:.3f} m"
     if constraint.residual is not None:
         metres, degrees, sigmas = constraint.residual
-        yield f"now {metres:.3f} m, {degrees:.2f}° off = {sigmas:.1f} sigma"
+        yield f"residual {metres:.3f} m, {degrees:.2f}° ({sigmas:.1f} sigma)"
     if matches is not None:
         agreed = int(np.count_nonzero(matches.agreed))
         first, second = matches.features

@@ -118,7 +118,7 @@ def _uncertainty(figure: Any, contents: ReportContents) -> None:
 
 def _timing(figure: Any, contents: ReportContents) -> None:
     if contents.timing is None:
-        raise MapError("nothing beside this map indicates what its build took (MAP.timing.json)")
+        raise MapError("no timing of its build beside this map (MAP.timing.json)")
     stages: Sequence[dict[str, Any]] = contents.timing["stages"]
     figure.set_size_inches(_WIDTH, 0.6 + 0.3 * len(stages))
     axes = figure.subplots()

@@ -29,17 +29,15 @@ def report_html(contents: ReportContents) -> str:
     page.add(figures(contents.headline))
     page.section("The map", _map(contents))
     page.section("Closures", _kinds(contents), *_evidence(contents))
-    page.section("How well it fits", *_fit(contents))
-    page.section(
-        "How confident it is", _chart("sigma") if contents.nodes.sigmas_m is not None else ""
-    )
+    page.section("Residuals", *_fit(contents))
+    page.section("Uncertainty", _chart("sigma") if contents.nodes.sigmas_m is not None else "")
     cloud = cloud_data(contents.cloud)
     page.section("The cloud", _cloud(cloud))
     page.section("The log", table(("what", "choice", "why"), contents.decisions))
-    page.section("The log's diagnosis", _diagnosis(contents))
-    page.section("What was noticed", notes(contents.notes))
+    page.section("Diagnosis of the sensors", _diagnosis(contents))
+    page.section("Notes", notes(contents.notes))
     page.section("Settings that differ", *_settings(contents))
-    page.section("Make it again", *_again(contents))
+    page.section("Reproduce this map", *_again(contents))
     page.section("Time and memory", _timing(contents))
     page.data("data", page_data(contents))
     page.data("cloud-data", cloud)
@@ -120,11 +118,15 @@ def _fit(contents: ReportContents) -> list[str]:
         (f"{c.from_id} and {c.to_id}", str(c.kind), *(c.residual or ()), c.reason) for c in worst
     ]
     reported = [
-        f"{kind.replace('_', ' ')}: errors are {factor:.2f} times what their covariances indicate"
+        f"{kind.replace('_', ' ')}: normalised residual {factor:.2f} (1 = consistent)"
         for kind, factor in contents.overconfidence.items()
     ]
     titles = ("nodes", "kind", "m", "deg", "sigmas", "accepted because")
-    return [_chart("residuals"), notes(reported), folded("worst ten", table(titles, rows))]
+    return [
+        _chart("residuals"),
+        notes(reported),
+        folded("ten largest residuals", table(titles, rows)),
+    ]
 
 
 def _chart(key: str) -> str:
@@ -156,7 +158,7 @@ def _finding(good: bool, text: str, suggestion: str) -> str:
 
 def _settings(contents: ReportContents) -> list[str]:
     if not contents.settings:
-        return [paragraph("None: the defaults served.")]
+        return [paragraph("None: all settings have their defaults.")]
     return [table(("setting", "here", "default"), contents.settings)]
 
 

@@ -144,32 +144,30 @@ def _newton_step(
 def certainty_of(
     freedom: int, cost: float, converged: bool, certificate: Certificate | None, starts: list[str]
 ) -> str:
-    """A sentence about a minimum of this cost: what is proven, else what the residuals indicate.
+    """Sentences about a minimum of this cost: what is certified, and how large residuals are.
 
     `freedom` counts the numbers that edges measure beyond those that are unknown; `starts` are
     those that were followed.
     """
     if not converged:
-        return "not converged: raise graph.iterations"
-    parts = ["converged", proof_of(certificate, starts)]
+        return "Not converged: raise graph.iterations."
+    sentences = ["Converged.", proof_of(certificate, starts)]
     if freedom > 0:
         ratio = 2.0 * cost / freedom
-        parts.append(f"squared sigmas are {ratio:.3g} times what the covariances predict")
-    return "; ".join(parts)
+        sentences.append(f"Normalised residual {ratio:.3g} (1 = consistent).")
+    return " ".join(sentences)
 
 
 def proof_of(certificate: Certificate | None, starts: list[str] | None = None) -> str:
-    """What is proven of a minimum, in words; where it is not the global one, what was tried."""
+    """What is certified of a minimum, in words; where too little, which starts were tried."""
     if certificate is None:
-        return "whether the minimum is global was not examined"
-    bound, share = f"no solution costs less than {certificate.lower_bound:.6g}", certificate.gap
+        return "Global optimality not examined."
+    share = certificate.gap
     if share <= _PROVEN:
-        return f"the global minimum, proven to within {100 * share:.2g} % ({bound})"
-    known = [f"{bound}, {100 * share:.2g} % below" if share < 1.0 else "no bound below it is known"]
-    if certificate.relaxation_is_global:
-        known.append("it lies beside the proven minimum of the same graph with simpler covariances")
-    if starts:
-        kinds = ", ".join(dict.fromkeys(starts))
-        ends = f"cheapest end of {len(starts)} starts" if len(starts) > 1 else "end of one start"
-        known.append(f"it is the {ends} ({kinds})")
-    return f"not proven to be the global minimum: {'; '.join(known)}"
+        return f"Global optimality certified (gap {100 * share:.2g} %)."
+    gap = f"gap {100 * share:.2g} %" if share < 1.0 else "no bound known"
+    stated = f"Global optimality not certified ({gap})."
+    if not starts:
+        return stated
+    kinds = ", ".join(dict.fromkeys(starts))
+    return f"{stated} Best of {len(starts)} start{'s' * (len(starts) > 1)} ({kinds})."

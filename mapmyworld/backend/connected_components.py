@@ -9,7 +9,7 @@ Index = NDArray[np.int64]
 
 
 def components(node_count: int, tails: Index, heads: Index) -> Index:
-    """(N,) number of the connected component of every node; components are numbered by their first node."""
+    """(N,) number of the connected component of every node, numbered by their first nodes."""
     from scipy.sparse import coo_array  # loads scipy.linalg, which tracking does without
     from scipy.sparse.csgraph import connected_components
 

@@ -1,4 +1,4 @@
-"""A graph's convex relaxation whose global minimum can be proven: rotations as matrices, quadratic errors.
+"""A convex relaxation of a graph, whose global minimum can be proven: quadratic errors of matrices.
 
 With poses as X = [t1 R1 t2 R2 ...] the relaxation's cost is `trace(X M X')`, where an edge adds
 `|(Rj - Ri R) W^(1/2)|^2 + tau |tj - ti - Ri t|^2`. Weights are chosen so that half of it never
@@ -43,7 +43,7 @@ def relaxation_of(system: System, residuals: Array, *, equal: bool = False) -> R
     """The convex relaxation of a system, closest where edges have these residuals (E, d).
 
     Bearings and ranges play no part in it. With `equal` an edge knows turns about all axes as badly
-    as about its worst: further from the graph, but a relaxation whose minimum can be proven, which where
+    as about its worst: further from the graph, but its minimum can be proven, which where
     axes differ mostly cannot.
     """
     count, points = len(system.free), np.flatnonzero(system.points)

@@ -1,4 +1,4 @@
-"""Starts whose headings make one turn more or less somewhere: the other minima of long loops.
+"""Wraparound hypotheses: starts with a full turn more or less, the other minima of long loops.
 
 An angle is known but for whole turns, and where noise adds up to half a turn around a loop, how
 often it turns is a question of cost. Headings alone are a linear problem for every choice, so the

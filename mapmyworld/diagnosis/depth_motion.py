@@ -53,7 +53,7 @@ def depth_motion_findings(
         return
     good = abs(scale - 1.0) < _SCALE_OFF
     text = (
-        f"by its depth the camera moves {scale:.3f} of the distance that odometry reports "
+        f"depth measures {scale:.3f} of the distance that odometry reports "
         f"({len(ratios)} pairs of images)"
     )
     suggestion = (

@@ -22,9 +22,7 @@ from mapmyworld.types import Frame, LogSource
 _LEAST_OVERLAP = 0.6
 _STRAIGHT = 0.02  # rad of turn below which a step reports distances
 _LEAST_STEP = 0.02  # m
-_INFORMATIVE = (
-    0.1  # share of a match's information that lies along the way, for it to report distances
-)
+_INFORMATIVE = 0.1  # share of a match's information along the path, to measure distances
 _LEAST_DISTANCE = 0.5  # m in all, from which the scale is worth a word
 _ROUNDS = 5  # measurements of a time offset, each from the stamps that the one before gave
 _FAR_BETTER = 2.5  # by which the error must fall for a time offset to be taken back
@@ -76,7 +74,7 @@ def refined_lag(log: LogSource, plan: Plan, config: Config, lag_s: float) -> flo
 
 
 def _offset(log: LogSource, plan: Plan, config: Config) -> tuple[float, float] | None:
-    """`nearest_offset` of odometry to laser in a log's first minutes; None where nothing indicates it."""
+    """`nearest_offset` of odometry to laser in a log's first minutes; None where it is unknown."""
     sample = take_sample(log, plan, config.sensing)
     pairs = [(a, b) for a, b in pairwise(sample.frames) if a.scan and b.scan]
     clock = odometry_yaw(plan, sample.frames[0].stamp_ns) if pairs else None
@@ -101,7 +99,7 @@ def _some(finding: Finding | None) -> Iterator[Finding]:
 
 
 def _matched(pairs: list[tuple[Frame, Frame]], config: RegistrationConfig) -> tuple[Array, Array]:
-    """Motions (N, 3) by scan matching, and what it indicates along the way (N,), see `_information_along`.
+    """Motions (N, 3) by scan matching, and its information along the path (N,).
 
     NaN where the scans do not overlap enough.
     """
@@ -123,7 +121,7 @@ def _matched(pairs: list[tuple[Frame, Frame]], config: RegistrationConfig) -> tu
 
 
 def _information_along(distance: Array, information: Array) -> float:
-    """Share of all that a match reports the place which it indicates along the way.
+    """Share of a match's positional information that lies along the path.
 
     Between bare walls it is next to nothing, and the scan stays where noise puts it.
     """
@@ -158,7 +156,7 @@ def distance_scale(steps: Array, moves: Array) -> Iterator[Finding]:
     scale = _ratio(seen, distance[usable])
     good = abs(scale - 1.0) < _SCALE_OFF
     text = (
-        f"the laser sees {scale:.3f} of the distance that odometry reports "
+        f"scan matching measures {scale:.3f} of the distance that odometry reports "
         f"({usable.sum()} straight steps, {distance[usable].sum():.1f} m)"
     )
     suggestion = "" if good else f"correct the wheel radius by a factor of {scale:.3f}"

@@ -46,8 +46,8 @@ def time_offset(
     order = "later" if offset > 0 else "earlier"
     doubt = ", uncertain" if not certain and abs(offset) >= _WORTH_SAYING else ""
     text = (
-        f"{names[1]} is stamped {abs(offset):.3f} s {order} than the {names[0]}, by how both saw "
-        f"the robot turn ({len(turns)} pairs{doubt})"
+        f"{names[1]} is stamped {abs(offset):.3f} s {order} than the {names[0]} "
+        f"({len(turns)} pairs of rotations{doubt})"
     )
     suggestion = (
         ""
@@ -84,22 +84,19 @@ def _between_headings(clock: tuple[Array, Array]) -> float:
 def _backwards(names: tuple[str, str], pairs: int) -> Finding:
     mount = "camera_mount" if names[0] == "camera" else "scan_mount"
     text = (
-        f"by {names[1]} the robot turns left where by the {names[0]} it turns right ({pairs} "
-        "pairs): the map may be a mirror image"
+        f"{names[1]} and {names[0]} disagree on the sense of rotation ({pairs} pairs): "
+        "the map may be mirrored"
     )
     suggestion = (
-        f"where the {names[0]} hangs upside down, say so in tf or with sensing.{mount} (roll "
-        f"3.14159); else correct the sign of {names[1]}'s turns"
+        f"if the {names[0]} hangs upside down, state it in tf or by sensing.{mount} (roll "
+        f"3.14159); else correct the sign of the rotation in {names[1]}"
     )
     return Finding(SENSE_OF_TURNING, -1.0, "", False, text, suggestion)
 
 
 def _none_seen(names: tuple[str, str], pairs: int) -> Finding:
     name = f"time offset of {names[1]} to {names[0]}"
-    text = (
-        f"no time offset of {names[1]} to {names[0]} is to be seen in how both saw the robot turn "
-        f"({pairs} pairs)"
-    )
+    text = f"no time offset between {names[1]} and {names[0]} detected ({pairs} pairs)"
     return Finding(name, 0.0, "s", True, text, "")
 
 

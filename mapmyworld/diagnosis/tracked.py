@@ -23,7 +23,7 @@ _IMAGES = 12  # nodes whose images are looked at, spread over the drive
 
 
 def diagnose_tracked(store: MapStore, plan: Plan, config: Config) -> tuple[Finding, ...]:
-    """What a tracked log's sensors indicate about one another: the whole path, and some nodes' images.
+    """A tracked log's sensors compared: along the whole path, and by some nodes' images.
 
     Scans followed the odometry closely where they said nothing themselves, so a fault shows
     smaller than it is where walls are missing.

@@ -64,6 +64,8 @@ def canonical_order(edges: Edges) -> Index:
 
 
 def component_losses(component: Index) -> list[str]:
-    """What a graph does not hold together, from the parts (N,) of its nodes; nothing of a whole."""
-    parts = int(component.max(initial=0)) + 1
-    return [f"the graph falls into {parts} components that nothing connects"] if parts > 1 else []
+    """A line where a graph has several components, from those (N,) of its nodes; else none."""
+    count = int(component.max(initial=0)) + 1
+    if count < 2:
+        return []
+    return [f"The graph has {count} components that no constraint connects."]

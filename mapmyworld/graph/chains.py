@@ -1,8 +1,8 @@
 """The graph solved over the nodes that more than motion ties, and all others along the chains.
 
-A drive of hours has most of its nodes in chains: they cost memory and time, and indicate nothing that
-the composed motion does not say (see `draft`). What solving moved is shared out along a chain, and
-the uncertainty of a node in it is that of a Brownian bridge between the chain's two ends.
+A drive of hours has most of its nodes in chains: they cost memory and time, and hold nothing that
+the composed motion does not (see `draft_graph`). What solving moved is shared out along a chain,
+and the uncertainty of a node in it is that of a Brownian bridge between the chain's two ends.
 """
 
 from __future__ import annotations

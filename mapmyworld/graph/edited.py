@@ -79,9 +79,10 @@ def contradicted(constraints: Sequence[Judged], poses: Poses, planar: bool) -> l
 
 def _contradiction(residual: ConstraintResidual, limit: float) -> str:
     return (
-        f"{name_of(residual.constraint)}, stated by hand, is contradicted by the rest of the graph: "
-        f"missed by {residual.metres:.3g} m, {residual.degrees:.1f} deg = {residual.sigmas:.1f} sigma "
-        f"(limit {limit:.1f}): correct the edit, give it a larger sigma, or reject what is wrong"
+        f"{name_of(residual.constraint)}, stated by hand, is contradicted by the rest of the "
+        f"graph: residual {residual.metres:.3g} m, {residual.degrees:.1f} deg "
+        f"({residual.sigmas:.1f} sigma, limit {limit:.1f}): correct the edit, give it a larger "
+        "sigma, or reject what is wrong"
     )
 
 

@@ -1,4 +1,4 @@
-"""Groups of closures that nothing predicts well, believed for what else they explain.
+"""Group hypotheses: closures that nothing predicts well, believed for what else they explain.
 
 After a long drift a whole part of a path may be held by closures none of which fits too well for
 chance, for the prediction is wide. Where one group of them is assumed to be true and groups that

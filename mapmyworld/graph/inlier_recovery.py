@@ -1,4 +1,4 @@
-"""Closures left out that come in again: those that the solution predicts too well for chance."""
+"""Inlier recovery: closures left out that the solution predicts too well for chance."""
 
 from __future__ import annotations
 

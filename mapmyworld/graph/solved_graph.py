@@ -101,4 +101,4 @@ def _solved(stated: StatedSystem, config: GraphConfig) -> RobustSolution:
 
 def _certainty(solution: RobustSolution) -> str:
     agreeing = int(solution.consistency.clique.sum())
-    return f"{agreeing} closures are supported by a neighbouring closure"
+    return f"{agreeing} closures agree with a neighbouring closure."

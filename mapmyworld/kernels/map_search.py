@@ -87,7 +87,7 @@ def explain_points(
     limit: float,
     counts: NDArray[np.int64],
 ) -> None:
-    """Counts of points (N, 2), map frame, that a map explains, contradicts, and indicates nothing about.
+    """Counts of points (N, 2), map frame, that a map explains, contradicts, and does not cover.
 
     Explained is what ends within `limit` metres of a surface. Contradicted is what ends where the
     map is free (`state` 0), or beyond an occupied cell (100) seen from `eye` (2,).

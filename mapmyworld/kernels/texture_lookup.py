@@ -27,7 +27,7 @@ def shade_pixels(
 ) -> None:
     """Fills `colours` (P, 3); pixels whose depth is infinite show the sky.
 
-    `triangle_uv` (T, 3, 2) counts repeats of the texture; `offsets` (X, L) indicate where in `texels`
+    `triangle_uv` (T, 3, 2) counts repeats of the texture; `offsets` (X, L) are where in `texels`
     (N, 3) each level of each texture begins; `sizes` (X,) are the finest levels' edges; `slants`
     are cosines between ray and normal.
     """

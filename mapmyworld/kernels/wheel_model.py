@@ -2,7 +2,7 @@
 
 Of the errors of wheels (Borenstein and Feng, "UMBmark", 1995) three grow with the drive: a wrong
 scale, and a heading that errs with the distance (unequal wheels) and with the rotation (a wrong
-wheelbase). Scan matching shows them: what a match indicates beyond the odometry since the last keyframe
+wheelbase). Scan matching shows them: what a match adds to the odometry since the last keyframe
 is an innovation, and each is one sample. The model is an array (15,) that kernels read and write:
 
   0-1    factors on the variances of position and heading that `motion_variances` states

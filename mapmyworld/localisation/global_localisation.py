@@ -1,4 +1,4 @@
-"""The search for a place that is not known: from nothing, or from where tracking was given up."""
+"""Global localisation: from nothing, or from where tracking was given up."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ class GlobalLocalisation:
     def _is_ambiguous(self, moment: Moment, pose: Array) -> bool:
         """Whether the scans since the search began go about as well with another place.
 
-        The particles do not indicate it: of two places that look the same, resampling drops one in time.
+        The particles cannot: of two places that look the same, resampling drops one in time.
         """
         found = search_map(self._place, moment.points, self._config)
         others = distinct_places(found, pose, _ALTERNATIVES)

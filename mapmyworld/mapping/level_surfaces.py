@@ -78,18 +78,18 @@ def joined(parts: Iterable[Surfaces]) -> Surfaces:
 def find_level(seen: Surfaces, held: Array, force: Array | None) -> Level:
     """The level of a map: by surfaces, else by an accelerometer, else as the pictures were held.
 
-    `held` (3,): see `up_as_held`. `force` (3,): what an accelerometer felt, see `GravityDirection`.
+    `held` (3,): see `up_as_held`. `force` (3,): the specific force, see `GravityDirection`.
     """
-    hint, reach, by = (held, _BY_HAND, "as the pictures were held: nothing level was seen")
+    hint, reach, by = (held, _BY_HAND, "how the pictures were held (no level surface)")
     if force is not None:
-        hint, reach, by = force / np.linalg.norm(force), _BY_FORCE, "by the accelerometer"
+        hint, reach, by = force / np.linalg.norm(force), _BY_FORCE, "the accelerometer"
     up = _up_of_surfaces(seen.normals, hint, reach)
-    up, by = (hint, by) if up is None else (up, "by level surfaces")
+    up, by = (hint, by) if up is None else (up, "level surfaces")
     heights = (seen.points @ up)[seen.normals @ up > np.cos(2.0 * _SAME)]
     height = _floor_height(heights)
     if height is None:
-        return Level(_level_from_map(up, 0.0), f"z is up {by}; no floor was seen")
-    return Level(_level_from_map(up, -height), f"z is up {by}, and 0 at the floor")
+        return Level(_level_from_map(up, 0.0), f"gravity estimated from {by}; no floor seen")
+    return Level(_level_from_map(up, -height), f"gravity estimated from {by}; z is 0 at the floor")
 
 
 def up_as_held(map_from_camera: Array) -> Array:

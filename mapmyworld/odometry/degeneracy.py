@@ -1,4 +1,4 @@
-"""Sections of the drive where the scans leave a direction degenerate, as in a long corridor."""
+"""Degeneracy: sections of the path whose scans constrain one direction poorly, as corridors do."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class DegenerateSections:
         self._first_ns: int | None = None
 
     def add(self, stamp_ns: int, moved: float, *, weak: bool) -> None:
-        """One frame: how far the robot moved, and whether the match left a direction open."""
+        """One frame: how far the robot moved, and whether the match is degenerate."""
         self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
         if weak:
             if self._open is None:
@@ -53,9 +53,9 @@ class DegenerateSections:
         zero = self._first_ns or 0
         longest = sorted(self._done, key=lambda s: -s.length)[:5]
         return tuple(
-            f"from {(s.start_ns - zero) * 1e-9:.0f} s to {(s.end_ns - zero) * 1e-9:.0f} s "
-            f"({s.length:.1f} m) the scans leave one direction degenerate, as in a corridor: "
-            "the position along it is poorly constrained and rests on the odometry"
+            f"degenerate from {(s.start_ns - zero) * 1e-9:.0f} s to "
+            f"{(s.end_ns - zero) * 1e-9:.0f} s ({s.length:.1f} m, corridor): position along it "
+            "relies on odometry"
             for s in sorted(longest, key=lambda s: s.start_ns)
         )
 

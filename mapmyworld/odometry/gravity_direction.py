@@ -1,4 +1,4 @@
-"""What an accelerometer indicates about up."""
+"""The gravity direction, by the specific force that an accelerometer measures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _STEADY = 0.9  # share of a force's mean length that its mean vector must have, 
 
 
 class GravityDirection:
-    """What an accelerometer felt on the way, in one frame: over a drive all but gravity's reaction
+    """Sums specific force along the path, in one frame: over a drive all but gravity's reaction
     cancels out.
     """
 

@@ -33,9 +33,7 @@ _NEW_SUBMAP = 2  # scans in a row that fit nothing after which a new submap begi
 _VIEW = 1.0, 0.5  # m and rad since the last keyframe from which another view is to be expected
 _SEEN = 0.5  # share of the points seen through surfaces from which nobody can have been there
 _LEAST_STEP = 1e-8  # m^2 and rad^2 by which any step may err
-_FAULT = (
-    1e-3  # probability that odometry indicates nothing about a step: it stalls, slips, catches up
-)
+_FAULT = 1e-3  # probability of an odometry fault in a step: it stalls, slips, catches up
 _CARRIED = 1e-9  # that a robot does not go on as it did, but is somewhere else at once
 _INDEPENDENT = 0.1  # variance factor of matches, at least: more than all points cannot determine
 _LOG_ODDS = 1.3  # nats by which a point on a surface speaks for a pose: 0.75 against 0.2
@@ -135,9 +133,8 @@ class LaserTracker:
         if 2 * useless <= total:
             return ()
         return (
-            f"{useless} of {total} scans fit nothing that was seen before: the path is not the "
-            "laser's; see that its ranges are in metres, its angles in radians, and that it sees "
-            "walls",
+            f"{useless} of {total} scans match nothing seen before: check that ranges are in "
+            "metres, angles in radians, and that the laser sees walls",
         )
 
     def _recorded_steps(self, frames: Sequence[Frame]) -> Array:
@@ -327,7 +324,7 @@ def _quality(match: Match) -> float:
 
 
 _NOTES = {
-    "odometry ignored": "contradicted the odometry and were placed without it",
-    "odometry only": "could not be matched; their motion is the odometry's",
-    "lost": "could not be matched and have no odometry: the robot is taken to go on as before",
+    "odometry ignored": "contradicted the odometry, which was ignored there",
+    "odometry only": "could not be matched; their motion is taken from odometry",
+    "lost": "could not be matched and have no odometry: constant velocity assumed",
 }

@@ -1,4 +1,4 @@
-"""What a camera's motion so far reports about where it is next: a Kalman filter of pose and velocity.
+"""Where a camera is next, by its motion so far: a Kalman filter of pose and velocity.
 
 Where images leave a direction degenerate (a distant wall, features in one corner), successive poses
 would jump by as much as they leave open; inertia does not allow it.

@@ -1,4 +1,4 @@
-"""What is wrong with recorded odometry, reported by what the scans indicate."""
+"""Odometry faults: steps in which recorded odometry and scan matching contradict each other."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class OdometryFaults:
 def _fault(recorded: NDArray[np.float64], moved: NDArray[np.float64]) -> str:
     along = recorded[0] * moved[0]
     if along < 0 and min(abs(recorded[0]), abs(moved[0])) > _STILL:
-        return "runs the wrong way"
+        return "runs backwards"
     if np.abs(recorded).max() < _STILL:
         return "stalls while the robot moves"
     if np.abs(recorded - moved).max() > _JUMP:

@@ -1,7 +1,7 @@
 """Motion taken from the log's own odometry, with an honest covariance.
 
 The covariances in odometry messages are not taken: they say how far off the pose has come to be,
-which late in a drive grows far faster than one step errs, or are a constant that indicates nothing about a
+which late in a drive grows far faster than one step errs, or are a constant that ignores a
 step.
 """
 

@@ -1,4 +1,4 @@
-"""Where a camera could not determine its motion: the periods, for the user to read."""
+"""Tracking quality of a camera: when it lost track, and how certain its poses are."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class BlindPeriod:
     def text(self) -> str:
         """When, for how long and why."""
         start, seconds = self.start_ns * 1e-9, (self.end_ns - self.start_ns) * 1e-9
-        return f"blind at {start:.2f} s for {seconds:.1f} s ({self.frames} frames): {self.why}"
+        return f"lost at {start:.2f} s for {seconds:.1f} s ({self.frames} frames): {self.why}"
 
 
 class TrackingQuality:
@@ -57,16 +57,16 @@ class TrackingQuality:
             return ()
         share = self._open / self._frames
         return (
-            f"images left the camera's place open by more than {_OPEN:g} m in {self._open} frames "
-            f"({share:.1%}): too few features, too far away or in one corner",
+            f"camera position uncertain by more than {_OPEN:g} m in {self._open} frames "
+            f"({share:.1%}): features too few, too far away or in one corner",
         )
 
     def _blind_lines(self, periods: Sequence[BlindPeriod]) -> tuple[str, ...]:
         if not periods:
             return ()
         share, count = self._blind / self._frames, len(periods)
-        head = f"the camera was blind in {self._blind} frames ({share:.1%}): dead reckoning there"
+        head = f"visual tracking lost in {self._blind} frames ({share:.1%}): dead reckoning"
         longest = sorted(periods, key=lambda s: s.start_ns - s.end_ns)[:_NAMED]
         named = [s.text() for s in sorted(longest, key=lambda s: s.start_ns)]
-        rest = [f"{count - _NAMED} shorter blind periods"] if count > _NAMED else []
+        rest = [f"{count - _NAMED} shorter losses"] if count > _NAMED else []
         return (head, *named, *rest)

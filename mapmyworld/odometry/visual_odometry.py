@@ -115,7 +115,7 @@ class VisualTracker:
         measured = covariance_of_base(information, base_from_camera)
         jump = between(predicted, seen @ invert(base_from_camera))
         if self._is_impossible(frame, jump, measured) and not self._path.is_matched(view):
-            return self._blind(frame, predicted, how, "recognised where it cannot be")
+            return self._blind(frame, predicted, how, "recognised at an impossible place")
         expected = Expectation(predicted @ base_from_camera, self._expected(base_from_camera))
         pose = self._filter.correct(seen @ invert(base_from_camera), measured)
         map_from_camera = pose @ base_from_camera

@@ -48,7 +48,7 @@ class SteadyPath:
         """Covariance (6, 6) of the motion to this frame, once a slip of the map is taken out.
 
         `seen`: the pose in the map, `expected`: that of inertia; each with the covariance of the
-        motion. None where the images indicate that the base did jump, or where they do not indicate it; and
+        motion. None where the images show that the base did jump, or where they show nothing; and
         for a slip that is less than takes a new keyframe: so much drift the map takes back rightly.
         """
         slip = se3_log(between(expected[0], seen[0]))

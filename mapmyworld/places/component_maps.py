@@ -1,4 +1,4 @@
-"""The map of a component of the path: surfaces, and what was seen between them."""
+"""The map of one connected component: surfaces, and what was seen between them."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ _BASE_ROTATION = 0.03  # rad
 class Drift:
     """Expected error of the tracked motion between any two nodes of a session.
 
-    Grown by path and turn; but where the neighbour constraints indicate themselves that they know less,
+    Grown by path and turn; but where the neighbour constraints state that they know less,
     as those of a camera that was blind, they are believed.
     """
 

@@ -59,7 +59,7 @@ def _proposal_of(candidate: Candidate) -> Proposal:
 
 
 def by_sequence(images: NodeImages) -> list[Proposal]:
-    """Each node with the ones just before it: what the images indicate about the motion between them."""
+    """Each node with the ones just before it, whose images measure the motion between them."""
     nodes, sessions, cameras = images.nodes, images.sessions(), images.camera_of
     found = []
     for i in range(1, len(sessions)):

@@ -183,7 +183,9 @@ def _compare(
     )
     source = ScanMatch(
         agreement.evidence, second_best.evidence if second_best else 0.0,
-        agreement.beyond(second_best) if second_best and second_best.evidence >= needed else agreement.evidence,
+        agreement.beyond(second_best)
+        if second_best and second_best.evidence >= needed
+        else agreement.evidence,
         float(found.score), float(match.overlap), float(match.residual),
         float(np.hypot(*moved[:2])),
     )  # fmt: skip

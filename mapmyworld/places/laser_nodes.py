@@ -36,7 +36,7 @@ class LaserNodes:
     sees: NDArray[np.bool_]
     """(N,) whether the scan has points enough to say where it was taken."""
     component: Index
-    """(N,) number of the component of the path whose nodes are known to each other: losses divide it."""
+    """(N,) number of the connected component, whose relative poses are known: losses divide."""
 
 
 class NodeScans(NamedTuple):

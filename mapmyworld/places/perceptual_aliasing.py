@@ -1,8 +1,8 @@
-"""Closures doubted that other places near by would give as well.
+"""Perceptual aliasing: closures that another place nearby explains as well are rejected.
 
 Where equal doors follow each other, the next one lies beyond the submap that a scan was found in,
-and no second best shows. So it is looked for in the places along the path as well, as far as the drift
-may reach.
+and no second best shows. So it is looked for in the places along the path as well, as far as the
+drift may reach.
 """
 
 from __future__ import annotations

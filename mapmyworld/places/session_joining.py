@@ -1,7 +1,7 @@
-"""Components of the path that losses divide, joined only where they fit together in one way.
+"""Session joining: components that tracking losses divide, joined where they fit in one way only.
 
-Across a loss nothing indicates how the robot stands, so that one place fits is not enough: a bare hall
-is the same after half a turn. What the later component saw is laid into the map of the earlier one, as
+Across a loss the relative pose is unknown, so one place that fits is not enough: a bare hall is the
+same after half a turn. What the later component saw is laid into the map of the earlier one, as
 the closures want it and as every other pose that fits wants it; and into its own, for what looks
 like itself elsewhere fits twice wherever it fits. Where another pose explains it as well, and
 nothing that was seen contradicts it, the components stay apart.
@@ -38,9 +38,7 @@ from mapmyworld.types import Constraint, Judge, Judged, Verdict, Why
 
 Array = NDArray[np.float64]
 Pairs = Sequence[tuple[int, int]]
-_OPEN = (
-    1.0  # rad that the heading must be open by; what wheels indicate better is no other question
-)
+_OPEN = 1.0  # rad of heading that must be open, or nothing is ambiguous
 _SPACING = 2.0  # m of path between places that are laid into the other component's map
 _AROUND = 24.0  # m of path to each side of the closures within which they are
 _MAPPED = 0.5  # m of path between scans that maps are made of
@@ -54,7 +52,7 @@ _LESS = Verdict(Judge.LASER, False, Why.LESS_EXPLAINED)
 def reject_ambiguous_joins(
     nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config, widest: float
 ) -> list[Judged]:
-    """The closures of these pairs, those rejected that join two components in one of several ways."""
+    """The closures of these pairs; those that join two components ambiguously are rejected."""
     result = list(closures)
     for which in _joins(nodes, pairs, closures):
         for k, doubt in _doubts(nodes, pairs, closures, which, config, widest):
@@ -126,7 +124,7 @@ def _doubt(
 
 
 def _spots(nodes: LaserNodes, ends: Index) -> Index:
-    """Places about every few metres around these ends of closures, in their component; not too many."""
+    """Some places every few metres around these ends of closures, in their component."""
     spots = spaced(nodes.path, _SPACING)
     near = np.abs(nodes.path[spots][:, None] - nodes.path[ends]).min(axis=1) <= _AROUND
     spots = spots[near & (nodes.component[spots] == nodes.component[ends[0]]) & nodes.sees[spots]]

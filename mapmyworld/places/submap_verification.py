@@ -1,7 +1,7 @@
-"""What was seen from two components of the path, laid into each other's maps.
+"""Submap verification: what was seen from two components, laid into each other's maps.
 
-However a move brings the components together, it says which places then fit. Another move is a second best if
-it explains as much and nothing that was seen contradicts it.
+A move that brings the components together decides which places fit. Another move is as good if it
+explains as much and nothing that was seen contradicts it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _AGREED = 0.75  # share of the places seen that must agree with another pose
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """What was seen from some places of a component, and the map that the component makes around."""
+    """What was seen from some places of a component, and its map around them."""
 
     poses: Array
     """(S, 3)."""
@@ -42,7 +42,7 @@ class Seen:
 
 
 def laid(earlier: Seen | None, later: Seen, move: Array) -> tuple[Array, Array]:
-    """Scores and shares seen of every place of the later component, moved so, in the earlier one's map.
+    """Scores and shares seen of all places of the later component, moved, in the earlier's map.
 
     And of those of the earlier component in the later one's. Without an earlier one: in its own.
     """
@@ -93,12 +93,12 @@ def second_best_move(
 
 
 def is_as_good(own: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
-    """Whether places fit another way as well; those that fit neither way indicate nothing."""
+    """Whether places fit another way as well; those that fit neither way do not count."""
     (scores, seen), (there, seen_there) = own, other
     fits = (seen >= _SEEN) & (scores >= _FITS)
     least = np.where(fits, _AS_GOOD * scores, _FITS)
-    says_nothing = (seen >= _SEEN) & ~fits & (there < _FITS)
-    reported = (seen_there >= _SEEN) & ~says_nothing
+    fits_neither = (seen >= _SEEN) & ~fits & (there < _FITS)
+    reported = (seen_there >= _SEEN) & ~fits_neither
     as_good = np.count_nonzero(reported & (there >= least))
     return bool(
         as_good >= max(_ENOUGH * np.count_nonzero(fits), _AGREED * np.count_nonzero(reported))

@@ -46,7 +46,7 @@ def _path_of(placed: Array, sessions: NDArray[np.int64]) -> Array:
 def _recognised(
     nodes: Sequence[Node], path: Array, constraints: Iterable[Judged]
 ) -> NDArray[np.bool_]:
-    """(N,) nodes that a closure ties to another part of the path, or that saw a marker."""
+    """(N,) nodes that a closure ties to another place along the path, or that saw a marker."""
     index = {node.id: k for k, node in enumerate(nodes)}
     known = np.zeros(len(nodes), np.bool_)
     for c in constraints:
@@ -85,10 +85,7 @@ def _lines(nodes: Sequence[Node], sections: list[tuple[float, tuple[int, int]]])
     if not sections:
         return []
     total, count = sum(metres for metres, _ in sections), len(sections)
-    head = (
-        f"nothing recognised {total:.1f} m of known ground to which the path came back: "
-        "there only the motion from node to node holds it"
-    )
+    head = f"{total:.1f} m of revisited ground not recognised: only odometry holds the path there"
     longest = sorted(sections, key=lambda section: -section[0])[:_NAMED]
     named = [_text(nodes, *section) for section in sorted(longest, key=lambda s: s[1])]
     rest = [f"shorter sections not recognised: {count - _NAMED}"] if count > _NAMED else []

@@ -1,4 +1,4 @@
-"""What a tracking loss means for recognition: as if the robot had driven on, unseen.
+"""What a tracking loss means for recognition: as if the robot had moved on, unobserved.
 
 Metres of path say where a submap ends, how far a search reaches and what counts as another visit.
 So at a loss the path grows by as many as it takes to drift as far as the robot may be off: no

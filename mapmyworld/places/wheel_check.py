@@ -61,17 +61,17 @@ class WheelCheck:
 
     def lines(self) -> tuple[str, ...]:
         """What a user should know."""
-        turn = "" if np.isnan(self.turn_share) else f", turns {self.turn_share:+.1%}"
+        turn = "" if np.isnan(self.turn_share) else f", rotation {self.turn_share:+.1%}"
         head = (
-            f"wheels against images over {self.motions} motions: distance "
+            f"recorded odometry against visual odometry over {self.motions} motions: distance "
             f"{self.distance_share:+.1%}{turn}; scatter {1000 * self.scatter_m:.1f} mm, "
             f"{np.degrees(self.scatter_rad):.2f} deg; {len(self.slips)} contradictions"
         )
-        taken = ["the wheels' motions are corrected by that"] if self.is_far_off else []
+        taken = ["recorded odometry is scaled by these shares"] if self.is_far_off else []
         worst = sorted(self.slips, key=lambda s: -s.metres - s.radians)[:5]
         slips = [
-            f"at {s.stamp_ns * 1e-9:.2f} s wheels and images differ by {s.metres:.3f} m and "
-            f"{np.degrees(s.radians):.1f} deg"
+            f"at {s.stamp_ns * 1e-9:.2f} s recorded and visual odometry differ by "
+            f"{s.metres:.3f} m, {np.degrees(s.radians):.1f} deg"
             for s in sorted(worst, key=lambda s: s.stamp_ns)
         ]
         return head, *slips, *taken
@@ -108,7 +108,7 @@ def check_wheels(nodes: Sequence[Node], constraints: Sequence[Judged]) -> WheelC
 
 
 def corrected(constraints: Sequence[Judged], check: WheelCheck) -> list[Judged]:
-    """The constraints, and instead of the motions reported by wheels these by the shares of `check`.
+    """The constraints; motions that wheels measured are scaled by the shares of `check`.
 
     The model of wheels takes one motion's error to know nothing of the next one's. An error that
     all motions share adds up much faster where images measure none of them.

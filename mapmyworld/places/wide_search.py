@@ -1,4 +1,4 @@
-"""Where a long way was driven and nothing recognised: there the search widens."""
+"""The wide search: where a long path was driven and nothing recognised."""
 
 from __future__ import annotations
 
@@ -17,10 +17,8 @@ from mapmyworld.places.laser_nodes import Index, LaserNodes, NodeScans, calm_spo
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
-_LONG = 75.0  # m of way without a closure from which two places may be far from where they seem
-_UNKNOWN = (
-    200.0  # m of path that a loss counts for from which wheels do not indicate how components lie
-)
+_LONG = 75.0  # m of path without a closure from which two places may be far from where they seem
+_UNKNOWN = 200.0  # m of path of a loss from which wheels do not relate both sides
 _LATER, _EARLIER = 8.0, 4.0  # m of path between the places that look, and that are looked at
 _APART = 2.0  # m between both where losses divide the path: one closure alone joins no components
 _MOST = 16  # earlier places that one is compared with
@@ -59,7 +57,7 @@ def held_by(nodes: LaserNodes, constraints: Iterable[Judged]) -> LaserNodes:
 
 
 def components_of(loaded: NodeScans, constraints: Iterable[Judged]) -> Index:
-    """(N,) number of the component of the path that each node is in, where nothing indicates how components lie:
+    """(N,) number of the connected component of each node. Relative poses between them are unknown:
     wheels were not there or are not to be believed, and no accepted closure joins them.
     """
     ids = np.array([node.id for node in loaded.nodes], np.int64)

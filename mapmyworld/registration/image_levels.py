@@ -52,7 +52,7 @@ def _small_picture(colour: ImageMessage | None, spacing: int) -> NDArray[np.uint
 
 
 def decodes(colour: ImageMessage, shape: tuple[int, int]) -> bool:
-    """Whether a JPEG can be decoded to this height and width, recognised by an eighth of its pixels."""
+    """Whether a JPEG can be decoded to this height and width, by an eighth of its pixels."""
     small = _decoded(colour, cv2.IMREAD_REDUCED_GRAYSCALE_8)
     eighth = tuple(-(-side // 8) for side in shape)
     return small is not None and small.shape == eighth and (colour.height, colour.width) == shape

@@ -107,7 +107,7 @@ def evidence_grid(submap: Submap) -> LikelihoodGrid:
 
 
 def judged_points(points: Array, grid: LikelihoodGrid, pose: Array) -> NDArray[np.int64]:
-    """What a grid indicates about points (N, 2) at a pose: 1 on a surface, -1 where it is free, 0 unseen.
+    """Evidence of a grid for points (N, 2) at a pose: 1 on a surface, -1 where free, 0 unseen.
 
     Of points one to a cell, `POINTS` at most, the same whatever the pose.
     """

@@ -1,4 +1,4 @@
-"""16-bit grey images: distinguished from depth in millimetres, which may have their encoding, made 8-bit."""
+"""16-bit grey images: separated from depth in millimetres by name, made 8-bit."""
 
 from __future__ import annotations
 

@@ -33,9 +33,9 @@ def choose_order(
     )
     names = ", ".join(stream.topic for stream in back)
     if _stamps_are_right(back, odometry) and lag_ns < _FARTHEST_NS:
-        draft.decide("order", "header stamps", f"by log time the robot would leap; {reported}")
+        draft.decide("order", "header stamps", f"by log time the robot would jump; {reported}")
         draft.losses.append(
-            f"{names}: log times are out of order ({reported}): messages are put in the order of their "
+            f"{names}: log times are out of order ({reported}): messages are put in the order of "
             "header stamps"
         )
         if odometry is not None:
@@ -55,7 +55,8 @@ def check_stamps(draft: Draft, used: list[Stream]) -> None:
         )
         if stream.largest_lag_ns > _APART_NS:
             draft.losses.append(
-                f"{reported}, so the times of its poses are doubtful: was a clock set while recording?"
+                f"{reported}, so the times of its poses are doubtful: was a clock set while "
+                "recording?"
             )
         else:
             draft.warnings.append(reported)

@@ -218,7 +218,7 @@ def source_of(
     if assumed:
         draft.losses.append(
             f"no transform from {base} to {frame_name(colour.sample.frame_id) or 'the camera'}: "
-            "the camera is taken to look forward from the base; set sensing.camera_mount"
+            "the camera is assumed to look forward from the base; set sensing.camera_mount"
         )
         mount = _LOOKING_FORWARD
     scale = np.diag([colour.width / (info.width or colour.width)] * 2 + [1.0])

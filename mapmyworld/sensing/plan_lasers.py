@@ -73,7 +73,7 @@ def _judge(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
     if fault:
         return _FAULTY, f"{why}; {fault}"
     if not stream.frequency:
-        return _FAULTY, f"{why}; a map needs scans of two times at least"
+        return _FAULTY, f"{why}; a map needs scans of at least two times"
     if not returns:
         return _FAULTY, f"{why}; not one usable range in the log"
     return field * min(stream.frequency, 10.0) * (0.2 + returns) * (0.5 if assumed else 1.0), why
@@ -128,13 +128,12 @@ def _source(draft: Draft, stream: Stream, base: str) -> ScanSource:
     if assumed:
         draft.losses.append(
             f"no transform from {base} to {frame_name(scan.frame_id) or 'the laser'}: the laser is "
-            'taken to sit at the base; set sensing.scan_mount = "x y z roll pitch yaw"'
+            'assumed to sit at the base; set sensing.scan_mount = "x y z roll pitch yaw"'
         )
     if isinstance(scan, PointCloudMessage):
         draft.losses.append(
-            f"{stream.topic}: 3D points serve as flat scans, cut at the heights of "
-            "sensing.cloud_lowest and cloud_highest, and indicate nothing about slopes and floors; they "
-            "are not corrected for the robot's motion"
+            f"{stream.topic}: 3D points serve as flat scans between sensing.cloud_lowest and "
+            "cloud_highest; slopes, floors and the motion within a sweep are ignored"
         )
     elif scan.time_increment == 0:
         draft.warnings.append(

@@ -31,7 +31,8 @@ def choose_odometry(draft: Draft, base: str) -> OdometrySource | None:
         if not candidates:
             found = ", ".join(sorted(c[1].name for c in _candidates(draft, base))) or "none"
             raise ConfigError(
-                f"sensing.odometry_topic = {wanted!r} reports no motion of {base}; what does: {found}"
+                f"sensing.odometry_topic = {wanted!r} reports no motion of {base}; "
+                f"topics that do: {found}. Name the right one, or omit the setting"
             )
     if not candidates:
         draft.decide("odometry", "", "no odometry topic and no moving tf above the base")
@@ -60,8 +61,8 @@ def _check_child(draft: Draft, odometry: OdometrySource, base: str) -> None:
         return
     alike = is_called(child, BASES) and is_called(base, BASES)
     (draft.warnings if alike else draft.losses).append(
-        f"no transform from {child} to {base}: {odometry.name} is taken to indicate the motion of "
-        f"{base}; record /tf_static, or set sensing.base_frame"
+        f"no transform from {child} to {base}: {odometry.name} is assumed to measure the motion "
+        f"of {base}; record /tf_static, or set sensing.base_frame"
     )
 
 
@@ -168,6 +169,6 @@ def _check_slopes(draft: Draft) -> None:
     for topic, slope in sorted(draft.survey.slopes.items()):
         if slope > _SLOPE:
             draft.losses.append(
-                f"{topic} feels slopes of up to {np.degrees(slope):.1f} deg, and the map is flat: "
-                "what lies on them or beyond is out of place; map each level by itself"
+                f"{topic} measures slopes of up to {np.degrees(slope):.1f} deg, but the map is "
+                "flat: map each level by itself"
             )

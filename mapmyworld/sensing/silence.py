@@ -41,8 +41,8 @@ def check_silence(draft: Draft, stream: Stream) -> None:
     for lasts_s, what in words:
         if lasts_s > max(long_s, least_s):
             draft.losses.append(
-                f"{stream.topic}: {what}: that part of the drive lacks it; was its driver stopped, "
-                "or its cable loose?"
+                f"{stream.topic}: {what}: no data from it there; was its driver stopped, or its "
+                "cable unplugged?"
             )
         elif lasts_s > max(_WORD, least_s):
             draft.warnings.append(f"{stream.topic}: {what}")

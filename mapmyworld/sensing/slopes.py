@@ -16,7 +16,7 @@ _TRUE_FORCE = (0.8, 1.2)  # of its usual length, for a window's force to be grav
 
 
 class Forces:
-    """What an accelerometer felt, every tenth of a second; 32 bytes a sample."""
+    """Specific force, every tenth of a second; 32 bytes a sample."""
 
     def __init__(self) -> None:
         self._stamps, self._values = array("q"), array("d")
@@ -32,7 +32,7 @@ class Forces:
             self._values.extend(message.linear_acceleration.tolist())
 
     def slope(self) -> float:
-        """Radians by which the steepest window leans from the usual up; 0 where nothing indicates it."""
+        """Radians by which the steepest window leans from the usual up; 0 where it is unknown."""
         windows = _means(np.array(self._stamps), np.array(self._values).reshape(-1, 3))
         lengths = np.linalg.norm(windows, axis=1)
         usual = float(np.median(lengths)) if len(lengths) else 0.0

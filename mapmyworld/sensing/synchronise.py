@@ -80,7 +80,7 @@ def read_frames(
 ) -> Iterator[Frame]:
     """The frames of a log in its order: one for each scan, or for each image without a laser.
 
-    `counts` indicates afterwards what was left out; `watch` hears the log time reached. Without
+    `counts` holds afterwards what was left out; `watch` gets the log time reached. Without
     `inertial` no inertial sample is read, and frames have none.
     """
     counts = counts if counts is not None else FrameCounts()
@@ -199,7 +199,7 @@ class _Synchroniser:
         return _Seen(scan_from_message(message, base_from_lidar, motion))
 
     def _main_image(self, main: Pending) -> RgbdImage | None:
-        """The image that a frame begins with; colour alone where only images indicate the motion."""
+        """The image that a frame begins with; colour alone where only images measure the motion."""
         image = self.cameras[0].pair(main, main.stamp_ns)
         if image is None and self.plan.odometry is None:
             self.counts.unpaired_images += 1

@@ -1,4 +1,4 @@
-"""The robot's messages, stream by stream: what each sensor says at each of its moments."""
+"""The robot's messages, stream by stream: what each sensor sends at each of its moments."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ ODOMETRY_TOPIC, IMU_TOPIC = "/odom", "/imu"
 TF_TOPIC, STATIC_TOPIC, ROBOT_TOPIC = "/tf", "/tf_static", "/robot_description"
 
 Messages = list[tuple[str, Message]]
-_OFF_PLANE = 1e-6  # m^2 and rad^2: how surely the robot stays on its floor
+_OFF_PLANE = 1e-6  # m^2 and rad^2: how firmly the robot stays on its floor
 _GRAVITY = 9.81  # m/s^2
 _SPAN = 0.02  # s over which accelerations are taken
 

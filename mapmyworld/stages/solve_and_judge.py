@@ -88,7 +88,7 @@ def _refined(
 
 
 def _divides(scans: LoadScans) -> list[int]:
-    """Nodes before which tracking was lost, and wheels do not indicate what was driven meanwhile."""
+    """Nodes before which tracking was lost, and wheels do not measure the motion meanwhile."""
     loaded = scans()
     if loaded is None:
         return []
@@ -106,9 +106,8 @@ def _component_losses(
     if count < 2:
         return []
     if not divides:
-        return [f"the graph falls into {count} components that nothing connects"]
-    reported = "whose places to each other nothing indicates it: none was recognised in another beyond doubt"
-    return [f"tracking was lost and left {count} components of the path {reported}"]
+        return [f"The graph has {count} components that no constraint connects."]
+    return [f"Tracking was lost. The map has {count} components with unknown relative pose."]
 
 
 def _unrecognised_notes(

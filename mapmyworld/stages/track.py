@@ -93,9 +93,8 @@ def _lag_notes(lag_s: float) -> Iterator[str]:
     if lag_s:
         order = "later" if lag_s > 0 else "earlier"
         yield (
-            f"odometry is stamped {abs(lag_s):.3f} s {order} than the laser, by how both saw the "
-            f"robot turn: its stamps are shifted by {-lag_s:+.3f} s; sensing.odometry_offset "
-            "overrules that"
+            f"odometry is stamped {abs(lag_s):.3f} s {order} than the laser: its stamps are "
+            f"shifted by {-lag_s:+.3f} s; set sensing.odometry_offset to overrule that"
         )
 
 
@@ -132,7 +131,7 @@ def _diagnose(store: MapStore, plan: Plan, config: Config) -> tuple[Finding, ...
 
 
 def _advice(faults: Sequence[Finding], *, spoilt: bool) -> Iterator[str]:
-    """What sensors indicate against one another, and what to do; `spoilt`: what makes the map wrong."""
+    """Where sensors contradict each other, and what to do; `spoilt`: what makes the map wrong."""
     from mapmyworld.diagnosis.finding import SENSE_OF_TURNING
 
     for fault in faults:
@@ -221,25 +220,25 @@ def _guarded(frame: Frame, guard: ImageGuard) -> Frame:
 def _standing(nodes: int, frames: int, config: SensingConfig) -> Iterator[str]:
     if nodes == 1 < frames:
         yield (
-            f"the robot stood still: it never moved by {config.node_distance:g} m or turned by "
-            f"{config.node_angle:g} rad, and the map is what is seen from one place"
+            f"the robot stood still (less than {config.node_distance:g} m and "
+            f"{config.node_angle:g} rad): the map shows what is seen from one place"
         )
 
 
 def _count_notes(counts: FrameCounts) -> Iterator[str]:
     if counts.repeated:
-        yield f"{counts.repeated} frames had the very stamp of the one before: taken once"
+        yield f"{counts.repeated} frames repeat a timestamp; duplicates dropped"
 
 
 def _count_losses(counts: FrameCounts, guard: ImageGuard) -> Iterator[str]:
     if counts.undecodable:
         yield f"{counts.undecodable} frames could not be decoded and are left out"
     if counts.unusable:
-        yield f"{counts.unusable} messages beside them could not be decoded and are left out"
+        yield f"{counts.unusable} other messages could not be decoded and are left out"
     if guard.failures:
         yield (
-            f"{guard.failures} image(s) that do not decode, or have another size, are left out; "
-            f"the first: {guard.reason}"
+            f"{guard.failures} image(s) left out: not decodable, or of another size; first: "
+            f"{guard.reason}"
         )
     if counts.without_odometry:
         yield f"{counts.without_odometry} frames have no odometry near their stamp"

@@ -15,7 +15,7 @@ class OccupancyGrid:
     log_odds: NDArray[np.float32]
     """(H, W); NaN where nothing was observed."""
     resolution: float
-    """Metres a cell."""
+    """m, side of a cell."""
     origin: NDArray[np.float64]
     """(2,) x, y of the lower-left corner of cell (0, 0), map frame."""
     occupied_threshold: float = 0.65

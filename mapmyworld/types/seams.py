@@ -1,4 +1,4 @@
-"""The seams of the house as Protocols: where logs come from, where maps are kept, who is notified."""
+"""The seams of the house as Protocols: sources of logs, stores of maps, and progress."""
 
 from __future__ import annotations
 

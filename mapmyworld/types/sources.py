@@ -60,7 +60,7 @@ class ScanMatch:
     second_best: float = 0.0
     """That of the best pose elsewhere in the search."""
     beyond: float = 0.0
-    """Evidence beyond that pose's, what only one of them saw by a quarter; all without a second best."""
+    """Evidence beyond the second best's, what only one of them saw by a quarter; else all."""
     score: float = 0.0
     """Mean likelihood of the best pose of the search."""
     overlap: float = 0.0

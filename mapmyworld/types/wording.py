@@ -23,38 +23,40 @@ _SOURCES: Mapping[type[Source], str] = {
     Given: "{by}",
     Odometry: "recorded odometry",
     CorrectedOdometry: "recorded odometry, by images {distance_share:+.1%} of distance and "
-    "{turn_share:+.1%} of turns",
+    "{turn_share:+.1%} of rotation",
     LaserTracking: "scan matching: {state}, overlap {overlap:.0%}",
     CameraTracking: "visual odometry: {state}, {inliers} inliers",
     Particles: "path of the best particle",
     Person: "by hand: {action}: {reason}",
 }
 """What no finder judges is worded by its source, everything else by its verdicts."""
-_MISS = "{residual_metres:.3g} m, {residual_degrees:.3g} deg = {sigmas:.1f} sigma"
-_FIT = f"misses by {_MISS} (limit {{sigmas_limit:.1f}})"
+_FIT = (
+    "residual {residual_length}, {residual_degrees:.2g} deg ({sigmas:.1f} sigma, "
+    "limit {sigmas_limit:.1f})"
+)
 _VERDICTS: Mapping[Why, str] = {
     Why.SCANS_ALIGNED: "overlap {overlap:.0%}, residual {residual:.3f} m",
-    Why.NOTHING_IN_COMMON: "nothing that was seen at both places",
+    Why.NOTHING_IN_COMMON: "no surface seen from both places",
     Why.LITTLE_EVIDENCE: "evidence {evidence:.0f} points below {limit:.0f}",
     Why.AMBIGUOUS_POSE: "ambiguous: another pose has evidence {second_best:.0f} against "
     "{evidence:.0f} points",
-    Why.NOT_CONVERGED: "not converged: the refined pose left the best one of the search by "
+    Why.NOT_CONVERGED: "not converged: refinement moved the best pose of the search by "
     "{metres:.2f} m, {degrees:.0f} deg",
-    Why.DEGENERATE: "poorly constrained: the surfaces leave a direction degenerate",
-    Why.AMBIGUOUS_PLACE: "ambiguous: another place near by has evidence {second_best:.0f} against "
+    Why.DEGENERATE: "degenerate: the surfaces constrain one direction poorly",
+    Why.AMBIGUOUS_PLACE: "ambiguous: another place nearby has evidence {second_best:.0f} against "
     "{evidence:.0f} points",
-    Why.SUBMAPS_DISAGREE: "what was seen around does not fit what had been seen there",
-    Why.LESS_EXPLAINED: "another closure between the same components explains more of what was seen",
-    Why.AMBIGUOUS_AFTER_LOSS: "ambiguous: what was seen after the loss fits as well {metres:.1f} m and "
-    "{degrees:.0f} deg from there",
+    Why.SUBMAPS_DISAGREE: "submap verification failed: the submaps of both places disagree",
+    Why.LESS_EXPLAINED: "another closure between the same components explains more",
+    Why.AMBIGUOUS_AFTER_LOSS: "ambiguous after a tracking loss: fits as well {metres:.1f} m and "
+    "{degrees:.0f} deg away",
     Why.IMAGES_AGREE: "{inliers} matches agree within {sigmas:g} sigma",
     Why.FEW_INLIERS: "{inliers} of {matches} matches agree, {limit} needed",
     Why.LOW_SHARE: "{share} of the matches agree, {limit} needed",
     Why.FEW_CELLS: "agreeing matches reach {cells} cells of the image, {limit} needed",
-    Why.UNCERTAIN_TRANSLATION: "translation certain to {sigma:.3f} m only, {limit:g} m needed",
-    Why.UNCERTAIN_ROTATION: "rotation certain to {sigma:.4f} rad only, {limit:g} rad needed",
-    Why.MOTION_CONTRADICTS: "looks alike, but contradicts the tracked motion by {metres:.2f} m and "
-    "{degrees:.0f} deg, {sigmas:.1f} sigma",
+    Why.UNCERTAIN_TRANSLATION: "translation uncertain: sigma {sigma:.3f} m, limit {limit:g} m",
+    Why.UNCERTAIN_ROTATION: "rotation uncertain: sigma {sigma:.4f} rad, limit {limit:g} rad",
+    Why.MOTION_CONTRADICTS: "perceptual aliasing: contradicts the tracked motion by {metres:.2f} m "
+    "and {degrees:.0f} deg ({sigmas:.1f} sigma)",
     Why.AMBIGUOUS_VIEW: "ambiguous: the same view fits {metres:.1f} m away, and drift may reach "
     "{drift:.1f} m",
     Why.MARKER_CORNERS: "marker {marker}: corners fit within {worst:.1f} sigma (limit {limit:g})",
@@ -63,10 +65,10 @@ _VERDICTS: Mapping[Why, str] = {
     Why.REJECTED_BY_HAND: "by hand: rejected: {note}",
     Why.UNUSABLE: "cannot be used: {note}",
     Why.FITS: f"graph: {_FIT}",
-    Why.UNSUPPORTED: f"graph: nothing supports it and it may fit by chance: {_FIT}",
+    Why.UNSUPPORTED: f"graph: unsupported, may fit by chance: {_FIT}",
     Why.CONTRADICTS: f"graph: contradicts the rest of the graph: {_FIT}",
-    Why.MISSES: "graph: misses by {sigmas:.1f} sigma",
-    Why.MISSES_ALIGNED: "misses the refined poses by {metres:.2f} m, {degrees:.1f} deg",
+    Why.MISSES: "graph: residual {sigmas:.1f} sigma",
+    Why.MISSES_ALIGNED: "contradicts the refined poses by {metres:.2f} m, {degrees:.1f} deg",
     Why.CARRIED_OVER: "carried over",
     Why.MEASURED_ANEW: "overlap {overlap:.0%}, residual {residual:.3f} m, measured anew from the "
     "refined poses",
@@ -90,10 +92,17 @@ def in_words(verdict: Verdict) -> str:
 
 def _shown(verdict: Verdict) -> Mapping[str, float | str]:
     """Its numbers; a share that misses its limit does not round up to it."""
+    if "residual_metres" in verdict.numbers:
+        return {**verdict.numbers, "residual_length": _length(verdict.numbers["residual_metres"])}
     if verdict.why is not Why.LOW_SHARE:
         return verdict.numbers
     share, limit = percent_below(verdict.numbers["share"], verdict.numbers["limit"])
     return {**verdict.numbers, "share": share, "limit": limit}
+
+
+def _length(metres: float) -> str:
+    """Below a metre in whole millimetres, as far as they say something."""
+    return f"{1000 * metres:.2g} mm" if metres < 0.01 else f"{metres:.3g} m"
 
 
 def _support(numbers: Mapping[str, float]) -> str:
@@ -101,5 +110,5 @@ def _support(numbers: Mapping[str, float]) -> str:
     if "partners" not in numbers:
         return ""
     if numbers["partners"] == 0:
-        return "; no other closure near it"
-    return f"; {numbers['supporters']} of {numbers['partners']} closures near it agree"
+        return "; no other closure nearby"
+    return f"; consistent with {numbers['supporters']} of {numbers['partners']} nearby closures"

@@ -91,7 +91,7 @@
       const [a, b, kind, accepted, metres, degrees, sigmas, reason] = data.constraints[k];
       const lines = [`${a} and ${b}: ${data.kinds[kind].replace("_", " ")}, ` +
         (accepted ? "accepted" : "rejected")];
-      if (metres !== null) lines.push(`off by ${metres} m, ${degrees}° = ${sigmas} sigma`);
+      if (metres !== null) lines.push(`residual ${metres} m, ${degrees}° (${sigmas} sigma)`);
       if (data.reasons[reason]) lines.push(data.reasons[reason]);
       return lines.join("\n");
     },

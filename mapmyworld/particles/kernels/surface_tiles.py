@@ -41,7 +41,7 @@ class Surfaces(NamedTuple):
     base: NDArray[np.int64]
     """(2,) index y, x of the tile at table position (0, 0)."""
     resolution: float
-    """Metres a cell."""
+    """m, side of a cell."""
 
 
 class Beams(NamedTuple):

@@ -21,6 +21,7 @@ _SHOWN = (
 _PAGE_SCRIPT = "formats/report/assets/report.js"
 _SHOWN_FILES = 3  # of a text that stands in several
 _WORDS = re.compile(r"[A-Za-z]{2,}[,;:]? [A-Za-z]{2,}")  # two words, or it is no text
+_LABEL = re.compile(r"[a-z]+: +\S")  # before a value
 _CODE = re.compile(
     r"[<>{}]|\w=|^\w+\.\w+$|SELECT|INSERT|^[a-z]+-[a-z]+ |^\(?[#\d]|^use strict$"
 )  # markup, keys, SQL
@@ -111,7 +112,7 @@ def _on_the_page() -> Iterator[Message]:
 
 
 def _is_text(text: str) -> bool:
-    return bool(_WORDS.search(text)) and not _CODE.search(text)
+    return bool(_WORDS.search(text) or _LABEL.match(text)) and not _CODE.search(text)
 
 
 _HEAD = """# Every message, by its beginning

@@ -307,7 +307,7 @@ def test_a_laser_that_hangs_upside_down_unsaid_makes_the_map_partial(
     room.changed("/scan", mirrored).write(tmp_path / "log.mcap")
     lost = build(tmp_path / "log.mcap", tmp_path)["losses"]
     assert len(lost) == 1
-    assert "mirror image" in lost[0]
+    assert "the map may be mirrored" in lost[0]
     assert "sensing.scan_mount (roll 3.14159)" in lost[0]
 
 

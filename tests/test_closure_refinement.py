@@ -92,4 +92,4 @@ def test_a_closure_that_nothing_measures_from_the_final_poses_is_rejected() -> N
     true = closure(np.zeros(3), ConstraintKind.LOOP_CLOSURE, ScanMatch(score=0.8))
     (judged,) = refine_closures([true], Poses(poses.ids, matrices, None), CONFIG, scans)
     assert not judged.accepted
-    assert "misses the refined poses by 9.00 m" in reason_of(judged)
+    assert "contradicts the refined poses by 9.00 m" in reason_of(judged)

@@ -168,7 +168,7 @@ def test_what_is_stated_and_not_met_is_reported_with_what_fights_it(tmp_path):
     assert reported.startswith(
         "user 5 -> 30, stated by hand, is contradicted by the rest of the graph"
     )
-    assert "sigma (limit 4.0): correct the edit" in reported
+    assert "sigma, limit 4.0): correct the edit" in reported
     first, *others = changes(before.constraints, after.constraints)
     assert (first.constraint.kind, first.what) == (ConstraintKind.USER, "accepted")
     assert all(c.what == "rejected" for c in others)

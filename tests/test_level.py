@@ -137,7 +137,7 @@ def test_where_nothing_is_level_an_accelerometer_indicates_else_how_pictures_wer
     leaning = so3_exp([0.3, 0.0, 0.0]) @ UP
     for seen in (round_things, joined([])):
         held = find_level(seen, leaning, None)
-        assert "nothing level was seen" in held.reason
+        assert "no level surface" in held.reason
         by_force = find_level(seen, UP, leaning * 9.81)
         assert "accelerometer" in by_force.reason
         for level in (held, by_force):

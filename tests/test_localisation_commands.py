@@ -143,7 +143,7 @@ def test_a_place_that_is_not_in_the_map_is_reported(folder: Path, tmp_path: Path
         "localise", folder / "one.db", folder / "other.mcap", "-o", tmp_path / "p.tum", "-q"
     )
     assert found.exit_code == 3
-    assert "not found" in found.stderr
+    assert "The pose is unknown for 100.0% of the scans" in found.stderr
 
 
 @pytest.mark.parametrize(

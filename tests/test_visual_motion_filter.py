@@ -157,7 +157,7 @@ def test_only_the_longest_sections_are_named() -> None:
     assert [line.split(" s ")[0] for line in lines[1:-1]] == [
         f"lost at {10 * k}.00" for k in range(4, 9)
     ]
-    assert lines[-1] == "4 shorter losses"
+    assert lines[-1] == "4 shorter losses of visual tracking"
 
 
 def test_a_camera_that_sees_little_is_reported_and_one_that_sees_enough_is_not() -> None:
@@ -166,4 +166,4 @@ def test_a_camera_that_sees_little_is_reported_and_one_that_sees_enough_is_not()
         little.add(i, motion("tracked", sigma_m=0.2 if i < 3 else 0.01))
         enough.add(i, motion("tracked", sigma_m=0.01))
     assert enough.lines() == ()
-    assert "open by more than 0.05 m in 3 frames (30.0%)" in little.lines()[0]
+    assert "position uncertain by more than 0.05 m in 3 frames (30.0%)" in little.lines()[0]

@@ -99,7 +99,7 @@ def test_what_all_motions_share_in_error_is_taken_out(distance: float, turn: flo
     check, wheels = check_wheels(nodes, seen), reported(nodes)
     assert check is not None
     assert check.is_far_off
-    assert "corrected" in check.lines()[-1]
+    assert "recorded odometry is scaled" in check.lines()[-1]
     mended = corrected([*wheels, *seen], check)
     count = len(wheels)
     assert all(c.is_superseded for c in mended[:count])
@@ -114,4 +114,4 @@ def test_wheels_off_by_little_or_by_a_slip_are_taken_as_reported() -> None:
         check = check_wheels(*drive(*shares))
         assert check is not None
         assert not check.is_far_off
-        assert not any("corrected" in line for line in check.lines())
+        assert not any("is scaled" in line for line in check.lines())

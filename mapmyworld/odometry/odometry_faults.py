@@ -34,7 +34,7 @@ class OdometryFaults:
 def _fault(recorded: NDArray[np.float64], moved: NDArray[np.float64]) -> str:
     along = recorded[0] * moved[0]
     if along < 0 and min(abs(recorded[0]), abs(moved[0])) > _STILL:
-        return "runs backwards"
+        return "has the wrong sign"
     if np.abs(recorded).max() < _STILL:
         return "stalls while the robot moves"
     if np.abs(recorded - moved).max() > _JUMP:

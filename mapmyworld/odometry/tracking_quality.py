@@ -68,5 +68,5 @@ class TrackingQuality:
         head = f"visual tracking lost in {self._blind} frames ({share:.1%}): dead reckoning"
         longest = sorted(periods, key=lambda s: s.start_ns - s.end_ns)[:_NAMED]
         named = [s.text() for s in sorted(longest, key=lambda s: s.start_ns)]
-        rest = [f"{count - _NAMED} shorter losses"] if count > _NAMED else []
+        rest = [f"{count - _NAMED} shorter losses of visual tracking"] if count > _NAMED else []
         return (head, *named, *rest)

@@ -282,14 +282,17 @@ class LaserTracker:
         if found is not None:
             starts.append(found.pose)
         free = [self._keyframes.match(scan, s, _WEAK_PRIOR, COARSE, self._settings) for s in starts]
-        plain = place.says(view, first.pose)
+        plain = place.agreement_with(view, first.pose)
         prior = self._log_prior(predicted, first.pose, variances, fault)
         points = len(scan.rows) / max(float(self._settings[2]), _CORRELATED)
         near = needed_evidence(*np.minimum(3.0 * np.sqrt(variances[[0, 2]]), (distance, angle)))
         fits = plain.evidence >= near and first.overlap * len(scan.rows) >= _FEWEST
         best, most = (first, 0.0) if fits else (None, 0.0)
         for match in free:
-            other, apart = place.says(view, match.pose), between_planar(first.pose, match.pose)
+            other, apart = (
+                place.agreement_with(view, match.pose),
+                between_planar(first.pose, match.pose),
+            )
             if other.evidence < needed or match.overlap * len(scan.rows) < _FEWEST:
                 continue
             more = self._log_prior(predicted, match.pose, variances, fault)

@@ -38,17 +38,17 @@ class Place:
         """The place that a submap shows."""
         return Place(submap, evidence_grid(submap))
 
-    def says(self, other: Place, here_from_there: Array) -> Said:
+    def agreement_with(self, other: Place, here_from_there: Array) -> Agreement:
         """What each reports about the other's points, at a relative pose."""
         back = invert_planar(here_from_there)
-        return Said(
+        return Agreement(
             judged_points(other.submap.points, self.grid, here_from_there),
             judged_points(self.submap.points, other.grid, back),
         )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Said:
+class Agreement:
     """Points of a later place in an earlier one, and the other way: 1, -1 or 0 where unseen."""
 
     forth: Index
@@ -59,7 +59,7 @@ class Said:
         """Points that agree, less those that contradict."""
         return float(self.forth.sum() + self.back.sum())
 
-    def beyond(self, second_best: Said) -> float:
+    def beyond(self, second_best: Agreement) -> float:
         """Evidence beyond that of a second best for the same later place.
 
         What only one of them saw counts a quarter: it may well look like what both know, as where

@@ -61,7 +61,7 @@ def align_jointly(
         _associate(scans, poses, pairs, reach, config, threads, systems)
         every = with_edges(system, *pair_edges(poses, pairs, systems, config))
         joint = believed_edges(every, np.ones(len(every.tails), np.bool_))
-        before, poses = poses, settle(joint, poses, steps=1)
+        before, poses = poses, optimised_roughly(joint, poses, steps=1)
         moved.append(_length((poses - before)[joint.free >= 0, :2]))
         if moved[-1] < enough:
             break

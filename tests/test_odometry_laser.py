@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
 from mapmyworld.kernels.laser_motion import is_degenerate
-from mapmyworld.odometry import laser
+from mapmyworld.odometry import laser_odometry
 from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
 from mapmyworld.types import Frame, Scan
@@ -75,6 +75,25 @@ def test_tracking_survives_what_odometry_does(fault: str) -> None:
     assert position < 0.05
     assert yaw < 0.015
     assert all(moment.verdict not in ("lost", "odometry only") for moment in tracked)
+
+
+def test_odometry_interpolated_over_a_stall_does_not_hold_the_path() -> None:
+    """The robot goes round something while its odometry stands; after that it is right again."""
+    truth, _ = drive()
+    truth = truth[:80:2].copy()
+    bump = np.sin(np.linspace(0.0, np.pi, 11))
+    truth[10:21, 1:] += np.stack([0.7 * bump, -0.9 * bump], axis=1)
+    scans = [cast(pose, WALLS, seed) for seed, pose in enumerate(truth)]
+    straight = truth.copy()
+    straight[10:21] = np.linspace(truth[10], truth[20], 11)
+    tracker, tracked = LaserTracker(Config()), []
+    for k, scan in enumerate(scans):
+        frame = Frame(k * 100_000_000, planar_to_matrix(straight[k]), scan)
+        tracked.append(tracker.track(replace(frame, is_interpolated=10 < k < 20)))
+    metres, radians = errors(tracked, truth)
+    assert metres < 0.02
+    assert radians < 0.01
+    assert tracker.verdicts["odometry ignored"] == 0
 
 
 def test_lying_odometry_is_noted() -> None:
@@ -175,7 +194,7 @@ def test_scans_that_the_kernel_leaves_are_tracked_the_same(monkeypatch: pytest.M
     odometry = planar_to_matrix(integrate(between_planar(truth[:-1], truth[1:])))
     frames = [Frame(k, odometry[k], scan) for k, scan in enumerate(scans)]
     expected = LaserTracker(Config()).track_all(frames)
-    monkeypatch.setattr(laser, "track_scans", lambda first, *_: first)
+    monkeypatch.setattr(laser_odometry, "track_scans", lambda first, *_: first)
     for a, b in zip(LaserTracker(Config()).track_all(frames), expected, strict=True):
         assert a.verdict == b.verdict
         np.testing.assert_allclose(a.pose, b.pose, atol=1e-9)

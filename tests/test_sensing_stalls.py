@@ -23,6 +23,13 @@ def test_a_stall_that_catches_up_is_interpolated() -> None:
     found, count = without_stalls(motion)
     assert count == 1
     assert np.allclose(found.poses_at(slice(None)), poses, atol=1e-9)
+    moved = found.shifted(10.0).followed_by(np.eye(4)).in_stamp_order()
+    stamps = 10_000_000_000 + 100_000_000 * np.arange(200)
+    assert np.flatnonzero([moved.is_interpolated(int(t)) for t in stamps]).tolist() == [
+        *range(81, 95)
+    ]
+    assert moved.is_interpolated(int(stamps[80]) + 1)
+    assert not motion.is_interpolated(int(stamps[85]) - 10_000_000_000)
 
 
 def test_a_robot_that_stands_and_goes_on_is_left_alone() -> None:

@@ -157,6 +157,7 @@ def track_scans(
     bounds: Index,
     origins: Array,
     recorded: Array,
+    interpolated: NDArray[np.bool_],
     key_rows: NDArray[np.float32],
     key_counts: Index,
     key_origins: Array,
@@ -173,7 +174,8 @@ def track_scans(
 ) -> int:
     """Follows scans from `start` on; the index of the first that needs a closer look.
 
-    `recorded` (B, 3) are odometry's steps, NaN where there is none; `state` (6,) is the pose and
+    `recorded` (B, 3) are odometry's steps, NaN where there is none; those that end at an
+    `interpolated` (B,) pose need a closer look; `state` (6,) is the pose and
     the last step, `wheels` (15,) the model of the odometry; `settings` are residual share, sigma of
     a range, correlation, share and floor of the motion model, limits of NIS and overlap, keyframe
     distance and angle, the least correlation. Fills `out` (B, 7): pose, overlap, NIS, metres moved,
@@ -183,7 +185,7 @@ def track_scans(
     found, predicted, pose = np.zeros(16), np.empty(3), np.empty(3)
     information, known = np.zeros((3, 3)), np.zeros((3, 3))
     for k in range(start, len(bounds) - 1):
-        if bounds[k + 1] - bounds[k] < fewest or keys[1] == 0:
+        if bounds[k + 1] - bounds[k] < fewest or keys[1] == 0 or interpolated[k]:
             return k
         has_odometry = not np.isnan(recorded[k, 0])
         if has_odometry:

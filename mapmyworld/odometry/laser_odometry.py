@@ -79,6 +79,8 @@ class LaserTracker:
         self._last_odometry: Array | None = None
         self._begun = False
         self._missed = 0
+        self._unmatched_steps = np.zeros(3)
+        """Variances of the steps since the last scan that was matched with the same submap."""
         self.verdicts: Counter[str] = Counter()
         odometry, matching = config.odometry, config.registration
         self._settings = np.array([
@@ -96,6 +98,7 @@ class LaserTracker:
         """The same of some frames in a row, with the same result and faster."""
         scans = prepare_scans([frame.scan or _EMPTY for frame in frames], self._matching)
         recorded = self._recorded_steps(frames)
+        interpolated = np.array([frame.is_interpolated for frame in frames])
         self._keyframes.make_room(int(np.diff(scans.bounds).max(initial=0)))
         out, covariances = np.zeros((len(frames), 7)), np.zeros((len(frames), 3, 3))
         tracked: list[LaserMotion] = []
@@ -103,13 +106,15 @@ class LaserTracker:
             first = len(tracked)
             # Most scans need no second look: a kernel follows them, up to one that does.
             last = track_scans(
-                first, scans.rows, scans.bounds, scans.origins, recorded, *self._keyframes.ring,
-                self._state, self._wheels, FINE, self._settings, _FEWEST, out, covariances,
+                first, scans.rows, scans.bounds, scans.origins, recorded, interpolated,
+                *self._keyframes.ring, self._state, self._wheels, FINE, self._settings, _FEWEST,
+                out, covariances,
             )  # fmt: skip
             for k in range(first, last):
                 tracked.append(LaserMotion(out[k, :3], covariances[k], "matched", float(out[k, 3])))
                 self._degenerate.add(frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0)
             if last > first:
+                tracked[first].covariance[:] += self._taken_unmatched()
                 self._losses.go_on(frames[last - 1].stamp_ns)
             self._faults.steps += int(np.isfinite(recorded[first:last, 0]).sum())
             if last < len(frames):
@@ -162,35 +167,39 @@ class LaserTracker:
             if tracked.is_tracking_loss:
                 self._keyframes.forget()  # the old submap no longer says where the robot is
                 self._state[3:6] = 0.0
-            if self._keyframes.remember(scan, tracked.pose, tracked.overlap):
+            is_known = self._keyframes.remember(scan, tracked.pose, tracked.overlap)
+            if is_known and not frame.is_interpolated:
                 anchor(self._wheels, tracked.pose)
         return tracked
 
     def _follow(self, frame: Frame, scan: PreparedScan, recorded: Array | None) -> LaserMotion:
-        if recorded is None:  # the robot is expected to go on as it did
-            predicted = compose_planar(self._state[:3], self._state[3:6])
-            variances = motion_variances(self._state[3:6], 1.0, 0.05, np.ones(2))
-            grown = variances
-        else:
-            before = self._reckoned()
+        before = self._reckoned()
+        if recorded is not None:
             reckon(self._wheels, recorded)
+        if recorded is None or frame.is_interpolated:  # expected to go on as it did
+            step = self._state[3:6] if recorded is None else recorded
+            predicted = compose_planar(self._state[:3], step)
+            grown = motion_variances(step, 1.0, 0.05, np.ones(2))
+            variances = grown + self._unmatched_steps
+        else:
             predicted, variances = self._wheels[8:11].copy(), self._reckoned()
             grown = np.maximum(variances - before, _LEAST_STEP)
         if len(scan.rows) < _FEWEST or not self._keyframes.count:
             verdict = "lost" if recorded is None else "odometry only"
             return LaserMotion(predicted, np.diag(grown), verdict, 0.0)
-        fault = _CARRIED if recorded is None else _FAULT
+        measured = None if frame.is_interpolated else recorded
+        fault = _CARRIED if measured is None else _FAULT
         match, verdict = self._matched(scan, predicted, variances, fault)
         if verdict == "lost":
             return self._unmatched(frame, scan, predicted, grown, match, recorded is not None)
         self._missed = 0
-        if recorded is None:
+        if measured is None:
             verdict = "matched"
         is_new = self._keyframes.is_new(match, self._settings)
         if is_new:
             self._keyframes.learn_matching(scan, match, self._settings)
         return self._placed(
-            frame.stamp_ns, recorded, predicted, variances, match, verdict, is_new=is_new
+            frame.stamp_ns, measured, predicted, variances, match, verdict, is_new=is_new
         )
 
     def _reckoned(self) -> Array:
@@ -214,11 +223,13 @@ class LaserTracker:
             return LaserMotion(match.pose, np.diag(unknown), "lost", match.overlap, lost)
         path, rotation = self._wheels[11:13]
         changed, refuted = path > _VIEW[0] or rotation > _VIEW[1], False
-        if self._missed >= _NEW_SUBMAP:
+        self._unmatched_steps += grown
+        if self._missed >= _NEW_SUBMAP and not frame.is_interpolated:
             if not changed:
                 refuted = self._keyframes.share_seen_through(scan, predicted) >= _SEEN
             if changed or refuted:
                 self._missed = 0
+                self._unmatched_steps[:] = 0.0
                 self._keyframes.forget()
         return LaserMotion(predicted, np.diag(grown), "odometry only", match.overlap, refuted)
 
@@ -244,7 +255,13 @@ class LaserTracker:
             moved, match.information, variances,
             self._odometry.keyframe_distance, self._odometry.keyframe_angle,
         )  # fmt: skip
+        covariance += self._taken_unmatched()
         return LaserMotion(match.pose, covariance, verdict, match.overlap)
+
+    def _taken_unmatched(self) -> Array:
+        """(3, 3) of the steps before, which a scan matched with the same submap leaves open."""
+        steps, self._unmatched_steps = self._unmatched_steps, np.zeros(3)
+        return np.diag(steps)
 
     def _matched(
         self, scan: PreparedScan, predicted: Array, variances: Array, fault: float

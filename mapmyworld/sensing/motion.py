@@ -56,9 +56,15 @@ class RecordedMotion:
     order of motion, so a look-up searches only near the one before it.
     """
 
-    def __init__(self, stamps_ns: NDArray[np.int64], values: NDArray[np.float64]) -> None:
-        """`values` (N, 3, 4): the upper rows of the poses."""
+    def __init__(
+        self,
+        stamps_ns: NDArray[np.int64],
+        values: NDArray[np.float64],
+        interpolated: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """`values` (N, 3, 4): the upper rows of the poses; which of them (N,) nobody measured."""
         self.stamps_ns = stamps_ns
+        self._interpolated = interpolated
         self._values = np.ascontiguousarray(values)
         self.is_sorted = bool(np.all(np.diff(stamps_ns) >= 0)) if len(stamps_ns) else True
         self._last = 0
@@ -69,16 +75,27 @@ class RecordedMotion:
     def followed_by(self, child_from_base: NDArray[np.float64]) -> RecordedMotion:
         """The same motion of another frame, fixed to the recorded one."""
         values = self.poses_at(slice(None)) @ child_from_base
-        return RecordedMotion(self.stamps_ns, values[:, :3])
+        return RecordedMotion(self.stamps_ns, values[:, :3], self._interpolated)
 
     def in_stamp_order(self) -> RecordedMotion:
         """The same poses sorted by stamp."""
         order = np.argsort(self.stamps_ns, kind="stable")
-        return RecordedMotion(self.stamps_ns[order], self._values[order])
+        some = None if self._interpolated is None else self._interpolated[order]
+        return RecordedMotion(self.stamps_ns[order], self._values[order], some)
 
     def shifted(self, seconds: float) -> RecordedMotion:
         """The same poses with so much added to their stamps."""
-        return RecordedMotion(self.stamps_ns + round(seconds * 1e9), self._values)
+        return RecordedMotion(
+            self.stamps_ns + round(seconds * 1e9), self._values, self._interpolated
+        )
+
+    def is_interpolated(self, stamp_ns: int) -> bool:
+        """Whether the pose there follows from others that were measured (sorted stamps only)."""
+        if self._interpolated is None:
+            return False
+        before = max(int(self.stamps_ns.searchsorted(stamp_ns, "right")) - 1, 0)
+        after = min(int(self.stamps_ns.searchsorted(stamp_ns, "left")), len(self) - 1)
+        return bool(self._interpolated[before] or self._interpolated[after])
 
     def distance(self) -> float:
         """Metres from pose to pose, in the order in which they are."""

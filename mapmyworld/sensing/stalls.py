@@ -33,6 +33,7 @@ def without_stalls(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
     jumps = np.flatnonzero(
         ~stands[1:] & stands[:-1] & (speeds[:, 1:] > fastest[:, None]).any(axis=0)
     ) + 1  # fmt: skip
+    interpolated = np.zeros(len(poses), np.bool_)
     begins = np.maximum.accumulate(np.where(stands, 0, np.arange(1, len(stands) + 1)))
     for jump in jumps.tolist():
         needed = int(1e9 * (moved[:, jump] / np.maximum(median, 1e-9)).max())
@@ -41,10 +42,11 @@ def without_stalls(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
             int(np.searchsorted(stamps, stamps[jump + 1] - needed, "right")) - 1,
         )
         inside = slice(begin + 1, jump + 1)
+        interpolated[inside] = True
         span = max(int(stamps[jump + 1] - stamps[begin]), 1)
         share = (stamps[inside] - stamps[begin]) / span
         poses[inside] = interpolate(
             np.broadcast_to(poses[begin], poses[inside].shape),
             np.broadcast_to(poses[jump + 1], poses[inside].shape), share,
         )  # fmt: skip
-    return RecordedMotion(stamps, poses[:, :3]), len(jumps)
+    return RecordedMotion(stamps, poses[:, :3], interpolated), len(jumps)

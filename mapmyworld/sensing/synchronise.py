@@ -175,6 +175,7 @@ class _Synchroniser:
             ground_truth=self._truth_at(main.stamp_ns),
             gps=self.environment.fix_at(main.stamp_ns),
             readings=self.environment.readings_at(main.stamp_ns),
+            is_interpolated=bool(odometry and odometry.motion.is_interpolated(main.stamp_ns)),
         )
 
     def _observations(self, main: Pending) -> _Seen:

@@ -96,6 +96,8 @@ class Frame:
     """The newest fix, not older than a second."""
     readings: tuple[ReadingMessage, ...] = ()
     """The newest of each quantity, not older than ten seconds."""
+    is_interpolated: bool = False
+    """Whether the odometry stood still there and `odom_from_base` lies between what it measured."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -47,12 +47,16 @@ class Drive:
     """(3,) robot_from_laser."""
     stamps: np.ndarray
     """(N,) seconds."""
+    starts: np.ndarray
+    """(N,) angle of the first beam, in the laser's frame; lasers that interlace vary it."""
+    resolution: float
+    """Radians between beams."""
 
     def chosen(self, which: np.ndarray) -> Drive:
         """Some of the scans."""
         return Drive(
             self.ranges[which], self.odometry[which], self.truth[which], self.mount,
-            self.stamps[which],
+            self.stamps[which], self.starts[which], self.resolution,
         )  # fmt: skip
 
     @property
@@ -63,10 +67,8 @@ class Drive:
 
     @property
     def angles(self) -> np.ndarray:
-        """(B,) of the beams, in the laser's frame."""
-        count = self.ranges.shape[1]
-        step = np.pi / (count - count % 2)
-        return -0.5 * np.pi + step * np.arange(count)
+        """(N, B) of the beams, in the laser's frame."""
+        return self.starts[:, None] + self.resolution * np.arange(self.ranges.shape[1])
 
     @property
     def lasers(self) -> np.ndarray:
@@ -82,35 +84,48 @@ def read(log: Path, reference: Path) -> Drive:
         scans = [_scan(line.split()) for line in stream if line.startswith((b"FLASER", b"ROBOTL"))]
     usual = Counter(len(scan[0]) for scan in scans).most_common(1)[0][0]
     scans = [scan for scan in scans if len(scan[0]) == usual]
-    ranges, lasers, odometry, stamps = (np.array(column) for column in zip(*scans, strict=True))
+    columns = (np.array(column) for column in zip(*scans, strict=True))
+    ranges, lasers, odometry, stamps, starts, resolutions = columns
     stamps_ns = (stamps * 1e9).round().astype(np.int64)
     covered = np.flatnonzero((stamps_ns >= first) & (stamps_ns <= last))
     truth = matrix_to_planar(poses_at(trajectory, stamps_ns[covered]))
     mount = between_planar(odometry[0], lasers[0])
-    return Drive(ranges[covered], odometry[covered], truth, mount, stamps[covered])
+    return Drive(
+        ranges[covered], odometry[covered], truth, mount, stamps[covered], starts[covered],
+        float(resolutions[0]),
+    )  # fmt: skip
 
 
-def _scan(words: list[bytes]) -> tuple[list[float], list[float], list[float], float]:
-    """Ranges, the laser's pose, the robot's and the stamp of a FLASER or ROBOTLASER1 line."""
+def _scan(words: list[bytes]) -> tuple[list[float], list[float], list[float], float, float, float]:
+    """Ranges, the laser's pose, the robot's, the stamp, first angle and resolution of a FLASER or
+    ROBOTLASER1 line.
+    """
     if words[0] == b"FLASER":
         end = 2 + int(words[1])
         numbers = [float(word) for word in words[2 : end + 7]]
-        return numbers[:-7], numbers[-7:-4], numbers[-4:-1], numbers[-1]
+        step = np.pi / (int(words[1]) - int(words[1]) % 2)
+        return numbers[:-7], numbers[-7:-4], numbers[-4:-1], numbers[-1], -0.5 * np.pi, step
     end = 9 + int(words[8])
     places = [float(word) for word in words[end + 1 + int(words[end]) :][:6]]
-    return [float(word) for word in words[9:end]], places[:3], places[3:], float(words[-3])
+    ranges = [float(word) for word in words[9:end]]
+    start, step = float(words[2]), float(words[4])
+    return ranges, places[:3], places[3:], float(words[-3]), start, step
 
 
 def write(drive: Drive, out: Path) -> None:
     """OUT.clf and OUT.ref.tum."""
     lasers = compose_planar(drive.odometry, np.broadcast_to(drive.mount, drive.odometry.shape))
     with out.with_suffix(".clf").open("w") as text:
-        for ranges, laser, robot, stamp in zip(
-            drive.ranges, lasers, drive.odometry, drive.stamps, strict=True
+        for start, ranges, laser, robot, stamp in zip(
+            drive.starts, drive.ranges, lasers, drive.odometry, drive.stamps, strict=True
         ):
+            beams = f"{start:.6f} {len(ranges) * drive.resolution:.6f} {drive.resolution:.6f}"
             places = " ".join(f"{value:.6f}" for value in (*laser, *robot))
             reported = " ".join(f"{value:.2f}" for value in ranges)
-            text.write(f"FLASER {len(ranges)} {reported} {places} {stamp:.6f} robot {stamp:.6f}\n")
+            text.write(
+                f"ROBOTLASER1 0 {beams} {_NO_RETURN} 0.01 0 {len(ranges)} {reported} 0 {places} "
+                f"0 0 0 0 0 {stamp:.6f} robot {stamp:.6f}\n"
+            )
     with out.with_suffix(".ref.tum").open("w") as text:
         for (x, y, yaw), stamp in zip(drive.truth, drive.stamps, strict=True):
             half = 0.5 * yaw
@@ -176,7 +191,7 @@ def stall(drive: Drive, random: np.random.Generator) -> Drive:
 
 def _with_discs(drive: Drive, k: int, centres: np.ndarray, radius: float) -> None:
     """Beams of scan k end where discs (C, 2), in the laser's frame, stand in their way."""
-    directions = np.stack([np.cos(drive.angles), np.sin(drive.angles)], axis=1)
+    directions = np.stack([np.cos(drive.angles[k]), np.sin(drive.angles[k])], axis=1)
     along = centres @ directions.T
     beside = np.abs(centres[:, :1] * directions[:, 1] - centres[:, 1:] * directions[:, 0])
     hit = (along > 0.0) & (beside < radius)
@@ -196,7 +211,7 @@ def people(drive: Drive, random: np.random.Generator) -> Drive:
 def glass(drive: Drive, random: np.random.Generator) -> Drive:
     clear = random.random((512, 512)) < 1.0 / 7.0
     for k, laser in enumerate(drive.lasers):
-        turned = laser[2] + drive.angles
+        turned = laser[2] + drive.angles[k]
         ends = laser[:2] + drive.ranges[k][:, None] * np.stack([np.cos(turned), np.sin(turned)], 1)
         cell = np.floor(ends / 0.5).astype(np.int64) % 512
         drive.ranges[k][clear[cell[:, 0], cell[:, 1]]] = _NO_RETURN

@@ -54,4 +54,5 @@ def _build(log: Path, path: Path, config: Config, progress: StderrProgress) -> P
     with opening() as store:
         store.put("settings", settings_that_differ(config))
         build_map(open_log([log]), store, config, progress)
+    progress.finish()  # a log's stages are distinguished from the next one's
     return path

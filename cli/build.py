@@ -195,7 +195,7 @@ def _build(
                 forget_products(map_path)
             progress.stage("export")
             written += export_beside(store, map_path, config)
-        progress.finish()
+        progress.end()
         wall = time.monotonic() - started
         cost = {
             "duration_s": result.duration_s,

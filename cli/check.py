@@ -10,6 +10,7 @@ import click
 
 from cli.arguments import PATH, FiniteRange, format_option, map_argument
 from cli.checking import KEYS, Sources, few_relations_note, measure
+from cli.completing import keys_from
 from cli.exit_codes import EXIT_CHECK_FAILED, EXIT_PARTIAL
 from cli.gates import BETTER, WHOLE, judged, no_worse, read_requirements, require_known, wholeness
 from cli.outputs import require_apart
@@ -26,6 +27,7 @@ from mapmyworld.errors import ConfigError, MapError
     "texts",
     multiple=True,
     metavar="'KEY OP VALUE'",
+    shell_complete=keys_from,
     help="What must hold, e.g. 'nodes >= 10'. May be repeated.",
 )
 @click.option("--baseline", type=PATH, metavar="OLD", help="No figure may be worse than OLD's.")

@@ -132,9 +132,7 @@ KEYS: dict[str, Key] = {
     "unknown_share": Key(
         "share of the grid's cells never seen", lambda f: float((f.grid.trinary() < 0).mean())
     ),
-    "free_area": Key(
-        "m2 of free floor", lambda f: float((f.grid.trinary() == 0).sum() * f.grid.resolution**2)
-    ),
+    "free_area": Key("m2 of free floor", lambda f: f.grid.area_m2(0)),
     "largest_sigma": Key("m, of the least certain node", lambda f: f.largest_sigma()),
     "covered": Key(
         "share of the reference's time mapped",

@@ -6,6 +6,8 @@ import click
 from click.shell_completion import get_completion_class
 
 _VARIABLE = "_MAPMYWORLD_COMPLETE"
+_OFFERED = "COMPREPLY+=($value)"
+_NO_SPACE = "[[ $value == *= ]] && compopt -o nospace"
 
 
 @click.command()
@@ -20,4 +22,7 @@ def completion(shell: str) -> None:
     kind = get_completion_class(shell)
     assert kind is not None
     root = click.get_current_context().find_root().command
-    click.echo(kind(root, {}, "mapmyworld", _VARIABLE).source())
+    script = kind(root, {}, "mapmyworld", _VARIABLE).source()
+    if shell == "bash":  # what ends in = is only half of a word
+        script = script.replace(_OFFERED, f"{_OFFERED}\n            {_NO_SPACE}")
+    click.echo(script)

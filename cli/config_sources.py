@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import click
 
 from cli.arguments import PATH
+from cli.completing import settings_from
 from formats.limits import Limits, set_limits
 from formats.nested_text import read_toml
 from mapmyworld.config import Config, LimitsConfig
@@ -25,6 +26,7 @@ def config_options(command: F) -> F:
         "changes",
         multiple=True,
         metavar="KEY=VALUE",
+        shell_complete=settings_from,
         help="Change one setting, e.g. --set mapping.resolution=0.025. May be repeated.",
     )(command)
     return click.option(

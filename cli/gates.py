@@ -89,11 +89,12 @@ def _number(text: str) -> float | None:
 
 
 def judged(requirement: Requirement, value: float) -> Verdict:
-    """The verdict, and by how much a figure misses its limit."""
+    """The verdict; of a limit that is missed what was measured, and by how much it misses."""
     passed = requirement.holds(value)
-    message = f"is {value:g}"
+    key = KEYS.get(requirement.key)
+    message = f"is {value:g}" + (f", {key.about}" if key and not passed else "")
     if not passed:
-        message += f", misses {requirement.limit:g} by {abs(value - requirement.limit):.4g}"
+        message += f"; misses {requirement.limit:g} by {abs(value - requirement.limit):.6g}"
     return Verdict(requirement.key, str(requirement), value, passed, message)
 
 

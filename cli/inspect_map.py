@@ -94,7 +94,6 @@ def map_facts(store: MapStore) -> dict[str, Any]:
 
 def _grid_facts(grid: OccupancyGrid) -> dict[str, Any]:
     cells = grid.trinary()
-    area = grid.resolution**2
     probability = grid.probabilities()
     seen = np.isfinite(probability)
     p = np.clip(probability[seen].astype(np.float64), 1e-9, 1.0 - 1e-9)
@@ -103,8 +102,8 @@ def _grid_facts(grid: OccupancyGrid) -> dict[str, Any]:
         "resolution_m": grid.resolution,
         "width": int(cells.shape[1]),
         "height": int(cells.shape[0]),
-        "free_m2": float((cells == 0).sum() * area),
-        "occupied_m2": float((cells == 100).sum() * area),
+        "free_m2": grid.area_m2(0),
+        "occupied_m2": grid.area_m2(100),
         "unknown_share": float((cells == -1).mean()),
         "mean_entropy_bits": float(entropy.mean()) if len(p) else None,
     }

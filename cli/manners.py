@@ -1,17 +1,20 @@
-"""-q and -v, which every command has: added here to those that do not name them."""
+"""-q, -v and --debug, which every command has: added here to those that do not name them."""
 
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import Any
 
 import click
+
+from cli.arguments import PATH
 
 _QUIET, _VERBOSE = "mapmyworld.quiet", "mapmyworld.verbose"
 
 
 def with_manners(command: click.Command) -> click.Command:
-    """The command, or all of a group's, with -q and -v."""
+    """The command, or all of a group's, with -q, -v and --debug."""
     if isinstance(command, click.Group):
         for inner in command.commands.values():
             with_manners(inner)
@@ -21,6 +24,8 @@ def with_manners(command: click.Command) -> click.Command:
         command.params.append(_flag("-q", "--quiet", "No progress and no notes.", _hush))
     if "--verbose" not in known:
         command.params.append(_flag("-v", "--verbose", "Show time and memory per stage.", _account))
+    if "--debug" not in known:
+        command.params.append(_debug_option())
     return command
 
 
@@ -42,6 +47,24 @@ def _is_asked(name: str) -> bool:
 
 def _flag(short: str, long: str, text: str, act: Any) -> click.Option:
     return click.Option([short, long], is_flag=True, help=text, expose_value=False, callback=act)
+
+
+def _debug_option() -> click.Option:
+    return click.Option(
+        ["--debug"],
+        type=PATH,
+        metavar="FILE",
+        help="Write every decision into FILE, line by line.",
+        expose_value=False,
+        callback=_keep_decisions,
+    )
+
+
+def _keep_decisions(context: click.Context, _: click.Parameter, path: Path | None) -> None:
+    if path is not None and not context.resilient_parsing:
+        from cli.debug_log import keep_decisions
+
+        keep_decisions(context, path)
 
 
 def _hush(context: click.Context, _: click.Parameter, asked: bool) -> None:

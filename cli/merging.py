@@ -163,7 +163,7 @@ def _export(
     progress.stage("export")
     with open_store(path, read_only=True) as store:
         written = export_beside(store, path, config)
-        progress.finish()
+        progress.end()
         return written + report_beside(store, path, _cost(begun), progress, continued=False)
 
 

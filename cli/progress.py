@@ -1,4 +1,4 @@
-"""Progress on stderr: a bar on a terminal, a line now and then elsewhere."""
+"""Progress on stderr: bars on a terminal, else a line now and then; then a line a stage."""
 
 from __future__ import annotations
 
@@ -14,20 +14,40 @@ from cli.manners import is_verbose
 from cli.memory import peak_memory_mb
 from cli.standard_streams import own_words
 from formats.readable import readable
+from mapmyworld.decisions import decided
 from mapmyworld.heap import give_back
 
 _LINE_EVERY_S = 15.0  # between lines of progress where there is no terminal
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class StageCost:
-    """What one stage took."""
+    """What one stage took, all its rounds together."""
 
     name: str
-    wall_s: float
-    cpu_s: float
-    peak_memory_mb: float
-    """Of the whole process up to the stage's end."""
+    wall_s: float = 0.0
+    cpu_s: float = 0.0
+    peak_memory_mb: float = 0.0
+    """Of the whole process up to the end of the last round."""
+    rounds: int = 0
+    done: float = 0.0
+    """In `unit`s."""
+    unit: str = ""
+
+    def add(self, wall_s: float, cpu_s: float, done: float) -> None:
+        """One more round."""
+        self.wall_s += wall_s
+        self.cpu_s += cpu_s
+        self.peak_memory_mb = peak_memory_mb()
+        self.rounds += 1
+        self.done += done
+
+    def reported(self, *, verbose: bool) -> tuple[str, ...]:
+        """The line's columns: name, time, CPU time and memory where asked for, the rest."""
+        cost = (f"{self.cpu_s:.1f} CPU s", f"{self.peak_memory_mb:.0f} MB") if verbose else ()
+        rounds = f"in {self.rounds} rounds " if self.rounds > 1 else ""
+        speed = _speed(self.done, self.wall_s, self.unit)
+        return (f"{self.name}:", f"{self.wall_s:.1f} s", *cost, rounds + speed)
 
 
 class StderrProgress:
@@ -36,96 +56,135 @@ class StderrProgress:
     def __init__(self, *, quiet: bool = False) -> None:
         self.quiet = quiet
         self.notes: list[str] = []
-        self.costs: list[StageCost] = []
-        self._bar: Any = None
+        self.costs: dict[str, StageCost] = {}
+        """By name, in the order of first rounds."""
+        self._ended: dict[str, StageCost] = {}  # since lines were last written
+        self._live: _Live | None = None
         self._name, self._unit = "", ""
         self._total: float | None = None
         self._started = self._last_line = time.monotonic()
         self._cpu = time.process_time()
         self._done = 0.0
+        context = click.get_current_context(silent=True)
+        if context is not None:  # however the command ends, what it says then has a line of its own
+            context.call_on_close(self._write)
 
     def stage(self, name: str, total: float | None = None, unit: str = "") -> None:
         heed_wish()
-        self.finish()
+        self.end()
         give_back()
+        decided("stage", f"{name} of {total:g} {unit}" if total and unit else name)
         self._name, self._total, self._unit = name, total, unit
         self._started = self._last_line = time.monotonic()
         self._cpu = time.process_time()
         self._done = 0.0
         if not self.quiet and sys.stderr.isatty():
-            self._open_bar()
+            self._live = self._live or _Live()
+            self._live.show(name, total, 0.0, "")
 
     def update(self, done: float) -> None:
         heed_wish()
         self._done = done
-        if self._bar is not None:
-            self._bar.update(0, completed=done, speed=self._speed())
+        if self._live is not None:
+            self._live.show(self._name, self._total, done, self._state())
         elif not self.quiet and time.monotonic() - self._last_line > _LINE_EVERY_S:
             self._last_line = time.monotonic()
-            share = f" {100 * done / self._total:.0f}%" if self._total else ""
-            click.echo(f"{self._name}:{share} {self._speed()}{self._left()}", err=True)
+            click.echo(f"{self._name}: {self._state()}", err=True)
 
     def note(self, message: str) -> None:
         if message in self.notes:
             return
         self.notes.append(message)
+        decided("note", message)
         if not self.quiet:
             text = f"note: {message}"
-            if self._bar is not None:
-                self._bar.console.print(readable(text), markup=False, highlight=False)
+            if self._live is not None:
+                self._live.print(text)
             else:
                 click.echo(text, err=True)
 
     def finish(self) -> None:
-        """Ends the current stage and says what it took."""
+        """Ends the current stage, and says what the stages took, in a line each."""
+        self.end()
+        self._write()
+
+    def end(self) -> None:
+        """Ends the current stage; `finish` says what it took."""
         if not self._name:
             return
-        self._close_bar()
-        elapsed = time.monotonic() - self._started
-        cpu = time.process_time() - self._cpu
-        self.costs.append(StageCost(self._name, elapsed, cpu, peak_memory_mb()))
-        if not self.quiet:
-            cost = f", {cpu:.1f} CPU s, {peak_memory_mb():.0f} MB" if is_verbose() else ""
-            took = f"{elapsed:.1f} s{cost} {self._speed()}".rstrip()
-            click.echo(f"{self._name}: {took}", err=True)
+        took = time.monotonic() - self._started, time.process_time() - self._cpu, self._done
+        for costs in (self.costs, self._ended):
+            costs.setdefault(self._name, StageCost(self._name, unit=self._unit)).add(*took)
+        reported = self._ended[self._name].reported(verbose=False)
+        decided("stage", f"{self._name} took {took[0]:.3f} s, {took[1]:.3f} CPU s")
+        if self._live is not None:
+            self._live.show(self._name, 1.0, 1.0, " ".join(reported[1:]))
         self._name = ""
 
-    def _speed(self) -> str:
-        elapsed = max(time.monotonic() - self._started, 1e-3)
-        if not self._done:
-            return ""
-        rate = rate_text(self._done / elapsed)
-        return f"({rate}x real time)" if self._unit == "s" else f"({rate} {self._unit}/s)"
+    def _write(self) -> None:
+        """The stages that ended, in aligned columns; what was drawn meanwhile goes."""
+        if self._live is not None:
+            self._live.close()
+            self._live = None
+        rows = [cost.reported(verbose=is_verbose()) for cost in self._ended.values()]
+        self._ended = {}
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        for row in [] if self.quiet else rows:
+            first, *inner = (
+                cell.rjust(width) if k else cell.ljust(width)
+                for k, (cell, width) in enumerate(zip(row[:-1], widths, strict=False))
+            )
+            click.echo("  ".join([first, *inner, row[-1]]).rstrip(), err=True)
 
-    def _left(self) -> str:
-        """How long the stage will still take at this rate."""
-        if not self._total or not self._done:
-            return ""
+    def _state(self) -> str:
+        """How far the stage is, at which rate, and how long it will still take at it."""
         elapsed = time.monotonic() - self._started
-        return f", {elapsed * max(self._total / self._done - 1.0, 0.0):.0f} s left"
+        share = left = ""
+        if self._total:
+            share = f"{100 * self._done / self._total:.0f}% "
+            if self._done:
+                left = f", {elapsed * max(self._total / self._done - 1.0, 0.0):.0f} s left"
+        return f"{share}{_speed(self._done, elapsed, self._unit)}{left}"
 
-    def _close_bar(self) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-            self._bar = None
 
-    def _open_bar(self) -> None:
+class _Live:
+    """The stages so far on a terminal, a bar each, redrawn in place."""
+
+    def __init__(self) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+        from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
-        self._bar = Progress(
-            TextColumn("{task.description}"),
+        self._bars = Progress(
+            TextColumn("{task.description}", markup=False),
             BarColumn(),
-            TextColumn("{task.percentage:>3.0f}% {task.fields[speed]}"),
-            TimeRemainingColumn(),
+            TextColumn("{task.fields[state]}", markup=False),
             console=Console(file=own_words(sys.stderr)),
             transient=True,
         )
-        self._bar.start()
-        self._bar.add_task(self._name, total=self._total, speed="")
-        context = click.get_current_context(silent=True)
-        if context is not None:  # however the command ends, what it says then has a line of its own
-            context.call_on_close(self._close_bar)
+        self._tasks: dict[str, TaskID] = {}
+        self._bars.start()
+
+    def show(self, name: str, total: float | None, done: float, state: str) -> None:
+        """One stage's bar, and what stands beside it."""
+        if name not in self._tasks:
+            self._tasks[name] = self._bars.add_task(name, total=total, state=state)
+        task: Any = self._tasks[name]
+        self._bars.update(task, total=total, completed=done, state=state)
+
+    def print(self, text: str) -> None:
+        """A line above the bars."""
+        self._bars.console.print(readable(text), markup=False, highlight=False)
+
+    def close(self) -> None:
+        """Takes the bars away."""
+        self._bars.stop()
+
+
+def _speed(done: float, elapsed: float, unit: str) -> str:
+    if not done:
+        return ""
+    rate = rate_text(done / max(elapsed, 1e-3))
+    return f"({rate}x real time)" if unit == "s" else f"({rate} {unit}/s)"
 
 
 def rate_text(rate: float) -> str:

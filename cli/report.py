@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,10 +31,17 @@ from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, OccupancyGr
 from mapmyworld.types.wording import reason_of
 
 if TYPE_CHECKING:
-    from cli.progress import StderrProgress
+    from cli.progress import StageCost, StderrProgress
 
 Floats = NDArray[np.float64]
 _LOOKED_AT = 20  # frames that show whether there are scans
+_DATES_NS = 631_152_000 * 10**9, 4_102_444_800 * 10**9  # from 1990 to 2100
+_PRODUCTS = {
+    ".pgm": "the grid's picture",
+    ".yaml": "the grid, for Nav2",
+    ".ply": "the cloud",
+    ".tum": "the trajectory",
+}
 
 
 def write_report(
@@ -45,7 +53,8 @@ def write_report(
 ) -> None:
     """The page as a file; with what the build took, where a file beside the map indicates it."""
     timing = timing or timing_beside(store)
-    write_whole(path, report_html(report_contents(store, timing, every_match=every_match)))
+    contents = report_contents(store, timing, every_match=every_match, folder=path.parent)
+    write_whole(path, report_html(contents))
 
 
 def report_beside(
@@ -59,7 +68,9 @@ def report_beside(
     """The page about a map just made, and what its stages took, which the page shows apart."""
     progress.stage("report")
     page = map_path.with_suffix(".html")
-    write_report(store, page, note_timing(map_path, cost, progress.costs, continued=continued))
+    write_report(
+        store, page, note_timing(map_path, cost, list(progress.costs.values()), continued=continued)
+    )
     progress.finish()
     return [str(page)]
 
@@ -70,27 +81,22 @@ def timing_file(map_path: Path) -> Path:
 
 
 def note_timing(
-    map_path: Path, cost: Mapping[str, Any], stages: Sequence[Any], *, continued: bool
+    map_path: Path, cost: Mapping[str, Any], stages: Sequence[StageCost], *, continued: bool
 ) -> dict[str, Any]:
     """Keeps what a build took beside its map; stages that were reused keep their old figures."""
     path = timing_file(map_path)
-    fresh = _summed(stages)
+    fresh = {stage.name: _as_shown(stage) for stage in stages}
     old = (_read_timing(path) if continued else None) or {"stages": []}
     kept = [stage for stage in old["stages"] if stage["name"] not in fresh]
-    timing = {**cost, "stages": [*kept, *fresh.values()]}
+    built = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    timing = {"built": built, **cost, "stages": [*kept, *fresh.values()]}
     write_whole(path, json.dumps(timing, indent=1) + "\n")
     return timing
 
 
-def _summed(stages: Sequence[Any]) -> dict[str, dict[str, Any]]:
-    """Name -> cost, in the order of first runs; the graph, say, is optimised more than once."""
-    found: dict[str, dict[str, Any]] = {}
-    for stage in map(asdict, stages):
-        kept = found.setdefault(stage["name"], stage | {"wall_s": 0.0, "cpu_s": 0.0})
-        for key in ("wall_s", "cpu_s"):
-            kept[key] += stage[key]
-        kept["peak_memory_mb"] = max(kept["peak_memory_mb"], stage["peak_memory_mb"])
-    return found
+def _as_shown(stage: StageCost) -> dict[str, Any]:
+    names = ("name", "wall_s", "cpu_s", "peak_memory_mb", "rounds")
+    return {name: getattr(stage, name) for name in names}
 
 
 def timing_beside(store: MapStore) -> Mapping[str, Any] | None:
@@ -110,9 +116,16 @@ def _read_timing(path: Path) -> dict[str, Any] | None:
 
 
 def report_contents(
-    store: MapStore, timing: Mapping[str, Any] | None = None, *, every_match: bool = False
+    store: MapStore,
+    timing: Mapping[str, Any] | None = None,
+    *,
+    every_match: bool = False,
+    folder: Path | None = None,
 ) -> ReportContents:
-    """Everything that the page shows; raises `MapError` where the map holds no nodes."""
+    """Everything that the page shows; raises `MapError` where the map holds no nodes.
+
+    `folder`: where the page will be, so that its links lead to the map's products.
+    """
     nodes, constraints = store.nodes(), store.constraints()
     if not nodes:
         raise MapError(f"{_name(store)}: holds no nodes to report on")
@@ -122,14 +135,16 @@ def report_contents(
     residuals = audit.residuals_against(constraints, solved, is_planar(solved.map_from_node))
     shown = _shown_constraints(constraints, residuals, nodes)
     path, fetched = _path(store, nodes), fetch_evidence(store, constraints, every_match=every_match)
-    problems = problems_of(store)
+    problems, grid = problems_of(store), _grid(store)
     return ReportContents(
         name=Path(_name(store)).name,
         version=mapmyworld.__version__,
-        headline=_headline(map_figures(store)),
-        verdict=_verdict(store, problems),
+        headline=_headline(map_figures(store), grid),
+        products=_products(Path(_name(store)), folder),
+        verdict=_verdict(map_figures(store), problems),
+        proof=_proof(store),
         problems=problems,
-        grid=_grid(store),
+        grid=grid,
         path=path,
         odometry=_odometry(nodes, solved),
         nodes=_shown_nodes(nodes, solved),
@@ -231,11 +246,13 @@ def _shown_constraints(
     ]
 
 
-def _headline(figures: MapFigures) -> list[tuple[str, str]]:
-    closures, count = figures.closures, len(figures.components)
+def _headline(figures: MapFigures, grid: OccupancyGrid | None) -> list[tuple[str, str]]:
+    closures, count, date = figures.closures, len(figures.components), _date(figures.begun_ns)
     return [
+        *([("recorded", date)] if date else []),
         ("path", f"{figures.path_m:.1f} m"),
         ("time", f"{figures.duration_s:.0f} s"),
+        *(_grid_headline(grid) if grid is not None else ()),
         ("nodes", f"{figures.nodes:,}"),
         ("tracked frames", f"{figures.frames:,}"),
         ("sessions", f"{figures.sessions}"),
@@ -244,12 +261,49 @@ def _headline(figures: MapFigures) -> list[tuple[str, str]]:
     ]
 
 
-def _verdict(store: MapStore, problems: Sequence[str]) -> str:
-    certainty = str((store.get("solve") or {}).get("certainty", ""))
-    state = "No data lost."
+def _grid_headline(grid: OccupancyGrid) -> list[tuple[str, str]]:
+    height, width = (cells * grid.resolution for cells in grid.log_odds.shape)
+    return [
+        ("free area", f"{grid.area_m2(0):.1f} m²"),
+        ("size", f"{width:.1f} m x {height:.1f} m"),
+        ("resolution", f"{grid.resolution:g} m"),
+    ]
+
+
+def _date(stamp_ns: int | None) -> str:
+    """When it was recorded; empty where the clock knew no date, as a simulation's does not."""
+    if stamp_ns is None or not _DATES_NS[0] < stamp_ns < _DATES_NS[1]:
+        return ""
+    moment = datetime.fromtimestamp(stamp_ns // 10**9, UTC)
+    return moment.strftime("%Y-%m-%d %H:%M UTC")
+
+
+def _products(map_path: Path, folder: Path | None) -> list[tuple[str, str]]:
+    """Relative path and meaning of each file beside the map that is there."""
+    found = [(map_path.with_suffix(ending), what) for ending, what in _PRODUCTS.items()]
+    start = map_path.parent if folder is None else folder
+    return [
+        (Path(os.path.relpath(path, start)).as_posix(), what)
+        for path, what in [(map_path, "everything, for every command"), *found]
+        if path.is_file()
+    ]
+
+
+def _verdict(figures: MapFigures, problems: Sequence[str]) -> str:
+    """Whole or partial, and what ties it together; whether it is the best comes last of all."""
+    state = "A whole map"
     if problems:
-        state = f"Partial map: {len(problems)} problem{'s' * (len(problems) > 1)}."
-    return f"{state} {certainty}".rstrip()
+        state = f"A partial map: {len(problems)} problem{'s' * (len(problems) > 1)}"
+    closures, count = figures.closures["accepted"], len(figures.components)
+    tied = f"{closures:,} closure{'s' * (closures != 1)} tie{'s' * (closures == 1)} it together"
+    tied = tied if closures else "No place was recognised again: drift stays in it"
+    parts = f", in {count} components with unknown relative pose" if count > 1 else ""
+    return f"{state}. {tied}{parts}."
+
+
+def _proof(store: MapStore) -> str:
+    certainty = str((store.get("solve") or {}).get("certainty", ""))
+    return f"{certainty[:1].upper()}{certainty[1:]}." if certainty else ""
 
 
 def _decisions(store: MapStore) -> list[tuple[str, str, str]]:

@@ -261,13 +261,19 @@ def _sentences(function: ast.FunctionDef) -> Iterator[str]:
 
 
 def _texts(function: ast.FunctionDef) -> Iterator[str]:
-    """All texts in a function, without docstrings and what is part of another."""
+    """All texts in a function, without docstrings, what is logged and what is part of another."""
     within = {
         id(part) for n in ast.walk(function) if isinstance(n, ast.JoinedStr) for part in n.values
     }
     within |= {id(s.value) for s in ast.walk(function) if isinstance(s, ast.Expr)}
+    within |= {id(part) for n in ast.walk(function) if _is_logged(n) for part in ast.walk(n)}
     reported = (n for n in ast.walk(function) if isinstance(n, ast.expr) and id(n) not in within)
     yield from (_template(n) for n in reported if not isinstance(n, ast.BinOp))
+
+
+def _is_logged(node: ast.AST) -> bool:
+    """Whether it writes into the log of `--debug`: that lists what was done, nothing is amiss."""
+    return isinstance(node, ast.Call) and getattr(node.func, "id", "") == "decided"
 
 
 _PHRASE = 3  # words of a reason that says something by itself

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from formats.logs.channels import Channel, Payload, Record
+from formats.logs.channels import Channel, Payload
 from formats.logs.decoding import decoder_for
 from formats.logs.merged import MergedLog
 from formats.logs.recorded_log import RecordedLog
@@ -56,6 +56,9 @@ def convert_log(
 
     Raises LogError where nothing is selected or the output cannot be written.
     """
+    recorded = _recorded(log)
+    if recorded is not None:
+        recorded.find_clock_step()
     info = log.info()
     _check_topics(selection, {topic.topic for topic in info.topics})
     if any(Path(path).resolve() == output.resolve() for path in info.paths):
@@ -128,8 +131,13 @@ class Copier:
         """Log time, topic and the act of writing at a log time, message by message."""
         recorded = _recorded(log)
         if recorded is not None:
-            for time_ns, channel, data in recorded(topics):
-                yield time_ns, channel.topic, partial(self._copy, channel, data)
+            for (time_ns, channel, data), moved in recorded.mended_records(topics):
+                write = partial(self._copy, channel, data)
+                yield (
+                    time_ns,
+                    channel.topic,
+                    write if moved is None else partial(self._encode, moved),
+                )
             return
         for raw in log.messages(topics):
             yield raw.log_time_ns, raw.topic, partial(self._encode, raw)
@@ -174,10 +182,8 @@ class Copier:
         self._lost[reason] = self._lost.get(reason, 0) + 1
 
 
-def _recorded(log: LogSource) -> Callable[[frozenset[str] | None], Iterator[Record]] | None:
-    """Where the log's messages can be had undecoded, how."""
-    if isinstance(log, RecordedLog):
-        return log.records
-    if isinstance(log, MergedLog) and log.is_recorded:
-        return log.records
+def _recorded(log: LogSource) -> RecordedLog | MergedLog | None:
+    """The log, where its messages can be had undecoded."""
+    if isinstance(log, RecordedLog) or (isinstance(log, MergedLog) and log.is_recorded):
+        return log
     return None

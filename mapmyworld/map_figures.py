@@ -24,6 +24,8 @@ class MapFigures:
     frames: int
     path_m: float
     """From node to node, without what lies between sessions or where tracking was lost."""
+    begun_ns: int | None
+    """Stamp of the first node; None without one."""
     duration_s: float
     """From the first tracked frame of each session to its last."""
     constraints: dict[str, dict[str, int]]
@@ -46,6 +48,7 @@ def map_figures(store: MapStore) -> MapFigures:
         sessions=len({node.session for node in nodes}),
         frames=0 if frames is None else len(frames.stamps_ns),
         path_m=_path(nodes, poses, constraints),
+        begun_ns=nodes[0].stamp_ns if nodes else None,
         duration_s=0.0 if frames is None else _duration(nodes, frames.node_ids, frames.stamps_ns),
         constraints=counts,
         closures={

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.config.stage_settings import FIRST_READ, FIRST_READ_BY_PARTICLES, settings_of
+from mapmyworld.decisions import decided
 from mapmyworld.errors import ConfigError, MapError
 from mapmyworld.map_figures import map_figures
 from mapmyworld.parallel import algebra_on_one_thread
@@ -63,6 +64,7 @@ def build_map(
     if config.places.vocabulary and words is None:
         raise ConfigError("places.vocabulary names a file, but its words were not given")
     record = StageRecord(store, _same_log(store, log))
+    decided("settings", str(config))
     plan = functools.cache(lambda: _plan(log, config, progress))
     given = (store, config, progress)
     first_read = FIRST_READ_BY_PARTICLES if method == "fastslam" else FIRST_READ
@@ -143,6 +145,8 @@ def _plan(log: LogSource, config: Config, progress: Progress) -> Plan:
     with algebra_on_one_thread():
         survey = survey_log(log, lambda t: progress.update((t - info.start_ns) * 1e-9))
         plan = make_plan(survey, config.sensing)
+    for d in plan.decisions:
+        decided("plan", f"{d.role}: {d.choice or 'none'}: {d.reason}")
     for warning in plan.warnings:
         progress.note(warning)
     return plan

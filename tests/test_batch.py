@@ -71,7 +71,7 @@ def test_a_batch_sums_up_goes_on_and_gives_the_same_again(tmp_path: Path) -> Non
     assert (suite.get("tests"), suite.get("errors"), suite.get("failures")) == ("3", "1", "1")
     assert "UNMET" in (out / "summary.html").read_text("utf-8")
     words = (out / "summary.txt").read_text("utf-8")
-    assert re.search(r"\(is \d+\)", words)  # a count is no 16.0
+    assert re.search(r"\(is \d+, ", words)  # a count is no 16.0
     assert "(no map to measure)" in words
     assert "None" not in words
     before = {name: (out / name).read_bytes() for name in FORMS}

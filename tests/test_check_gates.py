@@ -47,7 +47,7 @@ def test_every_number_that_inspect_prints_can_be_required(small: Path) -> None:
 def test_a_failing_gate_says_by_how_much(small: Path) -> None:
     result = run("check", small, "--allow-partial", "--require", "nodes >= 10")
     assert result.exit_code == 4
-    assert "is 3, misses 10 by 7" in result.output
+    assert "is 3, nodes of the graph; misses 10 by 7" in result.output
 
 
 def test_a_partial_map_never_passes_as_whole(small: Path) -> None:

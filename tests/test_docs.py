@@ -47,6 +47,29 @@ def test_commands_named_in_the_readme_exist() -> None:
     assert named <= set(COMMANDS)
 
 
+def test_the_readme_shows_a_map_and_a_report_before_anything_else() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    shown = re.findall(r"!\[[^]]+\]\(([^)]+)\)", text.partition("\n## ")[0])
+    assert len(shown) == 2
+    for name in shown:
+        assert (ROOT / name).read_bytes().startswith(b"\x89PNG")
+        assert (ROOT / name).stat().st_size < 200_000
+        assert name.rpartition("/")[2] in (ROOT / "benchmarks" / "report_pictures.py").read_text(
+            "utf-8"
+        )
+
+
+def test_the_readme_says_what_is_not_supported_and_how_each_installs() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    table = text.partition("## What is supported, and what is not")[2].partition("\n## ")[0]
+    rows = {row.split(" | ")[0].strip("| "): row.split(" | ") for row in table.splitlines()[2:]}
+    for name in ("sensors", "worlds", "containers", "platforms", "sizes"):
+        assert len(rows[name]) == 4
+        assert all(len(cell) > 10 for cell in rows[name][1:])
+    assert "pipx install ." in text
+    assert "make install" in text
+
+
 def test_links_between_pages_lead_somewhere() -> None:
     for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]:
         for link in re.findall(r"\]\((?!http)([^)#]+)", page.read_text(encoding="utf-8")):

@@ -72,10 +72,17 @@ def test_no_suggestion_is_left_of_words_that_nothing_says() -> None:
         "scans match nothing seen before", "visual tracking lost in ... frames",
         "has the wrong sign", "header stamps step back", "ambiguous: another place nearby",
         "contradicts the rest of the graph", "is stamped ... s ... than the", "no intrinsics",
+        "the clock was set back by ... s while recording",
     ],
 )  # fmt: skip
 def test_what_a_map_lacks_stands_in_the_table_as_well(words: str) -> None:
     assert any(words in entry.text for entry in messages.gathered())
+
+
+def test_what_is_only_logged_needs_no_suggestion() -> None:
+    logged = ("closures believed", "pairs of scans, moved by", "done before with the same inputs")
+    texts = [entry.text for entry in messages.gathered()]
+    assert [text for text in texts if any(words in text for words in logged)] == []
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from browser import skip_without_browser
@@ -17,16 +19,29 @@ from sample_maps import apartment  # noqa: F401
 
 from cli.report import report_contents
 from formats.database import open_store
+from formats.edit_files import read_edits
 from formats.report.page import embedded_json
 from formats.report.report_page import report_html
 from mapmyworld.types import ConstraintKind, Judge, Judged, Verdict, Why
+from mapmyworld.types.edits import EditAction
 
 pytestmark = pytest.mark.beyond_pip
-skip_without_browser("15 tests of the report")
+skip_without_browser("18 tests of the report")
 
 NASTY = '</script><script>document.title="broken"</script><img src=x onerror=alert(1)>&"'
 PHONE = {"width": 390, "height": 844}
 DESKTOP = {"width": 1280, "height": 900}
+# Where on the screen a place of the map is, once the map is in the middle of it.
+_SPOT = """([x, y]) => {
+  const map = document.getElementById("map");
+  map.scrollIntoView({ block: "center" });
+  const box = map.getBoundingClientRect(), view = map.viewBox.baseVal;
+  const fit = Math.min(box.width / view.width, box.height / view.height);
+  const dx = (box.width - view.width * fit) / 2, dy = (box.height - view.height * fit) / 2;
+  const u = (x - map.dataset.left) * map.dataset.scale * fit;
+  const v = (map.dataset.top - y) * map.dataset.scale * fit;
+  return [box.left + dx + u, box.top + dy + v];
+}"""
 
 
 class Opened:
@@ -106,24 +121,15 @@ def test_layers_go_and_come(opened: Opened) -> None:
 
 def test_hovering_over_a_node_shows_its_facts(opened: Opened) -> None:
     page = opened.page
-    spot = page.evaluate(
-        """() => {
-          const map = document.getElementById("map");
-          map.scrollIntoView({ block: "center" });
-          const box = map.getBoundingClientRect();
-          const nodes = JSON.parse(document.getElementById("data").textContent).nodes;
-          const view = map.viewBox.baseVal;
-          const fit = Math.min(box.width / view.width, box.height / view.height);
-          const dx = (box.width - view.width * fit) / 2, dy = (box.height - view.height * fit) / 2;
-          const u = (nodes.x[1] - map.dataset.left) * map.dataset.scale * fit;
-          const v = (map.dataset.top - nodes.y[1]) * map.dataset.scale * fit;
-          return [box.left + dx + u, box.top + dy + v, nodes.id[1]];
-        }"""
+    node = page.evaluate(
+        "(({ id, x, y }) => [id[1], x[1], y[1]])"
+        "(JSON.parse(document.getElementById('data').textContent).nodes)"
     )
+    spot = page.evaluate(_SPOT, node[1:])
     page.mouse.move(spot[0], spot[1])
     tip = page.locator("#tip")
     tip.wait_for(state="visible")
-    assert f"node {spot[2]}" in tip.inner_text()
+    assert f"node {node[0]}" in tip.inner_text()
 
 
 def test_buttons_zoom_and_the_slider_moves_the_robot(opened: Opened) -> None:
@@ -135,6 +141,71 @@ def test_buttons_zoom_and_the_slider_moves_the_robot(opened: Opened) -> None:
     page.locator("#clock").fill("500")
     assert page.locator("#marks .robot").count() == 1
     assert "node" in page.locator("#moment").inner_text()
+
+
+def test_the_scale_bar_keeps_to_round_numbers(opened: Opened) -> None:
+    """It said "1.3 m" once the map was zoomed."""
+    page, seen = opened.page, set()
+    for _ in range(6):
+        bar = page.locator("#scale-bar")
+        metres = float(bar.locator("text").text_content().removesuffix(" m"))
+        power = 10 ** math.floor(math.log10(metres) + 1e-9)
+        assert round(metres / power, 6) in {1, 2, 5}
+        length = float(bar.locator("path").get_attribute("d").partition("h")[2])
+        scale = page.evaluate("+document.getElementById('map').dataset.scale")
+        zoomed = page.evaluate(
+            "+(/scale\\(([^)]*)\\)/.exec(document.getElementById('view')"
+            ".getAttribute('transform') || 'scale(1)')[1])"
+        )
+        assert length == pytest.approx(metres * scale * zoomed, rel=0.01)
+        seen.add(metres)
+        page.locator('#zoom button[data-by="1.6"]').click()
+        page.wait_for_timeout(400)
+    assert len(seen) > 2
+
+
+def test_free_stays_lighter_than_unknown_in_the_dark(browser: Any, small: Path) -> None:
+    """Darkness turned them round: free was black upon unknown grey."""
+    with open_store(small.with_suffix(".db"), read_only=True) as store:
+        grid = store.grid()
+    assert grid is not None
+    cells, places = grid.trinary(), {}
+    for name, value in (("free", 0), ("unknown", -1), ("occupied", 100)):
+        row, column = np.argwhere(cells == value)[0]
+        places[name] = grid.origin + (np.array([column, row]) + 0.5) * grid.resolution
+    shades = {}
+    for scheme in ("light", "dark"):
+        page = Opened(browser, small, color_scheme=scheme).page
+        for key in ("path", "start", "loop", "proximity", "user"):
+            page.evaluate("key => document.querySelector(`g[data-layer=${key}]`)?.remove()", key)
+        for name, (x, y) in places.items():
+            left, top = page.evaluate(_SPOT, [x, y])
+            clip = {"x": left, "y": top, "width": 1, "height": 1}
+            pixel = cv2.imdecode(np.frombuffer(page.screenshot(clip=clip), np.uint8), 0)
+            shades[scheme, name] = int(pixel[0, 0])
+        page.close()
+    for scheme in ("light", "dark"):
+        assert shades[scheme, "free"] > shades[scheme, "unknown"] + 20, shades
+        assert abs(shades[scheme, "occupied"] - shades[scheme, "free"]) > 60, shades
+    assert shades["dark", "free"] < 100  # and it is dark
+
+
+def test_a_button_copies_a_rejection(browser: Any, small: Path, tmp_path: Path) -> None:
+    found = Opened(browser, small)
+    page = found.page
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    button = page.locator("article.card.accepted button.edit").first
+    button.scroll_into_view_if_needed()
+    assert button.text_content() == "copy [[reject]]"
+    button.click()
+    page.wait_for_function(
+        "[...document.querySelectorAll('button.edit')].some((b) => b.textContent === 'copied')"
+    )
+    (tmp_path / "edits.toml").write_text(page.evaluate("navigator.clipboard.readText()"))
+    (edit,) = read_edits(tmp_path / "edits.toml")
+    assert edit.action is EditAction.REJECT
+    assert found.complaints == []
+    page.close()
 
 
 def test_dark_and_light_differ(browser: Any, small: Path) -> None:

@@ -126,10 +126,12 @@ def test_what_a_map_lacks_is_still_reported_when_a_session_was_laid_into_it(
     """A partial map never passes as whole."""
     store = merged(maps, ["one"])
     with store.extend_stage("optimise", "reported"):
-        store.put("solve", {"certainty": "", "losses": ["the graph falls apart"]})
+        lines = ["2 components", "a stated prior is contradicted"]
+        store.put("solve", {"certainty": "", "losses": lines, "parted": lines[:1]})
     done = extend_map(store, [load_session_map("two", maps["two"])], Config(), Silent())
     assert done is not None
-    assert store.get("solve")["losses"] == ["the graph falls apart"]
+    # Components are counted anew, in the map as it is now; here there is one.
+    assert store.get("solve")["losses"] == lines[1:]
 
 
 def test_an_extended_map_can_be_solved_anew(maps: dict[str, MapStore]) -> None:

@@ -44,6 +44,35 @@ def test_bash_completes_commands_and_options() -> None:
 
     assert asked("mapmyworld ex", 1) == {"export"}
     assert {"--with-log"} <= asked("mapmyworld export mcap --", 3)
+    assert asked("mapmyworld build x.bag --set mapping.res", 4) == {"mapping.resolution="}
+    assert asked("mapmyworld check --require 'loop_c", 3) == {"loop_closures"}
+    assert asked("mapmyworld check none.db --require map.", 4) == {""}
+
+
+def test_figures_of_the_map_complete(tmp_path: Path) -> None:
+    with open_store(tmp_path / "map.db", create=True) as store:
+        fill(store)
+    command = group.get_command(click.Context(group), "check")
+    assert command is not None
+    (option,) = (one for one in command.params if one.name == "texts")
+    context = click.Context(command)
+    context.params["map_path"] = tmp_path / "map.db"
+    found = {item.value for item in option.shell_complete(context, "map.no")}
+    assert found == {"map.nodes"}
+
+
+def test_bash_puts_no_space_behind_half_of_a_setting(tmp_path: Path) -> None:
+    """The script, sourced by bash, with a program that answers as ours does."""
+    script = CliRunner().invoke(group, ["completion", "bash"]).stdout
+    (tmp_path / "script").write_text(script)
+    answers = 'compopt() { echo "asked: $1 $2"; }; complete() { :; }; '
+    for answer, asked in (("mapping.resolution=", "asked: -o nospace"), ("--set", "")):
+        ask = f"env() {{ echo plain,{answer}; }}; _mapmyworld_completion mapmyworld; "
+        reported = subprocess.run(
+            ["bash", "-c", f"{answers} source ./script; {ask} echo \"${{COMPREPLY[0]}}\""],
+            cwd=tmp_path, capture_output=True, text=True, check=True,
+        ).stdout  # fmt: skip
+        assert reported.split("\n")[:-1] == [*([asked] if asked else []), answer]
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
@@ -66,8 +95,8 @@ def test_a_line_of_progress_indicates_the_time_left(
     first, last = capsys.readouterr().err.splitlines()
     assert first.startswith("track: 25%")
     assert first.endswith("60 s left")
-    assert last.startswith("track: 20.0 s")
-    (cost,) = progress.costs
+    assert last.startswith("track:  20.0 s")
+    (cost,) = progress.costs.values()
     assert (cost.name, cost.wall_s) == ("track", 20.0)
     assert cost.peak_memory_mb > 10
 
@@ -85,6 +114,54 @@ def test_a_slow_stage_has_a_rate_as_well(
         progress.update(2)
         progress.finish()
         assert capsys.readouterr().err.rstrip().endswith(speed)
+
+
+def test_rounds_of_a_stage_are_one_line(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The line "loop closures by laser: 0.0 s" came up to fifteen times."""
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    progress = StderrProgress()
+    for _ in range(3):
+        for name, took in (("loop closures by laser", 2.0), ("optimise", 0.5)):
+            progress.stage(name, 10, "pairs")
+            now[0] += took
+            progress.update(10)
+    progress.end()
+    assert capsys.readouterr().err == ""
+    progress.finish()
+    assert capsys.readouterr().err.splitlines() == [
+        "loop closures by laser:  6.0 s  in 3 rounds (5 pairs/s)",
+        "optimise:                1.5 s  in 3 rounds (20 pairs/s)",
+    ]
+    assert [(c.name, c.wall_s, c.rounds) for c in progress.costs.values()] == [
+        ("loop closures by laser", 6.0, 3),
+        ("optimise", 1.5, 3),
+    ]
+
+
+def test_verbose_stages_have_time_and_memory(tmp_path: Path) -> None:
+    drive(20).write(tmp_path / "room.mcap")
+    result = CliRunner().invoke(
+        group, ["build", str(tmp_path / "room.mcap"), "-o", str(tmp_path / "room.db"), "-v"]
+    )
+    lines = result.stderr.splitlines()
+    (track,) = (line for line in lines if line.startswith("track:"))
+    assert re.match(r"track: +[\d.]+ s +[\d.]+ CPU s +\d+ MB", track)
+    assert lines[-1].startswith("mapmyworld build: ") or "at most" in lines[-1]
+
+
+def test_stages_that_ended_are_reported_though_the_command_fails(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with suppress(Interrupted), click.Context(click.Command("build")):
+        progress = StderrProgress()
+        progress.stage("survey")
+        progress.stage("track")
+        raise Interrupted
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("survey:")
 
 
 def test_what_an_interrupted_command_says_has_a_line_of_its_own(
@@ -154,13 +231,15 @@ def test_a_build_at_a_terminal_ends_with_one_screen(tmp_path: Path) -> None:
     shown = at_a_terminal(["build", "room.mcap", "-o", "room.db"], tmp_path)
     assert "\x1b[?25l" in shown  # the bar hides the cursor,
     assert "\x1b[?25h" in shown  # and gives it back
-    assert re.search(r"track .*\d+%.*\d:\d\d:\d\d|track .*\d+%.*-:--:--", shown)
+    assert re.search(r"track .*\d+% .*, \d+ s left", shown)
     done = shown.rpartition("\x1b[?25h")[2]
     summary = done[done.index("nodes: ") :]
     assert len(summary.splitlines()) < 24
     assert max(len(line) for line in summary.splitlines()) <= 80
     assert "\x1b[3" not in summary
-    assert len([line for line in shown.splitlines() if re.match(r"\w+: [\d.]+ s", line)]) <= 9
+    stages = re.findall(r"^([\w ]+): +[\d.]+ s", done, re.MULTILINE)
+    assert "track" in stages
+    assert len(stages) == len(set(stages)) <= 9  # each once, however many rounds it took
 
 
 def test_colours_at_a_terminal(tmp_path: Path) -> None:

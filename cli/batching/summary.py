@@ -95,13 +95,9 @@ def _figures(result: Result) -> str:
     )
 
 
-def _figure(value: float | None) -> str:
-    return "no map to measure" if value is None else f"is {value:.6g}"
-
-
 def _faults(result: Result) -> list[str]:
     unmet = [
-        f"{check['require']} ({_figure(check['value'])})"
+        f"{check['require']} ({check.get('message', 'no map to measure')})"
         for check in result.checks
         if not check["passed"]
     ]

@@ -161,7 +161,4 @@ class BlockFile:
             return
         self.clock_step, index = step, self.index()
         index.blocks[:] = [step.moved(block) for block in index.blocks]
-        index.problems.append(
-            f"{self.path}: the clock was set back by {step.back_ns * 1e-9:.1f} s while recording: "
-            "what follows is moved by as much"
-        )
+        step.report(self.path, index.problems)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
 from formats.logs.channels import Block, Channel, Record
 
-_LEAST_NS = 10**9  # less is a recorder that wrote late
+LEAST_STEP_NS = 10**9  # less is a recorder that wrote late
 _ALIKE_NS = 10**9  # by which topics may differ in how far they step back
 _FEWEST = 2  # topics that must bear it out; one alone may be out of order in itself
 
@@ -24,6 +25,13 @@ class ClockStep:
     back_ns: int
     places: dict[Channel, Place]
     """Each channel's first record by the new clock."""
+
+    def report(self, path: Path, problems: list[str]) -> None:
+        """Adds what happened to the problems of a file."""
+        problems.append(
+            f"{path}: the clock was set back by {self.back_ns * 1e-9:.1f} s while recording: "
+            "what follows is moved by as much"
+        )
 
     @property
     def first_offset(self) -> int:
@@ -61,7 +69,7 @@ class _Run:
 
     def add(self, time: int) -> None:
         """One more record's."""
-        if self.last - time > _LEAST_NS:
+        if self.last - time > LEAST_STEP_NS:
             self.steps.append((self.count, self.last - time))
         self.last, self.count = time, self.count + 1
 
@@ -72,7 +80,7 @@ class ClockSteps:
     def __init__(self) -> None:
         self._runs: dict[Channel, dict[int, _Run]] = {}
 
-    def add(self, offset: int, records: Sequence[Record]) -> None:
+    def add(self, offset: int, records: Iterable[Record]) -> None:
         """The records of the block at an offset, in their order there."""
         runs: dict[Channel, _Run] = {}
         for time, channel, _ in records:
@@ -99,7 +107,7 @@ def _steps(runs: dict[int, _Run]) -> list[tuple[Place, int]]:
     found, last, passed, count = list[tuple[Place, int]](), None, 0, 0
     for offset in sorted(runs):
         run = runs[offset]
-        if last is not None and last - run.first > _LEAST_NS:
+        if last is not None and last - run.first > LEAST_STEP_NS:
             found.append(((offset, 0), last - run.first))
         found += [((offset, number), back) for number, back in run.steps]
         passed += run.last - run.first + sum(back for _, back in run.steps)

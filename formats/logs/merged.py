@@ -53,10 +53,18 @@ class MergedLog:
         """Whether all parts hold serialised messages, so that `records` works."""
         return all(isinstance(source, RecordedLog) for source in self.sources)
 
-    def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
-        """Messages as recorded, undecoded, in the order of `messages`."""
-        streams = [s.records(topics) for s in self.sources if isinstance(s, RecordedLog)]
-        return heapq.merge(*streams, key=lambda record: record[0])
+    def mended_records(
+        self, topics: Collection[str] | None = None
+    ) -> Iterator[tuple[Record, RawMessage | None]]:
+        """Messages as recorded, as `RecordedLog` gives them, in the order of `messages`."""
+        streams = [s.mended_records(topics) for s in self.sources if isinstance(s, RecordedLog)]
+        return heapq.merge(*streams, key=lambda pair: pair[0][0])
+
+    def find_clock_step(self) -> None:
+        """Of each part."""
+        for source in self.sources:
+            if isinstance(source, RecordedLog):
+                source.find_clock_step()
 
     def losses(self) -> tuple[str, ...]:
         return (*self.problems, *(loss for source in self.sources for loss in source.losses()))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import heapq
 import re
 import sqlite3
 from collections.abc import Collection, Iterator
 from contextlib import closing
+from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 
 import zstandard
@@ -13,7 +16,7 @@ import zstandard
 from formats.limits import limits
 from formats.logs.block_files import DamagedBlockError
 from formats.logs.channels import Block, Channel, Index, Record, normalised_type
-from formats.logs.clock_steps import ClockStep
+from formats.logs.clock_steps import ClockStep, ClockSteps
 from formats.logs.compression import decompress, decompress_beginning
 from formats.logs.mcap_records import is_transient_local
 from formats.logs.rosbag2_salvage import Salvage, salvage
@@ -32,8 +35,9 @@ def listed_files(metadata: Path) -> list[Path]:
 
 
 _IS_TIMED = "typeof(timestamp) = 'integer'"  # SQLite holds any type in any column
+_MENDED = "timestamp + (id >= :first) * :back"
 _SPANS = (
-    f"SELECT topic_id, {_IS_TIMED}, count(*), min(timestamp), max(timestamp)"
+    f"SELECT topic_id, {_IS_TIMED}, count(*), min({_MENDED}), max({_MENDED})"
     " FROM messages GROUP BY 1, 2"
 )
 # SQLite quotes the damaged bytes in its message, which Python then cannot read.
@@ -62,15 +66,42 @@ def one_line(error: Exception) -> str:
     return " ".join(str(error).split())[:120]
 
 
+@dataclass(frozen=True, slots=True)
+class _Clock:
+    """A step of the clock, and the first row that was written after it."""
+
+    step: ClockStep | None
+    first_row: int
+
+    @property
+    def back_ns(self) -> int:
+        """By which later rows are moved."""
+        return 0 if self.step is None else self.step.back_ns
+
+    def mended(self, time: int, row: int) -> int:
+        """The time of a row, as if the clock had not been set."""
+        return time + self.back_ns if row >= self.first_row else time
+
+    def runs(self) -> tuple[tuple[int, int, int], ...]:
+        """First and last row of each clock, and by how much its times are moved."""
+        if self.step is None:
+            return ((-_LAST_ROW, _LAST_ROW, 0),)
+        return ((-_LAST_ROW, self.first_row - 1, 0), (self.first_row, _LAST_ROW, self.back_ns))
+
+
+_LAST_ROW = (1 << 63) - 1  # that SQLite can number
+_NO_STEP = _Clock(None, _LAST_ROW)
+
+
 class SqliteBag:
     """A Container over one .db3 file."""
 
     name = "rosbag2 (sqlite3)"
-    clock_step: ClockStep | None = None  # rows are read by their times alone
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._index: Index | None = None
+        self._clock = _NO_STEP
         self._salvage: Salvage | None = None
         self._losses: list[str] = []
 
@@ -80,11 +111,21 @@ class SqliteBag:
     def losses(self) -> tuple[str, ...]:
         return (*self.index().problems, *self._losses)
 
+    @property
+    def clock_step(self) -> ClockStep | None:
+        """Where the clock was set back; known with the index: rows are numbered as written."""
+        return self._clock.step
+
     def index(self) -> Index:
         if self._index is None:
             try:
                 with closing(self._connect()) as database:
-                    self._index = _read_index(database)
+                    index = _read_index(database)
+                    self._clock = _read_clock(database, index)
+                    _read_spans(database, index, self._clock)
+                self._index = index
+                if self._clock.step is not None:
+                    self._clock.step.report(self.path, index.problems)
             except (*SQLITE_ERRORS, ValueError) as error:
                 self._index = self._salvaged_index(error)
         return self._index
@@ -113,12 +154,18 @@ class SqliteBag:
         too_much = f"typeof(data) = 'blob' AND length(data) > {limits().chunk_bytes}"
         data = f"CASE WHEN {too_much} THEN length(data) ELSE data END"
         query = (
-            f"SELECT id, timestamp, topic_id, {data} FROM messages"
-            f" WHERE topic_id IN ({marks}) AND {_IS_TIMED}"
+            f"SELECT timestamp, id, topic_id, {data} FROM messages WHERE topic_id IN ({marks})"
+            f" AND {_IS_TIMED} AND id BETWEEN ? AND ? ORDER BY timestamp, id"
         )
+
+        def run(first: int, last: int, back_ns: int) -> Iterator[tuple[int, int, int, object]]:
+            for time, row, key, cell in database.execute(query, (first, last)):
+                yield time + back_ns, row, key, cell
+
+        runs = [run(*span) for span in self._clock.runs()]
         seen, last_ns = 0, 0
         try:
-            for row, time, key, cell in database.execute(query + " ORDER BY timestamp, id"):
+            for time, row, key, cell in heapq.merge(*runs, key=itemgetter(0, 1)):
                 seen, last_ns = row, time
                 yield time, key, cell
         except SQLITE_ERRORS as error:
@@ -134,7 +181,11 @@ class SqliteBag:
     ) -> Iterator[tuple[int, int, object]]:
         """What was found page by page of later rows; a time of 0 is no time."""
         assert self._salvage is not None
-        for time, row, key, cell in self._salvage.messages:
+        found = [
+            (self._clock.mended(time, row), row, key, cell)
+            for time, row, key, cell in self._salvage.messages
+        ]
+        for time, row, key, cell in sorted(found, key=itemgetter(0, 1)):
             if key in wanted and (time, row) > after:
                 yield time, key, self._salvage.data(cell)
 
@@ -199,7 +250,34 @@ def _read_index(database: sqlite3.Connection) -> Index:
             is_transient_local(str(profiles or "")),
             {"offered_qos_profiles": str(profiles or "")},
         )
-    for key, is_timed, count, first, last in database.execute(_SPANS):
+    return index
+
+
+def _read_clock(database: sqlite3.Connection, index: Index) -> _Clock:
+    """Where the clock was set back, by the order in which rows were written."""
+    steps, channels = ClockSteps(), index.channels
+    rows = database.execute(
+        f"SELECT timestamp, topic_id FROM messages WHERE {_IS_TIMED} ORDER BY id"
+    )
+    steps.add(0, ((time, channels[key], b"") for time, key in rows if key in channels))
+    step = steps.found()
+    if step is None:
+        return _NO_STEP
+    query = (
+        f"SELECT id FROM messages WHERE topic_id = ? AND {_IS_TIMED} ORDER BY id LIMIT 1 OFFSET ?"
+    )
+    keys = {channel: key for key, channel in channels.items()}
+    firsts = [
+        database.execute(query, (keys[channel], number)).fetchone()[0]
+        for channel, (_, number) in step.places.items()
+    ]
+    return _Clock(step, min(firsts))
+
+
+def _read_spans(database: sqlite3.Connection, index: Index, clock: _Clock) -> None:
+    """How many messages each topic has, and when."""
+    spans = database.execute(_SPANS, {"first": clock.first_row, "back": clock.back_ns})
+    for key, is_timed, count, first, last in spans:
         if key in index.channels and is_timed:
             index.counts[key] = count
             index.blocks.append(Block(0, 0, first, last, frozenset({key})))
@@ -210,7 +288,6 @@ def _read_index(database: sqlite3.Connection) -> Index:
             index.problems.append(
                 f"{count} message(s) of topic number {key}, which is not listed, are left out"
             )
-    return index
 
 
 def _add_spans(index: Index, found: Salvage) -> None:

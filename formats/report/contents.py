@@ -97,8 +97,12 @@ class ReportContents:
     name: str
     version: str
     headline: Sequence[tuple[str, str]]
+    products: Sequence[tuple[str, str]]
+    """Links to the files beside the map, and what they are."""
     verdict: str
-    """One sentence: is this map whole, and how confident is it."""
+    """One sentence: is this map whole, and what holds it together."""
+    proof: str
+    """What is known of the solution: is it the best one that there is."""
     problems: Sequence[str]
     grid: OccupancyGrid | None
     path: Floats

@@ -17,6 +17,7 @@ from formats.report.contents import (
     ShownConstraint,
 )
 from formats.report.page import data_uri
+from mapmyworld.types import ConstraintKind
 
 Floats = NDArray[np.float64]
 _POINTS = 240  # of a scan that are drawn
@@ -58,7 +59,22 @@ def card(item: Evidence, contents: ReportContents) -> str:
         f' <span class="kind">{escape(kind)}</span> <span class="verdict">{verdict}</span></h3>'
         f'<div class="pictures">{"".join(pictures)}</div>'
         f"<p>{'; '.join(_facts(constraint, item.matches))}</p>"
-        f'<p class="why">{escape(constraint.reason)}</p></article>'
+        f'<p class="why">{escape(constraint.reason)}</p>{_edit_button(constraint)}</article>'
+    )
+
+
+def _edit_button(constraint: ShownConstraint) -> str:
+    """Copies the edit that turns the verdict round; shown by the page's script, which copies."""
+    if constraint.kind == ConstraintKind.USER:  # a person's own: the file that states it is edited
+        return ""
+    action = "reject" if constraint.accepted else "accept"
+    text = (
+        f"[[{action}]]\nfrom = {constraint.from_id}\nto = {constraint.to_id}\n"
+        f'kind = "{constraint.kind}"\nreason = "by the look of the report"\n'
+    )
+    return (
+        f'<button type="button" class="edit" data-edit="{escape(text)}" hidden>'
+        f"copy [[{action}]]</button>"
     )
 
 

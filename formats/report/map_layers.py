@@ -20,7 +20,8 @@ _WIDTH, _HEIGHT = 1000.0, 760.0  # pixels that the map fills at most
 _PATH_POINTS = 6000  # of a path that are drawn
 _ELLIPSES = 60  # along the path
 _SIGMAS = 3.0  # of the ellipses
-_BARS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)  # m
+_BARS = tuple(step * 10.0**power for power in range(-2, 4) for step in (1, 2, 5))  # m
+_SEEN = 255, 30  # grey of free and occupied cells; behind unknown ones the page shows
 _LAYERS = with_other_kinds(
     {
         ConstraintKind.LOOP_CLOSURE: "loop",
@@ -117,9 +118,10 @@ def _grid_image(grid: OccupancyGrid | None, view: View) -> str:
     if grid is None:
         return ""
     cells = grid.trinary()
-    grey = np.full(cells.shape, 232, np.uint8)
-    grey[cells == 0], grey[cells == 100] = 255, 30
-    done, data = cv2.imencode(".png", np.ascontiguousarray(grey[::-1]))
+    pixels = np.zeros((*cells.shape, 4), np.uint8)  # the last: opaque
+    for value, shade in zip((0, 100), _SEEN, strict=True):
+        pixels[cells == value] = shade, shade, shade, 255
+    done, data = cv2.imencode(".png", np.ascontiguousarray(pixels[::-1]))
     if not done:
         raise MapError("the grid cannot be drawn")
     left, top = view.pixels(grid.origin + np.array([0.0, cells.shape[0] * grid.resolution]))
@@ -184,7 +186,7 @@ def _axes(places: Floats, view: View) -> str:
 
 def _scale_bar(view: View) -> str:
     width, height = view.size
-    metres = max([m for m in _BARS if m * view.scale <= 0.25 * width], default=0.1)
+    metres = max([m for m in _BARS if m * view.scale <= 0.25 * width], default=_BARS[0])
     return (
         f'<g id="scale-bar" data-pixels="{metres * view.scale:.2f}" data-metres="{metres}">'
         f'<path d="M14 {height - 14:.1f}h{metres * view.scale:.1f}"/>'

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from html import escape
+from pathlib import PurePath
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 
@@ -16,6 +18,14 @@ from formats.report.page_data import cloud_data, page_data
 
 _LISTED = 200  # rejected constraints listed one by one
 _WORST = 10
+_CELLS = (
+    '<span class="cells-shown"><span class="cell free">free</span>'
+    '<span class="cell occupied">occupied</span><span class="cell">unknown</span></span>'
+)
+_EDITING = (
+    "A closure that is wrong, or wrongly rejected: its button copies the lines that say so. Put "
+    "them into a file, write the reason, and give mapmyworld edit MAP FILE."
+)
 
 
 def report_html(contents: ReportContents) -> str:
@@ -27,22 +37,32 @@ def report_html(contents: ReportContents) -> str:
     page.add(f'<p class="verdict-line {state}">{reported}</p>')
     page.add(notes(contents.problems))
     page.add(figures(contents.headline))
+    page.add(_products(contents))
     page.section("The map", _map(contents))
+    cloud = cloud_data(contents.cloud)
+    page.section("The cloud", _cloud(cloud))
+    page.section("Notes", notes(contents.notes))
+    page.section("Diagnosis of the sensors", _diagnosis(contents))
+    page.section("The log", table(("what", "choice", "why"), contents.decisions))
     page.section("Closures", _kinds(contents), *_evidence(contents))
     page.section("Residuals", *_fit(contents))
     page.section("Uncertainty", _chart("sigma") if contents.nodes.sigmas_m is not None else "")
-    cloud = cloud_data(contents.cloud)
-    page.section("The cloud", _cloud(cloud))
-    page.section("The log", table(("what", "choice", "why"), contents.decisions))
-    page.section("Diagnosis of the sensors", _diagnosis(contents))
-    page.section("Notes", notes(contents.notes))
     page.section("Settings that differ", *_settings(contents))
     page.section("Reproduce this map", *_again(contents))
     page.section("Time and memory", _timing(contents))
+    page.section("Optimality", paragraph(contents.proof))
     page.data("data", page_data(contents))
     page.data("cloud-data", cloud)
     page.data("timing-data", contents.timing)
     return page.html()
+
+
+def _products(contents: ReportContents) -> str:
+    links = "".join(
+        f'<li><a href="{escape(quote(href))}">{escape(PurePath(href).name)}</a> {escape(what)}</li>'
+        for href, what in contents.products
+    )
+    return f'<ul class="products">{links}</ul>' if links else ""
 
 
 def _map(contents: ReportContents) -> str:
@@ -54,7 +74,7 @@ def _map(contents: ReportContents) -> str:
         for layer in layers
     )
     return (
-        f'<div id="layers">{boxes}</div>{definitions(contents)}'
+        f'<div id="layers">{boxes}{_CELLS}</div>{definitions(contents)}'
         f'<div id="map-frame">{map_svg(layers, view)}'
         '<div id="zoom" hidden><button type="button" data-by="1.6" aria-label="closer">+</button>'
         '<button type="button" data-by="0.625" aria-label="farther">−</button>'
@@ -95,6 +115,8 @@ def _evidence(contents: ReportContents) -> list[str]:
                 "over one for its facts"
             )
         )
+    if any("data-edit" in part for part in parts):
+        parts.insert(0, paragraph(_EDITING))
     parts.append(_rejected(contents))
     return parts
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapmyworld.errors import GraphError
 from mapmyworld.types import (
@@ -116,17 +117,19 @@ def _concerns(edit: Edit, constraint: Constraint) -> bool:
     )
 
 
+def covariance_of(edit: Edit) -> NDArray[np.float64]:
+    """(6, 6), rotation first, of an addition, a prior or a pin."""
+    return np.diag(np.square(_PIN_SIGMA)) if edit.covariance is None else edit.covariance
+
+
 def _made(edit: Edit) -> Judged:
     assert edit.motion is not None
-    covariance = edit.covariance
-    if covariance is None:
-        covariance = np.diag(np.square(_PIN_SIGMA))
     kind = ConstraintKind.USER if edit.action is EditAction.ADD else ConstraintKind.PRIOR
     return Judged(
         edit.from_id,
         edit.to_id,
         kind,
         np.asarray(edit.motion),
-        np.asarray(np.linalg.inv(covariance), np.float64),
+        np.asarray(np.linalg.inv(covariance_of(edit)), np.float64),
         Person(edit.action, edit.reason),
     )

@@ -13,6 +13,7 @@ from mapmyworld.backend.connected_components import Index, components
 from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.system import System, believed_edges, edge_chi2, fit_of
 from mapmyworld.config.graph_settings import GraphConfig
+from mapmyworld.decisions import decided
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.graph.constraint_system import StatedSystem, stated_system
@@ -74,6 +75,7 @@ def solve(
         believed = believed_edges(system, solution.inliers)
         statement += f"; {proof_of(certify(believed, fit_of(believed, solution.poses)))}"
     spread = _covariances(system, solution, len(known)) if config.covariances else None
+    _log_solution(len(known), solution, cost, statement)
     return SolvedGraph(Poses(known, matrices, spread), verdicts, part, cost, statement)
 
 
@@ -97,6 +99,12 @@ def _solved(stated: StatedSystem, config: GraphConfig) -> RobustSolution:
     part = believed_edges(system, solution.inliers)
     poses = optimised_roughly(part, solution.poses, config.tolerance)
     return solution.moved(poses, edge_chi2(system, poses))
+
+
+def _log_solution(nodes: int, solution: RobustSolution, cost: float, statement: str) -> None:
+    believed = solution.inliers[solution.closures]
+    closures = f"{believed.sum()} of {believed.size} closures"
+    decided("graph", f"{nodes} nodes solved, {closures} believed, cost {cost:.6g}; {statement}")
 
 
 def _certainty(solution: RobustSolution) -> str:

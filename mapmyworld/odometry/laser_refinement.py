@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.decisions import decided
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -174,6 +175,10 @@ def _rounds(
         every, residual = found.poses, found.residual
         moved += found.moved
         progress.update(len(moved))
+        steps = ", ".join(f"{step:.4f}" for step in found.moved)
+        decided(
+            "refine", f"{len(pairs)} pairs of scans, moved by {steps} m, residual {residual:.4f} m"
+        )
     return _Aligned(every[:count], every[count:-1], moved, residual)
 
 

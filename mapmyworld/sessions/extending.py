@@ -35,7 +35,7 @@ from mapmyworld.sessions.skeleton import skeleton_of
 from mapmyworld.stages.draw_maps import draw_maps
 from mapmyworld.stages.kept import has_images
 from mapmyworld.stages.recognise import scan_loader
-from mapmyworld.stages.solve_and_judge import solve_and_judge
+from mapmyworld.stages.solve_and_judge import note_solution, solve_and_judge
 from mapmyworld.types import Judged, MapStore, Poses, Progress, Why
 
 Array = NDArray[np.float64]
@@ -136,7 +136,9 @@ def _lay(
         return None
     solved = scratch.get("solve") or {}
     poses = _held_poses(scratch, skeleton, base, item)
-    reported = str(solved.get("certainty", "")), tuple(solved.get("losses", ()))
+    parted = solved.get("parted", ())  # of the skeleton and the unit: counted in the whole map
+    losses = tuple(line for line in solved.get("losses", ()) if line not in parted)
+    reported = str(solved.get("certainty", "")), losses
     divides = tuple(i for i in solved.get("divides", ()) if i > item.first_id)
     return _Laid(item, poses, tuple(mine), accepted, *reported, divides)
 
@@ -197,10 +199,11 @@ def _write(
         nodes = [node for node in store.nodes() if node.id > laid.item.first_id]
         fresh = pose_every_frame(nodes, laid.poses, own, laid.constraints)
         store.set_frame_poses(np.concatenate([frame_poses, fresh]))
-        losses = list(dict.fromkeys((*solved.get("losses", ()), *laid.losses)))
+        counted_anew = solved.get("parted", ())
+        known = [line for line in solved.get("losses", ()) if line not in counted_anew]
+        losses = list(dict.fromkeys((*known, *laid.losses)))
         divides = [*solved.get("divides", ()), *laid.divides]
-        reported = {"certainty": laid.certainty, "losses": losses}
-        store.put("solve", reported | ({"divides": divides} if divides else {}))
+        note_solution(store, laid.certainty, losses, solved.get("notes", ()), divides)
     with store.extend_stage("map", inputs):
         _draw(store, session_map, fresh, config, progress)
 

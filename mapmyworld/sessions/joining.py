@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.decisions import decided
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -93,6 +94,7 @@ def locate_session_map(
             continue
         joint = compose_planar(found.match.pose, invert_planar(pose))
         support, against = _testify(session_map, place, joint, config)
+        decided("join", f"session at {joint.round(2)}: {support} scans agree, {against} contradict")
         if support >= _SUPPORT and support >= _MAJORITY * against:
             return Joint(earlier, later, planar_to_matrix(joint))
         attempts += 1

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import invert
+from mapmyworld.graph.edited_constraints import edits_to_json
 from mapmyworld.sessions.copying import (
     copied_constraints,
     copy_drives,
@@ -20,6 +21,7 @@ from mapmyworld.sessions.copying import (
 from mapmyworld.sessions.joining import find_joints
 from mapmyworld.sessions.notes import digest_of, note_sessions
 from mapmyworld.sessions.session_maps import Joint, SessionMap
+from mapmyworld.sessions.stated import copied_edits
 from mapmyworld.stages.draw_maps import draw_maps
 from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve_and_judge import solve_and_judge
@@ -94,6 +96,9 @@ def _merge(
         copy_drives(placed, store)
     with store.write_stage("recognise", inputs):
         store.add_constraints(copied_constraints(placed))
+    if edits := copied_edits(placed):
+        store.put("edits", edits_to_json(edits))
+        progress.note(f"{len(edits)} edits of the maps are carried over")
     scans = scan_loader(store, config)
     with store.write_stage("optimise", inputs):
         solve_and_judge(store, config, progress, scans)

@@ -14,8 +14,8 @@ from mapmyworld.types import MapStore
 
 
 def digest_of(stores: Sequence[MapStore], config: Config) -> str:
-    """What went in: the logs and the settings; not the names of the files."""
-    logs = [(store.get("log") or {}).get("hash") for store in stores]
+    """What went in: the logs, what people stated, the settings; not the names of the files."""
+    logs = [((store.get("log") or {}).get("hash"), store.get("edits")) for store in stores]
     text = json.dumps([mapmyworld.__version__, "merge", logs, asdict(config)], default=str)
     return hashlib.sha256(text.encode()).hexdigest()
 

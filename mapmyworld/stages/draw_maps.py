@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.decisions import decided
 from mapmyworld.errors import NothingToDrawError
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.parallel import in_threads, on_one_thread
@@ -31,6 +32,9 @@ def draw_maps(store: MapStore, config: Config, progress: Progress) -> None:
             store.set_grid(build_grid(_depth_scans(store, config, progress), config))
         except NothingToDrawError as nothing:  # neither floor nor anything in the way was seen
             progress.note(f"no grid from depth: {nothing}")
+    if (grid := store.grid()) is not None:
+        rows, columns = grid.log_odds.shape
+        decided("map", f"{columns} x {rows} cells of {grid.resolution:g} m")
 
 
 def _scans(

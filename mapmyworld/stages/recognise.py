@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.decisions import decided_on
 from mapmyworld.heap import give_back
 from mapmyworld.parallel import on_one_thread
 from mapmyworld.stages.kept import has_images, has_scans
@@ -66,6 +67,7 @@ def recognise(
         from mapmyworld.places.visual_closures import find_visual_closures
 
         found += find_visual_closures(store, None, config, progress, words)
+    decided_on("closure", found)
     store.add_constraints(found)
     _check_wheels(store, progress, alone=loaded is None)
 
@@ -144,5 +146,6 @@ def add_closures(
         from mapmyworld.places.visual_closures import find_visual_closures
 
         found += find_visual_closures(store, draft.poses, config, progress, None)
+    decided_on("closure", found)
     store.add_constraints(found)
     return sum(constraint.accepted for constraint in found)

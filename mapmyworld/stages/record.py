@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import mapmyworld
+from mapmyworld.decisions import decided
 from mapmyworld.heap import give_back
 from mapmyworld.types import MapStore
 
@@ -30,13 +31,16 @@ class StageRecord:
         self._chain = _digest(self._chain, stage, *inputs)
         if self._store.stage_done(stage, self._chain):
             self.reused.append(stage)
+            decided("stage", f"{stage}: done before with the same inputs")
             return
+        decided("stage", f"{stage}: inputs {self._chain[:12]}, not done before")
         with self._store.write_stage(stage, self._chain):
             work()
         give_back()
 
     def again(self, stage: str, work: Callable[[], None]) -> None:
         """Does the stage that was run last once more, from its beginning: it taught better."""
+        decided("stage", f"{stage}: once more, with what it measured")
         with self._store.write_stage(stage, self._chain):
             work()
         give_back()

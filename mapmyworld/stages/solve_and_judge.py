@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mapmyworld.config import Config
+from mapmyworld.decisions import decided, decided_on
 from mapmyworld.graph.chains import solve_by_chains
 from mapmyworld.graph.draft_graph import landmark_guesses
 from mapmyworld.graph.edited import contradicted
@@ -40,12 +41,14 @@ def solve_and_judge(
         progress.stage("optimise", len(store.nodes()), "nodes")
         draft = solve_draft_of(store, config, _edited(store))
         new = add_closures(store, draft, config, progress, scans, since)
+        decided("optimise", f"{new} new closures from the poses of this round")
         if new <= _FEW * sum(c.accepted for c in store.constraints() if c.kind in CLOSURES):
             break
     give_back()
     solved = _solve(store, config, progress, chains=_is_refined(store, config, scans))
     give_back()
     poses, constraints = _refined(store, solved, config, progress, scans)
+    decided_on("verdict", (c for c in constraints if c.verdicts))
     store.judge(constraints)
     poses, levelled = levelled_poses(store, poses, constraints, config)
     notes = [*levelled, *_unrecognised_notes(store, poses, constraints, scans)]
@@ -55,13 +58,26 @@ def solve_and_judge(
     frames = store.tracked_frames()
     store.set_frame_poses(pose_every_frame(store.nodes(), poses, frames, constraints))
     wanted = [edit for edit in _edits(store) if edit.action is EditAction.ACCEPT]
-    divides = _divides(scans)
-    losses = [
-        *_component_losses(constraints, poses, divides), *unmet(constraints, wanted),
-        *contradicted(constraints, poses, moves_in_plane(store)),
+    others = [
+        *unmet(constraints, wanted), *contradicted(constraints, poses, moves_in_plane(store)),
     ]  # fmt: skip
-    reported = {"certainty": solved.certainty, "losses": losses, "notes": notes}
-    store.put("solve", reported | ({"divides": divides} if divides else {}))
+    note_solution(store, solved.certainty, others, notes, _divides(scans))
+
+
+def note_solution(
+    store: MapStore,
+    certainty: str,
+    losses: Sequence[str],
+    notes: Sequence[str],
+    divides: Sequence[int],
+) -> None:
+    """What is known of the solution in the store; its components are counted here."""
+    poses = store.poses()
+    assert poses is not None
+    parted = _component_losses(store.constraints(), poses, divides)
+    reported = {"certainty": certainty, "losses": [*parted, *losses], "notes": list(notes)}
+    reported |= {"parted": parted} if parted else {}
+    store.put("solve", reported | ({"divides": list(divides)} if divides else {}))
 
 
 def _refined(

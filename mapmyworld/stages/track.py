@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config, SensingConfig
+from mapmyworld.decisions import decided, is_heard
 from mapmyworld.odometry.gravity_direction import GravityDirection
 from mapmyworld.parallel import (
     algebra_on_one_thread,
@@ -28,6 +29,7 @@ from mapmyworld.stages.later import imported_meanwhile, needed_after
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.trackers import Tracker, make_tracker, needs_inertial
 from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
+from mapmyworld.types.wording import source_in_words
 
 if TYPE_CHECKING:
     from mapmyworld.diagnosis import Finding
@@ -172,6 +174,11 @@ class _Writer:
 
     def add(self, frame: Frame, motion: Motion) -> None:
         node, constraint, node_from_frame = self._selector.consider(frame, motion)
+        if is_heard():
+            stamp, source = frame.stamp_ns * 1e-9, source_in_words(motion.source)
+            became = "no node" if node is None else f"node {node.id}"
+            count = len(self._stamps)
+            decided("track", f"frame {count} at {stamp:.3f} s: {source}, becomes {became}")
         if node is not None:
             images = tuple(i for image in frame.images if (i := self._guard.sound(image)))
             data = NodeData(frame.scan, images, self._kept(frame.cloud))

@@ -27,6 +27,10 @@ class OccupancyGrid:
         """(H, W) occupancy probability; NaN where unknown."""
         return _probability(self.log_odds)
 
+    def area_m2(self, value: int) -> float:
+        """Area of the cells that are free (0), occupied (100) or unknown (-1)."""
+        return float((self.trinary() == value).sum() * self.resolution**2)
+
     def trinary(self) -> NDArray[np.int8]:
         """(H, W) as nav_msgs/OccupancyGrid: 100 occupied, 0 free, -1 unknown."""
         cells = np.full(self.log_odds.shape, -1, np.int8)

@@ -77,8 +77,13 @@ _VERDICTS: Mapping[Why, str] = {
 
 def reason_of(constraint: Judged) -> str:
     """Why a constraint is accepted or not: what measured it, and every verdict on it."""
-    source = _SOURCES.get(type(constraint.source), "").format(**asdict(constraint.source))
-    return " | ".join(part for part in (source, *map(in_words, constraint.verdicts)) if part)
+    parts = (source_in_words(constraint.source), *map(in_words, constraint.verdicts))
+    return " | ".join(part for part in parts if part)
+
+
+def source_in_words(source: Source) -> str:
+    """What measured something; empty for a finder, whose verdicts say it."""
+    return _SOURCES.get(type(source), "").format(**asdict(source))
 
 
 def in_words(verdict: Verdict) -> str:

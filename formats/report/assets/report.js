@@ -47,11 +47,18 @@
     return made;
   };
   const bar = byId("scale-bar"), barText = bar.querySelector("text");
+  const barLine = bar.querySelector("path"), foot = barLine.getAttribute("d").split("h")[0];
+  const drawBar = () => { // the longest round length that is no longer than the first one
+    const most = bar.dataset.metres / current.k, power = 10 ** Math.floor(Math.log10(most));
+    const metres = [5, 2, 1].find((step) => step * power <= most * 1.0001) * power;
+    barText.textContent = `${+metres.toPrecision(1)} m`;
+    barLine.setAttribute("d", `${foot}h${metres * scale * current.k}`);
+  };
   let current = zoomIdentity;
   const zoomed = (event) => {
     current = event.transform;
     byId("view").setAttribute("transform", current);
-    barText.textContent = `${+(bar.dataset.metres / current.k).toPrecision(2)} m`;
+    drawBar();
     drawMarks();
   };
   const zooming = zoom().scaleExtent([1, 60])
@@ -168,6 +175,29 @@
     pinned = !!found;
     show(found, event);
   });
+
+  // --- edits to copy
+  const copied = async (text) => {
+    try {
+      await navigator.clipboard.writeText(text);
+    } catch { // a page that was opened from a file may not
+      const field = document.createElement("textarea");
+      field.value = text;
+      document.body.append(field);
+      field.select();
+      document.execCommand("copy");
+      field.remove();
+    }
+  };
+  for (const button of document.querySelectorAll("button.edit")) {
+    const label = button.textContent;
+    button.hidden = false;
+    button.addEventListener("click", async () => {
+      await copied(button.dataset.edit);
+      button.textContent = "copied";
+      setTimeout(() => { button.textContent = label; }, 1500);
+    });
+  }
 
   // --- time
   const moment = byId("moment"), clock = byId("clock"), seen = byId("seen");
@@ -299,7 +329,7 @@
       });
     });
     const words = document.createElement("p");
-    words.textContent = `${timing.wall_s.toFixed(1)} s for ${timing.duration_s.toFixed(0)} s of ` +
+    words.textContent = (timing.built ? `Built ${timing.built}. ` : "") + `${timing.wall_s.toFixed(1)} s for ${timing.duration_s.toFixed(0)} s of ` +
       `log, ${timing.cpu_s.toFixed(1)} CPU s, ${timing.peak_memory_mb.toFixed(0)} MB at most. ` +
       "These figures are of one build on one machine and no part of the map.";
     byId("timing").append(grid, words);

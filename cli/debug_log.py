@@ -1,0 +1,71 @@
+"""`--debug FILE`: every decision of a command as a line, with when it was made."""
+
+from __future__ import annotations
+
+import logging
+import platform
+import shlex
+import sys
+from pathlib import Path
+
+import click
+
+import mapmyworld
+from cli.outputs import require_file
+from mapmyworld.decisions import LOGGER, decided
+from mapmyworld.errors import MapError
+
+_LINE = "%(since)9.3f s  %(topic)-9s %(message)s"
+
+
+class _Timed(logging.Formatter):
+    """Lines that begin with the seconds since the first one."""
+
+    def __init__(self) -> None:
+        super().__init__(_LINE, defaults={"topic": "note"})
+        self._first: float | None = None
+
+    def format(self, record: logging.LogRecord) -> str:
+        self._first = record.created if self._first is None else self._first
+        record.since = record.created - self._first
+        return super().format(record)
+
+
+def _require_place(path: Path) -> None:
+    """Refuses to replace anything but an earlier log of decisions."""
+    require_file(path)
+    try:
+        with path.open("rb") as file:
+            head = file.read(64)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise MapError(f"{path}: cannot be written: {error.strerror}") from None
+    if head and b"command   mapmyworld" not in head:
+        raise MapError(f"{path}: exists and is no log of --debug: give another name")
+
+
+def keep_decisions(context: click.Context, path: Path) -> None:
+    """Writes the decisions of the command that runs into a file, until it ends."""
+    _require_place(path)
+    try:
+        handler = logging.FileHandler(path, mode="w", encoding="utf-8", errors="backslashreplace")
+    except OSError as error:
+        raise MapError(f"{path}: cannot be written: {error.strerror}") from None
+    handler.setFormatter(_Timed())
+    LOGGER.addHandler(handler)
+    LOGGER.setLevel(logging.DEBUG)
+    decided("command", shlex.join(["mapmyworld", *sys.argv[1:]]))
+    system = f"{platform.platform()}, Python {platform.python_version()}"
+    decided("command", f"mapmyworld {mapmyworld.__version__} on {system}")
+
+    def close() -> None:
+        error = sys.exception()
+        if error is not None and not isinstance(error, SystemExit | click.exceptions.Exit):
+            LOGGER.debug("%s", error, exc_info=error, extra={"topic": "error"})
+        decided("command", "ended")
+        LOGGER.removeHandler(handler)
+        LOGGER.setLevel(logging.NOTSET)
+        handler.close()
+
+    context.call_on_close(close)

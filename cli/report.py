@@ -302,8 +302,7 @@ def _verdict(figures: MapFigures, problems: Sequence[str]) -> str:
 
 
 def _proof(store: MapStore) -> str:
-    certainty = str((store.get("solve") or {}).get("certainty", ""))
-    return f"{certainty[:1].upper()}{certainty[1:]}." if certainty else ""
+    return str((store.get("solve") or {}).get("certainty", ""))
 
 
 def _decisions(store: MapStore) -> list[tuple[str, str, str]]:

@@ -84,11 +84,11 @@ def test_the_verdict_stands_first_and_the_proof_last(room: Path) -> None:
     text = room.with_suffix(".html").read_text()
     sections = re.findall(r"<h2>(.*?)</h2>", text)
     assert sections[0] == "The map"
-    assert sections[-1] == "Is it the best solution"
+    assert sections[-1] == "Optimality"
     verdict = re.findall(r'<p class="verdict-line \w+">(.*?)</p>', text)[0]
     assert re.sub("<[^>]*>", "", verdict).startswith(("A whole map.", "A partial map:"))
-    assert "minimum" not in verdict
-    assert "minimum" in text.rpartition("<h2>")[2].partition("</section>")[0]
+    assert "optimality" not in verdict
+    assert "Global optimality" in text.rpartition("<h2>")[2].partition("</section>")[0]
 
 
 def test_a_card_holds_the_edit_that_turns_its_verdict_round(tmp_path: Path) -> None:

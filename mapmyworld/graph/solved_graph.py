@@ -73,7 +73,7 @@ def solve(
     statement = _certainty(solution)
     if config.certify and config.covariances:  # a draft needs neither
         believed = believed_edges(system, solution.inliers)
-        statement += f"; {proof_of(certify(believed, fit_of(believed, solution.poses)))}"
+        statement += f" {proof_of(certify(believed, fit_of(believed, solution.poses)))}"
     spread = _covariances(system, solution, len(known)) if config.covariances else None
     _log_solution(len(known), solution, cost, statement)
     return SolvedGraph(Poses(known, matrices, spread), verdicts, part, cost, statement)

@@ -19,11 +19,12 @@ from mapmyworld.geometry.planar import (
     planar_to_matrix,
 )
 from mapmyworld.graph.solved_graph import solve
-from mapmyworld.places.laser_candidates import candidate_pairs, untied
+from mapmyworld.places.laser_candidates import EVERYWHERE, candidate_pairs, untied
 from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_nodes import calm_spots, laser_nodes, spaced
 from mapmyworld.places.laser_pairs import among_first_revisits, neighbour_pairs
-from mapmyworld.places.wide_search import distance_to_closure, lost_pairs
+from mapmyworld.places.path_graph import NO_PAIRS, PathGraph
+from mapmyworld.places.wide_search import held_by, lost_pairs
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.types import ConstraintKind, ImageMatch, Judged, ScanMatch, Why
 from mapmyworld.types.wording import reason_of
@@ -164,10 +165,10 @@ def test_a_drive_that_comes_back_after_500_m_of_drift_is_closed() -> None:
     )
     nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, believed)
     nodes = replace(nodes, path=nodes.path + 500.0 * (np.arange(len(truth)) >= 98))
+    nodes = held_by(nodes, [])
     pairs = lost_pairs(nodes, [], CONFIG)
     assert pairs
-    widest = CONFIG.places.laser_window
-    tried = compare_places(nodes, pairs, CONFIG, optimised=False, widest=widest)
+    tried = compare_places(nodes, pairs, CONFIG, optimised=False, widest=EVERYWHERE)
     solved = solve(nodes.ids, planar_to_matrix(believed), [*drive(believed), *tried], True)
     error = between_planar(truth, matrix_to_planar(solved.poses.map_from_node))[98:]
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.05
@@ -188,6 +189,14 @@ def drive(believed: NDArray[np.float64]) -> list[Judged]:
     ]  # fmt: skip
 
 
+def test_a_closure_holds_what_it_joins_and_not_the_path_before() -> None:
+    """One between 60 and 70 m says nothing of how far 90 m is from the start."""
+    graph = PathGraph(np.arange(101.0), np.array([[60, 70], [62, 70], [10, 10]]))
+    assert graph.driven(0, 90) == 80.0
+    assert graph.driven(np.array([60, 65, 0, 95]), 71).tolist() == [1.0, 4.0, 61.0, 24.0]
+    assert PathGraph(np.arange(101.0), NO_PAIRS).driven(0, 90) == 90.0
+
+
 def test_where_closures_hold_the_drive_nothing_is_lost() -> None:
     truth = two_visits()
     scans = scan_set(
@@ -202,12 +211,14 @@ def test_where_closures_hold_the_drive_nothing_is_lost() -> None:
         )
         for k in range(0, 49, 4)
     ]  # fmt: skip
-    assert distance_to_closure(nodes, closed)[98:].max() < 20.0
-    assert distance_to_closure(nodes, [])[0] == np.inf
+    assert held_by(nodes, []).graph.driven(0, 146) == nodes.path[146]
+    held = held_by(nodes, closed).graph
+    assert held.driven(46, 144) < 20.0
+    assert held.driven(0, 98) == 0.0
     assert lost_pairs(nodes, [], CONFIG)
-    between_laps = range(49, 98)
     pairs = lost_pairs(nodes, closed, CONFIG)
-    assert all(a in between_laps or b in between_laps for a, b in pairs)
+    assert all(held.driven(a, b) > 75.0 for a, b in pairs)
+    assert not any(abs(b - 98 - a) < 15 for a, b in pairs if b >= 98)
 
 
 def test_a_place_is_compared_from_where_the_robot_turns_evenly() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mapmyworld.config.ranges import FromZero, Positive, Step, Whole
+from mapmyworld.config.ranges import Positive, Step, Whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,5 +17,4 @@ class PlacesConfig:
     laser_submap: Positive = 5.0  # m of path to each side that a submap covers
     laser_drift: Positive = 0.04  # m per m of path by which the tracked pose may be off
     laser_drift_angle: Positive = 0.004  # rad per m of path by which the tracked pose may be off
-    laser_window: FromZero = 25.0  # m to each side, widest search where long nothing was known
     laser_revisits: Whole = 3  # earlier revisits that each scan is compared with, at most

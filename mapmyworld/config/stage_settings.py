@@ -55,7 +55,6 @@ FIRST_READ: Mapping[str, tuple[str, ...]] = {
     ),
     "optimise": (
         "places.laser_spacing",
-        "places.laser_window",
         "odometry.refine*",
         "graph.groups",
         "graph.covariances",

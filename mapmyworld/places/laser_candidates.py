@@ -15,6 +15,8 @@ from mapmyworld.types import Judged, ScanMatch
 Pairs = list[tuple[int, int]]
 FIRST_WINDOW = 15.0
 """Metres to each side, at most, of a search from poses that have drifted."""
+EVERYWHERE = np.inf
+"""As far as the drift may reach: then every place there is looked at by itself."""
 _LEAST_PATH = 8.0  # m of path between two visits, below which they are one
 _NEAR = 3.0  # m between two places that see the same
 _TIED = 1.2  # m of path at both ends within which one closure says what another would
@@ -32,7 +34,7 @@ def candidate_pairs(nodes: LaserNodes, config: Config, *, optimised: bool, first
         near = np.array(sorted(tree.query_ball_point(nodes.poses[later, :2], widest)), np.int64)
         near = near[nodes.path[later] - nodes.path[spots[near]] > _LEAST_PATH]
         apart = np.hypot(*(nodes.poses[spots[near], :2] - nodes.poses[later, :2]).T)
-        drift = places.laser_drift * drift_between(nodes, spots[near], later)
+        drift = places.laser_drift * nodes.graph.driven(spots[near], int(later))
         reach = _NEAR + (0.0 if optimised else 1.0) * np.minimum(drift, FIRST_WINDOW)
         best = _nearest_of_revisits(
             near[apart < reach], apart[apart < reach], places.laser_revisits
@@ -52,19 +54,11 @@ def _nearest_of_revisits(near: Index, apart: NDArray[np.float64], most: int) -> 
     return sorted(near[best[chosen]].tolist())
 
 
-def drift_between(nodes: LaserNodes, a: Index | int, b: Index | int) -> NDArray[np.float64]:
-    """Metres of path that the pose between two nodes may have drifted over."""
-    driven, known = nodes.path[b] - nodes.path[a], nodes.component[a] == nodes.component[b]
-    return np.asarray(
-        np.where(known, np.minimum(driven, nodes.to_closure[a] + nodes.to_closure[b]), driven)
-    )
-
-
 def drift_window(
     nodes: LaserNodes, a: int, b: int, config: Config, widest: float
 ) -> tuple[float, float]:
     """Metres, `widest` at most, and radians to each side that the drift between two nodes spans."""
-    drifted = float(drift_between(nodes, a, b))
+    drifted = float(nodes.graph.driven(a, b))
     distance = min(1.0 + config.places.laser_drift * drifted, widest)
     return distance, min(0.2 + config.places.laser_drift_angle * drifted, np.pi)
 

@@ -18,6 +18,7 @@ from mapmyworld.kernels.laser_motion import is_degenerate
 from mapmyworld.odometry.degeneracy import has_open_heading
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_candidates import (
+    EVERYWHERE,
     FIRST_WINDOW,
     candidate_pairs,
     drift_window,
@@ -27,7 +28,7 @@ from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps, place_around, submap_members
 from mapmyworld.places.perceptual_aliasing import reject_aliases
 from mapmyworld.places.session_joining import reject_ambiguous_joins
-from mapmyworld.places.wide_search import components_of, held_by, lost_pairs
+from mapmyworld.places.wide_search import BESIDE, components_of, held_by, lost_pairs
 from mapmyworld.registration.evidence import FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_matching import (
     Match,
@@ -112,8 +113,7 @@ def find_laser_closures(
     lost = [pair for pair in lost if pair not in set(pairs)]
     progress.stage("loop closures by laser", len(pairs) + len(lost), "pairs")
     near = compare_places(nodes, pairs, config, optimised=True)
-    widest = config.places.laser_window
-    return near + compare_places(nodes, lost, config, optimised=False, widest=widest)
+    return near + compare_places(nodes, lost, config, optimised=False, widest=EVERYWHERE)
 
 
 def compare_places(
@@ -168,9 +168,11 @@ def _compare(
     if not optimised:
         distance, angle = drift_window(nodes, a, b, config, widest)
     around = place_around(nodes, b, config)
-    needed = needed_evidence(distance, angle)
+    needed, centre = needed_evidence(distance, angle), guess
+    if widest == EVERYWHERE:  # is the robot at this place?
+        centre, distance = np.array([0.0, 0.0, guess[2]]), BESIDE
     found = search_evidence(
-        around.submap.points, place.grid, guess, distance, angle, FORTH * needed
+        around.submap.points, place.grid, centre, distance, angle, FORTH * needed
     )
     if found is None:
         verdict = Verdict(Judge.LASER, False, Why.NOTHING_IN_COMMON)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
+from mapmyworld.places.path_graph import NO_PAIRS, PathGraph
 from mapmyworld.places.stored_scans import Scans, StoredScans
 from mapmyworld.places.unseen_path import unseen_path
 from mapmyworld.types import MapStore, Node, Poses
@@ -31,8 +32,8 @@ class LaserNodes:
     """(N, 3)."""
     path: Array
     """(N,) metres driven, rotation and tracking losses counted as well."""
-    to_closure: Array
-    """(N,) metres driven since or until something holds the pose; infinite where nothing does."""
+    graph: PathGraph
+    """The path, and the closures that hold it."""
     sees: NDArray[np.bool_]
     """(N,) whether the scan has points enough to say where it was taken."""
     component: Index
@@ -67,7 +68,7 @@ def laser_nodes(ids: Index, scans: Scans, poses: Array) -> LaserNodes:
     path = np.concatenate([[0.0], np.cumsum(lengths)])
     sees = np.ones(len(ids), np.bool_)
     component = np.zeros(len(ids), np.int64)
-    return LaserNodes(ids, scans, poses, path, np.full(len(ids), np.inf), sees, component)
+    return LaserNodes(ids, scans, poses, path, PathGraph(path, NO_PAIRS), sees, component)
 
 
 def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -> LaserNodes:
@@ -82,7 +83,10 @@ def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -
     found = laser_nodes(ids, loaded.scans, matrix_to_planar(matrices))
     unseen = loaded.unseen[: len(ids)]
     path, component = found.path + np.cumsum(unseen), np.cumsum((unseen > 0.0).astype(np.int64))
-    return replace(found, path=path, sees=loaded.sees[: len(ids)], component=component)
+    return replace(
+        found, path=path, graph=PathGraph(path, NO_PAIRS), sees=loaded.sees[: len(ids)],
+        component=component,
+    )  # fmt: skip
 
 
 def spaced(path: Array, spacing: float) -> Index:

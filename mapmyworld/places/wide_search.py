@@ -6,14 +6,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from mapmyworld.config import Config
-from mapmyworld.places.laser_candidates import drift_between
 from mapmyworld.places.laser_nodes import Index, LaserNodes, NodeScans, calm_spots
+from mapmyworld.places.path_graph import PathGraph
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
@@ -21,8 +19,9 @@ _LONG = 75.0  # m of path without a closure from which two places may be far fro
 _UNKNOWN = 200.0  # m of path of a loss from which wheels do not relate both sides
 _LATER, _EARLIER = 8.0, 4.0  # m of path between the places that look, and that are looked at
 _APART = 2.0  # m between both where losses divide the path: one closure alone joins no components
-_MOST = 16  # earlier places that one is compared with
-_NEAR = 3.0  # m between two places that see the same
+_FARTHER = 1.5  # times the drift that is expected: of the few searches far off none is to miss it
+BESIDE = 5.0
+"""Metres to each side within which a robot that is at an earlier place is looked for."""
 
 
 def lost_pairs(
@@ -31,21 +30,20 @@ def lost_pairs(
     """(earlier, later) indices of places that drift may have moved apart, however far.
 
     The nearest place of an earlier visit need not be the true one when poses are metres off:
-    so every place within reach of the drift is compared, nearest first.
+    so every place within reach of the drift is compared.
     """
     nodes = held_by(nodes, constraints)
     apart_from_others = bool((nodes.component != nodes.component[0]).any())
     earlier = calm_spots(nodes, _APART if apart_from_others else _EARLIER)
-    tree = cKDTree(nodes.poses[earlier, :2])
     pairs: list[tuple[int, int]] = []
     for later in calm_spots(nodes, _APART if apart_from_others else _LATER).tolist():
-        widest = _NEAR + config.places.laser_window
-        near = earlier[sorted(tree.query_ball_point(nodes.poses[later, :2], widest))]
-        drifted = drift_between(nodes, near, later)
+        near = earlier[earlier < later]
+        drifted = nodes.graph.driven(near, later)
         apart = np.hypot(*(nodes.poses[near, :2] - nodes.poses[later, :2]).T)
-        worth = (drifted > _LONG) & (apart < _NEAR + config.places.laser_drift * drifted)
-        chosen = near[worth][np.argsort(apart[worth], kind="stable")[:_MOST]]
-        pairs += [(int(place), later) for place in np.sort(chosen)]
+        worth = (drifted > _LONG) & (
+            apart < BESIDE + _FARTHER * config.places.laser_drift * drifted
+        )
+        pairs += [(int(place), later) for place in near[worth]]
     return pairs
 
 
@@ -53,7 +51,10 @@ def held_by(nodes: LaserNodes, constraints: Iterable[Judged]) -> LaserNodes:
     """The nodes, knowing which accepted closures hold them and join what losses divide."""
     closures = _closures(constraints)
     component = _joined(nodes.ids, nodes.component, closures)
-    return replace(nodes, to_closure=distance_to_closure(nodes, closures), component=component)
+    row = {int(i): k for k, i in enumerate(nodes.ids)}
+    ends = [(row[c.from_id], row[c.to_id]) for c in closures if {c.from_id, c.to_id} <= row.keys()]
+    graph = PathGraph(nodes.path, np.array(ends, np.int64).reshape(-1, 2))
+    return replace(nodes, graph=graph, component=component)
 
 
 def components_of(loaded: NodeScans, constraints: Iterable[Judged]) -> Index:
@@ -79,15 +80,3 @@ def _joined(ids: Index, component: Index, closures: Sequence[Judged]) -> Index:
     size = int(component.max()) + 1
     links = coo_array((np.ones(len(a)), (a, b)), shape=(size, size))
     return np.asarray(connected_components(links, directed=False)[1][component], np.int64)
-
-
-def distance_to_closure(nodes: LaserNodes, closures: Sequence[Judged]) -> NDArray[np.float64]:
-    """(N,) metres of path from each node to the nearest one with a closure."""
-    ends = {i for c in closures for i in (c.from_id, c.to_id)}
-    tied: Index = np.flatnonzero(np.isin(nodes.ids, list(ends)))
-    if len(tied) == 0:
-        return np.full(len(nodes.ids), np.inf)
-    after = np.minimum(np.searchsorted(tied, np.arange(len(nodes.ids))), len(tied) - 1)
-    before = np.maximum(after - 1, 0)
-    distance = nodes.path[:, None] - nodes.path[np.stack([tied[before], tied[after]], axis=1)]
-    return np.asarray(np.abs(distance).min(axis=1))

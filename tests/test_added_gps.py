@@ -62,5 +62,5 @@ def test_fixes_hold_a_drifting_path_by_their_lever_arm(data: Path) -> None:
     metres, sigmas = missed(ARM)
     assert drifted.max() > 0.5
     assert np.sqrt(np.mean(metres**2)) < 0.06
-    assert 0.5 < np.mean((metres / sigmas) ** 2) < 2.0  # as sure as it is
+    assert 0.5 < np.mean((metres / sigmas) ** 2) < 2.0  # as confident as it is
     assert np.sqrt(np.mean(missed(np.zeros(3))[0] ** 2)) > 0.3

@@ -6,6 +6,7 @@ import re
 import shutil
 from contextlib import closing
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -103,11 +104,14 @@ def test_images_are_a_log_again(ours: Path, tmp_path: Path) -> None:
     assert len(truth.stamps_ns) == 2
 
 
-def test_report_is_one_page_without_links(ours: Path, tmp_path: Path) -> None:
+def test_report_is_one_page_that_links_to_nothing_but_the_map(ours: Path, tmp_path: Path) -> None:
     run("report", ours, "-o", tmp_path / "map.html")
     page = (tmp_path / "map.html").read_text()
     assert page.startswith("<!doctype html>")
-    assert not re.findall(r'(?:src|href)="(?!data:|#)', page)
+    assert not re.findall(r'src="(?!data:|#)', page)
+    links = re.findall(r'href="(?!data:|#)([^"]*)"', page)
+    assert ours.resolve() in [(tmp_path / unquote(link)).resolve() for link in links]
+    assert all((tmp_path / unquote(link)).is_file() for link in links)
     assert "evidence 12 points below 30" in page  # why the rejected one was
     assert page.count("<image id=") == 3
     assert "<svg" in page

@@ -57,9 +57,15 @@ def report_html(contents: ReportContents) -> str:
     return page.html()
 
 
+def _shown(name: str) -> str:
+    """A file's name as text: bytes that the locale cannot read are read as UTF-8."""
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
 def _products(contents: ReportContents) -> str:
     links = "".join(
-        f'<li><a href="{escape(quote(href))}">{escape(PurePath(href).name)}</a> {escape(what)}</li>'
+        f'<li><a href="{escape(quote(href, errors="surrogateescape"))}">'
+        f"{escape(_shown(PurePath(href).name))}</a> {escape(what)}</li>"
         for href, what in contents.products
     )
     return f'<ul class="products">{links}</ul>' if links else ""

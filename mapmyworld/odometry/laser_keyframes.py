@@ -15,8 +15,8 @@ from mapmyworld.kernels.scan_tracking import (
     learn_matching,
     remember_scan,
 )
-from mapmyworld.registration.evidence import Place
 from mapmyworld.registration.line_of_sight import share_seen_through
+from mapmyworld.registration.place_evidence import Place
 from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import (
     FINE,

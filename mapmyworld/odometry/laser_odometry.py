@@ -23,7 +23,7 @@ from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.odometry.odometry_faults import OdometryFaults
 from mapmyworld.odometry.tracking_losses import TrackingLosses
-from mapmyworld.registration.evidence import APART, FORTH, Place, needed_evidence
+from mapmyworld.registration.place_evidence import APART, FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
 from mapmyworld.registration.scan_search import NATS, Submap, search_evidence
 from mapmyworld.types import Frame, Scan

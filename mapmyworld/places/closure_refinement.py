@@ -24,7 +24,7 @@ from mapmyworld.odometry.degeneracy import has_open_heading
 from mapmyworld.places.laser_closures import closure_information
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps, place_around
-from mapmyworld.registration.evidence import needed_evidence
+from mapmyworld.registration.place_evidence import needed_evidence
 from mapmyworld.registration.scan_search import MARGIN
 from mapmyworld.types import (
     CLOSURES,

@@ -29,7 +29,7 @@ from mapmyworld.places.laser_submaps import match_submaps, place_around, submap_
 from mapmyworld.places.perceptual_aliasing import reject_aliases
 from mapmyworld.places.session_joining import reject_ambiguous_joins
 from mapmyworld.places.wide_search import BESIDE, components_of, held_by, lost_pairs
-from mapmyworld.registration.evidence import FORTH, Place, needed_evidence
+from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_matching import (
     Match,
 )

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, transform_points_planar
 from mapmyworld.places.laser_nodes import LaserNodes
-from mapmyworld.registration.evidence import Place
+from mapmyworld.registration.place_evidence import Place
 from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import FINE, Match, PreparedScan
 from mapmyworld.registration.scan_search import Submap, rows_of, submap_points

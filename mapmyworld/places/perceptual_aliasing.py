@@ -18,7 +18,7 @@ from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_candidates import drift_window
 from mapmyworld.places.laser_nodes import LaserNodes, spaced
 from mapmyworld.places.laser_submaps import place_around, submap_members
-from mapmyworld.registration.evidence import FORTH, Place, needed_evidence
+from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_search import MARGIN, evidence_elsewhere
 from mapmyworld.types import Judge, Judged, ScanMatch, Verdict, Why
 

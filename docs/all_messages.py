@@ -338,6 +338,8 @@ _TITLES = {
 }
 _HEAD = """# Troubleshooting: every message, and what to do
 
+The map is there, and wrong? [Symptoms](symptoms.md), with pictures. Below: what a message means.
+
 Written by `python docs/generate.py` from the code; do not edit. `...` stands for what varies. A
 message names the file or topic before it. Errors end a command with exit code 2; a loss makes a
 map partial (exit code 3); a note changes nothing; a reason stands beside what was chosen, and

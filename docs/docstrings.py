@@ -31,7 +31,7 @@ class Entry(NamedTuple):
 
     @property
     def lacks_shape(self) -> bool:
-        return self.arrays and not SHAPE.search(self.text)
+        return self.arrays and not SHAPE.search(" ".join(self.text.split()))
 
     @property
     def lacks_errors(self) -> bool:

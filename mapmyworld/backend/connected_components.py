@@ -36,7 +36,7 @@ def held_nodes(node_count: int, tails: Index, heads: Index, held: Index) -> NDAr
 
 
 def positions(known: Index, wanted: Index) -> Index:
-    """Where `wanted` ids stand in the ascending `known`; -1 for those that do not."""
+    """(W,) where `wanted` ids (W,) stand in the ascending `known` (K,); -1 for absent ones."""
     if len(known) == 0 or len(wanted) == 0:
         return np.full(len(wanted), -1, np.int64)
     found = np.minimum(known.searchsorted(wanted), len(known) - 1)

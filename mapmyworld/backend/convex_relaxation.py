@@ -34,9 +34,9 @@ class Relaxation:
     order: Index
     """(N,) the system's nodes."""
     anchors: Index
-    """One node of every connected component, where the map's frame is held."""
+    """(A,) one node of every connected component, where the map's frame is held."""
     points: Index
-    """Nodes without a rotation: landmarks."""
+    """(L,) nodes without a rotation: landmarks."""
 
 
 def relaxation_of(system: System, residuals: Array, *, equal: bool = False) -> Relaxation:

@@ -55,12 +55,18 @@ def elimination_order(factors: Any) -> list[int]:
 
 
 def factor_graph(system: System, poses: Array) -> FactorGraph:
-    """The factors of all edges that a free node has, in their order, and all free nodes."""
+    """The factors of all edges that a free node has, in their order, and all free nodes.
+
+    These start at `poses` (N, 3 or 4, 4), map_from_node.
+    """
     return FactorGraph(factors_of(system, poses), values_of(system, poses))
 
 
 def factors_of(system: System, poses: Array) -> Any:
-    """Gtsam's graph of the edges that have a free end, in their order."""
+    """Gtsam's graph of the edges that have a free end, in their order.
+
+    `poses` (N, 3 or 4, 4) are map_from_node of all nodes.
+    """
     system = _from_held_nodes(chosen_edges(system, moving_edges(system)))
     factors = gtsam.NonlinearFactorGraph()
     kinds = np.zeros(len(system.tails), np.int64) if system.kinds is None else system.kinds
@@ -171,7 +177,7 @@ class _Seen:
 
 
 def values_of(system: System, poses: Array) -> Any:
-    """Gtsam's values of all free nodes."""
+    """Gtsam's values of all free nodes. `poses` (N, 3 or 4, 4), map_from_node, are of all nodes."""
     values, is_point = gtsam.Values(), system.points
     free = system.free >= 0
     make = _Maker.of(system.planar)

@@ -72,7 +72,7 @@ def _stepped(part: System, factors: Any, order: Index, poses: Array, weights: Ar
 
 
 def first_control(chi2: Array, limit: float) -> float:
-    """The control parameter at which the loss is convex over the largest residual."""
+    """The control parameter at which the loss is convex over the largest of squared sigmas (E,)."""
     worst = float(chi2.max(initial=0.0))
     return 1e3 if 2.0 * worst <= limit else limit / (2.0 * worst - limit)
 

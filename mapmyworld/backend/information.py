@@ -34,7 +34,10 @@ class Factorised:
 
     @staticmethod
     def of(matrix: csc_array, order: Index) -> Factorised:
-        """The factors of a matrix of unknowns in this order; raises `NotPositiveDefiniteError`."""
+        """The factors of a matrix (n, n) of unknowns in this order (n,).
+
+        Raises `NotPositiveDefiniteError` where they have no unique solution.
+        """
         try:
             found = splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0,
                          options={"SymmetricMode": True})  # fmt: skip
@@ -47,7 +50,10 @@ class Factorised:
 
     @staticmethod
     def of_rows(jacobian: csr_array, order: Index) -> Factorised:
-        """The factors of `J' J`, its unknowns eliminated in this order; raises the same."""
+        """The factors of `J' J` of J (R, n), its unknowns eliminated in this order (n,).
+
+        Raises `NotPositiveDefiniteError` where they have no unique solution.
+        """
         ordered = jacobian[:, order]
         return Factorised.of(csc_array(ordered.T @ ordered), order)
 
@@ -95,7 +101,7 @@ class Variables:
         return Variables(keys, np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64))
 
     def unknowns(self, keys: Index) -> Index:
-        """The unknowns of these variables, one variable after the other."""
+        """(n,) unknowns of these variables (K,), one variable after the other."""
         at = np.searchsorted(self.keys, keys)
         sizes = self.starts[at + 1] - self.starts[at]
         before = np.cumsum(sizes) - sizes
@@ -150,5 +156,8 @@ class Information:
 
 
 def information_of(system: System, poses: Array) -> Information:
-    """The information of the free nodes at `poses`; raises `NotPositiveDefiniteError`."""
+    """The information of the free nodes at `poses` (N, 3 or 4, 4), map_from_node.
+
+    Raises `NotPositiveDefiniteError` where the edges leave a node undetermined.
+    """
     return Information.of(factor_graph(system, poses))

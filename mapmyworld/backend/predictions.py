@@ -20,16 +20,18 @@ class Prediction:
     """A group of C edges between poses against a solution."""
 
     residuals: Array
-    """(C d,) in sigmas: one edge's residual is `root' r`, with `root root'` its information."""
+    """(C * d,) in sigmas: one edge's residual is `root' r`, with `root root'` its information."""
     covariance: Array
-    """(C d, C d) of these, as the solution predicts them."""
+    """(C * d, C * d) of these, as the solution predicts them."""
 
 
 def predictions(
     information: Information, system: System, poses: Array, groups: Sequence[Index]
 ) -> list[Prediction]:
-    """Every group of edges of a system (none of them a sighting) against the solution `poses`,
-    whose information has the system's free nodes for variables.
+    """Every group of edges of a system, none of them a sighting, against a solution.
+
+    A group is the positions (C,) of its edges. The `poses` (N, 3 or 4, 4), map_from_node, are the
+    solution, whose `information` has the system's free nodes for variables.
     """
     if not groups:
         return []

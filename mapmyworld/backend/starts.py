@@ -42,9 +42,11 @@ def chain_start(
     measured: Array,
     trusted: NDArray[np.bool_],
 ) -> Array:
-    """Poses along the spanning tree that prefers odometry, then the shortest jumps in time.
+    """Poses (N, 3 or 4, 4) along the spanning tree of `trusted` edges (E,) and short jumps in time.
 
-    `tails`, `heads` are positions in `guess`, whose first pose of every component is kept.
+    The former come first: they are odometry. `tails`, `heads` (E,) are positions in `guess`
+    (N, 3 or 4, 4), map_from_node, whose first pose of every component is kept; `measured`
+    (E, 3 or 4, 4) are tail_from_head.
     """
     penalty = np.where(trusted, 0, len(guess))
     tree = spanning_tree(planar, len(guess), tails, heads, measured, penalty)
@@ -59,7 +61,10 @@ def spanning_tree(
     measured: Array,
     penalty: Index | None = None,
 ) -> Tree:
-    """The tree of the shortest jumps, each lengthened by its `penalty`."""
+    """The tree of the shortest jumps over `count` nodes, each lengthened by its `penalty` (E,).
+
+    Edges lead from `tails` (E,) to `heads` (E,), with `measured` (E, 3 or 4, 4) as tail_from_head.
+    """
     low, high = np.minimum(tails, heads), np.maximum(tails, heads)
     jump = high - low + (0 if penalty is None else penalty)
     order = np.lexsort((jump, high, low))
@@ -93,7 +98,12 @@ def _parents(tree: csr_array) -> Index:
 
 
 def along_tree(planar: bool, guess: Array, parents: Index, motions: Array) -> Array:
-    """Poses of all nodes by doubling: each round joins every node's path to its ancestor's."""
+    """Poses (N, 3 or 4, 4) of all nodes along a tree.
+
+    By doubling: each round joins every node's path to its ancestor's. `parents` (N,) and `motions`
+    (N, 3 or 4, 4) are a `Tree`'s; of `guess` (N, 3 or 4, 4), map_from_node, the poses of roots are
+    kept.
+    """
     compose = compose_planar if planar else np.matmul
     while not np.array_equal(parents, parents[parents]):
         motions = compose(motions[parents], motions)
@@ -110,10 +120,12 @@ def chordal_start(
     measured: Array,
     information: Array,
 ) -> Array:
-    """Poses by the chordal relaxation: rotations as free matrices, projected; then positions.
+    """Poses (N, 3 or 4, 4) by the chordal relaxation.
 
-    Linear twice, so no local minimum. Carlone, Tron, Daniilidis, Dellaert, "Initialization
-    techniques for 3D SLAM" (2015). The poses of `anchors` in `guess` are kept.
+    Rotations as free matrices, projected; then positions. Linear twice, so no local minimum.
+    Carlone, Tron, Daniilidis, Dellaert, "Initialization techniques for 3D SLAM" (2015). The poses
+    of `anchors` (A,) in `guess` (N, 3 or 4, 4) are kept. Edges lead from `tails` (E,) to `heads`
+    (E,), with `measured` (E, 3 or 4, 4) as tail_from_head and their `information` (E, d, d).
     """
     full = planar_to_matrix(guess) if planar else guess
     motion = planar_to_matrix(measured) if planar else measured
@@ -197,7 +209,7 @@ def _positions(
 
 
 def with_places(system: System, poses: Array) -> Array:
-    """Poses of these rotations where edges want them; nodes that stay, stay."""
+    """These `poses` (N, 3 or 4, 4) moved to where edges want them; nodes that stay, stay."""
     planar, held = system.planar, np.flatnonzero(system.free < 0)
     where = np.s_[:, :2] if planar else np.s_[:, :3, 3]
     turned, diagonal = poses[system.tails], np.einsum("eii->ei", system.information)

@@ -19,11 +19,13 @@ class System:
 
     planar: bool
     tails: Index
-    heads: Index
     """(E,) positions of nodes."""
+    heads: Index
+    """(E,) positions of nodes, which an edge measures in the frame of its tail."""
     measured: Array
+    """(E, 3 or 4, 4) tail_from_head."""
     information: Array
-    """(E, 3 or 4, 4) and (E, d, d)."""
+    """(E, d, d) of perturbations of it, d = 3 or 6."""
     free: Index
     """(N,) number of each node among the free ones; -1 for those that stay."""
     kinds: Index | None = None
@@ -57,6 +59,7 @@ class Fit:
     """Poses of all nodes, and how they fit the edges."""
 
     poses: Array
+    """(N, 3 or 4, 4) map_from_node."""
     residuals: Array
     """(E, d)."""
     squares: Array
@@ -82,7 +85,7 @@ def residuals_of(system: System, poses: Array) -> Array:
 
 
 def chosen_edges(system: System, which: NDArray[np.bool_] | Index) -> System:
-    """The system with some of its edges."""
+    """The system with some of its edges, by mask (E,) or positions (K,)."""
     return replace(
         system,
         tails=system.tails[which],
@@ -96,7 +99,11 @@ def chosen_edges(system: System, which: NDArray[np.bool_] | Index) -> System:
 def with_edges(
     system: System, tails: Index, heads: Index, measured: Array, information: Array
 ) -> System:
-    """A system without landmarks with more edges, after its own."""
+    """A system without landmarks with more edges, after its own.
+
+    `tails`, `heads` (K,) are positions of nodes, `measured` (K, 3 or 4, 4) tail_from_head, with
+    `information` (K, d, d).
+    """
     return replace(
         system,
         tails=np.concatenate([system.tails, tails]),
@@ -107,7 +114,7 @@ def with_edges(
 
 
 def believed_edges(system: System, which: NDArray[np.bool_]) -> System:
-    """The system with some of its edges; the first node of every component they leave stays."""
+    """The system with edges of a mask (E,); the first node of every component they leave stays."""
     part, held = chosen_edges(system, which), np.flatnonzero(system.free < 0)
     stays = held_nodes(len(system.free), part.tails, part.heads, held)
     return replace(part, free=number_free(stays))
@@ -119,7 +126,7 @@ def moving_edges(system: System) -> NDArray[np.bool_]:
 
 
 def fit_of(system: System, poses: Array) -> Fit:
-    """How poses fit the edges of a system."""
+    """How `poses` (N, 3 or 4, 4), map_from_node, fit the edges of a system."""
     tails, heads = poses[system.tails], poses[system.heads]
     residuals = edge_residuals(system.planar, tails, heads, system.measured)
     if system.kinds is not None:

@@ -28,9 +28,10 @@ _ASKED = 10_000_000  # numbers of answers that are held, which are as many as no
 
 
 def wraparound_starts(system: System, poses: Array, count: int) -> Iterator[Array]:
-    """Poses near those of a minimum with a turn more or less, the likeliest first.
+    """Poses (N, 3 or 4, 4) near those of a minimum with a turn more or less, likeliest first.
 
-    In space, where a heading is not a number, loops are wound about three axes, both ways.
+    At most about `count`. In space, where a heading is not a number, loops are wound about three
+    axes, both ways.
     """
     weights = system.information[:, 2, 2] if system.planar else _spins(system.information)
     solver, edges = _headings(system, weights), _asked(system)

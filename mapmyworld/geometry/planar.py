@@ -14,7 +14,7 @@ PLANAR_IN_TANGENT = np.array([3, 4, 2])
 
 
 def wrap_angle(angle: ArrayLike) -> Array:
-    """The same angles in (-pi, pi]."""
+    """The same angles (...), radians, in (-pi, pi]."""
     angle = np.asarray(angle, dtype=np.float64)
     return np.asarray(np.pi - np.mod(np.pi - angle, 2.0 * np.pi))
 

@@ -33,6 +33,7 @@ class RelativePoses:
     first: Indices
     """(R,) indices of cameras."""
     second: Indices
+    """(R,) indices of cameras."""
     first_from_second: Array
     """(R, 4, 4)."""
     information: Array
@@ -56,7 +57,7 @@ class Bundle:
     seen: Array
     """(M, 3): x, y at depth 1, inverse depth in 1/m or NaN."""
     sigmas: Array
-    """(M, 2 or more) standard deviations of x and y, and of the inverse depth."""
+    """(M, k) standard deviations of x and y, and of the inverse depth in 1/m; k is 2 or more."""
     motions: RelativePoses | None = None
 
 
@@ -88,11 +89,17 @@ class Blocks:
     """A bundle's normal equations, camera by camera, point by point, sighting by sighting."""
 
     cameras: Array
+    """(K, 6, 6)."""
     camera_gradients: Array
+    """(K, 6), rotation first."""
     points: Array
+    """(P, 3, 3)."""
     point_gradients: Array
+    """(P, 3)."""
     cross: Array
+    """(M, 6, 3) of every sighting's camera and point."""
     motions: tuple[Array, Array, Array, Array, Array] | None
+    """Blocks aa, bb, ba (R, 6, 6) and gradients a, b (R, 6) of motions between cameras."""
 
 
 def linearise(bundle: Bundle, width: float) -> tuple[Blocks, float]:

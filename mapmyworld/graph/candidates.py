@@ -15,14 +15,17 @@ from mapmyworld.graph.problem import Problem
 
 
 def starts_of(problem: Problem) -> dict[str, Array]:
-    """Name -> poses of nodes, the map's frame and landmarks."""
+    """Name -> poses (M, 3 or 4, 4) of nodes, the map's frame and landmarks."""
     if len(problem.graph.landmark_ids):
         return _starts_with_landmarks(problem, dead_reckoning(problem))
     return {**near_start(problem), **plain_starts(problem)}
 
 
 def near_start(problem: Problem) -> dict[str, Array]:
-    """The chordal start, which leads to the global minimum most often; nothing where it fails."""
+    """The chordal start (N + 1, 3 or 4, 4), which leads to the global minimum most often.
+
+    Nothing where it fails, or where there are landmarks.
+    """
     graph, system, count = problem.graph, problem.system, problem.nodes
     if len(graph.landmark_ids):
         return {}
@@ -35,12 +38,12 @@ def near_start(problem: Problem) -> dict[str, Array]:
 
 
 def plain_starts(problem: Problem) -> dict[str, Array]:
-    """Dead reckoning, and the stored poses."""
+    """Dead reckoning, and the stored poses, (N + 1, 3 or 4, 4) each: nodes and the map's frame."""
     return {"odometry": dead_reckoning(problem), "guess": problem.guess[: problem.nodes]}
 
 
 def dead_reckoning(problem: Problem) -> Array:
-    """Poses of nodes and the map's frame, by odometry first."""
+    """Poses (N + 1, 3 or 4, 4) of nodes and the map's frame, by odometry first."""
     graph, system = problem.graph, problem.system
     poses = len(graph.edges) + len(graph.priors)
     trusted = np.zeros(poses, np.bool_)
@@ -53,7 +56,10 @@ def dead_reckoning(problem: Problem) -> Array:
 
 
 def with_landmarks(problem: Problem, chain: Array) -> Array:
-    """Dead reckoning, with every landmark where its first sighting puts it."""
+    """(M, 3 or 4, 4) dead reckoning, and every landmark where its first sighting puts it.
+
+    `chain` (N + 1, 3 or 4, 4) is of nodes and the map's frame.
+    """
     graph = problem.graph
     places = first_places(graph.planar, chain, graph.ids, graph.landmark_ids, graph.sightings)
     return np.concatenate([chain, places])

@@ -37,7 +37,10 @@ def solve_by_chains(
     planar: bool,
     config: GraphConfig,
 ) -> SolvedGraph:
-    """As `graph.solve`, all nodes and constraints, from the nodes that closures tie."""
+    """As `graph.solve`, all nodes and constraints, from the nodes that closures tie.
+
+    `landmarks`: id -> map_from_landmark (4, 4) at the start.
+    """
     fresh = [c.before(Judge.GRAPH) for c in constraints]
     ids = np.array([node.id for node in nodes], np.int64)
     is_motion = are_motions(fresh, set(ids.tolist()))

@@ -34,7 +34,7 @@ class Judgement:
     """Groups against the rest of the graph."""
 
     members: tuple[Index, ...]
-    """Positions of the edges of every group."""
+    """(C,) positions of the edges of every group."""
     excess: Array
     """(G,) squared sigmas over what may be: above one is contradicted.
 
@@ -66,20 +66,21 @@ def allowed(scale: float) -> float:
 
 
 def chance_of(fit: Array, volume: Array, space: float, freedom: int) -> Array:
-    """The chance that a false closure comes within squared sigmas `fit` of a prediction.
+    """(K,) chance that a false closure comes within squared sigmas `fit` (K,) of a prediction.
 
-    The share that this ellipsoid around the prediction has of all alternatives.
+    The share that this ellipsoid around the prediction, of `volume` (K,), has of all alternatives,
+    of which `space` is the logarithm of the volume.
     """
     ball = 0.5 * freedom * np.log(np.maximum(fit, 1e-9) / 2.0) - gammaln(0.5 * freedom + 1.0)
     return np.asarray(np.exp(np.minimum(ball + np.log(volume) - space, 0.0)))
 
 
 def evidence_of(fit: Array, volume: Array, space: float, scale: float, freedom: int) -> Array:
-    """Logarithm of how much likelier squared sigmas `fit` are of a true closure than of chance.
+    """(K,) logarithm of how much likelier `fit` (K,) is of a true closure than of chance.
 
-    `volume` is that of the prediction, `space` the logarithm of that of all alternatives. Where
-    covariances are stated too large, true ones show it by how well they fit: believed is what
-    scale, between the typical one and the stated one, suits each best.
+    `fit` is in squared sigmas; `volume` (K,) is that of the prediction, `space` the logarithm of
+    that of all alternatives. Where covariances are stated too large, true ones show it by how well
+    they fit: believed is what scale, between the typical one and the stated one, suits each best.
     """
     sharp = np.clip(fit / freedom, min(max(scale, 1e-4), 1.0), 1.0)
     normalised = fit / sharp + freedom * np.log(sharp)
@@ -99,6 +100,9 @@ def judge_groups(
     Leaving a group of information W out changes its residuals r to those that the rest predicts;
     with P, their covariance by the whole solution, the squared sigmas become
     `r' W (W - W P W)^-1 W r`, all at the price of one factorisation.
+
+    `poses` (N, 3 or 4, 4) are that solution, `inliers` (E,) its edges, `closures` (K,) positions of
+    edges and `groups` (K,) the number of the group of each.
     """
     part = believed_edges(system, inliers)
     believed = np.flatnonzero(inliers[closures])

@@ -64,7 +64,11 @@ def compare_closures(
     information: Array,
     limit: float,
 ) -> Consistency:
-    """The agreement of K closures with those that join the same sections of the path."""
+    """The agreement of K closures with those that join the same sections of the path.
+
+    Closures lead from nodes `tails` (K,) to `heads` (K,), with `measured` (K, 3 or 4, 4) as
+    tail_from_head and its `information` (K, d, d); they agree up to `limit` squared sigmas.
+    """
     count = len(tails)
     tails, heads, measured, spread = _forward(planar, tails, heads, measured, information)
     pairs = _near_pairs(odometry.chain, tails, heads)
@@ -140,7 +144,7 @@ def _loop_chi2(
 
 
 def definite(covariance: Array) -> Array:
-    """The covariances, those that rounding made singular a little larger."""
+    """The covariances (K, d, d), those that rounding made singular a little larger, in place."""
     lost = ~(np.linalg.det(covariance) > 0.0)
     size = covariance.shape[-1]
     more = _ROUNDING * np.abs(covariance[lost]).max(axis=(1, 2), initial=_ROUNDING)
@@ -149,7 +153,11 @@ def definite(covariance: Array) -> Array:
 
 
 def alternatives(planar: bool, measured: Array) -> float:
-    """The volume of relative poses that a false closure could have measured instead."""
+    """The volume of relative poses that a false closure could have measured instead.
+
+    A ball of positions (m, m^2 or m^3) as wide as the longest `measured` (K, 3 or 4, 4), times all
+    rotations.
+    """
     places = measured[:, :2] if planar else measured[:, :3, 3]
     reach = max(1.0, float(np.linalg.norm(places, axis=1).max(initial=0.0)))
     if planar:

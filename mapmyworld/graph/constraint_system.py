@@ -25,7 +25,7 @@ class StatedSystem:
     trusted: NDArray[np.bool_]
     """(E,) edges that nobody questions."""
     anchors: Index
-    """The map's frame, and the first node of every component that no prior ties to it."""
+    """(A,) the map's frame, and the first node of every component that no prior ties to it."""
 
 
 def stated_system(

@@ -15,7 +15,11 @@ from mapmyworld.graph.consistency import Odometry
 def reckon(
     planar: bool, guess: Array, tails: Index, heads: Index, measured: Array, information: Array
 ) -> Odometry:
-    """Poses and covariances of all nodes (N) by the trusted edges between them alone."""
+    """Poses and covariances of all N nodes by the trusted edges between them alone.
+
+    These lead from `tails` (E,) to `heads` (E,), with `measured` (E, 3 or 4, 4) as tail_from_head
+    and its `information` (E, d, d); roots keep their `guess` (N, 3 or 4, 4).
+    """
     tree = spanning_tree(planar, len(guess), tails, heads, measured)
     poses = along_tree(planar, guess, tree.parents, tree.motions)
     adjoint = planar_adjoint(poses) if planar else se3_adjoint(poses)

@@ -145,7 +145,7 @@ def _reached(order: Sequence[Constraint], first: Index) -> Array:
 
 
 def followed(nodes: Sequence[Node], kept: NDArray[np.bool_], solved: Poses) -> Poses:
-    """All nodes: those left out share out what solving moved the kept ones before and after."""
+    """All nodes: those left out share what solving moved those `kept` (N,) before and after."""
     ids = np.array([node.id for node in nodes], np.int64)
     before = np.flatnonzero(kept)[np.cumsum(kept) - 1]
     tracked = np.stack([node.tracked_from_base for node in nodes])

@@ -62,7 +62,8 @@ def unmet(constraints: Sequence[Constraint], edits: Sequence[Edit]) -> list[str]
 def resolve_pins(edits: Sequence[Edit], poses: Poses) -> tuple[Edit, ...]:
     """The edits with the present pose written into every pin that gives none.
 
-    So that a replay pins the node where it was when the person looked at it.
+    So that a replay pins the node where it was when the person looked at it. Raises `GraphError`
+    where an edit names a node without pose.
     """
     at = {int(k): pose for k, pose in zip(poses.ids, poses.map_from_node, strict=True)}
     unknown = sorted({i for e in edits for i in (e.from_id, e.to_id)} - set(at))

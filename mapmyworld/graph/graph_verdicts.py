@@ -65,7 +65,10 @@ def judged(
     solution: RobustSolution,
     system: System,
 ) -> tuple[Judged, ...]:
-    """All constraints, those that were asked with the graph's verdict; `used` are the system's."""
+    """All constraints, those that were asked with the graph's verdict.
+
+    `used` (E,) are the positions of those that are the system's edges.
+    """
     result = [
         c.judged(Verdict(Judge.GRAPH, False, Why.UNUSABLE, note=fault)) if fault else c
         for c, fault in zip(constraints, faults, strict=True)

@@ -24,7 +24,10 @@ _SHORTEST = 100  # nodes of a part at least
 
 
 def grown_start(graph: PoseGraph, system: System, chain: Array) -> Array:
-    """Poses of nodes, the map's frame and landmarks; `chain` (N + 1) is dead reckoning."""
+    """Poses (M, 3 or 4, 4) of nodes, the map's frame and landmarks.
+
+    `chain` (N + 1, 3 or 4, 4) is dead reckoning.
+    """
     count = len(graph)
     step = max(_SHORTEST, -(-count // _PARTS))
     nodes = chain.copy()

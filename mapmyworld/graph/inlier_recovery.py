@@ -53,7 +53,11 @@ class LeftOutFits:
 def left_out_fits(
     system: System, poses: Array, inliers: NDArray[np.bool_], limit: float, scale: float
 ) -> LeftOutFits | None:
-    """How edges left out fit; None where none can be judged."""
+    """How edges left out, those not of `inliers` (E,), fit; None where none can be judged.
+
+    They fit `poses` (N, 3 or 4, 4), map_from_node. `limit` is in squared sigmas; `scale` is the
+    typical group's, as in `Judgement`.
+    """
     part = components(len(poses), system.tails[inliers], system.heads[inliers])
     within = part[system.tails] == part[system.heads]  # nothing predicts what joins two components
     candidates = np.flatnonzero(~inliers & within)

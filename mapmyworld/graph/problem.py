@@ -24,9 +24,9 @@ class Problem:
     system: System
     """Edges in canonical order, then priors, then sightings."""
     guess: Array
-    """Poses of all, landmarks at zero."""
+    """(M, 3 or 4, 4) poses of all, map_from_node, landmarks at zero."""
     anchors: Index
-    """The map's frame, fixed nodes, and the first node of every component that has neither."""
+    """(A,) the map's frame, fixed nodes, and the first node of every component that has neither."""
     order: Index
     """(E,) the graph's edges in canonical order."""
     component: Index

@@ -34,6 +34,7 @@ class RobustSolution:
     """Poses, and the edges that were believed."""
 
     poses: Array
+    """(N, 3 or 4, 4) map_from_node."""
     inliers: NDArray[np.bool_]
     """(E,) edges that were believed in the end; trusted ones always."""
     chi2: Array
@@ -46,12 +47,12 @@ class RobustSolution:
     """Of these closures."""
 
     def moved(self, poses: Array, chi2: Array) -> RobustSolution:
-        """The same verdicts at other poses."""
+        """The same verdicts at other `poses` (N, 3 or 4, 4), where edges have `chi2` (E,)."""
         return replace(self, poses=poses, chi2=chi2)
 
     @staticmethod
     def untouched(system: System, poses: Array, trusted: NDArray[np.bool_]) -> RobustSolution:
-        """Nothing to solve: every edge believed, every node where it was."""
+        """Nothing to solve: every edge (E,) believed, every node at its `poses` (N, 3 or 4, 4)."""
         nothing = np.zeros(0, np.int64)
         agreement = Consistency(
             nothing.reshape(0, 2), np.zeros(0), nothing, nothing, np.zeros(0, np.bool_)
@@ -68,6 +69,9 @@ def solve_robustly(
     Believed at first are the closures that agree with each other; where the solution of these
     leaves some of them out, another one grows from odometry alone, and the cheaper one is solved
     afresh.
+
+    `guess` (N, 3 or 4, 4) is map_from_node, `anchors` (A,) the nodes that keep it, and `trusted`
+    (E,) the edges that nobody questions.
     """
     limit = float(chi_squared_quantile(config.inlier_probability, system.dimension))
     closures = np.flatnonzero(~trusted).astype(np.int64)

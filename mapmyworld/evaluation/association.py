@@ -14,10 +14,10 @@ MAX_DIFFERENCE_S = 0.01  # between two stamps of one moment; evo's default
 def associate(
     first: Trajectory, second: Trajectory, max_difference_s: float = MAX_DIFFERENCE_S
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Indices into `first` and `second` of poses of the same moments.
+    """(K,) indices into `first` and (K,) into `second` of poses of the same moments.
 
-    Each pose of the shorter trajectory takes the one of the longer that is nearest in time
-    (as evo does). Raises `MapError` where no pair is near enough.
+    Each pose of the shorter trajectory takes the one of the longer that is nearest in time (as evo
+    does). Raises `MapError` where no pair is near enough.
     """
     second_longer = len(second.stamps_ns) > len(first.stamps_ns)
     short, long = (first, second) if second_longer else (second, first)
@@ -32,7 +32,10 @@ def associate(
 
 
 def nearest_stamps(stamps_ns: NDArray[np.int64], wanted_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """For each wanted stamp the index of the nearest one; `stamps_ns` need not be sorted."""
+    """(W,) for each wanted stamp (W,) the index of the nearest one of `stamps_ns` (N,).
+
+    These need not be sorted.
+    """
     order = np.argsort(stamps_ns, kind="stable")
     ordered = stamps_ns[order]
     after = np.clip(np.searchsorted(ordered, wanted_ns), 1, max(len(ordered) - 1, 1))

@@ -37,7 +37,7 @@ def cloud_distances(cloud: PointCloud, mesh: Mesh) -> NDArray[np.float64]:
 
 
 def cloud_score(cloud: PointCloud, mesh: Mesh) -> ErrorStatistics:
-    """Statistics of the distances, metres."""
+    """Statistics of the distances, metres; raises `MapError` for a cloud without points."""
     if len(cloud.points) == 0:
         raise MapError("a cloud without points has no distance from anything: give another")
     return summarise(cloud_distances(cloud, mesh))

@@ -27,7 +27,7 @@ class ErrorStatistics:
 
 
 def summarise(errors: ArrayLike) -> ErrorStatistics:
-    """Statistics of at least one error."""
+    """Statistics of errors (N,), at least one."""
     e = np.asarray(errors, np.float64)
     return ErrorStatistics(
         count=len(e),

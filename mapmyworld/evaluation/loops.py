@@ -30,6 +30,7 @@ class LoopScore:
     translation_errors: NDArray[np.float64]
     """(K,) metres."""
     rotation_errors_deg: NDArray[np.float64]
+    """(K,) degrees."""
     right: NDArray[np.bool_]
     """(K,)."""
 

@@ -65,7 +65,8 @@ def rpe(
 ) -> TrajectoryScore:
     """Error of the motion between consecutive poses `frames` apart, or `distance` metres.
 
-    With a distance, pairs are laid end to end along the estimate's path, as evo does.
+    With a distance, pairs are laid end to end along the estimate's path, as evo does. Raises
+    `MapError` where no two matched poses are so far apart.
     """
     e, r = associate(estimate, reference, max_difference_s)
     poses, truth = estimate.poses[e], reference.poses[r]

@@ -116,7 +116,7 @@ class KnownImages:
         return best
 
     def near(self, map_from_base: Array, most: int) -> list[int]:
-        """Nodes that look the same way from close by, nearest first."""
+        """Nodes that look the same way from close to `map_from_base` (4, 4), nearest first."""
         motion = between(map_from_base, self.map_from_node)
         apart = np.linalg.norm(motion[:, :3, 3], axis=1)
         turn = rotation_angle(motion)
@@ -125,7 +125,7 @@ class KnownImages:
         return [int(k) for k in order[:most]]
 
     def sight(self, view: View, node: int, guess: Array | None = None) -> Sighting | None:
-        """The pose that a node's image gives a view; `guess` is of map_from_base."""
+        """The pose that a node's image gives a view; `guess` (4, 4) is of map_from_base."""
         known = self._view(node)
         if known is None:
             return None

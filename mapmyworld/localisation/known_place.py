@@ -66,7 +66,7 @@ class KnownPlace:
         return Fit(explained / max(explained + contradicted, 1), explained / max(len(points), 1))
 
     def targets(self, pose: Array, count: int) -> NDArray[np.int64]:
-        """The scans taken nearest to a pose, those that look the same way first."""
+        """(K,) scans taken nearest to a pose (3,), those that look the same way first."""
         near = min(6 * count, len(self.poses))
         _, found = self.tree.query(pose[:2], near)
         found = np.atleast_1d(found)
@@ -131,7 +131,10 @@ def _spaced_scans(store: MapStore, config: Config) -> tuple[Array, list[Prepared
 
 
 def spread_out(poses: Array, candidates: NDArray[np.int64], spacing: float) -> NDArray[np.int64]:
-    """Candidates of which no two share both a square of `spacing` and a range of headings."""
+    """(K,) candidates of which no two share both a square of `spacing` and a range of headings.
+
+    They are indices of `poses` (N, 3); `spacing` is in metres.
+    """
     cells = np.column_stack(
         [np.floor(poses[candidates, :2] / spacing), np.floor(poses[candidates, 2] / _TURNED)]
     )

@@ -85,7 +85,11 @@ def match_at(
     config: Config,
     prior_information: Array | None = None,
 ) -> Match:
-    """The scan aligned with the place's scans around a guess, which may pull as a prior."""
+    """The scan aligned with the place's scans around `guess` (3,), map_from_base.
+
+    With `prior_information` (3, 3) the guess pulls as a prior. `max_distances` (R,), metres, are
+    those from the targets' lines, one a step.
+    """
     which = place.targets(guess, config.localisation.targets)
     return match_scan(
         moment.scan, place.scans, which, place.poses, guess, config.registration,
@@ -94,7 +98,7 @@ def match_at(
 
 
 def fit_at(place: KnownPlace, moment: Moment, pose: Array, config: Config) -> Fit:
-    """How the scan goes with the place if it was taken at a pose."""
+    """How the scan goes with the place if it was taken at `pose` (3,), map_from_base."""
     limit = config.localisation.fit_distance
     return place.fit(moment.points, moment.scan.origin, pose, limit)
 

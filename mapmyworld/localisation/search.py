@@ -97,7 +97,10 @@ def distinct_places(found: Hypotheses, pose: Array, most: int) -> Array:
 
 
 def elsewhere(found: Hypotheses, pose: Array, distance: float) -> tuple[float, Array | None]:
-    """Score and pose of the best hypothesis farther than `distance` from a pose; 0 if none is."""
+    """Score and pose (3,) of the best hypothesis farther than `distance` metres from `pose` (3,).
+
+    Score 0 and None if there is none.
+    """
     apart = np.hypot(*(found.poses[:, :2] - pose[:2]).T)
     far = np.flatnonzero(apart > distance)
     if len(far) == 0:

@@ -29,7 +29,10 @@ class Beams:
 
 
 def beams_of(scans: Sequence[tuple[Array, Scan]], settings: MappingConfig) -> Beams:
-    """Beams up to the range of the map; a scan whose pose is not finite has none."""
+    """Beams of scans at poses (3,), map_from_base, up to the range of the map.
+
+    A scan whose pose is not finite has none.
+    """
     poses = np.array([pose for pose, _ in scans], np.float64)
     origins = np.array([scan.origin[:2] for _, scan in scans], np.float64)
     starts = _placed(poses, origins)

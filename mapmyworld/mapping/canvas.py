@@ -105,8 +105,10 @@ class Canvas:
 
 
 def added_up(parts: list[Counts]) -> Counts:
-    """The counts of all parts, one cell of margin around; they are taken out of the list, so that
-    of a large building no more is held than must be.
+    """The counts of all parts, one cell of margin around.
+
+    They are taken out of the list, so that of a large building no more is held than must be. Raises
+    `NothingToDrawError` where there are none.
     """
     if not parts:
         raise NothingToDrawError(

@@ -114,7 +114,10 @@ def _stride(image: RgbdImage, config: Config) -> int:
 def organised_points(
     image: RgbdImage, pixels: Array, depth: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Points (h, w, 3) in the camera's frame of a lattice of pixels (h, w, 2)."""
+    """Points (H, W, 3) in the camera's frame of a lattice of `pixels` (H, W, 2).
+
+    `depth` (H, W) is in metres.
+    """
     rays = grid_rays(image.camera, pixels)
     return np.concatenate([rays * depth[..., None], depth[..., None]], axis=-1)
 
@@ -122,10 +125,11 @@ def organised_points(
 def organised_normals(
     points: NDArray[np.float32],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Unit normals (h, w, 3) towards the camera, and the cosine (h, w) of the angle to the ray.
+    """Unit normals (H, W, 3) towards the camera, and the cosine (H, W) of the angle to the ray.
 
-    By the cross product of central differences. At the rim and beside missing depth the normal
-    and the cosine are 0; across a jump in depth the surface seems slanted, so its cosine is small.
+    By the cross product of central differences of `points` (H, W, 3) in the camera's frame. At the
+    rim and beside missing depth the normal and the cosine are 0; across a jump in depth the surface
+    seems slanted, so its cosine is small.
     """
     normals = np.zeros_like(points)
     cosines = np.zeros(points.shape[:2], np.float32)

@@ -26,7 +26,8 @@ def build_mesh(items: Iterable[tuple[Array, NodeData]], config: Config) -> Mesh:
     """The mesh of all nodes given as (map_from_base (4, 4), data); streams.
 
     Curless and Levoy, "A volumetric method for building complex models from range images" (1996),
-    by Open3D. Raises `MissingDependencyError` where Open3D is absent or cannot load.
+    by Open3D. Raises `MissingDependencyError` where Open3D is absent or cannot load. Raises
+    `MapError` where no node has a depth image.
     """
     o3d = import_open3d("a mesh")
     core, settings = o3d.core, config.visual

@@ -42,7 +42,7 @@ class Statements:
         return Statements(tuple(used), tuple(landmarks))
 
     def concerns(self, nodes: Sequence[Node]) -> Index:
-        """Indices of the nodes that any of them is about."""
+        """(K,) indices of the nodes that any of them is about."""
         ends = {e for c in self.constraints for e in _ends(c)}
         return np.array([k for k, node in enumerate(nodes) if node.id in ends], np.int64)
 
@@ -82,7 +82,7 @@ def joint_system(
 
 
 def node_motions(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged]) -> Edges:
-    """Tracked motions between chosen nodes; their covariances are the neighbours', added up."""
+    """Tracked motions between `chosen` nodes (S,), with the neighbours' covariances added up."""
     row_of = {node.id: row for row, node in enumerate(nodes)}
     steps = [
         c for c in constraints

@@ -52,7 +52,10 @@ class Keyframes:
 
     @property
     def ring(self) -> Ring:
-        """Rows, counts, origins, poses, newest and places: arguments of `track_scans`."""
+        """Rows (K, P, 5), counts (K,), origins (K, 2), poses (K, 3), newest (2,) and places (B,).
+
+        Arguments of `track_scans`.
+        """
         return self._rows, self._counts, self._origins, self._poses, self._newest, _BACK
 
     def make_room(self, points: int) -> None:
@@ -66,7 +69,7 @@ class Keyframes:
         self._newest[1] = 0
 
     def remember(self, scan: PreparedScan, pose: Array, overlap: float) -> bool:
-        """Lets a scan join, where it says something new; whether it did."""
+        """Lets a scan join at its pose (3,), where it says something new; whether it did."""
         return remember_scan(
             scan.rows, scan.origin, pose, overlap,
             self._odometry.keyframe_distance, self._odometry.keyframe_angle, *self.ring[:-1],
@@ -92,12 +95,15 @@ class Keyframes:
         )  # fmt: skip
 
     def is_new(self, match: Match, settings: Array) -> bool:
-        """Whether a scan matched so is about to join."""
+        """Whether a scan matched so is about to join; `settings` (10,) as of `track_scans`."""
         ring = self.ring
         return bool(is_new(match.pose, match.overlap, settings[7], settings[8], ring[3], ring[4]))
 
     def learn_matching(self, scan: PreparedScan, match: Match, settings: Array) -> None:
-        """Lets the variance factor learn from a scan that is about to join."""
+        """Lets the variance factor learn from a scan that is about to join.
+
+        `settings` (10,) as of `track_scans`; the correlation among them changes.
+        """
         learn_matching(
             scan.rows, 0, len(scan.rows), *self.ring[:4], self._chosen(), match.pose, FINE, settings
         )
@@ -110,7 +116,7 @@ class Keyframes:
         return Place.of(Submap(points, origins, scans.bounds))
 
     def share_seen_through(self, scan: PreparedScan, pose: Array) -> float:
-        """How much of a scan, from this pose, lies beyond the submap's surfaces."""
+        """How much of a scan, from this pose (3,), lies beyond the submap's surfaces."""
         return share_seen_through(scan, *self.targets(), pose)
 
     def targets(self) -> tuple[ScanSet, Array]:

@@ -195,7 +195,7 @@ def _carried(solved: Array, chosen: Index, refined: Array, mine: NDArray[np.bool
 
 
 def spaced_nodes(poses: Array, config: Config) -> Index:
-    """Indices of nodes that moved far enough since the one before them in the list."""
+    """(K,) indices of `poses` (N, 3) that moved far enough since the one listed before them."""
     settings = config.odometry
     kept = [0]
     for k in range(1, len(poses)):

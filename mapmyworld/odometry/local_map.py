@@ -40,8 +40,10 @@ class Keyframe:
 
     number: int
     map_from_camera: Array
+    """(4, 4)."""
     view: View
     point_of: Indices
+    """(N,) slots of points, one for each feature of the view."""
     motion: Expectation | None = None
     """What was expected, in the frame of the keyframe before."""
 
@@ -58,7 +60,7 @@ class LocalMap:
         self._made = 0
 
     def near(self, map_from_camera: Array) -> Indices:
-        """Ascending indices of the points that keyframes close to this pose saw."""
+        """(K,) ascending indices of the points that keyframes close to this pose (4, 4) saw."""
         if not self.keyframes:
             return np.zeros(0, np.int64)
         poses = np.stack([keyframe.map_from_camera for keyframe in self.keyframes])
@@ -81,7 +83,8 @@ class LocalMap:
         """A new keyframe with the points its features were matched to; others with depth are new.
 
         The window around it is adjusted, and sightings that then disagree are forgotten. Where the
-        camera was `expected` holds it in directions that images leave open.
+        camera was `expected` holds it in directions that images leave open. `map_from_camera` is
+        (4, 4); `point_of` (N,) gives the point of each feature, -1 for none.
         """
         keyframe = Keyframe(self._made, map_from_camera.copy(), view, point_of.copy())
         if expected is not None and self.keyframes:

@@ -107,7 +107,7 @@ class MotionFilter:
         self._velocity = self._velocity * np.exp(-max(seconds, 0.0) / _FADING)
 
     def move_to(self, pose: Array) -> None:
-        """The pose that an adjustment of the map moved to; all that is known of it stays."""
+        """The pose (4, 4) that an adjustment of the map moved to; all that is known of it stays."""
         self.slip = self.slip + se3_log(between(self.pose, pose))
         self.pose = pose
 

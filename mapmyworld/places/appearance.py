@@ -32,7 +32,7 @@ class Candidate:
 
 
 def weigh_words(words: Sequence[NDArray[np.int32]], size: int) -> scipy.sparse.csr_matrix:
-    """Unit vectors (N, size + 1) of each image's words, weighed by tf-idf.
+    """Unit vectors (N, W + 1) of each image's words (K,), weighed by tf-idf; W is `size`.
 
     Sivic and Zisserman, "Video Google" (2003): share of the image's words, times the logarithm of
     how many images there are for each that holds the word.
@@ -65,9 +65,10 @@ def find_candidates(
 ) -> list[Candidate]:
     """Pairs worth verifying, each node with its `most` best places, most likely first.
 
-    Nodes of one session closer than `gap_s` seconds are not the same place again. Of neighbouring
-    places only the best is proposed. Places nearly as similar as the best one are proposed too,
-    whatever the filter thinks: that they look alike must be known before one is believed.
+    Of each of N images the `words` (K,), `stamps_ns` (N,) and `sessions` (N,). Nodes of one session
+    closer than `gap_s` seconds are not the same place again. Of neighbouring places only the best
+    is proposed. Places nearly as similar as the best one are proposed too, whatever the filter
+    thinks: that they look alike must be known before one is believed.
     """
     looks = _Looks(weigh_words(words, size), stamps_ns, sessions, int(gap_s * 1e9))
     best: dict[tuple[int, int], Candidate] = {}

@@ -41,7 +41,7 @@ def _shifted(features: Features, by: int) -> NDArray[np.float32]:
 
 
 def select_features(features: Features, chosen: NDArray[np.int64]) -> Features:
-    """The chosen features, all parallel arrays alike."""
+    """The chosen features (K,), all parallel arrays alike."""
     return Features(
         features.pixels[chosen],
         features.points[chosen],

@@ -58,7 +58,7 @@ class ComponentMap:
     """(H, W) cells of the grid that hold a surface or that a beam passed."""
 
     def fit(self, view: View, pose: Array) -> Fit:
-        """How well what was seen fits at about this pose.
+        """How well what was seen fits at about this pose (3,).
 
         A point beyond a surface of the map, which nobody could have seen, fits not at all.
         """
@@ -93,7 +93,7 @@ def view_around(nodes: LaserNodes, middle: int, config: Config) -> View:
 
 
 def component_map(nodes: LaserNodes, rows: Index) -> ComponentMap:
-    """The map of what was seen from these nodes."""
+    """The map of what was seen from these nodes (K,)."""
     scans, poses = nodes.scans.some(rows), nodes.poses[rows]
     points = submap_points(scans, np.arange(len(rows)), poses)
     grid = likelihood_grid(points)

@@ -52,7 +52,7 @@ class Drift:
     def excess(
         self, i: int, j: int, i_from_j: Array, own: tuple[float, float] = (0.0, 0.0)
     ) -> tuple[float, float, float]:
-        """How a measured motion contradicts the tracked one: largest sigma, metres, radians.
+        """How measured `i_from_j` (4, 4) contradicts tracking: largest sigma, metres, radians.
 
         `own`: standard deviations (m, rad) of the measured motion itself.
         """

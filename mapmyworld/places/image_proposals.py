@@ -34,7 +34,7 @@ class Proposal:
     source: ImageMatch
     """What proposes them; what registration indicates about them is still open."""
     guess: Array | None = None
-    """other_from_index where tracking indicates it well enough to search around it only."""
+    """(4, 4) other_from_index where tracking indicates it well enough to search around it only."""
 
 
 def by_words(images: NodeImages, size: int, config: Config) -> list[Proposal]:

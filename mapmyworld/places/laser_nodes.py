@@ -27,6 +27,7 @@ class LaserNodes:
     """The nodes that have scans, their scans, and where they are thought to be."""
 
     ids: Index
+    """(N,) ids of nodes."""
     scans: Scans
     poses: Array
     """(N, 3)."""
@@ -62,7 +63,10 @@ def load_node_scans(store: MapStore, config: Config) -> NodeScans:
 
 
 def laser_nodes(ids: Index, scans: Scans, poses: Array) -> LaserNodes:
-    """Nodes that all see, with the length of path up to each; nothing holds them."""
+    """Nodes `ids` (N,) that all see, with the length of path up to each; nothing holds them.
+
+    `poses` (N, 3) are map_from_base.
+    """
     steps = between_planar(poses[:-1], poses[1:])
     lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.2 * np.abs(steps[:, 2])
     path = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -90,17 +94,17 @@ def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -
 
 
 def spaced(path: Array, spacing: float) -> Index:
-    """Indices of nodes about every `spacing` metres of path."""
+    """(K,) indices of nodes about every `spacing` metres of `path` (N,)."""
     return np.unique(np.searchsorted(path, np.arange(0.0, path[-1] + spacing, spacing)).clip(
         0, len(path) - 1))  # fmt: skip
 
 
 def calm_spots(nodes: LaserNodes, spacing: float) -> Index:
-    """Nodes that see about every `spacing` metres of path; where one turns unevenly, the calmest
-    nearby.
+    """(K,) nodes that see about every `spacing` metres of path.
 
-    Where a turn begins between two samples of the odometry, a sweep, and so its node and every
-    closure with it, may be turned by more than a degree, and nothing in the scans indicates it.
+    Where one turns unevenly, the calmest nearby: where a turn begins between two samples of the
+    odometry, a sweep, and so its node and every closure with it, may be turned by more than a
+    degree, and nothing in the scans indicates it.
     """
     spots = spaced(nodes.path, spacing)
     near = np.clip(spots[:, None] + _ASIDE, 0, len(nodes.path) - 1)

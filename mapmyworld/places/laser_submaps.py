@@ -19,7 +19,7 @@ _NO_PRIOR = np.diag([1e-3, 1e-3, 1e-3])
 
 
 def submap_members(nodes: LaserNodes, middle: int, config: Config) -> Index:
-    """Nodes around one along the path, at most nine."""
+    """(K,) nodes around one along the path, at most nine."""
     half, path = config.places.laser_submap, nodes.path
     first = int(np.searchsorted(path, path[middle] - half))
     last = int(np.searchsorted(path, path[middle] + half, side="right")) - 1
@@ -45,7 +45,7 @@ def place_around(nodes: LaserNodes, middle: int, config: Config) -> Place:
 
 
 def match_submaps(nodes: LaserNodes, a: int, b: int, guess: Array, config: Config) -> Match:
-    """The scans around b, as one, aligned with those around a."""
+    """The scans around b, as one, aligned with those around a, from `guess` (3,) of a_from_b."""
     targets = submap_members(nodes, a, config)
     return match_scan(
         _joined(nodes, b, submap_members(nodes, b, config)), nodes.scans.some(targets),

@@ -98,11 +98,11 @@ class NodeImages:
             yield partial(prepared_image, image, _own(data.features, k, image), self._config)
 
     def stamps(self) -> NDArray[np.int64]:
-        """Of each row."""
+        """(R,) of each row, nanoseconds."""
         return np.array([node.stamp_ns for node in self.nodes], np.int64)[self.node_of]
 
     def sessions(self) -> NDArray[np.int64]:
-        """Of each row."""
+        """(R,) of each row."""
         return np.array([node.session for node in self.nodes], np.int64)[self.node_of]
 
     def view(self, row: int) -> View | None:
@@ -121,7 +121,10 @@ class NodeImages:
         return make_view(*makers[k](), self._config) if k < len(makers) else None
 
     def learn_words(self, given: Mapping[int, NDArray[np.uint8]] | None = None) -> Vocabulary:
-        """A vocabulary of these images, or the given one; their features then carry its words."""
+        """A vocabulary of these images, or the given one; their features then carry its words.
+
+        `given`: word id -> descriptor (D,).
+        """
         seed = self._config.seed
         vocabulary = vocabulary_of_words(given, seed=seed) if given else self._learned()
         self._features = [

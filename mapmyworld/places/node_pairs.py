@@ -38,7 +38,7 @@ class NodePair:
 
     @property
     def picture_b(self) -> NDArray[np.uint8]:
-        """As `picture_a`."""
+        """(H, W, 3) RGB or (H, W), decoded when asked for."""
         return np.asarray(self.colour_b.pixels(), np.uint8)
 
 

@@ -30,10 +30,10 @@ class Scans(Protocol):
     """Scans by number, made ready."""
 
     def some(self, which: Index) -> ScanSet:
-        """Some of them, in this order."""
+        """Scans `which` (K,), in this order."""
 
     def hold(self, which: Index) -> Scans:
-        """At least these, under the same numbers, for other threads to read."""
+        """At least scans `which` (K,), under the same numbers, for other threads to read."""
 
     def let_go(self) -> None:
         """Gives memory back: for a while nobody will ask."""
@@ -62,7 +62,7 @@ class StoredScans:
         return len(self.frames)
 
     def some(self, which: Index) -> ScanSet:
-        """Some of them, in this order: a copy, for which only a block at a time is held."""
+        """Scans `which` (K,), in this order: a copy, for which only a block at a time is held."""
         bounds = np.concatenate([[0], np.cumsum(self.sizes[which])]).astype(np.int64)
         rows = np.empty((bounds[-1], 5), np.float32)
         origins = np.empty((len(which), 2))
@@ -73,7 +73,7 @@ class StoredScans:
         return ScanSet(rows, bounds, origins)
 
     def hold(self, which: Index) -> HeldScans:
-        """At least these; they stay in memory as long as the result."""
+        """At least scans `which` (K,); they stay in memory as long as the result."""
         return HeldScans({k: self._block(k) for k in np.unique(which // _BLOCK).tolist()})
 
     def let_go(self) -> None:
@@ -104,11 +104,11 @@ class HeldScans:
     blocks: Mapping[int, ScanSet]
 
     def some(self, which: Index) -> ScanSet:
-        """Some of their scans, in this order."""
+        """Scans `which` (K,), in this order."""
         return scan_set([self.blocks[k // _BLOCK].one(k % _BLOCK) for k in which.tolist()])
 
     def hold(self, which: Index) -> HeldScans:
-        """They are held already."""
+        """Scans `which` (K,) are held already."""
         return self
 
     def let_go(self) -> None:

@@ -42,9 +42,10 @@ class Seen:
 
 
 def laid(earlier: Seen | None, later: Seen, move: Array) -> tuple[Array, Array]:
-    """Scores and shares seen of all places of the later component, moved, in the earlier's map.
+    """Scores and shares seen, both (K,), of the later places, moved, in the earlier's map.
 
     And of those of the earlier component in the later one's. Without an earlier one: in its own.
+    `move` (3,) is earlier_from_later.
     """
     there = later.map if earlier is None else earlier.map
     moved = compose_planar(move, later.poses)
@@ -57,7 +58,7 @@ def laid(earlier: Seen | None, later: Seen, move: Array) -> tuple[Array, Array]:
 
 
 def most_supported(earlier: Seen, later: Seen, moves: Sequence[Array]) -> Array:
-    """The move by which most of what was seen fits, and least does not."""
+    """The move (3,) by which most of what was seen fits, and least does not."""
     middle, different = later.poses[len(later.poses) // 2], [moves[0]]
     for move in moves[1:]:
         if not any(is_same(apart_by(one, move, middle)) for one in different):
@@ -69,7 +70,10 @@ def most_supported(earlier: Seen, later: Seen, moves: Sequence[Array]) -> Array:
 
 
 def is_met(laid: tuple[Array, Array]) -> bool:
-    """Whether most places fit, of those that lie where the map was seen."""
+    """Whether most places fit, of those that lie where the map was seen.
+
+    `laid`: scores (K,) and shares seen (K,).
+    """
     scores, seen = laid
     reported = np.count_nonzero(seen >= _SEEN)
     return bool(np.count_nonzero((seen >= _SEEN) & (scores >= _FITS)) > 0.5 * reported)
@@ -78,7 +82,7 @@ def is_met(laid: tuple[Array, Array]) -> bool:
 def second_best_move(
     earlier: Seen | None, later: Seen, move: Array, window: Window
 ) -> Array | None:
-    """Another move that explains as much as this one, and that nothing contradicts."""
+    """Another move (3,) that explains as much as this one, and that nothing contradicts."""
     own = laid(earlier, later, move)
     middle = later.poses[len(later.poses) // 2]
     tried: list[Array] = []
@@ -93,7 +97,10 @@ def second_best_move(
 
 
 def is_as_good(own: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
-    """Whether places fit another way as well; those that fit neither way do not count."""
+    """Whether places fit another way as well; those that fit neither way do not count.
+
+    Both ways by their scores (K,) and shares seen (K,).
+    """
     (scores, seen), (there, seen_there) = own, other
     fits = (seen >= _SEEN) & (scores >= _FITS)
     least = np.where(fits, _AS_GOOD * scores, _FITS)
@@ -121,5 +128,5 @@ def apart_by(move: Array, other: Array, middle: Array) -> Array:
 
 
 def is_same(apart: Array) -> bool:
-    """Whether two moves so far apart are one."""
+    """Whether two moves so far `apart` (3,) are one."""
     return bool(np.hypot(*apart[:2]) <= SAME[0] and abs(apart[2]) <= SAME[1])

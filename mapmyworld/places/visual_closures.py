@@ -45,8 +45,8 @@ def find_visual_closures(
 
     Loop closures are proposed by words; with solved `poses` also proximity constraints, between
     nodes that these bring together. Pairs that the store holds already are not tried again.
-    Features, words and the vocabulary (learned, unless words are given: number -> descriptor) are
-    kept in the store, and words are asked once only.
+    Features, words and the vocabulary (learned, unless words are given: number -> descriptor (D,))
+    are kept in the store, and words are asked once only.
     """
     images = NodeImages(store, config, progress)
     if len(images) < 3:

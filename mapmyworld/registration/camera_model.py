@@ -70,7 +70,7 @@ def pose_of_rays(points: Array, rays: Array, limit: float, rounds: int) -> Array
 
 
 def depth_grid_points(image: RgbdImage, stride: int) -> tuple[Array, NDArray[np.float32]]:
-    """Pixels (h, w, 2) on a lattice and their depths (h, w) in metres, 0 where there is none.
+    """Pixels (H, W, 2) on a lattice and their depths (H, W) in metres, 0 where there is none.
 
     `stride` counts pixels of the full image; a smaller depth image is never oversampled.
     """
@@ -87,7 +87,10 @@ def depth_grid_points(image: RgbdImage, stride: int) -> tuple[Array, NDArray[np.
 
 
 def grid_rays(camera: CameraModel, pixels: Array) -> NDArray[np.float32]:
-    """Rays (h, w, 2) of a lattice of pixels (h, w, 2); remembered, since every view asks again."""
+    """Rays (H, W, 2) of a lattice of pixels (H, W, 2), at depth 1 and free of distortion.
+
+    Remembered, since every view asks again.
+    """
     key = camera.intrinsics.tobytes(), camera.distortion_model, camera.distortion.tobytes()
     return _grid_rays(key, pixels.tobytes(), pixels.shape)
 

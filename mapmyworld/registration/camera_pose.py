@@ -33,7 +33,7 @@ class Sightings:
     the inverse depth that is no outlier, since depth is wrong by far more than noise at edges."""
 
     def select(self, chosen: NDArray[np.generic]) -> Sightings:
-        """The sightings that a mask or an index array chooses."""
+        """The sightings that a mask (N,) or indices (K,) choose."""
         return Sightings(self.points[chosen], self.seen[chosen], self.sigmas[chosen])
 
     def __len__(self) -> int:

@@ -52,7 +52,7 @@ class ImagePair:
 def register_images(a: View, b: View, config: Config, *, guess: Array | None = None) -> ImagePair:
     """The motion between two images by PnP: points of a, from depth, as b sees them.
 
-    With a `guess` of a_from_b (of the bases) matches are sought around its projection only,
+    With a `guess` (4, 4) of a_from_b (of the bases) matches are sought around its projection only,
     else over the whole image. The verdict names the limit that was missed.
     """
     settings = config.visual
@@ -88,7 +88,11 @@ def register_images(a: View, b: View, config: Config, *, guess: Array | None = N
 def match_by_pose(
     a: View, b: View, points: Array, a_from_b: Array, radius: float
 ) -> tuple[Indices, Indices]:
-    """Features of a with depth and their partners in b near where the motion expects them."""
+    """(M,) features of a with depth and their partners in b near where the motion expects them.
+
+    `points` (N, 3) of a's features are in a's base frame, `a_from_b` (4, 4) is of the bases and
+    `radius` in pixels.
+    """
     deep = np.flatnonzero(np.isfinite(points[:, 2]))
     local = transform_points(invert(a_from_b @ b.camera.base_from_camera), points[deep])
     matches = match_around(
@@ -179,7 +183,7 @@ def _uncertainty(sigmas: list[float]) -> Verdict | None:
 
 
 def occupied_cells(view: View, chosen: Indices) -> int:
-    """Cells of an 8 x 6 lattice over the image that the chosen features reach."""
+    """Cells of an 8 x 6 lattice over the image that the chosen features (M,) reach."""
     size = np.array([view.camera.width, view.camera.height])
     cells = np.clip(np.floor(view.features.pixels[chosen] / size * _LATTICE), 0, _LATTICE - 1)
     return len(np.unique(cells @ [1, 100]))

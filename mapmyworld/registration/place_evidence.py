@@ -39,7 +39,7 @@ class Place:
         return Place(submap, evidence_grid(submap))
 
     def agreement_with(self, other: Place, here_from_there: Array) -> Agreement:
-        """What each reports about the other's points, at a relative pose."""
+        """What each reports about the other's points, at `here_from_there` (3,)."""
         back = invert_planar(here_from_there)
         return Agreement(
             judged_points(other.submap.points, self.grid, here_from_there),
@@ -52,7 +52,9 @@ class Agreement:
     """Points of a later place in an earlier one, and the other way: 1, -1 or 0 where unseen."""
 
     forth: Index
+    """(P,) of the later place's points."""
     back: Index
+    """(Q,) of the earlier place's points."""
 
     @property
     def evidence(self) -> float:

@@ -47,11 +47,11 @@ class ScanSet:
         return PreparedScan(rows, self.origins[index])
 
     def some(self, which: NDArray[np.int64]) -> ScanSet:
-        """Some scans of the set, in this order."""
+        """Scans `which` (K,) of the set, in this order."""
         return scan_set([self.one(k) for k in which.tolist()])
 
     def hold(self, which: NDArray[np.int64]) -> ScanSet:
-        """A set that has at least these scans, under the same numbers."""
+        """A set that has at least scans `which` (K,), under the same numbers."""
         return self
 
     def let_go(self) -> None:

@@ -35,7 +35,7 @@ class LikelihoodGrid:
     """How likely a surface is, cell by cell, and its maxima over ever larger squares."""
 
     pyramid: NDArray[np.uint8]
-    """(levels, H, W), 255 where there is one."""
+    """(L, H, W) of L levels, 255 where there is one."""
     corner: Array
     """(2,) of the first unpadded cell, in the frame of the points."""
     margin: int

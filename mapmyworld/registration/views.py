@@ -39,8 +39,11 @@ class View:
     words: NDArray[np.uint64]
     """(N, 4) descriptors as 256 bits."""
     starts: NDArray[np.int32]
+    """(C + 1,) where the features of each cell of the image begin in `members`."""
     members: NDArray[np.int32]
+    """(N,) features, cell by cell."""
     columns: int
+    """Cells in a row of the image."""
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -141,7 +144,7 @@ def match_around(
 
 
 def match_views(a: View, b: View) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Indices of features of a and of b that are each other's best, wherever they lie."""
+    """(M,) features of a and (M,) of b that are each other's best, wherever they lie."""
     matches = match_all(a.words, b.words, _BITS, _RATIO)
     found = np.flatnonzero(matches >= 0)
     return found, matches[found].astype(np.int64)

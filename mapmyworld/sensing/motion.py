@@ -32,7 +32,7 @@ class MotionRecorder:
         self._values = array("d")
 
     def add(self, stamp_ns: int, pose: NDArray[np.float64]) -> bool:
-        """One more pose, in the order of the log; False, and left out, where it is no place."""
+        """One more pose (4, 4), in the order of the log; False, and left out, if it is no place."""
         values: list[float] = pose[:3].ravel().tolist()
         if not _is_place(values):
             return False
@@ -73,7 +73,7 @@ class RecordedMotion:
         return len(self.stamps_ns)
 
     def followed_by(self, child_from_base: NDArray[np.float64]) -> RecordedMotion:
-        """The same motion of another frame, fixed to the recorded one."""
+        """The same motion of another frame, fixed to the recorded one: `child_from_base` (4, 4)."""
         values = self.poses_at(slice(None)) @ child_from_base
         return RecordedMotion(self.stamps_ns, values[:, :3], self._interpolated)
 

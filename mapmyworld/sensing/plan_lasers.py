@@ -118,7 +118,7 @@ def _view(draft: Draft, cloud: PointCloudMessage, mount: NDArray[np.float64]) ->
 
 
 def share_of(mask: NDArray[np.bool_]) -> float:
-    """Share of what is true; 0 of nothing."""
+    """Share of what is true of a mask (N,); 0 of nothing."""
     return float(mask.mean()) if len(mask) else 0.0
 
 

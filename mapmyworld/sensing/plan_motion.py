@@ -20,7 +20,10 @@ _FLAT = 0.02  # metres of height, radians of roll and pitch that a planar robot 
 
 
 def choose_odometry(draft: Draft, base: str) -> OdometrySource | None:
-    """A topic whose child is the base, else tf odom -> base, else none."""
+    """A topic whose child is the base, else tf odom -> base, else none.
+
+    Raises `ConfigError` where the topic that is asked for reports no motion of the base.
+    """
     wanted = draft.config.odometry_topic
     if wanted == "none":
         draft.decide("odometry", "", "switched off by sensing.odometry_topic")

@@ -26,8 +26,8 @@ def scan_from_message(
 ) -> Scan:
     """The sweep in the base frame at the stamp of its first beam.
 
-    Beams with NaN, or closer than `range_min`, count neither as returns nor as missing. Raises
-    `LogError` where the sweep does not say where its beams went.
+    `base_from_lidar` is (4, 4). Beams with NaN, or closer than `range_min`, count neither as
+    returns nor as missing. Raises `LogError` where the sweep does not say where its beams went.
     """
     if not np.isfinite([message.angle_min, message.angle_increment]).all():
         raise LogError("a scan whose angles are not finite")

@@ -49,7 +49,7 @@ class Edge:
         return self.recorder is None and self.motion is None
 
     def at(self, stamp_ns: int) -> NDArray[np.float64] | None:
-        """The child's pose in the parent at a time; None where it is not known."""
+        """The child's pose (4, 4) in the parent at a time; None where it is not known."""
         return self.first if self.motion is None else self.motion.at(stamp_ns)
 
 

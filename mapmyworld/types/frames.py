@@ -115,6 +115,7 @@ class Node:
     """(4, 4): pose after laser or visual tracking, before loop closures; the graph's start."""
     weight: int = 0
     ground_truth: NDArray[np.float64] | None = None
+    """(4, 4) true pose, where the log has one."""
     gps: GpsMessage | None = None
     readings: tuple[ReadingMessage, ...] = ()
 
@@ -130,10 +131,13 @@ class Features:
     descriptors: NDArray[np.uint8] | NDArray[np.float32]
     """(N, D)."""
     sizes: NDArray[np.float32]
+    """(N,) pixels, diameter."""
     angles: NDArray[np.float32]
     """(N,) degrees, -1 if unoriented."""
     responses: NDArray[np.float32]
+    """(N,) how distinct each is."""
     octaves: NDArray[np.int32]
+    """(N,) of the image pyramid."""
     words: NDArray[np.int32] | None = None
     """(N,) vocabulary ids from 1; 0 = none."""
 

@@ -171,7 +171,9 @@ class PoseMessage:
     stamp_ns: int
     frame_id: str
     pose: NDArray[np.float64]
+    """(4, 4)."""
     covariance: NDArray[np.float64]
+    """(6, 6), translation first."""
 
 
 @message_type(frozen=True, slots=True, eq=False)

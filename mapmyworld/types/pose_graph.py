@@ -13,6 +13,7 @@ class Edges:
     """Measured relative poses between pairs of nodes."""
 
     from_ids: NDArray[np.int64]
+    """(E,) ids of nodes."""
     to_ids: NDArray[np.int64]
     """(E,) ids of nodes."""
     i_from_j: NDArray[np.float64]
@@ -26,7 +27,7 @@ class Edges:
         return len(self.from_ids)
 
     def chosen(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Edges:
-        """The edges of a mask or at positions, all arrays alike."""
+        """The edges of a mask (E,) or at positions (K,), all arrays alike."""
         return Edges(
             self.from_ids[which],
             self.to_ids[which],
@@ -41,8 +42,9 @@ class Sightings:
     """Landmarks (points) seen from nodes, with known correspondence."""
 
     node_ids: NDArray[np.int64]
+    """(K,) ids of nodes."""
     landmark_ids: NDArray[np.int64]
-    """(K,) ids of nodes and of landmarks."""
+    """(K,) ids of landmarks."""
     measured: NDArray[np.float64]
     """(K, 2 or 3): position in the node's frame, or bearing (rad) and range (m), planar only."""
     information: NDArray[np.float64]
@@ -54,7 +56,7 @@ class Sightings:
         return len(self.node_ids)
 
     def chosen(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Sightings:
-        """The sightings of a mask or at positions."""
+        """The sightings of a mask (K,) or at positions (C,)."""
         return Sightings(
             self.node_ids[which],
             self.landmark_ids[which],
@@ -79,7 +81,7 @@ class Priors:
         return len(self.ids)
 
     def chosen(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Priors:
-        """The priors of a mask or at positions."""
+        """The priors of a mask (P,) or at positions (K,)."""
         return Priors(self.ids[which], self.map_from_node[which], self.information[which])
 
 
@@ -115,7 +117,7 @@ class PoseGraph:
     sightings: Sightings = field(default_factory=lambda: no_sightings(True))
     priors: Priors = field(default_factory=lambda: no_priors(True))
     fixed_ids: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
-    """Nodes that stay where they are."""
+    """(F,) nodes that stay where they are."""
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -123,6 +125,6 @@ class PoseGraph:
     def placed(
         self, map_from_node: NDArray[np.float64], landmarks: NDArray[np.float64]
     ) -> PoseGraph:
-        """The graph with these poses and landmarks in place of its own."""
+        """The graph with poses (N, 3 or 4, 4) and landmarks (L, 2 or 3) in place of its own."""
         nodes = self.planar, self.ids, map_from_node, self.edges, self.landmark_ids, landmarks
         return PoseGraph(*nodes, self.sightings, self.priors, self.fixed_ids)

@@ -92,7 +92,7 @@ class MapStore(Protocol):
         """The scan of the tracked frame with this index (nodes' and others' alike)."""
 
     def scans(self, frames: Sequence[int] | NDArray[np.int64]) -> Iterator[tuple[int, Scan]]:
-        """The scans of these frames, ascending; frames without a scan are passed over."""
+        """The scans of these frames (K,), ascending; frames without a scan are passed over."""
 
     def set_tracked_frames(self, frames: TrackedFrames) -> None:
         """Every tracked moment at once, when tracking has ended."""
@@ -116,10 +116,10 @@ class MapStore(Protocol):
         """The features of a node's images."""
 
     def set_words(self, words: Mapping[int, NDArray[Any]]) -> None:
-        """The vocabulary: word id -> descriptor."""
+        """The vocabulary: word id -> descriptor (D,)."""
 
     def words(self) -> dict[int, NDArray[Any]]:
-        """The vocabulary, as `set_words` took it; empty without one."""
+        """The vocabulary, word id -> descriptor (D,); empty without one."""
 
     def set_poses(self, poses: Poses) -> None:
         """The optimised poses of nodes and landmarks."""

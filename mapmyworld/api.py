@@ -91,7 +91,7 @@ def localise(
 ) -> Localisation:
     """Where the robot of a log was in a finished map or a bare grid, from an unknown start.
 
-    A path may be a map.db or a grid's YAML.
+    A path may be a map.db or a grid's YAML. Raises `MapError` for a map without a grid.
     """
     from mapmyworld.localisation import localise_log, plan_log
 
@@ -114,7 +114,8 @@ def merge(
 ) -> tuple[Merged, ...]:
     """Finished maps joined where their sessions show the same place, in memory, the largest first.
 
-    The maps given are not changed. Those that nothing connects come out as several.
+    The maps given are not changed. Those that nothing connects come out as several. Raises
+    `MapError` for fewer than two maps.
     """
     from mapmyworld.sessions import load_session_map, merge_maps
 

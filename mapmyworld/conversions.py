@@ -56,7 +56,10 @@ def to_arrays(finished: AnyMap) -> dict[str, Any]:
 
 
 def to_evo(path: AnyMap | Trajectory) -> Any:
-    """Evo's `PoseTrajectory3D` of a map or a trajectory; evo must be installed."""
+    """Evo's `PoseTrajectory3D` of a map or a trajectory.
+
+    Raises `MissingDependencyError` where evo is not installed.
+    """
     try:
         from evo.core.trajectory import PoseTrajectory3D
     except ImportError:

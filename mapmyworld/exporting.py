@@ -177,7 +177,7 @@ def solved_poses(store: MapStore) -> Poses:
 def nodes_with_poses(
     store: MapStore, chosen: Container[int] | None = None
 ) -> Iterator[tuple[Array, NodeData]]:
-    """map_from_base and data of every node that is in the map, in time; or of the chosen ones."""
+    """map_from_base (4, 4) and data of every node in the map, in time; or of the chosen ones."""
     poses = solved_poses(store)
     place = {int(node_id): i for i, node_id in enumerate(poses.ids)}
     for node in store.nodes():
@@ -187,7 +187,7 @@ def nodes_with_poses(
 
 
 def node_items(store: MapStore) -> Iterator[tuple[Node, NodeData, Array]]:
-    """Every node with its data and its place: in the map, or by odometry where it has none."""
+    """Every node with its data and map_from_base (4, 4), by odometry where it has none."""
     poses = store.poses()
     place = (
         {}

@@ -58,8 +58,9 @@ def build_map(
 ) -> BuildResult:
     """Builds the map of a log into the store; stages done with the same inputs are not redone.
 
-    `words`: the vocabulary that `places.vocabulary` names, number -> descriptor.
-    `later`: modules that the caller will use then; imported while the log is tracked.
+    `words`: the vocabulary that `places.vocabulary` names, number -> descriptor (D,). `later`:
+    modules that the caller will use then; imported while the log is tracked. Raises `ConfigError`
+    where `places.vocabulary` names a file and no words are given.
     """
     if config.places.vocabulary and words is None:
         raise ConfigError("places.vocabulary names a file, but its words were not given")

@@ -35,7 +35,9 @@ class Edges:
     """An image's jumps of depth, and how much its grey changes at every place, along one axis."""
 
     rows: NDArray[np.int64]
+    """(J,) of the jumps."""
     columns: NDArray[np.int64]
+    """(J,) of the jumps."""
     change: Array
     """(H, W) from 0 to 1."""
 
@@ -92,7 +94,10 @@ def coarse_overlaps(images: Sequence[tuple[Edges, Edges]]) -> Array:
 
 
 def displacement(images: Sequence[tuple[Edges, Edges]], coarse: Array) -> Displacement:
-    """That at which most change of grey lies on the jumps of depth of all images."""
+    """That at which most change of grey lies on the jumps of depth of all N images.
+
+    `coarse` (N, K, S, S) as of `coarse_overlaps`.
+    """
     *scaled, unscaled = coarse.sum(axis=0).max(axis=(1, 2)).tolist()
     chosen = int(np.argmax(scaled))
     best = float(_SCALES[chosen]) if scaled[chosen] >= _GAIN * unscaled else 1.0

@@ -62,7 +62,8 @@ def mount_findings(
 ) -> Iterator[Finding]:
     """The scale of depth against the laser, and what then remains between them.
 
-    `aligned`: depth lies on its colour image. Where it does not, no mount is to blame yet.
+    `base_from_lidar` is (4, 4). `aligned`: depth lies on its colour image. Where it does not, no
+    mount is to blame yet.
     """
     seen = [_seen(frame, image, base_from_lidar) for frame, image in chosen if frame.scan]
     pairs = [_ratios(one) for one in seen]
@@ -142,7 +143,10 @@ def _ratios(seen: _Seen) -> Array:
 
 
 def simplest_agreement(seen: Sequence[_Seen], lidar: Array) -> Agreement:
-    """Nothing, a scale, a mount, or both: the simplest that leaves about as little apart."""
+    """Nothing, a scale, a mount, or both: the simplest that leaves about as little apart.
+
+    `lidar` (2,) is where it stands on the base.
+    """
     tried = [_agreement(seen, lidar, free) for free in ((), _SCALE, _MOUNT, _BOTH)]
     least = max(min(one.apart for one in tried), 0.3 * _NOISE)
     return next(one for one in tried if one.apart <= _SIMPLER * least)

@@ -63,7 +63,7 @@ def nearest_offset(
 ) -> tuple[float, float]:
     """The offset at which both agree best, however little better, and the error without any, rad.
 
-    Arguments as of `time_offset`.
+    Rotations `turns` (N,) and others as of `time_offset`.
     """
     offsets, errors = _tried(starts, ends, turns, clock)
     return _vertex(offsets, errors, int(np.argmin(errors))), float(errors[len(offsets) // 2])

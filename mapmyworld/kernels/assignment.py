@@ -15,6 +15,6 @@ from mapmyworld.kernels.compiling import inner_jit
 
 @inner_jit
 def assign(target: NDArray[Any], source: NDArray[Any]) -> None:
-    """Copies all of `source` into the first elements of `target`, in the order of rows."""
+    """Copies all of `source` (...) into the first elements of `target` (...), in row order."""
     for i in range(source.size):
         target.flat[i] = source.flat[i]

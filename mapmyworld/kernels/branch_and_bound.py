@@ -18,7 +18,10 @@ FULL = 255  # likelihood of a cell that holds a surface
 
 @jit
 def fill_pyramid(pyramid: NDArray[np.uint8], near: int) -> None:
-    """From the surfaces in level 0, a ring of `near` around them, and all higher levels."""
+    """Fills `pyramid` (L, H, W) from the surfaces in level 0.
+
+    A ring of `near` around them, and all higher levels.
+    """
     levels, height, width = pyramid.shape
     for row in range(1, height - 1):
         for column in range(1, width - 1):
@@ -82,11 +85,12 @@ def best_shift(
     avoid: NDArray[np.float64],
     result: NDArray[np.float64],
 ) -> None:
-    """Fills `result` (score, x, y, yaw) with the best pose that scores above `least`.
+    """Fills `result` (4,), score, x, y, yaw, with the best pose that scores above `least`.
 
-    Shifts reach `reach` cells to each side of `guess`, at the yaws `guess + angles`. Poses within
-    `avoid` = (x, y, yaw, metres, radians) are left out. `margin` cells pad the grid on all sides,
-    beyond which every cell is worth `outside`.
+    Of `points` (N, 2) in a `pyramid` (L, H, W) whose first unpadded cell is at `corner` (2,).
+    Shifts reach `reach` cells to each side of `guess` (3,), at the yaws `guess + angles` (A,).
+    Poses within `avoid` (5,) = x, y, yaw, metres, radians are left out. `margin` cells pad the grid
+    on all sides, beyond which every cell is worth `outside`.
     """
     top = pyramid.shape[0] - 1
     side, turns, count = 1 << top, len(angles), len(points)

@@ -71,7 +71,10 @@ def innovation(predicted: Array, pose: Array, information: Array, variances: Arr
 
 @inner_jit
 def position_variances(information: Array) -> Array:
-    """The smallest and the largest variance of the position, m^2, over all directions."""
+    """(2,) smallest and largest variance of the position, m^2, over all directions.
+
+    Of a pose's `information` (3, 3).
+    """
     known = information.copy()
     for i in range(3):
         known[i, i] += _FAINT

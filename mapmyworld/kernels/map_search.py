@@ -18,9 +18,11 @@ def cast_rays(
     reach: float,
     hits: NDArray[np.float64],
 ) -> int:
-    """Fills `hits` rows with the middles of the first occupied cells along rays; says how many.
+    """Fills `hits` (N, 2) with the middles of the first occupied cells along rays; gives their
+    count.
 
-    Everything is in cells. A ray that leaves what is known, or `reach`, hits nothing.
+    Everything is in cells, of grids (H, W). A ray, of which `bearings` (N,) gives the direction,
+    that leaves what is known, or `reach`, hits nothing.
     """
     height, width = occupied.shape
     count = 0
@@ -166,7 +168,11 @@ def best_in_blocks(
     resolution: float,
     best: NDArray[np.float64],
 ) -> None:
-    """Rows `best[k]` = score, column, row of the best cell of block k at its heading."""
+    """Rows `best[k]` (3,) = score, column, row of the best cell of block k at its heading.
+
+    Of `points` (N, 2) in the grid `finest` (H, W), at `angles[turns[k]]` within the `side` cells
+    from `blocks[k]` (2,) on.
+    """
     height, width = finest.shape
     cells = np.empty((len(points), 2), np.int64)
     for k in range(first, last):

@@ -101,7 +101,10 @@ def mark_passed_cells(
     reach: NDArray[np.float64],
     value: float,
 ) -> None:
-    """Sets the cells that rays from `eye`, in units of cells, pass, sampled at half a cell."""
+    """Sets the cells (H, W) that rays from `eye` (2,) pass, sampled at half a cell.
+
+    Each of the N rays by its angle and its `reach`, both (N,); all in units of cells.
+    """
     height, width = cells.shape
     for i in range(len(angles)):
         dx, dy = 0.5 * np.cos(angles[i]), 0.5 * np.sin(angles[i])

@@ -22,7 +22,7 @@ Rows = NDArray[np.float32]
 
 @inner_jit
 def first_beyond(rows: Rows, first: int, last: int, bearing: float) -> int:
-    """The first of `rows[first:last]` whose bearing is not below the given one; `last` if none."""
+    """The first of `rows[first:last]` (N, 5) of a bearing not below `bearing`; `last` if none."""
     low, high = first, last
     while low < high:
         middle = (low + high) >> 1
@@ -36,10 +36,10 @@ def first_beyond(rows: Rows, first: int, last: int, bearing: float) -> int:
 @jit
 def nearest(rows: Rows, first: int, last: int, x: float, y: float, ox: float, oy: float,
             reach: float, start: int) -> tuple[int, int]:  # fmt: skip
-    """Row of `rows[first:last]` nearest to (x, y) within `reach` metres; -1 if there is none.
+    """Row of `rows[first:last]` (N, 5) nearest to (x, y) within `reach` metres; -1 if none is.
 
-    `start` is a row at about the point's bearing, where the search begins: -1 if none is known.
-    The second result is that row for a next point nearby.
+    `start` is a row at about the point's bearing, where the search begins: -1 if none is known. The
+    second result is that row for a next point nearby.
     """
     count = last - first
     if count <= 0:
@@ -138,7 +138,7 @@ def add_target(
 
 @jit
 def solve3(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The solution of a symmetric positive definite 3x3 system, by Cholesky's factors."""
+    """The solution (3,) of a symmetric positive definite system (3, 3), by Cholesky's factors."""
     l00 = np.sqrt(a[0, 0])
     l10, l20 = a[1, 0] / l00, a[2, 0] / l00
     l11 = np.sqrt(max(a[1, 1] - l10 * l10, 1e-18))
@@ -155,7 +155,7 @@ def solve3(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
 
 @jit
 def invert3(a: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The inverse of an invertible 3x3 matrix, by cofactors: numpy's costs twenty times as much."""
+    """The inverse of an invertible (3, 3) matrix, by cofactors: numpy's costs 20 times as much."""
     result = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
@@ -170,7 +170,7 @@ def invert3(a: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @jit
 def relative(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """`a_from_b` of two planar poses."""
+    """`a_from_b` (3,) of two planar poses (3,)."""
     c, s = np.cos(a[2]), np.sin(a[2])
     dx, dy = b[0] - a[0], b[1] - a[1]
     return np.array([c * dx + s * dy, c * dy - s * dx, b[2] - a[2]])

@@ -57,11 +57,11 @@ def sort_by_bearing(
 def range_noise(
     xs: NDArray[np.float64], ys: NDArray[np.float64], origin: NDArray[np.float64]
 ) -> float:
-    """Standard deviation (m) of the ranges of a sweep, its points sorted by bearing.
+    """Standard deviation (m) of the ranges of a sweep, its points (N,) sorted by bearing.
 
-    A range is compared with where its ray meets the line through its two neighbours, which is
-    right at any angle to a wall; the difference has 1.5 times a range's variance. By their
-    lower quartile, which corners, edges and clutter hardly move.
+    A range is compared with where its ray from `origin` (2,) meets the line through its two
+    neighbours, which is right at any angle to a wall; the difference has 1.5 times a range's
+    variance. By their lower quartile, which corners, edges and clutter hardly move.
     """
     counts = np.zeros(_NOISE_BINS, np.int64)
     total = 0
@@ -91,10 +91,11 @@ def prepare_points(
     radius: float,
     out: NDArray[np.float32],
 ) -> int:
-    """Fills `out` rows x, y, normal x, normal y, bearing, sorted by bearing; says how many.
+    """Fills `out` (N, 5): x, y, normal x, normal y, bearing, sorted by bearing; returns how many.
 
-    A point whose neighbours within `radius` lie on a line is moved onto it and gets the line's
-    normal, towards the lidar; others keep their place and a zero normal.
+    Of `points` (N, 2) seen from `origin` (2,). A point whose neighbours within `radius` lie on a
+    line is moved onto it and gets the line's normal, towards the lidar; others keep their place and
+    a zero normal.
     """
     count = len(points)
     order = np.empty(count, np.int64)

@@ -30,7 +30,10 @@ _SOONER = 0.3  # of the motion after which others do
 def is_new(
     pose: Array, overlap: float, distance: float, angle: float, key_poses: Array, keys: Index
 ) -> bool:
-    """Whether a scan at this pose says something that the newest keyframe does not."""
+    """Whether a scan at `pose` (3,) says something that the newest keyframe does not.
+
+    `key_poses` (K, 3) and `keys` (2,) are those of `remember_scan`.
+    """
     if keys[1] == 0:
         return True
     step = between_poses(key_poses[keys[0]], pose)
@@ -46,7 +49,9 @@ def remember_scan(
 ) -> bool:  # fmt: skip
     """Lets a scan join the submap, a ring of keyframes, where it says something new; if it did.
 
-    `keys` holds the slot of the newest keyframe and how many there are.
+    The scan is `rows` (N, 5), seen from `origin` (2,) on the base at `pose` (3,). The ring has rows
+    (K, P, 5), counts (K,), origins (K, 2) and poses (K, 3); `keys` (2,) holds the slot of the
+    newest keyframe and how many there are.
     """
     slots = len(key_counts)
     if not is_new(pose, overlap, distance, angle, key_poses, keys):
@@ -66,7 +71,7 @@ def remember_scan(
 
 @jit
 def chosen_keyframes(back: Index, keys: Index, slots: int) -> Index:
-    """Slots of the keyframes that lie so many places back in the ring."""
+    """(B,) slots of the keyframes that lie `back` (B,) places back in the ring, if there."""
     found = np.empty(len(back), np.int64)
     count = 0
     for b in back:
@@ -113,8 +118,9 @@ def learn_matching(
 ) -> None:  # fmt: skip
     """Lets the variance factor of matches learn from how two keyframes differ about a scan.
 
-    Aligned with each alone, the scan comes out at two poses; these differ by what their
-    covariances indicate, times the factor.
+    Aligned with each alone, the scan comes out at two poses; these differ by what their covariances
+    indicate, times the factor. The scan is `rows[first:last]` (N, 5) at `pose` (3,), the ring that
+    of `remember_scan`, `which` (B,) its slots; `settings` are those of `track_scans`.
     """
     if len(which) < 2:
         return
@@ -143,7 +149,7 @@ def learn_matching(
 
 @inner_jit
 def gone_on(state: Array, step: Array, predicted: Array) -> None:
-    """Fills where a step from the state's pose leads to."""
+    """Fills `predicted` (3,), where `step` (3,) from the pose of `state` (6,) leads to."""
     c, s = np.cos(state[2]), np.sin(state[2])
     predicted[0] = state[0] + c * step[0] - s * step[1]
     predicted[1] = state[1] + s * step[0] + c * step[1]

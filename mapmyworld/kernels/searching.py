@@ -14,7 +14,7 @@ from mapmyworld.kernels.compiling import inner_jit
 
 @inner_jit
 def first_not_below(ascending: NDArray[np.int64], wanted: int) -> int:
-    """The first place whose number is not below the wanted one; the length if there is none."""
+    """The first place of `ascending` (N,) that is not below `wanted`; N if there is none."""
     low, high = 0, len(ascending)
     while low < high:
         middle = (low + high) // 2

@@ -14,7 +14,7 @@ Array32 = NDArray[np.float32]
 
 @jit
 def surface_normals(points: Array32, normals: Array32, cosines: Array32) -> None:
-    """Normals (h, w, 3) and cosines (h, w) of `organised_normals`; both come as zeros."""
+    """Normals (H, W, 3) and cosines (H, W) of `organised_normals`; both come as zeros."""
     height, width = points.shape[:2]
     for v in range(1, height - 1):
         for u in range(1, width - 1):

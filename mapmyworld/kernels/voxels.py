@@ -19,9 +19,9 @@ _MIX = np.uint64(0x9E3779B97F4A7C15)  # Fibonacci hashing: the golden ratio of 6
 def row_of_key(
     key: int, table: NDArray[np.int32], keys: NDArray[np.int64], count: int
 ) -> tuple[int, int]:
-    """The row of a key among `keys`, appended where it is new; how many there are then.
+    """The row of a key among `keys` (N,), appended where it is new; how many there are then.
 
-    `table` holds rows + 1, 0 = free, its length a power of two above the number of keys.
+    `table` (T,) holds rows + 1, 0 = free, its length a power of two above the number of keys.
     """
     mask = np.uint64(len(table) - 1)
     mixed = np.uint64(key) * _MIX
@@ -39,7 +39,7 @@ def row_of_key(
 
 @jit
 def fill_table(table: NDArray[np.int32], keys: NDArray[np.int64], count: int) -> None:
-    """Spreads the first `count` keys, all different, over an empty table."""
+    """Spreads the first `count` of `keys` (N,), all different, over an empty `table` (T,)."""
     for row in range(count):
         row_of_key(keys[row], table, keys, row)
 

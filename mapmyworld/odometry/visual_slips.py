@@ -78,13 +78,13 @@ class SteadyPath:
 
 
 def normalised_residual(one: Known, other: Known) -> float:
-    """Squared sigmas by which two measurements of a motion differ."""
+    """Squared sigmas by which two motions (4, 4), with covariances (6, 6), differ."""
     off = se3_log(between(one[0], other[0]))
     return float(off @ np.linalg.solve(one[1] + other[1], off))
 
 
 def together(one: Known, other: Known) -> Known:
-    """What two measurements of a motion report it together."""
+    """What two measurements, each a motion (4, 4) with covariance (6, 6), report of it together."""
     off = se3_log(between(one[0], other[0]))
     gain = np.linalg.solve(one[1] + other[1], one[1]).T
     covariance = one[1] - gain @ one[1]

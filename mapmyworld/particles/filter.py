@@ -47,7 +47,9 @@ class ParticleFilter:
     seed: int
     m: TileMaps = field(init=False)
     x: NDArray[np.float64] = field(init=False)
+    """(P, 3) poses."""
     log_w: NDArray[np.float64] = field(init=False)
+    """(P,) logarithms of weights."""
     generations: list[Generation] = field(default_factory=list)
 
     def __post_init__(self) -> None:

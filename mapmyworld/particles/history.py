@@ -79,10 +79,10 @@ def history_from_filter(
 
 
 def loops_reentered(path: NDArray[np.float64]) -> list[int]:
-    """Indices of a path (K, 2 or more) at which it meets itself after a way through new places.
+    """Indices of a path (K, k) at which it meets itself after a way through new places.
 
-    It has met itself when an older place, at least 15 m of path ago, lies within 2 m; it must
-    have been away from all of them for 15 m before that counts anew.
+    Its rows begin with x, y. It has met itself when an older place, at least 15 m of path ago, lies
+    within 2 m; it must have been away from all of them for 15 m before that counts anew.
     """
     travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))])
     pairs = cKDTree(path[:, :2]).query_pairs(_KNOWN, output_type="ndarray")

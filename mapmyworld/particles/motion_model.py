@@ -65,7 +65,7 @@ def rotations_and_translation(u: NDArray[np.float64]) -> tuple[float, float, flo
 
 
 def motion_variances(u: NDArray[np.float64], noise: MotionNoise) -> tuple[float, float, float]:
-    """Variances of first turn, way and second turn (ibid., lines 5 to 7)."""
+    """Variances of first turn, way and second turn of u (3,) (ibid., lines 5 to 7)."""
     rot_1, trans, rot_2 = rotations_and_translation(u)
     by_distance = (noise.turn_by_distance * trans) ** 2
     variance_trans = (noise.distance_by_distance * trans) ** 2

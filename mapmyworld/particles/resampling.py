@@ -17,15 +17,16 @@ def normalised_weights(log_weights: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def effective_sample_size(w: NDArray[np.float64]) -> float:
-    """1 / sum of w^2: P when all weights are equal, 1 when one particle has all the weight."""
+    """1 / sum of w^2, w (P,): P when all are equal, 1 when one particle has all the weight."""
     return float(1.0 / np.sum(w * w))
 
 
 def low_variance_sampler(w: NDArray[np.float64], count: int, r: float) -> NDArray[np.int64]:
-    """Ancestors (count,) of the next particles; `r` in [0, 1) is the one random number it takes.
+    """(C,) ancestors of the next particles by weights w (P,); C is `count`.
 
     Thrun, Burgard, Fox 2005, table 4.4: a comb of `count` equal steps over the cumulated weights,
-    so that a particle of weight w is drawn count * w times, rounded up or down.
+    so that a particle of weight w is drawn count * w times, rounded up or down. `r` in [0, 1) is
+    the one random number it takes.
     """
     comb = (np.arange(count) + r) / count
     cumulated = np.cumsum(w)

@@ -78,7 +78,7 @@ class TileMaps:
         kernels.insert_path(self.surfaces, points, normals, ends, poses, self._owners)
 
     def resample(self, ancestors: NDArray[np.int64]) -> None:
-        """Particle k continues with the map of `ancestors[k]`; nothing is copied."""
+        """Particle k continues with the map of `ancestors[k]`, of (P,); nothing is copied."""
         self._tables = self._tables[ancestors]
         self._count_owners()
 

@@ -36,7 +36,7 @@ class Placed:
 def place_session_maps(
     session_maps: Sequence[SessionMap], common_from_session_map: Sequence[Array]
 ) -> list[Placed]:
-    """The units one after the other, with ids and sessions counted on."""
+    """The units one after the other, with ids and sessions counted on, at poses (4, 4)."""
     placed: list[Placed] = []
     first_id = first_session = 0
     for session_map, pose in zip(session_maps, common_from_session_map, strict=True):

@@ -23,9 +23,13 @@ class Plan:
     glass: NDArray[np.bool_]
     """(S,)."""
     cell_starts: NDArray[np.int64]
+    """(C + 1,) where each cell's segments begin in `cell_segments`; cells row by row."""
     cell_segments: NDArray[np.int64]
+    """(K,) indices of segments."""
     corner: NDArray[np.float64]
+    """(2,) m, of the first cell."""
     shape: NDArray[np.int64]
+    """(2,) cells along x and y."""
 
     def cast(self, rays: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Ranges (N,), infinite where nothing is met, and the segments met (-1) of rays (N, 3)."""

@@ -23,7 +23,10 @@ class Hits:
 
 
 class RayCaster:
-    """Triangles (T, 3, 3) made ready for rays, without GPU, display or system library."""
+    """Triangles (T, 3, 3) made ready for rays, without GPU, display or system library.
+
+    Raises `MissingDependencyError` where embreex does not load.
+    """
 
     def __init__(self, corners: NDArray[np.float32]) -> None:
         try:

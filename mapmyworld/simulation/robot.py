@@ -33,7 +33,7 @@ def chassis_from_camera(settings: SimulationSettings) -> NDArray[np.float64]:
 
 
 def camera_from_optical() -> NDArray[np.float64]:
-    """Optical axes (z forward, x right, y down) in a frame with x forward and z up."""
+    """(4, 4) of optical axes (z forward, x right, y down) in a frame with x forward and z up."""
     rotation = roll_pitch_yaw_to_rotation(-np.pi / 2.0, 0.0, -np.pi / 2.0)
     return make_transform(np.round(rotation), [0.0, 0.0, 0.0])
 
@@ -52,7 +52,7 @@ def base_from_laser(settings: SimulationSettings) -> NDArray[np.float64]:
 def chassis_from_wheel(
     settings: SimulationSettings, side: str, angle: float = 0.0
 ) -> NDArray[np.float64]:
-    """A wheel's frame, turned about its axle by `angle` radians."""
+    """(4, 4) of a wheel's frame, turned about its axle by `angle` radians."""
     body = settings.body
     y = body.wheel_track / 2.0 * (1.0 if side == LEFT_WHEEL else -1.0)
     z = body.wheel_radius - body.ground_clearance - body.height / 2.0
@@ -62,7 +62,7 @@ def chassis_from_wheel(
 def static_transforms(
     settings: SimulationSettings,
 ) -> tuple[tuple[str, str, NDArray[np.float64]], ...]:
-    """Parent, child and `parent_from_child` of everything that does not move on the robot."""
+    """Parent, child and `parent_from_child` (4, 4) of everything that does not move on it."""
     parts = [(BASE, CHASSIS, base_from_chassis(settings))]
     if settings.laser.enabled:
         parts.append((CHASSIS, LASER, chassis_from_laser(settings)))

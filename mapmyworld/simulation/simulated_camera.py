@@ -57,7 +57,7 @@ class Renderer:
         self._caster = RayCaster(corners)
 
     def render(self, world_from_optical: NDArray[np.float64]) -> View:
-        """What the camera sees from there."""
+        """What the camera sees from `world_from_optical` (4, 4)."""
         ways = self._rays @ world_from_optical[:3, :3].T.astype(np.float32)
         place = world_from_optical[:3, 3].astype(np.float32)
         return self.cast(place, ways, (self._height, self._width))

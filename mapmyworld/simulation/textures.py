@@ -55,8 +55,9 @@ class TextureSet:
     texels: NDArray[np.uint8]
     """(N, 3)."""
     offsets: NDArray[np.int64]
-    """(textures, levels) where each level begins."""
+    """(T, L) of T textures and L levels: where each begins in `texels`."""
     sizes: NDArray[np.int64]
+    """(T,) texels along an edge of the finest level."""
     textures: tuple[Texture, ...]
 
 

@@ -160,6 +160,6 @@ def _in_sight(plan: Plan, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDA
 
 
 def true_trajectory(drive: Drive, stamps_ns: NDArray[np.int64], start_ns: int) -> Trajectory:
-    """Poses at the stamps, each once, in order."""
+    """Poses at the stamps (N,), each once, in order."""
     stamps = np.unique(stamps_ns)
     return Trajectory(stamps, planar_to_matrix(drive.at((stamps - start_ns) * 1e-9)))

@@ -65,11 +65,11 @@ def integrate_wheels(
     settings: OdometrySettings,
     body: BodySettings,
 ) -> WheelOdometry:
-    """Poses from reported wheel travel, with a track that is not quite the true one.
+    """Poses from reported wheel `travel` (N, 2), with a track that is not quite the true one.
 
-    The covariance propagates the random errors and, as constants that are unknown from the start,
-    the errors of both radii and of the track (Thrun, Burgard, Fox, "Probabilistic Robotics", 2005,
-    section 7.4, with the constants appended to the state).
+    At `times` (N,). The covariance propagates the random errors and, as constants that are unknown
+    from the start, the errors of both radii and of the track (Thrun, Burgard, Fox, "Probabilistic
+    Robotics", 2005, section 7.4, with the constants appended to the state).
     """
     track = body.wheel_track * (1.0 + settings.track_error)
     steps = np.diff(travel, axis=0)

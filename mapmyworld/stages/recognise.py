@@ -56,7 +56,7 @@ def recognise(
 ) -> None:
     """Loop closures by images and by scans over the whole log, each with verdict and reason.
 
-    `words`: a vocabulary, number -> descriptor, to be used instead of one learned from the log.
+    `words`: a vocabulary, number -> descriptor (D,), used instead of one learned from the log.
     """
     for find in _finders():
         store.add_constraints(find(store, config, progress))

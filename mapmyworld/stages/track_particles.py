@@ -24,7 +24,10 @@ _STEP_COVARIANCE = np.diag([1e-8, 1e-8, 1e-6, 1e-6, 1e-6, 1e-8])  # of one step 
 def track_particles(
     log: LogSource, plan: Plan, store: MapStore, config: Config, progress: Progress
 ) -> None:
-    """Filters the log with particles, then writes frames and nodes along the best one's path."""
+    """Filters the log with particles, then writes frames and nodes along the best one's path.
+
+    Raises `LogError` where the log has no usable scan.
+    """
     if plan.scan is None:
         raise LogError("--method fastslam needs a laser: this log has no usable scan")
     frames = read_frames(log, plan, config.sensing, inertial=False)

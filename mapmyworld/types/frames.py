@@ -149,6 +149,7 @@ class NodeData:
     scan: Scan | None = None
     images: tuple[RgbdImage, ...] = ()
     cloud: NDArray[np.float32] | None = None
+    """(N, 3) points of a 3D laser, base frame, metres."""
     features: Features | None = None
 
 

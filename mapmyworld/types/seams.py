@@ -74,7 +74,10 @@ class MapStore(Protocol):
         """Like `write_stage`, but nothing is cleared: more is added to what the stage wrote."""
 
     def get(self, key: str) -> Any:
-        """The JSON value kept under `key`; None when absent."""
+        """The JSON value kept under `key`; None when absent.
+
+        Raises `MapError` where it is damaged.
+        """
 
     def put(self, key: str, value: Any) -> None:
         """Keeps a JSON value: plan, summary, diagnosis, versions, ..."""
@@ -86,7 +89,10 @@ class MapStore(Protocol):
         """All nodes by id."""
 
     def node_data(self, node_id: int, *, features: bool = True) -> NodeData:
-        """One node's data, read without touching others'; its features only where wanted."""
+        """One node's data, read without touching others'; its features only where wanted.
+
+        Raises `MapError` where there is no such node, or its data are damaged.
+        """
 
     def add_scan(self, frame: int, scan: Scan) -> None:
         """The scan of the tracked frame with this index (nodes' and others' alike)."""
@@ -137,4 +143,4 @@ class MapStore(Protocol):
         """The occupancy grid."""
 
     def grid(self) -> OccupancyGrid | None:
-        """The occupancy grid; None before it was drawn."""
+        """The occupancy grid; None before it was drawn. Raises `MapError` where it is damaged."""

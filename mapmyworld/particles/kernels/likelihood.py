@@ -24,7 +24,10 @@ from mapmyworld.particles.kernels.surface_tiles import (
 def log_likelihood(
     maps: Any, particle: int, beams: Any, pose: NDArray[np.float64], reach: int, sigma: float
 ) -> float:
-    """Logarithm of p(z | x, m) of the likelihood field: every beam near a surface, or by chance."""
+    """Logarithm of p(z | x, m) of the likelihood field, for a pose (3,).
+
+    Every beam ends near a surface, or by chance.
+    """
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     total = 0.0
     half = 0.5 / (sigma * sigma)

@@ -26,7 +26,10 @@ def append_logs(
     *,
     export: bool,
 ) -> dict[str, Any]:
-    """Builds a map of each log and lays it into MAP, which is replaced when all is done."""
+    """Builds a map of each log and lays it into MAP, which is replaced when all is done.
+
+    Raises `MapError` where MAP's folder does not exist.
+    """
     if not map_path.absolute().parent.is_dir():
         raise MapError(f"{map_path}: its folder does not exist")
     with tempfile.TemporaryDirectory(dir=map_path.absolute().parent, prefix=".append-") as folder:

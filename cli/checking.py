@@ -78,7 +78,7 @@ class Facts:
 
     @cached_property
     def grid(self) -> OccupancyGrid:
-        """The map's grid; `MapError` where it has none."""
+        """The map's grid; `ConfigError` where it has none."""
         grid = self.store.grid()
         if grid is None:
             raise ConfigError(f"{self.sources.map_path} has no grid to check: build it with scans")
@@ -93,7 +93,7 @@ class Facts:
         return grid_score(self.grid, read_grid(self.sources.grid))
 
     def largest_sigma(self) -> float:
-        """Metres of the least certain node."""
+        """Metres of the least certain node; `ConfigError` where there are no covariances."""
         poses = self.store.poses()
         if poses is None or poses.covariances is None or len(poses.covariances) == 0:
             raise ConfigError(f"{self.sources.map_path} has no covariances to check")

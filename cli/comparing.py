@@ -144,7 +144,10 @@ def table_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
 def picture_of(
     candidates: Sequence[Candidate], rows: Sequence[dict[str, Any]]
 ) -> NDArray[np.uint8]:
-    """All maps that have a grid, laid upon the first."""
+    """All maps that have a grid, laid upon the first, as RGB (H, W, 3).
+
+    Raises `MapError` where none has one.
+    """
     from formats.report.compare_picture import MapPanel, compare_picture
 
     panels = []

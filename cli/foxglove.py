@@ -19,7 +19,10 @@ _BASE = "base_link"
 def export_mcap(
     store: MapStore, path: Path, logs: Sequence[Path]
 ) -> tuple[list[Path], tuple[str, ...]]:
-    """What was written, and what of the log could not be."""
+    """What was written, and what of the log could not be.
+
+    Raises `MapError` where the map was made of another log.
+    """
     shown = foxglove_map(store)
     if not logs:
         return write_foxglove(path, shown, (store.node_data(n.id) for n, _, _ in shown.nodes)), ()

@@ -174,7 +174,7 @@ def _note_stale(path: Path, progress: StderrProgress) -> None:
 
 
 def require_maps(paths: Sequence[Path]) -> None:
-    """Refuses what cannot be merged before any work is done."""
+    """Raises `MapError` for what cannot be merged, before any work is done."""
     absent = [str(path) for path in paths if not path.is_file()]
     if absent:
         raise MapError("no such map:", problems=absent)

@@ -24,13 +24,13 @@ def require_outputs(paths: Iterable[Path], inputs: Sequence[Path]) -> None:
 
 
 def require_output_name(path: Path) -> None:
-    """Refuses what names nothing: an empty name, this folder, the one above, the root."""
+    """Raises `MapError` for what names nothing: an empty name, this folder, one above, the root."""
     if path.name in ("", ".."):
         raise MapError(f"{path}: is a folder: give the name of a file")
 
 
 def require_file(path: Path) -> None:
-    """Refuses what cannot be the name of a file."""
+    """Raises `MapError` for what cannot be the name of a file."""
     require_output_name(path)
     if path.is_dir():
         raise MapError(f"{path}: is a folder: give the name of a file")
@@ -39,7 +39,7 @@ def require_file(path: Path) -> None:
 
 
 def require_apart(path: Path, inputs: Iterable[Path]) -> None:
-    """Refuses an input as output, whatever name or link it comes by."""
+    """Raises `MapError` for an input as output, whatever name or link it comes by."""
     for given in inputs:
         if _is_same(path, given):
             named = "" if str(path) == str(given) else f" the same file as {given}, which is"
@@ -49,7 +49,7 @@ def require_apart(path: Path, inputs: Iterable[Path]) -> None:
 
 
 def require_map_place(path: Path, inputs: Sequence[Path], *, export: bool) -> None:
-    """Refuses a map, with what is written beside it, where another file would be lost."""
+    """Raises `MapError` for a map, with what is beside it, where another file would be lost."""
     beside = [path.with_suffix(ending) for ending in PRODUCTS] if export and path.name else []
     if export:
         require_utf8(path)
@@ -71,7 +71,7 @@ def forget_products(map_path: Path) -> None:
 
 
 def require_utf8(path: Path) -> None:
-    """Refuses a name that the grid's YAML could not hold."""
+    """Raises `MapError` for a name that the grid's YAML could not hold."""
     try:
         os.fsencode(path.name).decode("utf-8")
     except UnicodeDecodeError:
@@ -81,7 +81,7 @@ def require_utf8(path: Path) -> None:
 
 
 def require_no_other(path: Path) -> None:
-    """Refuses to replace what is no map of ours."""
+    """Raises `MapError` rather than replace what is no map of ours."""
     from formats.database import open_store
     from formats.database.connection import says_ours
 
@@ -92,7 +92,7 @@ def require_no_other(path: Path) -> None:
 
 
 def require_no_recording(path: Path) -> None:
-    """Refuses to replace a log or a map by a file of another kind."""
+    """Raises `MapError` rather than replace a log or a map by a file of another kind."""
     if not path.is_file():
         return
     with path.open("rb") as file:
@@ -103,7 +103,7 @@ def require_no_recording(path: Path) -> None:
 
 
 def require_no_other_log(path: Path, source: Path) -> None:
-    """Refuses to replace the map of a log, unless the source is of the same log."""
+    """Raises `MapError` rather than replace the map of another log than that of `source`."""
     from formats.database import open_store
     from formats.database.connection import is_sqlite
 
@@ -121,7 +121,7 @@ def require_no_other_log(path: Path, source: Path) -> None:
 
 
 def require_graph_place(path: Path) -> None:
-    """Refuses to replace by a graph what is none."""
+    """Raises `MapError` rather than replace by a graph what is none."""
     if path.exists() and not _is_graph(path):
         raise MapError(f"{path}: exists and is no g2o graph: give another name with -o")
 

@@ -44,6 +44,7 @@ class Fetched:
     left_out: int
     pictures: Mapping[int, NodePicture]
     scans: Mapping[int, NDArray[np.float32]]
+    """Node id -> points (N, 2), base frame, metres."""
 
 
 def fetch_evidence(store: MapStore, constraints: Sequence[Judged], *, every_match: bool) -> Fetched:

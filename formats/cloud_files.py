@@ -17,7 +17,7 @@ _PCD_SIZES = {"F": {4: "<f4", 8: "<f8"}, "U": {1: "u1", 2: "<u2", 4: "<u4"}, "I"
 
 
 def write_cloud(path: Path, cloud: PointCloud) -> None:
-    """A .ply or .pcd file, by its name."""
+    """A .ply or .pcd file, by its name; raises `MapError` for another name."""
     suffix = path.suffix.lower()
     if suffix == ".pcd":
         write_whole(path, _pcd(cloud))

@@ -20,7 +20,7 @@ class Table:
     """All sound lines of one tag."""
 
     numbers: NDArray[np.float64]
-    """(R, columns) without the tag."""
+    """(R, C) without the tag, R lines of C numbers."""
     lines: NDArray[np.int64]
     """(R,) line numbers in the file, from 1."""
 
@@ -119,6 +119,6 @@ def _fault(values: NDArray[np.float64], columns: Columns) -> str:
 
 
 def listed(values: NDArray[np.int64] | list[int]) -> str:
-    """The first few of these numbers, and how many more there are."""
+    """The first few of these numbers (N,), and how many more there are."""
     shown = ", ".join(str(int(v)) for v in values[:_SHOWN])
     return f"{shown} and {len(values) - _SHOWN} more" if len(values) > _SHOWN else shown

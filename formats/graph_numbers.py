@@ -38,7 +38,10 @@ def symmetric(numbers: Array, layout: Index) -> Array:
 
 
 def inverted(covariances: Array) -> Array:
-    """Information matrices; zeros, which no edge may have, of what is no covariance."""
+    """Information matrices of covariances (N, d, d).
+
+    Zeros, which no edge may have, of what is no covariance.
+    """
     lowest = np.linalg.eigvalsh(covariances)[:, 0]
     good = lowest > 1e-14 * np.abs(covariances).max(axis=(1, 2), initial=LEAST_VARIANCE)
     found = np.zeros(covariances.shape)

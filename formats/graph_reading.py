@@ -78,7 +78,8 @@ def read_graph(path: Path) -> GraphFile:
 def graph_from_text(text: str) -> GraphFile:
     """The graph in a text of one of these formats.
 
-    Edges between a node and the next one by id are taken for odometry.
+    Edges between a node and the next one by id are taken for odometry. Raises `MapError` where
+    nothing of a known kind is in it, or planar and spatial poses both.
     """
     if "#" in text:
         text = _COMMENT.sub("", text)

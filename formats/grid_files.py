@@ -102,11 +102,12 @@ def _yaml(image: str, grid: OccupancyGrid, mode: Mode) -> str:
 def read_grid(path: Path) -> OccupancyGrid:
     """The grid of a YAML file by map_server's rules.
 
-    Its picture must lie in the YAML's folder or below: a YAML from a stranger must not choose
-    which files are opened.
+    Its picture must lie in the YAML's folder or below: a YAML from a stranger must not choose which
+    files are opened.
 
-    Trinary cells come back as the log-odds of 0.95, 0.05 and NaN, so that `trinary()` gives
-    what a robot would load; scaled and raw ones as the log-odds of their probability.
+    Trinary cells come back as the log-odds of 0.95, 0.05 and NaN, so that `trinary()` gives what a
+    robot would load; scaled and raw ones as the log-odds of their probability. Raises `MapError`
+    where there is none, or a damaged one.
     """
     keys = _read_keys(path)
     mode = keys.get("mode", "trinary")

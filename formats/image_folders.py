@@ -38,8 +38,9 @@ def write_images(
 ) -> WrittenImages:
     """Writes rgb/, depth/, their lists, the calibration and the cameras' poses.
 
-    `items`: node, data, map_from_base (4, 4). The first camera's files have TUM's names, those
-    of the others a folder of their own. A damaged image is passed over and reported.
+    `items`: node, data, map_from_base (4, 4). The first camera's files have TUM's names, those of
+    the others a folder of their own. A damaged image is passed over and reported. Raises `MapError`
+    where the map keeps no images.
     """
     written, lists, cameras = WrittenImages(), dict[str, list[str]](), dict[str, dict[str, Any]]()
     stamps, poses, truths = [], [], []

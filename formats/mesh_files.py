@@ -16,7 +16,10 @@ _FACE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 
 
 def write_mesh(path: Path, mesh: Mesh) -> None:
-    """A .ply file of vertices, with colours where there are any, and triangles."""
+    """A .ply file of vertices, with colours where there are any, and triangles.
+
+    Raises `MapError` for another name.
+    """
     if path.suffix.lower() != ".ply":
         raise MapError(f"{path}: a mesh is written as .ply")
     vertices = _vertices(mesh)
@@ -40,7 +43,10 @@ def _vertices(mesh: Mesh) -> NDArray[np.void]:
 
 
 def read_mesh(path: Path) -> Mesh:
-    """The mesh of a binary PLY file whose faces are all triangles."""
+    """The mesh of a binary PLY file whose faces are all triangles.
+
+    Raises `MapError` where it is none.
+    """
     vertices = read_vertices(path)
     data = read_whole(path)
     head = parse_header(data, path)

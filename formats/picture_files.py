@@ -87,7 +87,8 @@ def _chunks_are_there(data: bytes) -> bool:
 def decoded_file(data: bytes, mode: int) -> NDArray[np.generic] | None:
     """What OpenCV decodes of a JPEG, PNG or WebP file in one of its modes.
 
-    None of one that is damaged or claims too much, and of every other kind of file.
+    Grey (H, W) or (H, W, K) of K channels, blue first. None of one that is damaged or claims too
+    much, and of every other kind of file.
     """
     import cv2
 

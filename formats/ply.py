@@ -34,7 +34,7 @@ class PlyHeader:
 
 
 def ply_header(elements: Sequence[tuple[str, NDArray[np.void]]], faces: int = 0) -> bytes:
-    """The header of binary elements, and of so many faces."""
+    """The header of binary elements (N,), which are record arrays, and of so many faces."""
     lines = ["ply", "format binary_little_endian 1.0", "comment mapmyworld, metres, map frame"]
     for element, table in elements:
         lines.append(f"element {element} {len(table)}")
@@ -46,7 +46,10 @@ def ply_header(elements: Sequence[tuple[str, NDArray[np.void]]], faces: int = 0)
 
 
 def read_vertices(path: Path) -> NDArray[np.void]:
-    """The vertices, as a record array with the file's own property names."""
+    """The vertices (N,), as a record array with the file's own property names.
+
+    Raises `MapError` where the file ends early.
+    """
     data = read_whole(path)
     head = parse_header(data, path)
     try:
@@ -78,7 +81,10 @@ def _text_vertices(data: bytes, head: PlyHeader) -> NDArray[np.void]:
 
 
 def positions(vertices: NDArray[np.void], path: Path) -> NDArray[np.float32]:
-    """(N, 3) of the vertices, metres; infinite where single precision cannot hold them."""
+    """(N, 3) of the vertices, metres; infinite where single precision cannot hold them.
+
+    Raises `MapError` where they have no x, y, z.
+    """
     if not set("xyz") <= set(vertices.dtype.names or ()):
         raise MapError(f"{path}: its points have no x, y, z")
     with np.errstate(over="ignore", invalid="ignore"):

@@ -54,7 +54,10 @@ class LogWriter:
         self._handles: dict[tuple[str, str], Handle] = {}
 
     def write(self, topic: str, message: Message, log_time_ns: int) -> None:
-        """Appends a message, as the standard ROS type that carries it."""
+        """Appends a message, as the standard ROS type that carries it.
+
+        Raises `LogError` where that cannot hold it.
+        """
         type_name = self._ros.type_name(message)
         handle = self._handles.get((topic, type_name))
         if handle is None:

@@ -168,6 +168,7 @@ class Ros1Sink:
         return self._connections[key]
 
     def write(self, handle: Handle, log_time_ns: int, data: bytes) -> None:
+        """A message at its log time; raises `LogError` for a time that a ROS 1 bag cannot hold."""
         if not 0 <= log_time_ns < 1_000_000_000 << 32:
             raise LogError(f"{self.path}: a ROS 1 bag cannot hold the time {log_time_ns} ns")
         self._writer.write(handle, log_time_ns, data)

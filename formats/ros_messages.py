@@ -57,7 +57,7 @@ class RosMessages:
         return self.make("std_msgs/msg/Header", *sequence, stamp, frame_id)
 
     def pose(self, matrix: NDArray[np.float64]) -> Any:
-        """A geometry_msgs/Pose."""
+        """A geometry_msgs/Pose of (4, 4)."""
         return self.make(
             "geometry_msgs/msg/Pose",
             self.make("geometry_msgs/msg/Point", *matrix[:3, 3].tolist()),
@@ -69,7 +69,7 @@ class RosMessages:
         return self.make("geometry_msgs/msg/Quaternion", *exact_quaternion(matrix[:3, :3]))
 
     def vector(self, values: NDArray[np.float64]) -> Any:
-        """A geometry_msgs/Vector3."""
+        """A geometry_msgs/Vector3 of (3,)."""
         return self.make("geometry_msgs/msg/Vector3", *values.tolist())
 
     def pose_with_covariance(

@@ -92,7 +92,7 @@ _decode_words = compiled(_decode)
 
 
 def rvl_encode(depth: NDArray[np.uint16]) -> bytes:
-    """The words of a depth image; its size must be kept beside them."""
+    """The words of a depth image (H, W); its size must be kept beside them."""
     pixels = np.ascontiguousarray(depth, np.uint16).ravel()
     # At worst a pixel takes six nibbles, and two counts come with every other pixel.
     out = np.empty(len(pixels) * 5 // 4 + 16, np.uint32)
@@ -100,7 +100,7 @@ def rvl_encode(depth: NDArray[np.uint16]) -> bytes:
 
 
 def rvl_decode(words: bytes, height: int, width: int) -> NDArray[np.uint16]:
-    """Depth (height, width) of RVL words; ValueError when they do not hold it."""
+    """Depth (H, W) of RVL words, of that height and width; ValueError when they do not hold it."""
     pixels = np.empty(height * width, np.uint16)
     padded = words + b"\0" * (-len(words) % 4)
     if not _decode_words(np.frombuffer(padded, "<u4").astype(np.uint32), pixels):

@@ -76,7 +76,10 @@ _WRITERS: dict[str, Callable[[Trajectory], Iterator[str]]] = {
 
 
 def read_trajectory(path: Path) -> Trajectory:
-    """A trajectory in any of the three styles, by its lines; KITTI's stamps count from 0."""
+    """A trajectory in any of the three styles, by its lines; KITTI's stamps count from 0.
+
+    Raises `MapError` where it is none.
+    """
     try:
         text = path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:

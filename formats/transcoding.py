@@ -27,7 +27,10 @@ class Transcoder:
 
 
 def transcoder_for(channel: Channel, sink: Sink) -> Transcoder | None:
-    """None where the sink cannot take the channel's encoding and must be given typed messages."""
+    """None where the sink cannot take the channel's encoding and must be given typed messages.
+
+    The transcoder raises `LogError` for a damaged message.
+    """
     if isinstance(sink, McapSink):
         return Transcoder(sink.add(_with_definition(channel)), _unchanged)
     if channel.encoding not in {"ros1", "cdr"}:

@@ -37,7 +37,10 @@ def write_truth(
     loop_poses: NDArray[np.float64],
     calibration: Mapping[str, Any],
 ) -> None:
-    """Writes all of it; `MapError` where the folder cannot be written."""
+    """Writes all of it; `MapError` where the folder cannot be written.
+
+    `loop_stamps_ns` (K, 2) are pairs of moments, `loop_poses` (K, 3) first_from_second.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_trajectory(folder / "trajectory.tum", trajectory, "tum")

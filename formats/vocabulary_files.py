@@ -22,7 +22,10 @@ Words = dict[int, NDArray[np.uint8]]
 
 
 def read_vocabulary(path: Path) -> Words:
-    """Word number -> descriptor (32,), of a text file or of any map that has words."""
+    """Word number -> descriptor (32,), of a text file or of any map that has words.
+
+    Raises `MapError` where it has none.
+    """
     try:
         words = _words_of_map(path) if _is_map(path) else _parsed(path.read_bytes(), path)
     except OSError as error:
@@ -35,7 +38,10 @@ def read_vocabulary(path: Path) -> Words:
 
 
 def write_vocabulary(path: Path, words: Mapping[int, NDArray[np.generic]]) -> None:
-    """The words as text, by their numbers."""
+    """The words as text, by their numbers: number -> descriptor (32,).
+
+    Raises `MapError` where there are none.
+    """
     if not words:
         raise MapError(f"{path}: the map has no visual words to write: it was made without images")
     lines = [f"{_HEAD}{_BYTES}"]

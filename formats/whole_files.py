@@ -31,7 +31,10 @@ def utf8_of(text: str) -> bytes:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """A stream whose bytes take the file's place once all are written, and not before."""
+    """A stream whose bytes take the file's place once all are written, and not before.
+
+    Raises `MapError` where it cannot be written.
+    """
     if not path.parent.is_dir():
         raise MapError(f"{path}: cannot be written: its folder does not exist")
     if path.is_dir():

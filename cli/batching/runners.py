@@ -32,7 +32,10 @@ def run_here(jobs: Sequence[Job], output: str, at_once: int) -> Generator[Result
 
 
 def run_on_cluster(jobs: Sequence[Job], output: str, scheduler: str) -> Generator[Result]:
-    """Results as they come from a Dask scheduler's workers, which must see the same files."""
+    """Results as they come from a Dask scheduler's workers, which must see the same files.
+
+    Raises `MissingDependencyError` where Dask is not installed or the scheduler not reached.
+    """
     try:
         from distributed import Client
         from distributed import as_completed as as_they_come

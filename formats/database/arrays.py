@@ -20,9 +20,9 @@ _TYPES = {"|i1", "|u1", *(f"<{kind}{size}" for kind in "iuf" for size in (2, 4, 
 
 
 def write_array(db: Connection, name: str, rank: int, array: NDArray[Any] | None) -> None:
-    """Keeps `array` as what the stage of this rank wrote under `name`; later ones' is dropped.
+    """Keeps `array` (...) as what the stage of this rank wrote under `name`.
 
-    None is kept as well: it hides what earlier stages wrote.
+    What later stages wrote is dropped. None is kept as well: it hides what earlier stages wrote.
     """
     db.run("DELETE FROM mapmyworld_arrays WHERE name = ? AND rank >= ?", (name, rank))
     insert = "INSERT INTO mapmyworld_arrays VALUES (?,?,?,?,?)"
@@ -36,7 +36,7 @@ def write_array(db: Connection, name: str, rank: int, array: NDArray[Any] | None
 
 
 def read_array(db: Connection, name: str, kind: str, shape: tuple[int, ...]) -> NDArray[Any] | None:
-    """What the latest stage wrote under `name`; None where none did.
+    """What the latest stage wrote under `name` (...); None where none did.
 
     Raises `MapError` unless it is of that kind ("i", "u" or "f") and shape; -1 is any length.
     """
@@ -61,7 +61,7 @@ def read_array(db: Connection, name: str, kind: str, shape: tuple[int, ...]) -> 
 
 
 def check_lengths(db: Connection, what: str, *arrays: NDArray[Any] | None) -> None:
-    """Raises `MapError` unless these arrays, as far as they are there, have as many rows."""
+    """Raises `MapError` unless these arrays (N, ...), those that are there, have as many rows."""
     lengths = {len(array) for array in arrays if array is not None}
     if len(lengths) > 1:
         reported = ", ".join(map(str, sorted(lengths)))

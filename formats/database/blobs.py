@@ -36,7 +36,7 @@ _BLOCK = 0xFFFF  # bytes of a stored block of deflate, at most
 
 
 def matrix_to_blob(matrix: NDArray[np.generic], level: int = _COMPRESSION) -> bytes | None:
-    """A compressed matrix of (rows, cols) or (rows, cols, channels); None for an empty one."""
+    """A compressed matrix (R, C) or (R, C, K) of K channels; None for an empty one."""
     if matrix.size == 0:
         return None
     rows, cols = matrix.shape[:2]
@@ -59,7 +59,10 @@ def stored_stream(data: bytes) -> bytes:
 
 
 def blob_to_matrix(blob: bytes | None, what: str) -> NDArray[np.generic] | None:
-    """The matrix (rows, cols, channels) of a blob; None where it is absent. `what` names it."""
+    """The matrix (R, C, K) of a blob, of K channels; None where it is absent.
+
+    Raises `MapError` where it is damaged; `what` names it.
+    """
     if blob is None or (isinstance(blob, bytes) and len(blob) <= 4):
         return None
     if not isinstance(blob, bytes):
@@ -77,7 +80,10 @@ def blob_to_matrix(blob: bytes | None, what: str) -> NDArray[np.generic] | None:
 
 
 def inflate(stream: bytes, size: int, what: str) -> bytes:
-    """Exactly `size` bytes of a zlib stream."""
+    """Exactly `size` bytes of a zlib stream.
+
+    Raises `MapError` where it holds others; `what` names it.
+    """
     if size > MAX_MATRIX_BYTES or size > len(stream) * _MAX_EXPANSION + 64:
         raise MapError(f"{what}: {len(stream)} compressed bytes cannot hold the {size} claimed")
     try:
@@ -97,7 +103,10 @@ def pose_to_blob(a_from_b: NDArray[np.float64]) -> bytes:
 
 
 def blob_to_pose(blob: bytes | None, what: str) -> NDArray[np.float64] | None:
-    """A motion (4, 4); None for NULL or zeros. The rotation is made orthonormal again."""
+    """A motion (4, 4); None for NULL or zeros. The rotation is made orthonormal again.
+
+    Raises `MapError` where it is damaged; `what` names it.
+    """
     if blob is None or len(blob) == 0:
         return None
     if len(blob) != 48:
@@ -121,7 +130,7 @@ def blobs_to_poses(blobs: Sequence[Any]) -> NDArray[np.float64]:
 
 
 def stacked_doubles(blobs: Sequence[Any], side: int) -> NDArray[np.float64] | None:
-    """Square matrices (N, side, side) of many blobs; None where one is damaged or beyond sense.
+    """Square matrices (N, K, K) of N blobs, K = `side`; None where one is damaged or beyond sense.
 
     Together they take half of the memory that they would take one by one.
     """
@@ -132,7 +141,7 @@ def stacked_doubles(blobs: Sequence[Any], side: int) -> NDArray[np.float64] | No
 
 
 def doubles(blob: Any, side: int) -> NDArray[np.float64]:
-    """A square matrix (side, side); `ValueError` where it is damaged or beyond sense."""
+    """A square matrix (K, K), K = `side`; `ValueError` where it is damaged or beyond sense."""
     found = np.frombuffer(blob, "<f8").reshape(side, side)
     if not (np.abs(found) <= _most(side)).all():
         raise ValueError("a value that is not finite, or beyond sense")
@@ -153,7 +162,7 @@ def matrices_from_floats(rows: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def orthonormal(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same motions with the nearest true rotations: float32 leaves errors of 1e-7."""
+    """Motions (N, 4, 4) with the nearest true rotations: float32 leaves errors of 1e-7."""
     u, _, vt = np.linalg.svd(poses[:, :3, :3])
     u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
     nearest = poses.copy()
@@ -183,7 +192,10 @@ def information_to_blob(information: NDArray[np.float64]) -> bytes:
 
 
 def blob_to_information(blob: bytes, what: str) -> NDArray[np.float64]:
-    """Information (6, 6), rotation first."""
+    """Information (6, 6), rotation first.
+
+    Raises `MapError` where it is damaged; `what` names it.
+    """
     if len(blob) != 288:
         raise MapError(f"{what}: an information matrix takes 288 bytes, not {len(blob)}")
     matrix = np.frombuffer(blob, "<f8").reshape(6, 6)

@@ -14,7 +14,10 @@ _MONO, _STEREO = 18, 19  # float32: fx fy cx cy (baseline) width height, base_fr
 
 
 def modernised(blob: bytes | None, what: str) -> bytes | None:
-    """The same cameras in the format of 0.18 and later; None for none."""
+    """The same cameras in the format of 0.18 and later; None for none.
+
+    Raises `MapError` where they are damaged; `what` names them.
+    """
     if not blob:
         return None
     floats = np.frombuffer(blob[: len(blob) // 4 * 4], "<f4")

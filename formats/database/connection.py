@@ -210,7 +210,7 @@ def keeps_write_ahead_log(path: Path) -> bool:
 
 
 def says_ours(path: Path) -> bool:
-    """Whether the file's header bears our mark."""
+    """Whether the file's header bears our mark; raises `MapError` where it cannot be read."""
     try:
         with path.open("rb") as file:
             return int.from_bytes(file.read(72)[68:], "big") == APPLICATION_ID
@@ -219,7 +219,7 @@ def says_ours(path: Path) -> bool:
 
 
 def is_sqlite(path: Path) -> bool:
-    """Whether the file begins as SQLite files do."""
+    """Whether the file begins as SQLite files do; raises `MapError` where it cannot be read."""
     try:
         with path.open("rb") as file:
             return file.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC

@@ -131,6 +131,8 @@ def node_data(row: Row, own: Row | None, stamp_ns: int, what: str) -> NodeData:
 
     `own`: scan_rest, image_stamps, cloud and the depth count of our own table, None in a file
     of RTAB-Map's.
+
+    Raises `MapError` where they are damaged; `what` names the node.
     """
     image, depth, calibration, scan, scan_info = row
     rest, stamps, both = own or (None, None, None)

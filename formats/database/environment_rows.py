@@ -21,7 +21,10 @@ _LATEST_S = 9e9  # a stamp's seconds beyond which nanoseconds leave 64 bits
 
 
 def nanoseconds(stamp: float | None) -> int:
-    """A stamp in float seconds as the decimal number that was meant: microseconds survive."""
+    """A stamp in float seconds as the decimal number that was meant: microseconds survive.
+
+    Raises `MapError` for one beyond sense.
+    """
     seconds = float(stamp or 0.0)
     if not abs(seconds) < _LATEST_S:
         raise MapError(f"a stamp of {seconds} s")
@@ -37,7 +40,10 @@ def gps_to_blob(fix: GpsMessage | None) -> bytes | None:
 
 
 def blob_to_gps(blob: bytes | None, what: str) -> GpsMessage | None:
-    """The fix; None where there is none, which a stamp of 0 says as well."""
+    """The fix; None where there is none, which a stamp of 0 says as well.
+
+    Raises `MapError` where it is damaged; `what` names it.
+    """
     if not blob:
         return None
     if len(blob) != 48:
@@ -55,7 +61,10 @@ def readings_to_blob(readings: tuple[ReadingMessage, ...]) -> bytes | None:
 
 
 def blob_to_readings(blob: bytes | None, what: str) -> tuple[ReadingMessage, ...]:
-    """The readings of known sensors."""
+    """The readings of known sensors.
+
+    Raises `MapError` where they are damaged; `what` names them.
+    """
     if not blob:
         return ()
     if len(blob) % 24:

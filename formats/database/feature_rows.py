@@ -44,7 +44,10 @@ def feature_rows(node_id: int, features: Features) -> Iterator[Row]:
 
 
 def features_from_rows(rows: Sequence[Row], what: str) -> Features | None:
-    """The features of `SELECT_FEATURES`; None for none."""
+    """The features of `SELECT_FEATURES`; None for none.
+
+    Raises `MapError` where they are damaged; `what` names them.
+    """
     if not rows:
         return None
     try:
@@ -88,7 +91,10 @@ def _descriptors(
 
 
 def descriptor_from_blob(size: int | None, blob: bytes | None, what: str) -> NDArray[Any]:
-    """A descriptor (D,) of bytes or float32, by the length of its blob."""
+    """A descriptor (D,) of bytes or float32, by the length of its blob.
+
+    Raises `MapError` where that fits neither; `what` names it.
+    """
     if blob is not None and size is not None and len(blob) == size:
         return np.frombuffer(blob, np.uint8)
     if blob is not None and size is not None and len(blob) == 4 * size:
@@ -98,14 +104,14 @@ def descriptor_from_blob(size: int | None, blob: bytes | None, what: str) -> NDA
 
 
 def word_rows(words: Mapping[int, NDArray[Any]]) -> Iterator[Row]:
-    """One row a word, ascending."""
+    """One row a word, ascending by id, of word id -> descriptor (D,)."""
     for word_id in sorted(words):
         descriptor = np.ascontiguousarray(words[word_id])
         yield (word_id, descriptor.size, descriptor.tobytes())
 
 
 def read_words(db: Connection) -> dict[int, NDArray[Any]]:
-    """The vocabulary: word id -> descriptor."""
+    """The vocabulary: word id -> descriptor (D,)."""
     return {
         word_id: descriptor_from_blob(size, blob, f"{db.path}: word {word_id}")
         for word_id, size, blob in db.iterate(SELECT_WORDS)

@@ -161,7 +161,7 @@ class RtabmapStore(ReadOnly, Opened):
         return nodes_as_frames(self.nodes())
 
     def scans(self, frames: Sequence[int] | NDArray[np.int64]) -> Iterator[tuple[int, Scan]]:
-        """Scans of the nodes with these indices in `nodes()`."""
+        """Scans of the nodes with these indices (K,) in `nodes()`."""
         nodes = self.nodes()
         for frame in np.unique(np.asarray(frames, np.int64)).tolist():
             if 0 <= frame < len(nodes):
@@ -187,7 +187,10 @@ class RtabmapStore(ReadOnly, Opened):
         return graph.poses_from_blobs(ids, poses, str(self.path))
 
     def grid(self) -> OccupancyGrid | None:
-        """The stored grid; its three values become log-odds beyond the thresholds."""
+        """The stored grid; its three values become log-odds beyond the thresholds.
+
+        Raises `MapError` where it is damaged.
+        """
         if not self._has("Admin", "opt_map"):
             return None
         row = self._db.row(

@@ -94,7 +94,10 @@ def _check_ends(from_id: int, to_id: int, kind: ConstraintKind, nodes: Set[int],
 
 
 def poses_from_blobs(ids_blob: bytes | None, poses_blob: bytes | None, what: str) -> Poses | None:
-    """`opt_ids` and `opt_poses`, nodes first; None where there are none."""
+    """`opt_ids` and `opt_poses`, nodes first; None where there are none.
+
+    Raises `MapError` where they are damaged; `what` names them.
+    """
     ids = blob_to_matrix(ids_blob, f"{what}: opt_ids")
     floats = blob_to_matrix(poses_blob, f"{what}: opt_poses")
     if ids is None or floats is None:

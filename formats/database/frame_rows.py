@@ -51,7 +51,7 @@ def nodes_as_frames(nodes: Sequence[Node]) -> TrackedFrames:
 def read_scans(
     db: Connection, frames: Sequence[int] | NDArray[np.int64]
 ) -> Iterator[tuple[int, Scan]]:
-    """The scans of these frames, ascending; read a few hundred at a time."""
+    """The scans of these frames (K,), ascending; read a few hundred at a time."""
     wanted = np.unique(np.asarray(frames, np.int64))
     for start in range(0, len(wanted), SCANS_AT_ONCE):
         chunk = wanted[start : start + SCANS_AT_ONCE].tolist()

@@ -21,7 +21,10 @@ _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
 def image_size(data: bytes, what: str) -> tuple[int, int]:
-    """Width and height that a JPEG, PNG or RVL header states, once they are believable."""
+    """Width and height that a JPEG, PNG or RVL header states, once they are believable.
+
+    Raises `MapError` where they are not; `what` names the image.
+    """
     if data.startswith(PNG_MAGIC) and len(data) >= 24:
         width, height = struct.unpack_from(">2I", data, 16)
     elif data.startswith(_RVL_MAGIC) and len(data) >= 16:
@@ -50,7 +53,7 @@ def _jpeg_frame(data: bytes, what: str) -> tuple[int, int, int]:
 
 
 def decode_picture(data: bytes, what: str) -> NDArray[np.uint8]:
-    """Colour (H, W, 3) RGB or grey (H, W)."""
+    """Colour (H, W, 3) RGB or grey (H, W); raises `MapError` where it is damaged."""
     pixels = _decode(data, what)
     if pixels.dtype != np.uint8:
         raise MapError(f"{what}: an image of {pixels.dtype}, not of bytes")
@@ -87,7 +90,7 @@ def encode_depth(metres: NDArray[np.generic], codec: str) -> bytes:
 
 
 def decode_depth(data: bytes, what: str) -> NDArray[np.float32]:
-    """Depth (H, W) in metres, 0 = none."""
+    """Depth (H, W) in metres, 0 = none; raises `MapError` where it is damaged."""
     width, height = image_size(data, what)
     if data.startswith(_RVL_MAGIC):
         try:

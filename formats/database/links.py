@@ -131,7 +131,7 @@ def constraints_from_rows(
 
 
 def constraint_from_row(row: Row, verdicts: Mapping[int, tuple[Verdict, ...]]) -> Judged:
-    """The constraint of a row of `SELECT_CONSTRAINTS`."""
+    """The constraint of a row of `SELECT_CONSTRAINTS`; raises `MapError` where it is damaged."""
     try:
         return _constraint(row, doubles(row[3], 4), doubles(row[4], 6), verdicts)
     except (ValueError, TypeError) as error:

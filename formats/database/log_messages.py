@@ -50,13 +50,17 @@ class Moment:
     stamp_ns: int
     node: Node
     odom_from_base: NDArray[np.float64]
+    """(4, 4)."""
     is_node: bool
 
 
 def messages_at(
     moment: Moment, data: NodeData, mounts: dict[str, NDArray[np.float64]]
 ) -> Iterator[RawMessage]:
-    """Everything of one moment; `mounts` remembers which sensors' places were reported already."""
+    """Everything of one moment.
+
+    `mounts`, sensor frame -> base_from_sensor (4, 4), remembers which were reported already.
+    """
     fresh = {name: at for name, at in _mounts(data).items() if name not in mounts}
     if fresh:
         mounts |= fresh

@@ -26,7 +26,10 @@ _ENCODING = "rtabmap"
 
 
 def open_database_log(path: Path) -> DatabaseLog:
-    """The log in a database of RTAB-Map's, or in a map of ours."""
+    """The log in a database of RTAB-Map's, or in a map of ours.
+
+    Raises `LogError` where it cannot be read.
+    """
     try:
         return DatabaseLog(open_store(path, read_only=True))
     except MapError as error:
@@ -34,7 +37,10 @@ def open_database_log(path: Path) -> DatabaseLog:
 
 
 class DatabaseLog:
-    """A LogSource over a database; images are decoded when a message is."""
+    """A LogSource over a database; images are decoded when a message is.
+
+    Raises `LogError` where it holds no nodes.
+    """
 
     def __init__(self, store: DatabaseStore | RtabmapStore) -> None:
         self._store = store

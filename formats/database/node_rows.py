@@ -146,7 +146,7 @@ def nodes_from_own_rows(rows: Sequence[Row]) -> Iterator[Node]:
 
 
 def node_from_own_row(row: Row) -> Node:
-    """The node of a row of `SELECT_OWN`."""
+    """The node of a row of `SELECT_OWN`; raises `MapError` where it is damaged."""
     try:
         return _node(row, doubles(row[3], 4), doubles(row[4], 4))
     except (ValueError, TypeError) as error:

@@ -84,7 +84,10 @@ class NodeTables(Transactions):
         return NodeData(data.scan, data.images, data.cloud, seen)
 
     def contents(self) -> dict[int, dict[str, int]]:
-        """What each node keeps: counts of images, depth, scan, cloud; no blob is read."""
+        """What each node keeps: counts of images, depth, scan, cloud; no blob is read.
+
+        Raises `MapError` where that is damaged.
+        """
         found = self._db.rows("SELECT id, contents FROM mapmyworld_nodes ORDER BY id")
         try:
             return {int(node_id): dict(json_from_text(text)) for node_id, text in found}

@@ -42,6 +42,8 @@ def open_store(
     `create` makes the file where there is none; `overwrite` then replaces one of ours.
     `parameters`: how the map is made, in RTAB-Map's names, for a new file.
     `options`: the fields of `StorageOptions`. A database of RTAB-Map's is never changed.
+
+    Raises `MapError` where there is no map, or it cannot be used as asked.
     """
     path = Path(path)
     settings = StorageOptions(**options)

@@ -157,7 +157,8 @@ def is_unpacked(db: Connection) -> bool:
 def compact(path: Path) -> None:
     """Writes the file anew, pages in order, and puts it in place in one step.
 
-    The same rows then give the same bytes, however often the build was interrupted.
+    The same rows then give the same bytes, however often the build was interrupted. Raises
+    `MapError` where it cannot be written.
     """
     fresh = path.with_name(path.name + ".compact")
     fresh.unlink(missing_ok=True)

@@ -45,7 +45,7 @@ def _head(scan: Scan, points: int) -> bytes:
 
 
 def blob_to_scan(blob: bytes, what: str) -> Scan:
-    """The scan of `scan_to_blob`."""
+    """The scan of `scan_to_blob`; raises `MapError` where it is damaged; `what` names it."""
     if not isinstance(blob, bytes) or len(blob) < _HEADER.size:
         raise MapError(f"{what}: not the bytes of a scan, or too few of them")
     points, missing, range_max, increment, *origin = _HEADER.unpack_from(blob)

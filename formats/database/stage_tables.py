@@ -19,7 +19,7 @@ _NODE_TABLES = (
 
 
 def rank_of(stage: str) -> int:
-    """The stage's place in the order of the build."""
+    """The stage's place in the order of the build; raises `MapError` for an unknown one."""
     if stage not in STAGE_RANKS:
         raise MapError(f"no stage is called {stage!r}: there are {', '.join(STAGE_RANKS)}")
     return STAGE_RANKS[stage]

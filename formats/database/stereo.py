@@ -20,8 +20,9 @@ def depth_from_pair(
 ) -> NDArray[np.float32]:
     """Metres (H, W) at the pixels of a rectified left image, 0 where nothing matches.
 
-    `range_times_pixels`: focal length [pixel] times baseline [m]. The disparity is found by
-    semi-global matching (Hirschmueller 2008), as OpenCV has it.
+    `left`, `right` are colour (H, W, 3) or grey (H, W). `range_times_pixels`: focal length [pixel]
+    times baseline [m]. The disparity is found by semi-global matching (Hirschmueller 2008), as
+    OpenCV has it. Raises `MapError` where the images differ in size.
     """
     if left.shape[:2] != right.shape[:2]:
         raise MapError(f"{what}: left and right image differ in size")

@@ -29,13 +29,20 @@ LASER_TOPICS = dict.fromkeys(FRONT_LASERS, "/scan") | dict.fromkeys(REAR_LASERS,
 class LaserRecord:
     """One sweep, and the poses at which it was taken where its line indicates them."""
 
-    ranges: NDArray[np.float64]  # (N,) m
-    intensities: NDArray[np.float32]  # (N,) or (0,)
-    angle_min: float  # rad
-    angle_increment: float  # rad
-    range_max: float  # m; 0 = the record does not say
-    odom_from_laser: NDArray[np.float64]  # (3,) x y yaw, or (0,)
-    odom_from_base: NDArray[np.float64]  # (3,) x y yaw, or (0,)
+    ranges: NDArray[np.float64]
+    """(N,) m."""
+    intensities: NDArray[np.float32]
+    """(N,) or (0,)."""
+    angle_min: float
+    """rad."""
+    angle_increment: float
+    """rad."""
+    range_max: float
+    """m; 0 = the record does not say."""
+    odom_from_laser: NDArray[np.float64]
+    """(3,) x, y, yaw, or (0,)."""
+    odom_from_base: NDArray[np.float64]
+    """(3,) x, y, yaw, or (0,)."""
 
 
 def flaser_angles(count: int) -> tuple[float, float]:

@@ -41,6 +41,7 @@ class Survey:
     kinds: Counter[bytes] = field(default_factory=Counter)
     range_max: dict[bytes, float] = field(default_factory=dict)
     base_from_laser: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Frame -> (3,) x, y, yaw."""
     doubts: dict[str, str] = field(default_factory=dict)
     """Topic -> what is doubtful of it, though every line is sound."""
     unused: set[bytes] = field(default_factory=set)
@@ -98,11 +99,11 @@ class LaserSurvey:
 
 
 def longest_return(histogram: NDArray[np.int64], single: NDArray[np.bool_]) -> float:
-    """Metres below which all real returns lie, given counts of readings by whole metres.
+    """Metres below which all real returns lie, given counts (N,) of readings by whole metres.
 
-    `single` indicates where all of a metre's readings are one and the same value. Such a value,
-    repeated at the top, far above all others, is what the driver writes for "no return"; there may
-    be two of them (50.0 and 81.83, say).
+    `single` (N,) indicates where all of a metre's readings are one and the same value. Such a
+    value, repeated at the top, far above all others, is what the driver writes for "no return";
+    there may be two of them (50.0 and 81.83, say).
     """
     occupied = np.flatnonzero(histogram)
     while len(occupied) > 1:

@@ -86,7 +86,10 @@ class Container(Protocol):
         """Of the format, for people."""
 
     def index(self) -> Index:
-        """Channels, counts and times, read once."""
+        """Channels, counts and times, read once.
+
+        Raises `LogError` where there are none to be read.
+        """
 
     def files(self) -> tuple[Path, ...]:
         """The files that hold the bytes, in order."""

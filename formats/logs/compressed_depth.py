@@ -21,7 +21,10 @@ _RVL_SIZE = struct.Struct("<II")
 
 
 def decode_compressed_depth(data: bytes, encoding: str, described: str) -> NDArray[np.generic]:
-    """Depth (H, W): uint16 millimetres for 16UC1, float32 metres (NaN = none) for 32FC1."""
+    """Depth (H, W): uint16 millimetres for 16UC1, float32 metres (NaN = none) for 32FC1.
+
+    Raises `LogError` where there is none.
+    """
     if len(data) <= _HEADER.size:
         raise LogError("a compressedDepth image without content")
     _, a, b = _HEADER.unpack_from(data)

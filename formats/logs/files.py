@@ -23,7 +23,10 @@ DECOMPRESSION_ERRORS = (EOFError, OSError, ValueError, zlib.error)
 
 
 def open_binary(path: Path) -> BinaryIO:
-    """The file's bytes, decompressed on the fly where its name ends in .bz2 or .gz."""
+    """The file's bytes, decompressed on the fly where its name ends in .bz2 or .gz.
+
+    Raises `LogError` where it cannot be opened.
+    """
     try:
         if path.suffix == ".bz2":
             return cast(BinaryIO, bz2.open(path, "rb"))
@@ -74,7 +77,10 @@ class UnpackedFile:
 
 
 def hash_files(paths: Iterable[Path]) -> str:
-    """SHA-256 over the bytes of the files, one after the other, as hexadecimal digits."""
+    """SHA-256 over the bytes of the files, one after the other, as hexadecimal digits.
+
+    Raises `LogError` where one cannot be read.
+    """
     digest = hashlib.sha256()
     for path in paths:
         try:

@@ -24,7 +24,10 @@ Parse = Callable[[bytes], Any]
 def foxglove_decoder(
     channel: Channel,
 ) -> tuple[MessageKind, Callable[[Payload], int | None], Callable[[Payload, int], Message]] | None:
-    """Kind, peek at the stamp, and decoder; None for what is no known Foxglove type."""
+    """Kind, peek at the stamp, and decoder; None for what is no known Foxglove type.
+
+    The decoder raises `LogError` for a damaged message.
+    """
     name = foxglove_name(channel.type_name)
     parse = _parser(channel) if name else None
     if parse is None:

@@ -137,7 +137,10 @@ def _compressed_depth_pixels(encoding: str, described: str, data: bytes) -> NDAr
 
 
 def encoded_pixels(data: bytes, encoding: str, units: float = _MILLIMETRES) -> NDArray[np.generic]:
-    """Pixels of a JPEG, PNG or WebP file; LogError where it is damaged."""
+    """Pixels of a JPEG, PNG or WebP file: colour (H, W, 3) RGB, grey (H, W), depth (H, W).
+
+    Depth is in metres, of `units` a metre. Raises `LogError` where the file is damaged.
+    """
     import cv2
 
     depth = encoding.upper() in {"16UC1", "32FC1", "MONO16", "Z16"}

@@ -44,7 +44,10 @@ class _NoSummaryError(Exception):
 
 
 def read_index(stream: BinaryIO, path: Path) -> Index:
-    """From the summary where that is whole, else from the chunks."""
+    """From the summary where that is whole, else from the chunks.
+
+    Raises `LogError` where it is no MCAP file.
+    """
     if not begins_about_as(stream.read(len(MAGIC)), MAGIC):
         raise LogError(f"{path}: not an MCAP file: its first bytes are not MCAP's")
     size = path.stat().st_size

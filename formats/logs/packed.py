@@ -83,7 +83,10 @@ class PackedBag:
 
 
 def unpack_zstd(source: Path, target: Path) -> bool:
-    """Decompresses a file of one frame or several as far as it goes; whether that is all."""
+    """Decompresses a file of one frame or several as far as it goes; whether that is all.
+
+    Raises `LogError` where nothing of it can be.
+    """
     with source.open("rb") as packed, target.open("wb") as plain:
         reader = zstandard.ZstdDecompressor().stream_reader(
             packed, read_across_frames=True, closefd=False

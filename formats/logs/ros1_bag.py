@@ -48,7 +48,10 @@ def open_ros1_bag(path: Path) -> BlockFile:
 
 
 def read_index(stream: BinaryIO, path: Path) -> Index:
-    """From the bag's index where that is whole, else from its chunks."""
+    """From the bag's index where that is whole, else from its chunks.
+
+    Raises `LogError` where it is no ROS 1 bag of version 2.0.
+    """
     start = stream.read(len(MAGIC))
     if not begins_about_as(start, MAGIC) or start[8:12] in _OLD_VERSIONS:
         raise LogError(

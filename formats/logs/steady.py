@@ -14,8 +14,8 @@ Look = tuple[int, int, int]
 class SteadyLog:
     """The same LogSource; a pass over it fails where its files were changed since the first look.
 
-    A map records of which bytes it was made: a file that is copied, cut or replaced meanwhile
-    would give a map of something else.
+    A map records of which bytes it was made: a file that is copied, cut or replaced meanwhile would
+    give a map of something else.
     """
 
     def __init__(self, log: LogSource) -> None:
@@ -32,6 +32,7 @@ class SteadyLog:
         return self._log.losses()
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
+        """Those of the log; raises `LogError` where one of its files was changed meanwhile."""
         yield from self._log.messages(topics)
         for path, look in self._looks.items():
             if _look(Path(path)) != look:

@@ -55,7 +55,7 @@ class _Entry:
 
 
 class TumRgbdLog:
-    """A LogSource over one folder."""
+    """A LogSource over one folder; raises `LogError` where its lists name no images."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

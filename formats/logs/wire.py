@@ -55,14 +55,14 @@ class Ros1Wire:
         return bytes(data[position : position + length]), position + length
 
     def floats(self, data: Payload, position: int, kind: str) -> tuple[NDArray[np.generic], int]:
-        """A sequence of numbers of numpy kind "f4" or "f8"."""
+        """A sequence of N numbers (N,) of numpy kind "f4" or "f8", and the place after it."""
         length, position = self.u32(data, position)
         return self.array(data, position, kind, length)
 
     def array(
         self, data: Payload, position: int, kind: str, length: int
     ) -> tuple[NDArray[np.generic], int]:
-        """`length` numbers, read-only, in the machine's byte order."""
+        """N = `length` numbers (N,), read-only, in the machine's byte order, and the place after."""
         size = 4 if kind == "f4" else 8
         if length == 0:
             return np.zeros(0, kind), position
@@ -100,7 +100,7 @@ class CdrWire(Ros1Wire):
     def array(
         self, data: Payload, position: int, kind: str, length: int
     ) -> tuple[NDArray[np.generic], int]:
-        """So many numbers of a numpy kind, and the place behind them."""
+        """N = `length` numbers (N,) of a numpy kind, and the place after them."""
         found, end = super().array(data, position, kind, length)
         if self.order == ">" and length:
             found = np.frombuffer(data, ">" + kind, length, end - found.nbytes).astype(kind)

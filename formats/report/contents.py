@@ -19,7 +19,9 @@ class ShownNodes:
     """The nodes that have a place in the map, as parallel arrays in time order."""
 
     ids: NDArray[np.int64]
+    """(N,) ids."""
     sessions: NDArray[np.int64]
+    """(N,) of each node."""
     times_s: Floats
     """(N,) since the first node."""
     places: Floats
@@ -60,8 +62,9 @@ class ImageMatches:
     """What two images have in common; pixels of the full-size images."""
 
     pixels_a: NDArray[np.float32]
+    """(M, 2) of the first image."""
     pixels_b: NDArray[np.float32]
-    """(M, 2)."""
+    """(M, 2) of the second image."""
     agreed: NDArray[np.bool_]
     """(M,) whether a match agrees with the motion."""
     common_words: int

@@ -64,7 +64,10 @@ def write_graph_picture(
     grid: OccupancyGrid | None = None,
     landmarks: Array | None = None,
 ) -> None:
-    """The picture as PNG (or what else the name's ending says)."""
+    """The picture as PNG (or what else the name's ending says).
+
+    `landmarks` (L, 2) are positions in the map.
+    """
     picture = draw_graph(poses, constraints, grid, landmarks)
     write_picture(path, picture[:, :, ::-1])
 

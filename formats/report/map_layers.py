@@ -48,12 +48,14 @@ class View:
     """From metres to the picture's pixels, y upwards."""
 
     low: Floats
+    """(2,) m, x and y of the lower left corner."""
     high: Floats
+    """(2,) m, of the upper right one."""
     scale: float
 
     @property
     def size(self) -> Floats:
-        """Width and height in pixels."""
+        """(2,) width and height in pixels."""
         return (self.high - self.low) * self.scale
 
     def pixels(self, points: Floats) -> Floats:

@@ -30,7 +30,10 @@ def features_picture(picture: Picture, features: Features) -> Picture:
 def words_picture(
     picture_a: Picture, a: Features, picture_b: Picture, b: Features
 ) -> tuple[Picture, int]:
-    """Two images side by side, marking the features whose words both hold; how many words."""
+    """Two images side by side, marking the features whose words both hold; how many words.
+
+    Pictures are colour (H, W, 3) or grey (H, W).
+    """
     if a.words is None or b.words is None:
         return side_by_side(as_rgb(picture_a), as_rgb(picture_b))[0], 0
     common = np.intersect1d(a.words[a.words > 0], b.words[b.words > 0])
@@ -72,7 +75,7 @@ def as_rgb(picture: Picture) -> Picture:
 
 
 def side_by_side(a: Picture, b: Picture) -> tuple[Picture, int]:
-    """Both pictures in one, and the column at which the second one begins."""
+    """Both pictures (H, W, 3) in one, and the column at which the second one begins."""
     height = max(a.shape[0], b.shape[0])
     shift = a.shape[1] + _GAP
     canvas = np.full((height, shift + b.shape[1], 3), 255, np.uint8)
@@ -82,7 +85,7 @@ def side_by_side(a: Picture, b: Picture) -> tuple[Picture, int]:
 
 
 def with_caption(picture: Picture, text: str) -> Picture:
-    """The picture with a line of text below it, small enough to fit."""
+    """The picture (H, W, 3) with a line of text below it, small enough to fit."""
     bar = np.full((_BAR, picture.shape[1], 3), 255, np.uint8)
     font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.5
     text = text.encode("ascii", "replace").decode()  # bytes of names that are no text crash OpenCV

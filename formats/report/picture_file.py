@@ -13,7 +13,10 @@ from mapmyworld.errors import MapError
 
 
 def write_picture(path: Path, rgb: NDArray[np.uint8]) -> None:
-    """An RGB picture (H, W, 3) as PNG, or what else the name's ending says."""
+    """An RGB picture (H, W, 3) as PNG, or what else the name's ending says.
+
+    Raises `MapError` where that is no picture's.
+    """
     try:
         done, data = cv2.imencode(path.suffix, np.ascontiguousarray(rgb[:, :, ::-1]))
     except cv2.error:

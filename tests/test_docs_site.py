@@ -13,6 +13,8 @@ import pytest
 from conftest import ROOT
 from ruamel.yaml import YAML
 
+import mapmyworld
+
 
 def test_every_page_is_in_the_contents() -> None:
     text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
@@ -61,12 +63,27 @@ def test_equations_are_part_of_the_pages(site: Path) -> None:
 
 
 @pytest.mark.slow
+def test_every_public_name_is_on_the_page_of_the_api(site: Path) -> None:
+    page = (site / "api" / "index.html").read_text(encoding="utf-8")
+    public = [getattr(mapmyworld, name) for name in mapmyworld.__all__ if name != "__version__"]
+    names = {f"{one.__module__}.{one.__qualname__}" for one in public}
+    assert names - set(re.findall(r'<h3 id="([\w.]+)"', page)) == set()
+
+
+@pytest.mark.slow
+def test_the_pages_of_the_api_show_what_docstrings_say_of_arrays(site: Path) -> None:
+    page = (site / "api-values" / "index.html").read_text(encoding="utf-8")
+    field = page.split('id="mapmyworld.types.frames.Scan.points"')[1]
+    assert "(N, 2) returns, metres, base frame" in field[:2000]
+
+
+@pytest.mark.slow
 @pytest.mark.beyond_pip
 def test_the_site_asks_nobody_else_for_anything(site: Path, browser: Any) -> None:
     asked: list[str] = []
     page = browser.new_page()
     page.on("request", lambda request: asked.append(request.url))
-    for name in ("index.html", "stages/track/index.html", "settings/index.html"):
+    for name in ("index.html", "stages/track/index.html", "settings/index.html", "api/index.html"):
         page.goto((site / name).as_uri())
         page.wait_for_load_state("load")
     assert page.locator("h1").is_visible()

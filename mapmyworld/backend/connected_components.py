@@ -9,7 +9,10 @@ Index = NDArray[np.int64]
 
 
 def components(node_count: int, tails: Index, heads: Index) -> Index:
-    """(N,) number of the connected component of every node, numbered by their first nodes."""
+    """(N,) number of the component of every node, by edges `tails`, `heads` (E,).
+
+    Connected components are numbered by their first nodes.
+    """
     from scipy.sparse import coo_array  # loads scipy.linalg, which tracking does without
     from scipy.sparse.csgraph import connected_components
 
@@ -20,13 +23,16 @@ def components(node_count: int, tails: Index, heads: Index) -> Index:
 
 
 def first_nodes(node_count: int, tails: Index, heads: Index) -> Index:
-    """(N,) the first node of the connected component of every node."""
+    """(N,) the first node of the component of every node, by edges `tails`, `heads` (E,)."""
     component = components(node_count, tails, heads)
     return np.asarray(np.unique(component, return_index=True)[1][component], np.int64)
 
 
 def held_nodes(node_count: int, tails: Index, heads: Index, held: Index) -> NDArray[np.bool_]:
-    """(N,) nodes that are `held`, and the first node of every connected component without any."""
+    """(N,) nodes that are `held` (K,), and the first node of every connected component without any.
+
+    Edges lead from `tails` (E,) to `heads` (E,).
+    """
     first = first_nodes(node_count, tails, heads)
     found, placed = np.zeros((2, node_count), np.bool_)
     placed[first[held]] = True

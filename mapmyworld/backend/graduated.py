@@ -33,7 +33,8 @@ def graduate(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Poses and inliers (E,) among the `tried` edges; the others play no part.
 
-    `limit`: the squared sigmas that a true edge stays below.
+    `limit`: the squared sigmas that a true edge stays below. `start` (N, 3 or 4, 4) are poses,
+    `trusted` and `tried` (E,) masks of edges.
     """
     part, fixed = believed_edges(system, tried), trusted[tried]
     factors, poses = factors_of(part, start), start
@@ -78,7 +79,7 @@ def first_control(chi2: Array, limit: float) -> float:
 
 
 def truncated_weights(chi2: Array, limit: float, control: float) -> Array:
-    """Weights (E,) in closed form (equation 14 of the paper)."""
+    """Weights (E,) of squared sigmas (E,) in closed form (equation 14 of the paper)."""
     middle = np.sqrt(limit * control * (control + 1.0) / np.maximum(chi2, 1e-12)) - control
     weights = np.clip(middle, 0.0, 1.0)
     weights[chi2 >= limit * (control + 1.0) / control] = 0.0

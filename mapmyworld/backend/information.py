@@ -145,7 +145,7 @@ class Information:
         return Information(variables, Factorised.of_rows(jacobian, order))
 
     def marginals(self, keys: Index) -> list[Array]:
-        """The covariance (d, d) of each of these variables."""
+        """The covariance (d, d) of each of these variables (K,)."""
         unknowns = self.variables.unknowns(keys)
         at = np.searchsorted(self.variables.keys, keys)
         sizes = np.diff(self.variables.starts)[at]

@@ -38,7 +38,7 @@ def planar_exp(tangent: Array) -> Array:
 
 
 def retract(planar: bool, poses: Array, tangents: Array) -> Array:
-    """Poses moved by tangents (N, 3 or 6) in their own frames."""
+    """Poses (N, 3 or 4, 4) moved by tangents (N, 3 or 6) in their own frames."""
     if planar:
         return compose_planar(poses, planar_exp(tangents))
     return np.asarray(poses @ se3_exp(tangents))
@@ -62,7 +62,7 @@ def chi_squared_quantile(probability: float, freedom: Array | int) -> Array:
 
 
 def squared_sigmas(residuals: Array, information: Array) -> Array:
-    """(E,) chi-squared values `r' I r`."""
+    """(E,) chi-squared values `r' I r` of residuals (E, d) and information (E, d, d)."""
     return np.asarray(
         np.einsum("ei,ei->e", residuals, np.einsum("eij,ej->ei", information, residuals))
     )

@@ -74,13 +74,13 @@ class Fit:
 
 
 def number_free(stays: NDArray[np.bool_]) -> Index:
-    """(N,) 0, 1, ... over the nodes that do not stay, and -1 for those that do."""
+    """(N,) 0, 1, ... over the nodes that do not stay, -1 for those that do, of a mask (N,)."""
     moves = ~stays
     return np.asarray(moves.cumsum() * moves - 1)
 
 
 def residuals_of(system: System, poses: Array) -> Array:
-    """(E, d) residuals of edges and sightings."""
+    """(E, d) residuals of edges and sightings at `poses` (N, 3 or 4, 4)."""
     return fit_of(system, poses).residuals
 
 
@@ -138,5 +138,5 @@ def fit_of(system: System, poses: Array) -> Fit:
 
 
 def edge_chi2(system: System, poses: Array) -> Array:
-    """(E,) squared sigmas of every edge at `poses`."""
+    """(E,) squared sigmas of every edge at `poses` (N, 3 or 4, 4)."""
     return fit_of(system, poses).squares

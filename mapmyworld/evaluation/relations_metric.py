@@ -120,7 +120,7 @@ def _covered(trajectory: Trajectory, relations: Relations) -> NDArray[np.bool_]:
 
 
 def poses_at(trajectory: Trajectory, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Poses (N, 4, 4) at the stamps: recorded where one is stamped so, else interpolated.
+    """Poses (N, 4, 4) at the stamps (N,): recorded where one is stamped so, else interpolated.
 
     Beyond the ends it is the end pose. Stamps that step back (as in logs with a disordered clock)
     are harmless where a pose has the very stamp; else its neighbours in time are used.

@@ -30,7 +30,7 @@ def _compose_one(ax: float, ay: float, ayaw: float, bx: float, by: float, byaw: 
 
 
 def compose_planar(a_from_b: ArrayLike, b_from_c: ArrayLike) -> Array:
-    """`a_from_c` (..., 3) of two planar motions."""
+    """`a_from_c` (..., 3) of two planar motions (..., 3)."""
     a, b = np.asarray(a_from_b, np.float64), np.asarray(b_from_c, np.float64)
     if a.ndim == b.ndim == 1:
         return _compose_one(*a.tolist(), *b.tolist())
@@ -46,7 +46,7 @@ def compose_planar(a_from_b: ArrayLike, b_from_c: ArrayLike) -> Array:
 
 
 def invert_planar(a_from_b: ArrayLike) -> Array:
-    """`b_from_a` (..., 3) of a planar motion."""
+    """`b_from_a` (..., 3) of a planar motion (..., 3)."""
     a = np.asarray(a_from_b, np.float64)
     if a.ndim == 1:
         x, y, yaw = a.tolist()
@@ -64,12 +64,12 @@ def invert_planar(a_from_b: ArrayLike) -> Array:
 
 
 def between_planar(map_from_a: ArrayLike, map_from_b: ArrayLike) -> Array:
-    """`a_from_b` (..., 3) of two planar poses."""
+    """`a_from_b` (..., 3) of two planar poses (..., 3)."""
     return compose_planar(invert_planar(map_from_a), map_from_b)
 
 
 def transform_points_planar(a_from_b: ArrayLike, points: ArrayLike) -> Array:
-    """Points (..., N, 2) of frame b, expressed in frame a."""
+    """Points (..., N, 2) of frame b, expressed in frame a, by `a_from_b` (..., 3)."""
     a, p = np.asarray(a_from_b, np.float64), np.asarray(points, np.float64)
     cos, sin = np.cos(a[..., 2, None]), np.sin(a[..., 2, None])
     return np.stack(
@@ -92,7 +92,7 @@ def planar_adjoint(a_from_b: Array) -> Array:
 
 
 def interpolate_planar(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array:
-    """Planar poses (..., 3) between a (fraction 0) and b (1), turning the shorter way."""
+    """Planar poses (..., 3) between a (..., 3) (fraction 0) and b (1), turning the shorter way."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     f = np.asarray(fraction, np.float64)
     step = b - a
@@ -114,7 +114,7 @@ def planar_to_matrix(a_from_b: ArrayLike) -> Array:
 
 
 def matrix_to_planar(a_from_b: ArrayLike) -> Array:
-    """`x, y, yaw` (..., 3) of SE(3) matrices; height, roll and pitch are dropped."""
+    """`x, y, yaw` (..., 3) of SE(3) matrices (..., 4, 4); height, roll and pitch are dropped."""
     m = np.asarray(a_from_b, np.float64)
     yaw = np.arctan2(m[..., 1, 0], m[..., 0, 0])
     return np.stack([m[..., 0, 3], m[..., 1, 3], yaw], axis=-1)
@@ -145,6 +145,6 @@ def _spatial(matrix: ArrayLike, off_plane: float) -> Array:
 
 
 def information_to_planar(information: ArrayLike) -> Array:
-    """Information over x, y, yaw (..., 3, 3), given that height, roll and pitch are zero."""
+    """Information over x, y, yaw (..., 3, 3) of (..., 6, 6): height, roll and pitch are zero."""
     full = np.asarray(information, np.float64)
     return np.asarray(full[..., PLANAR_IN_TANGENT[:, None], PLANAR_IN_TANGENT])

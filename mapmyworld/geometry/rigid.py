@@ -27,7 +27,7 @@ def make_transform(rotation: ArrayLike, translation: ArrayLike) -> Array:
 
 
 def invert(a_from_b: ArrayLike) -> Array:
-    """`b_from_a` (..., 4, 4), by the transpose of the rotation."""
+    """`b_from_a` (..., 4, 4) of `a_from_b` (..., 4, 4), by the transpose of the rotation."""
     m = np.asarray(a_from_b, np.float64)
     inverse = np.zeros(m.shape)
     if m.ndim == 2:  # one alone, five times as fast
@@ -42,12 +42,12 @@ def invert(a_from_b: ArrayLike) -> Array:
 
 
 def between(map_from_a: ArrayLike, map_from_b: ArrayLike) -> Array:
-    """`a_from_b` (..., 4, 4) of two poses."""
+    """`a_from_b` (..., 4, 4) of two poses (..., 4, 4)."""
     return np.asarray(invert(map_from_a) @ np.asarray(map_from_b, np.float64))
 
 
 def transform_points(a_from_b: ArrayLike, points: ArrayLike) -> Array:
-    """Points (..., N, 3) of frame b, expressed in frame a."""
+    """Points (..., N, 3) of frame b, expressed in frame a, by `a_from_b` (..., 4, 4)."""
     m, p = np.asarray(a_from_b, np.float64), np.asarray(points, np.float64)
     return np.asarray(p @ np.swapaxes(m[..., :3, :3], -1, -2) + m[..., None, :3, 3])
 

@@ -73,7 +73,10 @@ def rotation_to_roll_pitch_yaw(rotation: ArrayLike) -> Array:
 
 
 def skew(vector: ArrayLike) -> Array:
-    """The matrix (..., 3, 3) whose product with u is the cross product `vector x u`."""
+    """The matrix (..., 3, 3) whose product with u is the cross product `vector x u`.
+
+    `vector` is (..., 3).
+    """
     v = np.asarray(vector, np.float64)
     matrix = np.zeros((*v.shape, 3))
     matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]

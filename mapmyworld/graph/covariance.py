@@ -97,6 +97,8 @@ def relative_covariances(system: System, poses: Array, tails: Index, heads: Inde
     """(P, d, d) covariance of the motions between pairs of nodes, in the second node's frame.
 
     Raises `NotPositiveDefiniteError` where the edges leave a node undetermined.
+
+    `poses` (N, 3 or 4, 4) are map_from_node, `tails` and `heads` (P,) the pairs.
     """
     step = between_planar if system.planar else between
     exact = np.tile(np.eye(system.dimension), (len(tails), 1, 1))

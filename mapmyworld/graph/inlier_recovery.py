@@ -88,7 +88,10 @@ def expected_below(chance: Array, most: Array) -> Array:
 def innovations(
     system: System, poses: Array, inliers: NDArray[np.bool_], candidates: Index
 ) -> tuple[Array, Array]:
-    """Squared sigmas (C,) of edges against what the inliers predict, and the volume of that."""
+    """Squared sigmas (C,) of edges against what the inliers (E,) predict, and the volume of that.
+
+    Edges at positions `candidates` (C,), at `poses` (N, 3 or 4, 4).
+    """
     part = believed_edges(system, inliers)
     tested = replace(chosen_edges(system, candidates), free=part.free)
     alone = list(np.arange(len(candidates)).reshape(-1, 1))

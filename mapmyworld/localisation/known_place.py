@@ -55,7 +55,10 @@ class KnownPlace:
     tree: cKDTree
 
     def fit(self, points: Array, origin: Array, pose: Array, limit: float) -> Fit:
-        """How points (N, 2) of the base, seen from `origin` (2,) on it, go with the map."""
+        """How points (N, 2) of the base, seen from `origin` (2,) on it, go with the map.
+
+        With the base at `pose` (3,).
+        """
         counts = np.zeros(3, np.int64)
         ends = transform_points_planar(pose, points)
         eye = transform_points_planar(pose, origin[None])[0]

@@ -84,7 +84,7 @@ def _blocks(place: KnownPlace) -> NDArray[np.int64]:
 
 
 def distinct_places(found: Hypotheses, pose: Array, most: int) -> Array:
-    """The best hypotheses (K, 3) that differ from a pose and from each other."""
+    """The best hypotheses (K, 3) that differ from a pose (3,) and from each other."""
     chosen = [np.asarray(pose)]
     left = np.arange(len(found.poses))
     while len(left) and len(chosen) <= most:

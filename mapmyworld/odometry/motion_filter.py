@@ -83,9 +83,10 @@ class MotionFilter:
         return self._covariance[:6, :6].copy()
 
     def correct(self, measured: Array, covariance: Array) -> Array:
-        """The pose (4, 4) between what was predicted and what was measured.
+        """The pose (4, 4) between what was predicted and what was `measured` (4, 4).
 
-        A motion that nobody could expect (a jolt) is believed of the images.
+        This has a covariance (6, 6). A motion that nobody could expect (a jolt) is believed of the
+        images.
         """
         off = se3_log(between(self.pose, measured))
         prior = self._covariance
@@ -122,7 +123,7 @@ class MotionFilter:
 
 
 def exceeds_nis(off: Array, covariance: Array) -> bool:
-    """Whether an error (6,) is so large that one in a thousand is."""
+    """Whether an error (6,) of covariance (6, 6) is so large that one in a thousand is."""
     return float(off @ np.linalg.solve(covariance, off)) > _NIS_LIMIT
 
 

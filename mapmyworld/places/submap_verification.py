@@ -123,7 +123,7 @@ def _other_move(
 
 
 def apart_by(move: Array, other: Array, middle: Array) -> Array:
-    """(3,) from where the first move brings a pose to where the other does."""
+    """(3,) from where `move` (3,) brings the pose `middle` (3,) to where `other` (3,) does."""
     return between_planar(compose_planar(move, middle), compose_planar(other, middle))
 
 

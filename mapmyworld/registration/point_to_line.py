@@ -25,12 +25,11 @@ def match_scan(
     prior_information: Array | None = None,
     max_distances: Array = FINE,
 ) -> Match:
-    """Aligns a scan with targets `which` at `poses` (S, 3), from `guess` (3,).
+    """Aligns a scan with targets `which` (K,) at `poses` (S, 3), from `guess` (3,).
 
     Gauss-Newton on distances from the targets' lines, with Cauchy weights; lines are looked for
-    within `reaches` metres, one a step.
-    `prior` (3,) with its information pulls as another measurement; the match's own information
-    leaves it out.
+    within `max_distances` (R,), metres, one a step. `prior` (3,) with its information (3, 3) pulls
+    as another measurement; the match's own information leaves it out.
     """
     prior = guess if prior is None else prior
     prior_information = _NO_PRIOR if prior_information is None else prior_information

@@ -107,7 +107,7 @@ def evidence_grid(submap: Submap) -> LikelihoodGrid:
 
 
 def judged_points(points: Array, grid: LikelihoodGrid, pose: Array) -> NDArray[np.int64]:
-    """Evidence of a grid for points (N, 2) at a pose: 1 on a surface, -1 where free, 0 unseen.
+    """Evidence (P,) of a grid for points (N, 2) at `pose` (3,): 1 on a surface, -1 free, 0 unseen.
 
     Of points one to a cell, `POINTS` at most, the same whatever the pose.
     """
@@ -122,7 +122,7 @@ def judged_points(points: Array, grid: LikelihoodGrid, pose: Array) -> NDArray[n
 def search_grid(
     points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float, least: float
 ) -> Found | None:
-    """The best pose of points (N, 2) in a window about `guess`; None if none exceeds `least`."""
+    """The best pose of points (N, 2) in a window about `guess` (3,); None below `least`."""
     if len(points) == 0:
         return None
     fixed = _window(points, grid, guess, distance, angle)
@@ -137,7 +137,7 @@ def search_grid(
 def search_evidence(
     points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float, least: float
 ) -> Found | None:
-    """The best pose of points (N, 2) about `guess` in a grid of evidence; None below `least`.
+    """The best pose of points (N, 2) about `guess` (3,) in a grid of evidence; None below `least`.
 
     `least` and what a second best may be behind are evidence, in points.
     """
@@ -206,7 +206,7 @@ def _spread(points: Array, spacing: float) -> Array:
 def search_pose(
     scan: PreparedScan, targets: ScanSet, poses: Array, guess: Array, distance: float, angle: float
 ) -> Found | None:
-    """Where a scan lies among targets at `poses` (S, 3), within a window about `guess`."""
+    """Where a scan lies among targets at `poses` (S, 3), within a window about `guess` (3,)."""
     points = submap_points(targets, np.arange(len(targets)), poses)
     if len(points) == 0:
         return None

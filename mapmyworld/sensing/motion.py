@@ -122,7 +122,7 @@ class RecordedMotion:
     def at_many(
         self, stamps_ns: NDArray[np.int64], tolerance_ns: int = 500_000_000
     ) -> NDArray[np.float64] | None:
-        """Poses (N, 4, 4) at stamps close to one another; None unless all are covered."""
+        """Poses (N, 4, 4) at stamps (N,) close to one another; None unless all are covered."""
         if not len(self.stamps_ns):
             return None
         if self.is_sorted and len(stamps_ns) > 1:

@@ -62,7 +62,7 @@ class Ros1Wire:
     def array(
         self, data: Payload, position: int, kind: str, length: int
     ) -> tuple[NDArray[np.generic], int]:
-        """N = `length` numbers (N,), read-only, in the machine's byte order, and the place after."""
+        """N = `length` numbers (N,), read-only, in native byte order, and the place after them."""
         size = 4 if kind == "f4" else 8
         if length == 0:
             return np.zeros(0, kind), position

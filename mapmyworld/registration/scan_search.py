@@ -122,7 +122,7 @@ def judged_points(points: Array, grid: LikelihoodGrid, pose: Array) -> NDArray[n
 def search_grid(
     points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float, least: float
 ) -> Found | None:
-    """The best pose of points (N, 2) in a window about `guess` (3,); None below `least`."""
+    """The best pose of points (N, 2) in a window about `guess` (3,); None unless above `least`."""
     if len(points) == 0:
         return None
     fixed = _window(points, grid, guess, distance, angle)

@@ -46,7 +46,9 @@ def _require_place(path: Path) -> None:
 
 
 def keep_decisions(context: click.Context, path: Path) -> None:
-    """Writes the decisions of the command that runs into a file, until it ends."""
+    """Writes the decisions of the command that runs into a file, until it ends; MapError where it
+    cannot be written or is no log of --debug.
+    """
     _require_place(path)
     try:
         handler = logging.FileHandler(path, mode="w", encoding="utf-8", errors="backslashreplace")

@@ -28,7 +28,7 @@ class PathGraph:
         self._from: dict[int, Array] = {}
 
     def driven(self, a: Index | int, b: int) -> Array:
-        """Metres of the shortest way from nodes `a` to node `b`."""
+        """Metres (...) of the shortest way from nodes `a` (...) to node `b`, indices both."""
         direct = np.abs(self._path[a] - self._path[b])
         if self._ways is None:
             return np.asarray(direct)
@@ -41,7 +41,7 @@ class PathGraph:
         return np.asarray(np.min(found, axis=0))
 
     def _beside(self, nodes: Index | int) -> tuple[Index, Index]:
-        """The tied nodes before and after some nodes."""
+        """Rows (...) of the tied nodes before and after some nodes (...)."""
         after = np.minimum(np.searchsorted(self._tied, nodes), len(self._tied) - 1)
         return np.maximum(after - 1, 0), after
 
@@ -52,7 +52,9 @@ class PathGraph:
 
 
 def _ways(place: Index, lengths: Array, count: int) -> coo_array:
-    """The shortest stretch of path between each two places that follow each other."""
+    """(count, count) the shortest stretch of path between each two places (T,) that follow each
+    other, `lengths` (T - 1,) metres apart.
+    """
     ends = np.sort(np.stack([place[:-1], place[1:]]), axis=0)
     ends, lengths = ends[:, ends[0] != ends[1]], lengths[ends[0] != ends[1]]
     key = ends[0].astype(np.int64) * count + ends[1]

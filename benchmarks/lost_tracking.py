@@ -31,7 +31,7 @@ from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.memory_log import MemoryLog
 from mapmyworld.places.laser_nodes import load_node_scans
-from mapmyworld.places.wide_search import components_of
+from mapmyworld.places.wide_search import joined_sessions
 from mapmyworld.simulation import Recording, SimulationSettings, simulate
 from mapmyworld.simulation.message_streams import ODOMETRY_TOPIC, TF_TOPIC
 from mapmyworld.types import (
@@ -194,9 +194,9 @@ def connected_components_of(built: Built) -> NDArray[np.int64]:
     """(F,) the connected component of each scan; relative poses between them are unknown."""
     loaded = load_node_scans(built.map, Config())
     ids = np.array([node.id for node in loaded.nodes])
-    component = components_of(loaded, built.map.constraints())
+    session = joined_sessions(loaded, built.map.constraints())
     at = np.searchsorted(ids, built.map.tracked_frames().node_ids, side="right") - 1
-    return np.asarray(component[np.maximum(at, 0)], np.int64)
+    return np.asarray(session[np.maximum(at, 0)], np.int64)
 
 
 def closures_of(built: Built, truth: Trajectory) -> tuple[int, int]:

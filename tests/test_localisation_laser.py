@@ -12,15 +12,24 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError
-from mapmyworld.geometry.planar import matrix_to_planar, wrap_angle
+from mapmyworld.geometry.planar import (
+    between_planar,
+    compose_planar,
+    matrix_to_planar,
+    wrap_angle,
+)
 from mapmyworld.kernels.map_search import cast_rays, explain_points
+from mapmyworld.localisation.global_localisation import GlobalLocalisation
 from mapmyworld.localisation.known_place import KnownPlace, known_place_from_grid
 from mapmyworld.localisation.laser_localisation import LaserLocaliser
-from mapmyworld.localisation.monte_carlo import MonteCarlo
-from mapmyworld.localisation.search import elsewhere, search_map
+from mapmyworld.localisation.observation import Moment, thinned_points
+from mapmyworld.registration.place_evidence import Place
+from mapmyworld.registration.scan_matching import prepare_scan
+from mapmyworld.registration.scan_search import Submap
 from mapmyworld.types import OccupancyGrid
 from mapmyworld.types.localisation import Estimate, State
 
+Array = NDArray[np.float64]
 MAPPED = tour([(-2, -1.5), (0, -1.5), (0, 0.6), (2, 0.6), (4.8, -1.5), (4.8, 3), (2, 3), (2, 0.6),
                (-2, 0.6), (-2, 2), (-2, -1.5)])  # fmt: skip
 DRIVEN = tour([(2, 3), (4.6, 2.8), (4.6, -1.2), (2, 0.5), (-1, 0.6), (-1.5, -1.5)])
@@ -79,6 +88,36 @@ def test_being_carried_away_is_noticed_and_the_place_found_again(place: KnownPla
     assert error[-1, 0] < 0.08
 
 
+def test_what_was_seen_before_a_loss_does_not_hold_the_search_there(place: KnownPlace) -> None:
+    """The motion by scans and odometry agree that the robot stands still, and it is elsewhere."""
+    before, after = tour([(2, 3), (4.6, 2.8)]), tour([(-2.5, 0.5), (0.2, 0.6)])
+    seeker = GlobalLocalisation(place, Config())
+    for k in range(len(before)):
+        step = between_planar(before[k - 1], before[k]) if k else np.zeros(3)
+        seeker.follow(moment_at(before[k], before[k], step, k))
+    found = None
+    for k in range(len(after)):
+        step = between_planar(after[k - 1], after[k]) if k else np.zeros(3)
+        tracked = compose_planar(before[-1], between_planar(after[0], after[k]))
+        moment = moment_at(after[k], tracked, step, k, shaken=k == 0)
+        seeker.follow(moment)
+        if k == 0:
+            seeker.begin(moment, before[-1])
+        found = seeker.look(moment)
+        if found is not None:
+            break
+    assert found is not None
+    assert np.hypot(*(found.match.pose - after[k])[:2]) < 0.1
+
+
+def moment_at(
+    pose: Array, tracked: Array, step: Array, seed: int, *, shaken: bool = False
+) -> Moment:
+    """What is seen from a pose, while the tracker believes another one."""
+    scan = prepare_scan(cast(pose, WALLS, seed), Config().registration)
+    return Moment(seed, scan, thinned_points(scan, 80), tracked, step, shaken, motion_lost=False)
+
+
 def test_a_room_with_four_equal_corners_is_never_recognised() -> None:
     """Every pose has three others that see the same: to claim one would be to guess."""
     around = tour([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
@@ -118,33 +157,32 @@ def test_threads_change_nothing(place: KnownPlace) -> None:
     assert [e.state for e in one] == [e.state for e in three]
 
 
-def test_the_search_holds_the_true_pose(place: KnownPlace) -> None:
-    """Among its hypotheses, for scans from everywhere: within a cell and a step of heading."""
+def test_a_place_is_found_in_the_whole_map(place: KnownPlace) -> None:
+    """From one scan, anywhere and in any heading, beyond chance; in a square in four poses."""
     for k in range(5, len(DRIVEN), 90):
-        points = np.asarray(cast(DRIVEN[k], WALLS, k).points, np.float64)[::4]
-        found = search_map(place, points, Config())
-        off = np.abs(found.poses - DRIVEN[k])
-        off[:, 2] = np.abs(wrap_angle(off[:, 2]))
-        assert np.any((off[:, 0] < 0.15) & (off[:, 1] < 0.15) & (off[:, 2] < 0.12))
-        assert np.all(np.diff(found.scores) <= 0.0)
-        second_best, pose = elsewhere(found, DRIVEN[k], 1.0)
-        assert second_best <= found.scores[0]
-        assert pose is None or np.hypot(*(pose - DRIVEN[k])[:2]) > 1.0
+        seen = one_scan(DRIVEN[k], WALLS, k)
+        pose = place.whole.find(seen)
+        assert pose is not None
+        assert np.hypot(*(pose - DRIVEN[k])[:2]) < 0.15
+        assert abs(wrap_angle(pose[2] - DRIVEN[k][2])) < 0.05
+        assert place.whole.judge(seen, pose).log_odds > place.whole.needed_odds(1)
+        assert place.whole.is_elsewhere(seen, pose) is False
+        assert place.whole.is_elsewhere(seen, pose + np.array([1.5, 0.5, 2.0])) is True
 
 
-def test_particles_gather_where_the_robot_is(place: KnownPlace) -> None:
-    particles = MonteCarlo(place, Config())
-    points = np.asarray(cast(DRIVEN[0], WALLS, 0).points, np.float64)[::5]
-    particles.begin(points)
-    for k in range(2, 60, 2):
-        step = np.array([0.1, 0.0, 0.0]) if DRIVEN[k][2] == DRIVEN[k - 2][2] else None
-        if step is None:
-            break
-        points = np.asarray(cast(DRIVEN[k], WALLS, k).points, np.float64)[::5]
-        particles.step(step, points)
-    belief = particles.belief()
-    assert belief.share > 0.99
-    assert np.hypot(*(belief.pose - DRIVEN[k - 2])[:2]) < 0.15
+def test_a_place_that_fits_in_two_poses_lies_in_neither_for_certain() -> None:
+    around = tour([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
+    square = known_place_from_grid(grid_of(around[::3], SQUARE), Config()).whole
+    seen = one_scan(around[10], SQUARE, 0)
+    assert square.is_elsewhere(seen, around[10]) is None
+
+
+def one_scan(pose: NDArray[np.float64], walls: NDArray[np.float64], seed: int) -> Place:
+    """What is seen from a pose."""
+    scan = prepare_scan(cast(pose, walls, seed), Config().registration)
+    points = scan.rows[:, :2].astype(np.float64)
+    submap = Submap(points, scan.origin[None], np.array([0, len(points)]))
+    return Place.of(submap)
 
 
 def test_rays_end_at_the_first_occupied_cell() -> None:

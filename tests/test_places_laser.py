@@ -167,7 +167,7 @@ def test_a_drive_that_comes_back_after_500_m_of_drift_is_closed() -> None:
     nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, believed)
     nodes = replace(nodes, path=nodes.path + 500.0 * (np.arange(len(truth)) >= 98))
     nodes = held_by(nodes, [])
-    pairs = lost_pairs(nodes, [], CONFIG)
+    pairs = lost_pairs(nodes, CONFIG)
     assert pairs
     tried = compare_places(nodes, pairs, CONFIG, optimised=False, widest=EVERYWHERE)
     solved = solve(nodes.ids, planar_to_matrix(believed), [*drive(believed), *tried], True)
@@ -216,8 +216,8 @@ def test_where_closures_hold_the_drive_nothing_is_lost() -> None:
     held = held_by(nodes, closed).graph
     assert held.driven(46, 144) < 20.0
     assert held.driven(0, 98) == 0.0
-    assert lost_pairs(nodes, [], CONFIG)
-    pairs = lost_pairs(nodes, closed, CONFIG)
+    assert lost_pairs(nodes, CONFIG)
+    pairs = lost_pairs(held_by(nodes, closed), CONFIG)
     assert all(held.driven(a, b) > 75.0 for a, b in pairs)
     assert not any(abs(b - 98 - a) < 15 for a, b in pairs if b >= 98)
 

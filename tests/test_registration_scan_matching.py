@@ -228,8 +228,8 @@ def test_branch_and_bound_finds_what_trying_every_pose_finds() -> None:
     found = np.zeros(4)
     nowhere = np.array([0.0, 0.0, 0.0, -1.0, -1.0])
     best_shift(
-        grid.pyramid, grid.margin, points, grid.corner, grid.resolution, 0, guess, reach,
-        angles, 0.0, nowhere, found,
+        grid.pyramid, grid.margin, points, grid.corner, grid.resolution, 0, guess,
+        np.array([[-reach, -reach]]), reach, angles, 0.0, nowhere, found,
     )  # fmt: skip
     assert found[0] == pytest.approx(_best_by_trying(grid, points, guess, angles, reach), abs=1e-6)
 

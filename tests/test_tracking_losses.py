@@ -9,6 +9,7 @@ import pytest
 from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 
+from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
 from mapmyworld.graph.draft_graph import kept_nodes
@@ -17,10 +18,11 @@ from mapmyworld.kernels.laser_motion import is_degenerate
 from mapmyworld.odometry.degeneracy import has_open_heading
 from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
 from mapmyworld.odometry.tracking_losses import TrackingLosses
-from mapmyworld.places.laser_candidates import candidate_pairs, drift_window
+from mapmyworld.places.laser_candidates import candidate_pairs
 from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, calm_spots, nodes_at
 from mapmyworld.places.laser_submaps import submap_members
+from mapmyworld.places.session_closures import session_closures
 from mapmyworld.places.unseen_path import unseen_path
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.stages.nodes import Motion, NodeSelector
@@ -198,12 +200,12 @@ def test_no_submap_spans_a_loss() -> None:
         assert len(set((across >= 41).tolist())) == 2
 
 
-def test_a_robot_carried_off_is_found_at_once_in_what_it_saw_before() -> None:
+def test_a_robot_carried_off_begins_a_session_that_is_joined_and_no_drift_window_reaches() -> None:
     nodes = two_rooms(np.array([5.0, 5.0, 1.5]))
-    pairs = candidate_pairs(nodes, CONFIG, optimised=False)
-    window = drift_window(nodes, *pairs[0], CONFIG, 15.0)
-    assert window == pytest.approx((15.0, np.pi))
-    found = [c for c in compare_places(nodes, pairs, CONFIG, optimised=False) if c.accepted]
+    assert np.unique(nodes.session).tolist() == [0, 1]
+    assert candidate_pairs(nodes, CONFIG, optimised=False) == []
+    assert candidate_pairs(nodes, CONFIG, optimised=True) == []
+    found = [c for c in session_closures(nodes, CONFIG, Silent()) if c.accepted]
     assert found
     for c in found:
         apart = between_planar(LEFT[c.from_id - 1], LEFT[c.to_id - 42])

@@ -18,10 +18,7 @@ FULL = 255  # likelihood of a cell that holds a surface
 
 @jit
 def fill_pyramid(pyramid: NDArray[np.uint8], near: int) -> None:
-    """Fills `pyramid` (L, H, W) from the surfaces in level 0.
-
-    A ring of `near` around them, and all higher levels.
-    """
+    """From the surfaces in level 0, a ring of `near` around them, and all higher levels."""
     levels, height, width = pyramid.shape
     for row in range(1, height - 1):
         for column in range(1, width - 1):
@@ -79,38 +76,37 @@ def best_shift(
     resolution: float,
     outside: int,
     guess: NDArray[np.float64],
+    squares: NDArray[np.int64],
     reach: int,
     angles: NDArray[np.float64],
     least: float,
     avoid: NDArray[np.float64],
     result: NDArray[np.float64],
 ) -> None:
-    """Fills `result` (4,), score, x, y, yaw, with the best pose that scores above `least`.
+    """Fills `result` (score, x, y, yaw) with the best pose that scores above `least`.
 
-    Of `points` (N, 2) in a `pyramid` (L, H, W) whose first unpadded cell is at `corner` (2,).
-    Shifts reach `reach` cells to each side of `guess` (3,), at the yaws `guess + angles` (A,).
-    Poses within `avoid` (5,) = x, y, yaw, metres, radians are left out. `margin` cells pad the grid
+    Shifts are those in `squares` (S, 2), lower left cells from `guess` of squares as large as the
+    top of the pyramid, up to `reach` cells to the right and above, at the yaws `guess + angles`.
+    Poses within `avoid` = (x, y, yaw, metres, radians) are left out. `margin` cells pad the grid
     on all sides, beyond which every cell is worth `outside`.
     """
     top = pyramid.shape[0] - 1
-    side, turns, count = 1 << top, len(angles), len(points)
+    turns, count = len(angles), len(points)
     cells = np.empty((turns, count, 2), np.int32)
     best = int(least * FULL * count)
     result[0] = least
-    starts = (2 * reach + side) // side
-    roots = np.empty((turns * starts * starts, 3), np.int64)
+    roots = np.empty((turns * len(squares), 3), np.int64)
     bounds = np.empty(len(roots), np.int64)
     found = 0
     for turn in range(turns):
         _place(points, guess, angles[turn], corner, resolution, margin, cells[turn])
-        for a in range(starts):
-            for b in range(starts):
-                column, row = a * side - reach, b * side - reach
-                bound = _exceeds(pyramid[top], cells[turn], column, row, outside, best)
-                if bound > best:
-                    roots[found, 0], roots[found, 1], roots[found, 2] = turn, column, row
-                    bounds[found] = bound
-                    found += 1
+        for square in range(len(squares)):
+            column, row = squares[square, 0], squares[square, 1]
+            bound = _exceeds(pyramid[top], cells[turn], column, row, outside, best)
+            if bound > best:
+                roots[found, 0], roots[found, 1], roots[found, 2] = turn, column, row
+                bounds[found] = bound
+                found += 1
     stack, upper = np.empty((256, 3), np.int64), np.empty(256, np.int64)
     order = np.empty(found, np.int64)
     _highest_first(bounds, order)

@@ -1,4 +1,4 @@
-"""Inner loops of localisation: rays through a grid, scores of many poses in a field."""
+"""Inner loops of localisation: rays through a grid, and how points go with it."""
 
 from __future__ import annotations
 
@@ -18,11 +18,9 @@ def cast_rays(
     reach: float,
     hits: NDArray[np.float64],
 ) -> int:
-    """Fills `hits` (N, 2) with the middles of the first occupied cells along rays; gives their
-    count.
+    """Fills `hits` rows with the middles of the first occupied cells along rays; says how many.
 
-    Everything is in cells, of grids (H, W). A ray, of which `bearings` (N,) gives the direction,
-    that leaves what is known, or `reach`, hits nothing.
+    Everything is in cells. A ray that leaves what is known, or `reach`, hits nothing.
     """
     height, width = occupied.shape
     count = 0
@@ -44,41 +42,6 @@ def cast_rays(
 
 
 @jit
-def field_scores(
-    first: int,
-    last: int,
-    field: NDArray[np.float32],
-    free: NDArray[np.bool_],
-    corner: NDArray[np.float64],
-    resolution: float,
-    points: NDArray[np.float64],
-    poses: NDArray[np.float64],
-    outside: float,
-    scores: NDArray[np.float64],
-) -> None:
-    """Sums of `field` at the points (N, 2) seen from poses `first` to `last` (P, 3).
-
-    A point beyond the field counts `outside`; a pose that does not stand on a free cell scores as
-    if all its points lay there.
-    """
-    height, width = field.shape
-    for p in range(first, last):
-        c, s = np.cos(poses[p, 2]), np.sin(poses[p, 2])
-        x, y = poses[p, 0] - corner[0], poses[p, 1] - corner[1]
-        column, row = int(np.floor(x / resolution)), int(np.floor(y / resolution))
-        inside = 0 <= row < height and 0 <= column < width and free[row, column]
-        total = 0.0
-        for i in range(len(points)):
-            if not inside:
-                total += outside
-                continue
-            u = int(np.floor((x + c * points[i, 0] - s * points[i, 1]) / resolution))
-            v = int(np.floor((y + s * points[i, 0] + c * points[i, 1]) / resolution))
-            total += field[v, u] if 0 <= v < height and 0 <= u < width else outside
-        scores[p] = total
-
-
-@jit
 def explain_points(
     distance: NDArray[np.float32],
     state: NDArray[np.int8],
@@ -89,7 +52,7 @@ def explain_points(
     limit: float,
     counts: NDArray[np.int64],
 ) -> None:
-    """Counts of points (N, 2), map frame, that a map explains, contradicts, and does not cover.
+    """Counts of points (N, 2), map frame, that a map explains, contradicts, and indicates nothing about.
 
     Explained is what ends within `limit` metres of a surface. Contradicted is what ends where the
     map is free (`state` 0), or beyond an occupied cell (100) seen from `eye` (2,).
@@ -119,76 +82,3 @@ def explain_points(
                 crossed = True
                 break
         counts[1 if crossed else 2] += 1
-
-
-@jit
-def block_bounds(
-    first: int,
-    last: int,
-    level: NDArray[np.float32],
-    margin: int,
-    blocks: NDArray[np.int64],
-    points: NDArray[np.float64],
-    angles: NDArray[np.float64],
-    resolution: float,
-    bounds: NDArray[np.float32],
-) -> None:
-    """`bounds[turn, b]`: what the scan scores at most with the robot in block `b`, at a heading.
-
-    `level` (H, W) holds maxima over squares of the block's size; `blocks` (B, 2) are the blocks'
-    lower left cells; turns `first` to `last` are done.
-    """
-    height, width = level.shape
-    cells = np.empty((len(points), 2), np.int64)
-    for turn in range(first, last):
-        c, s = np.cos(angles[turn]), np.sin(angles[turn])
-        for i in range(len(points)):
-            cells[i, 0] = int(np.floor((c * points[i, 0] - s * points[i, 1]) / resolution)) + margin
-            cells[i, 1] = int(np.floor((s * points[i, 0] + c * points[i, 1]) / resolution)) + margin
-        for b in range(len(blocks)):
-            total = 0.0
-            for i in range(len(points)):
-                x, y = cells[i, 0] + blocks[b, 0], cells[i, 1] + blocks[b, 1]
-                if 0 <= x < width and 0 <= y < height:
-                    total += level[y, x]
-            bounds[turn, b] = total / len(points)
-
-
-@jit
-def best_in_blocks(
-    first: int,
-    last: int,
-    finest: NDArray[np.float32],
-    margin: int,
-    side: int,
-    blocks: NDArray[np.int64],
-    turns: NDArray[np.int64],
-    points: NDArray[np.float64],
-    angles: NDArray[np.float64],
-    resolution: float,
-    best: NDArray[np.float64],
-) -> None:
-    """Rows `best[k]` (3,) = score, column, row of the best cell of block k at its heading.
-
-    Of `points` (N, 2) in the grid `finest` (H, W), at `angles[turns[k]]` within the `side` cells
-    from `blocks[k]` (2,) on.
-    """
-    height, width = finest.shape
-    cells = np.empty((len(points), 2), np.int64)
-    for k in range(first, last):
-        c, s = np.cos(angles[turns[k]]), np.sin(angles[turns[k]])
-        for i in range(len(points)):
-            cells[i, 0] = int(np.floor((c * points[i, 0] - s * points[i, 1]) / resolution)) + margin
-            cells[i, 1] = int(np.floor((s * points[i, 0] + c * points[i, 1]) / resolution)) + margin
-        best[k, 0] = -1.0
-        for dy in range(side):
-            for dx in range(side):
-                total = 0.0
-                for i in range(len(points)):
-                    x, y = cells[i, 0] + blocks[k, 0] + dx, cells[i, 1] + blocks[k, 1] + dy
-                    if 0 <= x < width and 0 <= y < height:
-                        total += finest[y, x]
-                total /= len(points)
-                if total > best[k, 0]:
-                    best[k, 0] = total
-                    best[k, 1], best[k, 2] = blocks[k, 0] + dx, blocks[k, 1] + dy

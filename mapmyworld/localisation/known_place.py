@@ -13,8 +13,8 @@ from mapmyworld.config import Config
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.planar import matrix_to_planar, transform_points_planar, wrap_angle
 from mapmyworld.kernels.map_search import cast_rays, explain_points
+from mapmyworld.places.whole_map import WholeMap, map_of_grid
 from mapmyworld.registration.scan_matching import PreparedScan, ScanSet, prepare_scan, scan_set
-from mapmyworld.registration.scan_search import LikelihoodGrid, likelihood_grid
 from mapmyworld.types import MapStore, OccupancyGrid, Scan
 
 Array = NDArray[np.float64]
@@ -47,8 +47,8 @@ class KnownPlace:
     corner: Array
     """(2,) x, y of cell (0, 0), map frame."""
     resolution: float
-    surfaces: LikelihoodGrid
-    """Of the occupied cells, for searches over the whole map."""
+    whole: WholeMap
+    """For searches over the whole map."""
     scans: ScanSet
     poses: Array
     """(S, 3) of the scans."""
@@ -105,14 +105,12 @@ def _known_place(grid: OccupancyGrid, scans: ScanSet, poses: Array) -> KnownPlac
     if not occupied.any() or len(scans) == 0:
         raise MapError("the map's grid has no occupied cell beside a free one to localise with")
     distance = distance_transform_edt(~occupied) * grid.resolution
-    rows, columns = np.nonzero(occupied)
-    middles = grid.origin + (np.stack([columns, rows], axis=1) + 0.5) * grid.resolution
     return KnownPlace(
         np.minimum(distance, _FARTHEST).astype(np.float32),
         cells,
         np.asarray(grid.origin, np.float64),
         grid.resolution,
-        likelihood_grid(middles),
+        map_of_grid(grid),
         scans,
         poses,
         cKDTree(poses[:, :2]),

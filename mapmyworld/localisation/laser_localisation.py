@@ -22,20 +22,18 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.geometry.rigid import between
 from mapmyworld.kernels.scan_alignment import invert3
 from mapmyworld.localisation.global_localisation import Discovery, GlobalLocalisation
-from mapmyworld.localisation.known_place import Fit, KnownPlace
+from mapmyworld.localisation.known_place import KnownPlace
 from mapmyworld.localisation.observation import (
     Moment,
     fit_at,
-    is_convincing,
     is_motion_lost,
     is_shaken,
     match_at,
     scan_of,
     thinned_points,
 )
-from mapmyworld.localisation.search import elsewhere, search_map
 from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
-from mapmyworld.registration.scan_matching import COARSE, FINE, Match
+from mapmyworld.registration.scan_matching import FINE, Match
 from mapmyworld.types import Frame
 from mapmyworld.types.localisation import Estimate, State
 
@@ -44,7 +42,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _REMEMBERED = 3000  # moments while lost that a recognition explains afterwards
-_ELSEWHERE = 1.0  # m from the tracked pose at which a second best counts
 _BLIND = 0.3  # m of uncertainty from which dead reckoning is no tracking
 _PROBATION = 2.0  # m of motion after a recognition during which no doubt is allowed
 _OFF_PLANE = 1e-6  # rad^2 and m^2
@@ -67,7 +64,6 @@ class LaserLocaliser:
         self._state = State.LOST
         self._waiting: deque[Moment] = deque(maxlen=_REMEMBERED)
         self._since_found = self._since_confirmed = self._since_agreed = 0.0
-        self._doubts = 0
         self.estimates: list[Estimate] = []
         self.notes: list[str] = []
 
@@ -76,6 +72,7 @@ class LaserLocaliser:
         for frame in frames:
             moved = self._tracker.track(frame)
             moment = self._moment(frame, moved)
+            self._global.follow(moment)
             self._predict(moment.step, invert3(moved.information))
             if self._state == State.LOST:
                 self._state, fit = self._seek(moment, frame)
@@ -116,8 +113,6 @@ class LaserLocaliser:
         self._since_found += distance
         self._since_confirmed += distance
         self._since_agreed += distance
-        if self._since_found < _PROBATION:
-            self._global.reckon(moment)
         if moment.is_blind:
             return self._reckon(moment), 0.0
         match = match_at(
@@ -131,11 +126,10 @@ class LaserLocaliser:
             return self._reckon(moment), fit.agreement
         self._since_agreed = 0.0
         self._correct(match)
-        due = self._settings.step_distance if self._doubts else self._settings.confirm_distance
-        if not moment.shaken and self._since_confirmed < due:
+        if not moment.shaken and self._since_confirmed < self._settings.confirm_distance:
             return State.TRACKING, fit.agreement
         self._since_confirmed = 0.0
-        return self._confirm(moment, fit), fit.agreement
+        return self._confirm(moment), fit.agreement
 
     def _reckon(self, moment: Moment) -> State:
         """Goes on by odometry where the map does not help, if that is certain enough."""
@@ -153,28 +147,18 @@ class LaserLocaliser:
         self._pose = match.pose
         self._covariance = invert3(information) + np.diag(floor**2)
 
-    def _confirm(self, moment: Moment, fit: Fit) -> State:
-        """Whether the scan could have been taken elsewhere, and better so."""
-        found = search_map(self._place, moment.points, self._config)
-        _, pose = elsewhere(found, self._pose, _ELSEWHERE)
-        second_best = Fit(0.0, 0.0)
-        if pose is not None:
-            match = match_at(self._place, moment, pose, COARSE, self._config)
-            second_best = fit_at(self._place, moment, match.pose, self._config)
-        better = second_best.agreement > self._settings.ambiguity_ratio * fit.agreement
-        if not better or not is_convincing(second_best, self._config):
-            self._doubts = 0
-            alone = second_best.coverage < fit.coverage and is_convincing(fit, self._config)
-            return State.RECOGNISED if alone else State.TRACKING
-        self._doubts += 1
-        return State.TRACKING if self._doubts < 2 else self._lose(moment)
+    def _confirm(self, moment: Moment) -> State:
+        """Whether what was seen in the last metres could lie elsewhere, and rather so."""
+        elsewhere = self._global.is_elsewhere(moment, self._pose)
+        if elsewhere:
+            return self._lose(moment)
+        return State.TRACKING if elsewhere is None else State.RECOGNISED
 
     def _lose(self, moment: Moment) -> State:
         if self._since_found < _PROBATION:
-            self._global.resume(moment)
+            self._global.begin(moment, None)
         else:
             self._global.begin(moment, self._pose)
-        self._doubts = 0
         self._waiting.clear()
         self._waiting.append(moment)
         return State.LOST
@@ -225,7 +209,7 @@ class LaserLocaliser:
             guess = compose_planar(pose, between_planar(after.tracked, moment.tracked))
             match = match_at(self._place, moment, guess, FINE, self._config, prior)
             fit = fit_at(self._place, moment, match.pose, self._config)
-            if fit.agreement < self._settings.agreement_found:
+            if fit.agreement < self._settings.agreement:
                 break
             pose, after = match.pose, moment
             self.estimates[moment.index] = replace(

@@ -103,7 +103,7 @@ def fit_at(place: KnownPlace, moment: Moment, pose: Array, config: Config) -> Fi
     return place.fit(moment.points, moment.scan.origin, pose, limit)
 
 
-def is_convincing(fit: Fit, config: Config) -> bool:
-    """Whether a place may be called recognised."""
+def is_explained(fit: Fit, config: Config) -> bool:
+    """Whether the map says something of a scan, and goes with it."""
     settings = config.localisation
-    return fit.agreement >= settings.agreement_found and fit.coverage >= settings.coverage_found
+    return fit.agreement >= settings.agreement and fit.coverage >= settings.coverage

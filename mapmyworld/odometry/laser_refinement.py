@@ -60,13 +60,13 @@ def refine_poses(
     config: Config,
     progress: Progress,
     loaded: NodeScans | None = None,
-    component: Index | None = None,
+    session: Index | None = None,
 ) -> Refinement | None:
     """Solved poses, refined by all scans; None where there are too few scans.
 
     Priors, landmarks, images and what a person stated hold them as they held the solution. Nodes
     that are not aligned themselves keep their place between those that are. Scans on
-    different ones of these `component`s (N,) are not compared: nothing indicates how these lie.
+    different ones of these `session`s (N,) are not compared: nothing shows how these lie.
     """
     nodes, scans, unseen, _ = loaded or load_node_scans(store, config)
     if len(nodes) < 3:
@@ -78,8 +78,8 @@ def refine_poses(
     statements = Statements.of(nodes, constraints)
     chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in sessions])
     chosen = np.union1d(chosen, statements.concerns(nodes))
-    component = np.zeros(len(nodes), np.int64) if component is None else component
-    task = _Task(nodes, chosen, scans, constraints, statements, component, config)
+    session = np.zeros(len(nodes), np.int64) if session is None else session
+    task = _Task(nodes, chosen, scans, constraints, statements, session, config)
     found = _aligned(task, solved[chosen], statements.places_of(poses), progress)
     every = np.concatenate(
         [
@@ -106,7 +106,7 @@ class _Task:
     """Of all nodes."""
     constraints: Sequence[Judged]
     statements: Statements
-    component: Index
+    session: Index
     """(N,) of all nodes, the component of the path that each is in."""
     config: Config
 
@@ -160,8 +160,8 @@ def _rounds(
         pairs = neighbour_pairs(
             every[:count], settings.refine_radius, settings.refine_revisits, among=among
         )
-        component = task.component[task.chosen[pairs]]
-        pairs = pairs[~held[pairs].all(axis=1) & (component[:, 0] == component[:, 1])]
+        session = task.session[task.chosen[pairs]]
+        pairs = pairs[~held[pairs].all(axis=1) & (session[:, 0] == session[:, 1])]
         found = align_jointly(
             scans,
             system,

@@ -23,7 +23,10 @@ _TIED = 1.2  # m of path at both ends within which one closure says what another
 
 
 def candidate_pairs(nodes: LaserNodes, config: Config, *, optimised: bool, first: int = 0) -> Pairs:
-    """(earlier, later) indices of visits that may be of the same place, the later from `first`."""
+    """(earlier, later) indices of visits that may be of the same place, the later from `first`.
+
+    Both of one session: nothing is known of how others lie.
+    """
     places = config.places
     spacing = places.laser_spacing if optimised else places.laser_far_spacing
     spots = calm_spots(nodes, spacing)
@@ -33,6 +36,7 @@ def candidate_pairs(nodes: LaserNodes, config: Config, *, optimised: bool, first
     for later in spots[spots >= first]:
         near = np.array(sorted(tree.query_ball_point(nodes.poses[later, :2], widest)), np.int64)
         near = near[nodes.path[later] - nodes.path[spots[near]] > _LEAST_PATH]
+        near = near[nodes.session[spots[near]] == nodes.session[later]]
         apart = np.hypot(*(nodes.poses[spots[near], :2] - nodes.poses[later, :2]).T)
         drift = places.laser_drift * nodes.graph.driven(spots[near], int(later))
         reach = _NEAR + (0.0 if optimised else 1.0) * np.minimum(drift, FIRST_WINDOW)

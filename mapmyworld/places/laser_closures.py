@@ -27,8 +27,7 @@ from mapmyworld.places.laser_candidates import (
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps, place_around, submap_members
 from mapmyworld.places.perceptual_aliasing import reject_aliases
-from mapmyworld.places.session_joining import reject_ambiguous_joins
-from mapmyworld.places.wide_search import BESIDE, components_of, held_by, lost_pairs
+from mapmyworld.places.wide_search import BESIDE, held_by, lost_pairs
 from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_matching import (
     Match,
@@ -104,12 +103,9 @@ def find_laser_closures(
         ends = [(a, b, int(nodes.ids[a]), int(nodes.ids[b])) for a, b in pairs]
         return [(a, b) for a, b, i, j in ends if (i, j) not in known and j >= since]
 
-    component = components_of(loaded, tied)
-    pairs = [(a, b) for a, b in candidate_pairs(nodes, config, optimised=True)
-             if component[a] == component[b]]  # fmt: skip
-    pairs = untried(untied(nodes, pairs, tied))
-    nodes = replace(nodes, component=held_by(nodes, tied).component)
-    lost = untried(lost_pairs(nodes, tied, config))
+    nodes = held_by(nodes, tied)
+    pairs = untried(untied(nodes, candidate_pairs(nodes, config, optimised=True), tied))
+    lost = untried(lost_pairs(nodes, config))
     lost = [pair for pair in lost if pair not in set(pairs)]
     progress.stage("loop closures by laser", len(pairs) + len(lost), "pairs")
     near = compare_places(nodes, pairs, config, optimised=True)
@@ -150,8 +146,7 @@ def compare_places(
     closures = [by_place[k] for k in range(len(pairs))]
     if optimised:
         return closures
-    closures = reject_aliases(nodes, pairs, closures, config, widest)
-    return reject_ambiguous_joins(nodes, pairs, closures, config, widest)
+    return reject_aliases(nodes, pairs, closures, config, widest)
 
 
 def _compare(

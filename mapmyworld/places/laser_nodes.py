@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _ASIDE = np.array([0, -1, 1, -2, 2])  # nodes from a spot, nearest first, that may stand for it
 _FEWEST = 12  # points from which a scan indicates where it was taken
+_UNKNOWN = 200.0  # m of path that a loss of tracking counts for where nothing reports the motion
 _EVEN = 0.02  # rad that turns from node to node differ by in any case
 
 
@@ -37,8 +38,8 @@ class LaserNodes:
     """The path, and the closures that hold it."""
     sees: NDArray[np.bool_]
     """(N,) whether the scan has points enough to say where it was taken."""
-    component: Index
-    """(N,) number of the connected component, whose relative poses are known: losses divide."""
+    session: Index
+    """(N,) number of the session, which ends where tracking is lost and odometry with it."""
 
 
 class NodeScans(NamedTuple):
@@ -71,8 +72,8 @@ def laser_nodes(ids: Index, scans: Scans, poses: Array) -> LaserNodes:
     lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.2 * np.abs(steps[:, 2])
     path = np.concatenate([[0.0], np.cumsum(lengths)])
     sees = np.ones(len(ids), np.bool_)
-    component = np.zeros(len(ids), np.int64)
-    return LaserNodes(ids, scans, poses, path, PathGraph(path, NO_PAIRS), sees, component)
+    session = np.zeros(len(ids), np.int64)
+    return LaserNodes(ids, scans, poses, path, PathGraph(path, NO_PAIRS), sees, session)
 
 
 def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -> LaserNodes:
@@ -86,11 +87,16 @@ def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -
         matrices = poses.map_from_node[[row[int(i)] for i in ids]]
     found = laser_nodes(ids, loaded.scans, matrix_to_planar(matrices))
     unseen = loaded.unseen[: len(ids)]
-    path, component = found.path + np.cumsum(unseen), np.cumsum((unseen > 0.0).astype(np.int64))
+    path, session = found.path + np.cumsum(unseen), sessions_of(loaded)[: len(ids)]
     return replace(
         found, path=path, graph=PathGraph(path, NO_PAIRS), sees=loaded.sees[: len(ids)],
-        component=component,
+        session=session,
     )  # fmt: skip
+
+
+def sessions_of(loaded: NodeScans) -> Index:
+    """(N,) number of each node's session."""
+    return np.cumsum((loaded.unseen > _UNKNOWN).astype(np.int64))
 
 
 def spaced(path: Array, spacing: float) -> Index:

@@ -1,196 +1,209 @@
-"""Session joining: components that tracking losses divide, joined where they fit in one way only.
+"""How one session lies in another: an inter-session loop closure, of one log or of several.
 
-Across a loss the relative pose is unknown, so one place that fits is not enough: a bare hall is the
-same after half a turn. What the later component saw is laid into the map of the earlier one, as
-the closures want it and as every other pose that fits wants it; and into its own, for what looks
-like itself elsewhere fits twice wherever it fits. Where another pose explains it as well, and
-nothing that was seen contradicts it, the components stay apart.
+Nothing is known of where a session began. So a place of it is looked for in all that the other one
+mapped, and the relative pose that this gives is judged by every place of the session: what is seen
+of each in the other's map speaks for that pose or against it. Poses that explain as much, as in a
+hall after half a turn, leave the sessions apart.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
+    between_planar,
     compose_planar,
     invert_planar,
-    matrix_to_planar,
+    transform_points_planar,
 )
-from mapmyworld.places.component_maps import component_map, view_around
-from mapmyworld.places.laser_candidates import drift_window
 from mapmyworld.places.laser_nodes import Index, LaserNodes, spaced
-from mapmyworld.places.submap_verification import (
-    SAME,
-    Seen,
-    Window,
-    apart_by,
-    is_as_good,
-    is_met,
-    laid,
-    most_supported,
-    second_best_move,
-)
-from mapmyworld.types import Constraint, Judge, Judged, Verdict, Why
+from mapmyworld.places.laser_submaps import place_around
+from mapmyworld.places.whole_map import WholeMap, map_of_scans
+from mapmyworld.registration.place_evidence import Agreement, Place
+from mapmyworld.registration.scan_search import ANOTHER, Submap, submap_points
 
 Array = NDArray[np.float64]
-Pairs = Sequence[tuple[int, int]]
-_OPEN = 1.0  # rad of heading that must be open, or nothing is ambiguous
-_SPACING = 2.0  # m of path between places that are laid into the other component's map
-_AROUND = 24.0  # m of path to each side of the closures within which they are
-_MAPPED = 0.5  # m of path between scans that maps are made of
-_SIGHT = 30.0  # m beyond the reach of a search that maps cover
-_MOST = 24  # such places of a component, at most
-
-_UNMET = Verdict(Judge.LASER, False, Why.SUBMAPS_DISAGREE)
-_LESS = Verdict(Judge.LASER, False, Why.LESS_EXPLAINED)
+_MAPPED = 0.5  # m of path between scans that a session's map is made of
+_SETTLED = 0.2, 0.03  # m and rad by which a place may be off in a solved map, beside its drift
+_WIDEST = 1.0, 0.2  # the same, with its drift
+_CHECKED = 3  # places, those of the most evidence, that are looked for elsewhere
+_OVERLAP = 0.5  # weight of a place: what it shows, the ones beside it show as well
+_CHANGED = 0.1  # share of places that no longer look as they did, or that drift moved away
 
 
-def reject_ambiguous_joins(
-    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config, widest: float
-) -> list[Judged]:
-    """The closures of these pairs; those that join two components ambiguously are rejected."""
-    result = list(closures)
-    for which in _joins(nodes, pairs, closures):
-        for k, doubt in _doubts(nodes, pairs, closures, which, config, widest):
-            result[k] = closures[k].judged(doubt)
-    return result
+@dataclass(frozen=True, eq=False)
+class SessionMap:
+    """What a session saw."""
+
+    nodes: LaserNodes
+    rows: Index
+    """Its nodes, ascending."""
+    config: Config
+
+    @cached_property
+    def whole(self) -> WholeMap:
+        """In the frame of the nodes' poses."""
+        rows = self.rows[spaced(self.nodes.path[self.rows], _MAPPED)]
+        scans, poses = self.nodes.scans.some(rows), self.nodes.poses[rows]
+        points = submap_points(scans, np.arange(len(rows)), poses)
+        origins = transform_points_planar(poses, scans.origins[:, None])[:, 0]
+        return map_of_scans(Submap(points, origins, scans.bounds))
+
+    @cached_property
+    def places(self) -> dict[int, Place]:
+        """Node -> what was seen around it, about every half of a submap."""
+        return {k: place_around(self.nodes, k, self.config) for k in self.spots}
+
+    @property
+    def spots(self) -> list[int]:
+        """The nodes of those places."""
+        return self._apart(self.rows[self.nodes.sees[self.rows]].tolist(), 1.0)
+
+    @cached_property
+    def sought(self) -> list[int]:
+        """The nodes of those places that are looked for: about every whole submap."""
+        return self._apart(self.spots, 2.0)
+
+    def _apart(self, among: list[int], size: float) -> list[int]:
+        """Those of these nodes that lie so many halves of a submap from all chosen before."""
+        poses, apart = self.nodes.poses, size * self.config.places.laser_submap
+        chosen: list[int] = []
+        for k in among:
+            off = poses[chosen, :2] - poses[k, :2]
+            if not (np.hypot(off[:, 0], off[:, 1]) < apart).any():
+                chosen.append(k)
+        return chosen
 
 
-def _joins(nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged]) -> list[list[int]]:
-    """Accepted closures between components that nothing else ties, two components at a time."""
-    found: dict[tuple[int, int], list[int]] = {}
-    for k, (a, b) in enumerate(pairs):
-        components = int(nodes.component[a]), int(nodes.component[b])
-        if closures[k].accepted and components[0] != components[1]:
-            found.setdefault(components, []).append(k)
-    return list(found.values())
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """A relative pose, and what the places of the later session report about it."""
+
+    move: Array
+    """(3,) the later session's frame in that of the earlier one."""
+    later: dict[int, Agreement]
+    """Node -> what the place there and the earlier session's map report of each other."""
+    earlier: dict[int, Agreement]
+    """The same of the earlier session's places in the later one's map."""
+
+    @property
+    def log_odds(self) -> float:
+        """Nats for this pose, and against another place like those seen.
+
+        Both sessions report of what they share, so that each counts half.
+        """
+        return 0.5 * (_log_odds(self.later.values()) + _log_odds(self.earlier.values()))
 
 
-def _doubts(
-    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], which: list[int],
-    config: Config, widest: float,
-) -> list[tuple[int, Verdict]]:  # fmt: skip
-    """Number of each closure that is not believed, and why."""
-    a, b = (np.array([pairs[k][end] for k in which]) for end in (0, 1))
-    spots = _spots(nodes, b)
-    window = _window(nodes, int(a[0]), int(b[0]), spots, config, widest)
-    if window[1] < _OPEN:
-        return []
-    moves = {k: _move(nodes, pairs[k], closures[k]) for k in which}
-    middle = nodes.poses[spots[len(spots) // 2]]
-    earlier = _seen(nodes, _spots(nodes, a), nodes.poses[spots], window, config)
-    later = _seen(nodes, spots, nodes.poses[spots], window, config)
-    best = _best(earlier, later, list(moves.values()), window, middle)
-    doubt = _doubt(earlier, later, best, window, middle)
-    if doubt is not None:
-        return [(k, doubt) for k in which]
-    held = next(pairs[k] for k, move in moves.items() if move is best)
-    misses = {k: apart_by(best, move, nodes.poses[pairs[k][1]]) for k, move in moves.items()}
-    agree = {k: _agrees(nodes, pairs[k], held, miss, config) for k, miss in misses.items()}
-    return [(k, _LESS) for k, agrees in agree.items() if not agrees]
+def _log_odds(places: Iterable[Agreement]) -> float:
+    """A place may have changed, or drifted: none contradicts by more than the share of such."""
+    odds = np.array([_OVERLAP * one.log_odds for one in places])
+    return float(np.logaddexp(np.log(1.0 - _CHANGED) + odds, np.log(_CHANGED)).sum())
 
 
-def _best(
-    earlier: Seen, later: Seen, moves: Sequence[Array], window: Window, middle: Array
-) -> Array:
-    """The move that is supported most; one within the window, unless another explains more."""
-    within = [_is_within(apart_by(np.zeros(3), move, middle), window) for move in moves]
-    near, far = (
-        [move for move, own in zip(moves, within, strict=True) if own is wanted]
-        for wanted in (True, False)
+def locate_session(earlier: SessionMap, later: SessionMap) -> Array | None:
+    """The later session's frame (3,) in that of the earlier one; None where that is open."""
+    tried: list[Hypothesis] = []
+    needed = earlier.whole.needed_odds(len(later.sought))
+    for spot in later.sought:
+        pose = earlier.whole.find(later.places[spot])
+        if pose is None:
+            continue
+        move = compose_planar(pose, invert_planar(later.nodes.poses[spot]))
+        if any(_is_same(move, other.move, later.nodes.poses[spot]) for other in tried):
+            continue
+        tried.append(judge_pose(earlier, later, move, spot))
+        best = max(tried, key=lambda one: one.log_odds)
+        if best is not tried[-1] or best.log_odds < needed:
+            continue
+        if not _is_ambiguous(earlier, later, best, tried, needed):
+            return best.move
+    return None
+
+
+def judge_pose(earlier: SessionMap, later: SessionMap, move: Array, spot: int) -> Hypothesis:
+    """Every place may be off by what the sessions drifted since the one that was found."""
+    about = later.nodes.poses[spot]
+    there, back = compose_planar(move, about), invert_planar(move)
+    return Hypothesis(
+        move, _reports(earlier, later, move, about), _reports(later, earlier, back, there)
     )
-    if not near or not far:
-        return most_supported(earlier, later, moves)
-    best, other = most_supported(earlier, later, near), most_supported(earlier, later, far)
-    as_good = is_as_good(laid(earlier, later, other), laid(earlier, later, best))
-    return best if as_good else other
 
 
-def _doubt(
-    earlier: Seen, later: Seen, best: Array, window: Window, middle: Array
-) -> Verdict | None:
-    """Why two components are not believed to lie as this move brings them; None if they are."""
-    if not is_met(laid(earlier, later, best)):
-        return _UNMET
-    second_best = second_best_move(earlier, later, best, window)
-    if second_best is None:  # what looks like itself elsewhere fits twice wherever it fits
-        turned = second_best_move(None, later, np.zeros(3), (2.0 * window[0], window[1]))
-        second_best = None if turned is None else compose_planar(best, turned)
-    return None if second_best is None else _ambiguous(apart_by(best, second_best, middle))
+def _reports(
+    known: SessionMap, other: SessionMap, move: Array, about: Array
+) -> dict[int, Agreement]:
+    """Of each place of a session in a map, `about` (3,) being a pose where both agree."""
+    reports = {}
+    for k, place in other.places.items():
+        window = _window(other.nodes.poses[k] - about, other.config)
+        guess = compose_planar(move, other.nodes.poses[k])
+        reports[k] = known.whole.best_about(place, guess, *window)[1]
+    return reports
 
 
-def _spots(nodes: LaserNodes, ends: Index) -> Index:
-    """Some places every few metres around these ends of closures, in their component."""
-    spots = spaced(nodes.path, _SPACING)
-    near = np.abs(nodes.path[spots][:, None] - nodes.path[ends]).min(axis=1) <= _AROUND
-    spots = spots[near & (nodes.component[spots] == nodes.component[ends[0]]) & nodes.sees[spots]]
-    spots = ends if len(spots) == 0 else spots
-    return np.asarray(spots[:: -(-len(spots) // _MOST)], np.int64)
+def _window(off: Array, config: Config) -> tuple[float, float]:
+    apart = float(np.hypot(*off[:2]))
+    return (
+        min(_SETTLED[0] + config.places.laser_drift * apart, _WIDEST[0]),
+        min(_SETTLED[1] + config.places.laser_drift_angle * apart, _WIDEST[1]),
+    )
 
 
-def _seen(nodes: LaserNodes, spots: Index, about: Array, window: Window, config: Config) -> Seen:
-    """What was seen from these places, and the map of their component around poses (N, 3)."""
-    rows = _mapped(nodes, int(nodes.component[spots[0]]), about, window[0] + _SIGHT)
-    views = [view_around(nodes, spot, config) for spot in spots.tolist()]
-    return Seen(nodes.poses[spots], views, component_map(nodes, rows))
+def _is_ambiguous(
+    earlier: SessionMap, later: SessionMap, best: Hypothesis, tried: list[Hypothesis],
+    needed: float,
+) -> bool:  # fmt: skip
+    """Whether another relative pose is about as likely: no less so than chance makes one."""
+
+    def second_bests(other: Hypothesis) -> bool:
+        return best.log_odds - other.log_odds < needed
+
+    if any(second_bests(other) for other in tried if other is not best):
+        return True
+    strongest = sorted(best.later, key=lambda k: -best.later[k].log_odds)[:_CHECKED]
+    for k in strongest:
+        here = compose_planar(best.move, later.nodes.poses[k])
+        pose = earlier.whole.find_other(later.places[k], here)
+        if pose is None:
+            continue
+        move = compose_planar(pose, invert_planar(later.nodes.poses[k]))
+        if second_bests(judge_pose(earlier, later, move, k)):
+            return True
+    return False
 
 
-def _window(
-    nodes: LaserNodes, a: int, b: int, spots: Index, config: Config, widest: float
-) -> Window:
-    """Metres and radians by which the later component may be off, as seen from the earlier one."""
-    last, first = nearest_ends(nodes, a, b)
-    distance, angle = drift_window(nodes, last, first, config, np.inf)
-    far = np.hypot(*(nodes.poses[spots, :2] - nodes.poses[first, :2]).T).max()
-    return min(distance + 2.0 * np.sin(angle / 2.0) * float(far), widest), angle
+def _is_same(move: Array, other: Array, at: Array) -> bool:
+    """Whether two relative poses bring a pose of the later session to the same place."""
+    apart = between_planar(compose_planar(move, at), compose_planar(other, at))
+    return bool(np.hypot(*apart[:2]) < ANOTHER[0] and abs(apart[2]) < ANOTHER[1])
 
 
-def nearest_ends(nodes: LaserNodes, a: int, b: int) -> tuple[int, int]:
-    """The ascending two nodes, one of the component of each, with the least path between them."""
-    one, other = (np.flatnonzero(nodes.component == nodes.component[k]) for k in (a, b))
-    after = np.searchsorted(one, other).clip(1, max(len(one) - 1, 1))
-    near = one[np.stack([after - 1, after.clip(0, len(one) - 1)])]
-    gaps = np.abs(nodes.path[near] - nodes.path[other])
-    side, row = np.unravel_index(int(np.argmin(gaps)), gaps.shape)
-    ends = sorted((int(near[side, row]), int(other[row])))
-    return ends[0], ends[1]
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint:
+    """How a later session lies in an earlier one."""
+
+    earlier: int
+    later: int
+    earlier_from_later: Array
+    """(4, 4), or (3,) in the plane."""
 
 
-def _mapped(nodes: LaserNodes, component: int, about: Array, reach: float) -> Index:
-    """Nodes of a component, not too far from these poses (S, 3), whose scans make a map of it."""
-    rows = spaced(nodes.path, _MAPPED)
-    rows = rows[(nodes.component[rows] == component) & nodes.sees[rows]]
-    middle = about[:, :2].mean(axis=0)
-    reach += float(np.hypot(*(about[:, :2] - middle).T).max())
-    near = np.hypot(*(nodes.poses[rows, :2] - middle).T) <= reach
-    return np.asarray(rows[near], np.int64)
-
-
-def _move(nodes: LaserNodes, pair: tuple[int, int], closure: Constraint) -> Array:
-    """(3,) by which the closure moves the later component, in the frame of the poses."""
-    a, b = pair
-    there = compose_planar(nodes.poses[a], matrix_to_planar(closure.i_from_j))
-    return compose_planar(there, invert_planar(nodes.poses[b]))
-
-
-def _is_within(apart: Array, window: Window) -> bool:
-    return bool(np.abs(apart[:2]).max() <= window[0] and abs(apart[2]) <= window[1])
-
-
-def _agrees(
-    nodes: LaserNodes, pair: tuple[int, int], held: tuple[int, int], apart: Array, config: Config
-) -> bool:
-    """Whether two closures miss each other by no more than drift within the components explains."""
-    driven = sum(abs(float(nodes.path[i] - nodes.path[j])) for i, j in zip(pair, held, strict=True))
-    drift = driven * np.array([config.places.laser_drift, config.places.laser_drift_angle])
-    return bool((np.array([np.hypot(*apart[:2]), abs(apart[2])]) <= SAME + drift).all())
-
-
-def _ambiguous(apart: Array) -> Verdict:
-    x, y, turn = apart.tolist()
-    numbers = {"metres": float(np.hypot(x, y)), "degrees": float(abs(np.degrees(turn)))}
-    return Verdict(Judge.LASER, False, Why.AMBIGUOUS_AFTER_LOSS, numbers)
+def find_joints(count: int, locate: Callable[[int, int], Array | None]) -> list[Joint]:
+    """For each session one earlier session of every group that it belongs to."""
+    group = list(range(count))
+    joints: list[Joint] = []
+    for later in range(1, count):
+        for earlier in range(later):
+            pose = None if group[earlier] == group[later] else locate(earlier, later)
+            if pose is not None:
+                joints.append(Joint(earlier, later, pose))
+                old, new = group[later], group[earlier]
+                group = [new if g == old else g for g in group]
+    return joints

@@ -10,34 +10,28 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mapmyworld.config import Config
-from mapmyworld.places.laser_nodes import Index, LaserNodes, NodeScans, calm_spots
+from mapmyworld.places.laser_nodes import Index, LaserNodes, NodeScans, calm_spots, sessions_of
 from mapmyworld.places.path_graph import PathGraph
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
-_LONG = 75.0  # m of path without a closure from which two places may be far from where they seem
-_UNKNOWN = 200.0  # m of path of a loss from which wheels do not relate both sides
+_LONG = 75.0  # m of way without a closure from which two places may be far from where they seem
 _LATER, _EARLIER = 8.0, 4.0  # m of path between the places that look, and that are looked at
-_APART = 2.0  # m between both where losses divide the path: one closure alone joins no components
 _FARTHER = 1.5  # times the drift that is expected: of the few searches far off none is to miss it
 BESIDE = 5.0
 """Metres to each side within which a robot that is at an earlier place is looked for."""
 
 
-def lost_pairs(
-    nodes: LaserNodes, constraints: Iterable[Judged], config: Config
-) -> list[tuple[int, int]]:
-    """(earlier, later) indices of places that drift may have moved apart, however far.
+def lost_pairs(nodes: LaserNodes, config: Config) -> list[tuple[int, int]]:
+    """(earlier, later) indices of places of a session that drift may have moved apart, however far.
 
     The nearest place of an earlier visit need not be the true one when poses are metres off:
     so every place within reach of the drift is compared.
     """
-    nodes = held_by(nodes, constraints)
-    apart_from_others = bool((nodes.component != nodes.component[0]).any())
-    earlier = calm_spots(nodes, _APART if apart_from_others else _EARLIER)
+    earlier = calm_spots(nodes, _EARLIER)
     pairs: list[tuple[int, int]] = []
-    for later in calm_spots(nodes, _APART if apart_from_others else _LATER).tolist():
-        near = earlier[earlier < later]
+    for later in calm_spots(nodes, _LATER).tolist():
+        near = earlier[(earlier < later) & (nodes.session[earlier] == nodes.session[later])]
         drifted = nodes.graph.driven(near, later)
         apart = np.hypot(*(nodes.poses[near, :2] - nodes.poses[later, :2]).T)
         worth = (drifted > _LONG) & (
@@ -48,35 +42,32 @@ def lost_pairs(
 
 
 def held_by(nodes: LaserNodes, constraints: Iterable[Judged]) -> LaserNodes:
-    """The nodes, knowing which accepted closures hold them and join what losses divide."""
+    """The nodes, knowing which accepted closures hold them, and with joined sessions as one."""
     closures = _closures(constraints)
-    component = _joined(nodes.ids, nodes.component, closures)
+    session = _joined(nodes.ids, nodes.session, closures)
     row = {int(i): k for k, i in enumerate(nodes.ids)}
     ends = [(row[c.from_id], row[c.to_id]) for c in closures if {c.from_id, c.to_id} <= row.keys()]
     graph = PathGraph(nodes.path, np.array(ends, np.int64).reshape(-1, 2))
-    return replace(nodes, graph=graph, component=component)
+    return replace(nodes, graph=graph, session=session)
 
 
-def components_of(loaded: NodeScans, constraints: Iterable[Judged]) -> Index:
-    """(N,) number of the connected component of each node. Relative poses between them are unknown:
-    wheels were not there or are not to be believed, and no accepted closure joins them.
-    """
+def joined_sessions(loaded: NodeScans, constraints: Iterable[Judged]) -> Index:
+    """(N,) number of each node's session, those as one that accepted closures join."""
     ids = np.array([node.id for node in loaded.nodes], np.int64)
-    component = np.cumsum((loaded.unseen > _UNKNOWN).astype(np.int64))
-    return _joined(ids, component, _closures(constraints))
+    return _joined(ids, sessions_of(loaded), _closures(constraints))
 
 
 def _closures(constraints: Iterable[Judged]) -> list[Judged]:
     return [c for c in constraints if c.accepted and c.kind in _CLOSURES]
 
 
-def _joined(ids: Index, component: Index, closures: Sequence[Judged]) -> Index:
-    """(N,) components of the path, those as one that closures tie."""
-    if not closures or not component.any():
-        return component
+def _joined(ids: Index, session: Index, closures: Sequence[Judged]) -> Index:
+    """(N,) numbers of sessions, those as one that closures tie."""
+    if not closures or not session.any():
+        return session
     ends = np.array([(c.from_id, c.to_id) for c in closures])
     ends = ends[np.isin(ends, ids).all(axis=1)]
-    a, b = component[np.searchsorted(ids, ends)].T
-    size = int(component.max()) + 1
+    a, b = session[np.searchsorted(ids, ends)].T
+    size = int(session.max()) + 1
     links = coo_array((np.ones(len(a)), (a, b)), shape=(size, size))
-    return np.asarray(connected_components(links, directed=False)[1][component], np.int64)
+    return np.asarray(connected_components(links, directed=False)[1][session], np.int64)

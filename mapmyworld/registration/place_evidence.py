@@ -24,6 +24,11 @@ FORTH = 0.3
 APART = 0.6, 0.3
 """Metres and radians between poses that are hypotheses of their own."""
 _UNSEEN = 0.25  # weight of what one view knows of another and its second best does not
+_FORTH_RATES = 0.93, 0.75
+"""Share of a later place's points, of those in cells that are known, that lie on a surface of the
+earlier one: where both are the same place, and where a corridor lies on another building's."""
+_BACK_RATES = 0.80, 0.55  # the same of the earlier place's points; beams graze what is seen later
+_KNOWN = 0.4  # share of a place's points that must lie where the other one was seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +66,22 @@ class Agreement:
         """Points that agree, less those that contradict."""
         return float(self.forth.sum() + self.back.sum())
 
+    @property
+    def known(self) -> float:
+        """Share of the later place's points that lie where the earlier one was seen."""
+        return np.count_nonzero(self.forth) / max(len(self.forth), 1)
+
+    @property
+    def log_odds(self) -> float:
+        """Nats by which this is the same place rather than another one like those seen.
+
+        None where the place lies mostly outside of what the other map saw: along its outer walls
+        anything fits.
+        """
+        if self.known < _KNOWN:
+            return 0.0
+        return _log_odds(self.forth, _FORTH_RATES) + _log_odds(self.back, _BACK_RATES)
+
     def beyond(self, second_best: Agreement) -> float:
         """Evidence beyond that of a second best for the same later place.
 
@@ -73,15 +94,26 @@ class Agreement:
         return float(apart.sum() + back)
 
 
+def _log_odds(judged: Index, rates: tuple[float, float]) -> float:
+    hits, misses = np.count_nonzero(judged > 0), np.count_nonzero(judged < 0)
+    same, other = rates
+    return float(hits * np.log(same / other) + misses * np.log((1.0 - same) / (1.0 - other)))
+
+
 def _weighed(back: Index) -> float:
     """Contradictions in full, agreement by a quarter."""
     return float(_UNSEEN * np.count_nonzero(back > 0) - np.count_nonzero(back < 0))
 
 
 def needed_evidence(distance: float, angle: float) -> float:
-    """Points from which the best pose of a window (m and rad to each side) is no chance.
+    """Points from which the best pose of a window (m and rad to each side) is no chance."""
+    return chance(distance, angle) + MARGIN
+
+
+def chance(distance: float, angle: float) -> float:
+    """Points that the best pose of a window (m and rad to each side) has by chance.
 
     The evidence of a false pose falls off exponentially, and each distinct pose is one try.
     """
     tries = (1.0 + 2.0 * distance / APART[0]) ** 2 * (1.0 + 2.0 * angle / APART[1])
-    return float(np.log(tries) / NATS + MARGIN)
+    return float(np.log(tries) / NATS)

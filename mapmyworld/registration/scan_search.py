@@ -11,9 +11,12 @@ from mapmyworld.geometry.planar import transform_points_planar
 from mapmyworld.kernels.branch_and_bound import FULL, best_shift, fill_pyramid
 from mapmyworld.kernels.rays import count_scans
 from mapmyworld.registration.scan_matching import PreparedScan, ScanSet
+from mapmyworld.types import OccupancyGrid
 
 Array = NDArray[np.float64]
-Window = tuple[NDArray[np.uint8], int, Array, Array, float, int, Array, int, Array]
+Window = tuple[
+    NDArray[np.uint8], int, Array, Array, float, int, Array, NDArray[np.int64], int, Array
+]
 """What `best_shift` is given of grid, points and window."""
 _RESOLUTION = 0.1  # m, cells of the likelihood grid
 _LEVELS = 6  # of the pyramid: the coarsest bounds 3.2 m x 3.2 m of shifts
@@ -23,6 +26,8 @@ POINTS = 140
 """Of a scan or a submap that are scored, at most."""
 _NEAR_SEEN = 0.67  # the same in a grid that knows free cells
 _ELSEWHERE = np.array([0.6, 0.3])  # m and rad from the best pose where a second best counts
+ANOTHER = np.array([1.0, 0.3])
+"""Metres and radians from which two poses in a whole map are two, and not one in doubt."""
 NATS = 0.23
 """By which a point of a submap speaks for a pose or against it: some four points count as one."""
 MARGIN = float(np.log(100.0) / NATS)
@@ -42,6 +47,14 @@ class LikelihoodGrid:
     resolution: float
     unseen: int = 0
     """Value of a cell of which nothing is known."""
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """The corners (2,) of what is not padding, the lower left one and the upper right one."""
+        height, width = self.pyramid.shape[1:]
+        return self.corner, self.corner + self.resolution * (
+            np.array([width, height]) - 2 * self.margin
+        )
 
     def likelihoods(self, level: int) -> NDArray[np.float32]:
         """(H, W) of a level, 0 to 1."""
@@ -106,6 +119,23 @@ def evidence_grid(submap: Submap) -> LikelihoodGrid:
     return LikelihoodGrid(pyramid, corner, margin, _RESOLUTION, _UNSEEN)
 
 
+def occupancy_evidence(grid: OccupancyGrid) -> tuple[Array, LikelihoodGrid]:
+    """Surface points (N, 2) of an occupancy grid, and the grid of its evidence."""
+    cells, margin = grid.trinary(), 1 << (_LEVELS - 1)
+    rows, columns = np.nonzero(cells >= 0)
+    middles = (np.stack([columns, rows], axis=1) + 0.5) * grid.resolution
+    at = np.floor(middles / _RESOLUTION).astype(np.int64) + margin + 2
+    width, height = at.max(axis=0, initial=margin) + 3 + margin
+    pyramid = np.full((_LEVELS, height, width), _UNSEEN, np.uint8)
+    is_hit = cells[rows, columns] == 100
+    pyramid[0, at[~is_hit, 1], at[~is_hit, 0]] = 0
+    pyramid[0, at[is_hit, 1], at[is_hit, 0]] = FULL
+    fill_pyramid(pyramid, round(_NEAR_SEEN * FULL))
+    corner = np.asarray(grid.origin, np.float64) - 2.0 * _RESOLUTION
+    found = LikelihoodGrid(pyramid, corner, margin, _RESOLUTION, _UNSEEN)
+    return spread_points(grid.origin + middles[is_hit], _RESOLUTION), found
+
+
 def judged_points(points: Array, grid: LikelihoodGrid, pose: Array) -> NDArray[np.int64]:
     """Evidence (P,) of a grid for points (N, 2) at `pose` (3,): 1 on a surface, -1 free, 0 unseen.
 
@@ -158,18 +188,53 @@ def evidence_elsewhere(
     points: Array, grid: LikelihoodGrid, pose: Array, distance: float, angle: float, least: float
 ) -> Array | None:
     """The best pose (3,) in a window about `pose` but not at it, of more evidence than `least`."""
-    fixed = _window(points, grid, pose, distance, angle)
-    best = _best_elsewhere(fixed, pose, 0.5 + least * 0.5 / len(fixed[2]))
-    return best[1:] if best[0] > 0.0 else None
+    window = _window(points, grid, pose, distance, angle)
+    return _best_of(window, np.concatenate([pose, _ELSEWHERE]), least)
 
 
-def pose_elsewhere(
-    points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float,
-    least: float, pose: Array,
-) -> Array | None:  # fmt: skip
-    """The best pose (3,) in a window about `guess` but not at `pose`, if one exceeds `least`."""
-    best = _best_elsewhere(_window(points, grid, guess, distance, angle), pose, least)
-    return best[1:] if best[0] > 0.0 else None
+def search_about(
+    points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float, least: float
+) -> Array | None:
+    """The best pose (3,) of points (N, 2) in a window, if its evidence exceeds `least`."""
+    return _best_of(_window(points, grid, guess, distance, angle), _NOWHERE, least)
+
+
+def search_everywhere(points: Array, grid: LikelihoodGrid, least: float) -> Array | None:
+    """The best pose (3,) of points (N, 2) in a whole map, in any heading; None below `least`.
+
+    The frame of the points lies where the map was seen. Headings are half as many as in a window,
+    for the pose is looked for once more about what was found.
+    """
+    return _best_of(_everywhere(points, grid), _NOWHERE, least)
+
+
+def search_elsewhere(
+    points: Array, grid: LikelihoodGrid, pose: Array, least: float
+) -> Array | None:
+    """The same, but not at `pose` nor in what continues it, as along a bare wall."""
+    return _best_of(_everywhere(points, grid), np.concatenate([pose, ANOTHER]), least)
+
+
+def _everywhere(points: Array, grid: LikelihoodGrid) -> Window:
+    used = _spread(points, grid.resolution)
+    step = 2.0 * _step(used, grid)
+    angles = np.arange(-np.pi, np.pi, step)
+    side = 1 << (len(grid.pyramid) - 1)
+    rows, columns = np.nonzero(grid.pyramid[0] != grid.unseen)
+    squares = np.unique(np.stack([columns, rows], axis=1) // side, axis=0) * side - grid.margin
+    guess = np.append(grid.corner + 0.5 * grid.resolution, 0.0)
+    reach = max(grid.pyramid.shape)
+    return (
+        grid.pyramid, grid.margin, used, grid.corner, grid.resolution, grid.unseen, guess,
+        squares, reach, angles,
+    )  # fmt: skip
+
+
+def _best_of(window: Window, avoid: Array, least: float) -> Array | None:
+    """The best pose of more evidence, in points, than `least`."""
+    best, floor = np.zeros(4), 0.5 + least * 0.5 / max(len(window[2]), 1)
+    best_shift(*window, floor, avoid, best)
+    return best[1:] if best[0] > floor else None
 
 
 def _window(
@@ -177,15 +242,23 @@ def _window(
 ) -> Window:
     """The window about a guess in which the points are looked for."""
     used = _spread(points, grid.resolution)
-    far = float(np.percentile(np.hypot(*used.T), 80))
-    step = float(np.clip(grid.resolution / max(far, 1.0), 0.01, 0.05))
+    step = _step(used, grid)
     count = int(np.ceil(angle / step))
     angles = np.arange(-count, count + 1, dtype=np.float64) * step
     reach = int(np.ceil(distance / grid.resolution))
+    side = 1 << (len(grid.pyramid) - 1)
+    starts = np.arange(-reach, reach + 1, side)
+    squares = np.stack(np.meshgrid(starts, starts, indexing="ij"), axis=-1).reshape(-1, 2)
     return (
-        grid.pyramid, grid.margin, used, grid.corner, grid.resolution, grid.unseen, guess, reach,
-        angles,
+        grid.pyramid, grid.margin, used, grid.corner, grid.resolution, grid.unseen, guess,
+        squares, reach, angles,
     )  # fmt: skip
+
+
+def _step(points: Array, grid: LikelihoodGrid) -> float:
+    """Radians by which most points move one cell."""
+    far = float(np.percentile(np.hypot(*points.T), 80))
+    return float(np.clip(grid.resolution / max(far, 1.0), 0.01, 0.05))
 
 
 def _best_elsewhere(window: Window, pose: Array, least: float) -> Array:
@@ -197,10 +270,15 @@ def _best_elsewhere(window: Window, pose: Array, least: float) -> Array:
 
 def _spread(points: Array, spacing: float) -> Array:
     """Points one to a cell, so that what was seen twice does not count twice; not too many."""
+    apart = spread_points(points, spacing)
+    few = np.linspace(0, len(apart) - 1, min(POINTS, len(apart))).astype(np.int64)
+    return np.ascontiguousarray(apart[few], np.float64)
+
+
+def spread_points(points: Array, spacing: float) -> Array:
+    """The first point (N, 2) of each cell."""
     x, y = np.floor(points / spacing).astype(np.int64).T
-    first = np.sort(np.unique((x << 32) + y, return_index=True)[1])
-    few = first[np.linspace(0, len(first) - 1, min(POINTS, len(first))).astype(np.int64)]
-    return np.ascontiguousarray(points[few], np.float64)
+    return points[np.sort(np.unique((x << 32) + y, return_index=True)[1])]
 
 
 def search_pose(

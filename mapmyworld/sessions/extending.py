@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.planar import matrix_to_planar
+from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint
 from mapmyworld.graph.edited_constraints import as_found
 from mapmyworld.graph.frame_poses import pose_every_frame
-from mapmyworld.localisation.known_place import known_place_from_store
 from mapmyworld.mapping.added_grid import added_grid
 from mapmyworld.mapping.occupancy import build_grid
 from mapmyworld.memory_map import MemoryMap
+from mapmyworld.places.session_joining import locate_session
 from mapmyworld.sessions.copying import (
     Placed,
     add_drive,
@@ -28,10 +28,11 @@ from mapmyworld.sessions.copying import (
     copy_drives,
     copy_plan,
 )
-from mapmyworld.sessions.joining import have_scans, locate_session_map
+from mapmyworld.sessions.joining import have_scans, session_map
 from mapmyworld.sessions.notes import digest_of, note_sessions
-from mapmyworld.sessions.session_maps import Joint, SessionMap, load_session_map
+from mapmyworld.sessions.session_maps import SessionMap, load_session_map
 from mapmyworld.sessions.skeleton import skeleton_of
+from mapmyworld.sessions.tying import tie_sessions
 from mapmyworld.stages.draw_maps import draw_maps
 from mapmyworld.stages.kept import has_images
 from mapmyworld.stages.recognise import scan_loader
@@ -74,7 +75,7 @@ def extend_map(
         if found is None:
             return Extension(tuple(added), tuple(waiting), links)
         session_map, joint = found
-        laid = _lay(base, session_map, joint.earlier_from_later, config, progress)
+        laid = _lay(base, session_map, joint, config, progress)
         if laid is None:
             return None
         _write(base, laid, store, config, progress)
@@ -85,16 +86,17 @@ def extend_map(
 
 def _first_that_joins(
     base: SessionMap, session_maps: Sequence[SessionMap], config: Config, progress: Progress
-) -> tuple[SessionMap, Joint] | None:
+) -> tuple[SessionMap, Array] | None:
+    """And where its frame (4, 4) lies in that of the map."""
     session_maps = [session_map for session_map in session_maps if have_scans(base, session_map)]
     if not session_maps:
         return None
     progress.stage("join sessions", len(session_maps), "sessions")
-    place = known_place_from_store(base.store, config)
+    known = session_map(base, config)
     for session_map in session_maps:
-        joint = locate_session_map(session_map, place, 0, 1, config)
-        if joint is not None:
-            return session_map, joint
+        move = locate_session(known, session_map(session_map, config))
+        if move is not None:
+            return session_map, planar_to_matrix(move)
     return None
 
 
@@ -124,10 +126,11 @@ def _lay(
         copy_plan([base.store, session_map.store], scratch)
     with scratch.write_stage("track", ""):
         copy_drives(placed, scratch)
+    scans = scan_loader(scratch, config)
     with scratch.write_stage("recognise", ""):
         scratch.add_constraints(copied_constraints(placed))
+        scratch.add_constraints(tie_sessions(placed, [(0, 1)], scans, config))
     with scratch.write_stage("optimise", ""):
-        scans = scan_loader(scratch, config)
         solve_and_judge(scratch, config, progress, scans, since=item.first_id + 1)
     mine = [c for c in scratch.constraints() if item.first_id < max(c.from_id, c.to_id)]
     across = [c for c in mine if 0 < min(c.from_id, c.to_id) <= item.first_id]

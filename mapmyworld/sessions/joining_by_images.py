@@ -12,7 +12,7 @@ from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.localisation.known_images import KnownImages
 from mapmyworld.registration.views import View
-from mapmyworld.sessions.session_maps import Joint, SessionMap
+from mapmyworld.sessions.session_maps import SessionMap
 
 Array = NDArray[np.float64]
 _WITNESSES = 80  # images all over a unit that are looked for in the earlier one
@@ -21,10 +21,8 @@ _MAJORITY = 3.0  # times more that must agree than contradict
 _AGREES = (0.4, 0.15)  # m and rad within which a sighting bears a joint out
 
 
-def locate_session_map(
-    a: SessionMap, b: SessionMap, earlier: int, later: int, config: Config
-) -> Joint | None:
-    """Where most sightings of `a` by `b` put `b`, if they agree and are many."""
+def locate_session_map(a: SessionMap, b: SessionMap, config: Config) -> Array | None:
+    """(4, 4) where most sightings of `a` by `b` put `b`, if they agree and are many."""
     images = KnownImages(a.store, config)
     if len(images) == 0 or a.planar != b.planar:
         return None
@@ -43,7 +41,7 @@ def locate_session_map(
     agree, against = int(support[best]), len(found) - int(support[best])
     if agree < _SUPPORT or agree < _MAJORITY * against:
         return None
-    return Joint(earlier, later, joints[best])
+    return np.asarray(joints[best])
 
 
 def _views(session_map: SessionMap, images: KnownImages) -> Iterator[tuple[int, View]]:

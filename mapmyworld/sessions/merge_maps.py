@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import invert
-from mapmyworld.graph.edited_constraints import edits_to_json
+from mapmyworld.places.session_joining import Joint
 from mapmyworld.sessions.copying import (
     copied_constraints,
     copy_drives,
     copy_plan,
     place_session_maps,
 )
-from mapmyworld.sessions.joining import find_joints
+from mapmyworld.sessions.joining import join_units
 from mapmyworld.sessions.notes import digest_of, note_sessions
-from mapmyworld.sessions.session_maps import Joint, SessionMap
-from mapmyworld.sessions.stated import copied_edits
+from mapmyworld.sessions.session_maps import SessionMap
+from mapmyworld.sessions.tying import tie_sessions
 from mapmyworld.stages.draw_maps import draw_maps
 from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve_and_judge import solve_and_judge
@@ -58,7 +58,7 @@ def merge_maps(
     given does not matter.
     """
     ordered = sorted(session_maps, key=lambda session_map: session_map.order)
-    joints = find_joints(ordered, config, progress)
+    joints = join_units(ordered, config, progress)
     groups = _groups(len(ordered), joints)
     wanted = {k for k, session_map in enumerate(ordered) if session_map.name == first}
     sizes = [len(session_map.nodes) for session_map in ordered]
@@ -94,12 +94,11 @@ def _merge(
         copy_plan([item.session_map.store for item in placed], store)
     with store.write_stage("track", inputs):
         copy_drives(placed, store)
+    scans = scan_loader(store, config)
+    joined = [(group.index(j.earlier), group.index(j.later)) for j in joints if j.later in group]
     with store.write_stage("recognise", inputs):
         store.add_constraints(copied_constraints(placed))
-    if edits := copied_edits(placed):
-        store.put("edits", edits_to_json(edits))
-        progress.note(f"{len(edits)} edits of the maps are carried over")
-    scans = scan_loader(store, config)
+        store.add_constraints(tie_sessions(placed, joined, scans, config))
     with store.write_stage("optimise", inputs):
         solve_and_judge(store, config, progress, scans)
     with store.write_stage("map", inputs):

@@ -53,13 +53,3 @@ def load_session_map(name: str, store: MapStore) -> SessionMap:
     solved = np.stack([poses.map_from_node[at[node.id]] for node in nodes])
     planar = moves_in_plane(store)
     return SessionMap(name, store, nodes, solved, planar)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Joint:
-    """How a later unit lies in an earlier one."""
-
-    earlier: int
-    later: int
-    earlier_from_later: Array
-    """(4, 4)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -63,6 +64,7 @@ def recognise(
     loaded, found = scans(), []
     if loaded is not None:
         found += closures_by_laser(store, config, progress, loaded)
+        found += closures_between_sessions(store, config, progress, loaded, found)
     if has_images(store):
         from mapmyworld.places.visual_closures import find_visual_closures
 
@@ -97,6 +99,27 @@ def closures_by_laser(
             poses, known = draft.poses, draft.closures
         found += first_closures(loaded, poses, known, span, config, progress)
     return found
+
+
+def closures_between_sessions(
+    store: MapStore,
+    config: Config,
+    progress: Progress,
+    loaded: NodeScans,
+    found: Sequence[Judged],
+) -> list[Judged]:
+    """Those that join what a loss of tracking divides, each session as its own closures hold it."""
+    from mapmyworld.places.laser_nodes import nodes_at
+    from mapmyworld.places.session_closures import session_closures
+    from mapmyworld.places.wide_search import joined_sessions
+    from mapmyworld.stages.solve_draft import solve_draft_of
+
+    session = joined_sessions(loaded, found)
+    if not session.any():
+        return []
+    draft = solve_draft_of(store, config, [*store.constraints(), *found])
+    nodes = replace(nodes_at(loaded, draft.poses), session=session)
+    return session_closures(nodes, config, progress)
 
 
 def _finders() -> tuple[Finder, ...]:

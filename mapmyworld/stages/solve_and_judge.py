@@ -92,11 +92,11 @@ def _refined(
         return solved.poses, solved.constraints
     from mapmyworld.odometry.laser_refinement import refine_poses
     from mapmyworld.places.closure_refinement import refine_closures
-    from mapmyworld.places.wide_search import components_of
+    from mapmyworld.places.wide_search import joined_sessions
 
-    component = components_of(loaded, solved.constraints)
+    session = joined_sessions(loaded, solved.constraints)
     refined = refine_poses(
-        store, solved.poses, solved.constraints, config, progress, loaded, component
+        store, solved.poses, solved.constraints, config, progress, loaded, session
     )
     if refined is None:
         return solved.poses, solved.constraints
@@ -108,9 +108,9 @@ def _divides(scans: LoadScans) -> list[int]:
     loaded = scans()
     if loaded is None:
         return []
-    from mapmyworld.places.wide_search import components_of
+    from mapmyworld.places.wide_search import joined_sessions
 
-    begins = 1 + np.flatnonzero(np.diff(components_of(loaded, ())))
+    begins = 1 + np.flatnonzero(np.diff(joined_sessions(loaded, ())))
     return [loaded.nodes[row].id for row in begins.tolist()]
 
 

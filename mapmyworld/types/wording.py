@@ -45,10 +45,6 @@ _VERDICTS: Mapping[Why, str] = {
     Why.DEGENERATE: "degenerate: the surfaces constrain one direction poorly",
     Why.AMBIGUOUS_PLACE: "ambiguous: another place nearby has evidence {second_best:.0f} against "
     "{evidence:.0f} points",
-    Why.SUBMAPS_DISAGREE: "submap verification failed: the submaps of both places disagree",
-    Why.LESS_EXPLAINED: "another closure between the same components explains more",
-    Why.AMBIGUOUS_AFTER_LOSS: "ambiguous after a tracking loss: fits as well {metres:.1f} m and "
-    "{degrees:.0f} deg away",
     Why.IMAGES_AGREE: "{inliers} matches agree within {sigmas:g} sigma",
     Why.FEW_INLIERS: "{inliers} of {matches} matches agree, {limit} needed",
     Why.LOW_SHARE: "{share} of the matches agree, {limit} needed",

@@ -1,0 +1,112 @@
+"""All that was mapped, as one grid of evidence in which a place is looked for, however lost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.geometry.planar import invert_planar, transform_points_planar
+from mapmyworld.registration.place_evidence import FORTH, Agreement, Place, chance, needed_evidence
+from mapmyworld.registration.scan_search import (
+    MARGIN,
+    NATS,
+    LikelihoodGrid,
+    Submap,
+    evidence_grid,
+    judged_points,
+    occupancy_evidence,
+    search_about,
+    search_elsewhere,
+    search_everywhere,
+    spread_points,
+)
+from mapmyworld.types import OccupancyGrid
+
+Array = NDArray[np.float64]
+_FINER = 0.2, 0.03  # m and rad about what a search of the whole map found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WholeMap:
+    """Surfaces, free and unseen cells of a whole map, in its frame."""
+
+    points: Array
+    """(N, 2) of the surfaces, one to a cell."""
+    grid: LikelihoodGrid
+
+    @property
+    def needed(self) -> float:
+        """Points from which the best pose of a place, anywhere and in any heading, is no chance."""
+        if len(self.points) == 0:
+            return np.inf
+        return needed_evidence(float(np.ptp(self.points, axis=0).max()) / 2.0, np.pi)
+
+    def needed_odds(self, tries: int) -> float:
+        """Nats from which the best of so many places that were looked for is no chance."""
+        return self.needed * NATS + float(np.log(max(tries, 1)))
+
+    def judge(self, place: Place, pose: Array) -> Agreement:
+        """What the map and a place report about each other's points, the place lying at a pose (3,)."""
+        back = invert_planar(pose)
+        seen = transform_points_planar(back, self.points)
+        low, high = place.grid.bounds
+        near = seen[((seen >= low) & (seen < high)).all(axis=1)]
+        return Agreement(
+            judged_points(place.submap.points, self.grid, pose),
+            judged_points(near, place.grid, np.zeros(3)),
+        )
+
+    def find(self, place: Place) -> Array | None:
+        """The pose (3,) at which the map explains a place best; None where that may be chance."""
+        if len(place.submap.points) == 0 or len(self.points) == 0:
+            return None
+        pose = search_everywhere(place.submap.points, self.grid, FORTH * self.needed)
+        return None if pose is None else self.best_about(place, pose, *_FINER)[0]
+
+    def find_other(self, place: Place, pose: Array) -> Array | None:
+        """Another pose (3,), at which the map explains a place as well as at this one."""
+        here = float(self.judge(place, pose).forth.sum())
+        least = max(FORTH * self.needed, here - MARGIN)
+        other = search_elsewhere(place.submap.points, self.grid, pose, least)
+        return None if other is None else self.best_about(place, other, *_FINER)[0]
+
+    def is_elsewhere(self, place: Place, pose: Array) -> bool | None:
+        """Whether the place rather lies at another pose than at this one (3,).
+
+        None where both are about as likely.
+        """
+        other = self.find_other(place, pose)
+        if other is None:
+            return False
+        here, there = self.judge(place, pose), self.judge(place, other)
+        if here.beyond(there) >= MARGIN:
+            return False
+        return True if there.beyond(here) >= MARGIN else None
+
+    def best_about(
+        self, place: Place, pose: Array, distance: float, angle: float
+    ) -> tuple[Array, Agreement]:
+        """The best pose in a window about one, if chance does not explain that; else that one."""
+        here = self.judge(place, pose)
+        if not here.forth.any() and not here.back.any():
+            return pose, here
+        least = float(here.forth.sum())
+        found = search_about(place.submap.points, self.grid, pose, distance, angle, least)
+        if found is None:
+            return pose, here
+        there = self.judge(place, found)
+        better = there.evidence - chance(distance, angle) > here.evidence
+        return (found, there) if better else (pose, here)
+
+
+def map_of_scans(submap: Submap) -> WholeMap:
+    """The map that scans make."""
+    grid = evidence_grid(submap)
+    return WholeMap(spread_points(submap.points, grid.resolution), grid)
+
+
+def map_of_grid(grid: OccupancyGrid) -> WholeMap:
+    """A finished map's grid, from whatever program."""
+    return WholeMap(*occupancy_evidence(grid))

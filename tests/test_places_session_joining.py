@@ -1,0 +1,154 @@
+"""Sessions that tracking losses divide: joined where they fit in one way, apart where in two."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from laser_rooms import WALLS, cast
+from numpy.typing import NDArray
+from sample_verdicts import REJECTED
+
+from mapmyworld.api import Silent
+from mapmyworld.config import Config
+from mapmyworld.geometry.planar import (
+    between_planar,
+    compose_planar,
+    invert_planar,
+    matrix_to_planar,
+    planar_to_matrix,
+)
+from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
+from mapmyworld.places.session_closures import session_closures
+from mapmyworld.places.session_joining import SessionMap, find_joints, judge_pose, locate_session
+from mapmyworld.places.wide_search import joined_sessions
+from mapmyworld.registration.place_evidence import Said
+from mapmyworld.registration.scan_matching import prepare_scan, scan_set
+from mapmyworld.types import ConstraintKind, Judged, Node
+
+CONFIG = Config()
+Array = NDArray[np.float64]
+HALL = np.array([[-5, -3, 5, -3], [5, -3, 5, 3], [5, 3, -5, 3], [-5, 3, -5, -3]], np.float64)
+LENGTH = 750.0  # m of path that a loss counts for after which any heading is open
+STRAIGHT = np.stack([np.linspace(-3.0, -1.0, 41), np.full(41, 1.0), np.zeros(41)], axis=-1)
+TURNING = np.column_stack([np.tile(STRAIGHT[-1, :2], (20, 1)), np.linspace(0.15, 3.1, 20)])
+AND_BACK = np.concatenate([STRAIGHT, TURNING, compose_planar([-4.0, 2.0, np.pi], STRAIGHT)])
+
+
+def carried(walls: Array, *paths: Array, unseen: float = LENGTH) -> tuple[LaserNodes, NodeScans]:
+    """Nodes of a robot that is carried from path to path, each time turned by 40 degrees."""
+    truth = np.concatenate(paths)
+    begin = [
+        compose_planar([0.3, 0.1, np.radians(40.0) * k], path[0]) for k, path in enumerate(paths)
+    ]
+    believed = np.concatenate(
+        [
+            compose_planar(at, between_planar(path[0], path))
+            for at, path in zip(begin, paths, strict=True)
+        ]
+    )
+    scans = [prepare_scan(cast(p, walls, k), CONFIG.registration) for k, p in enumerate(truth)]
+    nodes = [Node(k + 1, 0, k, p, p) for k, p in enumerate(planar_to_matrix(believed))]
+    lost = np.zeros(len(truth))
+    lost[np.cumsum([len(path) for path in paths])[:-1]] = unseen
+    loaded = NodeScans(nodes, scan_set(scans), lost, np.ones(len(truth), np.bool_))
+    return nodes_at(loaded, None), loaded
+
+
+def located(walls: Array, *paths: Array) -> Array | None:
+    """Where the second session lies in the first (3,), each in a frame of its own."""
+    nodes, _ = carried(walls, *paths)
+    maps = [SessionMap(nodes, np.flatnonzero(nodes.session == k), CONFIG) for k in (0, 1)]
+    return locate_session(*maps)
+
+
+def miss(move: Array, walls: Array, *paths: Array) -> Array:
+    """(2,) metres and radians at the second session's first node."""
+    nodes, _ = carried(walls, *paths)
+    first = len(paths[0])
+    there = between_planar(nodes.poses[0], compose_planar(move, nodes.poses[first]))
+    off = between_planar(between_planar(paths[0][0], paths[1][0]), there)
+    return np.array([np.hypot(*off[:2]), abs(off[2])])
+
+
+@pytest.mark.parametrize("path", [STRAIGHT, AND_BACK])
+def test_a_bare_hall_is_the_same_after_half_a_turn(path: Array) -> None:
+    assert located(HALL, AND_BACK, path) is None
+
+
+def test_a_pillar_in_the_hall_leaves_one_pose() -> None:
+    pillar = np.array([[1, 1.5, 3, 1.5], [3, 1.5, 3, -2], [3, -2, 1, -2], [1, -2, 1, 1.5]])
+    walls = np.concatenate([HALL, pillar])
+    move = located(walls, AND_BACK, STRAIGHT)
+    assert move is not None
+    assert (miss(move, walls, AND_BACK, STRAIGHT) < [0.1, 0.02]).all()
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0])
+def test_rooms_that_differ_are_joined_in_any_heading(turn: float) -> None:
+    later = STRAIGHT.copy()
+    later[:, 2] += turn
+    nodes, _ = carried(WALLS, STRAIGHT, later)
+    accepted = [c for c in session_closures(nodes, CONFIG, Silent()) if c.accepted]
+    assert accepted
+    truth = np.concatenate([STRAIGHT, later])
+    for c in accepted:
+        assert c.kind == ConstraintKind.LOOP_CLOSURE
+        wanted = between_planar(truth[c.from_id - 1], truth[c.to_id - 1])
+        off = between_planar(wanted, matrix_to_planar(c.i_from_j))
+        assert np.abs(off).max() < 0.03
+
+
+def test_what_lies_beside_a_map_does_not_join_it() -> None:
+    """A hall whose wall could lie on the outer wall of another one, seen from its other side."""
+    wide = HALL * 1.7
+    one, _ = carried(HALL, AND_BACK)
+    other, _ = carried(wide, AND_BACK)
+    maps = [SessionMap(n, np.arange(len(n.ids)), CONFIG) for n in (one, other)]
+    assert locate_session(*maps) is None
+    assert locate_session(*reversed(maps)) is None
+
+
+def test_a_relative_pose_is_as_likely_whichever_session_is_called_the_earlier() -> None:
+    nodes, _ = carried(WALLS, AND_BACK, STRAIGHT)
+    one, other = (SessionMap(nodes, np.flatnonzero(nodes.session == k), CONFIG) for k in (0, 1))
+    move = locate_session(one, other)
+    assert move is not None
+    spot = other.sought[0]
+    there = judge_pose(one, other, move, spot)
+    about = compose_planar(move, nodes.poses[spot])
+    same = int(one.rows[np.argmin(np.hypot(*(nodes.poses[one.rows] - about).T[:2]))])
+    again = judge_pose(other, one, invert_planar(move), same)
+    assert again.log_odds == pytest.approx(there.log_odds, rel=0.05)
+    assert set(again.later) == set(there.earlier)
+
+
+def test_odds_weigh_a_miss_more_than_a_hit() -> None:
+    """Another building's corridor explains three points of four as well."""
+    many, none = np.ones(100, np.int64), np.zeros(0, np.int64)
+    assert Said(many, none).log_odds > 20.0
+    corridor = many.copy()
+    corridor[:25] = -1
+    assert Said(corridor, none).log_odds < 0.0
+    assert Said(np.zeros(100, np.int64), none).log_odds == 0.0
+    assert Said(np.zeros(100, np.int64), none).known == 0.0
+
+
+def test_each_session_is_tied_to_one_of_each_group_it_belongs_to() -> None:
+    near = {(0, 1), (0, 2), (1, 2), (3, 4), (2, 4)}
+    joints = find_joints(5, lambda a, b: np.zeros(3) if (a, b) in near else None)
+    assert [(j.earlier, j.later) for j in joints] == [(0, 1), (0, 2), (2, 4), (3, 4)]
+
+
+def closure(a: int, b: int, *, accepted: bool = True) -> Judged:
+    made = Judged(a, b, ConstraintKind.LOOP_CLOSURE, np.eye(4), np.eye(6))
+    return made if accepted else made.judged(REJECTED)
+
+
+def test_sessions_are_one_that_closures_join_and_end_where_nothing_reports_the_motion() -> None:
+    _, lost = carried(HALL, STRAIGHT, STRAIGHT, STRAIGHT)
+    assert np.unique(joined_sessions(lost, [])).tolist() == [0, 1, 2]
+    assert len(np.unique(joined_sessions(lost, [closure(3, 100)]))) == 2
+    assert len(np.unique(joined_sessions(lost, [closure(3, 100, accepted=False)]))) == 3
+    assert len(np.unique(joined_sessions(lost, [closure(3, 100), closure(50, 99)]))) == 1
+    _, blind = carried(HALL, STRAIGHT, STRAIGHT, unseen=30.0)  # odometry goes on
+    assert np.unique(joined_sessions(blind, [])).tolist() == [0]

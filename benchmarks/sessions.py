@@ -29,9 +29,9 @@ from formats.trajectory_files import read_trajectory
 from mapmyworld.config import Config
 from mapmyworld.evaluation.relations_metric import relations_score
 from mapmyworld.evaluation.trajectory_error import ate
-from mapmyworld.places.session_joining import SessionMap, locate_session
+from mapmyworld.places.session_joining import SessionPlaces, locate_session
 from mapmyworld.sessions import load_session_map
-from mapmyworld.sessions.joining import session_map
+from mapmyworld.sessions.joining import session_places
 from mapmyworld.types import Trajectory
 
 HALVES = {
@@ -167,10 +167,10 @@ def strangers(bench: Bench) -> None:
     """One map of each place; how many pairs there were and which joined, in one row or more."""
     names = {n: half_maps(bench, n)[k % 2] for k, n in enumerate(HALVES)}
     names |= {f"hall-{seed}": hall_maps(bench, seed)[seed % 2] for seed in HALLS}
-    known: dict[str, SessionMap] = {}
+    known: dict[str, SessionPlaces] = {}
     for name, path in names.items():
         with open_store(path, read_only=True) as store:
-            known[name] = session_map(load_session_map(name, store), bench.config)
+            known[name] = session_places(load_session_map(name, store), bench.config)
             known[name] = held(known[name])
     same = {frozenset(("b-intel", "intel")), frozenset(("b-csail", "mit-csail"))}
     count = false = 0
@@ -186,7 +186,7 @@ def strangers(bench: Bench) -> None:
     row(f"strangers, {count} pairs, {false} joined", False, "apart", "apart", "", spent)
 
 
-def held(session: SessionMap) -> SessionMap:
+def held(session: SessionPlaces) -> SessionPlaces:
     """With its map and its places made, for its store is closed."""
     assert session.whole.points.any()
     assert len(session.places)

@@ -19,7 +19,7 @@ from mapmyworld.geometry.planar import (
 )
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.session_closures import session_closures
-from mapmyworld.places.session_joining import SessionMap, find_joints, judge_pose, locate_session
+from mapmyworld.places.session_joining import SessionPlaces, find_joints, judge_pose, locate_session
 from mapmyworld.places.wide_search import joined_sessions
 from mapmyworld.registration.place_evidence import Said
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
@@ -57,7 +57,7 @@ def carried(walls: Array, *paths: Array, unseen: float = LENGTH) -> tuple[LaserN
 def located(walls: Array, *paths: Array) -> Array | None:
     """Where the second session lies in the first (3,), each in a frame of its own."""
     nodes, _ = carried(walls, *paths)
-    maps = [SessionMap(nodes, np.flatnonzero(nodes.session == k), CONFIG) for k in (0, 1)]
+    maps = [SessionPlaces(nodes, np.flatnonzero(nodes.session == k), CONFIG) for k in (0, 1)]
     return locate_session(*maps)
 
 
@@ -103,14 +103,14 @@ def test_what_lies_beside_a_map_does_not_join_it() -> None:
     wide = HALL * 1.7
     one, _ = carried(HALL, AND_BACK)
     other, _ = carried(wide, AND_BACK)
-    maps = [SessionMap(n, np.arange(len(n.ids)), CONFIG) for n in (one, other)]
+    maps = [SessionPlaces(n, np.arange(len(n.ids)), CONFIG) for n in (one, other)]
     assert locate_session(*maps) is None
     assert locate_session(*reversed(maps)) is None
 
 
 def test_a_relative_pose_is_as_likely_whichever_session_is_called_the_earlier() -> None:
     nodes, _ = carried(WALLS, AND_BACK, STRAIGHT)
-    one, other = (SessionMap(nodes, np.flatnonzero(nodes.session == k), CONFIG) for k in (0, 1))
+    one, other = (SessionPlaces(nodes, np.flatnonzero(nodes.session == k), CONFIG) for k in (0, 1))
     move = locate_session(one, other)
     assert move is not None
     spot = other.sought[0]

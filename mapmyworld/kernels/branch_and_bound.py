@@ -18,7 +18,10 @@ FULL = 255  # likelihood of a cell that holds a surface
 
 @jit
 def fill_pyramid(pyramid: NDArray[np.uint8], near: int) -> None:
-    """From the surfaces in level 0, a ring of `near` around them, and all higher levels."""
+    """Fills `pyramid` (L, H, W) from the surfaces in level 0.
+
+    A ring of `near` around them, and all higher levels.
+    """
     levels, height, width = pyramid.shape
     for row in range(1, height - 1):
         for column in range(1, width - 1):

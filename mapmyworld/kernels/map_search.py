@@ -18,9 +18,11 @@ def cast_rays(
     reach: float,
     hits: NDArray[np.float64],
 ) -> int:
-    """Fills `hits` rows with the middles of the first occupied cells along rays; says how many.
+    """Fills `hits` (N, 2) with the middles of the first occupied cells along rays; gives their
+    count.
 
-    Everything is in cells. A ray that leaves what is known, or `reach`, hits nothing.
+    Everything is in cells, of grids (H, W). A ray, of which `bearings` (N,) gives the direction,
+    that leaves what is known, or `reach`, hits nothing.
     """
     height, width = occupied.shape
     count = 0
@@ -52,7 +54,7 @@ def explain_points(
     limit: float,
     counts: NDArray[np.int64],
 ) -> None:
-    """Counts of points (N, 2), map frame, that a map explains, contradicts, and indicates nothing about.
+    """Counts of points (N, 2), map frame, that a map explains, contradicts, or does not know.
 
     Explained is what ends within `limit` metres of a surface. Contradicted is what ends where the
     map is free (`state` 0), or beyond an occupied cell (100) seen from `eye` (2,).

@@ -11,7 +11,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import compose_planar
 from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_nodes import LaserNodes
-from mapmyworld.places.session_joining import SessionMap, find_joints, locate_session
+from mapmyworld.places.session_joining import SessionPlaces, find_joints, locate_session
 from mapmyworld.types import ConstraintKind, Judged, Progress
 
 Array = NDArray[np.float64]
@@ -21,7 +21,7 @@ _NEAR = 3.0  # m between two places that see the same
 def session_closures(nodes: LaserNodes, config: Config, progress: Progress) -> list[Judged]:
     """Closures between the sessions of these nodes, as far as they are recognised."""
     numbers = np.unique(nodes.session)
-    maps = [SessionMap(nodes, np.flatnonzero(nodes.session == n), config) for n in numbers]
+    maps = [SessionPlaces(nodes, np.flatnonzero(nodes.session == n), config) for n in numbers]
     progress.stage("join sessions", len(maps), "sessions")
 
     def locate(earlier: int, later: int) -> Array | None:
@@ -34,13 +34,13 @@ def session_closures(nodes: LaserNodes, config: Config, progress: Progress) -> l
         poses = nodes.poses.copy()
         poses[later.rows] = compose_planar(joint.earlier_from_later, poses[later.rows])
         moved = replace(nodes, poses=poses)
-        later = SessionMap(moved, later.rows, config)
+        later = SessionPlaces(moved, later.rows, config)
         closures += closures_between(moved, maps[joint.earlier], later, config)
     return closures
 
 
 def closures_between(
-    nodes: LaserNodes, earlier: SessionMap, later: SessionMap, config: Config
+    nodes: LaserNodes, earlier: SessionPlaces, later: SessionPlaces, config: Config
 ) -> list[Judged]:
     """Places of two sessions that lie near each other at these nodes' poses, compared."""
     pairs = _near_pairs(nodes, earlier, later)
@@ -48,7 +48,9 @@ def closures_between(
     return [replace(c, kind=ConstraintKind.LOOP_CLOSURE) for c in found]
 
 
-def _near_pairs(nodes: LaserNodes, earlier: SessionMap, later: SessionMap) -> list[tuple[int, int]]:
+def _near_pairs(
+    nodes: LaserNodes, earlier: SessionPlaces, later: SessionPlaces
+) -> list[tuple[int, int]]:
     """(earlier, later) nodes, for each place of the later session the nearest one."""
     seeing = earlier.rows[nodes.sees[earlier.rows]]
     pairs = []

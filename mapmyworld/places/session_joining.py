@@ -38,12 +38,12 @@ _CHANGED = 0.1  # share of places that no longer look as they did, or that drift
 
 
 @dataclass(frozen=True, eq=False)
-class SessionMap:
+class SessionPlaces:
     """What a session saw."""
 
     nodes: LaserNodes
     rows: Index
-    """Its nodes, ascending."""
+    """(R,) its nodes, ascending."""
     config: Config
 
     @cached_property
@@ -107,7 +107,7 @@ def _log_odds(places: Iterable[Agreement]) -> float:
     return float(np.logaddexp(np.log(1.0 - _CHANGED) + odds, np.log(_CHANGED)).sum())
 
 
-def locate_session(earlier: SessionMap, later: SessionMap) -> Array | None:
+def locate_session(earlier: SessionPlaces, later: SessionPlaces) -> Array | None:
     """The later session's frame (3,) in that of the earlier one; None where that is open."""
     tried: list[Hypothesis] = []
     needed = earlier.whole.needed_odds(len(later.sought))
@@ -127,8 +127,11 @@ def locate_session(earlier: SessionMap, later: SessionMap) -> Array | None:
     return None
 
 
-def judge_pose(earlier: SessionMap, later: SessionMap, move: Array, spot: int) -> Hypothesis:
-    """Every place may be off by what the sessions drifted since the one that was found."""
+def judge_pose(earlier: SessionPlaces, later: SessionPlaces, move: Array, spot: int) -> Hypothesis:
+    """Odds of the later frame (3,) in the earlier one, found from the place around `spot`.
+
+    Every place may be off by what the sessions drifted since the one that was found.
+    """
     about = later.nodes.poses[spot]
     there, back = compose_planar(move, about), invert_planar(move)
     return Hypothesis(
@@ -137,7 +140,7 @@ def judge_pose(earlier: SessionMap, later: SessionMap, move: Array, spot: int) -
 
 
 def _reports(
-    known: SessionMap, other: SessionMap, move: Array, about: Array
+    known: SessionPlaces, other: SessionPlaces, move: Array, about: Array
 ) -> dict[int, Agreement]:
     """Of each place of a session in a map, `about` (3,) being a pose where both agree."""
     reports = {}
@@ -157,7 +160,7 @@ def _window(off: Array, config: Config) -> tuple[float, float]:
 
 
 def _is_ambiguous(
-    earlier: SessionMap, later: SessionMap, best: Hypothesis, tried: list[Hypothesis],
+    earlier: SessionPlaces, later: SessionPlaces, best: Hypothesis, tried: list[Hypothesis],
     needed: float,
 ) -> bool:  # fmt: skip
     """Whether another relative pose is about as likely: no less so than chance makes one."""
@@ -196,7 +199,9 @@ class Joint:
 
 
 def find_joints(count: int, locate: Callable[[int, int], Array | None]) -> list[Joint]:
-    """For each session one earlier session of every group that it belongs to."""
+    """For each session one earlier session of every group that it belongs to; `locate` gives the
+    later frame (4, 4), or (3,) in the plane, in the earlier one.
+    """
     group = list(range(count))
     joints: list[Joint] = []
     for later in range(1, count):

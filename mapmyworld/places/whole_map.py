@@ -48,7 +48,7 @@ class WholeMap:
         return self.needed * NATS + float(np.log(max(tries, 1)))
 
     def judge(self, place: Place, pose: Array) -> Agreement:
-        """What the map and a place report about each other's points, the place lying at a pose (3,)."""
+        """How the map and a place at a pose (3,) agree about each other's points."""
         back = invert_planar(pose)
         seen = transform_points_planar(back, self.points)
         low, high = place.grid.bounds
@@ -88,7 +88,7 @@ class WholeMap:
     def best_about(
         self, place: Place, pose: Array, distance: float, angle: float
     ) -> tuple[Array, Agreement]:
-        """The best pose in a window about one, if chance does not explain that; else that one."""
+        """The best pose (3,) in a window about one (3,), if chance does not explain that; else that one."""
         here = self.judge(place, pose)
         if not here.forth.any() and not here.back.any():
             return pose, here

@@ -28,7 +28,7 @@ from mapmyworld.sessions.copying import (
     copy_drives,
     copy_plan,
 )
-from mapmyworld.sessions.joining import have_scans, session_map
+from mapmyworld.sessions.joining import have_scans, session_places
 from mapmyworld.sessions.notes import digest_of, note_sessions
 from mapmyworld.sessions.session_maps import SessionMap, load_session_map
 from mapmyworld.sessions.skeleton import skeleton_of
@@ -92,9 +92,9 @@ def _first_that_joins(
     if not session_maps:
         return None
     progress.stage("join sessions", len(session_maps), "sessions")
-    known = session_map(base, config)
+    known = session_places(base, config)
     for session_map in session_maps:
-        move = locate_session(known, session_map(session_map, config))
+        move = locate_session(known, session_places(session_map, config))
         if move is not None:
             return session_map, planar_to_matrix(move)
     return None

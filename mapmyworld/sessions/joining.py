@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.places.laser_nodes import load_node_scans, nodes_at
-from mapmyworld.places.session_joining import Joint, SessionMap, find_joints, locate_session
+from mapmyworld.places.session_joining import Joint, SessionPlaces, find_joints, locate_session
 from mapmyworld.sessions import joining_by_images as by_images
 from mapmyworld.sessions.session_maps import SessionMap
 from mapmyworld.stages.kept import has_scans
@@ -18,9 +18,9 @@ Array = NDArray[np.float64]
 
 
 def join_units(session_maps: list[SessionMap], config: Config, progress: Progress) -> list[Joint]:
-    """For each unit one earlier unit of every group that it belongs to."""
+    """For each session one earlier session of every group that it belongs to."""
     maps = [
-        session_map(session_map, config) if _has_laser(session_map) else None
+        session_places(session_map, config) if _has_laser(session_map) else None
         for session_map in session_maps
     ]
     progress.stage("join sessions", len(session_maps), "sessions")
@@ -45,7 +45,7 @@ def _has_laser(session_map: SessionMap) -> bool:
     return session_map.planar and has_scans(session_map.store)
 
 
-def session_map(session_map: SessionMap, config: Config) -> SessionMap:
-    """What a unit's laser saw, at its final poses."""
+def session_places(session_map: SessionMap, config: Config) -> SessionPlaces:
+    """What a session's laser saw, at its final poses."""
     nodes = nodes_at(load_node_scans(session_map.store, config), session_map.store.poses())
-    return SessionMap(nodes, np.arange(len(nodes.ids)), config)
+    return SessionPlaces(nodes, np.arange(len(nodes.ids)), config)

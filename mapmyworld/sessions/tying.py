@@ -10,7 +10,7 @@ import numpy as np
 from mapmyworld.config import Config
 from mapmyworld.places.laser_nodes import nodes_at
 from mapmyworld.places.session_closures import closures_between
-from mapmyworld.places.session_joining import SessionMap
+from mapmyworld.places.session_joining import SessionPlaces
 from mapmyworld.sessions.copying import Placed
 from mapmyworld.stages.recognise import LoadScans
 from mapmyworld.types import Judged, Poses
@@ -33,7 +33,7 @@ def tie_sessions(
     nodes = nodes_at(loaded, Poses(ids, solved))
     nodes = replace(nodes, session=number[np.searchsorted(ids, nodes.ids)])
     maps = [
-        SessionMap(nodes, np.flatnonzero(nodes.session == k), config) for k in range(len(placed))
+        SessionPlaces(nodes, np.flatnonzero(nodes.session == k), config) for k in range(len(placed))
     ]
     return [
         c

@@ -216,7 +216,7 @@ def test_where_closures_hold_the_drive_nothing_is_lost() -> None:
     held = held_by(nodes, closed).graph
     assert held.driven(46, 144) < 20.0
     assert held.driven(0, 98) == 0.0
-    assert lost_pairs(nodes, CONFIG)
+    assert lost_pairs(held_by(nodes, []), CONFIG)
     pairs = lost_pairs(held_by(nodes, closed), CONFIG)
     assert all(held.driven(a, b) > 75.0 for a, b in pairs)
     assert not any(abs(b - 98 - a) < 15 for a, b in pairs if b >= 98)

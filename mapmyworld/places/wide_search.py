@@ -15,7 +15,7 @@ from mapmyworld.places.path_graph import PathGraph
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
-_LONG = 75.0  # m of way without a closure from which two places may be far from where they seem
+_LONG = 75.0  # m of path without a closure from which two places may be far from where they seem
 _LATER, _EARLIER = 8.0, 4.0  # m of path between the places that look, and that are looked at
 _FARTHER = 1.5  # times the drift that is expected: of the few searches far off none is to miss it
 BESIDE = 5.0

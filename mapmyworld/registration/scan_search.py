@@ -211,7 +211,7 @@ def search_everywhere(points: Array, grid: LikelihoodGrid, least: float) -> Arra
 def search_elsewhere(
     points: Array, grid: LikelihoodGrid, pose: Array, least: float
 ) -> Array | None:
-    """The same of points (N, 2), but not at `pose` (3,) nor in what continues it, as along a bare wall."""
+    """The same of points (N, 2), not at `pose` (3,) nor in what continues it, as along a wall."""
     return _best_of(_everywhere(points, grid), np.concatenate([pose, ANOTHER]), least)
 
 

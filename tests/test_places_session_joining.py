@@ -21,7 +21,7 @@ from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.session_closures import session_closures
 from mapmyworld.places.session_joining import SessionPlaces, find_joints, judge_pose, locate_session
 from mapmyworld.places.wide_search import joined_sessions
-from mapmyworld.registration.place_evidence import Said
+from mapmyworld.registration.place_evidence import Agreement
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.types import ConstraintKind, Judged, Node
 
@@ -125,12 +125,12 @@ def test_a_relative_pose_is_as_likely_whichever_session_is_called_the_earlier() 
 def test_odds_weigh_a_miss_more_than_a_hit() -> None:
     """Another building's corridor explains three points of four as well."""
     many, none = np.ones(100, np.int64), np.zeros(0, np.int64)
-    assert Said(many, none).log_odds > 20.0
+    assert Agreement(many, none).log_odds > 20.0
     corridor = many.copy()
     corridor[:25] = -1
-    assert Said(corridor, none).log_odds < 0.0
-    assert Said(np.zeros(100, np.int64), none).log_odds == 0.0
-    assert Said(np.zeros(100, np.int64), none).known == 0.0
+    assert Agreement(corridor, none).log_odds < 0.0
+    assert Agreement(np.zeros(100, np.int64), none).log_odds == 0.0
+    assert Agreement(np.zeros(100, np.int64), none).known == 0.0
 
 
 def test_each_session_is_tied_to_one_of_each_group_it_belongs_to() -> None:

@@ -88,7 +88,7 @@ class WholeMap:
     def best_about(
         self, place: Place, pose: Array, distance: float, angle: float
     ) -> tuple[Array, Agreement]:
-        """The best pose (3,) in a window about one (3,), if chance does not explain that; else that one."""
+        """The best pose (3,) in a window about one (3,), or that one where chance explains it."""
         here = self.judge(place, pose)
         if not here.forth.any() and not here.back.any():
             return pose, here

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import invert
+from mapmyworld.graph.edited_constraints import edits_to_json
 from mapmyworld.places.session_joining import Joint
 from mapmyworld.sessions.copying import (
     copied_constraints,
@@ -21,6 +22,7 @@ from mapmyworld.sessions.copying import (
 from mapmyworld.sessions.joining import join_units
 from mapmyworld.sessions.notes import digest_of, note_sessions
 from mapmyworld.sessions.session_maps import SessionMap
+from mapmyworld.sessions.stated import copied_edits
 from mapmyworld.sessions.tying import tie_sessions
 from mapmyworld.stages.draw_maps import draw_maps
 from mapmyworld.stages.recognise import scan_loader
@@ -99,6 +101,9 @@ def _merge(
     with store.write_stage("recognise", inputs):
         store.add_constraints(copied_constraints(placed))
         store.add_constraints(tie_sessions(placed, joined, scans, config))
+    if edits := copied_edits(placed):
+        store.put("edits", edits_to_json(edits))
+        progress.note(f"{len(edits)} edits of the maps are carried over")
     with store.write_stage("optimise", inputs):
         solve_and_judge(store, config, progress, scans)
     with store.write_stage("map", inputs):

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.decisions import decided
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -120,6 +121,8 @@ def locate_session(earlier: SessionPlaces, later: SessionPlaces) -> Array | None
             continue
         tried.append(judge_pose(earlier, later, move, spot))
         best = max(tried, key=lambda one: one.log_odds)
+        odds = tried[-1].log_odds
+        decided("join", f"session at {move.round(2)}: log odds {odds:.0f}, needed {needed:.0f}")
         if best is not tried[-1] or best.log_odds < needed:
             continue
         if not _is_ambiguous(earlier, later, best, tried, needed):

@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import io
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
@@ -63,10 +64,23 @@ def try_command(arguments: list[str], seconds: float = SECONDS) -> Outcome:
 def wait_for_tables(map_db: Path, build: subprocess.Popen[str]) -> None:
     """Waits until a build of its own has begun its map: SQLite makes the file, then the tables."""
     deadline = time.monotonic() + 120.0
-    while build.poll() is None and not (map_db.exists() and map_db.stat().st_size):
+    while build.poll() is None and not _has_tables(map_db):
         if time.monotonic() > deadline:
             raise HangError(f"no map after two minutes: {map_db}")
         time.sleep(0.01)
+
+
+def _has_tables(map_db: Path) -> bool:
+    """Whether they are written for good: a file alone is empty again once its writer is killed."""
+    if not map_db.exists():
+        return False
+    try:
+        with contextlib.closing(
+            sqlite3.connect(f"{map_db.as_uri()}?mode=ro", uri=True)
+        ) as database:
+            return bool(database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0])
+    except sqlite3.OperationalError:
+        return False
 
 
 def end_with_parent() -> None:

@@ -313,8 +313,8 @@ class LaserTracker:
             if other.evidence < needed or match.overlap * len(scan.rows) < _FEWEST:
                 continue
             more = self._log_prior(predicted, match.pose, variances, fault)
-            if not fits:  # against new ground, which neither fits nor contradicts: beyond chance
-                more += NATS * min(other.evidence - needed, other.beyond(plain))
+            if not fits:  # against nothing that fits: what exceeds chance
+                more += NATS * (other.evidence - needed)
             elif np.hypot(*apart[:2]) < APART[0] and abs(apart[2]) < APART[1]:
                 more += _LOG_ODDS * points * (_quality(match) - _quality(first)) - prior
             else:

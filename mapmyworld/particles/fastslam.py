@@ -46,6 +46,8 @@ class FastSlamResult:
     history: FastSlamHistory
     revisits: Contradictions
     """What visits to the same places report of each other in the final map."""
+    times_lost: int
+    """Scans that fit nothing seen before while there was no odometry."""
     notes: tuple[str, ...]
     losses: tuple[str, ...]
     """What tracking noticed, and what it lost."""
@@ -64,6 +66,7 @@ class _Record:
     """Frames at which the filter is updated."""
     beams: list[Beams] = field(default_factory=list)
     scans: list[Scan] = field(default_factory=list)
+    times_lost: int = 0
 
     def add(self, frame: Frame, tracked: LaserMotion, settings: ParticlesConfig) -> None:
         """One more frame that has a scan."""
@@ -71,6 +74,7 @@ class _Record:
         self.stamps.append(frame.stamp_ns)
         self.tracked.append(tracked.pose)
         self.covariances.append(tracked.covariance)
+        self.times_lost += int(tracked.is_break and odometry is None)
         self.odometry.append(np.full(3, np.nan) if odometry is None else matrix_to_planar(odometry))
         if frame.scan is not None and self._moved_enough(settings):
             self.updates.append(len(self.tracked) - 1)
@@ -115,6 +119,7 @@ def run_fastslam(frames: Iterable[Frame], config: Config, progress: Progress) ->
         grid=_grid(updates, record, config),
         history=history_from_filter(particles.generations, updates, np.array(record.updates)),
         revisits=contradictions(updates, record.beams),
+        times_lost=record.times_lost,
         notes=tracker.notes(),
         losses=tracker.losses(),
     )

@@ -110,11 +110,8 @@ def _mixture_covariance(proposal: Proposal, w: NDArray[np.float64]) -> NDArray[n
     By the law of total covariance: the mean of the covariances plus the covariance of the means.
     """
     weights = w[:, None] * np.exp(proposal.log_mass - proposal.log_weight[:, None])
-    mean, each, w = (
-        proposal.mean.reshape(-1, 3),
-        proposal.covariance.reshape(-1, 3, 3),
-        weights.ravel(),
-    )
+    mean, each = proposal.mean.reshape(-1, 3), proposal.covariance.reshape(-1, 3, 3)
+    w = weights.ravel()
     about = mean[int(np.argmax(w))]
     deviation = mean - about
     deviation[:, 2] = wrap_angle(deviation[:, 2])

@@ -56,7 +56,7 @@ class _PathFollower:
     def __init__(self, result: FastSlamResult) -> None:
         self._path = planar_to_matrix(result.path)
         self._notes = result.notes
-        self._losses = (*result.losses, *_divergence(result.revisits))
+        self._losses = (*result.losses, *_lost(result.times_lost), *_divergence(result.revisits))
 
     def follow(self, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Motion]]:
         with_scan = (frame for frame in frames if frame.scan is not None)
@@ -70,12 +70,22 @@ class _PathFollower:
         return self._losses
 
 
+def _lost(times: int) -> tuple[str, ...]:
+    """No particle is drawn farther off than the scan matcher reaches."""
+    if not times:
+        return ()
+    return (
+        f"tracking was lost {times} times without odometry, and the particle filter has no global "
+        "search: the map may be wrong from there on; use --method graph",
+    )
+
+
 def _divergence(revisits: Contradictions) -> tuple[str, ...]:
     """What the user should know of a map that fell apart."""
     if not revisits.diverged:
         return ()
     return (
         f"the particle filter diverged: {revisits.contradicting} of {revisits.compared} pairs of "
-        "visits to the same place contradict each other (by chance 1 % do); use --method graph, or "
-        "increase particles.count",
+        "visits to the same place contradict each other; use --method graph, or increase "
+        "particles.count",
     )

@@ -57,7 +57,8 @@ class Breaks:
         more = len(self._found_ns) - len(moments)
         when = ", ".join(moments) + (f" and {more} times more" if more else "")
         return (
-            f"tracking was lost at {when}: the scans fit nothing seen before, and there is no odometry",
+            f"tracking was lost at {when}: the scans fit nothing seen before, and there is no "
+            "odometry",
         )
 
 

@@ -66,15 +66,10 @@ class LaserMotion:
 
 
 class LaserTracker:
-    """Follows the robot from scan to scan in bounded memory.
+    """Follows the robot from scan to scan in bounded memory."""
 
-    `faults_teach`: whether odometry that scans contradict counts as noisier from then on. A graph's
-    prior has to widen by a fault that was believed; for a mixture each fault is a mode of its own.
-    """
-
-    def __init__(self, config: Config, *, faults_teach: bool = True) -> None:
+    def __init__(self, config: Config) -> None:
         self._odometry, self._matching = config.odometry, config.registration
-        self._faults_teach = faults_teach
         self._faults = OdometryFaults()
         self._stretches = WeakStretches()
         self._breaks = Breaks()
@@ -244,8 +239,7 @@ class LaserTracker:
         if recorded is not None:
             found = innovation(predicted, match.pose, match.information, variances)
             if is_new or verdict != "matched":
-                if verdict == "matched" or self._faults_teach:
-                    learn(self._wheels, found, variances, self._odometry.share_sigma)
+                learn(self._wheels, found, variances, self._odometry.share_sigma)
                 anchor(self._wheels, match.pose)
             self._faults.steps += 1
             if found[6] > self._odometry.contradiction**2:

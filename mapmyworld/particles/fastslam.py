@@ -104,7 +104,7 @@ def run_fastslam(frames: Iterable[Frame], config: Config, progress: Progress) ->
     Raises LogError when no frame has a scan, ConfigError when there is no such measurement model.
     """
     _check(config.particles.measurement)
-    tracker = LaserTracker(config, faults_teach=False)
+    tracker = LaserTracker(config)
     record = _track(frames, tracker, config, progress)
     motions = record.motions(tracker.wheels, config)
     with Workers(config.threads) as workers:

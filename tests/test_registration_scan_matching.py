@@ -32,7 +32,7 @@ from mapmyworld.registration.scan_matching import (
     prepare_scans,
     scan_set,
 )
-from mapmyworld.registration.scan_search import likelihood_grid, search_grid
+from mapmyworld.registration.scan_search import Submap, evidence_grid, search_evidence
 from mapmyworld.types import Scan
 
 CONFIG = Config().registration
@@ -220,22 +220,26 @@ def test_information_counts_points_over_the_variance_of_one() -> None:
     assert match.information[1, 1] == pytest.approx(0.0, abs=1e-6 * expected)
 
 
+def seen_from_origin(points: np.ndarray) -> Submap:
+    return Submap(points, np.zeros((1, 2)), np.array([0, len(points)]))
+
+
 def test_branch_and_bound_finds_what_trying_every_pose_finds() -> None:
     random = np.random.default_rng(3)
-    grid = likelihood_grid(random.uniform(-3, 3, (60, 2)))
+    grid = evidence_grid(seen_from_origin(random.uniform(-3, 3, (60, 2))))
     points = random.uniform(-2, 2, (25, 2))
     guess, angles, reach = np.array([0.2, -0.1, 0.1]), np.arange(-5, 6) * 0.1, 9
     found = np.zeros(4)
     nowhere = np.array([0.0, 0.0, 0.0, -1.0, -1.0])
     best_shift(
-        grid.pyramid, grid.margin, points, grid.corner, grid.resolution, 0, guess,
+        grid.pyramid, grid.margin, points, grid.corner, grid.resolution, grid.unseen, guess,
         np.array([[-reach, -reach]]), reach, angles, 0.0, nowhere, found,
     )  # fmt: skip
     assert found[0] == pytest.approx(_best_by_trying(grid, points, guess, angles, reach), abs=1e-6)
 
 
 def _best_by_trying(grid, points, guess, angles, reach) -> float:  # type: ignore[no-untyped-def]
-    field, best = grid.likelihoods(0), 0.0
+    field, best = grid.pyramid[0] / 255.0, 0.0
     for angle in angles:
         at = transform_points_planar(guess + np.array([0.0, 0.0, angle]), points)
         cells = np.floor((at - grid.corner) / grid.resolution).astype(int) + grid.margin
@@ -243,7 +247,8 @@ def _best_by_trying(grid, points, guess, angles, reach) -> float:  # type: ignor
             for dy in range(-reach, reach + 1):
                 x, y = (cells + np.array([dx, dy])).T
                 inside = (x >= 0) & (y >= 0) & (x < field.shape[1]) & (y < field.shape[0])
-                best = max(best, field[y[inside], x[inside]].sum() / len(points))
+                outside = np.count_nonzero(~inside) * grid.unseen / 255.0
+                best = max(best, (field[y[inside], x[inside]].sum() + outside) / len(points))
     return best
 
 
@@ -251,7 +256,8 @@ def test_a_search_finds_a_scan_turned_round_and_names_the_second_best() -> None:
     """A rectangle looks the same after half a turn: the other pose must show as second best."""
     target = prepared([0.0, 0.0, 0.0]).rows[:, :2].astype(np.float64)
     scan = prepared([1.5, -1.0, 2.0]).rows[:, :2].astype(np.float64)
-    found = search_grid(scan, likelihood_grid(target), np.zeros(3), 4.0, np.pi, 0.5)
+    grid = evidence_grid(seen_from_origin(target))
+    found = search_evidence(scan, grid, np.zeros(3), 4.0, np.pi, 20.0)
     assert found is not None
     truth = np.array([1.5, -1.0, 2.0])
     # The room's centre is at (0.5, 0.5), about which half a turn changes nothing.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mapmyworld.geometry.planar import transform_points_planar
 from mapmyworld.kernels.branch_and_bound import FULL, best_shift, fill_pyramid
 from mapmyworld.kernels.rays import count_scans
-from mapmyworld.registration.scan_matching import PreparedScan, ScanSet
+from mapmyworld.registration.scan_matching import ScanSet
 from mapmyworld.types import OccupancyGrid
 
 Array = NDArray[np.float64]
@@ -20,11 +20,10 @@ Window = tuple[
 """What `best_shift` is given of grid, points and window."""
 _RESOLUTION = 0.1  # m, cells of the likelihood grid
 _LEVELS = 6  # of the pyramid: the coarsest bounds 3.2 m x 3.2 m of shifts
-_NEAR = 0.6  # likelihood of a point one cell beside a surface
+_NEAR = 0.67  # likelihood of a point one cell beside a surface
 _UNSEEN = 128  # value of a cell that no beam passed: it speaks neither for a pose nor against it
 POINTS = 140
 """Of a scan or a submap that are scored, at most."""
-_NEAR_SEEN = 0.67  # the same in a grid that knows free cells
 _ELSEWHERE = np.array([0.6, 0.3])  # m and rad from the best pose where a second best counts
 ANOTHER = np.array([1.0, 0.3])
 """Metres and radians from which two poses in a whole map are two, and not one in doubt."""
@@ -45,7 +44,7 @@ class LikelihoodGrid:
     """(2,) of the first unpadded cell, in the frame of the points."""
     margin: int
     resolution: float
-    unseen: int = 0
+    unseen: int
     """Value of a cell of which nothing is known."""
 
     @property
@@ -55,10 +54,6 @@ class LikelihoodGrid:
         return self.corner, self.corner + self.resolution * (
             np.array([width, height]) - 2 * self.margin
         )
-
-    def likelihoods(self, level: int) -> NDArray[np.float32]:
-        """(H, W) of a level, 0 to 1."""
-        return np.asarray(self.pyramid[level] * np.float32(1.0 / FULL), np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,18 +82,6 @@ class Found:
     """(3,) of that pose."""
 
 
-def likelihood_grid(points: Array) -> LikelihoodGrid:
-    """The grid of surface points (N, 2); of none, where a blind laser saw nothing."""
-    margin = 1 << (_LEVELS - 1)
-    corner = points.min(axis=0, initial=np.inf if len(points) else 0.0) - 2.0 * _RESOLUTION
-    cells = np.floor((points - corner) / _RESOLUTION).astype(np.int64) + margin
-    width, height = cells.max(axis=0, initial=margin) + 3 + margin
-    pyramid = np.zeros((_LEVELS, height, width), np.uint8)
-    pyramid[0, cells[:, 1], cells[:, 0]] = FULL
-    fill_pyramid(pyramid, round(_NEAR * FULL))
-    return LikelihoodGrid(pyramid, corner, margin, _RESOLUTION)
-
-
 def evidence_grid(submap: Submap) -> LikelihoodGrid:
     """The grid of what scans indicate for and against a surface: 255 for, 0 against, 128 unseen."""
     margin = 1 << (_LEVELS - 1)
@@ -115,7 +98,7 @@ def evidence_grid(submap: Submap) -> LikelihoodGrid:
     pyramid = np.zeros((_LEVELS, height, width), np.uint8)
     pyramid[0] = np.where(passes > 0, 0, _UNSEEN)
     pyramid[0, cells[:, 1], cells[:, 0]] = FULL
-    fill_pyramid(pyramid, round(_NEAR_SEEN * FULL))
+    fill_pyramid(pyramid, round(_NEAR * FULL))
     return LikelihoodGrid(pyramid, corner, margin, _RESOLUTION, _UNSEEN)
 
 
@@ -130,7 +113,7 @@ def occupancy_evidence(grid: OccupancyGrid) -> tuple[Array, LikelihoodGrid]:
     is_hit = cells[rows, columns] == 100
     pyramid[0, at[~is_hit, 1], at[~is_hit, 0]] = 0
     pyramid[0, at[is_hit, 1], at[is_hit, 0]] = FULL
-    fill_pyramid(pyramid, round(_NEAR_SEEN * FULL))
+    fill_pyramid(pyramid, round(_NEAR * FULL))
     corner = np.asarray(grid.origin, np.float64) - 2.0 * _RESOLUTION
     found = LikelihoodGrid(pyramid, corner, margin, _RESOLUTION, _UNSEEN)
     return spread_points(grid.origin + middles[is_hit], _RESOLUTION), found
@@ -147,21 +130,6 @@ def judged_points(points: Array, grid: LikelihoodGrid, pose: Array) -> NDArray[n
     inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
     values = grid.pyramid[0, np.where(inside, row, 0), np.where(inside, column, 0)]
     return np.sign(np.where(inside, values, grid.unseen).astype(np.int64) - grid.unseen)
-
-
-def search_grid(
-    points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float, least: float
-) -> Found | None:
-    """The best pose of points (N, 2) in a window about `guess` (3,); None unless above `least`."""
-    if len(points) == 0:
-        return None
-    fixed = _window(points, grid, guess, distance, angle)
-    best = np.zeros(4)
-    best_shift(*fixed, least, _NOWHERE, best)
-    if best[0] <= least:
-        return None
-    second_best = _best_elsewhere(fixed, best[1:], max(least, 0.8 * best[0]))
-    return Found(best[1:].copy(), float(best[0]), float(second_best[0]), second_best[1:].copy())
 
 
 def search_evidence(
@@ -279,17 +247,6 @@ def spread_points(points: Array, spacing: float) -> Array:
     """The first point (N, 2) of each cell."""
     x, y = np.floor(points / spacing).astype(np.int64).T
     return points[np.sort(np.unique((x << 32) + y, return_index=True)[1])]
-
-
-def search_pose(
-    scan: PreparedScan, targets: ScanSet, poses: Array, guess: Array, distance: float, angle: float
-) -> Found | None:
-    """Where a scan lies among targets at `poses` (S, 3), within a window about `guess` (3,)."""
-    points = submap_points(targets, np.arange(len(targets)), poses)
-    if len(points) == 0:
-        return None
-    return search_grid(scan.rows[:, :2].astype(np.float64), likelihood_grid(points), guess,
-                        distance, angle, 0.3)  # fmt: skip
 
 
 def submap_points(scans: ScanSet, which: NDArray[np.int64], poses: Array) -> Array:

@@ -22,10 +22,9 @@ from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, re
 from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.odometry.odometry_faults import OdometryFaults
+from mapmyworld.odometry.pose_hypotheses import FEWEST, Prior, likeliest_match
 from mapmyworld.odometry.tracking_losses import TrackingLosses
-from mapmyworld.registration.place_evidence import APART, FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
-from mapmyworld.registration.scan_search import NATS, Submap, search_evidence
 from mapmyworld.types import Frame, Scan
 
 Array = NDArray[np.float64]
@@ -36,10 +35,6 @@ _LEAST_STEP = 1e-8  # m^2 and rad^2 by which any step may err
 _FAULT = 1e-3  # probability of an odometry fault in a step: it stalls, slips, catches up
 _CARRIED = 1e-9  # that a robot does not go on as it did, but is somewhere else at once
 _INDEPENDENT = 0.1  # variance factor of matches, at least: more than all points cannot determine
-_LOG_ODDS = 1.3  # nats by which a point on a surface speaks for a pose: 0.75 against 0.2
-_CORRELATED = 4.0  # neighbouring points of a scan that count as much as one, at least
-_FEWEST = 12  # points of a scan below which it is not matched
-_WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
 _FIRST = np.full(3, 1e-6)  # variances of the first pose, which is the origin
 _EMPTY = Scan(np.zeros((0, 2), np.float32), np.zeros(3), np.zeros(0, np.float32), 0.0, 0.0)
 
@@ -107,7 +102,7 @@ class LaserTracker:
             # Most scans need no second look: a kernel follows them, up to one that does.
             last = track_scans(
                 first, scans.rows, scans.bounds, scans.origins, recorded, interpolated,
-                *self._keyframes.ring, self._state, self._wheels, FINE, self._settings, _FEWEST,
+                *self._keyframes.ring, self._state, self._wheels, FINE, self._settings, FEWEST,
                 out, covariances,
             )  # fmt: skip
             for k in range(first, last):
@@ -163,7 +158,7 @@ class LaserTracker:
         self._state[3:6] = between_planar(self._state[:3], tracked.pose)
         self._state[:3] = tracked.pose
         placed = tracked.verdict != "odometry only"
-        if len(scan.rows) >= _FEWEST and (placed or not self._keyframes.count):
+        if len(scan.rows) >= FEWEST and (placed or not self._keyframes.count):
             if tracked.is_tracking_loss:
                 self._keyframes.forget()  # the old submap no longer says where the robot is
                 self._state[3:6] = 0.0
@@ -184,7 +179,7 @@ class LaserTracker:
         else:
             predicted, variances = self._wheels[8:11].copy(), self._reckoned()
             grown = np.maximum(variances - before, _LEAST_STEP)
-        if len(scan.rows) < _FEWEST or not self._keyframes.count:
+        if len(scan.rows) < FEWEST or not self._keyframes.count:
             verdict = "lost" if recorded is None else "odometry only"
             return LaserMotion(predicted, np.diag(grown), verdict, 0.0)
         measured = None if frame.is_interpolated else recorded
@@ -276,71 +271,13 @@ class LaserTracker:
         good = first.overlap >= self._odometry.least_overlap
         if good and found[6] <= self._odometry.contradiction**2:
             return first, "matched"
-        return self._look_again(scan, predicted, variances, first, fault)
-
-    def _look_again(
-        self, scan: PreparedScan, predicted: Array, variances: Array, first: Match, fault: float
-    ) -> tuple[Match, str]:
-        """The likeliest of several hypotheses, with the odometry and without it."""
-        pose, place = self._state[:3].copy(), self._keyframes.place()
-        view = Place.of(
-            Submap(
-                scan.rows[:, :2].astype(np.float64),
-                scan.origin[None],
-                np.array([0, len(scan.rows)]),
-            )
-        )
-        distance, angle = self._odometry.search_distance, self._odometry.search_angle
-        needed = needed_evidence(distance, angle)
-        starts = [first.pose, compose_planar(pose, self._state[3:6]), pose, predicted]
-        found = search_evidence(
-            view.submap.points, place.grid, pose, distance, angle, FORTH * needed
-        )
-        if found is not None:
-            starts.append(found.pose)
-        free = [self._keyframes.match(scan, s, _WEAK_PRIOR, COARSE, self._settings) for s in starts]
-        plain = place.agreement_with(view, first.pose)
-        prior = self._log_prior(predicted, first.pose, variances, fault)
-        points = len(scan.rows) / max(float(self._settings[2]), _CORRELATED)
-        near = needed_evidence(*np.minimum(3.0 * np.sqrt(variances[[0, 2]]), (distance, angle)))
-        fits = plain.evidence >= near and first.overlap * len(scan.rows) >= _FEWEST
-        best, most = (first, 0.0) if fits else (None, 0.0)
-        for match in free:
-            other, apart = (
-                place.agreement_with(view, match.pose),
-                between_planar(first.pose, match.pose),
-            )
-            if other.evidence < needed or match.overlap * len(scan.rows) < _FEWEST:
-                continue
-            more = self._log_prior(predicted, match.pose, variances, fault)
-            if not fits:  # against nothing that fits: what exceeds chance
-                more += NATS * (other.evidence - needed)
-            elif np.hypot(*apart[:2]) < APART[0] and abs(apart[2]) < APART[1]:
-                more += _LOG_ODDS * points * (_quality(match) - _quality(first)) - prior
-            else:
-                more += NATS * other.beyond(plain) - prior
-            if more > most:
-                best, most = match, more
+        best = likeliest_match(
+            scan, self._keyframes, self._state, Prior(predicted, variances, fault), first,
+            self._odometry, self._settings,
+        )  # fmt: skip
         if best is None:
             return first, "lost"
         return best, "matched" if best is first else "odometry ignored"
-
-    def _log_prior(self, predicted: Array, pose: Array, variances: Array, fault: float) -> float:
-        """Log density of a pose by the odometry over that of the predicted one.
-
-        A mixture: with the probability of a fault odometry indicates nothing, and the robot may be
-        anywhere in the window of a search.
-        """
-        apart = between_planar(predicted, pose)
-        window = 8.0 * self._odometry.search_distance**2 * self._odometry.search_angle
-        width = (2.0 * np.pi) ** 1.5 * np.sqrt(variances.prod())
-        anywhere = np.log(fault * min(width / window, 1.0))
-        return float(np.logaddexp(-0.5 * (apart**2 / variances).sum(), anywhere))
-
-
-def _quality(match: Match) -> float:
-    """Overlap, less what the points miss their lines by (0.1 m costs a whole overlap)."""
-    return match.overlap - 10.0 * match.residual
 
 
 _NOTES = {

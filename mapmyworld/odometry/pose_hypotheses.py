@@ -1,0 +1,104 @@
+"""Where a scan contradicts the odometry: several poses, compared by what they explain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config.odometry_settings import OdometryConfig
+from mapmyworld.geometry.planar import between_planar, compose_planar
+from mapmyworld.odometry.laser_keyframes import Keyframes
+from mapmyworld.registration.place_evidence import APART, FORTH, Place, needed_evidence
+from mapmyworld.registration.scan_matching import COARSE, Match, PreparedScan
+from mapmyworld.registration.scan_search import NATS, Submap, search_evidence
+
+Array = NDArray[np.float64]
+FEWEST = 12
+"""Points of a scan below which it is not matched."""
+_LOG_ODDS = 1.3  # nats by which a point on a surface speaks for a pose: 0.75 against 0.2
+_CORRELATED = 4.0  # neighbouring points of a scan that count as much as one, at least
+_WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prior:
+    """What odometry indicates of a pose: a mixture of a normal distribution and a fault.
+
+    With the probability of a fault odometry indicates nothing, and the robot may be anywhere in
+    the window of a search.
+    """
+
+    pose: Array
+    """(3,) predicted."""
+    variances: Array
+    """(3,) m^2, m^2, rad^2."""
+    fault: float
+    """Probability that odometry indicates nothing."""
+
+    def log(self, pose: Array, config: OdometryConfig) -> float:
+        """Log density of a pose (3,) over that of the predicted one."""
+        apart = between_planar(self.pose, pose)
+        window = 8.0 * config.search_distance**2 * config.search_angle
+        width = (2.0 * np.pi) ** 1.5 * np.sqrt(self.variances.prod())
+        anywhere = np.log(self.fault * min(width / window, 1.0))
+        return float(np.logaddexp(-0.5 * (apart**2 / self.variances).sum(), anywhere))
+
+
+def likeliest_match(
+    scan: PreparedScan, keyframes: Keyframes, state: Array, prior: Prior, first: Match,
+    config: OdometryConfig, settings: Array,
+) -> Match | None:  # fmt: skip
+    """The likeliest of several matches, with the odometry and without it; None where none fits.
+
+    `state` (6,) is the pose before and the last step, `first` the match near the prediction,
+    `settings` are those of `track_scans`.
+    """
+    place, view = keyframes.place(), _view_of(scan)
+    distance, angle = config.search_distance, config.search_angle
+    needed = needed_evidence(distance, angle)
+    starts = [first.pose, compose_planar(state[:3], state[3:6]), state[:3].copy(), prior.pose]
+    found = search_evidence(
+        view.submap.points, place.grid, starts[2], distance, angle, FORTH * needed
+    )
+    if found is not None:
+        starts.append(found.pose)
+    plain, its_prior = place.agreement_with(view, first.pose), prior.log(first.pose, config)
+    points = len(scan.rows) / max(float(settings[2]), _CORRELATED)
+    window = np.minimum(3.0 * np.sqrt(prior.variances[[0, 2]]), (distance, angle))
+    fits = plain.evidence >= needed_evidence(*window) and _has_points(first, scan)
+    best, most = (first, 0.0) if fits else (None, 0.0)
+    for match in (keyframes.match(scan, s, _WEAK_PRIOR, COARSE, settings) for s in starts):
+        other = place.agreement_with(view, match.pose)
+        if other.evidence < needed or not _has_points(match, scan):
+            continue
+        more = prior.log(match.pose, config)
+        if not fits:  # against nothing that fits: what exceeds chance
+            more += NATS * (other.evidence - needed)
+        elif _is_one_mode(first, match):
+            more += _LOG_ODDS * points * (_quality(match) - _quality(first)) - its_prior
+        else:
+            more += NATS * other.beyond(plain) - its_prior
+        if more > most:
+            best, most = match, more
+    return best
+
+
+def _view_of(scan: PreparedScan) -> Place:
+    points = scan.rows[:, :2].astype(np.float64)
+    return Place.of(Submap(points, scan.origin[None], np.array([0, len(scan.rows)])))
+
+
+def _has_points(match: Match, scan: PreparedScan) -> bool:
+    return bool(match.overlap * len(scan.rows) >= FEWEST)
+
+
+def _is_one_mode(first: Match, other: Match) -> bool:
+    apart = between_planar(first.pose, other.pose)
+    return bool(np.hypot(*apart[:2]) < APART[0] and abs(apart[2]) < APART[1])
+
+
+def _quality(match: Match) -> float:
+    """Overlap, less what the points miss their lines by (0.1 m costs a whole overlap)."""
+    return match.overlap - 10.0 * match.residual

@@ -146,7 +146,7 @@ def compare_places(
     closures = [by_place[k] for k in range(len(pairs))]
     if optimised:
         return closures
-    return reject_aliases(nodes, pairs, closures, config, widest)
+    return reject_aliases(nodes, pairs, closures, config)
 
 
 def _compare(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 Array = NDArray[np.float64]
@@ -51,7 +51,7 @@ class PathGraph:
         return self._from[place]
 
 
-def _ways(place: Index, lengths: Array, count: int) -> coo_array:
+def _ways(place: Index, lengths: Array, count: int) -> csr_array:
     """(count, count) the shortest stretch of path between each two places (T,) that follow each
     other, `lengths` (T - 1,) metres apart.
     """

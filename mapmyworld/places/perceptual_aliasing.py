@@ -2,7 +2,7 @@
 
 Where equal doors follow each other, the next one lies beyond the submap that a scan was found in,
 and no second best shows. So it is looked for in the places along the path as well, as far as the
-drift may reach.
+drift may reach, 15 m at most: places farther off are compared by themselves.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
 from mapmyworld.parallel import in_threads
-from mapmyworld.places.laser_candidates import drift_window
+from mapmyworld.places.laser_candidates import FIRST_WINDOW, drift_window
 from mapmyworld.places.laser_nodes import LaserNodes, spaced
 from mapmyworld.places.laser_submaps import place_around, submap_members
 from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
@@ -32,10 +32,10 @@ Look = tuple[LaserNodes, int, list[int]]
 
 
 def reject_aliases(
-    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config, widest: float
+    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config
 ) -> list[Judged]:
     """The closures of these pairs, those rejected for which another place scores as well."""
-    wanted = _places_to_look_at(nodes, pairs, closures, config, widest)
+    wanted = _places_to_look_at(nodes, pairs, closures, config)
 
     def looks() -> Iterator[Look]:
         for spot, which in wanted.items():
@@ -46,10 +46,7 @@ def reject_aliases(
     def look(at: Look) -> list[tuple[int, float]]:
         held, spot, which = at
         place = place_around(held, spot, config)
-        return [
-            (k, _second_best(held, place, spot, pairs[k], closures[k], config, widest))
-            for k in which
-        ]
+        return [(k, _second_best(held, place, spot, pairs[k], closures[k], config)) for k in which]
 
     second_bests = [0.0] * len(closures)
     for scores in in_threads(look, looks(), config.threads):
@@ -62,14 +59,14 @@ def reject_aliases(
 
 
 def _places_to_look_at(
-    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config, widest: float
+    nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config
 ) -> dict[int, list[int]]:
     """Place along the path -> closures that it may second best."""
     spots, path = spaced(nodes.path, _SPACING), nodes.path
     found: dict[int, list[int]] = {}
     for k, (a, b) in enumerate(pairs):
         if closures[k].accepted:
-            reach, _ = drift_window(nodes, a, b, config, widest)
+            reach, _ = drift_window(nodes, a, b, config, FIRST_WINDOW)
             apart = np.abs(path[spots] - path[a])
             near = (apart > _SAME) & (apart <= reach) & (path[spots] < path[b] - _REVISIT)
             for spot in spots[near].tolist():
@@ -79,7 +76,7 @@ def _places_to_look_at(
 
 def _second_best(
     nodes: LaserNodes, place: Place, spot: int, pair: tuple[int, int],
-    closure: Judged, config: Config, widest: float,
+    closure: Judged, config: Config,
 ) -> float:  # fmt: skip
     """Evidence, in points, that what was seen around the later node lies around `spot` instead.
 
@@ -87,7 +84,7 @@ def _second_best(
     """
     a, b = pair
     found = compose_planar(nodes.poses[a], matrix_to_planar(closure.i_from_j))
-    distance, angle = drift_window(nodes, a, b, config, widest)
+    distance, angle = drift_window(nodes, a, b, config, FIRST_WINDOW)
     here, there = between_planar(nodes.poses[spot], found), place_around(nodes, b, config)
     needed = needed_evidence(distance, angle)
     points = there.submap.points

@@ -18,6 +18,7 @@ _CLOSURES = CLOSURES | {ConstraintKind.USER}
 _LONG = 75.0  # m of path without a closure from which two places may be far from where they seem
 _LATER, _EARLIER = 8.0, 4.0  # m of path between the places that look, and that are looked at
 _FARTHER = 1.5  # times the drift that is expected: of the few searches far off none is to miss it
+_MOST = 64  # earlier places that one is compared with, so that time grows as the path does
 BESIDE = 5.0
 """Metres to each side within which a robot that is at an earlier place is looked for."""
 
@@ -26,7 +27,7 @@ def lost_pairs(nodes: LaserNodes, config: Config) -> list[tuple[int, int]]:
     """(earlier, later) indices of places of a session that drift may have moved apart, however far.
 
     The nearest place of an earlier visit need not be the true one when poses are metres off:
-    so every place within reach of the drift is compared.
+    so every place within reach of the drift is compared, or the nearest ones of many.
     """
     earlier = calm_spots(nodes, _EARLIER)
     pairs: list[tuple[int, int]] = []
@@ -37,7 +38,8 @@ def lost_pairs(nodes: LaserNodes, config: Config) -> list[tuple[int, int]]:
         worth = (drifted > _LONG) & (
             apart < BESIDE + _FARTHER * config.places.laser_drift * drifted
         )
-        pairs += [(int(place), later) for place in near[worth]]
+        nearest = near[worth][np.argsort(apart[worth], kind="stable")[:_MOST]]
+        pairs += [(int(place), later) for place in np.sort(nearest)]
     return pairs
 
 

@@ -75,7 +75,7 @@ class Agreement:
     def log_odds(self) -> float:
         """Nats by which this is the same place rather than another one like those seen.
 
-        None where the place lies mostly outside of what the other map saw: along its outer walls
+        Zero where the place lies mostly outside of what the other map saw: along its outer walls
         anything fits.
         """
         if self.known < _KNOWN:

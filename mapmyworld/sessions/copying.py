@@ -1,4 +1,4 @@
-"""The sessions of several units written into one store, in a common frame."""
+"""The sessions of several session maps written into one store, in a common frame."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """A unit, and where its frame lies in the common one."""
+    """A session map, and where its frame lies in the common one."""
 
     session_map: SessionMap
     common_from_session_map: Array
@@ -36,7 +36,7 @@ class Placed:
 def place_session_maps(
     session_maps: Sequence[SessionMap], common_from_session_map: Sequence[Array]
 ) -> list[Placed]:
-    """The units one after the other, with ids and sessions counted on, at poses (4, 4)."""
+    """The session maps one after the other, with ids and sessions counted on, at poses (4, 4)."""
     placed: list[Placed] = []
     first_id = first_session = 0
     for session_map, pose in zip(session_maps, common_from_session_map, strict=True):
@@ -75,7 +75,7 @@ def copy_drives(placed: Sequence[Placed], store: MapStore) -> None:
 
 
 def add_drive(item: Placed, store: MapStore) -> None:
-    """A unit's nodes, frames and scans after those that a finished map holds."""
+    """A session map's nodes, frames and scans after those that a finished map holds."""
     known = store.tracked_frames()
     frames = _copy_drive(item, store, len(known.stamps_ns))
     store.set_tracked_frames(_joined([known, frames]))
@@ -127,7 +127,7 @@ def _nodes(item: Placed) -> list[tuple[Node, Node]]:
 
 
 def copied_constraints(placed: Sequence[Placed]) -> list[Judged]:
-    """All that was measured in the units, under the new ids, as its finders judged it."""
+    """All that was measured in the session maps, under the new ids, as its finders judged it."""
     return [
         replace(c, from_id=item.new_id(c.from_id), to_id=item.new_id(c.to_id))
         for item in placed

@@ -45,7 +45,7 @@ _CONTRADICTING = 0.2  # share of a session's closures with the map from which it
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Extension:
-    """What became of the units that were to be added."""
+    """What became of the session maps that were to be added."""
 
     added: tuple[SessionMap, ...]
     """In the order in which they were."""
@@ -58,7 +58,7 @@ class Extension:
 def extend_map(
     store: MapStore, session_maps: Sequence[SessionMap], config: Config, progress: Progress
 ) -> Extension | None:
-    """Lays units into a finished map, in an order of their own; None where that does not do.
+    """Lays session maps into a finished map, in an order of their own; None where that does not do.
 
     It does not for maps that keep images, whose words are those of all sessions, and for a session
     that contradicts the map. The store has then been changed and must be given up.
@@ -102,7 +102,7 @@ def _first_that_joins(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Laid:
-    """A unit solved against a map."""
+    """A session map solved against a map."""
 
     item: Placed
     poses: Poses
@@ -118,7 +118,7 @@ class _Laid:
 def _lay(
     base: SessionMap, session_map: SessionMap, joint: Array, config: Config, progress: Progress
 ) -> _Laid | None:
-    """The unit solved against the map's skeleton; None where many closures do not fit."""
+    """The session map solved against the map's skeleton; None where many closures do not fit."""
     skeleton = skeleton_of(base, config)
     item = Placed(session_map, joint, base.nodes[-1].id, max(base.sessions) + 1)
     placed, scratch = [Placed(skeleton, np.eye(4), 0, 0), item], MemoryMap()
@@ -139,7 +139,9 @@ def _lay(
         return None
     solved = scratch.get("solve") or {}
     poses = _held_poses(scratch, skeleton, base, item)
-    parted = solved.get("parted", ())  # of the skeleton and the unit: counted in the whole map
+    parted = solved.get(
+        "parted", ()
+    )  # of the skeleton and the session map: counted in the whole map
     losses = tuple(line for line in solved.get("losses", ()) if line not in parted)
     reported = str(solved.get("certainty", "")), losses
     divides = tuple(i for i in solved.get("divides", ()) if i > item.first_id)
@@ -151,7 +153,7 @@ def _contradicts(closure: Judged) -> bool:
 
 
 def _held_poses(scratch: MapStore, skeleton: SessionMap, base: SessionMap, item: Placed) -> Poses:
-    """The unit's poses seen from the nearest node of the map, which is put back where it was.
+    """The session map's poses as seen from the nearest node of the map, put back where it was.
 
     A node is as uncertain as that node of the map and the motion between the two.
     """

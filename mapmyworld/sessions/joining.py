@@ -1,4 +1,4 @@
-"""Which units show the same place, and how they lie to each other."""
+"""Which sessions show the same place, and how they lie to each other."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ from mapmyworld.types import Progress
 Array = NDArray[np.float64]
 
 
-def join_units(session_maps: list[SessionMap], config: Config, progress: Progress) -> list[Joint]:
+def join_session_maps(
+    session_maps: list[SessionMap], config: Config, progress: Progress
+) -> list[Joint]:
     """For each session one earlier session of every group that it belongs to."""
     maps = [
         session_places(session_map, config) if _has_laser(session_map) else None

@@ -1,4 +1,4 @@
-"""How a unit lies in an earlier one, by what their images show: for maps without a laser."""
+"""How a session map lies in an earlier one, by what their images show: for maps without a laser."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mapmyworld.registration.views import View
 from mapmyworld.sessions.session_maps import SessionMap
 
 Array = NDArray[np.float64]
-_WITNESSES = 80  # images all over a unit that are looked for in the earlier one
+_WITNESSES = 80  # images all over a session map that are looked for in the earlier one
 _SUPPORT = 6  # sightings that must report one joint, at least
 _MAJORITY = 3.0  # times more that must agree than contradict
 _AGREES = (0.4, 0.15)  # m and rad within which a sighting bears a joint out
@@ -45,7 +45,7 @@ def locate_session_map(a: SessionMap, b: SessionMap, config: Config) -> Array | 
 
 
 def _views(session_map: SessionMap, images: KnownImages) -> Iterator[tuple[int, View]]:
-    """Views of some of a unit's nodes in the other's words; no image is decoded."""
+    """Views of some of a session map's nodes in the other's words; no image is decoded."""
     count = len(session_map.nodes)
     rows = np.unique(np.linspace(0, count - 1, min(_WITNESSES, count)).astype(np.int64))
     for row in rows.tolist():

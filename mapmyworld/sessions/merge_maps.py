@@ -19,7 +19,7 @@ from mapmyworld.sessions.copying import (
     copy_plan,
     place_session_maps,
 )
-from mapmyworld.sessions.joining import join_units
+from mapmyworld.sessions.joining import join_session_maps
 from mapmyworld.sessions.notes import digest_of, note_sessions
 from mapmyworld.sessions.session_maps import SessionMap
 from mapmyworld.sessions.stated import copied_edits
@@ -54,13 +54,13 @@ def merge_maps(
     *,
     first: str | None = None,
 ) -> list[MergedMap]:
-    """One map of every group of units that connect, the one with the most nodes first.
+    """One map of every group of session maps that connect, the one with the most nodes first.
 
-    Instead that of the unit named `first`, where there is one. The order in which the units are
+    Instead that of the one named `first`, where there is one. The order in which they are
     given does not matter.
     """
     ordered = sorted(session_maps, key=lambda session_map: session_map.order)
-    joints = join_units(ordered, config, progress)
+    joints = join_session_maps(ordered, config, progress)
     groups = _groups(len(ordered), joints)
     wanted = {k for k, session_map in enumerate(ordered) if session_map.name == first}
     sizes = [len(session_map.nodes) for session_map in ordered]
@@ -120,7 +120,7 @@ def _merge(
 
 
 def _common_poses(group: Sequence[int], joints: Sequence[Joint]) -> list[Array]:
-    """Where each unit's frame lies in that of the group's first, along the joints."""
+    """Where each session map's frame lies in that of the group's first, along the joints."""
     known: dict[int, Array] = {group[0]: np.eye(4)}
     waiting = [joint for joint in joints if joint.later in group]
     while waiting:

@@ -21,7 +21,7 @@ def digest_of(stores: Sequence[MapStore], config: Config) -> str:
 
 
 def note_sessions(store: MapStore, session_maps: Sequence[SessionMap], inputs: str) -> None:
-    """Which logs the units were made of, in their order."""
+    """Which logs the session maps were made of, in their order."""
     logs = [session_map.store.get("log") or {} for session_map in session_maps]
     paths = [path for log in logs for path in log.get("paths", ())]
     listed = [
@@ -34,7 +34,7 @@ def note_sessions(store: MapStore, session_maps: Sequence[SessionMap], inputs: s
 
 
 def _entries(session_map: SessionMap, log: dict[str, object]) -> list[dict[str, object]]:
-    """What is known of a unit's sessions: a merged map lists its own."""
+    """What is known of a session map's sessions: a merged map lists its own."""
     known = session_map.store.get("sessions")
     if known:
         return list(known)

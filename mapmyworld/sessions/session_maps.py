@@ -24,7 +24,7 @@ class SessionMap:
     store: MapStore
     nodes: tuple[Node, ...]
     solved: Array
-    """(N, 4, 4) poses of the nodes, in the unit's own frame."""
+    """(N, 4, 4) poses of the nodes, in the session map's own frame."""
     planar: bool
 
     @cached_property
@@ -39,13 +39,13 @@ class SessionMap:
 
     @property
     def order(self) -> tuple[int, bytes]:
-        """Sorts units the same way however they were given: by time, then by content."""
+        """Sorts session maps the same way however they were given: by time, then by content."""
         first = self.nodes[0]
         return first.stamp_ns, np.stack([n.tracked_from_base for n in self.nodes]).tobytes()
 
 
 def load_session_map(name: str, store: MapStore) -> SessionMap:
-    """A map as a unit; raises `MapError` where it is not finished."""
+    """A map as a session map; raises `MapError` where it is not finished."""
     nodes, poses = store.nodes(), store.poses()
     if not nodes or poses is None or store.frame_poses() is None:
         raise MapError(f"{name}: is not finished: build it to its end before it is merged")

@@ -23,7 +23,7 @@ _RIGID = information_from_planar(np.diag([1e8, 1e8, 1e10]))  # 0.1 mm and 0.01 m
 
 
 def skeleton_of(base: SessionMap, config: Config) -> SessionMap:
-    """The unit's nodes that are left, under their ids, with their scans, as a map in memory.
+    """The session map's nodes that are left, under their ids, with their scans, as a map in memory.
 
     Their number grows with the area that was seen, not with how often it was.
     """

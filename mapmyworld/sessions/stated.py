@@ -16,10 +16,10 @@ _PLACES = {EditAction.PIN, EditAction.PRIOR}
 
 
 def copied_edits(placed: Sequence[Placed]) -> tuple[Edit, ...]:
-    """Every unit's edits under the new ids.
+    """Every session map's edits under the new ids.
 
-    Priors and pins say where nodes are in their own unit's frame. That of the first unit is the
-    merged map's; of the others they still say how their nodes lie to each other.
+    Priors and pins say where nodes are in their own session map's frame. That of the first one is
+    the merged map's; of the others they still say how their nodes lie to each other.
     """
     return tuple(edit for k, item in enumerate(placed) for edit in _of(item, is_first=k == 0))
 

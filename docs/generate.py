@@ -33,7 +33,7 @@ def index_page() -> str:
 def commands_page() -> str:
     """Every command with its help text."""
     parts = ["# Commands", "", "Written by `python docs/generate.py`; do not edit."]
-    for names, command in _commands(group, ("mapmyworld",)):
+    for names, command in commands(group, ("mapmyworld",)):
         context = click.Context(
             command,
             info_name=" ".join(names),
@@ -44,16 +44,17 @@ def commands_page() -> str:
     return "\n".join(parts) + "\n"
 
 
-def _commands(
+def commands(
     command: click.Command, names: tuple[str, ...]
 ) -> Iterator[tuple[tuple[str, ...], click.Command]]:
+    """A command with the words that call it, and those inside it."""
     yield names, command
     if isinstance(command, click.Group):
         context = click.Context(command, info_name=names[-1])
         for name in command.list_commands(context):
             inner = command.get_command(context, name)
             if inner is not None:
-                yield from _commands(inner, (*names, name))
+                yield from commands(inner, (*names, name))
 
 
 def settings_page() -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 from all_messages import ROOT, Message, _cell, _template, _texts, gathered
+from generate import commands
 
 from cli.main import group
 
@@ -78,24 +79,12 @@ def _texts_of(tree: ast.Module) -> Iterator[str]:
 
 def _helps() -> Iterator[Message]:
     """Help texts of commands and of their options."""
-    for names, command in _commands(group, ("mapmyworld",)):
+    for names, command in commands(group, ("mapmyworld",)):
         where = " ".join(names)
         yield Message(where, _first_sentence(command.help or command.short_help or ""), "help")
         for option in command.params:
             if isinstance(option, click.Option) and option.help:
                 yield Message(where, " ".join(option.help.split()), "help")
-
-
-def _commands(
-    command: click.Command, names: tuple[str, ...]
-) -> Iterator[tuple[tuple[str, ...], click.Command]]:
-    yield names, command
-    if isinstance(command, click.Group):
-        context = click.Context(command, info_name=names[-1])
-        for name in command.list_commands(context):
-            inner = command.get_command(context, name)
-            if inner is not None:
-                yield from _commands(inner, (*names, name))
 
 
 def _first_sentence(text: str) -> str:

@@ -1,9 +1,8 @@
-"""What the HTML report reports about a map."""
+"""What the HTML report shows of a map."""
 
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 import mapmyworld
 from cli.figure_names import problems_of
 from cli.report_evidence import fetch_evidence
+from cli.report_summary import headline, products, verdict
 from formats.report.contents import ReportContents, ShownConstraint, ShownNodes
 from formats.report.report_page import ellipses_of, report_html
 from formats.whole_files import write_whole
@@ -26,7 +26,7 @@ from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph import audit
 from mapmyworld.graph.variance import variance_factors
-from mapmyworld.map_figures import MapFigures, map_figures
+from mapmyworld.map_figures import map_figures
 from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, OccupancyGrid, Poses
 from mapmyworld.types.wording import reason_of
 
@@ -35,13 +35,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 _LOOKED_AT = 20  # frames that show whether there are scans
-_DATES_NS = 631_152_000 * 10**9, 4_102_444_800 * 10**9  # from 1990 to 2100
-_PRODUCTS = {
-    ".pgm": "the grid's picture",
-    ".yaml": "the grid, for Nav2",
-    ".ply": "the cloud",
-    ".tum": "the trajectory",
-}
 
 
 def write_report(
@@ -139,9 +132,9 @@ def report_contents(
     return ReportContents(
         name=Path(_name(store)).name,
         version=mapmyworld.__version__,
-        headline=_headline(map_figures(store), grid),
-        products=_products(Path(_name(store)), folder),
-        verdict=_verdict(map_figures(store), problems),
+        headline=headline(map_figures(store), grid),
+        products=products(Path(_name(store)), folder),
+        verdict=verdict(map_figures(store), problems),
         proof=_proof(store),
         problems=problems,
         grid=grid,
@@ -244,61 +237,6 @@ def _shown_constraints(
         )
         for k, (c, m) in enumerate(zip(constraints, residuals, strict=True))
     ]
-
-
-def _headline(figures: MapFigures, grid: OccupancyGrid | None) -> list[tuple[str, str]]:
-    closures, count, date = figures.closures, len(figures.components), _date(figures.begun_ns)
-    return [
-        *([("recorded", date)] if date else []),
-        ("path", f"{figures.path_m:.1f} m"),
-        ("time", f"{figures.duration_s:.0f} s"),
-        *(_grid_headline(grid) if grid is not None else ()),
-        ("nodes", f"{figures.nodes:,}"),
-        ("tracked frames", f"{figures.frames:,}"),
-        ("sessions", f"{figures.sessions}"),
-        ("closures", f"{closures['accepted']:,} accepted of {closures['tried']:,} tried"),
-        *([("components", f"{count}")] if count > 1 else []),
-    ]
-
-
-def _grid_headline(grid: OccupancyGrid) -> list[tuple[str, str]]:
-    height, width = (cells * grid.resolution for cells in grid.log_odds.shape)
-    return [
-        ("free area", f"{grid.area_m2(0):.1f} m²"),
-        ("size", f"{width:.1f} m x {height:.1f} m"),
-        ("resolution", f"{grid.resolution:g} m"),
-    ]
-
-
-def _date(stamp_ns: int | None) -> str:
-    """When it was recorded; empty where the clock knew no date, as a simulation's does not."""
-    if stamp_ns is None or not _DATES_NS[0] < stamp_ns < _DATES_NS[1]:
-        return ""
-    moment = datetime.fromtimestamp(stamp_ns // 10**9, UTC)
-    return moment.strftime("%Y-%m-%d %H:%M UTC")
-
-
-def _products(map_path: Path, folder: Path | None) -> list[tuple[str, str]]:
-    """Relative path and meaning of each file beside the map that is there."""
-    found = [(map_path.with_suffix(ending), what) for ending, what in _PRODUCTS.items()]
-    start = map_path.parent if folder is None else folder
-    return [
-        (Path(os.path.relpath(path, start)).as_posix(), what)
-        for path, what in [(map_path, "everything, for every command"), *found]
-        if path.is_file()
-    ]
-
-
-def _verdict(figures: MapFigures, problems: Sequence[str]) -> str:
-    """Whole or partial, and what ties it together; whether it is the best comes last of all."""
-    state = "A whole map"
-    if problems:
-        state = f"A partial map: {len(problems)} problem{'s' * (len(problems) > 1)}"
-    closures, count = figures.closures["accepted"], len(figures.components)
-    tied = f"{closures:,} closure{'s' * (closures != 1)} tie{'s' * (closures == 1)} it together"
-    tied = tied if closures else "No place was recognised again: drift stays in it"
-    parts = f", in {count} components with unknown relative pose" if count > 1 else ""
-    return f"{state}. {tied}{parts}."
 
 
 def _proof(store: MapStore) -> str:

@@ -7,7 +7,6 @@ import re
 import sqlite3
 from collections.abc import Collection, Iterator
 from contextlib import closing
-from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
 
@@ -16,9 +15,10 @@ import zstandard
 from formats.limits import limits
 from formats.logs.block_files import DamagedBlockError
 from formats.logs.channels import Block, Channel, Index, Record, normalised_type
-from formats.logs.clock_steps import ClockStep, ClockSteps
+from formats.logs.clock_steps import ClockStep
 from formats.logs.compression import decompress, decompress_beginning
 from formats.logs.mcap_records import is_transient_local
+from formats.logs.rosbag2_clock import IS_TIMED, NO_STEP, RowClock, read_clock
 from formats.logs.rosbag2_salvage import Salvage, salvage
 from formats.stored_tables import stored_tables
 from mapmyworld.errors import LogError
@@ -34,10 +34,9 @@ def listed_files(metadata: Path) -> list[Path]:
     return [metadata.parent / name for name in names]
 
 
-_IS_TIMED = "typeof(timestamp) = 'integer'"  # SQLite holds any type in any column
 _MENDED = "timestamp + (id >= :first) * :back"
 _SPANS = (
-    f"SELECT topic_id, {_IS_TIMED}, count(*), min({_MENDED}), max({_MENDED})"
+    f"SELECT topic_id, {IS_TIMED}, count(*), min({_MENDED}), max({_MENDED})"
     " FROM messages GROUP BY 1, 2"
 )
 # SQLite quotes the damaged bytes in its message, which Python then cannot read.
@@ -66,33 +65,6 @@ def one_line(error: Exception) -> str:
     return " ".join(str(error).split())[:120]
 
 
-@dataclass(frozen=True, slots=True)
-class _Clock:
-    """A step of the clock, and the first row that was written after it."""
-
-    step: ClockStep | None
-    first_row: int
-
-    @property
-    def back_ns(self) -> int:
-        """By which later rows are moved."""
-        return 0 if self.step is None else self.step.back_ns
-
-    def mended(self, time: int, row: int) -> int:
-        """The time of a row, as if the clock had not been set."""
-        return time + self.back_ns if row >= self.first_row else time
-
-    def runs(self) -> tuple[tuple[int, int, int], ...]:
-        """First and last row of each clock, and by how much its times are moved."""
-        if self.step is None:
-            return ((-_LAST_ROW, _LAST_ROW, 0),)
-        return ((-_LAST_ROW, self.first_row - 1, 0), (self.first_row, _LAST_ROW, self.back_ns))
-
-
-_LAST_ROW = (1 << 63) - 1  # that SQLite can number
-_NO_STEP = _Clock(None, _LAST_ROW)
-
-
 class SqliteBag:
     """A Container over one .db3 file."""
 
@@ -101,7 +73,7 @@ class SqliteBag:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._index: Index | None = None
-        self._clock = _NO_STEP
+        self._clock = NO_STEP
         self._salvage: Salvage | None = None
         self._losses: list[str] = []
 
@@ -121,7 +93,7 @@ class SqliteBag:
             try:
                 with closing(self._connect()) as database:
                     index = _read_index(database)
-                    self._clock = _read_clock(database, index)
+                    self._clock = read_clock(database, index)
                     _read_spans(database, index, self._clock)
                 self._index = index
                 if self._clock.step is not None:
@@ -156,7 +128,7 @@ class SqliteBag:
         # A search by row, which + keeps SQLite from, ends without a word where a file is cut.
         query = (
             f"SELECT timestamp, id, topic_id, {data} FROM messages WHERE topic_id IN ({marks})"
-            f" AND {_IS_TIMED} AND +id BETWEEN ? AND ? ORDER BY timestamp, id"
+            f" AND {IS_TIMED} AND +id BETWEEN ? AND ? ORDER BY timestamp, id"
         )
 
         def run(first: int, last: int, back_ns: int) -> Iterator[tuple[int, int, int, object]]:
@@ -254,28 +226,7 @@ def _read_index(database: sqlite3.Connection) -> Index:
     return index
 
 
-def _read_clock(database: sqlite3.Connection, index: Index) -> _Clock:
-    """Where the clock was set back, by the order in which rows were written."""
-    steps, channels = ClockSteps(), index.channels
-    rows = database.execute(
-        f"SELECT timestamp, topic_id FROM messages WHERE {_IS_TIMED} ORDER BY id"
-    )
-    steps.add(0, ((time, channels[key], b"") for time, key in rows if key in channels))
-    step = steps.found()
-    if step is None:
-        return _NO_STEP
-    query = (
-        f"SELECT id FROM messages WHERE topic_id = ? AND {_IS_TIMED} ORDER BY id LIMIT 1 OFFSET ?"
-    )
-    keys = {channel: key for key, channel in channels.items()}
-    firsts = [
-        database.execute(query, (keys[channel], number)).fetchone()[0]
-        for channel, (_, number) in step.places.items()
-    ]
-    return _Clock(step, min(firsts))
-
-
-def _read_spans(database: sqlite3.Connection, index: Index, clock: _Clock) -> None:
+def _read_spans(database: sqlite3.Connection, index: Index, clock: RowClock) -> None:
     """How many messages each topic has, and when."""
     spans = database.execute(_SPANS, {"first": clock.first_row, "back": clock.back_ns})
     for key, is_timed, count, first, last in spans:

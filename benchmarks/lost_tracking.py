@@ -75,6 +75,7 @@ def main() -> None:
     parser.add_argument("--world", choices=WORLDS)
     parser.add_argument("--losses", type=int, default=3)
     parser.add_argument("--beams", type=int, default=181)
+    parser.add_argument("--laser-only", action="store_true", help="without odometry")
     options = parser.parse_args()
     print(
         "| drive | world | spoilt | ATE m | max m | deg | components | ATE within m "
@@ -83,17 +84,19 @@ def main() -> None:
     for number in range(options.first, options.end or options.first + 1):
         for world in [options.world] if options.world else WORLDS:
             for kind in [options.kind] if options.kind else KINDS:
-                print(row(number, world, kind, options.losses, options.beams), flush=True)
+                print(row(number, world, kind, options), flush=True)
 
 
-def row(number: int, world: str, kind: str, losses: int, beams: int) -> str:
+def row(number: int, world: str, kind: str, options: argparse.Namespace) -> str:
     """One drive's line of the table."""
     settings = SimulationSettings()
-    laser = replace(settings.laser, beams=beams, field_of_view=180.0, range_max=12.0)
+    laser = replace(settings.laser, beams=options.beams, field_of_view=180.0, range_max=12.0)
     settings = replace(settings, laser=laser, camera=replace(settings.camera, enabled=False))
     recording = simulate(world, seed=number, laps=2, settings=settings)
-    sections = drawn(recording, kind, losses, np.random.default_rng(number))
-    built = build(MemoryLog(list(spoilt(recording, sections))))
+    sections = drawn(recording, kind, options.losses, np.random.default_rng(number))
+    messages = spoilt(recording, sections)
+    without = (ODOMETRY_TOPIC, TF_TOPIC) if options.laser_only else ()
+    built = build(MemoryLog([message for message in messages if message[0] not in without]))
     truth = recording.truth.trajectory
     frames = built.map.frame_poses()
     assert frames is not None

@@ -12,7 +12,7 @@ from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.registration.place_evidence import APART, FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_matching import COARSE, Match, PreparedScan
-from mapmyworld.registration.scan_search import NATS, Submap, search_evidence
+from mapmyworld.registration.scan_search import NATS, Submap, evidence_elsewhere, search_evidence
 
 Array = NDArray[np.float64]
 FEWEST = 12
@@ -74,8 +74,12 @@ def likeliest_match(
         if other.evidence < needed or not _has_points(match, scan):
             continue
         more = prior.log(match.pose, config)
-        if not fits:  # against nothing that fits: what exceeds chance
-            more += NATS * (other.evidence - needed)
+        if not fits:  # against nothing that fits: what exceeds chance, or another place like this
+            elsewhere = evidence_elsewhere(
+                view.submap.points, place.grid, match.pose, distance, angle, FORTH * needed
+            )
+            alike = 0.0 if elsewhere is None else place.agreement_with(view, elsewhere).evidence
+            more += NATS * (other.evidence - max(needed, alike))
         elif _is_one_mode(first, match):
             more += _LOG_ODDS * points * (_quality(match) - _quality(first)) - its_prior
         else:

@@ -34,6 +34,10 @@ class Motion:
         return isinstance(self.source, LaserTracking) and self.source.lost
 
 
+def _uncertainty(motion: Motion) -> float:
+    return float(motion.covariance.trace())
+
+
 class NodeSelector:
     """Makes a node of the first frame and of each that moved far enough since the last one."""
 
@@ -99,5 +103,5 @@ class NodeSelector:
             kind=ConstraintKind.NEIGHBOUR,
             i_from_j=moved,
             information=np.asarray(np.linalg.inv(covariance)),
-            source=self._since[-1].source,
+            source=max(self._since, key=_uncertainty).source,
         )

@@ -63,6 +63,7 @@ def track(
     with algebra_on_one_thread(), imported_meanwhile((*needed_after(plan), *later)):
         _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
     writer.finish()
+    _judge_odometry(store, config)
     faults = [finding for finding in _diagnose(store, plan, config) if not finding.good]
     still = _standing(writer.nodes, counts.frames, config.sensing)
     notes = [*_lag_notes(lag_s), *tracker.notes(), *still, *_count_notes(counts)]
@@ -121,6 +122,18 @@ def _follow(tracker: Tracker, frames: Iterator[Frame], writer: _Writer) -> None:
     with done_behind(writer.add_all, _AHEAD) as write:
         for some in batches(tracker.follow(ahead), _TOGETHER):
             write(some)
+
+
+@on_one_thread
+def _judge_odometry(store: MapStore, config: Config) -> None:
+    """Makes a tracking loss of odometry that led on where scans fitted nothing, and was wrong."""
+    from mapmyworld.places.laser_nodes import load_node_scans, nodes_at
+    from mapmyworld.places.refuted_odometry import is_unmatched, refuted_odometry
+
+    constraints = store.constraints()
+    if any(is_unmatched(c) for c in constraints):
+        nodes = nodes_at(load_node_scans(store, config), None)
+        store.judge(refuted_odometry(nodes, constraints, config))
 
 
 @on_one_thread

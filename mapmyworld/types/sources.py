@@ -30,7 +30,7 @@ class CorrectedOdometry:
 
 @dataclass(frozen=True, slots=True)
 class LaserTracking:
-    """Scan matching from frame to frame; the figures are those of the last frame."""
+    """Scan matching from frame to frame; the figures are those of the least certain one."""
 
     state: str
     overlap: float
@@ -40,7 +40,7 @@ class LaserTracking:
 
 @dataclass(frozen=True, slots=True)
 class CameraTracking:
-    """Visual odometry; the figures are those of the last frame."""
+    """Visual odometry; the figures are those of the least certain frame."""
 
     state: str
     inliers: int

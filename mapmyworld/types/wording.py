@@ -57,6 +57,8 @@ _VERDICTS: Mapping[Why, str] = {
     "{drift:.1f} m",
     Why.MARKER_CORNERS: "marker {marker}: corners fit within {worst:.1f} sigma (limit {limit:g})",
     Why.CORRECTED: "corrected by images",
+    Why.REFUTED: "odometry fault: scans place the robot {metres:.2f} m and {degrees:.0f} deg from "
+    "where odometry does",
     Why.ACCEPTED_BY_HAND: "by hand: accepted: {note}",
     Why.REJECTED_BY_HAND: "by hand: rejected: {note}",
     Why.UNUSABLE: "cannot be used: {note}",

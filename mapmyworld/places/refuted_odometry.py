@@ -1,0 +1,221 @@
+"""Odometry that led on where scans fitted nothing, and that what is seen afterwards refutes.
+
+A robot that is carried off, or whose wheels slip while its laser is covered, goes on elsewhere than
+its odometry indicates. That nothing fits does not show it: glass and passers-by do that too. What
+shows it is that the place afterwards lies in what was seen before, but at another pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.config import Config
+from mapmyworld.geometry.planar import (
+    between_planar,
+    compose_planar,
+    covariance_from_planar,
+    information_to_planar,
+    invert_planar,
+    planar_to_matrix,
+    transform_points_planar,
+)
+from mapmyworld.places.laser_nodes import Index, LaserNodes
+from mapmyworld.places.whole_map import WholeMap, map_of_scans
+from mapmyworld.registration.place_evidence import FORTH, Agreement, Place, needed_evidence
+from mapmyworld.registration.scan_search import (
+    MARGIN,
+    NATS,
+    Submap,
+    evidence_elsewhere,
+    search_about,
+    submap_points,
+)
+from mapmyworld.types import ConstraintKind, Judge, Judged, LaserTracking, Verdict, Why
+
+Array = NDArray[np.float64]
+_RELOCALISED = "relocalised"
+_PROBABILITY = 1e-3  # of a fault of odometry where scans fit nothing
+_SIZE = np.array([2.0, 2.0, 1.0])  # m, m and rad, sigmas of such a fault: slips, a robot lifted
+_WINDOW = 3.0, 2.0  # m and rad to each side in which it is looked for
+_BEFORE = 8.0  # m of path that the map before consists of
+_SAME_VIEW = 1.0  # m of path within which scans show no more than those that fitted nothing
+_SETTLED = 0.1, 0.03  # m and rad by which poses of submaps found by a search may be off
+_UNKNOWN = np.array([25.0, 25.0, 2.25])  # variances, 5 m and 1.5 rad, of a motion that is lost
+_OFF_PLANE = 1e-8  # rad^2 and m^2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Section:
+    """Motions by odometry alone, between which the robot saw nothing that fitted."""
+
+    motions: list[Judged]
+    first: int
+    """Row of the node before."""
+    last: int
+    """Row of the node after."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Refuted:
+    """Where the place after a section lies: not where odometry has it."""
+
+    pose: Array | None
+    """(3,) of the node after in the frame of the one before; None where two are as likely."""
+    verdict: Verdict
+
+
+def refuted_odometry(
+    nodes: LaserNodes, constraints: Sequence[Judged], config: Config
+) -> list[Judged]:
+    """The constraints; a refuted motion gives way to one by scans, or to a tracking loss."""
+    sections = list(_sections(nodes, constraints))
+    poses, start, anew = nodes.poses.copy(), 0, list[Judged]()
+    refuted: dict[int, Verdict] = {}
+    ends = [*(section.first for section in sections[1:]), len(nodes.ids) - 1]
+    for section, end in zip(sections, ends, strict=True):
+        found = _refutation(replace(nodes, poses=poses), section, start, end, config)
+        if found is None:
+            continue
+        last = section.motions[-1]
+        refuted[last.to_id] = found.verdict
+        if found.pose is None:
+            start = section.last
+            anew.append(_lost(last))
+            continue
+        before = nodes.ids.searchsorted(last.from_id)
+        there = compose_planar(poses[section.first], found.pose)
+        anew.append(_corrected(last, between_planar(poses[before], there)))
+        moved = compose_planar(there, invert_planar(poses[section.last]))
+        poses[section.last :] = compose_planar(moved, poses[section.last :])
+    judged = [
+        c.judged(refuted[c.to_id]) if _is_motion(c) and c.to_id in refuted else c
+        for c in constraints
+    ]
+    return [*judged, *anew]
+
+
+def _sections(nodes: LaserNodes, constraints: Sequence[Judged]) -> Iterator[Section]:
+    row = {int(i): k for k, i in enumerate(nodes.ids)}
+    section: Section | None = None
+    for c in constraints:
+        if not (is_unmatched(c) and {c.from_id, c.to_id} <= row.keys()):
+            continue
+        first, last = row[c.from_id], row[c.to_id]
+        if section and nodes.path[first] - nodes.path[section.last] > _SAME_VIEW:
+            yield section
+            section = None
+        before = section or Section([], first, last)
+        section = Section([*before.motions, c], before.first, last)
+    if section:
+        yield section
+
+
+def _is_motion(c: Judged) -> bool:
+    return c.kind is ConstraintKind.NEIGHBOUR
+
+
+def is_unmatched(c: Judged) -> bool:
+    """Whether scans fitted nothing on the way, so that odometry alone reports the motion."""
+    return (
+        _is_motion(c) and isinstance(c.source, LaserTracking) and c.source.state == "odometry only"
+    )
+
+
+def is_relocalised(c: Judged) -> bool:
+    """Whether the place afterwards measured a motion, instead of odometry."""
+    return isinstance(c.source, LaserTracking) and c.source.state == _RELOCALISED
+
+
+def _refutation(
+    nodes: LaserNodes, section: Section, start: int, end: int, config: Config
+) -> Refuted | None:
+    """What refutes a section's odometry; nodes from row `start` on and up to `end` are known."""
+    a, b = section.first, section.last
+    rows = np.arange(start, end + 1)
+    rows = rows[nodes.sees[rows]]
+    before = rows[(rows <= a) & (nodes.path[a] - nodes.path[rows] <= _BEFORE)]
+    reach = config.places.laser_submap
+    after = rows[(rows >= b) & (nodes.path[rows] - nodes.path[b] <= reach)]
+    if not len(before) or not len(after):
+        return None
+    known, place = map_of_scans(_submap(nodes, before, a)), Place.of(_submap(nodes, after, b))
+    odometry = between_planar(nodes.poses[a], nodes.poses[b])
+    steps = information_to_planar(np.stack([c.information for c in section.motions]))
+    sigmas = np.sqrt(np.linalg.inv(steps).sum(axis=0).diagonal())
+    window = _SETTLED[0] + 3.0 * sigmas[:2].max(), _SETTLED[1] + 3.0 * sigmas[2]
+    _, there = known.best_about(place, odometry, float(window[0]), float(window[1]))
+    expected = max(there.log_odds, 0.0) - np.log(_PROBABILITY)
+    needed = NATS * needed_evidence(*_WINDOW)
+    tried = _candidates(known, place, odometry)
+    if not tried:
+        return None
+    best = tried[0]
+    if best.agreement.log_odds + best.prior - expected <= needed:
+        return None
+    apart = between_planar(odometry, best.pose)
+    numbers = {
+        "metres": float(np.hypot(*apart[:2])), "degrees": float(np.degrees(abs(apart[2]))),
+        "log_odds": best.agreement.log_odds, "expected": float(expected),
+    }  # fmt: skip
+    is_ambiguous = any(best.log_odds_over(other) < NATS * MARGIN for other in tried[1:])
+    verdict = Verdict(Judge.LASER, False, Why.REFUTED, numbers)
+    return Refuted(None if is_ambiguous else best.pose, verdict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Candidate:
+    pose: Array
+    """(3,) of the node after, in the frame of the one before."""
+    agreement: Agreement
+    prior: float
+    """Log density, less that of where odometry has it."""
+
+    def log_odds_over(self, other: _Candidate) -> float:
+        return NATS * self.agreement.beyond(other.agreement) + self.prior - other.prior
+
+
+def _candidates(known: WholeMap, place: Place, odometry: Array) -> list[_Candidate]:
+    """Where the place may lie, about where odometry has it: the likeliest and another."""
+    least = FORTH * needed_evidence(*_WINDOW)
+    points, grid = place.submap.points, known.grid
+    pose = search_about(points, grid, odometry, *_WINDOW, least)
+    if pose is None:
+        return []
+    other = evidence_elsewhere(points, grid, pose, *_WINDOW, least)
+    tried = []
+    for one in (pose, other):
+        if one is not None:
+            apart = between_planar(odometry, one) / _SIZE
+            tried.append(_Candidate(one, known.judge(place, one), -0.5 * float(apart @ apart)))
+    if len(tried) > 1 and tried[0].log_odds_over(tried[1]) < 0.0:
+        tried.reverse()
+    return tried
+
+
+def _submap(nodes: LaserNodes, members: Index, origin: int) -> Submap:
+    scans = nodes.scans.some(members)
+    poses = between_planar(nodes.poses[origin], nodes.poses[members])
+    origins = transform_points_planar(poses, scans.origins[:, None])[:, 0]
+    return Submap(submap_points(scans, np.arange(len(members)), poses), origins, scans.bounds)
+
+
+def _corrected(c: Judged, motion: Array) -> Judged:
+    variances = np.square([_SETTLED[0], _SETTLED[0], _SETTLED[1]])
+    source = LaserTracking(_RELOCALISED, 0.0)
+    moved = replace(c, i_from_j=planar_to_matrix(motion), source=source, verdicts=())
+    return _with_variances(moved, variances)
+
+
+def _lost(c: Judged) -> Judged:
+    return _with_variances(
+        replace(c, source=LaserTracking("lost", 0.0, lost=True), verdicts=()), _UNKNOWN
+    )
+
+
+def _with_variances(c: Judged, variances: Array) -> Judged:
+    covariance = covariance_from_planar(np.diag(variances), off_plane=_OFF_PLANE)
+    return replace(c, information=np.asarray(np.linalg.inv(covariance)))

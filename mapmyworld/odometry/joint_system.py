@@ -23,6 +23,8 @@ Index = NDArray[np.int64]
 Edges = tuple[Index, Index, Array, Array]
 """Tails, heads, relative poses (E, 3), information (E, 3, 3)."""
 _UNKNOWN = 0.05  # m and rad by which a step without a constraint may be off
+_REJECTED = 25.0, 25.0, 2.25  # variances, 5 m and 1.5 rad, of a motion that is not believed
+_ROUNDING = 1e-6  # m and rad
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,23 +84,39 @@ def joint_system(
 
 
 def node_motions(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged]) -> Edges:
-    """Tracked motions between `chosen` nodes (S,), with the neighbours' covariances added up."""
+    """Motions between `chosen` nodes (S,), with the neighbours' covariances added up."""
     row_of = {node.id: row for row, node in enumerate(nodes)}
     steps = [
         c for c in constraints
-        if c.kind == ConstraintKind.NEIGHBOUR and c.accepted and c.from_id in row_of
+        if c.kind == ConstraintKind.NEIGHBOUR and c.from_id in row_of and c.to_id in row_of
     ]  # fmt: skip
     covariances = np.broadcast_to(np.diag(np.full(3, _UNKNOWN**2)), (len(nodes), 3, 3)).copy()
+    tracked = np.stack([node.tracked_from_base for node in nodes])
     if steps:
+        rows = np.array([(row_of[c.from_id], row_of[c.to_id]) for c in steps])
         known = information_to_planar(np.stack([c.information for c in steps]))
-        covariances[[row_of[c.from_id] for c in steps]] = np.linalg.inv(known)
-    tracked = np.stack([nodes[k].tracked_from_base for k in chosen])
+        covariances[rows[:, 0]] = np.linalg.inv(known)
+        covariances[rows[[not c.accepted for c in steps], 0]] = np.diag(_REJECTED)
+        tracked = _as_measured(tracked, rows, np.stack([c.i_from_j for c in steps]))
     summed = np.add.reduceat(covariances[: chosen[-1]], chosen[:-1], axis=0)
     information = np.asarray(np.linalg.inv(summed + 1e-9 * np.eye(3)), np.float64)
     sessions = np.array([nodes[k].session for k in chosen])
     within = np.flatnonzero(sessions[:-1] == sessions[1:])
-    measured = matrix_to_planar(between(tracked[within], tracked[within + 1]))
+    measured = matrix_to_planar(between(tracked[chosen[within]], tracked[chosen[within + 1]]))
     return within, within + 1, measured, information[within]
+
+
+def _as_measured(tracked: Array, rows: Index, measured: Array) -> Array:
+    """Tracked poses (N, 4, 4), all after a motion that was measured anew moved with it.
+
+    `rows` (E, 2) are the nodes of motions, `measured` (E, 4, 4) what is known of them now.
+    """
+    off = np.abs(between(tracked[rows[:, 0]], tracked[rows[:, 1]]) - measured).max(axis=(1, 2))
+    poses = tracked.copy()
+    for k in np.flatnonzero(off > _ROUNDING):
+        before, after = rows[k]
+        poses[after:] = poses[before] @ measured[k] @ invert(poses[after]) @ poses[after:]
+    return poses
 
 
 def _closed(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged]) -> Edges:

@@ -205,7 +205,7 @@ def _submap(nodes: LaserNodes, members: Index, origin: int) -> Submap:
 
 def _corrected(c: Judged, motion: Array) -> Judged:
     variances = np.square([_SETTLED[0], _SETTLED[0], _SETTLED[1]])
-    source = LaserTracking(_RELOCALISED, 0.0)
+    source = LaserTracking(_RELOCALISED, 0.0, lost=True)
     moved = replace(c, i_from_j=planar_to_matrix(motion), source=source, verdicts=())
     return _with_variances(moved, variances)
 

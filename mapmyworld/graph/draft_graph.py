@@ -86,7 +86,7 @@ def kept_nodes(
     """
     ids = np.array([node.id for node in nodes], np.int64)
     tied = [i for c in closures for i in (c.from_id, c.to_id)]
-    tied += [i for c in motions if c.is_tracking_loss for i in (c.from_id, c.to_id)]
+    tied += [i for c in motions if c.interrupts_tracking for i in (c.from_id, c.to_id)]
     arrivals = np.array([c.to_id for c in motions], np.int64)
     departures = np.array([c.from_id for c in motions], np.int64)
     through = np.ones(len(ids), np.bool_)

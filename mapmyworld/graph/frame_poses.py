@@ -34,7 +34,7 @@ def pose_every_frame(
         return np.asarray(solved[here] @ frames.node_from_frame)
     after = np.minimum(here + 1, len(nodes) - 1)
     sessions = np.array([node.session for node in nodes])
-    lost = {c.to_id for c in constraints if c.is_tracking_loss}
+    lost = {c.to_id for c in constraints if c.interrupts_tracking}
     goes_on = (after > here) & (sessions[after] == sessions[here])
     goes_on &= ~np.array([node.id in lost for node in nodes])[after]
     share = np.where(goes_on, _share_of_path(here, len(nodes)), 0.0)

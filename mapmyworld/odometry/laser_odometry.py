@@ -53,6 +53,8 @@ class LaserMotion:
     """Share of the scan that the local submap explains."""
     is_tracking_loss: bool = False
     """Whether the scans before no longer say where the robot is, and the odometry, if any, errs."""
+    fits_nothing: bool = False
+    """Whether it is the first scan, or the first of a new submap, that fits nothing before it."""
 
     @property
     def information(self) -> Array:
@@ -216,6 +218,7 @@ class LaserTracker:
         if not has_odometry:
             unknown, lost = self._losses.found(frame.stamp_ns, grown, apart, match.overlap)
             return LaserMotion(match.pose, np.diag(unknown), "lost", match.overlap, lost)
+        is_first = self._missed == 1
         path, rotation = self._wheels[11:13]
         changed, refuted = path > _VIEW[0] or rotation > _VIEW[1], False
         self._unmatched_steps += grown
@@ -226,7 +229,10 @@ class LaserTracker:
                 self._missed = 0
                 self._unmatched_steps[:] = 0.0
                 self._keyframes.forget()
-        return LaserMotion(predicted, np.diag(grown), "odometry only", match.overlap, refuted)
+        return LaserMotion(
+            predicted, np.diag(grown), "odometry only", match.overlap, refuted,
+            fits_nothing=is_first or not self._keyframes.count,
+        )  # fmt: skip
 
     def _placed(
         self, stamp_ns: int, recorded: Array | None, predicted: Array, variances: Array,

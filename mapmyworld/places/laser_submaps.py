@@ -46,9 +46,18 @@ def place_around(nodes: LaserNodes, middle: int, config: Config) -> Place:
 
 def match_submaps(nodes: LaserNodes, a: int, b: int, guess: Array, config: Config) -> Match:
     """The scans around b, as one, aligned with those around a, from `guess` (3,) of a_from_b."""
-    targets = submap_members(nodes, a, config)
+    targets, members = submap_members(nodes, a, config), submap_members(nodes, b, config)
+    return match_members(nodes, (a, targets), (b, members), guess, config)
+
+
+def match_members(
+    nodes: LaserNodes, target: tuple[int, Index], other: tuple[int, Index], guess: Array,
+    config: Config,
+) -> Match:  # fmt: skip
+    """Scans of some nodes, as one, aligned with those of others: each a node and its submap's."""
+    (a, targets), (b, members) = target, other
     return match_scan(
-        _joined(nodes, b, submap_members(nodes, b, config)), nodes.scans.some(targets),
+        _joined(nodes, b, members), nodes.scans.some(targets),
         np.arange(len(targets)), between_planar(nodes.poses[a], nodes.poses[targets]), guess,
         config.registration, prior=guess, prior_information=_NO_PRIOR,
         max_distances=np.concatenate([[0.4, 0.3], FINE]),

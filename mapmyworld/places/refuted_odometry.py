@@ -20,12 +20,21 @@ from mapmyworld.geometry.planar import (
     covariance_from_planar,
     information_to_planar,
     invert_planar,
+    planar_adjoint,
     planar_to_matrix,
     transform_points_planar,
 )
+from mapmyworld.places.laser_closures import closure_information
 from mapmyworld.places.laser_nodes import Index, LaserNodes
+from mapmyworld.places.laser_submaps import match_members
 from mapmyworld.places.whole_map import WholeMap, map_of_scans
-from mapmyworld.registration.place_evidence import FORTH, Agreement, Place, needed_evidence
+from mapmyworld.registration.place_evidence import (
+    APART,
+    FORTH,
+    Agreement,
+    Place,
+    needed_evidence,
+)
 from mapmyworld.registration.scan_search import (
     MARGIN,
     NATS,
@@ -34,18 +43,26 @@ from mapmyworld.registration.scan_search import (
     search_about,
     submap_points,
 )
-from mapmyworld.types import ConstraintKind, Judge, Judged, LaserTracking, Verdict, Why
+from mapmyworld.types import (
+    RELOCALISED,
+    ConstraintKind,
+    Judge,
+    Judged,
+    LaserTracking,
+    Verdict,
+    Why,
+)
 
 Array = NDArray[np.float64]
-_RELOCALISED = "relocalised"
 _PROBABILITY = 1e-3  # of a fault of odometry where scans fit nothing
 _SIZE = np.array([2.0, 2.0, 1.0])  # m, m and rad, sigmas of such a fault: slips, a robot lifted
 _WINDOW = 3.0, 2.0  # m and rad to each side in which it is looked for
 _BEFORE = 8.0  # m of path that the map before consists of
 _SAME_VIEW = 1.0  # m of path within which scans show no more than those that fitted nothing
-_SETTLED = 0.1, 0.03  # m and rad by which poses of submaps found by a search may be off
-_UNKNOWN = np.array([25.0, 25.0, 2.25])  # variances, 5 m and 1.5 rad, of a motion that is lost
+_SETTLED = 0.1, 0.03  # m and rad by which submaps may be off in themselves
+_UNKNOWN = np.diag([25.0, 25.0, 2.25])  # covariance, 5 m and 1.5 rad, of a motion that is lost
 _OFF_PLANE = 1e-8  # rad^2 and m^2
+_MEMBERS = 9  # nodes of a submap that are aligned, at most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,11 +78,13 @@ class Section:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refuted:
-    """Where the place after a section lies: not where odometry has it."""
+    """What the place after a section reports, which does not lie where odometry has it."""
 
-    pose: Array | None
-    """(3,) of the node after in the frame of the one before; None where two are as likely."""
     verdict: Verdict
+    pose: Array | None = None
+    """(3,) of the node after in the frame of the one before; None where two are as likely."""
+    covariance: Array | None = None
+    """(3, 3) of that pose, in the frame of the node after."""
 
 
 def refuted_odometry(
@@ -80,22 +99,36 @@ def refuted_odometry(
         found = _refutation(replace(nodes, poses=poses), section, start, end, config)
         if found is None:
             continue
-        last = section.motions[-1]
-        refuted[last.to_id] = found.verdict
-        if found.pose is None:
+        first = section.motions[0]
+        refuted[first.to_id] = found.verdict
+        if found.pose is None or found.covariance is None:
             start = section.last
-            anew.append(_lost(last))
+            anew.append(_measured_anew(first, first.i_from_j, _UNKNOWN, "lost"))
             continue
-        before = nodes.ids.searchsorted(last.from_id)
-        there = compose_planar(poses[section.first], found.pose)
-        anew.append(_corrected(last, between_planar(poses[before], there)))
-        moved = compose_planar(there, invert_planar(poses[section.last]))
-        poses[section.last :] = compose_planar(moved, poses[section.last :])
+        begins = int(nodes.ids.searchsorted(first.to_id))
+        onward = between_planar(poses[begins], poses[section.last])
+        motion = compose_planar(found.pose, invert_planar(onward))
+        carried = planar_adjoint(onward)
+        covariance = carried @ found.covariance @ carried.T
+        anew.append(_measured_anew(first, planar_to_matrix(motion), covariance, RELOCALISED))
+        moved = compose_planar(poses[section.first], motion)
+        poses[begins:] = compose_planar(moved, between_planar(poses[begins], poses[begins:]))
     judged = [
         c.judged(refuted[c.to_id]) if _is_motion(c) and c.to_id in refuted else c
         for c in constraints
     ]
     return [*judged, *anew]
+
+
+def is_unmatched(c: Judged) -> bool:
+    """Whether scans fitted nothing on the way, so that odometry alone reports the motion."""
+    return (
+        _is_motion(c) and isinstance(c.source, LaserTracking) and c.source.state == "odometry only"
+    )
+
+
+def _is_motion(c: Judged) -> bool:
+    return c.kind is ConstraintKind.NEIGHBOUR
 
 
 def _sections(nodes: LaserNodes, constraints: Sequence[Judged]) -> Iterator[Section]:
@@ -114,56 +147,54 @@ def _sections(nodes: LaserNodes, constraints: Sequence[Judged]) -> Iterator[Sect
         yield section
 
 
-def _is_motion(c: Judged) -> bool:
-    return c.kind is ConstraintKind.NEIGHBOUR
-
-
-def is_unmatched(c: Judged) -> bool:
-    """Whether scans fitted nothing on the way, so that odometry alone reports the motion."""
-    return (
-        _is_motion(c) and isinstance(c.source, LaserTracking) and c.source.state == "odometry only"
-    )
-
-
-def is_relocalised(c: Judged) -> bool:
-    """Whether the place afterwards measured a motion, instead of odometry."""
-    return isinstance(c.source, LaserTracking) and c.source.state == _RELOCALISED
-
-
 def _refutation(
     nodes: LaserNodes, section: Section, start: int, end: int, config: Config
 ) -> Refuted | None:
     """What refutes a section's odometry; nodes from row `start` on and up to `end` are known."""
-    a, b = section.first, section.last
-    rows = np.arange(start, end + 1)
-    rows = rows[nodes.sees[rows]]
-    before = rows[(rows <= a) & (nodes.path[a] - nodes.path[rows] <= _BEFORE)]
-    reach = config.places.laser_submap
-    after = rows[(rows >= b) & (nodes.path[rows] - nodes.path[b] <= reach)]
+    before, after = _around(nodes, section, start, end, config.places.laser_submap)
     if not len(before) or not len(after):
         return None
+    a, b = section.first, section.last
     known, place = map_of_scans(_submap(nodes, before, a)), Place.of(_submap(nodes, after, b))
     odometry = between_planar(nodes.poses[a], nodes.poses[b])
-    steps = information_to_planar(np.stack([c.information for c in section.motions]))
-    sigmas = np.sqrt(np.linalg.inv(steps).sum(axis=0).diagonal())
-    window = _SETTLED[0] + 3.0 * sigmas[:2].max(), _SETTLED[1] + 3.0 * sigmas[2]
-    _, there = known.best_about(place, odometry, float(window[0]), float(window[1]))
-    expected = max(there.log_odds, 0.0) - np.log(_PROBABILITY)
-    needed = NATS * needed_evidence(*_WINDOW)
+    there = known.best_about(place, odometry, *_window(section))[1]
+    expected = max(there.log_odds, 0.0) - float(np.log(_PROBABILITY))
     tried = _candidates(known, place, odometry)
-    if not tried:
+    if not tried or tried[0].log_odds - expected <= NATS * needed_evidence(*_WINDOW):
         return None
     best = tried[0]
-    if best.agreement.log_odds + best.prior - expected <= needed:
-        return None
     apart = between_planar(odometry, best.pose)
-    numbers = {
-        "metres": float(np.hypot(*apart[:2])), "degrees": float(np.degrees(abs(apart[2]))),
-        "log_odds": best.agreement.log_odds, "expected": float(expected),
-    }  # fmt: skip
-    is_ambiguous = any(best.log_odds_over(other) < NATS * MARGIN for other in tried[1:])
+    numbers = {"metres": float(np.hypot(*apart[:2])), "degrees": float(np.degrees(abs(apart[2])))}
+    numbers |= {"log_odds": best.log_odds, "limit": expected}
     verdict = Verdict(Judge.LASER, False, Why.REFUTED, numbers)
-    return Refuted(None if is_ambiguous else best.pose, verdict)
+    if any(best.log_odds_over(other) < NATS * MARGIN for other in tried[1:]):
+        return Refuted(verdict)
+    ends = (a, _few(before)), (b, _few(after))
+    match = match_members(nodes, *ends, best.pose, config)
+    slipped = between_planar(best.pose, match.pose)
+    if np.hypot(*slipped[:2]) < APART[0] and abs(slipped[2]) < APART[1]:
+        covariance = np.asarray(np.linalg.inv(closure_information(match)))
+        return Refuted(verdict, match.pose, covariance)
+    return Refuted(verdict)
+
+
+def _around(
+    nodes: LaserNodes, section: Section, start: int, end: int, reach: float
+) -> tuple[Index, Index]:
+    """Nodes (K,) that see something right before a section, and those right after it."""
+    rows = np.arange(start, end + 1)
+    rows = rows[nodes.sees[rows]]
+    since = nodes.path[section.first] - nodes.path[rows]
+    until = nodes.path[rows] - nodes.path[section.last]
+    before = rows[(rows <= section.first) & (since <= _BEFORE)]
+    return before, rows[(rows >= section.last) & (until <= reach)]
+
+
+def _window(section: Section) -> tuple[float, float]:
+    """Metres and radians to each side that odometry's own uncertainty covers."""
+    steps = information_to_planar(np.stack([c.information for c in section.motions]))
+    sigmas = np.sqrt(np.linalg.inv(steps).sum(axis=0).diagonal())
+    return _SETTLED[0] + 3.0 * float(sigmas[:2].max()), _SETTLED[1] + 3.0 * float(sigmas[2])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,9 +203,15 @@ class _Candidate:
     """(3,) of the node after, in the frame of the one before."""
     agreement: Agreement
     prior: float
-    """Log density, less that of where odometry has it."""
+    """Log density of a fault that leads there, less that of the smallest one."""
+
+    @property
+    def log_odds(self) -> float:
+        """Nats for this pose, and against a place never seen."""
+        return self.agreement.log_odds + self.prior
 
     def log_odds_over(self, other: _Candidate) -> float:
+        """Nats for this pose, and against another one."""
         return NATS * self.agreement.beyond(other.agreement) + self.prior - other.prior
 
 
@@ -203,19 +240,11 @@ def _submap(nodes: LaserNodes, members: Index, origin: int) -> Submap:
     return Submap(submap_points(scans, np.arange(len(members)), poses), origins, scans.bounds)
 
 
-def _corrected(c: Judged, motion: Array) -> Judged:
-    variances = np.square([_SETTLED[0], _SETTLED[0], _SETTLED[1]])
-    source = LaserTracking(_RELOCALISED, 0.0, lost=True)
-    moved = replace(c, i_from_j=planar_to_matrix(motion), source=source, verdicts=())
-    return _with_variances(moved, variances)
+def _few(members: Index) -> Index:
+    return members[np.unique(np.linspace(0, len(members) - 1, _MEMBERS).astype(np.int64))]
 
 
-def _lost(c: Judged) -> Judged:
-    return _with_variances(
-        replace(c, source=LaserTracking("lost", 0.0, lost=True), verdicts=()), _UNKNOWN
-    )
-
-
-def _with_variances(c: Judged, variances: Array) -> Judged:
-    covariance = covariance_from_planar(np.diag(variances), off_plane=_OFF_PLANE)
-    return replace(c, information=np.asarray(np.linalg.inv(covariance)))
+def _measured_anew(c: Judged, motion: Array, covariance: Array, state: str) -> Judged:
+    spatial = covariance_from_planar(covariance, off_plane=_OFF_PLANE)
+    source = LaserTracking(state, 0.0, lost=state != RELOCALISED)
+    return Judged(c.from_id, c.to_id, c.kind, motion, np.asarray(np.linalg.inv(spatial)), source)

@@ -27,6 +27,8 @@ class Motion:
     """(6, 6), rotation first, of the motion since the previous frame, in this frame's base."""
     source: Source
     """Where the motion comes from."""
+    fits_nothing: bool = False
+    """Whether what is seen from here on fits nothing that was seen before."""
 
     @property
     def is_tracking_loss(self) -> bool:
@@ -60,7 +62,8 @@ class NodeSelector:
         self._since.append(motion)
         pose, last = motion.tracked_from_base, self._last
         moved = np.eye(4) if last is None else between(last.tracked_from_base, pose)
-        if last is not None and not motion.is_tracking_loss and not self._is_due(frame, moved):
+        anew = motion.is_tracking_loss or motion.fits_nothing
+        if last is not None and not anew and not self._is_due(frame, moved):
             return None, None, moved
         odometry = pose if frame.odom_from_base is None else frame.odom_from_base
         node = Node(

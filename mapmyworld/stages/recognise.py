@@ -82,7 +82,6 @@ def closures_by_laser(
     """
     from mapmyworld.places.laser_closures import first_closures
     from mapmyworld.places.laser_nodes import nodes_at
-    from mapmyworld.places.refuted_odometry import is_relocalised
     from mapmyworld.stages.solve_draft import solve_draft_of
 
     if len(loaded.nodes) < 2:
@@ -95,7 +94,7 @@ def closures_by_laser(
         poses: Poses | None = None
         known: Sequence[Judged] = ()
         so_far, last = [*store.constraints(), *found], loaded.nodes[span[1] - 1].id
-        if any(c.accepted for c in found) or any(is_relocalised(c) for c in so_far):
+        if any(c.accepted for c in found) or any(c.is_relocalised for c in so_far):
             draft = solve_draft_of(store, config, so_far, last)
             poses, known = draft.poses, draft.closures
         found += first_closures(loaded, poses, known, span, config, progress)

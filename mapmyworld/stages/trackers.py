@@ -117,7 +117,7 @@ class LaserFollower:
                 lost = moment.is_tracking_loss and frame.odom_from_base is None
                 source = LaserTracking(moment.verdict, float(moment.overlap), lost)
                 covariance = covariance_from_planar(moment.covariance, off_plane=_OUT_OF_PLANE)
-                yield frame, Motion(pose, covariance, source)
+                yield frame, Motion(pose, covariance, source, moment.fits_nothing)
 
     def notes(self) -> tuple[str, ...]:
         return self._tracker.notes()

@@ -45,6 +45,7 @@ from mapmyworld.types.messages import (
 from mapmyworld.types.pose_graph import Edges, PoseGraph, Priors, Sightings, no_priors, no_sightings
 from mapmyworld.types.seams import LogSource, MapStore, Progress
 from mapmyworld.types.sources import (
+    RELOCALISED,
     CameraTracking,
     CorrectedOdometry,
     Given,
@@ -61,6 +62,7 @@ from mapmyworld.types.verdicts import Judge, Verdict, Why
 
 __all__ = [
     "CLOSURES",
+    "RELOCALISED",
     "TRUSTED",
     "CameraInfoMessage",
     "CameraModel",

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.types.sources import GIVEN, LaserTracking, Person, Source
+from mapmyworld.types.sources import GIVEN, RELOCALISED, LaserTracking, Person, Source
 from mapmyworld.types.verdicts import SUPERSEDING, Judge, Verdict
 
 
@@ -71,6 +71,16 @@ class Constraint:
     def is_tracking_loss(self) -> bool:
         """Whether tracking was lost between the two nodes, and with it how they lie."""
         return isinstance(self.source, LaserTracking) and self.source.lost
+
+    @property
+    def is_relocalised(self) -> bool:
+        """Whether the place afterwards measured the motion, and not tracking."""
+        return isinstance(self.source, LaserTracking) and self.source.state == RELOCALISED
+
+    @property
+    def interrupts_tracking(self) -> bool:
+        """Whether the poses before and after it do not follow each other as they were tracked."""
+        return self.is_tracking_loss or self.is_relocalised
 
 
 @dataclass(frozen=True, slots=True, eq=False)

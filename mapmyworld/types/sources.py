@@ -28,6 +28,10 @@ class CorrectedOdometry:
     turn_share: float
 
 
+RELOCALISED = "relocalised"
+"""State of a motion that the place afterwards measured, where odometry was refuted."""
+
+
 @dataclass(frozen=True, slots=True)
 class LaserTracking:
     """Scan matching from frame to frame; the figures are those of the least certain one."""

@@ -120,14 +120,12 @@ def locate_session(earlier: SessionPlaces, later: SessionPlaces) -> Array | None
         if any(_is_same(move, other.move, later.nodes.poses[spot]) for other in tried):
             continue
         tried.append(judge_pose(earlier, later, move, spot))
-        best = max(tried, key=lambda one: one.log_odds)
         odds = tried[-1].log_odds
         decided("join", f"session at {move.round(2)}: log odds {odds:.0f}, needed {needed:.0f}")
-        if best is not tried[-1] or best.log_odds < needed:
-            continue
-        if not _is_ambiguous(earlier, later, best, tried, needed):
-            return best.move
-    return None
+    best = max(tried, key=lambda one: one.log_odds, default=None)
+    if best is None or best.log_odds < needed:
+        return None
+    return None if _is_ambiguous(earlier, later, best, tried, needed) else best.move
 
 
 def judge_pose(earlier: SessionPlaces, later: SessionPlaces, move: Array, spot: int) -> Hypothesis:

@@ -12,7 +12,7 @@ from mapmyworld.types.wording import _SOURCES, _VERDICTS
 
 ROOT = Path(__file__).parent.parent
 _SHORTEST = 10  # letters of a suggestion; less is a word and a value
-_ROOMS = ("cli", "formats", "mapmyworld")
+_PACKAGES = ("cli", "formats", "mapmyworld")
 # Messages of these end in words that say what to do, more often than not.
 _VERBS = (
     "add", "allow", "ask", "build", "change", "check", "choose", "close", "convert", "copy",
@@ -23,7 +23,7 @@ _VERBS = (
 )  # fmt: skip
 # What to do where the message does not say it itself but contains these words: the first that fits.
 BY_WORDS = {
-    "cannot be written": "check the folder, its permissions and the room on its disk",
+    "cannot be written": "check the folder, its permissions and the space on its disk",
     "its folder does not exist": "make the folder, or give another place with `-o`",
     "it is a folder": "give the name of a file",
     "there is no such file": "check the path",
@@ -169,7 +169,7 @@ class Message:
 
     @property
     def suggestion(self) -> str:
-        """What to do: the message's own last words, or what helps with all of its room."""
+        """What to do: the message's own last words, or what helps with all of its package."""
         for part in (
             self.text.rsplit(": ", 1),
             self.text.rsplit("; ", 1),
@@ -187,8 +187,8 @@ class Message:
 def gathered() -> list[Message]:
     """All messages, by file."""
     found = set[Message]()
-    for room in _ROOMS:
-        for path in sorted((ROOT / room).rglob("*.py")):
+    for package in _PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
             name = path.relative_to(ROOT).as_posix()
             tree = ast.parse(path.read_text("utf-8"))
             for node in ast.walk(tree):
@@ -202,8 +202,8 @@ def gathered() -> list[Message]:
     return sorted({*found, *_verdicts()})
 
 
-# Rooms that say why something was chosen or not: in the plan, in the diagnosis and in the report.
-# What they say is looked for here as well, so all of it is listed.
+# Packages that say why something was chosen or not: in the plan, in the diagnosis and in the
+# report. What they say is looked for here as well, so all of it is listed.
 REASONING = (
     "mapmyworld/sensing/", "mapmyworld/odometry/", "mapmyworld/places/", "mapmyworld/stages/",
     "mapmyworld/diagnosis/", "mapmyworld/backend/certificate", "mapmyworld/graph/solved_graph",
@@ -309,8 +309,8 @@ def _one_line(text: str) -> str:
 def page() -> str:
     """The table, as Markdown."""
     lines = [_HEAD]
-    for room, title in _TITLES.items():
-        rows = [reported for reported in gathered() if _room(reported.file) == room]
+    for package, title in _TITLES.items():
+        rows = [reported for reported in gathered() if _package(reported.file) == package]
         lines += [f"## {title}", "", "| message | what to do | kind |", "| --- | --- | --- |"]
         seen = dict.fromkeys(
             (reported.text, reported.suggestion, reported.kind) for reported in rows
@@ -320,8 +320,8 @@ def page() -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _room(file: str) -> str:
-    return max((room for room in _TITLES if file.startswith(room)), key=len)
+def _package(file: str) -> str:
+    return max((name for name in _TITLES if file.startswith(name)), key=len)
 
 
 def _cell(text: str) -> str:

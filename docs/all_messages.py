@@ -45,6 +45,8 @@ BY_WORDS = {
     "not an MCAP file": "name a whole MCAP file",
     "no whole FLASER": "name a whole CARMEN log",
     "rosbag migrate": "convert it with `rosbag migrate`",
+    "do not indicate where the laser sits": "set sensing.scan_mount",
+    "so it is no mounting": "set sensing.scan_mount, or use the log as it was recorded",
     "none of its files": "copy the recording again, or repair it (see above)",
     "the file is empty": "copy it again, or record anew",
     "list no images": "correct the paths in rgb.txt and depth.txt, or copy the folder again",
@@ -239,6 +241,8 @@ def _messages_in(node: ast.AST) -> Iterator[tuple[str, str]]:
         yield from (("note", text) for text in _sentences(node))
     if isinstance(node, ast.Yield) and isinstance(node.value, ast.JoinedStr):
         yield from (("loss", text) for text in [_template(node.value)] if len(text) >= _SENTENCE)
+    if isinstance(node, ast.Assign) and _is_a_doubt(node.targets[0]):
+        yield "loss", _template(node.value)
     if not isinstance(node, ast.Call) or not node.args:
         return
     if isinstance(node.func, ast.Name) and node.func.id == "_require":
@@ -250,9 +254,14 @@ def _messages_in(node: ast.AST) -> Iterator[tuple[str, str]]:
     if isinstance(node.func, ast.Attribute) and node.func.attr in {"append", "insert"}:
         owner = node.func.value
         name = getattr(owner, "attr", getattr(owner, "id", "")).lstrip("_")
-        if name in {"losses", "warnings", "problems"}:
-            kind = {"losses": "loss", "warnings": "note"}.get(name, "problem")
-            yield kind, _template(node.args[-1])
+        if name in {"losses", "doubts", "warnings", "problems"}:
+            kind = {"losses": "loss", "doubts": "loss", "warnings": "note"}.get(name, "problem")
+            last = node.args[-1]  # of a doubt, a topic and the words
+            yield kind, _template(last.elts[-1] if isinstance(last, ast.Tuple) else last)
+
+
+def _is_a_doubt(target: ast.expr) -> bool:
+    return isinstance(target, ast.Subscript) and getattr(target.value, "attr", "") == "doubts"
 
 
 def _sentences(function: ast.FunctionDef) -> Iterator[str]:

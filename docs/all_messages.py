@@ -46,6 +46,8 @@ BY_WORDS = {
     "no whole FLASER": "name a whole CARMEN log",
     "rosbag migrate": "convert it with `rosbag migrate`",
     "do not indicate where the laser sits": "set sensing.scan_mount",
+    "are not one session": "map each (`mapmyworld batch`), or join their maps (`merge`)",
+    "a ROS 1 bag cannot hold": "write .mcap or .db3",
     "so it is no mounting": "set sensing.scan_mount, or use the log as it was recorded",
     "none of its files": "copy the recording again, or repair it (see above)",
     "the file is empty": "copy it again, or record anew",
@@ -121,7 +123,10 @@ BY_WORDS = {
     "the robot stood still": "drive it through the place that is to be mapped",
     "limits.chunk_mb": "the chunk is left out; set limits.chunk_mb higher if its size is right",
 }  # fmt: skip
-# What to do where neither does: the longest prefix of the file's path counts.
+_LOGS = "formats/logs/"
+"""Of damage. A `LogError` refuses a log or a message: what helps depends on what it is."""
+# What to do where neither does: the longest prefix of the file's path counts. None is for all of
+# formats/: what helps with a file that is read is false advice for one that is written.
 SUGGESTIONS = {
     "cli/": "correct the command; `--help` shows how it is written",
     "formats/converting": "name the kind of log by the ending of the output",
@@ -130,7 +135,14 @@ SUGGESTIONS = {
     "formats/graph": "correct the line of the graph file that is named; the rest is used",
     "formats/grid_files": "write the grid again (`mapmyworld export grid`), or correct its YAML",
     "formats/image_folders": "check the folder, its disk and its permissions",
-    "formats/logs/": "the rest of the log is used; copy it again, or repair it (see above)",
+    _LOGS: "the rest of the log is used; copy it again, or repair it (see above)",
+    "formats/logs/carmen": "the line is left out; copy the log again, or repair it (see above)",
+    "formats/logs/compressed_depth": "the image is left out; check the driver",
+    "formats/logs/decoding": "the message is left out; check the driver, or use the standard type",
+    "formats/logs/foxglove_encodings": "the message is left out; check the program that wrote it",
+    "formats/logs/image_pixels": "the image is left out; check the driver",
+    "formats/logs/tum_rgbd": "the lines are left out; correct them, or copy the folder again",
+    "formats/mesh_files": "write the mesh again (`mapmyworld export mesh`), as binary PLY",
     "formats/ply": "write the file again, as binary PLY",
     "formats/cloud_files": "write the cloud again (`mapmyworld export cloud`)",
     "formats/recording_files": "give another place or name, or `--overwrite`",
@@ -138,10 +150,10 @@ SUGGESTIONS = {
     "formats/report/": "build the map to its end first",
     "formats/ros": "the message is left out: record the topic with its standard type",
     "formats/scene": "export the mesh again as PLY, OBJ or GLB, with faces",
+    "formats/transcoding": "the message is left out: convert into .mcap, which keeps its bytes",
     "formats/trajectory_files": "correct the line of the trajectory file that is named",
     "formats/truth_files": "record the simulated log again, with its truth",
     "formats/vocabulary_files": "write the words again: `mapmyworld export vocabulary MAP`",
-    "formats/": "check that the file is whole and of the kind that its name says",
     "mapmyworld/config/": "`mapmyworld config` lists every setting with its type and meaning",
     "mapmyworld/diagnosis/": "`mapmyworld inspect log LOG` says beside it what to do",
     "mapmyworld/odometry/": "see there in the report, and at `mapmyworld inspect node MAP ID`",
@@ -183,7 +195,9 @@ class Message:
         if reported := next((do for words, do in BY_WORDS.items() if words in self.text), None):
             return reported
         fitting = [prefix for prefix in SUGGESTIONS if self.file.startswith(prefix)]
-        return SUGGESTIONS[max(fitting, key=len)]
+        if self.kind == "LogError" and _LOGS in fitting:
+            fitting.remove(_LOGS)
+        return SUGGESTIONS[max(fitting, key=len)] if fitting else ""
 
 
 def gathered() -> list[Message]:
@@ -198,6 +212,7 @@ def gathered() -> list[Message]:
                     Message(name, text, kind) for kind, text in _messages_in(node) if len(text) > 8
                 }
                 found |= {one for one in reported if not _is_on_a_page(one)}
+            found |= {Message(name, text, "problem") for text in _faults(tree)}
             if name.startswith(REASONING):
                 known = "\n".join(one.text for one in found)
                 found |= {Message(name, t, "reason") for t in _reasons(tree) if t not in known}
@@ -258,6 +273,29 @@ def _messages_in(node: ast.AST) -> Iterator[tuple[str, str]]:
             kind = {"losses": "loss", "doubts": "loss", "warnings": "note"}.get(name, "problem")
             last = node.args[-1]  # of a doubt, a topic and the words
             yield kind, _template(last.elts[-1] if isinstance(last, ast.Tuple) else last)
+
+
+def _faults(tree: ast.Module) -> Iterator[str]:
+    """Words of a file's ValueErrors, where it puts them into a message of its own."""
+    nodes = list(ast.walk(tree))
+    if any(isinstance(n, ast.ExceptHandler) and _passes_words_on(n) for n in nodes):
+        for node in nodes:
+            if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and node.exc.args:
+                text = _template(node.exc.args[0])
+                if ast.unparse(node.exc.func) == "ValueError" and len(text) > 8:
+                    yield text
+
+
+def _passes_words_on(handler: ast.ExceptHandler) -> bool:
+    shown = (
+        name.id
+        for part in ast.walk(handler)
+        if isinstance(part, ast.FormattedValue)
+        for name in ast.walk(part)
+        if isinstance(name, ast.Name)
+    )
+    caught = "" if handler.type is None else ast.unparse(handler.type)
+    return "ValueError" in caught and handler.name in set(shown)
 
 
 def _is_a_doubt(target: ast.expr) -> bool:

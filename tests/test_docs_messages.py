@@ -59,7 +59,7 @@ def test_every_message_says_what_to_do_about_it() -> None:
 
 @pytest.mark.parametrize("file", ["formats/logs/new_log.py", "formats/new_files.py"])
 def test_a_new_format_gets_no_suggestion_that_is_none_of_its_own(file: str) -> None:
-    """What helps with a damaged log is no help where one is refused, or a file cannot be written."""
+    """What helps with a damaged log is none where one is refused, or a file cannot be written."""
     assert messages.Message(file, "no whole line in it", "LogError").suggestion == ""
     worded = messages.Message(file, "no line in it: name another log", "LogError")
     assert worded.suggestion == "name another log"

@@ -57,7 +57,7 @@ def laser_findings(sample: Sample, config: RegistrationConfig) -> Iterator[Findi
 
 
 def _beside_half_a_sweep(found: Finding, sample: Sample) -> Finding:
-    """A time offset; where nothing says when a beam was taken, half a sweep of it is no news."""
+    """A time offset; where nothing reports when a beam was taken, half a sweep of it is no news."""
     scan = sample.plan.scan
     period = float(np.median(np.diff([f.stamp_ns for f in sample.frames if f.scan]))) * 1e-9
     is_half = found.unit == "s" and abs(found.value) < _HALF * period

@@ -56,11 +56,16 @@ def edit(
     reason = "measured with a tape"
 
     \b
-    [[prior]]                   # the same of one node in the map; [[pin]] needs no sigma
+    [[prior]]                   # the same of one node in the map
     node = 1
     pose = [0.0, 0.0, 0.0]
     sigma = [0.01, 0.5]
     reason = "the dock"
+
+    \b
+    [[pin]]                     # a node that stays: where it is, or at a pose
+    node = 17
+    reason = "surveyed"
 
     \b
     mapmyworld edit map.db edits.toml

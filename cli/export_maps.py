@@ -1,4 +1,4 @@
-"""`mapmyworld export grid`, `cloud` and `mesh`: what the robot's environment look like."""
+"""`mapmyworld export grid`, `cloud` and `mesh`: what the environment looks like."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ import click
 
 from cli.arguments import PATH, map_argument
 from cli.export_options import open_map, output_option, output_or, show_written
+from mapmyworld.errors import MapError
 
 
 @click.command()
@@ -80,5 +81,7 @@ def mcap(map_path: Path, output: Path | None, logs: tuple[Path, ...]) -> None:
     path = output_or(map_path, output, lambda: map_path.with_suffix(".foxglove.mcap"))
     beside = path.with_suffix(".layout.json")
     with open_map(map_path, path, beside, logs=logs) as store:
+        if path.suffix != ".mcap":
+            raise MapError(f"{path}: give a name that ends in .mcap")
         written, losses = export_mcap(store, path, logs)
         show_written(written, store, losses)

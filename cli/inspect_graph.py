@@ -15,8 +15,8 @@ from cli.outputs import require_outputs
 from cli.standard_streams import show_json
 from mapmyworld.errors import MapError
 from mapmyworld.sensing.plan import moves_in_plane
-from mapmyworld.types import ConstraintKind, Judged, Poses
-from mapmyworld.types.wording import in_words, reason_of
+from mapmyworld.types import OF_ONE_NODE, ConstraintKind, Judged, Poses
+from mapmyworld.types.wording import in_words, name_of_ends, reason_of
 
 _LEVEL = 0.005  # deg: a turn about the vertical alone
 
@@ -219,17 +219,20 @@ def _lines(facts: dict[str, Any]) -> list[str]:
     if facts["certainty"]:
         lines.append(f"certainty   {facts['certainty']}")
     if facts["uncertainty"]:
-        lines.append(_uncertainty_line(facts["uncertainty"]))
+        lines.append(_uncertainty_line(facts))
     if "between" in facts:
         lines.append(_between_line(facts["between"]))
     return [*lines, "", *_kind_lines(facts), *_worst_lines(facts), *_rejected_lines(facts)]
 
 
-def _uncertainty_line(spread: dict[str, Any]) -> str:
+def _uncertainty_line(facts: dict[str, Any]) -> str:
+    spread, counts = facts["uncertainty"], facts["constraints"]
+    tied = any(row["accepted"] for kind, row in counts.items() if kind in OF_ONE_NODE)
+    frame = "the map" if tied else "the first node"
     return (
         f"uncertainty median {spread['median_metres']:.3g} m, {spread['median_degrees']:.2g} deg; "
         f"largest {spread['largest_metres']:.3g} m (node {spread['largest_at']}), "
-        f"{spread['largest_degrees']:.2g} deg, relative to the first node"
+        f"{spread['largest_degrees']:.2g} deg, relative to {frame}"
     )
 
 
@@ -308,7 +311,7 @@ def _component_lines(parts: list[dict[str, int]]) -> list[str]:
 
 
 def _name(row: dict[str, Any]) -> str:
-    return f"{row['kind']} {row['from']} -> {row['to']}"
+    return name_of_ends(row["kind"], row["from"], row["to"])
 
 
 def _row(row: dict[str, Any], action: str) -> str:
@@ -316,7 +319,7 @@ def _row(row: dict[str, Any], action: str) -> str:
     if "metres" in row:
         fit = f"{row['metres']:.3f} m, {row['degrees']:.2f} deg, {row['sigmas']:.1f} sigma"
     line = f"  {_name(row)}  {fit}  {row['reason']}".rstrip()
-    if row["kind"] == ConstraintKind.NEIGHBOUR or row["kind"] == ConstraintKind.PRIOR:
+    if row["kind"] == ConstraintKind.NEIGHBOUR or row["kind"] in OF_ONE_NODE:
         return line
     paste = f'from = {row["from"]}\nto = {row["to"]}\nkind = "{row["kind"]}"\nreason = ""'
     return "\n".join([line, f"[[{action}]]", *paste.splitlines()])

@@ -12,7 +12,7 @@ from mapmyworld.types.wording import _SOURCES, _VERDICTS
 
 ROOT = Path(__file__).parent.parent
 _SHORTEST = 10  # letters of a suggestion; less is a word and a value
-_ROOMS = ("cli", "formats", "mapmyworld")
+_PACKAGES = ("cli", "formats", "mapmyworld")
 # Messages of these end in words that say what to do, more often than not.
 _VERBS = (
     "add", "allow", "ask", "build", "change", "check", "choose", "close", "convert", "copy",
@@ -23,7 +23,7 @@ _VERBS = (
 )  # fmt: skip
 # What to do where the message does not say it itself but contains these words: the first that fits.
 BY_WORDS = {
-    "cannot be written": "check the folder, its permissions and the room on its disk",
+    "cannot be written": "check the folder, its permissions and the space on its disk",
     "its folder does not exist": "make the folder, or give another place with `-o`",
     "it is a folder": "give the name of a file",
     "there is no such file": "check the path",
@@ -45,6 +45,10 @@ BY_WORDS = {
     "not an MCAP file": "name a whole MCAP file",
     "no whole FLASER": "name a whole CARMEN log",
     "rosbag migrate": "convert it with `rosbag migrate`",
+    "do not indicate where the laser sits": "set sensing.scan_mount",
+    "are not one session": "map each (`mapmyworld batch`), or join their maps (`merge`)",
+    "a ROS 1 bag cannot hold": "write .mcap or .db3",
+    "so it is no mounting": "set sensing.scan_mount, or use the log as it was recorded",
     "none of its files": "copy the recording again, or repair it (see above)",
     "the file is empty": "copy it again, or record anew",
     "list no images": "correct the paths in rgb.txt and depth.txt, or copy the folder again",
@@ -119,7 +123,10 @@ BY_WORDS = {
     "the robot stood still": "drive it through the place that is to be mapped",
     "limits.chunk_mb": "the chunk is left out; set limits.chunk_mb higher if its size is right",
 }  # fmt: skip
-# What to do where neither does: the longest prefix of the file's path counts.
+_LOGS = "formats/logs/"
+"""Of damage. A `LogError` refuses a log or a message: what helps depends on what it is."""
+# What to do where neither does: the longest prefix of the file's path counts. None is for all of
+# formats/: what helps with a file that is read is false advice for one that is written.
 SUGGESTIONS = {
     "cli/": "correct the command; `--help` shows how it is written",
     "formats/converting": "name the kind of log by the ending of the output",
@@ -128,7 +135,14 @@ SUGGESTIONS = {
     "formats/graph": "correct the line of the graph file that is named; the rest is used",
     "formats/grid_files": "write the grid again (`mapmyworld export grid`), or correct its YAML",
     "formats/image_folders": "check the folder, its disk and its permissions",
-    "formats/logs/": "the rest of the log is used; copy it again, or repair it (see above)",
+    _LOGS: "the rest of the log is used; copy it again, or repair it (see above)",
+    "formats/logs/carmen": "the line is left out; copy the log again, or repair it (see above)",
+    "formats/logs/compressed_depth": "the image is left out; check the driver",
+    "formats/logs/decoding": "the message is left out; check the driver, or use the standard type",
+    "formats/logs/foxglove_encodings": "the message is left out; check the program that wrote it",
+    "formats/logs/image_pixels": "the image is left out; check the driver",
+    "formats/logs/tum_rgbd": "the lines are left out; correct them, or copy the folder again",
+    "formats/mesh_files": "write the mesh again (`mapmyworld export mesh`), as binary PLY",
     "formats/ply": "write the file again, as binary PLY",
     "formats/cloud_files": "write the cloud again (`mapmyworld export cloud`)",
     "formats/recording_files": "give another place or name, or `--overwrite`",
@@ -136,10 +150,10 @@ SUGGESTIONS = {
     "formats/report/": "build the map to its end first",
     "formats/ros": "the message is left out: record the topic with its standard type",
     "formats/scene": "export the mesh again as PLY, OBJ or GLB, with faces",
+    "formats/transcoding": "the message is left out: convert into .mcap, which keeps its bytes",
     "formats/trajectory_files": "correct the line of the trajectory file that is named",
     "formats/truth_files": "record the simulated log again, with its truth",
     "formats/vocabulary_files": "write the words again: `mapmyworld export vocabulary MAP`",
-    "formats/": "check that the file is whole and of the kind that its name says",
     "mapmyworld/config/": "`mapmyworld config` lists every setting with its type and meaning",
     "mapmyworld/diagnosis/": "`mapmyworld inspect log LOG` says beside it what to do",
     "mapmyworld/odometry/": "see there in the report, and at `mapmyworld inspect node MAP ID`",
@@ -169,7 +183,7 @@ class Message:
 
     @property
     def suggestion(self) -> str:
-        """What to do: the message's own last words, or what helps with all of its room."""
+        """What to do: the message's own last words, or what helps with all of its package."""
         for part in (
             self.text.rsplit(": ", 1),
             self.text.rsplit("; ", 1),
@@ -181,14 +195,16 @@ class Message:
         if reported := next((do for words, do in BY_WORDS.items() if words in self.text), None):
             return reported
         fitting = [prefix for prefix in SUGGESTIONS if self.file.startswith(prefix)]
-        return SUGGESTIONS[max(fitting, key=len)]
+        if self.kind == "LogError" and _LOGS in fitting:
+            fitting.remove(_LOGS)
+        return SUGGESTIONS[max(fitting, key=len)] if fitting else ""
 
 
 def gathered() -> list[Message]:
     """All messages, by file."""
     found = set[Message]()
-    for room in _ROOMS:
-        for path in sorted((ROOT / room).rglob("*.py")):
+    for package in _PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
             name = path.relative_to(ROOT).as_posix()
             tree = ast.parse(path.read_text("utf-8"))
             for node in ast.walk(tree):
@@ -196,14 +212,15 @@ def gathered() -> list[Message]:
                     Message(name, text, kind) for kind, text in _messages_in(node) if len(text) > 8
                 }
                 found |= {one for one in reported if not _is_on_a_page(one)}
+            found |= {Message(name, text, "problem") for text in _faults(tree)}
             if name.startswith(REASONING):
                 known = "\n".join(one.text for one in found)
                 found |= {Message(name, t, "reason") for t in _reasons(tree) if t not in known}
     return sorted({*found, *_verdicts()})
 
 
-# Rooms that say why something was chosen or not: in the plan, in the diagnosis and in the report.
-# What they say is looked for here as well, so all of it is listed.
+# Packages that say why something was chosen or not: in the plan, in the diagnosis and in the
+# report. What they say is looked for here as well, so all of it is listed.
 REASONING = (
     "mapmyworld/sensing/", "mapmyworld/odometry/", "mapmyworld/places/", "mapmyworld/stages/",
     "mapmyworld/diagnosis/", "mapmyworld/backend/certificate", "mapmyworld/graph/solved_graph",
@@ -239,6 +256,8 @@ def _messages_in(node: ast.AST) -> Iterator[tuple[str, str]]:
         yield from (("note", text) for text in _sentences(node))
     if isinstance(node, ast.Yield) and isinstance(node.value, ast.JoinedStr):
         yield from (("loss", text) for text in [_template(node.value)] if len(text) >= _SENTENCE)
+    if isinstance(node, ast.Assign) and _is_a_doubt(node.targets[0]):
+        yield "loss", _template(node.value)
     if not isinstance(node, ast.Call) or not node.args:
         return
     if isinstance(node.func, ast.Name) and node.func.id == "_require":
@@ -250,9 +269,37 @@ def _messages_in(node: ast.AST) -> Iterator[tuple[str, str]]:
     if isinstance(node.func, ast.Attribute) and node.func.attr in {"append", "insert"}:
         owner = node.func.value
         name = getattr(owner, "attr", getattr(owner, "id", "")).lstrip("_")
-        if name in {"losses", "warnings", "problems"}:
-            kind = {"losses": "loss", "warnings": "note"}.get(name, "problem")
-            yield kind, _template(node.args[-1])
+        if name in {"losses", "doubts", "warnings", "problems"}:
+            kind = {"losses": "loss", "doubts": "loss", "warnings": "note"}.get(name, "problem")
+            last = node.args[-1]  # of a doubt, a topic and the words
+            yield kind, _template(last.elts[-1] if isinstance(last, ast.Tuple) else last)
+
+
+def _faults(tree: ast.Module) -> Iterator[str]:
+    """Words of a file's ValueErrors, where it puts them into a message of its own."""
+    nodes = list(ast.walk(tree))
+    if any(isinstance(n, ast.ExceptHandler) and _passes_words_on(n) for n in nodes):
+        for node in nodes:
+            if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and node.exc.args:
+                text = _template(node.exc.args[0])
+                if ast.unparse(node.exc.func) == "ValueError" and len(text) > 8:
+                    yield text
+
+
+def _passes_words_on(handler: ast.ExceptHandler) -> bool:
+    shown = (
+        name.id
+        for part in ast.walk(handler)
+        if isinstance(part, ast.FormattedValue)
+        for name in ast.walk(part)
+        if isinstance(name, ast.Name)
+    )
+    caught = "" if handler.type is None else ast.unparse(handler.type)
+    return "ValueError" in caught and handler.name in set(shown)
+
+
+def _is_a_doubt(target: ast.expr) -> bool:
+    return isinstance(target, ast.Subscript) and getattr(target.value, "attr", "") == "doubts"
 
 
 def _sentences(function: ast.FunctionDef) -> Iterator[str]:
@@ -309,8 +356,8 @@ def _one_line(text: str) -> str:
 def page() -> str:
     """The table, as Markdown."""
     lines = [_HEAD]
-    for room, title in _TITLES.items():
-        rows = [reported for reported in gathered() if _room(reported.file) == room]
+    for package, title in _TITLES.items():
+        rows = [reported for reported in gathered() if _package(reported.file) == package]
         lines += [f"## {title}", "", "| message | what to do | kind |", "| --- | --- | --- |"]
         seen = dict.fromkeys(
             (reported.text, reported.suggestion, reported.kind) for reported in rows
@@ -320,8 +367,8 @@ def page() -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _room(file: str) -> str:
-    return max((room for room in _TITLES if file.startswith(room)), key=len)
+def _package(file: str) -> str:
+    return max((name for name in _TITLES if file.startswith(name)), key=len)
 
 
 def _cell(text: str) -> str:

@@ -13,7 +13,7 @@ from generate import commands
 
 from cli.main import group
 
-# Rooms whose texts people see: commands, the report, and notes about odometry and places.
+# Packages whose texts people see: commands, the report, and notes about odometry and places.
 _SHOWN = (
     "cli/", "formats/report/", "mapmyworld/odometry/", "mapmyworld/places/", "mapmyworld/stages/",
     "mapmyworld/types/wording", "mapmyworld/localisation/", "mapmyworld/sessions/",
@@ -56,7 +56,7 @@ def _messages() -> Iterator[Message]:
 
 
 def _printed() -> Iterator[Message]:
-    """What functions and tables of the shown rooms hold as text, without docstrings."""
+    """What functions and tables of the shown packages hold as text, without docstrings."""
     known = {(one.file, one.text) for one in gathered()}
     for path in sorted(ROOT.glob("*/**/*.py")):
         name = path.relative_to(ROOT).as_posix()

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TypeVar
 
-from mapmyworld.types import ConstraintKind
+from mapmyworld.types import OF_ONE_NODE, ConstraintKind
 
 Look = TypeVar("Look")
-_ELSEWHERE = {ConstraintKind.NEIGHBOUR, ConstraintKind.PRIOR}  # the path, and what is no line
+_ELSEWHERE = OF_ONE_NODE | {ConstraintKind.NEIGHBOUR}  # the path, and what is no line
 PATH, REJECTED = "#1f6fd1", "#8a8f98"
 
 

@@ -37,6 +37,7 @@ class Conversion:
     messages: int
     duration_s: float
     losses: tuple[str, ...]
+    """What is missing in it, and what it states as fact though it had to be assumed."""
 
 
 Report = Callable[[int, float, float], None]
@@ -60,7 +61,8 @@ def convert_log(
     if recorded is not None:
         recorded.find_clock_step()
     info = log.info()
-    _check_topics(selection, {topic.topic for topic in info.topics})
+    topics = {topic.topic for topic in info.topics}
+    _check_topics(selection, topics)
     if any(Path(path).resolve() == output.resolve() for path in info.paths):
         raise LogError(f"{output}: is the log itself: name another output")
     first_ns = info.start_ns + round(selection.start_s * 1e9)
@@ -80,7 +82,8 @@ def convert_log(
                 f"nothing to write: no message of the selection in {', '.join(info.paths)}",
                 problems=(*copier.losses(), *log.losses()),
             )
-    return Conversion(clock.messages, clock.span_s, (*log.losses(), *copier.losses()))
+    doubts = (doubt for topic, doubt in info.doubts if topic in (selection.topics or topics))
+    return Conversion(clock.messages, clock.span_s, (*log.losses(), *doubts, *copier.losses()))
 
 
 def _is_latched(topic: str) -> bool:

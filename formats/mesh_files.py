@@ -21,7 +21,7 @@ def write_mesh(path: Path, mesh: Mesh) -> None:
     Raises `MapError` for another name.
     """
     if path.suffix.lower() != ".ply":
-        raise MapError(f"{path}: a mesh is written as .ply")
+        raise MapError(f"{path}: a mesh is written as .ply: give a name that ends in .ply")
     vertices = _vertices(mesh)
     faces = np.empty(len(mesh.triangles), _FACE)
     faces["count"], faces["corners"] = 3, mesh.triangles

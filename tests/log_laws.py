@@ -65,14 +65,16 @@ def check_cut(log: Path, file: Path, whole: bytes, cut: int) -> None:
     assert found is None or found <= known, f"cut at {cut}: {found - known} are not in the log"
 
 
-def _recorded(path: Path) -> Counter[tuple[str, str, int]]:
-    """Messages but those that a reader derives from the others; they decode, or raise LogError."""
+def _recorded(path: Path) -> Counter[tuple[tuple[str, str, int], str]]:
+    """Messages but those that a reader derives from the others, with what they decode to.
+
+    Those that raise LogError instead are left out.
+    """
     log = open_log([path])
     log.info()
     messages = [m for m in log.messages() if m.kind not in _DERIVED]
-    for message in messages:
-        allowed(message.decode)
-    return Counter(identity(message) for message in messages)
+    decoded = [(identity(m), allowed(m.decode)) for m in messages]
+    return Counter((which, repr(contents(value))) for which, value in decoded if value is not None)
 
 
 def identity(message: RawMessage) -> tuple[str, str, int]:

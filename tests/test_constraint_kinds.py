@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 
 import numpy as np
@@ -11,7 +11,7 @@ import pytest
 from formats.constraint_kinds import COLOURS, PATH, REJECTED, rgb, with_other_kinds
 from formats.database import links
 from formats.report import graph_picture
-from mapmyworld.types import CLOSURES, TRUSTED, ConstraintKind, Judged, Poses
+from mapmyworld.types import CLOSURES, OF_ONE_NODE, TRUSTED, ConstraintKind, Judged, Poses
 
 KNOWN = {ConstraintKind.NEIGHBOUR: "path", ConstraintKind.USER: "by hand"}
 
@@ -20,7 +20,7 @@ def test_every_kind_that_joins_places_is_drawn_and_known_ones_come_first() -> No
     looks = with_other_kinds(KNOWN, "other")
     assert list(looks)[:2] == list(KNOWN)
     assert {kind: looks[kind] for kind in KNOWN} == KNOWN
-    assert set(ConstraintKind) - set(looks) == {ConstraintKind.PRIOR}
+    assert set(ConstraintKind) - set(looks) == OF_ONE_NODE
     assert looks[ConstraintKind.PROXIMITY] == "other"
 
 
@@ -57,6 +57,16 @@ def test_the_store_writes_a_link_for_a_kind_that_rtabmap_has_no_number_for() -> 
     forward, backward = links.link_rows([_constraint(_Kind())])
     assert forward[:3] == (1, 2, 5)
     assert backward[:3] == (2, 1, 5)
+
+
+def test_a_kind_of_one_node_is_stored_once_as_rtabmaps_prior(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    compass = _Kind("heading")
+    monkeypatch.setattr(links, "OF_ONE_NODE", OF_ONE_NODE | {compass})
+    monkeypatch.setattr(links, "_ONE_WAY", links._ONE_WAY | {compass})
+    (row,) = links.link_rows([replace(_constraint(compass), to_id=1)])
+    assert row[:3] == (1, 1, 7)
 
 
 def test_the_picture_of_a_graph_draws_a_kind_without_words_of_its_own(

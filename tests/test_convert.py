@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from log_builders import Make, drive, serialised, write_mcap, write_ros1, write_rosbag2
-from test_logs_carmen import SMALL
+from test_logs_carmen import SMALL, raw_laser
 from test_recording import assert_same
 
 from cli.convert import convert
@@ -92,6 +92,17 @@ def test_a_selection_of_time_and_topics(tmp_path: Path) -> None:
     times = [m.log_time_ns for m in open_log([output]).messages()]
     assert times == [10**18 + i * 10_000_000 for i in range(10, 20)]
     assert {t.topic for t in open_log([output]).info().topics} == {"/scan"}
+
+
+def test_what_had_to_be_assumed_of_a_topic_that_is_written_is_a_loss(tmp_path: Path) -> None:
+    """Else the new log states it as a fact, and nobody can know."""
+    source = tmp_path / "a.log"
+    source.write_text(raw_laser("10.5") + "ODOM 1 0 0 0 0 0 11.0 host 0.9\n")
+    result = run(source, "-o", tmp_path / "a.mcap")
+    assert result.exit_code == 3
+    assert "it is put on the robot's centre" in result.stderr
+    odometry = run(source, "-o", tmp_path / "b.mcap", "--topic", "/carmen/odom")
+    assert (odometry.exit_code, odometry.stderr.count("centre")) == (0, 0)
 
 
 def test_what_is_fixed_is_kept_from_before_the_part_that_is_wanted(tmp_path: Path) -> None:

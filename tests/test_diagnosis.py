@@ -113,6 +113,25 @@ def test_odometry_stamped_late_is_measured(late_s: float) -> None:
     assert found.suggestion
 
 
+@pytest.mark.parametrize("late_s", [0.0, 0.2])
+@pytest.mark.slow
+def test_half_a_sweep_is_said_where_the_laser_does_not_time_its_beams(late_s: float) -> None:
+    """Its stamp is that of the first beam, and 0.075 s of 0.1 pass until the last."""
+
+    def change(message: Message) -> Message:
+        if isinstance(message, LaserScanMessage):
+            return replace(message, time_increment=0.0)
+        if isinstance(message, OdometryMessage):
+            return replace(message, stamp_ns=message.stamp_ns + int(late_s * 1e9))
+        return message
+
+    found = findings(change)["time offset of odometry to laser"]
+    assert not found.good
+    assert found.value == pytest.approx(late_s + 0.0375, abs=0.02)
+    assert ("half a sweep" in found.text) == (late_s == 0.0)
+    assert ("time_increment; else correct" in found.suggestion) == (late_s == 0.0)
+
+
 @pytest.mark.slow
 def test_wheels_believed_too_large_are_measured() -> None:
     def change(message: Message) -> Message:

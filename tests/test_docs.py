@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import subprocess
 import sys
+from functools import reduce
+from pathlib import Path
 
 import pytest
 from conftest import ROOT
@@ -86,3 +89,52 @@ def test_every_command_shows_an_example(name: str) -> None:
     assert "mapmyworld " + name in help_text.split("Usage:")[1].split("\n", 1)[1] or name in {
         "doctor"
     }
+
+
+# Of rosbags, mcap and Nav2; and an action as GitHub names it.
+_OF_OTHERS = {"rosbag1/reader.py", "reader.py", "bringup_launch.py", "mapmyworld/mapmyworld"}
+_PATHS = r"(?:mapmyworld|formats|cli|docs|tests|benchmarks|sample_logs)/[\w/.-]*\w"
+_NAMED = re.compile(rf"(?<![\w/.-])({_PATHS}|[\w/-]*\w\.py\b)(?![\w/*<(])")
+
+
+def _pages() -> list[Path]:
+    return [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+def test_files_named_in_the_pages_exist() -> None:
+    listed = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.split()
+    known = {path[at:] for path in listed for at in _beginnings(path)}
+    known |= {str(Path(path).parents[k]) for path in listed for k in range(path.count("/"))}
+    missing = [
+        f"{page.name} names {name}"
+        for page in _pages()
+        for name in set(_NAMED.findall(page.read_text("utf-8"))) - known - _OF_OTHERS
+    ]
+    assert missing == []
+
+
+def _beginnings(path: str) -> list[int]:
+    """Where a name of it that leaves packages out may begin."""
+    return [0, *(found.end() for found in re.finditer("/", path))]
+
+
+def test_names_of_modules_and_functions_in_the_pages_exist() -> None:
+    for page in _pages():
+        for name in set(
+            re.findall(r"`((?:mapmyworld|formats)(?:\.\w+)+)", page.read_text("utf-8"))
+        ):
+            assert _is_a_name(name), f"{page.name} names {name}"
+
+
+def _is_a_name(dotted: str) -> bool:
+    words = dotted.split(".")
+    for count in range(len(words), 0, -1):
+        try:
+            module = importlib.import_module(".".join(words[:count]))
+            reduce(getattr, words[count:], module)
+        except (ImportError, AttributeError):
+            continue
+        return True
+    return False

@@ -57,6 +57,20 @@ def test_every_message_says_what_to_do_about_it() -> None:
     assert [entry.text for entry in reported if len(entry.suggestion) < 9] == []
 
 
+@pytest.mark.parametrize("file", ["formats/logs/new_log.py", "formats/new_files.py"])
+def test_a_new_format_gets_no_suggestion_that_is_none_of_its_own(file: str) -> None:
+    """What helps with a damaged log is none where one is refused, or a file cannot be written."""
+    assert messages.Message(file, "no whole line in it", "LogError").suggestion == ""
+    worded = messages.Message(file, "no line in it: name another log", "LogError")
+    assert worded.suggestion == "name another log"
+
+
+@pytest.mark.parametrize("words", ["kind is one of ...", "reason must say why", "lacks ..."])
+def test_what_is_wrong_in_a_file_of_edits_stands_in_the_table(words: str) -> None:
+    """Collected into one error, whose own words are the number of the edit."""
+    assert "formats/edit_files.py" in {e.file for e in messages.gathered() if e.text == words}
+
+
 def test_no_suggestion_is_left_of_words_that_nothing_says() -> None:
     """It no longer stood beside a message that had been reworded."""
     reported = "\n".join(entry.text for entry in messages.gathered())
@@ -70,7 +84,8 @@ def test_no_suggestion_is_left_of_words_that_nothing_says() -> None:
         "frames have no odometry near their stamp", "frames repeat a timestamp; duplicates dropped",
         "no usable index (...)", "a message of ...: ...", "silent for ... s",
         "scans match nothing seen before", "visual tracking lost in ... frames",
-        "has the wrong sign", "header stamps step back", "ambiguous: another place nearby",
+        "do not indicate where the laser sits", "has the wrong sign",
+        "header stamps step back", "ambiguous: another place nearby",
         "contradicts the rest of the graph", "is stamped ... s ... than the", "no intrinsics",
         "the clock was set back by ... s while recording",
     ],

@@ -20,8 +20,11 @@ from formats.graph_files import read_graph
 from formats.grid_files import read_grid
 from formats.logs import open_log
 from formats.trajectory_files import read_trajectory
-from mapmyworld.errors import MapError
+from mapmyworld.errors import MapError, MapMyWorldError
 from mapmyworld.types import ImageMessage
+
+COMMANDS = sorted(set(export.commands) - {"mesh"})  # it needs Open3D
+ENDINGS = {"figure": ".png", "mcap": ".mcap"}  # of those that take no other
 
 
 @pytest.fixture
@@ -122,18 +125,35 @@ def test_report_is_one_page_that_links_to_nothing_but_the_map(ours: Path, tmp_pa
 def test_what_a_map_lacks_is_said(ours: Path, tmp_path: Path) -> None:
     bare = tmp_path / "bare.db"
     open_store(bare, create=True).close()
-    for command in ("grid", "trajectory", "images", "report"):
+    for command in COMMANDS:
         with pytest.raises(MapError) as caught:
             run(command, bare)
-        assert "\n" not in str(caught.value)
-    assert not (tmp_path / "bare_images").exists()
+        assert "\n" not in str(caught.value), command
+    assert [path for path in tmp_path.glob("bare*") if path != bare] == []
 
 
 def test_places_that_cannot_be_written_are_named(ours: Path, tmp_path: Path) -> None:
-    for command in ("grid", "trajectory", "graph", "cloud", "report"):
-        with pytest.raises(MapError, match="cannot be written") as caught:
-            run(command, ours, "-o", tmp_path / "absent" / "file.ply")
-        assert "absent" in str(caught.value)
+    for command in set(COMMANDS) - {"images"}:  # which makes its folder
+        name = f"file{ENDINGS.get(command, '.ply')}"
+        with pytest.raises(MapMyWorldError, match="cannot be written") as caught:
+            run(command, ours, "-o", tmp_path / "absent" / name)
+        assert "absent" in str(caught.value), command
+
+
+@pytest.mark.parametrize("command", ENDINGS)
+def test_a_file_of_another_kind_is_no_traceback(ours: Path, tmp_path: Path, command: str) -> None:
+    with pytest.raises(MapError, match="give a name that ends in"):
+        run(command, ours, "-o", tmp_path / "a.bag")
+    assert not (tmp_path / "a.bag").exists()
+
+
+def test_an_older_file_of_ones_own_is_replaced(ours: Path, tmp_path: Path) -> None:
+    for command in set(COMMANDS) - {"images"}:  # a folder
+        path = tmp_path / f"{command}{ENDINGS.get(command, '.ply')}"
+        run(command, ours, "-o", path)
+        before = {file: file.read_bytes() for file in tmp_path.iterdir()}
+        run(command, ours, "-o", path)
+        assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before, command
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 from sample_verdicts import REJECTED
 
-from cli.inspect_graph import graph_facts
+from cli.inspect_graph import _row, _uncertainty_line, graph_facts
 from cli.main import group
 from cli.optimise import optimise
 from formats.database import open_store
@@ -122,6 +122,21 @@ def test_the_audit_counts_and_explains():
     # Nodes a round of 40 steps apart had drifted by 2 m / 3.
     assert facts["corrections"][0]["start_metres"] == pytest.approx(2 * 40 / 119, abs=0.1)
     assert facts["uncertainty"]["largest_metres"] > facts["uncertainty"]["median_metres"]
+
+
+def test_what_certainty_is_relative_to_is_said_and_a_prior_is_named_by_its_node():
+    truth = square_walk()
+    ids = np.arange(1, len(truth) + 1)
+    measured = noisy_constraints(truth, np.random.default_rng(1))
+    dock = Judged(30, 30, ConstraintKind.PRIOR, truth[29], 1e4 * np.eye(6))
+    for constraints, frame in ((measured, "the first node"), ([*measured, dock], "the map")):
+        solved = solve(ids, truth, constraints, planar=True)
+        first = solved.poses.covariances[0]
+        assert (np.trace(first) > 1e-6) == (frame == "the map")
+        facts = graph_facts(solved.poses, solved.constraints, Poses(ids, truth), True, None, 1000)
+        assert _uncertainty_line(facts).endswith(f" deg, relative to {frame}")
+    (row,) = [row for row in facts["worst"] if row["kind"] == "prior"]
+    assert _row(row, "reject").startswith("  prior on node 30  0.0")
 
 
 def test_constraints_that_claim_too_much_are_named():

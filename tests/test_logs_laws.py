@@ -12,6 +12,7 @@ from log_laws import check_cut, check_laws
 from test_logs_carmen import SMALL as CARMEN
 from test_logs_tum import make as make_tum
 
+from formats.logs.opening_logs import _FOLDERS, _READERS
 from mapmyworld import memory_log
 from mapmyworld.types import Message, MessageKind
 
@@ -34,7 +35,23 @@ LOGS: dict[str, Callable[[Path], Path]] = {
     "MCAP": lambda folder: write_mcap(folder / "a.mcap", drive(2, 6)),
     "ROS 1 bag": lambda folder: write_ros1(folder / "a.bag", drive(1, 6)),
     "rosbag2": lambda folder: write_rosbag2(folder / "bag", drive(2, 6)),
+    "packed rosbag2": lambda folder: write_rosbag2(folder / "bag", drive(2, 6), mode="file"),
 }
+CONTAINERS = {"MCAP", "ROS 1 bag", "rosbag2", "packed rosbag2"}  # cut at every record elsewhere
+
+
+def test_every_reader_has_a_log_here(tmp_path: Path) -> None:
+    logs = list[Path]()
+    for number, make in enumerate(LOGS.values()):
+        (folder := tmp_path / str(number)).mkdir()
+        logs.append(make(folder))
+    files = [file for log in logs for file in ([log] if log.is_file() else log.iterdir())]
+    starts = {file: file.read_bytes()[:65536] for file in files if file.is_file()}
+    for reader in _READERS:
+        assert any(reader.fits(start, file) for file, start in starts.items()), reader.says
+        assert all(reader.names(file) for file in starts if reader.fits(starts[file], file))
+    for folder_reader in _FOLDERS:
+        assert any(folder_reader.fits(log) for log in logs if log.is_dir()), folder_reader.says
 
 
 def test_every_type_of_message_has_its_kind_in_a_log_in_memory() -> None:
@@ -47,10 +64,11 @@ def test_a_reader_keeps_the_laws(kind: str, tmp_path: Path) -> None:
     check_laws(LOGS[kind](tmp_path), tmp_path)
 
 
-@pytest.mark.parametrize("kind", ["CARMEN", "TUM RGB-D"])
+@pytest.mark.parametrize("kind", [kind for kind in LOGS if kind not in CONTAINERS])
 def test_a_text_log_cut_anywhere_gives_what_precedes_the_cut(kind: str, tmp_path: Path) -> None:
     log = LOGS[kind](tmp_path)
-    text = log if log.is_file() else log / "rgb.txt"
-    whole = text.read_bytes()
-    for cut in range(len(whole)):
-        check_cut(log, text, whole, cut)
+    for text in [log] if log.is_file() else sorted(log.glob("*.txt")):
+        whole = text.read_bytes()
+        for cut in range(len(whole)):
+            check_cut(log, text, whole, cut)
+        text.write_bytes(whole)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -85,6 +86,15 @@ def test_a_folder_of_logs_is_looked_through(tmp_path: Path) -> None:
         ("a_0.mcap", "a_1.mcap"), ("b.bag",), ("c.clf",), ("run_3.bag",), ("tum",)
     ]  # fmt: skip
     assert logs_in(tmp_path / "tum") == [(tmp_path / "tum",)]
+
+
+def test_a_folder_of_parts_of_a_text_log_is_one_log(tmp_path: Path) -> None:
+    for name, stamp in (("a_0.clf", 1), ("a_1.clf.gz", 2), ("a_2.clf", 3)):
+        line = f"FLASER 1 1 0 0 0 0 0 0 {stamp} h {stamp}\n".encode()
+        (tmp_path / name).write_bytes(gzip.compress(line) if name.endswith("gz") else line)
+    (tmp_path / "notes.log").write_text("driven on a Monday\n")
+    scans = [m.stamp_ns for m in open_log([tmp_path]).messages(["/scan"])]
+    assert scans == [10**9, 2 * 10**9, 3 * 10**9]
 
 
 @pytest.mark.slow

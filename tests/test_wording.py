@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mapmyworld.types import ConstraintKind, Judge, Judged, Person, Source, Verdict, Why
-from mapmyworld.types.wording import _SOURCES, _VERDICTS, in_words, reason_of
+from mapmyworld.types.wording import _SOURCES, _VERDICTS, _length, in_words, reason_of
 
 
 @pytest.mark.parametrize("why", list(Why))
@@ -42,6 +42,15 @@ def test_a_share_that_misses_its_limit_does_not_round_up_to_it(why: Why, name: s
     text = in_words(Verdict(Judge.LASER, False, why, {name: 0.6996, "limit": 0.7}))
     assert "69%" in text
     assert text.count("70%") == 1
+
+
+@pytest.mark.parametrize(
+    ("metres", "text"),
+    [(2.5e-15, "0.0 mm"), (7e-5, "0.1 mm"), (0.00123, "1.2 mm"), (0.0099, "9.9 mm"),
+     (0.0234, "0.0234 m"), (1.5, "1.5 m")],
+)  # fmt: skip
+def test_a_length_has_no_more_digits_than_say_something(metres: float, text: str) -> None:
+    assert _length(metres) == text
 
 
 @pytest.mark.parametrize("overlap", [np.inf, np.nan])

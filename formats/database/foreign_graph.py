@@ -19,12 +19,11 @@ from formats.database.blobs import (
 from formats.database.links import KINDS
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import invert
-from mapmyworld.types import ConstraintKind, Given, Judged, Poses
+from mapmyworld.types import OF_ONE_NODE, ConstraintKind, Given, Judged, Poses
 
 SELECT_LINKS = "SELECT from_id, to_id, type, information_matrix, transform FROM Link ORDER BY rowid"
 _GRAVITY = 9
 _NAMES = {3: "closure in time", 6: "merged neighbour"}
-_SELF = {ConstraintKind.PRIOR}
 _MANY = 20  # problems listed in full; the rest are counted
 
 
@@ -85,7 +84,7 @@ def _constraint(
 
 
 def _check_ends(from_id: int, to_id: int, kind: ConstraintKind, nodes: Set[int], what: str) -> None:
-    if (from_id == to_id) != (kind in _SELF):
+    if (from_id == to_id) != (kind in OF_ONE_NODE):
         raise MapError(f"{what}: a node linked to itself, left out")
     if (to_id < 0) != (kind is ConstraintKind.LANDMARK):
         raise MapError(f"{what}: only landmarks have negative ids, left out")

@@ -16,7 +16,16 @@ from formats.database.blobs import doubles, information_to_blob, pose_to_blob, s
 from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import invert
-from mapmyworld.types import Constraint, ConstraintKind, Judge, Judged, Source, Verdict, Why
+from mapmyworld.types import (
+    OF_ONE_NODE,
+    Constraint,
+    ConstraintKind,
+    Judge,
+    Judged,
+    Source,
+    Verdict,
+    Why,
+)
 
 INSERT_LINK = (
     "INSERT INTO Link (from_id, to_id, type, information_matrix, transform) VALUES (?,?,?,?,?)"
@@ -52,7 +61,7 @@ KINDS = {number: kind for kind, number in LINK_TYPES.items()} | {
     6: ConstraintKind.NEIGHBOUR,
 }
 # Stored once: what it links to has no row of its own.
-_ONE_WAY = {ConstraintKind.PRIOR, ConstraintKind.LANDMARK}
+_ONE_WAY = OF_ONE_NODE | {ConstraintKind.LANDMARK}
 Row = tuple[Any, ...]
 _SOURCES = {source.__name__: source for source in get_args(Source)}
 _TYPES: Mapping[str, Any] = {"float": int | float, "int": int, "bool": bool, "str": str}
@@ -63,11 +72,16 @@ def link_rows(constraints: Iterable[Judged]) -> Iterator[Row]:
     accepted = [c for c in constraints if c.accepted]
     backwards = invert(np.array([c.i_from_j for c in accepted]).reshape(-1, 4, 4))
     for c, to_from_from in zip(accepted, backwards, strict=True):
-        kind, information = LINK_TYPES.get(c.kind, _VIRTUAL), information_to_blob(c.information)
+        kind, information = _link_type(c.kind), information_to_blob(c.information)
         yield (c.from_id, c.to_id, kind, information, pose_to_blob(c.i_from_j))
         if c.kind not in _ONE_WAY:
             # RTAB-Map keeps the information of the forward link for the backward one.
             yield (c.to_id, c.from_id, kind, information, pose_to_blob(to_from_from))
+
+
+def _link_type(kind: ConstraintKind) -> int:
+    other = LINK_TYPES[ConstraintKind.PRIOR] if kind in OF_ONE_NODE else _VIRTUAL
+    return LINK_TYPES.get(kind, other)
 
 
 def constraint_rows(numbered: Iterable[tuple[int, int, Constraint]]) -> Iterator[Row]:

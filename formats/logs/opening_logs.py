@@ -6,6 +6,7 @@ import importlib
 import io
 import re
 from collections.abc import Callable, Sequence, Set
+from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
@@ -32,11 +33,43 @@ from mapmyworld.errors import LogError
 from mapmyworld.types import LogSource
 
 _HEAD = 1 << 16  # bytes that show what a file is
-_BAG_NAMES = (".db3", ".mcap", ".bag", ".db3.zstd", ".mcap.zstd")
-_KINDS = (
-    "a ROS 1 .bag, a rosbag2 folder, .db3 or .mcap, a CARMEN .log/.clf, a TUM RGB-D folder "
-    "or an RTAB-Map .db"
-)
+_PACKED = ("", ".bz2", ".gz")  # after the ending of a text log
+
+
+@dataclass(frozen=True, slots=True)
+class _Reader:
+    """A kind of log that is a file."""
+
+    says: str
+    """In messages: what to give."""
+    endings: tuple[str, ...]
+    """By these one in a folder is found: as a part of the log, or as one of its own (`batch`)."""
+    fits: Callable[[bytes, Path], bool]
+    """Whether a file's first bytes, and its path, are those of one."""
+    opener: Callable[[Path], LogSource]
+    is_text: bool = False
+    """Others use its endings too, so its first bytes must fit as well; it may be packed."""
+
+    def names(self, path: Path) -> bool:
+        """Whether a file in a folder is one by its name, and a text by its first bytes."""
+        if not self.is_text:
+            return path.name.endswith(self.endings)
+        endings = tuple(ending + packed for ending in self.endings for packed in _PACKED)
+        if not (path.name.endswith(endings) and path.is_file()):
+            return False
+        try:
+            return self.fits(_first_bytes(path), path)
+        except LogError:
+            return False
+
+
+@dataclass(frozen=True, slots=True)
+class _FolderReader:
+    """A kind of log that is a folder."""
+
+    says: str
+    fits: Callable[[Path], bool]
+    opener: Callable[[Path], LogSource]
 
 
 def open_log(paths: Sequence[Path | str]) -> LogSource:
@@ -47,7 +80,7 @@ def open_log(paths: Sequence[Path | str]) -> LogSource:
     if isinstance(paths, str | Path):
         paths = [paths]
     if not paths:
-        raise LogError("no log given: name " + _KINDS)
+        raise LogError("no log given: name " + _kinds())
     sources = [_open_one(Path(path)) for path in paths]
     if len(sources) == 1:
         return sources[0]
@@ -75,27 +108,18 @@ def logs_in(folder: Path) -> list[tuple[Path, ...]]:
 
 
 _PART = re.compile(r"(.+)_(\d+)(\..+)")
-_TEXT_LOGS = re.compile(r".+\.(log|clf|gfs)(\.bz2|\.gz)?")
 
 
 def _is_log_folder(path: Path) -> bool:
     return path.is_dir() and (
-        (path / "metadata.yaml").is_file() or any(fits(path) for fits, _ in _FOLDERS)
+        (path / "metadata.yaml").is_file() or any(reader.fits(path) for reader in _FOLDERS)
     )
 
 
 def _is_log_file(path: Path) -> bool:
-    if not path.is_file() or path.name.startswith("."):
+    if path.is_dir() or path.name.startswith("."):
         return False
-    if path.name.endswith(_BAG_NAMES):
-        return True
-    if _TEXT_LOGS.fullmatch(path.name) is None:
-        return False
-    try:
-        start = _first_bytes(path)
-    except LogError:
-        return False
-    return any(mark in start for mark in MARKS)
+    return any(reader.names(path) for reader in _READERS)
 
 
 def _open_one(path: Path) -> LogSource:
@@ -113,9 +137,9 @@ def _open_one(path: Path) -> LogSource:
 
 
 def _open_folder(path: Path) -> LogSource:
-    for fits, open_it in _FOLDERS:
-        if fits(path):
-            return open_it(path)
+    for reader in _FOLDERS:
+        if reader.fits(path):
+            return reader.opener(path)
     metadata = path / "metadata.yaml"
     if metadata.is_file():
         listed = listed_files(metadata)
@@ -126,13 +150,11 @@ def _open_folder(path: Path) -> LogSource:
         if isinstance(whole, MergedLog):
             require_one_session(whole.sources)
         return whole
-    raise LogError(f"{path}: no log in this folder: name " + _KINDS)
+    raise LogError(f"{path}: no log in this folder: name " + _kinds())
 
 
 def _recordings_in(folder: Path) -> list[Path]:
-    return sorted(
-        (child for child in folder.iterdir() if child.name.endswith(_BAG_NAMES)), key=_numbered
-    )
+    return sorted((child for child in folder.iterdir() if _is_log_file(child)), key=_numbered)
 
 
 def _in_place_of_missing(folder: Path, listed: list[Path]) -> list[Path]:
@@ -170,10 +192,16 @@ def _numbered(path: Path) -> tuple[list[str | int], str]:
 
 def _open_file(path: Path) -> LogSource:
     start = _first_bytes(path)
-    for fits, open_it in _READERS:
-        if fits(start, path):
-            return open_it(path)
-    raise LogError(f"{path}: not a log this program knows: give {_KINDS}")
+    for reader in _READERS:
+        if reader.fits(start, path):
+            return reader.opener(path)
+    raise LogError(f"{path}: not a log this program knows: give {_kinds()}")
+
+
+def _kinds() -> str:
+    """All kinds of logs in a row: what to give."""
+    *others, last = (reader.says for reader in (*_READERS, *_FOLDERS))
+    return f"{', '.join(others)} or {last}"
 
 
 _CREATED = re.compile(rb"CREATE TABLE \"?'?(\w+)")
@@ -219,22 +247,46 @@ def _first_bytes(path: Path) -> bytes:
     return found
 
 
-# What a file's first bytes and its path must be for a reader; the first that fits takes it.
-_READERS: tuple[tuple[Callable[[bytes, Path], bool], Callable[[Path], LogSource]], ...] = (
-    (lambda start, _: start.startswith(b"SQLite format 3\0"), _open_sqlite),
-    (
-        lambda start, _: begins_about_as(start, b"#ROSBAG V"),
-        lambda p: RecordedLog(open_ros1_bag(p)),
+# The first that fits takes a file.
+_READERS = (
+    _Reader(
+        says="a rosbag2 folder/.db3, an RTAB-Map .db",
+        endings=(".db3",),  # a .db beside a log is the map of it
+        fits=lambda start, _: start.startswith(b"SQLite format 3\0"),
+        opener=_open_sqlite,
     ),
-    (lambda start, _: begins_about_as(start, MCAP_MAGIC), lambda p: RecordedLog(open_mcap(p))),
-    (
-        lambda start, path: start.startswith(ZSTD_MAGIC) and path.suffix == ".zstd",
-        lambda path: RecordedLog(PackedBag(path)),  # rosbag2 compressed the file as a whole
+    _Reader(
+        says="a ROS 1 .bag",
+        endings=(".bag",),
+        fits=lambda start, _: begins_about_as(start, b"#ROSBAG V"),
+        opener=lambda path: RecordedLog(open_ros1_bag(path)),
+    ),
+    _Reader(
+        says="an .mcap",
+        endings=(".mcap",),
+        fits=lambda start, _: begins_about_as(start, MCAP_MAGIC),
+        opener=lambda path: RecordedLog(open_mcap(path)),
+    ),
+    _Reader(
+        says="a .db3.zstd/.mcap.zstd",  # rosbag2 compressed the file as a whole
+        endings=(".db3.zstd", ".mcap.zstd"),
+        fits=lambda start, path: start.startswith(ZSTD_MAGIC) and path.suffix == ".zstd",
+        opener=lambda path: RecordedLog(PackedBag(path)),
     ),
     # Last, because its marks may stand anywhere in the start.
-    (lambda start, _: any(mark in start for mark in MARKS), CarmenLog),
+    _Reader(
+        says="a CARMEN .log/.clf/.gfs",
+        endings=(".log", ".clf", ".gfs"),
+        fits=lambda start, _: any(mark in start for mark in MARKS),
+        opener=CarmenLog,
+        is_text=True,
+    ),
 )
-# What a folder must be for a reader of its own; any other one is looked through for bags.
-_FOLDERS: tuple[tuple[Callable[[Path], bool], Callable[[Path], LogSource]], ...] = (
-    (lambda folder: any((folder / name).is_file() for name in LISTS), TumRgbdLog),
+# Any other folder is looked through for files.
+_FOLDERS = (
+    _FolderReader(
+        says="a TUM RGB-D folder",
+        fits=lambda folder: any((folder / name).is_file() for name in LISTS),
+        opener=TumRgbdLog,
+    ),
 )

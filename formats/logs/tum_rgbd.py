@@ -121,26 +121,27 @@ class TumRgbdLog:
 
     def _read(self, name: str, fields: int) -> list[_Entry]:
         """The entries of a list in time order; damaged lines are left out and reported."""
-        path, entries, bad = self.folder / name, list[_Entry](), 0
+        path, entries, bad = self.folder / name, list[_Entry](), list[int]()
         if not path.is_file():
             return entries
-        for line in path.read_bytes().splitlines():
+        for number, line in enumerate(path.read_bytes().splitlines(keepends=True), 1):
             words = line.replace(b",", b" ").split()
             if not words or words[0].startswith(b"#"):
                 continue
             try:
                 entry = _Entry(stamp_from_text(words[0]), tuple(words[1 : fields + 1]))
                 if fields == 7:
-                    _pose(entry)
+                    _whole_pose(entry, line)
                 elif len(entry.fields) < fields or not self._file(entry).is_file():
                     raise ValueError("no such file")
             except (ValueError, LogError, OSError, RuntimeError):  # these two of names: see _file
-                bad += 1
+                bad.append(number)
                 continue
             entries.append(entry)
         if bad:
             self.problems.append(
-                f"{path}: {bad} line(s) skipped: damaged, or their file is missing"
+                f"{path}: {len(bad)} line(s) skipped (damaged, cut, or their file is missing), the "
+                f"first is line {bad[0]}"
             )
         return sorted(entries, key=lambda entry: entry.stamp_ns)
 
@@ -197,6 +198,13 @@ def _bytes(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _whole_pose(entry: _Entry, line: bytes) -> None:
+    """Raises ValueError where a line is none: one without its end may end within a number."""
+    if not line.endswith((b"\n", b"\r")):
+        raise ValueError("the line is cut")
+    _pose(entry)
 
 
 def _pose(entry: _Entry) -> PoseMessage:

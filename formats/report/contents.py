@@ -1,4 +1,4 @@
-"""What a report shows, as values: gathered by the command line, drawn by this room."""
+"""What a report shows, as values: gathered by the command line, drawn by this package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every setting, nested by room, with its default, unit and meaning where it stands."""
+"""Every setting, nested by package, with its default, unit and meaning where it stands."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mapmyworld.config.visual_settings import VisualConfig
 
 @dataclass(frozen=True, slots=True)
 class Config:
-    """All settings, by room."""
+    """All settings, by package."""
 
     threads: Whole = 0  # worker threads; 0 = as many as cores. Results do not depend on it
     seed: Seed = 0  # of everything random

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -27,6 +28,7 @@ _LEAST_DISTANCE = 0.5  # m in all, from which the scale is worth a word
 _ROUNDS = 5  # measurements of a time offset, each from the stamps that the one before gave
 _FAR_BETTER = 2.5  # by which the error must fall for a time offset to be taken back
 _NOTHING_LEFT = 0.005  # s, half of the steps in which offsets are tried
+_HALF = 0.6  # of the time between sweeps, which half of one lasts at most, and some noise
 _SCALE_OFF = 0.03  # share by which odometry may be wrong before it is worth a word
 
 
@@ -46,10 +48,26 @@ def laser_findings(sample: Sample, config: RegistrationConfig) -> Iterator[Findi
     yield from distance_scale(_odometry_steps(pairs)[certain], moves[certain])
     clock = odometry_yaw(sample.plan, first_ns)
     if clock is not None:
-        yield from _some(time_offset(("laser", "odometry"), starts, ends, turns, clock))
+        found = time_offset(("laser", "odometry"), starts, ends, turns, clock)
+        yield from _some(found and _beside_half_a_sweep(found, sample))
     gyro = _gyro_yaw(sample)
     if gyro is not None:
-        yield from _some(time_offset(("laser", "gyroscope"), starts, ends, turns, gyro))
+        found = time_offset(("laser", "gyroscope"), starts, ends, turns, gyro)
+        yield from _some(found and _beside_half_a_sweep(found, sample))
+
+
+def _beside_half_a_sweep(found: Finding, sample: Sample) -> Finding:
+    """A time offset; where nothing reports when a beam was taken, half a sweep of it is no news."""
+    scan = sample.plan.scan
+    period = float(np.median(np.diff([f.stamp_ns for f in sample.frames if f.scan]))) * 1e-9
+    is_half = found.unit == "s" and abs(found.value) < _HALF * period
+    if found.good or scan is None or scan.beams_are_timed or not is_half:
+        return found
+    return replace(
+        found,
+        text=f"{found.text}: half a sweep of {period:.2f} s, for the laser gives no time_increment",
+        suggestion=f"have its driver fill time_increment; else {found.suggestion}",
+    )
 
 
 def refined_lag(log: LogSource, plan: Plan, config: Config, lag_s: float) -> float:

@@ -1,4 +1,4 @@
-"""The pose graph: optimised, judged, explained. The only room that imports gtsam.
+"""The pose graph: optimised, judged, explained. What solves it is `mapmyworld.backend`.
 
 Its modules are imported one by one: to look at a graph takes none of what solves it.
 """

@@ -14,7 +14,7 @@ from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import PLANAR_IN_TANGENT, information_to_planar
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.types import ConstraintKind, Judged, Poses
+from mapmyworld.types import OF_ONE_NODE, ConstraintKind, Judged, Poses
 
 _OVERCONFIDENT = 2.0  # times larger than stated: errors from which a kind is called over-confident
 
@@ -98,7 +98,7 @@ def corrections_of(
         if residual is None or not residual.constraint.accepted:
             continue
         c = residual.constraint
-        if c.kind in (ConstraintKind.NEIGHBOUR, ConstraintKind.PRIOR):
+        if c.kind is ConstraintKind.NEIGHBOUR or c.kind in OF_ONE_NODE:
             continue
         if c.from_id in at and c.to_id in at:
             error = between(c.i_from_j, between(at[c.from_id], at[c.to_id]))

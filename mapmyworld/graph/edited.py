@@ -9,7 +9,8 @@ import numpy as np
 
 from mapmyworld.backend.residuals import chi_squared_quantile
 from mapmyworld.graph.audit import ConstraintResidual, residuals_against
-from mapmyworld.types import Constraint, ConstraintKind, Judged, Poses
+from mapmyworld.types import Constraint, Judged, Poses
+from mapmyworld.types.wording import name_of_ends
 
 _CONFIDENCE = 0.999  # of statements that are true fit within the limit
 _GREW = 1.0  # sigmas by which a constraint must fit worse than before to count as strained
@@ -121,7 +122,5 @@ def _measured(
 
 
 def name_of(constraint: Constraint) -> str:
-    """As `inspect graph` calls it, too."""
-    if constraint.kind == ConstraintKind.PRIOR:
-        return f"{constraint.kind} on node {constraint.from_id}"
-    return f"{constraint.kind} {constraint.from_id} -> {constraint.to_id}"
+    """Its kind and its nodes, as `inspect graph` names it, too."""
+    return name_of_ends(constraint.kind, constraint.from_id, constraint.to_id)

@@ -52,7 +52,7 @@ def solve(
     Constraints that come rejected stay so, unless an earlier `solve` rejected them: its verdicts
     are forgotten first. Motion, priors and what a person stated are believed;
     closures must agree with these and with each other. The first node of every connected component
-    stays at its initial pose.
+    stays at its initial pose, unless a prior ties the component to the map's frame.
     """
     config = config or GraphConfig()
     constraints = [c.before(Judge.GRAPH) for c in constraints]

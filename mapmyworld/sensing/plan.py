@@ -34,6 +34,8 @@ class ScanSource:
     frame_id: str
     base_from_lidar: NDArray[np.float64]
     """(4, 4)."""
+    beams_are_timed: bool
+    """Whether its messages report when each beam was taken."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -124,6 +124,7 @@ def share_of(mask: NDArray[np.bool_]) -> float:
 
 def _source(draft: Draft, stream: Stream, base: str) -> ScanSource:
     scan = next(m for m in stream.samples if isinstance(m, LaserScanMessage | PointCloudMessage))
+    timed = isinstance(scan, LaserScanMessage) and scan.time_increment != 0
     mount, assumed = mount_of(draft, base, scan.frame_id, "scan")
     if assumed:
         draft.losses.append(
@@ -135,9 +136,9 @@ def _source(draft: Draft, stream: Stream, base: str) -> ScanSource:
             f"{stream.topic}: 3D points serve as flat scans between sensing.cloud_lowest and "
             "cloud_highest; slopes, floors and the motion within a sweep are ignored"
         )
-    elif scan.time_increment == 0:
+    elif not timed:
         draft.warnings.append(
             f"{stream.topic} does not say when each beam was taken (time_increment 0): sweeps are "
             "not corrected for the robot's motion"
         )
-    return ScanSource(stream.topic, frame_name(scan.frame_id), mount)
+    return ScanSource(stream.topic, frame_name(scan.frame_id), mount, timed)

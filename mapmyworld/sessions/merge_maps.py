@@ -27,7 +27,7 @@ from mapmyworld.sessions.tying import tie_sessions
 from mapmyworld.stages.draw_maps import draw_maps
 from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve_and_judge import solve_and_judge
-from mapmyworld.types import ConstraintKind, MapStore, Progress
+from mapmyworld.types import MapStore, Progress
 
 Array = NDArray[np.float64]
 OpenStore = Callable[[int], AbstractContextManager[MapStore]]
@@ -113,7 +113,7 @@ def _merge(
     links = sum(
         c.accepted and session_of.get(c.from_id) != session_of.get(c.to_id)
         for c in store.constraints()
-        if c.kind != ConstraintKind.PRIOR and c.to_id > 0
+        if c.to_id > 0
     )
     names = tuple(session_maps[k].name for k in group)
     return MergedMap(names, len({n.session for n in nodes}), len(nodes), links)

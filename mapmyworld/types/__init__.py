@@ -1,7 +1,8 @@
-"""The values that flow through the house: frozen dataclasses of read-only arrays."""
+"""The values that flow through the library: frozen dataclasses of read-only arrays."""
 
 from mapmyworld.types.constraints import (
     CLOSURES,
+    OF_ONE_NODE,
     TRUSTED,
     Constraint,
     ConstraintKind,
@@ -62,6 +63,7 @@ from mapmyworld.types.verdicts import Judge, Verdict, Why
 
 __all__ = [
     "CLOSURES",
+    "OF_ONE_NODE",
     "RELOCALISED",
     "TRUSTED",
     "CameraInfoMessage",

@@ -47,6 +47,8 @@ class ConstraintKind(StrEnum):
 
 # Kinds that robust optimisation does not question: motion, and what a person has stated.
 TRUSTED = frozenset({ConstraintKind.NEIGHBOUR, ConstraintKind.USER, ConstraintKind.PRIOR})
+# Kinds of one node alone, in the map's frame: `to_id == from_id`, and pictures draw no line.
+OF_ONE_NODE = frozenset({ConstraintKind.PRIOR})
 # Kinds that say: we have been here before.
 CLOSURES = frozenset({ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY})
 _JUDGES = tuple(Judge)
@@ -125,4 +127,5 @@ class Poses:
     map_from_node: NDArray[np.float64]
     """(N, 4, 4)."""
     covariances: NDArray[np.float64] | None = None
-    """(N, 6, 6), rotation first, relative to the first node, in each node's own frame."""
+    """(N, 6, 6), rotation first, in each node's own frame; relative to the component's first node,
+    or to the map's frame where a prior ties the component to it."""

@@ -1,4 +1,4 @@
-"""The seams of the house as Protocols: sources of logs, stores of maps, and progress."""
+"""The seams of the project as Protocols: sources of logs, stores of maps, and progress."""
 
 from __future__ import annotations
 

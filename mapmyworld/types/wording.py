@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 
 from mapmyworld.shares import percent_below
-from mapmyworld.types.constraints import Judged
+from mapmyworld.types.constraints import OF_ONE_NODE, Judged
 from mapmyworld.types.sources import (
     CameraTracking,
     CorrectedOdometry,
@@ -79,6 +79,11 @@ def reason_of(constraint: Judged) -> str:
     return " | ".join(part for part in parts if part)
 
 
+def name_of_ends(kind: str, from_id: int, to_id: int) -> str:
+    """A constraint by its kind and its nodes."""
+    return f"{kind} on node {from_id}" if kind in OF_ONE_NODE else f"{kind} {from_id} -> {to_id}"
+
+
 def source_in_words(source: Source) -> str:
     """What measured something; empty for a finder, whose verdicts say it."""
     return _SOURCES.get(type(source), "").format(**asdict(source))
@@ -104,8 +109,11 @@ def _shown(verdict: Verdict) -> Mapping[str, float | str]:
 
 
 def _length(metres: float) -> str:
-    """Below a metre in whole millimetres, as far as they say something."""
-    return f"{1000 * metres:.2g} mm" if metres < 0.01 else f"{metres:.3g} m"
+    """Below a centimetre in millimetres, down to tenths."""
+    if metres >= 0.01:
+        return f"{metres:.3g} m"
+    millimetres = 1000 * metres
+    return f"{millimetres:.1f} mm" if millimetres < 0.1 else f"{millimetres:.2g} mm"
 
 
 def _support(numbers: Mapping[str, float]) -> str:

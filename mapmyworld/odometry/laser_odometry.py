@@ -118,6 +118,11 @@ class LaserTracker:
         self.verdicts.update(moment.verdict for moment in tracked)
         return tracked
 
+    @property
+    def wheels(self) -> Array:
+        """(15,) how the log has calibrated its odometry so far: see `kernels.wheel_model`."""
+        return self._wheels.copy()
+
     def notes(self) -> tuple[str, ...]:
         """What was noticed on the way: how far odometry can be trusted, where tracking failed."""
         found = [*self._faults.notes(), *self._degenerate.notes(), *self._losses.notes()]

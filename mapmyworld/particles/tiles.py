@@ -82,11 +82,6 @@ class TileMaps:
         self._tables = self._tables[ancestors]
         self._count_owners()
 
-    def clear(self, particle: int) -> None:
-        """Forgets everything in one particle's map."""
-        self._tables[particle] = _EMPTY
-        self._count_owners()
-
     def _count_owners(self) -> None:
         self._owners = np.bincount(self._tables.ravel(), minlength=len(self._owners)).astype(
             np.int32

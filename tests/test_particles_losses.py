@@ -18,7 +18,7 @@ from mapmyworld.config import Config, ParticlesConfig
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.particles.contradictions import Contradictions
 from mapmyworld.particles.fastslam import FastSlamResult, run_fastslam
-from mapmyworld.stages import particles as stage
+from mapmyworld.stages import track_particles as stage
 from mapmyworld.types import Frame, LaserScanMessage
 
 LEFT = np.stack([np.linspace(-3.0, -1.0, 21), np.full(21, 1.0), np.zeros(21)], axis=-1)

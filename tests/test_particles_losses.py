@@ -23,7 +23,7 @@ from mapmyworld.types import Frame, LaserScanMessage
 
 LEFT = np.stack([np.linspace(-3.0, -1.0, 21), np.full(21, 1.0), np.zeros(21)], axis=-1)
 RIGHT = np.stack([np.full(21, 4.5), np.linspace(-2.0, 0.0, 21), np.full(21, np.pi / 2)], axis=-1)
-CONFIG = Config(particles=ParticlesConfig(count=3, count_min=3, smoothing=0))
+CONFIG = Config(particles=ParticlesConfig(count=3, count_min=3))
 
 
 def carried(*, odometry: bool) -> list[Frame]:
@@ -45,7 +45,7 @@ def test_a_robot_is_lost_where_neither_scans_nor_odometry_lead_on(
 
 
 def build(log: Path, out: Path) -> Result:
-    few = ("--set", "particles.count=3", "--set", "particles.smoothing=0")
+    few = ("--set", "particles.count=3")
     arguments = ["build", str(log), "-o", str(out), "--method", "fastslam", "-q", *few]
     return CliRunner().invoke(group, arguments, catch_exceptions=False)
 

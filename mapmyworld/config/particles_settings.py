@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mapmyworld.config.ranges import Count, Positive, Share, Whole
+from mapmyworld.config.ranges import Count, Positive, Share
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,4 +25,3 @@ class ParticlesConfig:
     resample_below: Share = 0.5  # share of effective particles at which the filter resamples
     kld_error: Positive = 0.15  # distance to the true posterior that sets the number of particles
     measurement: str = "field"  # "field" = likelihood field, "beams" = beam model
-    smoothing: Whole = 20  # rounds in which path and map of the best particle refine each other

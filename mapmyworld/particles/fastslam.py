@@ -110,7 +110,7 @@ def run_fastslam(frames: Iterable[Frame], config: Config, progress: Progress) ->
     with Workers(config.threads) as workers:
         particles = ParticleFilter(config.particles, workers, config.seed)
         _filter(particles, motions, record.beams, progress)
-        updates = _refined_path(particles, motions, record, config, workers, progress)
+    updates = _smoothed_path(particles.best_path(), motions, record, config, progress)
     progress.stage("particle map", float(len(updates)), "scans")
     return FastSlamResult(
         stamps_ns=np.array(record.stamps, np.int64),
@@ -158,25 +158,21 @@ def _filter(
         progress.update(float(k + 1))
 
 
-def _refined_path(
-    particles: ParticleFilter,
+def _smoothed_path(
+    path: NDArray[np.float64],
     motions: Sequence[Motion],
     record: _Record,
     config: Config,
-    workers: Workers,
     progress: Progress,
 ) -> NDArray[np.float64]:
-    """The best particle's path (K, 3) at the updates, smoothed against its own map."""
-    path = particles.best_path()
-    if len(path) < 2 or config.particles.smoothing < 1:
+    """The best particle's path (K, 3) at the updates, all their scans aligned with each other."""
+    if len(path) < 3 or not config.odometry.refine:
         return path
-    progress.stage("smooth the best particle", float(config.particles.smoothing), "rounds")
     steps = between_planar(path[:-1], path[1:])
     modes = [motion.nearest(step) for motion, step in zip(motions, steps, strict=True)]
     u = np.array([motion.u[k] for motion, k in zip(motions, modes, strict=True)])
     covariance = np.array([motion.covariance[k] for motion, k in zip(motions, modes, strict=True)])
-    information = np.linalg.inv(covariance)
-    return smooth_path(path, u, information, record.beams, config.particles, workers, progress)
+    return smooth_path(path, u, np.linalg.inv(covariance), record.scans, config, progress)
 
 
 def _path_of_frames(updates: NDArray[np.float64], record: _Record) -> NDArray[np.float64]:

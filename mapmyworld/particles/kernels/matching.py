@@ -1,4 +1,4 @@
-"""Scan matching by Gauss-Newton, of many particles and of whole paths."""
+"""Scan matching by Gauss-Newton, of many particles."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mapmyworld.kernels.assignment import assign
 from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.particles.kernels.likelihood import log_likelihood
-from mapmyworld.particles.kernels.surface_tiles import PLANAR, Beams, nearest, turned
+from mapmyworld.particles.kernels.surface_tiles import PLANAR, nearest, turned
 
 STEP, TURN = 1e-3, 2e-4  # m, rad: steps that change no cell and end the search
 POINT = 0.1  # weight of an end point at a cell that is no line: it may lie beside the true one
@@ -139,7 +139,7 @@ def match(
     """Most likely poses of particles `first` to `last`, given their maps and predictions.
 
     `predicted` (P, 3) poses; `prior` (3, 3) their information, in the axes of their headings.
-    `reaches`: cells searched around an end point, for each iteration. `scale` turns sums over
+    `max_distances`: cells searched around an end point, for each iteration. `scale` turns sums over
     beams, which are not independent, into information. Fills `poses` (P, 3), `informations`
     (P, 3, 3) and `quality` (P, 3): matched share, log-likelihood of the scan, squared deviation
     from the prediction.
@@ -172,28 +172,3 @@ def match(
         quality[particle, 0] = share
         quality[particle, 1] = log_likelihood(maps, particle, beams, pose, max_distances[-1], sigma)
         quality[particle, 2] = _deviation(pose, mean, P, gap)
-
-
-@jit
-def linearise_path(
-    maps: Any,
-    first: int,
-    last: int,
-    points: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    ends: NDArray[np.int64],
-    poses: NDArray[np.float64],
-    reach: int,
-    sigma: float,
-    H: NDArray[np.float64],
-    g: NDArray[np.float64],
-    share: NDArray[np.float64],
-) -> None:
-    """Gauss-Newton systems (K, 3, 3), (K, 3) of the scans `first` to `last` in one map.
-
-    `ends` (K + 1,): scan k's beams are `points[ends[k]:ends[k + 1]]`.
-    """
-    origin = np.zeros(2)
-    for k in range(first, last):
-        beams = Beams(points[ends[k] : ends[k + 1]], normals[ends[k] : ends[k + 1]], origin)
-        share[k] = linearise(maps, 0, beams, poses[k], reach, sigma, H[k], g[k])

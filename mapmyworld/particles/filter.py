@@ -65,7 +65,7 @@ class ParticleFilter:
         if motion is not None:
             proposal = improved_proposal(self.x, motion, z, self.m, self.config, self.workers)
             self.x = proposal.sample(random)
-            self.log_w = self.log_w + proposal.log_weight
+            self.log_w = self.log_w + self.config.weight_gain * proposal.log_weight
             covariance = _mixture_covariance(proposal, normalised_weights(self.log_w))
         self.m.insert(z, self.x)
         self._select(covariance, float(random.random()))

@@ -24,6 +24,9 @@ from mapmyworld.particles.tiles import TileMaps
 
 _MAX_DISTANCES = np.array([7, 6, 5, 4, 4, 4, 4, 4], np.int64)
 """Cells searched around end points: neighbouring beams of a coarse scan end as far apart."""
+_MISLEADING = 0.1
+"""Probability that a scan indicates nothing of its pose: where it contradicts the odometry, it may
+have been taken at another moment, or fit a wrong place better than the right one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +38,7 @@ class Proposal:
     covariance: NDArray[np.float64]
     """(P, M, 3, 3) map frame's axes."""
     log_mass: NDArray[np.float64]
-    """(P, M) log p(z_t, mode | m, x_{t-1}, u_t) to the power `weight_gain`, up to a constant."""
+    """(P, M) log p(z_t, mode | m, x_{t-1}, u_t), up to a constant: no mode is ruled out."""
     share: NDArray[np.float64]
     """(P, M) share of the beams that the map explains."""
 
@@ -72,7 +75,8 @@ def improved_proposal(
     mean, covariance, log_mass, share = (
         np.stack(some, axis=1) for some in zip(*modes, strict=True)
     )
-    return Proposal(mean, covariance, config.weight_gain * log_mass, share)
+    misleading = log_mass.max(axis=1, keepdims=True) + np.log(_MISLEADING)
+    return Proposal(mean, covariance, np.logaddexp(log_mass, misleading), share)
 
 
 def _mode(

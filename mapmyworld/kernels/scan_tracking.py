@@ -32,7 +32,8 @@ def explains(state: Array, overlap: float, settings: Array) -> bool:
     """Whether a submap explains as much of a scan as can be expected, and as much as is needed.
 
     Expected is what it explained of the scans before: a match that shares a wall or two with the
-    right one explains far less than those do. `state` and `settings` are those of `track_scans`.
+    right one explains far less than those do. `state` (8,) and `settings` (10,) are those of
+    `track_scans`.
     """
     missing = max(state[6] - overlap, 0.0)
     return bool(overlap >= settings[6] and missing * missing <= settings[5] * state[7])
@@ -40,7 +41,7 @@ def explains(state: Array, overlap: float, settings: Array) -> bool:
 
 @jit
 def learn_overlap(state: Array, overlap: float) -> None:
-    """Lets mean and variance of overlaps learn from a match that is believed."""
+    """Lets mean and variance of overlaps, in `state` (8,), learn from a match that is believed."""
     if state[7] == 0.0:
         state[6], state[7] = overlap, _FIRST_VARIANCE
     miss = overlap - state[6]

@@ -17,10 +17,11 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     wrap_angle,
 )
+from mapmyworld.heap import give_back
 from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
 from mapmyworld.parallel import batches
 from mapmyworld.particles.contradictions import Contradictions, contradictions
-from mapmyworld.particles.filter import ParticleFilter
+from mapmyworld.particles.filter import Generation, ParticleFilter
 from mapmyworld.particles.filter_scans import beams_from_scan
 from mapmyworld.particles.history import FastSlamHistory, history_from_filter
 from mapmyworld.particles.kernels import Beams
@@ -107,17 +108,16 @@ def run_fastslam(frames: Iterable[Frame], config: Config, progress: Progress) ->
     tracker = LaserTracker(config)
     record = _track(frames, tracker, config, progress)
     motions = record.motions(tracker.wheels, config)
-    with Workers(config.threads) as workers:
-        particles = ParticleFilter(config.particles, workers, config.seed)
-        _filter(particles, motions, record.beams, progress)
-    updates = _smoothed_path(particles.best_path(), motions, record, config, progress)
+    path, generations = _filtered(motions, record.beams, config, progress)
+    give_back()
+    updates = _smoothed_path(path, motions, record, config, progress)
     progress.stage("particle map", float(len(updates)), "scans")
     return FastSlamResult(
         stamps_ns=np.array(record.stamps, np.int64),
         path=_path_of_frames(updates, record),
-        covariances=_covariances_of_frames(particles, record),
+        covariances=_covariances_of_frames(generations, record),
         grid=_grid(updates, record, config),
-        history=history_from_filter(particles.generations, updates, np.array(record.updates)),
+        history=history_from_filter(generations, updates, np.array(record.updates)),
         revisits=contradictions(updates, record.beams),
         times_lost=record.times_lost,
         notes=tracker.notes(),
@@ -148,14 +148,17 @@ def _track(
     return record
 
 
-def _filter(
-    particles: ParticleFilter, motions: Sequence[Motion], scans: Sequence[Beams], progress: Progress
-) -> None:
-    """One update a scan."""
+def _filtered(
+    motions: Sequence[Motion], scans: Sequence[Beams], config: Config, progress: Progress
+) -> tuple[NDArray[np.float64], list[Generation]]:
+    """The best particle's path (K, 3) and all generations, one a scan; the maps are let go."""
     progress.stage("particles", float(len(scans)), "scans")
-    for k, (motion, z) in enumerate(zip([None, *motions], scans, strict=True)):
-        particles.step(motion, z)
-        progress.update(float(k + 1))
+    with Workers(config.threads) as workers:
+        particles = ParticleFilter(config.particles, workers, config.seed)
+        for k, (motion, z) in enumerate(zip([None, *motions], scans, strict=True)):
+            particles.step(motion, z)
+            progress.update(float(k + 1))
+    return particles.best_path(), particles.generations
 
 
 def _smoothed_path(
@@ -189,9 +192,11 @@ def _path_of_frames(updates: NDArray[np.float64], record: _Record) -> NDArray[np
     return path
 
 
-def _covariances_of_frames(particles: ParticleFilter, record: _Record) -> NDArray[np.float64]:
+def _covariances_of_frames(
+    generations: Sequence[Generation], record: _Record
+) -> NDArray[np.float64]:
     """Covariances (F, 3, 3): each frame has that of the last update."""
-    at_updates = np.array([generation.covariance for generation in particles.generations])
+    at_updates = np.array([generation.covariance for generation in generations])
     before = np.searchsorted(record.updates, np.arange(len(record.tracked)), "right") - 1
     return np.asarray(at_updates[before])
 

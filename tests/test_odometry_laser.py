@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -94,6 +95,22 @@ def test_odometry_interpolated_over_a_stall_does_not_hold_the_path() -> None:
     assert metres < 0.02
     assert radians < 0.01
     assert tracker.verdicts["odometry ignored"] == 0
+
+
+@pytest.mark.parametrize("step", [0.07, 0.1, 0.15])
+def test_a_match_that_explains_far_less_than_those_before_is_no_match(step: float) -> None:
+    """Back and forth past a niche, which odometry counts as forwards: the walls fit all along."""
+    corners = [(0, 0), (5, 0), (5, -0.6), (5.8, -0.6), (5.8, 0), (9, 0), (9, 2), (0, 2), (0, 0)]
+    walls = np.array([[*a, *b] for a, b in itertools.pairwise(corners)], np.float64)
+    there, back = np.arange(1.5, 4.5, step), np.arange(4.5, 3.0, -step)
+    x = np.concatenate([there, back, np.arange(3.0, 4.5, step)])
+    truth = np.stack([x, np.ones(len(x)), np.zeros(len(x))], axis=-1)
+    odometry = np.zeros_like(truth)
+    odometry[1:, 0] = np.abs(np.diff(x)).cumsum()
+    tracked, _ = follow([cast(pose, walls, seed) for seed, pose in enumerate(truth)], odometry)
+    metres, radians = errors(tracked, truth)
+    assert metres < 0.02
+    assert radians < 0.01
 
 
 def test_lying_odometry_is_noted() -> None:

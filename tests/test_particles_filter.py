@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,21 +16,25 @@ from mapmyworld.config import Config, MappingConfig, ParticlesConfig
 from mapmyworld.errors import ConfigError, LogError
 from mapmyworld.evaluation import ate, relations_score
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
+from mapmyworld.kernels.wheel_model import new_wheels
 from mapmyworld.mapping.occupancy import build_grid
 from mapmyworld.particles import kernels
+from mapmyworld.particles.contradictions import Contradictions, contradictions
 from mapmyworld.particles.fastslam import run_fastslam
 from mapmyworld.particles.filter_scans import beams_from_scan
 from mapmyworld.particles.history import loops_reentered
 from mapmyworld.particles.kernels import Beams
+from mapmyworld.particles.kernels.likelihood import log_likelihood
+from mapmyworld.particles.motions import Motion, TrackedScans, motions_between
 from mapmyworld.particles.proposal import improved_proposal
-from mapmyworld.particles.smoothing import _banded_step, _motion_jacobians
+from mapmyworld.particles.smoothing import smooth_path
 from mapmyworld.particles.threads import Workers
 from mapmyworld.particles.tiles import TileMaps
 from mapmyworld.sensing import make_plan, read_frames, survey_log
-from mapmyworld.types import OccupancyGrid, Scan, Trajectory
+from mapmyworld.types import Frame, OccupancyGrid, Scan, Trajectory
 
 Array = NDArray[np.float64]
-SETTINGS = ParticlesConfig(count=6, count_min=6, smoothing=5)
+SETTINGS = ParticlesConfig(count=6, count_min=6)
 
 
 def segments(*corners: tuple[float, float]) -> Array:
@@ -70,7 +74,7 @@ def cast(walls: Array, pose: Array, beams: int = 181, range_max: float = 12.0) -
 
 
 def beams_at(walls: Array, pose: Array) -> Beams:
-    return beams_from_scan(cast(walls, pose), range_max=12.0, spacing=0.03, most=180)
+    return beams_from_scan(cast(walls, pose), ParticlesConfig(range_max=12.0))
 
 
 def drive_round(laps: float, step: float = 0.12) -> Array:
@@ -87,20 +91,13 @@ def drive_round(laps: float, step: float = 0.12) -> Array:
     return np.array(poses)
 
 
-@dataclass(frozen=True)
-class Moment:
-    stamp_ns: int
-    odom_from_base: Array | None
-    scan: Scan | None
-
-
 class Silence:
     def stage(self, name: str, total: float | None = None, unit: str = "") -> None: ...
     def update(self, done: float) -> None: ...
     def note(self, message: str) -> None: ...
 
 
-def recorded(truth: Array, bias: Array, *, odometry: bool = True) -> list[Moment]:
+def recorded(truth: Array, bias: Array, *, odometry: bool = True) -> list[Frame]:
     """Moments whose odometry errs by `bias` (3,): shares of x and y, rad of yaw a metre."""
     motions = between_planar(truth[:-1], truth[1:])
     way = np.hypot(motions[:, 0], motions[:, 1])
@@ -110,7 +107,7 @@ def recorded(truth: Array, bias: Array, *, odometry: bool = True) -> list[Moment
     for motion in motions:
         poses.append(compose_planar(poses[-1], motion))
     return [
-        Moment(k * 100_000_000, planar_to_matrix(p) if odometry else None, cast(RING, x))
+        Frame(k * 100_000_000, planar_to_matrix(p) if odometry else None, cast(RING, x))
         for k, (x, p) in enumerate(zip(truth, poses, strict=True))
     ]
 
@@ -180,6 +177,11 @@ def mapped(walls: Array, poses: Array, workers: Workers) -> TileMaps:
     return maps
 
 
+def one(u: Array, covariance: Array) -> Motion:
+    """A motion with a single mode."""
+    return Motion(u[None], covariance[None])
+
+
 def test_the_proposal_finds_the_true_pose_and_knows_how_well() -> None:
     around = np.array([[1.0 + 0.1 * k, 1.0, 0.05 * k] for k in range(8)])
     truth = np.array([1.43, 1.08, 0.21])
@@ -189,11 +191,11 @@ def test_the_proposal_finds_the_true_pose_and_knows_how_well() -> None:
         maps = mapped(RING, around, workers)
         z = beams_at(RING, truth)
         start = compose_planar(truth, np.array([-0.11, 0.09, -0.06]))
-        proposal = improved_proposal(start[None], u, wide, z, maps, SETTINGS, workers)
-    assert np.hypot(*(proposal.mean[0] - truth)[:2]) < 0.01
-    assert abs(proposal.mean[0, 2] - truth[2]) < 0.005
-    assert np.sqrt(proposal.covariance[0].diagonal()).max() < 0.02
-    assert proposal.share[0] > 0.8
+        proposal = improved_proposal(start[None], one(u, wide), z, maps, SETTINGS, workers)
+    assert np.hypot(*(proposal.mean[0, 0] - truth)[:2]) < 0.01
+    assert abs(proposal.mean[0, 0, 2] - truth[2]) < 0.005
+    assert np.sqrt(proposal.covariance[0, 0].diagonal()).max() < 0.02
+    assert proposal.share[0, 0] > 0.8
 
 
 def test_in_a_corridor_the_proposal_is_as_long_as_the_motion_leaves_it() -> None:
@@ -203,8 +205,8 @@ def test_in_a_corridor_the_proposal_is_as_long_as_the_motion_leaves_it() -> None
         maps = mapped(CORRIDOR, poses, workers)
         z = beams_at(CORRIDOR, np.array([0.8, 0.0, 0.0]))
         u = np.array([0.1, 0.0, 0.0])
-        proposal = improved_proposal(poses[-1:], u, motion, z, maps, SETTINGS, workers)
-    sigma = np.sqrt(proposal.covariance[0].diagonal())
+        proposal = improved_proposal(poses[-1:], one(u, motion), z, maps, SETTINGS, workers)
+    sigma = np.sqrt(proposal.covariance[0, 0].diagonal())
     assert sigma[0] == pytest.approx(0.2, rel=0.3)
     assert sigma[1] < 0.02
 
@@ -219,8 +221,78 @@ def test_weights_prefer_the_particle_that_is_right(model: str) -> None:
         x = np.stack([truth, truth + np.array([0.6, 0.5, 0.4])])
         u, tight = np.zeros(3), np.diag([0.005, 0.005, 0.002]) ** 2
         z = beams_at(RING, truth)
-        proposal = improved_proposal(x, u, tight, z, maps, settings, workers)
+        proposal = improved_proposal(x, one(u, tight), z, maps, settings, workers)
     assert proposal.log_weight[0] > proposal.log_weight[1] + 0.5
+
+
+def test_where_odometry_and_tracking_differ_most_particles_take_what_the_map_confirms() -> None:
+    """A stall of 0.6 m: each particle is drawn from one of two modes, by its own map."""
+    truth = np.array([1.3, 1.0, 0.1])
+    tight = np.diag([0.01, 0.01, 0.005]) ** 2
+    with Workers(1) as workers:
+        maps = mapped(RING, np.array([[1.0 + 0.1 * k, 1.0, 0.0] for k in range(8)]), workers)
+        maps.resample(np.zeros(400, np.int64))
+        u = np.array([[0.6, 0.5, 0.4], [0.0, 0.0, 0.0]])
+        motion = Motion(u, np.stack([tight, tight]))
+        z = beams_at(RING, truth)
+        proposal = improved_proposal(np.tile(truth, (400, 1)), motion, z, maps, SETTINGS, workers)
+        x = proposal.sample(np.random.default_rng(3))
+    right = np.hypot(*(x - truth)[:, :2].T) < 0.1
+    expected = np.exp(proposal.log_mass[0, 1] - proposal.log_weight[0])
+    assert expected > 0.6
+    assert right.mean() == pytest.approx(expected, abs=0.07)
+    assert right.mean() < 1.0  # the other hypothesis lives on, until later scans refute it
+
+
+def test_odometry_that_contradicts_the_tracked_motion_is_a_mode_of_its_own() -> None:
+    """Four steps of 0.1 m, the third with stalled wheels; the fourth without odometry."""
+    poses = np.array([[0.1 * k, 0.0, 0.0] for k in range(5)])
+    recorded = np.array([[np.nan] * 3, [0.1, 0, 0], [0.1, 0, 0], [0, 0, 0], [np.nan] * 3])
+    covariances = np.tile(np.diag([1e-4, 1e-4, 1e-4]), (5, 1, 1))
+    wheels = new_wheels()
+    wheels[:2] = 0.01  # good ones
+    tracked = TrackedScans(poses, covariances, recorded, wheels)
+    motions = motions_between([0, 1, 2, 3, 4], tracked, Config().odometry)
+    assert [len(motion.u) for motion in motions] == [1, 1, 2, 1]
+    np.testing.assert_allclose(motions[2].u, [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], atol=1e-12)
+    assert motions[2].nearest(np.array([0.09, 0.0, 0.0])) == 1
+
+
+def test_what_was_never_seen_speaks_neither_for_a_pose_nor_against_it() -> None:
+    """A scan of a wall that is mapped, of one in the open, and of one beyond the map."""
+    with Workers(1) as workers:
+        maps = mapped(RING, np.array([[1.0, 1.0, 0.0]]), workers)
+    pose = np.zeros(3)
+    at = [np.array([[2.0 + 0.1 * k, y] for k in range(20)]) for y in (0.0, 1.0, 50.0)]
+    beams = [Beams(some, np.zeros((20, 2)), np.ones(2)) for some in at]
+    wall, free, unseen = (
+        log_likelihood(maps.surfaces, 0, some, pose, 2, SETTINGS.sigma) for some in beams
+    )
+    assert free < unseen < wall
+    assert unseen == pytest.approx(10.0 * np.log(0.1))
+
+
+def test_visits_that_see_through_each_others_walls_show_that_a_filter_diverged() -> None:
+    """Two laps: as driven, and with the second one 1 m and 20 degrees off."""
+    truth = drive_round(2.0)[::2]
+    scans = [beams_at(RING, pose) for pose in truth]
+    sound = contradictions(truth, scans)
+    assert sound.compared >= 8
+    assert sound.contradicting == 0
+    assert not sound.diverged
+    bent = truth.copy()
+    half = len(truth) // 2
+    bent[half:] = compose_planar(np.array([1.0, 0.5, 0.35]), truth[half:])
+    fallen = contradictions(bent, scans)
+    assert fallen.contradicting >= 3
+    assert fallen.diverged
+
+
+def test_one_contradiction_in_a_hundred_is_chance_and_five_are_not() -> None:
+    assert not Contradictions(0, 0).diverged
+    assert not Contradictions(150, 1).diverged
+    assert Contradictions(150, 6).diverged
+    assert Contradictions(20, 3).diverged
 
 
 def test_likelihoods_of_beams_do_not_depend_on_how_particles_are_split() -> None:
@@ -238,38 +310,19 @@ def test_likelihoods_of_beams_do_not_depend_on_how_particles_are_split() -> None
     assert whole[0] > whole[1:].max()  # the true pose
 
 
-def test_the_banded_step_is_the_dense_one() -> None:
-    random = np.random.default_rng(5)
-    path = np.cumsum(random.normal(0.1, 0.1, (6, 3)), axis=0)
-    motions = between_planar(path[:-1], path[1:]) + random.normal(0.0, 0.05, (5, 3))
-    information = np.array([np.diag(random.uniform(1.0, 50.0, 3)) for _ in range(5)])
-    roots = random.normal(size=(6, 3, 3))
-    H, g = roots @ roots.transpose(0, 2, 1), random.normal(size=(6, 3))
-    A, B = _motion_jacobians(path)
-    dense, right = np.zeros((18, 18)), g.ravel().copy()
-    dense[:3, :3] += 1e8 * np.eye(3)
-    errors = between_planar(path[:-1], path[1:]) - motions
-    for k in range(6):
-        dense[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += H[k]
-    for k in range(5):
-        J = np.zeros((3, 18))
-        J[:, 3 * k : 3 * k + 3], J[:, 3 * k + 3 : 3 * k + 6] = A[k], B[k]
-        dense += J.T @ information[k] @ J
-        right += J.T @ information[k] @ errors[k]
-    step = _banded_step(path, motions, information, H, g)
-    np.testing.assert_allclose(step.ravel(), -np.linalg.solve(dense, right), rtol=1e-6, atol=1e-9)
-
-
-def test_motion_jacobians_are_the_derivatives() -> None:
-    path = np.array([[0.3, -0.2, 0.7], [1.1, 0.4, -2.5]])
-    A, B = _motion_jacobians(path)
-    for axis in range(3):
-        for end, jacobian in ((0, A), (1, B)):
-            moved = [path.copy(), path.copy()]
-            moved[0][end, axis] -= 1e-6
-            moved[1][end, axis] += 1e-6
-            low, high = (between_planar(p[0], p[1]) for p in moved)
-            np.testing.assert_allclose(jacobian[0][:, axis], (high - low) / 2e-6, atol=1e-7)
+def test_smoothing_shares_out_what_a_loop_was_closed_with() -> None:
+    """A lap and a quarter that turned 0.2 degrees a metre too much, so that its end lies aside."""
+    truth = drive_round(1.25, step=0.4)
+    motions = between_planar(truth[:-1], truth[1:])
+    motions[:, 2] += 0.0035 * np.hypot(*motions[:, :2].T)
+    path = truth[:1]
+    for motion in motions:
+        path = np.append(path, compose_planar(path[-1:], motion), axis=0)
+    information = np.tile(np.diag([2500.0, 2500.0, 40000.0]), (len(motions), 1, 1))
+    scans = [cast(RING, pose) for pose in truth]
+    smoothed = smooth_path(path, motions, information, scans, Config(), Silence())
+    assert error(path, truth) > 0.15
+    assert error(smoothed, truth) < 0.02
 
 
 def test_loops_are_counted_once_each() -> None:
@@ -284,7 +337,7 @@ def test_loops_are_counted_once_each() -> None:
 
 def test_a_log_without_scans_is_refused() -> None:
     with pytest.raises(LogError, match="laser"):
-        run_fastslam([Moment(0, np.eye(4), None)], Config(), Silence())
+        run_fastslam([Frame(0, np.eye(4), None)], Config(), Silence())
 
 
 def test_an_unknown_measurement_model_is_refused() -> None:
@@ -304,7 +357,7 @@ def test_scans_without_a_return_between_others_do_no_harm() -> None:
 
 def test_one_scan_makes_a_map() -> None:
     result = run_fastslam(
-        [Moment(5, None, cast(RING, np.array([1.0, 1.0, 0.0])))], Config(), Silence()
+        [Frame(5, None, cast(RING, np.array([1.0, 1.0, 0.0])))], Config(), Silence()
     )
     np.testing.assert_array_equal(result.path, np.zeros((1, 3)))
     assert np.isfinite(result.grid.log_odds).any()
@@ -347,7 +400,7 @@ def test_odometry_that_counts_forwards_while_reversing_is_outvoted() -> None:
     moments = recorded(truth, np.zeros(3))
     forwards = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(x)))])
     lies = [
-        Moment(m.stamp_ns, planar_to_matrix(np.array([way, 0.0, 0.0])), m.scan)
+        Frame(m.stamp_ns, planar_to_matrix(np.array([way, 0.0, 0.0])), m.scan)
         for m, way in zip(moments, forwards, strict=True)
     ]
     result = run_fastslam(lies, Config(particles=SETTINGS), Silence())

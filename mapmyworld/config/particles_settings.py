@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mapmyworld.config.ranges import Count, Positive, Share, Whole
+from mapmyworld.config.ranges import Count, Positive, Share
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,13 +21,7 @@ class ParticlesConfig:
     step_angle: Positive = 0.15  # rad of rotation between two updates of the filter
     sigma: Positive = 0.04  # m, end points about surfaces
     beams_effective: Positive = 40.0  # beams of a scan that count as independent
-    odometry_sigma: Positive = 0.15  # m per m and rad per rad: how far recorded motion is believed
-    odometry_floor: Positive = 0.05  # m, and half as many rad, of uncertainty in recorded motion
-    drift_floor: Positive = 0.02  # m, and half as many rad, of uncertainty in scan-matched motion
-    drift_sigma: Positive = 0.03  # m per m: uncertainty of scan-matched motion
-    drift_angle: Positive = 0.01  # rad per m: uncertainty of scan-matched motion
     weight_gain: Positive = 0.025  # power of the weights; below 1 keeps particles apart for longer
     resample_below: Share = 0.5  # share of effective particles at which the filter resamples
     kld_error: Positive = 0.15  # distance to the true posterior that sets the number of particles
     measurement: str = "field"  # "field" = likelihood field, "beams" = beam model
-    smoothing: Whole = 20  # rounds in which path and map of the best particle refine each other

@@ -24,6 +24,30 @@ _LARGEST = 9.0  # that one disagreement may teach, times its variance
 _FAINT = 1e-3  # information that keeps an open direction finite
 _WELL_EXPLAINED = 0.75  # overlap below which a scan joins the submap sooner
 _SOONER = 0.3  # of the motion after which others do
+_FIRST_VARIANCE = 0.01  # of overlaps, before there are any
+
+
+@jit
+def explains(state: Array, overlap: float, settings: Array) -> bool:
+    """Whether a submap explains as much of a scan as can be expected, and as much as is needed.
+
+    Expected is what it explained of the scans before: a match that shares a wall or two with the
+    right one explains far less than those do. `state` (8,) and `settings` (10,) are those of
+    `track_scans`.
+    """
+    missing = max(state[6] - overlap, 0.0)
+    return bool(overlap >= settings[6] and missing * missing <= settings[5] * state[7])
+
+
+@jit
+def learn_overlap(state: Array, overlap: float) -> None:
+    """Lets mean and variance of overlaps, in `state` (8,), learn from a match that is believed."""
+    if state[7] == 0.0:
+        state[6], state[7] = overlap, _FIRST_VARIANCE
+    miss = overlap - state[6]
+    sample = min(miss * miss, _LARGEST * state[7])
+    state[6] += (1.0 - _MEMORY) * miss
+    state[7] += (1.0 - _MEMORY) * (sample - state[7])
 
 
 @jit
@@ -181,12 +205,11 @@ def track_scans(
     """Follows scans from `start` on; the index of the first that needs a closer look.
 
     `recorded` (B, 3) are odometry's steps, NaN where there is none; those that end at an
-    `interpolated` (B,) pose need a closer look; `state` (6,) is the pose and
-    the last step, `wheels` (15,) the model of the odometry; `settings` are residual share, sigma of
-    a range, correlation, share and floor of the motion model, limits of NIS and overlap, keyframe
-    distance and angle, the least correlation. Fills `out` (B, 7): pose, overlap, NIS, metres moved,
-    weak (1 or 0); and
-    `covariances` (B, 3, 3) of the steps.
+    `interpolated` (B,) pose need a closer look; `state` (8,) is the pose, the last step, mean
+    and variance of overlaps, `wheels` (15,) the model of the odometry; `settings` are residual
+    share, sigma of a range, correlation, share and floor of the motion model, limits of NIS and
+    overlap, keyframe distance and angle, the least correlation. Fills `out` (B, 7): pose, overlap,
+    NIS, metres moved, weak (1 or 0); and `covariances` (B, 3, 3) of the steps.
     """  # fmt: skip
     found, predicted, pose = np.zeros(16), np.empty(3), np.empty(3)
     information, known = np.zeros((3, 3)), np.zeros((3, 3))
@@ -214,7 +237,7 @@ def track_scans(
         for i in range(3):
             pose[i] = found[i]
         innovations = innovation(predicted, pose, information, variances)
-        if innovations[6] > settings[5] or found[9] < settings[6]:
+        if innovations[6] > settings[5] or not explains(state, found[9], settings):
             for i in range(8, 15):
                 wheels[i] = before[i]
             return k
@@ -226,6 +249,7 @@ def track_scans(
             out[k, i], state[i], state[3 + i] = pose[i], pose[i], moved[i]
         out[k, 3], out[k, 4], out[k, 5] = found[9], innovations[6], np.hypot(moved[0], moved[1])
         out[k, 6] = 1.0 if is_degenerate(information) else 0.0
+        learn_overlap(state, found[9])
         if is_new(pose, found[9], settings[7], settings[8], key_poses, keys):
             learn_matching(
                 rows, bounds[k], bounds[k + 1], key_rows, key_counts, key_origins, key_poses,

@@ -17,7 +17,7 @@ from mapmyworld.kernels.laser_motion import (
     motion_variances,
     step_covariance,
 )
-from mapmyworld.kernels.scan_tracking import track_scans
+from mapmyworld.kernels.scan_tracking import explains, learn_overlap, track_scans
 from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, reckoned_variances
 from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes
@@ -71,7 +71,7 @@ class LaserTracker:
         self._degenerate = DegenerateSections()
         self._losses = TrackingLosses()
         self._keyframes = Keyframes(config)
-        self._state = np.zeros(6)  # pose, last step
+        self._state = np.zeros(8)  # pose, last step, overlaps: see `track_scans`
         self._wheels = new_wheels()
         self._last_odometry: Array | None = None
         self._begun = False
@@ -119,6 +119,11 @@ class LaserTracker:
                 tracked.append(self._look_closely(frames[last], scans.one(last), step))
         self.verdicts.update(moment.verdict for moment in tracked)
         return tracked
+
+    @property
+    def wheels(self) -> Array:
+        """(15,) how the log has calibrated its odometry so far: see `kernels.wheel_model`."""
+        return self._wheels.copy()
 
     def notes(self) -> tuple[str, ...]:
         """What was noticed on the way: how far odometry can be trusted, where tracking failed."""
@@ -190,6 +195,7 @@ class LaserTracker:
         if verdict == "lost":
             return self._unmatched(frame, scan, predicted, grown, match, recorded is not None)
         self._missed = 0
+        learn_overlap(self._state, match.overlap)
         if measured is None:
             verdict = "matched"
         is_new = self._keyframes.is_new(match, self._settings)
@@ -274,7 +280,7 @@ class LaserTracker:
             scan, predicted, information, COARSE if wide else FINE, self._settings
         )
         found = innovation(predicted, first.pose, first.information, variances)
-        good = first.overlap >= self._odometry.least_overlap
+        good = explains(self._state, first.overlap, self._settings)
         if good and found[6] <= self._odometry.contradiction**2:
             return first, "matched"
         best = likeliest_match(

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.decisions import decided
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -23,23 +22,11 @@ from mapmyworld.odometry.joint_system import NOTHING, Statements, joint_system
 from mapmyworld.places.laser_nodes import NodeScans, load_node_scans
 from mapmyworld.places.laser_pairs import among_first_revisits, neighbour_pairs
 from mapmyworld.places.stored_scans import Scans
-from mapmyworld.registration.joint_alignment import align_jointly
+from mapmyworld.registration.joint_alignment import MAX_DISTANCES, align_in_rounds
 from mapmyworld.types import Judged, MapStore, Node, Poses, Progress
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_MAX_DISTANCES = (
-    0.3,
-    0.2,
-    0.15,
-    0.12,
-    0.12,
-    0.12,
-    0.12,
-    0.12,
-)  # m within which points are associated
-_ANEW = 2  # rounds after which neighbours are chosen anew
-_NOTHING = 4e-4  # m of movement, root mean square, at which refinement has ended
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +58,7 @@ def refine_poses(
     nodes, scans, unseen, _ = loaded or load_node_scans(store, config)
     if len(nodes) < 3:
         return None
-    progress.stage("refine", len(_MAX_DISTANCES), "rounds")
+    progress.stage("refine", len(MAX_DISTANCES), "rounds")
     rows = {int(i): row for row, i in enumerate(poses.ids)}
     solved = matrix_to_planar(np.stack([poses.map_from_node[rows[n.id]] for n in nodes]))
     sessions = _sessions(nodes, unseen)
@@ -145,9 +132,8 @@ def _rounds(
     task: _Task, poses: Array, landmarks: Array, held: NDArray[np.bool_], progress: Progress
 ) -> _Aligned:
     """The scans aligned with each other; where some are held, with these."""
-    moved: tuple[float, ...] = ()
-    residual, count = 0.0, len(poses)
     settings, config = task.config.odometry, task.config
+    session, count = task.session[task.chosen], len(poses)
     stays = np.append(held, np.zeros(len(landmarks), np.bool_))
     system, every = joint_system(
         task.nodes, task.chosen, task.constraints, task.statements,
@@ -156,30 +142,15 @@ def _rounds(
     scans = task.scans.some(task.chosen)
     task.scans.let_go()
     among = held if held.any() else None
-    for max_distances in (_MAX_DISTANCES[:_ANEW], _MAX_DISTANCES[_ANEW:]):
-        pairs = neighbour_pairs(
-            every[:count], settings.refine_radius, settings.refine_revisits, among=among
-        )
-        session = task.session[task.chosen[pairs]]
-        pairs = pairs[~held[pairs].all(axis=1) & (session[:, 0] == session[:, 1])]
-        found = align_jointly(
-            scans,
-            system,
-            every,
-            pairs,
-            max_distances,
-            config.registration,
-            config.threads,
-            _NOTHING,
-        )
-        every, residual = found.poses, found.residual
-        moved += found.moved
-        progress.update(len(moved))
-        steps = ", ".join(f"{step:.4f}" for step in found.moved)
-        decided(
-            "refine", f"{len(pairs)} pairs of scans, moved by {steps} m, residual {residual:.4f} m"
-        )
-    return _Aligned(every[:count], every[count:-1], moved, residual)
+
+    def pairs_at(poses: Array) -> Index:
+        radius, revisits = settings.refine_radius, settings.refine_revisits
+        pairs = neighbour_pairs(poses[:count], radius, revisits, among=among)
+        together = session[pairs[:, 0]] == session[pairs[:, 1]]
+        return np.asarray(pairs[~held[pairs].all(axis=1) & together])
+
+    found = align_in_rounds(scans, system, every, pairs_at, config, progress)
+    return _Aligned(found.poses[:count], found.poses[count:-1], found.moved, found.residual)
 
 
 def _sessions(nodes: Sequence[Node], unseen: Array) -> list[tuple[int, int]]:

@@ -17,7 +17,8 @@ from mapmyworld.registration.scan_search import NATS, Submap, evidence_elsewhere
 Array = NDArray[np.float64]
 FEWEST = 12
 """Points of a scan below which it is not matched."""
-_LOG_ODDS = 1.3  # nats by which a point on a surface speaks for a pose: 0.75 against 0.2
+_LOG_ODDS = 2.5  # nats by which a point on a surface, and not beside, speaks for a pose: of
+# such points a right one has 0.75 and a wrong one 0.2, log(0.75 / 0.2) + log(0.8 / 0.25)
 _CORRELATED = 4.0  # neighbouring points of a scan that count as much as one, at least
 _WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
 
@@ -52,7 +53,7 @@ def likeliest_match(
 ) -> Match | None:  # fmt: skip
     """The likeliest of several matches, with the odometry and without it; None where none fits.
 
-    `state` (6,) is the pose before and the last step, `first` the match near the prediction,
+    `state` (8,) is that of `track_scans`, `first` the match near the prediction,
     `settings` are those of `track_scans`.
     """
     place, view = keyframes.place(), _view_of(scan)

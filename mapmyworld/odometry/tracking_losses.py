@@ -56,10 +56,7 @@ class TrackingLosses:
         moments = [f"{(stamp - zero) * 1e-9:.0f} s" for stamp in self._found_ns[:_NAMED]]
         more = len(self._found_ns) - len(moments)
         when = ", ".join(moments) + (f" and {more} times more" if more else "")
-        return (
-            f"tracking was lost at {when}: no scan match and no odometry; loop closures may join "
-            "the path again",
-        )
+        return (f"tracking was lost at {when}: no scan match and no odometry",)
 
 
 def _is_far(motion: Array) -> bool:

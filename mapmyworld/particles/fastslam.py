@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config import Config
+from mapmyworld.config import Config, ParticlesConfig
 from mapmyworld.errors import ConfigError, LogError
 from mapmyworld.geometry.planar import (
     between_planar,
@@ -18,28 +17,20 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     wrap_angle,
 )
-from mapmyworld.particles.filter import ParticleFilter, motion_covariance
+from mapmyworld.heap import give_back
+from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
+from mapmyworld.parallel import batches
+from mapmyworld.particles.contradictions import Contradictions, contradictions
+from mapmyworld.particles.filter import Generation, ParticleFilter
 from mapmyworld.particles.filter_scans import beams_from_scan
 from mapmyworld.particles.history import FastSlamHistory, history_from_filter
 from mapmyworld.particles.kernels import Beams
+from mapmyworld.particles.motions import Motion, TrackedScans, motions_between
 from mapmyworld.particles.smoothing import smooth_path
 from mapmyworld.particles.threads import Workers
-from mapmyworld.particles.tracker import LocalTracker
-from mapmyworld.types import OccupancyGrid, Progress, Scan
+from mapmyworld.types import Frame, OccupancyGrid, Progress, Scan
 
-
-class Moment(Protocol):
-    """As much of a frame as FastSLAM reads."""
-
-    @property
-    def stamp_ns(self) -> int: ...
-    @property
-    def odom_from_base(self) -> NDArray[np.float64] | None:
-        """(4, 4)."""
-        ...
-
-    @property
-    def scan(self) -> Scan | None: ...
+_AT_ONCE = 64  # scans that are tracked in one go
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,37 +45,83 @@ class FastSlamResult:
     """(F, 3, 3) of x, y, yaw in each pose's own frame: spread of the weighted particles."""
     grid: OccupancyGrid
     history: FastSlamHistory
+    revisits: Contradictions
+    """What visits to the same places report of each other in the final map."""
+    times_lost: int
+    """Scans that fit nothing seen before while there was no odometry."""
+    notes: tuple[str, ...]
+    losses: tuple[str, ...]
+    """What tracking noticed, and what it lost."""
 
 
 @dataclass(slots=True)
 class _Record:
-    """What the pass over the frames leaves: every frame's motion, the updates' scans."""
+    """What tracking leaves: every frame's motion, the updates' scans."""
 
     stamps: list[int] = field(default_factory=list)
     tracked: list[NDArray[np.float64]] = field(default_factory=list)
+    covariances: list[NDArray[np.float64]] = field(default_factory=list)
+    odometry: list[NDArray[np.float64]] = field(default_factory=list)
+    """(3,) each; NaN where unknown."""
     updates: list[int] = field(default_factory=list)
-    """Frames at which the filter was updated."""
+    """Frames at which the filter is updated."""
     beams: list[Beams] = field(default_factory=list)
     scans: list[Scan] = field(default_factory=list)
+    times_lost: int = 0
+
+    def add(self, frame: Frame, tracked: LaserMotion, settings: ParticlesConfig) -> None:
+        """One more frame that has a scan."""
+        odometry = frame.odom_from_base
+        self.stamps.append(frame.stamp_ns)
+        self.tracked.append(tracked.pose)
+        self.covariances.append(tracked.covariance)
+        self.times_lost += int(tracked.is_tracking_loss and odometry is None)
+        self.odometry.append(np.full(3, np.nan) if odometry is None else matrix_to_planar(odometry))
+        if frame.scan is not None and self._moved_enough(settings):
+            self.updates.append(len(self.tracked) - 1)
+            self.beams.append(beams_from_scan(frame.scan, settings))
+            self.scans.append(frame.scan)
+
+    def _moved_enough(self, settings: ParticlesConfig) -> bool:
+        """Whether the newest frame is the first, or far from the last update."""
+        if not self.updates:
+            return True
+        moved = between_planar(self.tracked[self.updates[-1]], self.tracked[-1])
+        far = np.hypot(*moved[:2]) >= settings.step_distance
+        return bool(far or abs(moved[2]) >= settings.step_angle)
+
+    def motions(self, wheels: NDArray[np.float64], config: Config) -> list[Motion]:
+        """From each update to the next."""
+        odometry = np.array([np.full(3, np.nan), *self.odometry])
+        recorded = between_planar(odometry[:-1], odometry[1:])
+        poses, covariances = np.array(self.tracked), np.array(self.covariances)
+        tracked = TrackedScans(poses, covariances, recorded, wheels)
+        return motions_between(self.updates, tracked, config.odometry)
 
 
-def run_fastslam(frames: Iterable[Moment], config: Config, progress: Progress) -> FastSlamResult:
+def run_fastslam(frames: Iterable[Frame], config: Config, progress: Progress) -> FastSlamResult:
     """Path and map of the most likely particle, from the scans of a log.
 
     Raises LogError when no frame has a scan, ConfigError when there is no such measurement model.
     """
     _check(config.particles.measurement)
-    with Workers(config.threads) as workers:
-        particles = ParticleFilter(config.particles, workers, config.seed)
-        record = _filter_frames(frames, particles, config, workers, progress)
-        updates = _refined_path(particles, record, config, workers, progress)
+    tracker = LaserTracker(config)
+    record = _track(frames, tracker, config, progress)
+    motions = record.motions(tracker.wheels, config)
+    path, generations = _filtered(motions, record.beams, config, progress)
+    give_back()
+    updates = _smoothed_path(path, motions, record, config, progress)
     progress.stage("particle map", float(len(updates)), "scans")
     return FastSlamResult(
         stamps_ns=np.array(record.stamps, np.int64),
         path=_path_of_frames(updates, record),
-        covariances=_covariances_of_frames(particles, record),
+        covariances=_covariances_of_frames(generations, record),
         grid=_grid(updates, record, config),
-        history=history_from_filter(particles.generations, updates, np.array(record.updates)),
+        history=history_from_filter(generations, updates, np.array(record.updates)),
+        revisits=contradictions(updates, record.beams),
+        times_lost=record.times_lost,
+        notes=tracker.notes(),
+        losses=tracker.losses(),
     )
 
 
@@ -93,76 +130,52 @@ def _check(model: str) -> None:
         raise ConfigError(f'particles.measurement is "{model}": use "field" or "beams"')
 
 
-def _filter_frames(
-    frames: Iterable[Moment],
-    particles: ParticleFilter,
-    config: Config,
-    workers: Workers,
-    progress: Progress,
+def _track(
+    frames: Iterable[Frame], tracker: LaserTracker, config: Config, progress: Progress
 ) -> _Record:
-    """Tracks every frame; updates the filter wherever the robot has moved far enough."""
-    settings = config.particles
-    record, tracker = _Record(), LocalTracker(settings, workers)
-    previous: NDArray[np.float64] | None = None
-    progress.stage("particles", None, "s")
-    for frame in frames:
-        if frame.scan is None:
-            continue
-        beams = beams_from_scan(
-            frame.scan,
-            range_max=settings.range_max,
-            spacing=settings.beam_spacing,
-            most=settings.beams,
-        )
-        odometry = None if frame.odom_from_base is None else matrix_to_planar(frame.odom_from_base)
-        pose = tracker.track(_motion(previous, odometry), beams)
-        previous = odometry
-        record.stamps.append(frame.stamp_ns)
-        record.tracked.append(pose)
-        if _moved_enough(record, config):
-            last = record.tracked[record.updates[-1]] if record.updates else pose
-            tracker.remember(beams)
-            particles.step(between_planar(last, pose), beams)
-            record.updates.append(len(record.tracked) - 1)
-            record.beams.append(beams)
-            record.scans.append(frame.scan)
-        progress.update((frame.stamp_ns - record.stamps[0]) * 1e-9)
+    """Tracks every frame that has a scan; keeps the scans where the robot has moved far enough.
+
+    All of it before the filter begins: only in the end the wheels are calibrated by the whole log.
+    """
+    record = _Record()
+    progress.stage("track", None, "s")
+    for some in batches((f for f in frames if f.scan is not None), _AT_ONCE):
+        for frame, tracked in zip(some, tracker.track_all(some), strict=True):
+            record.add(frame, tracked, config.particles)
+        progress.update((record.stamps[-1] - record.stamps[0]) * 1e-9)
     if not record.stamps:
         raise LogError("FastSLAM needs laser scans, and no frame of this log has one")
     return record
 
 
-def _motion(
-    before: NDArray[np.float64] | None, after: NDArray[np.float64] | None
-) -> NDArray[np.float64] | None:
-    return None if before is None or after is None else between_planar(before, after)
+def _filtered(
+    motions: Sequence[Motion], scans: Sequence[Beams], config: Config, progress: Progress
+) -> tuple[NDArray[np.float64], list[Generation]]:
+    """The best particle's path (K, 3) and all generations, one a scan; the maps are let go."""
+    progress.stage("particles", float(len(scans)), "scans")
+    with Workers(config.threads) as workers:
+        particles = ParticleFilter(config.particles, workers, config.seed)
+        for k, (motion, z) in enumerate(zip([None, *motions], scans, strict=True)):
+            particles.step(motion, z)
+            progress.update(float(k + 1))
+    return particles.best_path(), particles.generations
 
 
-def _moved_enough(record: _Record, config: Config) -> bool:
-    """Whether the newest frame is the first, or far from the last update."""
-    if not record.updates:
-        return True
-    moved = between_planar(record.tracked[record.updates[-1]], record.tracked[-1])
-    far = np.hypot(*moved[:2]) >= config.particles.step_distance
-    return bool(far or abs(moved[2]) >= config.particles.step_angle)
-
-
-def _refined_path(
-    particles: ParticleFilter,
+def _smoothed_path(
+    path: NDArray[np.float64],
+    motions: Sequence[Motion],
     record: _Record,
     config: Config,
-    workers: Workers,
     progress: Progress,
 ) -> NDArray[np.float64]:
-    """The best particle's path (K, 3) at the updates, smoothed against its own map."""
-    path = particles.best_path()
-    if len(path) < 2 or config.particles.smoothing < 1:
+    """The best particle's path (K, 3) at the updates, all their scans aligned with each other."""
+    if len(path) < 3 or not config.odometry.refine:
         return path
-    progress.stage("smooth the best particle", float(config.particles.smoothing), "rounds")
-    tracked = np.array(record.tracked)[record.updates]
-    u = between_planar(tracked[:-1], tracked[1:])
-    information = np.array([np.linalg.inv(motion_covariance(v, config.particles)) for v in u])
-    return smooth_path(path, u, information, record.beams, config.particles, workers, progress)
+    steps = between_planar(path[:-1], path[1:])
+    modes = [motion.nearest(step) for motion, step in zip(motions, steps, strict=True)]
+    u = np.array([motion.u[k] for motion, k in zip(motions, modes, strict=True)])
+    covariance = np.array([motion.covariance[k] for motion, k in zip(motions, modes, strict=True)])
+    return smooth_path(path, u, np.linalg.inv(covariance), record.scans, config, progress)
 
 
 def _path_of_frames(updates: NDArray[np.float64], record: _Record) -> NDArray[np.float64]:
@@ -179,9 +192,11 @@ def _path_of_frames(updates: NDArray[np.float64], record: _Record) -> NDArray[np
     return path
 
 
-def _covariances_of_frames(particles: ParticleFilter, record: _Record) -> NDArray[np.float64]:
+def _covariances_of_frames(
+    generations: Sequence[Generation], record: _Record
+) -> NDArray[np.float64]:
     """Covariances (F, 3, 3): each frame has that of the last update."""
-    at_updates = np.array([generation.covariance for generation in particles.generations])
+    at_updates = np.array([generation.covariance for generation in generations])
     before = np.searchsorted(record.updates, np.arange(len(record.tracked)), "right") - 1
     return np.asarray(at_updates[before])
 

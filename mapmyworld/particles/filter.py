@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from mapmyworld.config.particles_settings import ParticlesConfig
 from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.particles.kernels import Beams
+from mapmyworld.particles.motions import Motion
 from mapmyworld.particles.proposal import Proposal, improved_proposal
 from mapmyworld.particles.resampling import (
     effective_sample_size,
@@ -57,17 +58,14 @@ class ParticleFilter:
         self.x = np.zeros((self.config.count, 3))
         self.log_w = np.zeros(self.config.count)
 
-    def step(self, u: NDArray[np.float64], z: Beams) -> None:
-        """Moves by u (3,), which ended with the scan z: propose, weigh, map, resample."""
+    def step(self, motion: Motion | None, z: Beams) -> None:
+        """Moves, which ended with the scan z: propose, weigh, map, resample."""
         random = self._random()
         covariance = np.zeros((3, 3))
-        if self.generations:
-            u_covariance = motion_covariance(u, self.config)
-            proposal = improved_proposal(
-                self.x, u, u_covariance, z, self.m, self.config, self.workers
-            )
+        if motion is not None:
+            proposal = improved_proposal(self.x, motion, z, self.m, self.config, self.workers)
             self.x = proposal.sample(random)
-            self.log_w = self.log_w + proposal.log_weight
+            self.log_w = self.log_w + self.config.weight_gain * proposal.log_weight
             covariance = _mixture_covariance(proposal, normalised_weights(self.log_w))
         self.m.insert(z, self.x)
         self._select(covariance, float(random.random()))
@@ -108,24 +106,19 @@ class ParticleFilter:
         )
 
 
-def motion_covariance(u: NDArray[np.float64], config: ParticlesConfig) -> NDArray[np.float64]:
-    """(3, 3) of scan-matched motion u (3,), in the body frame."""
-    distance, angle = float(np.hypot(*u[:2])), abs(float(u[2]))
-    along = config.drift_floor + config.drift_sigma * (distance + 0.1 * angle)
-    turn = 0.5 * config.drift_floor + config.drift_angle * (distance + angle)
-    return np.diag([along**2, along**2, turn**2])
-
-
 def _mixture_covariance(proposal: Proposal, w: NDArray[np.float64]) -> NDArray[np.float64]:
     """Covariance (3, 3) of a weighted sum of Gaussians, in the frame of the heaviest one.
 
     By the law of total covariance: the mean of the covariances plus the covariance of the means.
     """
-    about = proposal.mean[int(np.argmax(w))]
-    deviation = proposal.mean - about
+    weights = w[:, None] * np.exp(proposal.log_mass - proposal.log_weight[:, None])
+    mean, each = proposal.mean.reshape(-1, 3), proposal.covariance.reshape(-1, 3, 3)
+    w = weights.ravel()
+    about = mean[int(np.argmax(w))]
+    deviation = mean - about
     deviation[:, 2] = wrap_angle(deviation[:, 2])
     deviation -= w @ deviation
-    total = np.einsum("p,pij->ij", w, proposal.covariance)
+    total = np.einsum("p,pij->ij", w, each)
     total += np.einsum("p,pi,pj->ij", w, deviation, deviation)
     cos, sin = np.cos(about[2]), np.sin(about[2])
     turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config import RegistrationConfig
+from mapmyworld.config import ParticlesConfig, RegistrationConfig
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.registration.scan_matching import prepare_scan
 from mapmyworld.types import Scan
@@ -13,13 +13,17 @@ from mapmyworld.types import Scan
 _LONE = 0.25  # m to the nearer neighbour in the sweep from which an end point stands alone
 
 
-def beams_from_scan(scan: Scan, *, range_max: float, spacing: float, most: int) -> Beams:
-    """About `most` end points nearer than `range_max`, at least `spacing` apart, with normals.
+def beams_from_scan(scan: Scan, settings: ParticlesConfig) -> Beams:
+    """About `beams` end points nearer than `range_max`, evenly spaced, with normals.
 
     Lone ones without a normal are left out: where beams graze a wall they would hold on to it
     as if it had marks, and keep the robot from moving along.
     """
-    config = RegistrationConfig(point_spacing=spacing, point_count=most, range_max=range_max)
+    config = RegistrationConfig(
+        point_spacing=settings.beam_spacing,
+        point_count=settings.beams,
+        range_max=settings.range_max,
+    )
     prepared = prepare_scan(scan, config)
     rows = prepared.rows.astype(np.float64)
     points, normals = rows[:, :2], rows[:, 2:4]

@@ -18,35 +18,68 @@ from mapmyworld.config.particles_settings import ParticlesConfig
 from mapmyworld.geometry.planar import compose_planar, wrap_angle
 from mapmyworld.particles import kernels
 from mapmyworld.particles.kernels import Beams
+from mapmyworld.particles.motions import Motion
 from mapmyworld.particles.threads import Workers
 from mapmyworld.particles.tiles import TileMaps
 
-_MAX_DISTANCES = np.array([3, 2, 2, 2, 2, 2, 2, 2], np.int64)  # cells searched around end points
+_MAX_DISTANCES = np.array([7, 6, 5, 4, 4, 4, 4, 4], np.int64)
+"""Cells searched around end points: neighbouring beams of a coarse scan end as far apart."""
+_MISLEADING = 0.1
+"""Probability that a scan indicates nothing of its pose: where it contradicts the odometry, it may
+have been taken at another moment, or fit a wrong place better than the right one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proposal:
-    """One Gaussian a particle."""
+    """A mixture of M Gaussians a particle."""
 
     mean: NDArray[np.float64]
-    """(P, 3) map frame."""
+    """(P, M, 3) map frame."""
     covariance: NDArray[np.float64]
-    """(P, 3, 3) map frame's axes."""
-    log_weight: NDArray[np.float64]
-    """(P,) log p(z_t | m, x_{t-1}, u_t), up to a constant."""
+    """(P, M, 3, 3) map frame's axes."""
+    log_mass: NDArray[np.float64]
+    """(P, M) log p(z_t, mode | m, x_{t-1}, u_t), up to a constant: no mode is ruled out."""
     share: NDArray[np.float64]
-    """(P,) share of the beams that the map explains."""
+    """(P, M) share of the beams that the map explains."""
+
+    @property
+    def log_weight(self) -> NDArray[np.float64]:
+        """(P,) log p(z_t | m, x_{t-1}, u_t), likewise."""
+        return np.asarray(np.logaddexp.reduce(self.log_mass, axis=1))
 
     def sample(self, random: np.random.Generator) -> NDArray[np.float64]:
-        """x_t (P, 3), one from each particle's Gaussian."""
-        root = np.linalg.cholesky(self.covariance)
-        noise = random.standard_normal(self.mean.shape)
-        x = self.mean + np.einsum("pij,pj->pi", root, noise)
+        """x_t (P, 3), one from each particle's mixture."""
+        count = np.arange(len(self.mean))
+        noise = random.standard_normal((len(count), 3))
+        cumulated = np.cumsum(np.exp(self.log_mass - self.log_weight[:, None]), axis=1)
+        mode = np.sum(cumulated[:, :-1] < random.random((len(count), 1)), axis=1)
+        root = np.linalg.cholesky(self.covariance[count, mode])
+        x = self.mean[count, mode] + np.einsum("pij,pj->pi", root, noise)
         x[:, 2] = wrap_angle(x[:, 2])
         return np.asarray(x)
 
 
 def improved_proposal(
+    x: NDArray[np.float64],
+    motion: Motion,
+    z: Beams,
+    m: TileMaps,
+    config: ParticlesConfig,
+    workers: Workers,
+) -> Proposal:
+    """Where particles at `x` (P, 3) go after a motion that ended with the scan z."""
+    modes = [
+        _mode(x, u, covariance, z, m, config, workers)
+        for u, covariance in zip(motion.u, motion.covariance, strict=True)
+    ]
+    mean, covariance, log_mass, share = (
+        np.stack(some, axis=1) for some in zip(*modes, strict=True)
+    )
+    misleading = log_mass.max(axis=1, keepdims=True) + np.log(_MISLEADING)
+    return Proposal(mean, covariance, np.logaddexp(log_mass, misleading), share)
+
+
+def _mode(
     x: NDArray[np.float64],
     u: NDArray[np.float64],
     u_covariance: NDArray[np.float64],
@@ -54,11 +87,11 @@ def improved_proposal(
     m: TileMaps,
     config: ParticlesConfig,
     workers: Workers,
-) -> Proposal:
-    """Where particles at `x` (P, 3) go after a motion u that ended with the scan z."""
+) -> tuple[NDArray[np.float64], ...]:
+    """One Gaussian of the motion, after the scan: mean, covariance, log mass, share."""
     count = len(x)
     scale = min(1.0, config.beams_effective / max(len(z.points), 1))
-    starts = compose_planar(x, u)[:, None, :]
+    predicted = compose_planar(x, u)
     mean, information = np.zeros((count, 3)), np.zeros((count, 3, 3))
     quality = np.zeros((count, 3))
     prior = np.linalg.inv(u_covariance)
@@ -66,7 +99,7 @@ def improved_proposal(
         kernels.match,
         m.surfaces,
         count,
-        (z, starts, prior, 0.0, _MAX_DISTANCES, config.sigma, scale, mean, information, quality),
+        (z, predicted, prior, _MAX_DISTANCES, config.sigma, scale, mean, information, quality),
     )
     log_z = quality[:, 1]
     if config.measurement == "beams":
@@ -76,5 +109,4 @@ def improved_proposal(
     covariance = np.asarray(np.linalg.inv(information), np.float64)
     # Laplace: the integral of exp(-cost) is exp(-minimum) times the root of |2 pi Sigma|.
     volume = 0.5 * (np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(u_covariance)[1])
-    log_weight = config.weight_gain * (scale * log_z - 0.5 * quality[:, 2] + volume)
-    return Proposal(mean, covariance, log_weight, quality[:, 0])
+    return mean, covariance, scale * log_z - 0.5 * quality[:, 2] + volume, quality[:, 0]

@@ -1,9 +1,9 @@
-"""The best particle's path and map, refined in turn.
+"""The best particle's path, smoothed: all its scans aligned with each other.
 
-A particle fixes each pose when it passes, with the map of that moment. Offline the whole path is
-known, so the posterior over paths, p(x_1:t, m | z_1:t, u_1:t), can be climbed on: given the
-map, a Gauss-Newton step for all poses at once (scans are independent given map and poses, motions
-tie neighbours only, so the system is banded); given the poses, the map anew.
+A particle fixes each pose when it passes, with the map of that moment, and of thirty the best one
+comes back to a place some decimetres off. Offline the whole path is known, so the posterior over
+paths, p(x_1:t | z_1:t, u_1:t), can be climbed on from there. The best particle has settled which
+scans saw the same surfaces; where these lie follows from all of them at once.
 """
 
 from __future__ import annotations
@@ -12,96 +12,28 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solveh_banded
 
-from mapmyworld.config.particles_settings import ParticlesConfig
-from mapmyworld.geometry.planar import between_planar, wrap_angle
-from mapmyworld.particles import kernels
-from mapmyworld.particles.kernels import Beams
-from mapmyworld.particles.threads import Workers
-from mapmyworld.particles.tiles import TileMaps
-from mapmyworld.types import Progress
+from mapmyworld.backend.system import System, number_free
+from mapmyworld.config import Config
+from mapmyworld.places.laser_pairs import neighbour_pairs
+from mapmyworld.registration.joint_alignment import MAX_DISTANCES, align_in_rounds
+from mapmyworld.registration.scan_matching import prepare_scans
+from mapmyworld.types import Progress, Scan
 
-_REACH = 3  # cells searched around an end point
-_ANCHOR = 1e8  # information that holds the first pose
+Array = NDArray[np.float64]
 
 
 def smooth_path(
-    path: NDArray[np.float64],
-    motions: NDArray[np.float64],
-    information: NDArray[np.float64],
-    scans: Sequence[Beams],
-    config: ParticlesConfig,
-    workers: Workers,
-    progress: Progress | None = None,
-) -> NDArray[np.float64]:
+    path: Array, motions: Array, information: Array, scans: Sequence[Scan], config: Config,
+    progress: Progress,
+) -> Array:  # fmt: skip
     """The refined path (K, 3) of scans whose motions (K - 1, 3) are known to `information`."""
-    points = np.concatenate([scan.points for scan in scans])
-    normals = np.concatenate([scan.normals for scan in scans])
-    sizes = np.array([len(scan.points) for scan in scans])
-    ends = np.concatenate([[0], np.cumsum(sizes)])
-    scale = np.minimum(1.0, config.beams_effective / np.maximum(sizes, 1))
-    path = path.copy()
-    for done in range(config.smoothing):
-        if progress is not None:
-            progress.update(done)
-        maps = TileMaps(1, config.resolution, workers)
-        maps.insert_path(points, normals, ends, path)
-        H, g = np.zeros((len(path), 3, 3)), np.zeros((len(path), 3))
-        share = np.zeros(len(path))
-        workers.run_maps(
-            kernels.linearise_path,
-            maps.surfaces,
-            len(path),
-            (points, normals, ends, path, _REACH, config.sigma, H, g, share),
-        )
-        H, g = H * scale[:, None, None], g * scale[:, None]
-        step = _banded_step(path, motions, information, H, g)
-        path += step
-        path[:, 2] = wrap_angle(path[:, 2])
-        if np.max(np.abs(step)) < 1e-4:
-            break
-    return path
+    progress.stage("refine", len(MAX_DISTANCES), "rounds")
+    every, settings = np.arange(len(path)), config.odometry
+    system = System(True, every[:-1], every[1:], motions, information, number_free(every == 0))
 
+    def pairs_at(poses: Array) -> NDArray[np.int64]:
+        return neighbour_pairs(poses, settings.refine_radius, settings.refine_revisits)
 
-def _banded_step(
-    path: NDArray[np.float64],
-    motions: NDArray[np.float64],
-    information: NDArray[np.float64],
-    H: NDArray[np.float64],
-    g: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """The Gauss-Newton step (K, 3) of scans (H, g) and motions together."""
-    count = len(path)
-    A, B = _motion_jacobians(path)
-    error = between_planar(path[:-1], path[1:]) - motions
-    error[:, 2] = wrap_angle(error[:, 2])
-    diagonal, right = H.copy(), g.copy()
-    diagonal[0] += _ANCHOR * np.eye(3)
-    AtI, BtI = np.swapaxes(A, 1, 2) @ information, np.swapaxes(B, 1, 2) @ information
-    diagonal[:-1] += AtI @ A
-    diagonal[1:] += BtI @ B
-    right[:-1] += np.einsum("kij,kj->ki", AtI, error)
-    right[1:] += np.einsum("kij,kj->ki", BtI, error)
-    band = np.zeros((6, 3 * count))
-    coupling = AtI @ B
-    for i in range(3):
-        for j in range(3):
-            if j >= i:
-                band[5 + i - j, j::3] = diagonal[:, i, j]
-            band[2 + i - j, 3 + j :: 3] = coupling[:, i, j]
-    return np.asarray(-solveh_banded(band, right.ravel()).reshape(count, 3))
-
-
-def _motion_jacobians(
-    path: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Derivatives (K - 1, 3, 3) of `a_from_b` by increments of a and of b in the map frame."""
-    cos, sin = np.cos(path[:-1, 2]), np.sin(path[:-1, 2])
-    dx, dy = np.diff(path[:, 0]), np.diff(path[:, 1])
-    B = np.zeros((len(path) - 1, 3, 3))
-    B[:, 0, 0], B[:, 0, 1], B[:, 1, 0], B[:, 1, 1], B[:, 2, 2] = cos, sin, -sin, cos, 1.0
-    A = -B
-    A[:, 0, 2] = -sin * dx + cos * dy
-    A[:, 1, 2] = -cos * dx - sin * dy
-    return A, B
+    prepared = prepare_scans(scans, config.registration)
+    return align_in_rounds(prepared, system, path, pairs_at, config, progress).poses

@@ -60,31 +60,9 @@ class TileMaps:
             kernels.insert, self.surfaces, len(poses), (beams, poses, self._owners)
         )
 
-    def insert_path(
-        self,
-        points: NDArray[np.float64],
-        normals: NDArray[np.float64],
-        ends: NDArray[np.int64],
-        poses: NDArray[np.float64],
-    ) -> None:
-        """Adds the end points, without their rays, of many scans to the only map there is.
-
-        Scan k, at `poses[k]` (3,), has the points and normals `ends[k]` to `ends[k + 1]`.
-        """
-        self._make_room(poses, float(np.sqrt(np.max(np.sum(points**2, axis=1), initial=0.0))))
-        touched = np.zeros(self._tables.shape, np.bool_)
-        kernels.mark_path(points, ends, poses, self._base, self._resolution, touched[0])
-        self._make_own(touched)
-        kernels.insert_path(self.surfaces, points, normals, ends, poses, self._owners)
-
     def resample(self, ancestors: NDArray[np.int64]) -> None:
         """Particle k continues with the map of `ancestors[k]`, of (P,); nothing is copied."""
         self._tables = self._tables[ancestors]
-        self._count_owners()
-
-    def clear(self, particle: int) -> None:
-        """Forgets everything in one particle's map."""
-        self._tables[particle] = _EMPTY
         self._count_owners()
 
     def _count_owners(self) -> None:

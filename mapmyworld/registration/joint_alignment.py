@@ -7,8 +7,8 @@ relative pose with the information that its points have of it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +16,21 @@ from numpy.typing import NDArray
 from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.residuals import planar_exp
 from mapmyworld.backend.system import System, believed_edges, with_edges
-from mapmyworld.config import RegistrationConfig
+from mapmyworld.config import Config, RegistrationConfig
+from mapmyworld.decisions import decided
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.kernels.scan_alignment import pair_systems
 from mapmyworld.parallel import run_in_chunks
 from mapmyworld.registration.scan_matching import ScanSet
+from mapmyworld.types import Progress
 
 Array = NDArray[np.float64]
 Pairs = NDArray[np.int64]
 _UPPER = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+MAX_DISTANCES = (0.3, 0.2, 0.15, 0.12, 0.12, 0.12, 0.12, 0.12)
+"""Metres within which points are associated, round by round."""
+_ANEW = 2  # rounds after which pairs are chosen anew
+_NOTHING = 4e-4  # m of movement, root mean square, at which alignment has ended
 _FAINT = 1.0  # information of a pair that keeps a direction finite which its points leave open
 
 
@@ -38,6 +44,33 @@ class JointAlignment:
     """Root mean square movement of what does not stay in each round, metres."""
     residual: float
     """Root mean square distance between a point and the other scan's line, metres."""
+
+
+def align_in_rounds(
+    scans: ScanSet,
+    system: System,
+    poses: Array,
+    pairs_at: Callable[[Array], Pairs],
+    config: Config,
+    progress: Progress,
+) -> JointAlignment:
+    """Poses (N, 3) that fit pairs of scans and the system's edges best, from poses far off on.
+
+    `pairs_at` chooses the pairs (P, 2) that are worth comparing where the poses are.
+    """
+    moved: tuple[float, ...] = ()
+    for max_distances in (MAX_DISTANCES[:_ANEW], MAX_DISTANCES[_ANEW:]):
+        pairs = pairs_at(poses)
+        found = align_jointly(
+            scans, system, poses, pairs, max_distances, config.registration, config.threads,
+            _NOTHING,
+        )  # fmt: skip
+        poses, moved = found.poses, moved + found.moved
+        progress.update(len(moved))
+        steps = ", ".join(f"{step:.4f}" for step in found.moved)
+        text = f"{len(pairs)} pairs of scans, moved by {steps} m, residual {found.residual:.4f} m"
+        decided("refine", text)
+    return replace(found, moved=moved)
 
 
 def align_jointly(

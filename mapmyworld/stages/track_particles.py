@@ -11,6 +11,7 @@ from mapmyworld.errors import LogError
 from mapmyworld.geometry.planar import covariance_from_planar, planar_to_matrix
 from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.parallel import on_one_thread
+from mapmyworld.particles.contradictions import Contradictions
 from mapmyworld.particles.fastslam import FastSlamResult, run_fastslam
 from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.stages.nodes import Motion
@@ -57,6 +58,8 @@ class _PathFollower:
 
     def __init__(self, result: FastSlamResult) -> None:
         self._path = planar_to_matrix(result.path)
+        self._notes = result.notes
+        self._losses = (*result.losses, *_lost(result.times_lost), *_divergence(result.revisits))
 
     def follow(self, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Motion]]:
         with_scan = (frame for frame in frames if frame.scan is not None)
@@ -64,7 +67,28 @@ class _PathFollower:
             yield frame, Motion(pose, _STEP_COVARIANCE, Particles())
 
     def notes(self) -> tuple[str, ...]:
-        return ()
+        return self._notes
 
     def losses(self) -> tuple[str, ...]:
+        return self._losses
+
+
+def _lost(times: int) -> tuple[str, ...]:
+    """No particle is drawn farther off than the scan matcher reaches."""
+    if not times:
         return ()
+    return (
+        f"tracking was lost {times} times without odometry, and the particle filter has no global "
+        "search: the map may be wrong from there on; use --method graph",
+    )
+
+
+def _divergence(revisits: Contradictions) -> tuple[str, ...]:
+    """What the user should know of a map that fell apart."""
+    if not revisits.diverged:
+        return ()
+    return (
+        f"the particle filter diverged: {revisits.contradicting} of {revisits.compared} pairs of "
+        "visits to the same place contradict each other; use --method graph, or increase "
+        "particles.count",
+    )

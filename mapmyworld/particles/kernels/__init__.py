@@ -1,8 +1,8 @@
 """Numba kernels of the particle filter; each treats particles or poses one by one."""
 
-from mapmyworld.particles.kernels.insertion import insert, insert_path, mark_path, touched_tiles
+from mapmyworld.particles.kernels.insertion import insert, touched_tiles
 from mapmyworld.particles.kernels.likelihood import beam_log_likelihoods
-from mapmyworld.particles.kernels.matching import linearise_path, match
+from mapmyworld.particles.kernels.matching import match
 from mapmyworld.particles.kernels.surface_tiles import TILE, Beams, Surfaces
 
 __all__ = [
@@ -11,9 +11,6 @@ __all__ = [
     "Surfaces",
     "beam_log_likelihoods",
     "insert",
-    "insert_path",
-    "linearise_path",
-    "mark_path",
     "match",
     "touched_tiles",
 ]

@@ -19,6 +19,18 @@ from mapmyworld.particles.kernels.surface_tiles import (
     turned,
 )
 
+FREE = math.log(0.1)  # of an end point far from all surfaces
+UNSEEN = 0.5 * FREE  # where no beam ever was: neither for the pose nor against it
+
+
+@inner_jit
+def _is_seen(maps: Any, particle: int, x: float, y: float) -> bool:
+    """Whether any beam ended in the cell of a point, or crossed it."""
+    ix, iy = math.floor(x / maps.resolution), math.floor(y / maps.resolution)
+    slot = slot_of(maps, particle, ix, iy)
+    cell = ((iy & MASK) << TILE_SHIFT) | (ix & MASK)
+    return bool(maps.visits[slot, cell] > 0)
+
 
 @jit
 def log_likelihood(
@@ -26,7 +38,8 @@ def log_likelihood(
 ) -> float:
     """Logarithm of p(z | x, m) of the likelihood field, for a pose (3,).
 
-    Every beam ends near a surface, or by chance.
+    Every beam ends near a surface, or by chance. An end point where nothing was ever seen counts
+    half as much against the pose as one in the open.
     """
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     total = 0.0
@@ -40,7 +53,11 @@ def log_likelihood(
             if length > PLANAR:
                 along = (mx * (x - qx) + my * (y - qy)) / length
                 d2 = 0.25 * d2 + 0.75 * along * along
-        total += math.log(0.9 * math.exp(-half * d2) + 0.1)
+            total += math.log(0.9 * math.exp(-half * d2) + 0.1)
+        elif _is_seen(maps, particle, x, y):
+            total += FREE
+        else:
+            total += UNSEEN
     return total
 
 

@@ -1,4 +1,4 @@
-"""Scan matching by Gauss-Newton, of many particles and of whole paths."""
+"""Scan matching by Gauss-Newton, of many particles."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from mapmyworld.kernels.assignment import assign
 from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.particles.kernels.likelihood import log_likelihood
-from mapmyworld.particles.kernels.surface_tiles import PLANAR, Beams, nearest, turned
+from mapmyworld.particles.kernels.surface_tiles import PLANAR, nearest, turned
 
 STEP, TURN = 1e-3, 2e-4  # m, rad: steps that change no cell and end the search
 POINT = 0.1  # weight of an end point at a cell that is no line: it may lie beside the true one
+WIDE = 0.02  # weight of the prediction while the search is wide
 
 
 @jit
@@ -126,9 +127,8 @@ def match(
     first: int,
     last: int,
     beams: Any,
-    starts: NDArray[np.float64],
+    predicted: NDArray[np.float64],
     prior: NDArray[np.float64],
-    robust: float,
     max_distances: NDArray[np.int64],
     sigma: float,
     scale: float,
@@ -138,76 +138,37 @@ def match(
 ) -> None:
     """Most likely poses of particles `first` to `last`, given their maps and predictions.
 
-    `starts` (P, K, 3): the prediction first, then other places to start from. `prior` (3, 3): the
-    information of the prediction, in the map frame's axes turned to its heading. `robust`: the
-    deviations after which the prediction counts less (0 = never). `reaches`: cells searched around
-    an end point, for each iteration. `scale` turns sums over beams, which are not independent,
-    into information. Fills `poses` (P, 3), `informations` (P, 3, 3) and `quality` (P, 3): matched
-    share, log-likelihood of the scan, squared deviation from the prediction.
+    `predicted` (P, 3) poses; `prior` (3, 3) their information, in the axes of their headings.
+    `max_distances`: cells searched around an end point, for each iteration. `scale` turns sums over
+    beams, which are not independent, into information. Fills `poses` (P, 3), `informations`
+    (P, 3, 3) and `quality` (P, 3): matched share, log-likelihood of the scan, squared deviation
+    from the prediction.
     """
     H, g, step = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     P, gap, pose = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     for particle in range(first, last):
-        best = -1e18
-        mean = starts[particle, 0]
+        mean = predicted[particle]
         _turn_information(prior, mean[2], P)
-        for k in range(starts.shape[1]):
-            assign(pose, starts[particle, k])
-            share = 0.0
-            for iteration in range(max_distances.shape[0]):
-                H[:], g[:] = 0.0, 0.0
-                # A wide search tolerates wide residuals.
-                width = sigma * (1.0 + 0.5 * (max_distances[iteration] - max_distances[-1]))
-                share = linearise(
-                    maps, particle, beams, pose, max_distances[iteration], width, H, g
-                )
-                H *= scale
-                g *= scale
-                squared = _deviation(pose, mean, P, gap)
-                weight = 1.0 if robust <= 0.0 else 1.0 / (1.0 + squared / (robust * robust))
-                if max_distances[iteration] > max_distances[-1]:
-                    weight *= 0.02
-                H += weight * P
-                g += weight * (P[:, 0] * gap[0] + P[:, 1] * gap[1] + P[:, 2] * gap[2])
-                _solve(H, g, step)
-                pose += step
-                small = abs(step[0]) + abs(step[1]) < STEP and abs(step[2]) < TURN
-                if small and max_distances[iteration] == max_distances[-1]:
-                    break
-            fit = log_likelihood(maps, particle, beams, pose, max_distances[-1], sigma)
-            squared = _deviation(pose, mean, P, gap)
-            if robust > 0.0:
-                cost = 0.5 * robust * robust * math.log(1.0 + squared / (robust * robust))
-            else:
-                cost = 0.5 * squared
-            if scale * fit - cost > best:
-                best = scale * fit - cost
-                assign(poses[particle], pose)
-                assign(informations[particle], H)
-                quality[particle, 0], quality[particle, 1] = share, fit
-                quality[particle, 2] = squared
-
-
-@jit
-def linearise_path(
-    maps: Any,
-    first: int,
-    last: int,
-    points: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    ends: NDArray[np.int64],
-    poses: NDArray[np.float64],
-    reach: int,
-    sigma: float,
-    H: NDArray[np.float64],
-    g: NDArray[np.float64],
-    share: NDArray[np.float64],
-) -> None:
-    """Gauss-Newton systems (K, 3, 3), (K, 3) of the scans `first` to `last` in one map.
-
-    `ends` (K + 1,): scan k's beams are `points[ends[k]:ends[k + 1]]`.
-    """
-    origin = np.zeros(2)
-    for k in range(first, last):
-        beams = Beams(points[ends[k] : ends[k + 1]], normals[ends[k] : ends[k + 1]], origin)
-        share[k] = linearise(maps, 0, beams, poses[k], reach, sigma, H[k], g[k])
+        assign(pose, mean)
+        share = 0.0
+        for iteration in range(max_distances.shape[0]):
+            H[:], g[:] = 0.0, 0.0
+            # A wide search tolerates wide residuals.
+            width = sigma * (1.0 + 0.5 * (max_distances[iteration] - max_distances[-1]))
+            share = linearise(maps, particle, beams, pose, max_distances[iteration], width, H, g)
+            H *= scale
+            g *= scale
+            _deviation(pose, mean, P, gap)
+            weight = WIDE if max_distances[iteration] > max_distances[-1] else 1.0
+            H += weight * P
+            g += weight * (P[:, 0] * gap[0] + P[:, 1] * gap[1] + P[:, 2] * gap[2])
+            _solve(H, g, step)
+            pose += step
+            small = abs(step[0]) + abs(step[1]) < STEP and abs(step[2]) < TURN
+            if small and max_distances[iteration] == max_distances[-1]:
+                break
+        assign(poses[particle], pose)
+        assign(informations[particle], H)
+        quality[particle, 0] = share
+        quality[particle, 1] = log_likelihood(maps, particle, beams, pose, max_distances[-1], sigma)
+        quality[particle, 2] = _deviation(pose, mean, P, gap)

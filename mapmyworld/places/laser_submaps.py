@@ -54,7 +54,11 @@ def match_members(
     nodes: LaserNodes, target: tuple[int, Index], other: tuple[int, Index], guess: Array,
     config: Config,
 ) -> Match:  # fmt: skip
-    """Scans of some nodes, as one, aligned with those of others: each a node and its submap's."""
+    """Scans of some nodes, as one, aligned with those of others.
+
+    Both are a node and the nodes (K,) of its submap; `guess` (3,) is where the `other` node lies in
+    the frame of the `target` node.
+    """
     (a, targets), (b, members) = target, other
     return match_scan(
         _joined(nodes, b, members), nodes.scans.some(targets),

@@ -36,8 +36,8 @@ class Motion:
         return isinstance(self.source, LaserTracking) and self.source.lost
 
 
-def _uncertainty(motion: Motion) -> float:
-    return float(motion.covariance.trace())
+def _uncertainty(motion: Motion) -> tuple[bool, float]:
+    return motion.is_tracking_loss, float(motion.covariance.trace())
 
 
 class NodeSelector:

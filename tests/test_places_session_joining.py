@@ -20,9 +20,11 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.session_closures import session_closures
 from mapmyworld.places.session_joining import SessionPlaces, find_joints, judge_pose, locate_session
+from mapmyworld.places.whole_map import map_of_scans
 from mapmyworld.places.wide_search import joined_sessions
-from mapmyworld.registration.place_evidence import Agreement
+from mapmyworld.registration.place_evidence import Agreement, Place
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
+from mapmyworld.registration.scan_search import Submap
 from mapmyworld.types import ConstraintKind, Judged, Node
 
 CONFIG = Config()
@@ -68,6 +70,19 @@ def miss(move: Array, walls: Array, *paths: Array) -> Array:
     there = between_planar(nodes.poses[0], compose_planar(move, nodes.poses[first]))
     off = between_planar(between_planar(paths[0][0], paths[1][0]), there)
     return np.array([np.hypot(*off[:2]), abs(off[2])])
+
+
+def test_one_wall_that_agrees_speaks_for_no_place_and_a_corner_does() -> None:
+    along = np.arange(0.0, 8.0, 0.05)
+    wall = np.stack([along, np.zeros_like(along)], axis=-1)
+    corner = np.concatenate([wall, wall[:80, ::-1]])
+    for points, is_evidence in ((wall, False), (corner, True)):
+        seen = Submap(points, np.array([[4.0, 2.0]]), np.array([0, len(points)]))
+        found = map_of_scans(seen).judge(Place.of(seen), np.zeros(3))
+        assert found.known == 1.0
+        assert found.evidence > 100.0
+        assert (found.log_odds > 20.0) == is_evidence
+        assert (found.log_odds == 0.0) != is_evidence
 
 
 @pytest.mark.parametrize("path", [STRAIGHT, AND_BACK])

@@ -60,6 +60,8 @@ class Agreement:
     """(P,) of the later place's points."""
     back: Index
     """(Q,) of the earlier place's points."""
+    is_one_wall: bool = False
+    """Whether the later place's points that agree are about all of one wall."""
 
     @property
     def evidence(self) -> float:
@@ -75,10 +77,10 @@ class Agreement:
     def log_odds(self) -> float:
         """Nats by which this is the same place rather than another one like those seen.
 
-        Zero where the place lies mostly outside of what the other map saw: along its outer walls
-        anything fits.
+        Zero where the place lies mostly outside of what the other map saw, or shares one wall with
+        it: along a wall anything fits.
         """
-        if self.known < _KNOWN:
+        if self.known < _KNOWN or self.is_one_wall:
             return 0.0
         return _log_odds(self.forth, _FORTH_RATES) + _log_odds(self.back, _BACK_RATES)
 

@@ -31,6 +31,9 @@ NATS = 0.23
 """By which a point of a submap speaks for a pose or against it: some four points count as one."""
 MARGIN = float(np.log(100.0) / NATS)
 """Evidence, in points, by which a pose is a hundred times as likely as another."""
+_ONE_WALL = 0.9  # share of agreeing points that lie on one wall where about all do
+_WALL = 0.4  # m across a wall: two cells, and what a corner of 1.5 degrees adds over 8 m
+_DIRECTIONS = 120  # in which a wall is looked for
 _NOWHERE = np.array([0.0, 0.0, 0.0, -1.0, -1.0])
 
 
@@ -130,6 +133,21 @@ def judged_points(points: Array, grid: LikelihoodGrid, pose: Array) -> NDArray[n
     inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
     values = grid.pyramid[0, np.where(inside, row, 0), np.where(inside, column, 0)]
     return np.sign(np.where(inside, values, grid.unseen).astype(np.int64) - grid.unseen)
+
+
+def lie_on_a_line(points: Array, resolution: float, judged: NDArray[np.int64]) -> bool:
+    """Whether those of points (N, 2) that agree, by `judged` (P,), are about all of one wall.
+
+    A wall fits any other, wherever along it: the points of one say nothing of the place.
+    """
+    agree = _spread(points, resolution)[judged > 0]
+    angles = np.linspace(0.0, np.pi, _DIRECTIONS, endpoint=False)
+    across = np.sort(agree @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)
+    needed = int(np.ceil(_ONE_WALL * len(agree)))
+    if needed < 2:
+        return True
+    widths = across[needed - 1 :] - across[: len(agree) - needed + 1]
+    return bool(widths.min() < _WALL)
 
 
 def search_evidence(

@@ -28,14 +28,14 @@ _FIRST_VARIANCE = 0.01  # of overlaps, before there are any
 
 
 @jit
-def explains(state: Array, overlap: float, settings: Array) -> bool:
+def explains(state: Array, overlap: float, settings: Array, has_odometry: bool) -> bool:
     """Whether a submap explains as much of a scan as can be expected, and as much as is needed.
 
     Expected is what it explained of the scans before: a match that shares a wall or two with the
-    right one explains far less than those do. `state` (8,) and `settings` (10,) are those of
-    `track_scans`.
+    right one explains far less than those do. Without odometry no measurement has led there, and
+    a closer look has none to go by. `state` (8,) and `settings` (10,) are those of `track_scans`.
     """
-    missing = max(state[6] - overlap, 0.0)
+    missing = max(state[6] - overlap, 0.0) if has_odometry else 0.0
     return bool(overlap >= settings[6] and missing * missing <= settings[5] * state[7])
 
 
@@ -237,7 +237,7 @@ def track_scans(
         for i in range(3):
             pose[i] = found[i]
         innovations = innovation(predicted, pose, information, variances)
-        if innovations[6] > settings[5] or not explains(state, found[9], settings):
+        if innovations[6] > settings[5] or not explains(state, found[9], settings, has_odometry):
             for i in range(8, 15):
                 wheels[i] = before[i]
             return k

@@ -191,7 +191,9 @@ class LaserTracker:
             return LaserMotion(predicted, np.diag(grown), verdict, 0.0)
         measured = None if frame.is_interpolated else recorded
         fault = _CARRIED if measured is None else _FAULT
-        match, verdict = self._matched(scan, predicted, variances, fault)
+        match, verdict = self._matched(
+            scan, predicted, variances, fault, has_odometry=recorded is not None
+        )
         if verdict == "lost":
             return self._unmatched(frame, scan, predicted, grown, match, recorded is not None)
         self._missed = 0
@@ -271,8 +273,9 @@ class LaserTracker:
         return np.diag(steps)
 
     def _matched(
-        self, scan: PreparedScan, predicted: Array, variances: Array, fault: float
-    ) -> tuple[Match, str]:
+        self, scan: PreparedScan, predicted: Array, variances: Array, fault: float, *,
+        has_odometry: bool,
+    ) -> tuple[Match, str]:  # fmt: skip
         """The match near the prediction, or where that contradicts it, the best of several."""
         information = np.diag(1.0 / variances)
         wide = 9.0 * variances[0] > FINE[0] ** 2
@@ -280,7 +283,7 @@ class LaserTracker:
             scan, predicted, information, COARSE if wide else FINE, self._settings
         )
         found = innovation(predicted, first.pose, first.information, variances)
-        good = explains(self._state, first.overlap, self._settings)
+        good = explains(self._state, first.overlap, self._settings, has_odometry)
         if good and found[6] <= self._odometry.contradiction**2:
             return first, "matched"
         best = likeliest_match(

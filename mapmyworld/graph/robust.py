@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.backend.connected_components import Index
+from mapmyworld.backend.connected_components import Index, held_nodes
 from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.graduated import graduate
 from mapmyworld.backend.information import NotPositiveDefiniteError
@@ -249,9 +249,16 @@ def _fresh_start(
     system: System, guess: Array, anchors: Index, believed: NDArray[np.bool_]
 ) -> Array:
     part = chosen_edges(system, believed)
+    stay = held_nodes(len(guess), part.tails, part.heads, anchors)
     try:
         return chordal_start(
-            system.planar, guess, anchors, part.tails, part.heads, part.measured, part.information
+            system.planar,
+            guess,
+            np.flatnonzero(stay),
+            part.tails,
+            part.heads,
+            part.measured,
+            part.information,
         )
     except NotPositiveDefiniteError:  # nodes that no believed edge holds stay where they are
         return guess

@@ -2,7 +2,7 @@
 
 A particle fixes each pose when it passes, with the map of that moment, and of thirty the best one
 comes back to a place some decimetres off. Offline the whole path is known, so the posterior over
-paths, p(x_1:t | z_1:t, u_1:t), can be climbed on from there. The best particle has settled which
+paths, p(x_1:t | z_1:t, u_1:t), can be climbed on from there. The best particle has decided which
 scans saw the same surfaces; where these lie follows from all of them at once.
 """
 

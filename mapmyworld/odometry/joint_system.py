@@ -16,6 +16,7 @@ from mapmyworld.backend.system import System, with_edges
 from mapmyworld.geometry.planar import information_to_planar, matrix_to_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.graph.constraint_system import stated_system
+from mapmyworld.odometry.tracking_losses import UNKNOWN
 from mapmyworld.types import CLOSURES, ConstraintKind, Judge, Judged, Node, Poses, ScanMatch
 
 Array = NDArray[np.float64]
@@ -23,7 +24,6 @@ Index = NDArray[np.int64]
 Edges = tuple[Index, Index, Array, Array]
 """Tails, heads, relative poses (E, 3), information (E, 3, 3)."""
 _UNKNOWN = 0.05  # m and rad by which a step without a constraint may be off
-_REJECTED = 25.0, 25.0, 2.25  # variances, 5 m and 1.5 rad, of a motion that is not believed
 _ROUNDING = 1e-6  # m and rad
 
 
@@ -96,7 +96,7 @@ def node_motions(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Jud
         rows = np.array([(row_of[c.from_id], row_of[c.to_id]) for c in steps])
         known = information_to_planar(np.stack([c.information for c in steps]))
         covariances[rows[:, 0]] = np.linalg.inv(known)
-        covariances[rows[[not c.accepted for c in steps], 0]] = np.diag(_REJECTED)
+        covariances[rows[[not c.accepted for c in steps], 0]] = np.diag(UNKNOWN)
         tracked = _as_measured(tracked, rows, np.stack([c.i_from_j for c in steps]))
     summed = np.add.reduceat(covariances[: chosen[-1]], chosen[:-1], axis=0)
     information = np.asarray(np.linalg.inv(summed + 1e-9 * np.eye(3)), np.float64)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.planar import transform_points_planar
 from mapmyworld.kernels.scan_tracking import (
     chosen_keyframes,
     is_new,
@@ -25,7 +24,7 @@ from mapmyworld.registration.scan_matching import (
     ScanSet,
     scan_set,
 )
-from mapmyworld.registration.scan_search import Submap, submap_points
+from mapmyworld.registration.scan_search import Submap
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -110,10 +109,7 @@ class Keyframes:
 
     def place(self) -> Place:
         """What the submap's scans saw together."""
-        scans, poses = self.targets()
-        points = submap_points(scans, np.arange(len(scans)), poses)
-        origins = transform_points_planar(poses, scans.origins[:, None])[:, 0]
-        return Place.of(Submap(points, origins, scans.bounds))
+        return Place.of(Submap.of(*self.targets()))
 
     def share_seen_through(self, scan: PreparedScan, pose: Array) -> float:
         """How much of a scan, from this pose (3,), lies beyond the submap's surfaces."""

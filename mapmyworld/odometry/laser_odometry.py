@@ -22,7 +22,7 @@ from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, re
 from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.odometry.odometry_faults import OdometryFaults
-from mapmyworld.odometry.pose_hypotheses import FEWEST, Prior, likeliest_match
+from mapmyworld.odometry.pose_hypotheses import FAULT, FEWEST, Prior, likeliest_match
 from mapmyworld.odometry.tracking_losses import TrackingLosses
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
 from mapmyworld.types import Frame, Scan
@@ -32,7 +32,6 @@ _NEW_SUBMAP = 2  # scans in a row that fit nothing after which a new submap begi
 _VIEW = 1.0, 0.5  # m and rad since the last keyframe from which another view is to be expected
 _SEEN = 0.5  # share of the points seen through surfaces from which nobody can have been there
 _LEAST_STEP = 1e-8  # m^2 and rad^2 by which any step may err
-_FAULT = 1e-3  # probability of an odometry fault in a step: it stalls, slips, catches up
 _CARRIED = 1e-9  # that a robot does not go on as it did, but is somewhere else at once
 _INDEPENDENT = 0.1  # variance factor of matches, at least: more than all points cannot determine
 _FIRST = np.full(3, 1e-6)  # variances of the first pose, which is the origin
@@ -190,7 +189,7 @@ class LaserTracker:
             verdict = "lost" if recorded is None else "odometry only"
             return LaserMotion(predicted, np.diag(grown), verdict, 0.0)
         measured = None if frame.is_interpolated else recorded
-        fault = _CARRIED if measured is None else _FAULT
+        fault = _CARRIED if measured is None else FAULT
         match, verdict = self._matched(
             scan, predicted, variances, fault, has_odometry=recorded is not None
         )

@@ -17,6 +17,8 @@ from mapmyworld.registration.scan_search import NATS, Submap, evidence_elsewhere
 Array = NDArray[np.float64]
 FEWEST = 12
 """Points of a scan below which it is not matched."""
+FAULT = 1e-3
+"""Probability of an odometry fault in a step: it stalls, slips, catches up."""
 _LOG_ODDS = 2.5  # nats by which a point on a surface, and not beside, speaks for a pose: of
 # such points a right one has 0.75 and a wrong one 0.2, log(0.75 / 0.2) + log(0.8 / 0.25)
 _CORRELATED = 4.0  # neighbouring points of a scan that count as much as one, at least

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_UNKNOWN = np.array([25.0, 25.0, 2.25])  # variances, 5 m and 1.5 rad, of a motion across a loss
+UNKNOWN = np.array([25.0, 25.0, 2.25])
+"""Variances, 5 m and 1.5 rad, of a motion across a loss."""
 _VAGUE = np.array([0.09, 0.09, 0.0225])  # 0.3 m and 0.15 rad: where it may be the view that changed
 _FAR = 0.3  # m and rad from the expected pose from which a poor match is not believed
 _SOMEWHAT = 0.2  # overlap from which a scan that cannot be placed may still be from where it seems
@@ -46,7 +47,7 @@ class TrackingLosses:
             again = before is not None and stamp_ns - before <= _AT_ONCE
             return np.asarray(variances if again else variances + _VAGUE), not again
         self._found_ns.append(stamp_ns)
-        return np.maximum(_UNKNOWN, variances), True
+        return np.maximum(UNKNOWN, variances), True
 
     def notes(self) -> tuple[str, ...]:
         """One line that says when, if ever."""

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.planar import between_planar, transform_points_planar
+from mapmyworld.geometry.planar import between_planar
 from mapmyworld.places.laser_nodes import LaserNodes
 from mapmyworld.registration.place_evidence import Place
 from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import FINE, Match, PreparedScan
-from mapmyworld.registration.scan_search import Submap, rows_of, submap_points
+from mapmyworld.registration.scan_search import Submap, rows_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -30,13 +30,13 @@ def submap_members(nodes: LaserNodes, middle: int, config: Config) -> Index:
 
 def submap_around(nodes: LaserNodes, middle: int, config: Config) -> Submap:
     """The submap around a node, in that node's frame."""
-    members = submap_members(nodes, middle, config)
-    scans, poses = (
-        nodes.scans.some(members),
-        between_planar(nodes.poses[middle], nodes.poses[members]),
-    )
-    origins = transform_points_planar(poses, scans.origins[:, None])[:, 0]
-    return Submap(submap_points(scans, np.arange(len(members)), poses), origins, scans.bounds)
+    return submap_of(nodes, submap_members(nodes, middle, config), middle)
+
+
+def submap_of(nodes: LaserNodes, members: Index, origin: int) -> Submap:
+    """The submap of some nodes (K,), in the frame of the node `origin`."""
+    poses = between_planar(nodes.poses[origin], nodes.poses[members])
+    return Submap.of(nodes.scans.some(members), poses)
 
 
 def place_around(nodes: LaserNodes, middle: int, config: Config) -> Place:
@@ -71,7 +71,7 @@ def match_members(
 def _joined(nodes: LaserNodes, b: int, members: Index) -> PreparedScan:
     """Some of the members' points, in b's frame; their bearings serve no search."""
     scans = nodes.scans.some(members)
-    rows, of = rows_of(scans, np.arange(len(members)), 2)
+    rows, of = rows_of(scans, 2)
     b_from_m = between_planar(nodes.poses[b], nodes.poses[members])
     c, s = np.cos(b_from_m[:, 2])[of], np.sin(b_from_m[:, 2])[of]
     x, y, nx, ny = rows[:, :4].T.astype(np.float64)

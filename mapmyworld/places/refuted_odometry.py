@@ -22,11 +22,12 @@ from mapmyworld.geometry.planar import (
     invert_planar,
     planar_adjoint,
     planar_to_matrix,
-    transform_points_planar,
 )
+from mapmyworld.odometry.pose_hypotheses import FAULT
+from mapmyworld.odometry.tracking_losses import UNKNOWN
 from mapmyworld.places.laser_closures import closure_information
 from mapmyworld.places.laser_nodes import Index, LaserNodes
-from mapmyworld.places.laser_submaps import match_members
+from mapmyworld.places.laser_submaps import match_members, submap_of
 from mapmyworld.places.whole_map import WholeMap, map_of_scans
 from mapmyworld.registration.place_evidence import (
     APART,
@@ -38,10 +39,8 @@ from mapmyworld.registration.place_evidence import (
 from mapmyworld.registration.scan_search import (
     MARGIN,
     NATS,
-    Submap,
     evidence_elsewhere,
     search_about,
-    submap_points,
 )
 from mapmyworld.types import (
     RELOCALISED,
@@ -54,13 +53,11 @@ from mapmyworld.types import (
 )
 
 Array = NDArray[np.float64]
-_PROBABILITY = 1e-3  # of a fault of odometry where scans fit nothing
 _SIZE = np.array([2.0, 2.0, 1.0])  # m, m and rad, sigmas of such a fault: slips, a robot lifted
 _WINDOW = 3.0, 2.0  # m and rad to each side in which it is looked for
 _BEFORE = 8.0  # m of path that the map before consists of
 _SAME_VIEW = 1.0  # m of path within which scans show no more than those that fitted nothing
 _SETTLED = 0.1, 0.03  # m and rad by which submaps may be off in themselves
-_UNKNOWN = np.diag([25.0, 25.0, 2.25])  # covariance, 5 m and 1.5 rad, of a motion that is lost
 _OFF_PLANE = 1e-8  # rad^2 and m^2
 _MEMBERS = 9  # nodes of a submap that are aligned, at most
 
@@ -103,7 +100,7 @@ def refuted_odometry(
         refuted[first.to_id] = found.verdict
         if found.pose is None or found.covariance is None:
             start = section.last
-            anew.append(_measured_anew(first, first.i_from_j, _UNKNOWN, "lost"))
+            anew.append(_measured_anew(first, first.i_from_j, np.diag(UNKNOWN), "lost"))
             continue
         begins = int(nodes.ids.searchsorted(first.to_id))
         onward = between_planar(poses[begins], poses[section.last])
@@ -155,10 +152,10 @@ def _refutation(
     if not len(before) or not len(after):
         return None
     a, b = section.first, section.last
-    known, place = map_of_scans(_submap(nodes, before, a)), Place.of(_submap(nodes, after, b))
+    known, place = map_of_scans(submap_of(nodes, before, a)), Place.of(submap_of(nodes, after, b))
     odometry = between_planar(nodes.poses[a], nodes.poses[b])
     there = known.best_about(place, odometry, *_window(section))[1]
-    expected = max(there.log_odds, 0.0) - float(np.log(_PROBABILITY))
+    expected = max(there.log_odds, 0.0) - float(np.log(FAULT))
     tried = _candidates(known, place, odometry)
     if not tried or tried[0].log_odds - expected <= NATS * needed_evidence(*_WINDOW):
         return None
@@ -231,13 +228,6 @@ def _candidates(known: WholeMap, place: Place, odometry: Array) -> list[_Candida
     if len(tried) > 1 and tried[0].log_odds_over(tried[1]) < 0.0:
         tried.reverse()
     return tried
-
-
-def _submap(nodes: LaserNodes, members: Index, origin: int) -> Submap:
-    scans = nodes.scans.some(members)
-    poses = between_planar(nodes.poses[origin], nodes.poses[members])
-    origins = transform_points_planar(poses, scans.origins[:, None])[:, 0]
-    return Submap(submap_points(scans, np.arange(len(members)), poses), origins, scans.bounds)
 
 
 def _few(members: Index) -> Index:

@@ -21,13 +21,12 @@ from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
     invert_planar,
-    transform_points_planar,
 )
 from mapmyworld.places.laser_nodes import Index, LaserNodes, spaced
 from mapmyworld.places.laser_submaps import place_around
 from mapmyworld.places.whole_map import WholeMap, map_of_scans
 from mapmyworld.registration.place_evidence import Agreement, Place
-from mapmyworld.registration.scan_search import ANOTHER, Submap, submap_points
+from mapmyworld.registration.scan_search import ANOTHER, Submap
 
 Array = NDArray[np.float64]
 _MAPPED = 0.5  # m of path between scans that a session's map is made of
@@ -51,10 +50,7 @@ class SessionPlaces:
     def whole(self) -> WholeMap:
         """In the frame of the nodes' poses."""
         rows = self.rows[spaced(self.nodes.path[self.rows], _MAPPED)]
-        scans, poses = self.nodes.scans.some(rows), self.nodes.poses[rows]
-        points = submap_points(scans, np.arange(len(rows)), poses)
-        origins = transform_points_planar(poses, scans.origins[:, None])[:, 0]
-        return map_of_scans(Submap(points, origins, scans.bounds))
+        return map_of_scans(Submap.of(self.nodes.scans.some(rows), self.nodes.poses[rows]))
 
     @cached_property
     def places(self) -> dict[int, Place]:

@@ -21,7 +21,7 @@ def share_seen_through(scan: PreparedScan, targets: ScanSet, poses: Array, pose:
     about the rest the targets, at `poses` (S, 3), indicate nothing.
     """
     origin = transform_points_planar(pose, scan.origin[None])
-    surfaces = submap_points(targets, np.arange(len(targets)), poses)
+    surfaces = submap_points(targets, poses)
     known, sector = _polar(surfaces - origin)
     nearest = np.full(_SECTORS, np.inf)
     np.minimum.at(nearest, sector, known)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +70,12 @@ class Submap:
     """(S, 2) where each scan's lidar was."""
     bounds: NDArray[np.int64]
     """(S + 1,) where each scan's points begin; the last one ends at N."""
+
+    @staticmethod
+    def of(scans: ScanSet, poses: Array) -> Submap:
+        """What scans saw together at their `poses` (S, 3)."""
+        origins = transform_points_planar(poses, scans.origins[:, None])[:, 0]
+        return Submap(submap_points(scans, poses), origins, scans.bounds)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -267,19 +274,17 @@ def spread_points(points: Array, spacing: float) -> Array:
     return points[np.sort(np.unique((x << 32) + y, return_index=True)[1])]
 
 
-def submap_points(scans: ScanSet, which: NDArray[np.int64], poses: Array) -> Array:
-    """All points (N, 2) of scans `which` at their `poses` (len(which), 3)."""
-    if len(which) == 0:
+def submap_points(scans: ScanSet, poses: Array) -> Array:
+    """All points (N, 2) of scans at their `poses` (S, 3)."""
+    if len(scans) == 0:
         return np.zeros((0, 2))
-    rows, of = rows_of(scans, which)
+    rows, of = rows_of(scans)
     c, s = np.cos(poses[:, 2])[of], np.sin(poses[:, 2])[of]
     x, y = rows[:, 0].astype(np.float64), rows[:, 1].astype(np.float64)
     return np.stack([poses[of, 0] + c * x - s * y, poses[of, 1] + s * x + c * y], axis=-1)
 
 
-def rows_of(
-    scans: ScanSet, which: NDArray[np.int64], step: int = 1
-) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Every `step`-th row (N, 5) of scans `which`, and the place in `which` (N,) of its scan."""
-    parts = [scans.rows[scans.bounds[w] : scans.bounds[w + 1] : step] for w in which]
-    return np.concatenate(parts), np.repeat(np.arange(len(which)), [len(part) for part in parts])
+def rows_of(scans: ScanSet, step: int = 1) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Every `step`-th row (N, 5) of each scan, and which scan (N,) it is of."""
+    parts = [scans.rows[a:b:step] for a, b in pairwise(scans.bounds.tolist())]
+    return np.concatenate(parts), np.repeat(np.arange(len(scans)), [len(part) for part in parts])

@@ -6,6 +6,8 @@ it leads on; without it the motion is as good as unknown.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +18,7 @@ _VAGUE = np.array([0.09, 0.09, 0.0225])  # 0.3 m and 0.15 rad: where it may be t
 _FAR = 0.3  # m and rad from the expected pose from which a poor match is not believed
 _SOMEWHAT = 0.2  # overlap from which a scan that cannot be placed may still be from where it seems
 _AT_ONCE = 1e9  # ns between scans within which nobody carries a robot off
-_NAMED = 5  # losses whose moments are named
+_NAMED = 5  # moments that are named, at most
 
 
 class TrackingLosses:
@@ -53,11 +55,15 @@ class TrackingLosses:
         """One line that says when, if ever."""
         if not self._found_ns:
             return ()
-        zero = self._first_ns or 0
-        moments = [f"{(stamp - zero) * 1e-9:.0f} s" for stamp in self._found_ns[:_NAMED]]
-        more = len(self._found_ns) - len(moments)
-        when = ", ".join(moments) + (f" and {more} times more" if more else "")
+        when = named_moments(self._found_ns, self._first_ns or 0)
         return (f"tracking was lost at {when}: no scan match and no odometry",)
+
+
+def named_moments(stamps_ns: Sequence[int], start_ns: int) -> str:
+    """Seconds since the start, of the first few; the others are counted."""
+    moments = [f"{(stamp - start_ns) * 1e-9:.0f} s" for stamp in stamps_ns[:_NAMED]]
+    more = len(stamps_ns) - len(moments)
+    return ", ".join(moments) + (f" and {more} times more" if more else "")
 
 
 def _is_far(motion: Array) -> bool:

@@ -36,6 +36,7 @@ from mapmyworld.registration.place_evidence import (
     Place,
     needed_evidence,
 )
+from mapmyworld.registration.scan_matching import Match
 from mapmyworld.registration.scan_search import (
     MARGIN,
     NATS,
@@ -78,10 +79,8 @@ class Refuted:
     """What the place after a section reports, which does not lie where odometry has it."""
 
     verdict: Verdict
-    pose: Array | None = None
-    """(3,) of the node after in the frame of the one before; None where two are as likely."""
-    covariance: Array | None = None
-    """(3, 3) of that pose, in the frame of the node after."""
+    match: Match | None = None
+    """Of the node after, in the frame of the one before; None where two poses are as likely."""
 
 
 def refuted_odometry(
@@ -98,17 +97,16 @@ def refuted_odometry(
             continue
         first = section.motions[0]
         refuted[first.to_id] = found.verdict
-        if found.pose is None or found.covariance is None:
+        if found.match is None:
             start = section.last
-            anew.append(_measured_anew(first, first.i_from_j, np.diag(UNKNOWN), "lost"))
+            lost = LaserTracking("lost", 0.0, lost=True)
+            anew.append(_measured_anew(first, first.i_from_j, np.diag(UNKNOWN), lost))
             continue
         begins = int(nodes.ids.searchsorted(first.to_id))
         onward = between_planar(poses[begins], poses[section.last])
-        motion = compose_planar(found.pose, invert_planar(onward))
-        carried = planar_adjoint(onward)
-        covariance = carried @ found.covariance @ carried.T
-        anew.append(_measured_anew(first, planar_to_matrix(motion), covariance, RELOCALISED))
-        moved = compose_planar(poses[section.first], motion)
+        anew.append(_relocalised(first, found.match, onward))
+        there = compose_planar(poses[section.first], found.match.pose)
+        moved = compose_planar(there, invert_planar(onward))
         poses[begins:] = compose_planar(moved, between_planar(poses[begins], poses[begins:]))
     judged = [
         c.judged(refuted[c.to_id]) if _is_motion(c) and c.to_id in refuted else c
@@ -170,8 +168,7 @@ def _refutation(
     match = match_members(nodes, *ends, best.pose, config)
     slipped = between_planar(best.pose, match.pose)
     if np.hypot(*slipped[:2]) < APART[0] and abs(slipped[2]) < APART[1]:
-        covariance = np.asarray(np.linalg.inv(closure_information(match)))
-        return Refuted(verdict, match.pose, covariance)
+        return Refuted(verdict, match)
     return Refuted(verdict)
 
 
@@ -234,7 +231,15 @@ def _few(members: Index) -> Index:
     return members[np.unique(np.linspace(0, len(members) - 1, _MEMBERS).astype(np.int64))]
 
 
-def _measured_anew(c: Judged, motion: Array, covariance: Array, state: str) -> Judged:
+def _relocalised(c: Judged, match: Match, onward: Array) -> Judged:
+    """The motion that brings the node after a section, `onward` (3,) from this one's end, there."""
+    carry = planar_adjoint(onward)
+    covariance = carry @ np.linalg.inv(closure_information(match)) @ carry.T
+    motion = planar_to_matrix(compose_planar(match.pose, invert_planar(onward)))
+    source = LaserTracking(RELOCALISED, float(match.overlap))
+    return _measured_anew(c, motion, covariance, source)
+
+
+def _measured_anew(c: Judged, motion: Array, covariance: Array, source: LaserTracking) -> Judged:
     spatial = covariance_from_planar(covariance, off_plane=_OFF_PLANE)
-    source = LaserTracking(state, 0.0, lost=state != RELOCALISED)
     return Judged(c.from_id, c.to_id, c.kind, motion, np.asarray(np.linalg.inv(spatial)), source)

@@ -25,25 +25,16 @@ from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.sensing.cloud_scans import thinned
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.sensing.synchronise import FrameCounts
+from mapmyworld.stages.judge_odometry import judge_odometry
 from mapmyworld.stages.later import imported_meanwhile, needed_after
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.trackers import Tracker, make_tracker, needs_inertial
-from mapmyworld.types import (
-    Frame,
-    Judged,
-    LogSource,
-    MapStore,
-    NodeData,
-    Progress,
-    TrackedFrames,
-    Why,
-)
+from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
 from mapmyworld.types.wording import source_in_words
 
 if TYPE_CHECKING:
     from mapmyworld.diagnosis import Finding
 
-_NAMED = 5  # faults of odometry whose moments are named
 _TOGETHER = 8  # frames that pass from thread to thread at once
 _LARGEST_LAG = 0.35  # s; near the end of what is tried the least error may lie beyond it
 _AHEAD = 4  # such groups that wait for the next thread, at most
@@ -73,7 +64,7 @@ def track(
     with algebra_on_one_thread(), imported_meanwhile((*needed_after(plan), *later)):
         _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
     writer.finish()
-    refuted = _judge_odometry(store, config)
+    refuted = judge_odometry(store, config)
     faults = [finding for finding in _diagnose(store, plan, config) if not finding.good]
     still = _standing(writer.nodes, counts.frames, config.sensing)
     notes = [*_lag_notes(lag_s), *tracker.notes(), *refuted, *still, *_count_notes(counts)]
@@ -132,35 +123,6 @@ def _follow(tracker: Tracker, frames: Iterator[Frame], writer: _Writer) -> None:
     with done_behind(writer.add_all, _AHEAD) as write:
         for some in batches(tracker.follow(ahead), _TOGETHER):
             write(some)
-
-
-@on_one_thread
-def _judge_odometry(store: MapStore, config: Config) -> list[str]:
-    """Replaces motions by odometry that later scans refute; one line that says where."""
-    from mapmyworld.places.laser_nodes import load_node_scans, nodes_at
-    from mapmyworld.places.refuted_odometry import is_unmatched, refuted_odometry
-
-    constraints = store.constraints()
-    if not any(is_unmatched(c) for c in constraints):
-        return []
-    nodes = nodes_at(load_node_scans(store, config), None)
-    judged = refuted_odometry(nodes, constraints, config)
-    store.judge(judged)
-    return _fault_notes(store, judged)
-
-
-def _fault_notes(store: MapStore, judged: Sequence[Judged]) -> list[str]:
-    refuted = [c for c in judged if c.verdicts and c.verdicts[-1].why is Why.REFUTED]
-    if not refuted:
-        return []
-    stamps = {node.id: node.stamp_ns for node in store.nodes()}
-    start, farthest = min(stamps.values()), max(c.verdicts[-1].numbers["metres"] for c in refuted)
-    at = [f"{(stamps[c.from_id] - start) * 1e-9:.0f} s" for c in refuted]
-    named = ", ".join(at[:_NAMED]) + (f" and {len(at) - _NAMED} times more" * (len(at) > _NAMED))
-    return [
-        f"odometry fault after {named}: later scans place the robot elsewhere, up to "
-        f"{farthest:.1f} m away; it was carried, or its wheels slipped"
-    ]
 
 
 @on_one_thread

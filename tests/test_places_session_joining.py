@@ -19,7 +19,13 @@ from mapmyworld.geometry.planar import (
 )
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.session_closures import session_closures
-from mapmyworld.places.session_joining import SessionPlaces, find_joints, judge_pose, locate_session
+from mapmyworld.places.session_joining import (
+    LossPrior,
+    SessionPlaces,
+    find_joints,
+    judge_pose,
+    locate_session,
+)
 from mapmyworld.places.whole_map import map_of_scans
 from mapmyworld.places.wide_search import joined_sessions
 from mapmyworld.registration.place_evidence import Agreement, Place
@@ -56,11 +62,11 @@ def carried(walls: Array, *paths: Array, unseen: float = LENGTH) -> tuple[LaserN
     return nodes_at(loaded, None), loaded
 
 
-def located(walls: Array, *paths: Array) -> Array | None:
+def located(walls: Array, *paths: Array, prior: LossPrior | None = None) -> Array | None:
     """Where the second session lies in the first (3,), each in a frame of its own."""
     nodes, _ = carried(walls, *paths)
     maps = [SessionPlaces(nodes, np.flatnonzero(nodes.session == k), CONFIG) for k in (0, 1)]
-    return locate_session(*maps)
+    return locate_session(*maps, prior)
 
 
 def miss(move: Array, walls: Array, *paths: Array) -> Array:
@@ -90,6 +96,18 @@ def test_a_bare_hall_is_the_same_after_half_a_turn(path: Array) -> None:
     assert located(HALL, AND_BACK, path) is None
 
 
+def test_half_a_turn_is_none_where_the_loss_was_too_short_for_it() -> None:
+    """Of two poses that look alike one lies 6 m and half a turn from where the path ended."""
+    nodes, _ = carried(HALL, AND_BACK, STRAIGHT)
+    begins = nodes.poses[len(AND_BACK)]
+    for sigma, is_found in ((5.0, False), (0.5, True)):
+        prior = LossPrior(begins, np.array([4.0, 4.0, sigma**2]), 4.0)
+        move = located(HALL, AND_BACK, STRAIGHT, prior=prior)
+        assert (move is not None) == is_found
+        if move is not None:
+            assert (miss(move, HALL, AND_BACK, STRAIGHT) < [0.1, 0.02]).all()
+
+
 def test_a_pillar_in_the_hall_leaves_one_pose() -> None:
     pillar = np.array([[1, 1.5, 3, 1.5], [3, 1.5, 3, -2], [3, -2, 1, -2], [1, -2, 1, 1.5]])
     walls = np.concatenate([HALL, pillar])
@@ -103,7 +121,8 @@ def test_rooms_that_differ_are_joined_in_any_heading(turn: float) -> None:
     later = STRAIGHT.copy()
     later[:, 2] += turn
     nodes, _ = carried(WALLS, STRAIGHT, later)
-    accepted = [c for c in session_closures(nodes, CONFIG, Silent()) if c.accepted]
+    loss = Judged(41, 42, ConstraintKind.NEIGHBOUR, np.eye(4), np.eye(6) / 25.0)
+    accepted = [c for c in session_closures(nodes, [loss], CONFIG, Silent(), set()) if c.accepted]
     assert accepted
     truth = np.concatenate([STRAIGHT, later])
     for c in accepted:

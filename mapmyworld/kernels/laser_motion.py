@@ -98,12 +98,13 @@ def step_covariance(
     variances: Array,
     keyframe_distance: float,
     keyframe_angle: float,
+    has_odometry: bool,
 ) -> Array:
     """Covariance (3, 3) of a matched step: errors add up from keyframe to keyframe only."""
     moved = max(np.hypot(step[0], step[1]) / keyframe_distance, abs(step[2]) / keyframe_angle)
     share = min(max(moved, _LEAST_SHARE), 1.0)
-    if moved > _STILL and is_degenerate(information):
-        share = 1.0  # the open direction rests on odometry, whose errors add up step by step
+    if (moved > _STILL or not has_odometry) and is_degenerate(information):
+        share = 1.0  # the open direction rests on a prediction, whose errors add up step by step
     total = information.copy()
     for i in range(3):
         total[i, i] += 1.0 / variances[i]

@@ -242,7 +242,9 @@ def track_scans(
                 wheels[i] = before[i]
             return k
         moved = between_poses(state, pose)
-        total = step_covariance(moved, information, variances, settings[7], settings[8])
+        total = step_covariance(
+            moved, information, variances, settings[7], settings[8], has_odometry
+        )
         for i in range(3):
             for j in range(3):
                 covariances[k, i, j] = total[i, j]

@@ -22,15 +22,22 @@ from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, re
 from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.odometry.odometry_faults import OdometryFaults
-from mapmyworld.odometry.pose_hypotheses import FAULT, FEWEST, Prior, likeliest_match
-from mapmyworld.odometry.tracking_losses import TrackingLosses
+from mapmyworld.odometry.pose_hypotheses import (
+    FAULT,
+    FEWEST,
+    VIEW,
+    Prior,
+    is_another_view,
+    likeliest_match,
+)
+from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
 from mapmyworld.types import Frame, Scan
 
 Array = NDArray[np.float64]
 _NEW_SUBMAP = 2  # scans in a row that fit nothing after which a new submap begins
-_VIEW = 1.0, 0.5  # m and rad since the last keyframe from which another view is to be expected
 _SEEN = 0.5  # share of the points seen through surfaces from which nobody can have been there
+_ACCELERATION = np.array([1.0, 1.0, 1.0])  # m^2/s^3 and rad^2/s^3, white, of a robot unobserved
 _LEAST_STEP = 1e-8  # m^2 and rad^2 by which any step may err
 _CARRIED = 1e-9  # that a robot does not go on as it did, but is somewhere else at once
 _INDEPENDENT = 0.1  # variance factor of matches, at least: more than all points cannot determine
@@ -55,6 +62,9 @@ class LaserMotion:
     fits_nothing: bool = False
     """Whether it is the first scan, or the first of a new submap, that fits nothing before it."""
 
+    is_open: bool = False
+    """Whether later scans say if tracking is lost here: no odometry, and nothing that fits."""
+
     @property
     def information(self) -> Array:
         """(3, 3), the covariance's inverse."""
@@ -68,12 +78,14 @@ class LaserTracker:
         self._odometry, self._matching = config.odometry, config.registration
         self._faults = OdometryFaults()
         self._degenerate = DegenerateSections()
-        self._losses = TrackingLosses()
+        self._lost_ns: list[int] = []
         self._keyframes = Keyframes(config)
         self._state = np.zeros(8)  # pose, last step, overlaps: see `track_scans`
         self._wheels = new_wheels()
         self._last_odometry: Array | None = None
-        self._begun = False
+        self._first_ns: int | None = None
+        self._last_ns = self._placed_ns = 0
+        """Of the last frame, and of the last one whose scan said where the robot is."""
         self._missed = 0
         self._unmatched_steps = np.zeros(3)
         """Variances of the steps since the last scan that was matched with the same submap."""
@@ -94,15 +106,18 @@ class LaserTracker:
         """The same of some frames in a row, with the same result and faster."""
         scans = prepare_scans([frame.scan or _EMPTY for frame in frames], self._matching)
         recorded = self._recorded_steps(frames)
-        interpolated = np.array([frame.is_interpolated for frame in frames])
+        recorded_there = np.array([not frame.is_interpolated for frame in frames])
+        needs_care = ~recorded_there | self._is_another_view(frames, recorded)
         self._keyframes.make_room(int(np.diff(scans.bounds).max(initial=0)))
         out, covariances = np.zeros((len(frames), 7)), np.zeros((len(frames), 3, 3))
         tracked: list[LaserMotion] = []
         while len(tracked) < len(frames):
             first = len(tracked)
+            if self._placed_ns != self._last_ns and np.isnan(recorded[first, 0]):
+                needs_care[first] = True  # where it is is as open as time since then lets it be
             # Most scans need no second look: a kernel follows them, up to one that does.
             last = track_scans(
-                first, scans.rows, scans.bounds, scans.origins, recorded, interpolated,
+                first, scans.rows, scans.bounds, scans.origins, recorded, needs_care,
                 *self._keyframes.ring, self._state, self._wheels, FINE, self._settings, FEWEST,
                 out, covariances,
             )  # fmt: skip
@@ -111,7 +126,7 @@ class LaserTracker:
                 self._degenerate.add(frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0)
             if last > first:
                 tracked[first].covariance[:] += self._taken_unmatched()
-                self._losses.go_on(frames[last - 1].stamp_ns)
+                self._last_ns = self._placed_ns = frames[last - 1].stamp_ns
             self._faults.steps += int(np.isfinite(recorded[first:last, 0]).sum())
             if last < len(frames):
                 step = None if np.isnan(recorded[last, 0]) else recorded[last]
@@ -126,7 +141,10 @@ class LaserTracker:
 
     def notes(self) -> tuple[str, ...]:
         """What was noticed on the way: how far odometry can be trusted, where tracking failed."""
-        found = [*self._faults.notes(), *self._degenerate.notes(), *self._losses.notes()]
+        found = [*self._faults.notes(), *self._degenerate.notes()]
+        if self._lost_ns:
+            when = named_moments(self._lost_ns, self._first_ns or 0)
+            found.append(f"tracking was lost at {when}: no scan match and no odometry")
         for verdict, text in _NOTES.items():
             if self.verdicts[verdict]:
                 found.append(f"{self.verdicts[verdict]} scans {text}")
@@ -151,23 +169,32 @@ class LaserTracker:
         planar = matrix_to_planar(np.stack([unknown if p is None else p for p in poses]))
         return np.ascontiguousarray(between_planar(planar[:-1], planar[1:]))
 
+    def _is_another_view(self, frames: Sequence[Frame], recorded: Array) -> NDArray[np.bool_]:
+        """(B,) whether without odometry so long passed since the scan before that any may be."""
+        stamps = np.array([self._last_ns, *(frame.stamp_ns for frame in frames)])
+        changed = np.array([is_another_view(_unobserved(ns)) for ns in np.diff(stamps)])
+        return changed & np.isnan(recorded[:, 0])
+
     def _look_closely(
         self, frame: Frame, scan: PreparedScan, recorded: Array | None
     ) -> LaserMotion:
         """One frame that needs more than a match: the first, an empty or a contradicting one."""
-        if not self._begun:
-            self._begun = True
+        if self._first_ns is None:
+            self._first_ns = self._placed_ns = frame.stamp_ns
             tracked = LaserMotion(np.zeros(3), np.diag(_FIRST), "first", 1.0)
         else:
             tracked = self._follow(frame, scan, recorded)
-        self._losses.go_on(frame.stamp_ns)
+        self._last_ns = frame.stamp_ns
         self._state[3:6] = between_planar(self._state[:3], tracked.pose)
         self._state[:3] = tracked.pose
-        placed = tracked.verdict != "odometry only"
+        placed = tracked.verdict not in ("odometry only", "lost")
+        if placed:
+            self._placed_ns = frame.stamp_ns
         if len(scan.rows) >= FEWEST and (placed or not self._keyframes.count):
             if tracked.is_tracking_loss:
                 self._keyframes.forget()  # the old submap no longer says where the robot is
                 self._state[3:6] = 0.0
+                self._placed_ns = frame.stamp_ns
             is_known = self._keyframes.remember(scan, tracked.pose, tracked.overlap)
             if is_known and not frame.is_interpolated:
                 anchor(self._wheels, tracked.pose)
@@ -181,7 +208,12 @@ class LaserTracker:
             step = self._state[3:6] if recorded is None else recorded
             predicted = compose_planar(self._state[:3], step)
             grown = motion_variances(step, 1.0, 0.05, np.ones(2))
-            variances = grown + self._unmatched_steps
+            unseen = self._unmatched_steps
+            if recorded is None:
+                unseen = _unobserved(frame.stamp_ns - self._placed_ns)
+                if self._placed_ns != self._last_ns:
+                    self._unmatched_steps = unseen
+            variances = grown + unseen
         else:
             predicted, variances = self._wheels[8:11].copy(), self._reckoned()
             grown = np.maximum(variances - before, _LEAST_STEP)
@@ -190,11 +222,10 @@ class LaserTracker:
             return LaserMotion(predicted, np.diag(grown), verdict, 0.0)
         measured = None if frame.is_interpolated else recorded
         fault = _CARRIED if measured is None else FAULT
-        match, verdict = self._matched(
-            scan, predicted, variances, fault, has_odometry=recorded is not None
-        )
+        prior = Prior(predicted, variances, fault, recorded is not None)
+        match, verdict = self._matched(scan, prior)
         if verdict == "lost":
-            return self._unmatched(frame, scan, predicted, grown, match, recorded is not None)
+            return self._unmatched(frame, scan, prior, grown, match)
         self._missed = 0
         learn_overlap(self._state, match.overlap)
         if measured is None:
@@ -212,33 +243,40 @@ class LaserTracker:
         return np.asarray(reckoned_variances(self._wheels, share, floor))
 
     def _unmatched(
-        self, frame: Frame, scan: PreparedScan, predicted: Array, grown: Array, match: Match,
-        has_odometry: bool,
-    ) -> LaserMotion:  # fmt: skip
+        self, frame: Frame, scan: PreparedScan, prior: Prior, grown: Array, match: Match
+    ) -> LaserMotion:
         """A scan that fits nothing: the odometry leads on, unless it is refuted.
 
         Where it says that the view has changed, a new submap begins; and where it says that the
         robot is where it was, but from there one would see through walls: it was carried off.
+        Without odometry the robot is expected to go on as it did, and time says whether the view
+        has changed: with a new submap tracking is lost.
         """
         self._missed += 1
-        apart = between_planar(predicted, match.pose)
-        if not has_odometry:
-            unknown, lost = self._losses.found(frame.stamp_ns, grown, apart, match.overlap)
-            return LaserMotion(match.pose, np.diag(unknown), "lost", match.overlap, lost)
         is_first = self._missed == 1
         path, rotation = self._wheels[11:13]
-        changed, refuted = path > _VIEW[0] or rotation > _VIEW[1], False
-        self._unmatched_steps += grown
+        changed = prior.is_open if not prior.has_odometry else path > VIEW[0] or rotation > VIEW[1]
+        refuted = False
         if self._missed >= _NEW_SUBMAP and not frame.is_interpolated:
             if not changed:
-                refuted = self._keyframes.share_seen_through(scan, predicted) >= _SEEN
+                refuted = self._keyframes.share_seen_through(scan, prior.pose) >= _SEEN
             if changed or refuted:
                 self._missed = 0
-                self._unmatched_steps[:] = 0.0
                 self._keyframes.forget()
+        is_new = not self._keyframes.count
+        if prior.has_odometry:
+            self._unmatched_steps = np.zeros(3) if is_new else self._unmatched_steps + grown
+            return LaserMotion(
+                prior.pose, np.diag(grown), "odometry only", match.overlap, refuted,
+                fits_nothing=is_first or is_new,
+            )  # fmt: skip
+        if is_new:
+            self._lost_ns.append(frame.stamp_ns)
+            grown = UNKNOWN if refuted else prior.variances
+            self._unmatched_steps = np.zeros(3)
         return LaserMotion(
-            predicted, np.diag(grown), "odometry only", match.overlap, refuted,
-            fits_nothing=is_first or not self._keyframes.count,
+            prior.pose, np.diag(grown), "lost", match.overlap, is_new,
+            fits_nothing=is_first, is_open=not is_new,
         )  # fmt: skip
 
     def _placed(
@@ -261,7 +299,7 @@ class LaserTracker:
                     variances = np.full(3, 1e6)
         covariance = step_covariance(
             moved, match.information, variances,
-            self._odometry.keyframe_distance, self._odometry.keyframe_angle,
+            self._odometry.keyframe_distance, self._odometry.keyframe_angle, recorded is not None,
         )  # fmt: skip
         covariance += self._taken_unmatched()
         return LaserMotion(match.pose, covariance, verdict, match.overlap)
@@ -271,27 +309,32 @@ class LaserTracker:
         steps, self._unmatched_steps = self._unmatched_steps, np.zeros(3)
         return np.diag(steps)
 
-    def _matched(
-        self, scan: PreparedScan, predicted: Array, variances: Array, fault: float, *,
-        has_odometry: bool,
-    ) -> tuple[Match, str]:  # fmt: skip
+    def _matched(self, scan: PreparedScan, prior: Prior) -> tuple[Match, str]:
         """The match near the prediction, or where that contradicts it, the best of several."""
-        information = np.diag(1.0 / variances)
-        wide = 9.0 * variances[0] > FINE[0] ** 2
+        information = np.diag(1.0 / prior.variances)
+        wide = 9.0 * prior.variances[0] > FINE[0] ** 2
         first = self._keyframes.match(
-            scan, predicted, information, COARSE if wide else FINE, self._settings
+            scan, prior.pose, information, COARSE if wide else FINE, self._settings
         )
-        found = innovation(predicted, first.pose, first.information, variances)
-        good = explains(self._state, first.overlap, self._settings, has_odometry)
-        if good and found[6] <= self._odometry.contradiction**2:
+        found = innovation(prior.pose, first.pose, first.information, prior.variances)
+        good = explains(self._state, first.overlap, self._settings, prior.has_odometry)
+        if good and found[6] <= self._odometry.contradiction**2 and not prior.is_open:
             return first, "matched"
         best = likeliest_match(
-            scan, self._keyframes, self._state, Prior(predicted, variances, fault), first,
-            self._odometry, self._settings,
-        )  # fmt: skip
+            scan, self._keyframes, self._state, prior, first, self._odometry, self._settings
+        )
         if best is None:
             return first, "lost"
         return best, "matched" if best is first else "odometry ignored"
+
+
+def _unobserved(nanoseconds: int) -> Array:
+    """Variances (3,) m^2, m^2, rad^2 of a motion of so long, beside constant velocity.
+
+    White acceleration: Bar-Shalom, Li and Kirubarajan, "Estimation with applications to tracking
+    and navigation", 2001, section 6.2.
+    """
+    return np.asarray(_ACCELERATION * (nanoseconds * 1e-9) ** 3 / 3.0)
 
 
 _NOTES = {

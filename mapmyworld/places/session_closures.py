@@ -2,41 +2,79 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.planar import compose_planar
+from mapmyworld.geometry.planar import compose_planar, information_to_planar
 from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_nodes import LaserNodes
-from mapmyworld.places.session_joining import SessionPlaces, find_joints, locate_session
-from mapmyworld.types import ConstraintKind, Judged, Progress
+from mapmyworld.places.session_joining import LossPrior, SessionPlaces, locate_session
+from mapmyworld.types import Constraint, ConstraintKind, Judged, Progress
 
 Array = NDArray[np.float64]
+Pair = tuple[int, int, int, int]
+"""First row and number of nodes of an earlier session, and of a later one."""
 _NEAR = 3.0  # m between two places that see the same
 
 
-def session_closures(nodes: LaserNodes, config: Config, progress: Progress) -> list[Judged]:
-    """Closures between the sessions of these nodes, as far as they are recognised."""
+def session_closures(
+    nodes: LaserNodes,
+    losses: Sequence[Constraint],
+    config: Config,
+    progress: Progress,
+    apart: set[Pair],
+) -> list[Judged]:
+    """Closures between two sessions of these nodes, the first two that are recognised.
+
+    `losses` of tracking divide them; `apart` are pairs that are known not to join, and learns more.
+    """
     numbers = np.unique(nodes.session)
     maps = [SessionPlaces(nodes, np.flatnonzero(nodes.session == n), config) for n in numbers]
     progress.stage("join sessions", len(maps), "sessions")
+    for k, later in enumerate(maps):
+        progress.update(k)
+        for earlier in reversed(maps[:k]):
+            pair = _pair(earlier, later)
+            if pair in apart:
+                continue
+            found = _joined(earlier, later, _prior(earlier, later, losses), config)
+            if any(c.accepted for c in found):
+                return found
+            apart.add(pair)
+    return []
 
-    def locate(earlier: int, later: int) -> Array | None:
-        progress.update(later)
-        return locate_session(maps[earlier], maps[later])
 
-    closures = []
-    for joint in find_joints(len(maps), locate):
-        later = maps[joint.later]
-        poses = nodes.poses.copy()
-        poses[later.rows] = compose_planar(joint.earlier_from_later, poses[later.rows])
-        moved = replace(nodes, poses=poses)
-        later = SessionPlaces(moved, later.rows, config)
-        closures += closures_between(moved, maps[joint.earlier], later, config)
-    return closures
+def _pair(earlier: SessionPlaces, later: SessionPlaces) -> Pair:
+    a, b = earlier.rows, later.rows
+    return int(a[0]), len(a), int(b[0]), len(b)
+
+
+def _prior(earlier: SessionPlaces, later: SessionPlaces, losses: Sequence[Constraint]) -> LossPrior:
+    """From the losses between where the one ends and the other begins."""
+    ids, rows = later.nodes.ids, later.rows
+    begins = int(rows[rows > earlier.rows[0]][0])
+    before = int(earlier.rows[earlier.rows < begins][-1])
+    between = [c for c in losses if ids[before] < c.to_id <= ids[begins]]
+    planar = information_to_planar(np.stack([c.information for c in between]))
+    variances = np.linalg.inv(planar)[:, (0, 1, 2), (0, 1, 2)].sum(axis=0)
+    limit = later.config.odometry.contradiction
+    return LossPrior(later.nodes.poses[begins], variances, limit)
+
+
+def _joined(
+    earlier: SessionPlaces, later: SessionPlaces, prior: LossPrior, config: Config
+) -> list[Judged]:
+    move = locate_session(earlier, later, prior)
+    if move is None:
+        return []
+    poses = later.nodes.poses.copy()
+    poses[later.rows] = compose_planar(move, poses[later.rows])
+    moved = replace(later.nodes, poses=poses)
+    return closures_between(moved, earlier, SessionPlaces(moved, later.rows, config), config)
 
 
 def closures_between(

@@ -104,16 +104,47 @@ def _log_odds(places: Iterable[Agreement]) -> float:
     return float(np.logaddexp(np.log(1.0 - _CHANGED) + odds, np.log(_CHANGED)).sum())
 
 
-def locate_session(earlier: SessionPlaces, later: SessionPlaces) -> Array | None:
+@dataclass(frozen=True, slots=True, eq=False)
+class LossPrior:
+    """How the path across losses of tracking, in the nodes' poses, lies to where it truly went."""
+
+    pose: Array
+    """(3,) of the later session's first node, in the frame that both sessions' poses are in."""
+    variances: Array
+    """(3,) m^2, m^2, rad^2."""
+    limit: float
+    """Sigmas from which a relative pose contradicts it."""
+
+    def window(self, pose: Array) -> tuple[float, float]:
+        """Metres and radians to each side of a later session's pose (3,) that it allows."""
+        metres, _, angle = self.limit * np.sqrt(self.variances)
+        lever = 2.0 * np.hypot(*(pose - self.pose)[:2]) * np.sin(min(angle, np.pi) / 2.0)
+        return float(metres + lever), float(angle)
+
+    def allows(self, move: Array) -> bool:
+        """Whether the later session's frame may lie at `move` (3,) in the earlier one's."""
+        apart = between_planar(self.pose, compose_planar(move, self.pose))
+        return bool((apart**2 / self.variances).sum() <= self.limit**2)
+
+
+def locate_session(
+    earlier: SessionPlaces, later: SessionPlaces, prior: LossPrior | None = None
+) -> Array | None:
     """The later session's frame (3,) in that of the earlier one; None where that is open."""
     tried: list[Hypothesis] = []
     needed = earlier.whole.needed_odds(len(later.sought))
     for spot in later.sought:
-        pose = earlier.whole.find(later.places[spot])
+        place, at = later.places[spot], later.nodes.poses[spot]
+        if prior is None:
+            pose = earlier.whole.find(place)
+        else:
+            pose = earlier.whole.find_about(place, at, *prior.window(at))
         if pose is None:
             continue
-        move = compose_planar(pose, invert_planar(later.nodes.poses[spot]))
-        if any(_is_same(move, other.move, later.nodes.poses[spot]) for other in tried):
+        move = compose_planar(pose, invert_planar(at))
+        if prior is not None and not prior.allows(move):
+            continue
+        if any(_is_same(move, other.move, at) for other in tried):
             continue
         tried.append(judge_pose(earlier, later, move, spot))
         odds = tried[-1].log_odds
@@ -121,7 +152,7 @@ def locate_session(earlier: SessionPlaces, later: SessionPlaces) -> Array | None
     best = max(tried, key=lambda one: one.log_odds, default=None)
     if best is None or best.log_odds < needed:
         return None
-    return None if _is_ambiguous(earlier, later, best, tried, needed) else best.move
+    return None if _is_ambiguous(earlier, later, best, tried, needed, prior) else best.move
 
 
 def judge_pose(earlier: SessionPlaces, later: SessionPlaces, move: Array, spot: int) -> Hypothesis:
@@ -158,7 +189,7 @@ def _window(off: Array, config: Config) -> tuple[float, float]:
 
 def _is_ambiguous(
     earlier: SessionPlaces, later: SessionPlaces, best: Hypothesis, tried: list[Hypothesis],
-    needed: float,
+    needed: float, prior: LossPrior | None,
 ) -> bool:  # fmt: skip
     """Whether another relative pose is about as likely: no less so than chance makes one."""
 
@@ -174,6 +205,8 @@ def _is_ambiguous(
         if pose is None:
             continue
         move = compose_planar(pose, invert_planar(later.nodes.poses[k]))
+        if prior is not None and not prior.allows(move):
+            continue
         if second_bests(judge_pose(earlier, later, move, k)):
             return True
     return False

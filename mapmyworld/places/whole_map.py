@@ -67,6 +67,14 @@ class WholeMap:
         pose = search_everywhere(place.submap.points, self.grid, FORTH * self.needed)
         return None if pose is None else self.best_about(place, pose, *_FINER)[0]
 
+    def find_about(self, place: Place, pose: Array, distance: float, angle: float) -> Array | None:
+        """The same of poses in a window, m and rad to each side of this one (3,)."""
+        if len(self.points) == 0 or distance > np.ptp(self.points, axis=0).max():
+            return self.find(place)
+        points, least = place.submap.points, FORTH * self.needed
+        found = search_about(points, self.grid, pose, distance, min(angle, np.pi), least)
+        return None if found is None else self.best_about(place, found, *_FINER)[0]
+
     def find_other(self, place: Place, pose: Array) -> Array | None:
         """Another pose (3,), at which the map explains a place as well as at this one."""
         here = float(self.judge(place, pose).forth.sum())

@@ -108,18 +108,25 @@ def closures_between_sessions(
     loaded: NodeScans,
     found: Sequence[Judged],
 ) -> list[Judged]:
-    """Those that join what a loss of tracking divides, each session as its own closures hold it."""
+    """Those that join what a loss of tracking divides, two sessions after the other.
+
+    Each session lies as its closures hold it, and those that are joined are one.
+    """
     from mapmyworld.places.laser_nodes import nodes_at
-    from mapmyworld.places.session_closures import session_closures
+    from mapmyworld.places.session_closures import Pair, session_closures
     from mapmyworld.places.wide_search import joined_sessions
     from mapmyworld.stages.solve_draft import solve_draft_of
 
-    session = joined_sessions(loaded, found)
-    if not session.any():
-        return []
-    draft = solve_draft_of(store, config, [*store.constraints(), *found])
-    nodes = replace(nodes_at(loaded, draft.poses), session=session)
-    return session_closures(nodes, config, progress)
+    stored, ties, apart = store.constraints(), list[Judged](), set[Pair]()
+    losses = [c for c in stored if c.is_tracking_loss]
+    while (session := joined_sessions(loaded, [*found, *ties])).any():
+        draft = solve_draft_of(store, config, [*stored, *found, *ties])
+        nodes = replace(nodes_at(loaded, draft.poses), session=session)
+        joining = session_closures(nodes, losses, config, progress, apart)
+        if not joining:
+            break
+        ties += joining
+    return ties
 
 
 def _finders() -> tuple[Finder, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -109,6 +110,20 @@ class LaserFollower:
         self._tracker = LaserTracker(config)
 
     def follow(self, frames: Iterable[Frame]) -> Followed:
+        """Scans that fit nothing wait for the next ones, which say whether tracking is lost."""
+        waiting: list[tuple[Frame, Motion]] = []
+        for frame, motion, is_open in self._tracked(frames):
+            waiting.append((frame, motion))
+            if is_open:
+                continue
+            if motion.is_tracking_loss:
+                waiting = _lost_at_first(waiting)
+            yield from waiting
+            waiting = []
+        yield from waiting
+
+    def _tracked(self, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Motion, bool]]:
+        """Each frame, its motion, and whether later scans say if tracking is lost there."""
         for some in batches(frames, _AT_ONCE):
             tracked = self._tracker.track_all(some)
             poses = planar_to_matrix(np.stack([moment.pose for moment in tracked]))
@@ -117,10 +132,23 @@ class LaserFollower:
                 lost = moment.is_tracking_loss and frame.odom_from_base is None
                 source = LaserTracking(moment.verdict, float(moment.overlap), lost)
                 covariance = covariance_from_planar(moment.covariance, off_plane=_OUT_OF_PLANE)
-                yield frame, Motion(pose, covariance, source, moment.fits_nothing)
+                motion = Motion(pose, covariance, source, moment.fits_nothing)
+                yield frame, motion, moment.is_open
 
     def notes(self) -> tuple[str, ...]:
         return self._tracker.notes()
 
     def losses(self) -> tuple[str, ...]:
         return self._tracker.losses()
+
+
+def _lost_at_first(waiting: list[tuple[Frame, Motion]]) -> list[tuple[Frame, Motion]]:
+    """The same frames, tracking being lost before the first of them instead of before the last."""
+    (first, motion), (last, loss) = waiting[0], waiting[-1]
+    if len(waiting) == 1:
+        return waiting
+    return [
+        (first, replace(motion, covariance=loss.covariance, source=loss.source)),
+        *waiting[1:-1],
+        (last, replace(loss, covariance=motion.covariance, source=motion.source)),
+    ]

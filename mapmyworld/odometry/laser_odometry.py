@@ -334,7 +334,7 @@ def _unobserved(nanoseconds: int) -> Array:
     White acceleration: Bar-Shalom, Li and Kirubarajan, "Estimation with applications to tracking
     and navigation", 2001, section 6.2.
     """
-    return np.asarray(_ACCELERATION * (nanoseconds * 1e-9) ** 3 / 3.0)
+    return np.asarray(_ACCELERATION * (max(nanoseconds, 0) * 1e-9) ** 3 / 3.0)  # stamps step back
 
 
 _NOTES = {

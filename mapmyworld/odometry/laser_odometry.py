@@ -25,9 +25,8 @@ from mapmyworld.odometry.odometry_faults import OdometryFaults
 from mapmyworld.odometry.pose_hypotheses import (
     FAULT,
     FEWEST,
-    VIEW,
     Prior,
-    is_another_view,
+    leads_anywhere,
     likeliest_match,
 )
 from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
@@ -36,6 +35,7 @@ from mapmyworld.types import Frame, Scan
 
 Array = NDArray[np.float64]
 _NEW_SUBMAP = 2  # scans in a row that fit nothing after which a new submap begins
+_VIEW = 1.0, 0.5  # m and rad since the last keyframe from which another view is to be expected
 _SEEN = 0.5  # share of the points seen through surfaces from which nobody can have been there
 _ACCELERATION = np.array([1.0, 1.0, 1.0])  # m^2/s^3 and rad^2/s^3, white, of a robot unobserved
 _LEAST_STEP = 1e-8  # m^2 and rad^2 by which any step may err
@@ -107,7 +107,7 @@ class LaserTracker:
         scans = prepare_scans([frame.scan or _EMPTY for frame in frames], self._matching)
         recorded = self._recorded_steps(frames)
         recorded_there = np.array([not frame.is_interpolated for frame in frames])
-        needs_care = ~recorded_there | self._is_another_view(frames, recorded)
+        needs_care = ~recorded_there | self._may_be_anywhere(frames, recorded)
         self._keyframes.make_room(int(np.diff(scans.bounds).max(initial=0)))
         out, covariances = np.zeros((len(frames), 7)), np.zeros((len(frames), 3, 3))
         tracked: list[LaserMotion] = []
@@ -126,7 +126,7 @@ class LaserTracker:
                 self._degenerate.add(frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0)
             if last > first:
                 tracked[first].covariance[:] += self._taken_unmatched()
-                self._last_ns = self._placed_ns = frames[last - 1].stamp_ns
+                self._last_ns = self._placed_ns = max(map(self._latest, frames[first:last]))
             self._faults.steps += int(np.isfinite(recorded[first:last, 0]).sum())
             if last < len(frames):
                 step = None if np.isnan(recorded[last, 0]) else recorded[last]
@@ -169,32 +169,38 @@ class LaserTracker:
         planar = matrix_to_planar(np.stack([unknown if p is None else p for p in poses]))
         return np.ascontiguousarray(between_planar(planar[:-1], planar[1:]))
 
-    def _is_another_view(self, frames: Sequence[Frame], recorded: Array) -> NDArray[np.bool_]:
-        """(B,) whether without odometry so long passed since the scan before that any may be."""
+    def _may_be_anywhere(self, frames: Sequence[Frame], recorded: Array) -> NDArray[np.bool_]:
+        """(B,) whether without odometry that much time passed since the scan before."""
         stamps = np.array([self._last_ns, *(frame.stamp_ns for frame in frames)])
-        changed = np.array([is_another_view(_unobserved(ns)) for ns in np.diff(stamps)])
-        return changed & np.isnan(recorded[:, 0])
+        waits = np.diff(np.maximum.accumulate(stamps))
+        return np.array([leads_anywhere(_unobserved(ns)) for ns in waits]) & np.isnan(
+            recorded[:, 0]
+        )
+
+    def _latest(self, frame: Frame) -> int:
+        """Nanoseconds of the latest stamp so far: some logs' stamps step back."""
+        return max(self._last_ns, frame.stamp_ns)
 
     def _look_closely(
         self, frame: Frame, scan: PreparedScan, recorded: Array | None
     ) -> LaserMotion:
         """One frame that needs more than a match: the first, an empty or a contradicting one."""
         if self._first_ns is None:
-            self._first_ns = self._placed_ns = frame.stamp_ns
+            self._first_ns = frame.stamp_ns
             tracked = LaserMotion(np.zeros(3), np.diag(_FIRST), "first", 1.0)
         else:
             tracked = self._follow(frame, scan, recorded)
-        self._last_ns = frame.stamp_ns
+        self._last_ns = self._latest(frame)
         self._state[3:6] = between_planar(self._state[:3], tracked.pose)
         self._state[:3] = tracked.pose
         placed = tracked.verdict not in ("odometry only", "lost")
         if placed:
-            self._placed_ns = frame.stamp_ns
+            self._placed_ns = self._last_ns
         if len(scan.rows) >= FEWEST and (placed or not self._keyframes.count):
             if tracked.is_tracking_loss:
                 self._keyframes.forget()  # the old submap no longer says where the robot is
                 self._state[3:6] = 0.0
-                self._placed_ns = frame.stamp_ns
+                self._placed_ns = self._last_ns
             is_known = self._keyframes.remember(scan, tracked.pose, tracked.overlap)
             if is_known and not frame.is_interpolated:
                 anchor(self._wheels, tracked.pose)
@@ -210,7 +216,7 @@ class LaserTracker:
             grown = motion_variances(step, 1.0, 0.05, np.ones(2))
             unseen = self._unmatched_steps
             if recorded is None:
-                unseen = _unobserved(frame.stamp_ns - self._placed_ns)
+                unseen = _unobserved(self._latest(frame) - self._placed_ns)
                 if self._placed_ns != self._last_ns:
                     self._unmatched_steps = unseen
             variances = grown + unseen
@@ -255,7 +261,11 @@ class LaserTracker:
         self._missed += 1
         is_first = self._missed == 1
         path, rotation = self._wheels[11:13]
-        changed = prior.is_open if not prior.has_odometry else path > VIEW[0] or rotation > VIEW[1]
+        changed = (
+            prior.leads_anywhere
+            if not prior.has_odometry
+            else path > _VIEW[0] or rotation > _VIEW[1]
+        )
         refuted = False
         if self._missed >= _NEW_SUBMAP and not frame.is_interpolated:
             if not changed:
@@ -318,7 +328,7 @@ class LaserTracker:
         )
         found = innovation(prior.pose, first.pose, first.information, prior.variances)
         good = explains(self._state, first.overlap, self._settings, prior.has_odometry)
-        if good and found[6] <= self._odometry.contradiction**2 and not prior.is_open:
+        if good and found[6] <= self._odometry.contradiction**2 and not prior.leads_anywhere:
             return first, "matched"
         best = likeliest_match(
             scan, self._keyframes, self._state, prior, first, self._odometry, self._settings
@@ -334,7 +344,7 @@ def _unobserved(nanoseconds: int) -> Array:
     White acceleration: Bar-Shalom, Li and Kirubarajan, "Estimation with applications to tracking
     and navigation", 2001, section 6.2.
     """
-    return np.asarray(_ACCELERATION * (max(nanoseconds, 0) * 1e-9) ** 3 / 3.0)  # stamps step back
+    return np.asarray(_ACCELERATION * (nanoseconds * 1e-9) ** 3 / 3.0)
 
 
 _NOTES = {

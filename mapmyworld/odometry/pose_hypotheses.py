@@ -25,18 +25,16 @@ FEWEST = 12
 """Points of a scan below which it is not matched."""
 FAULT = 1e-3
 """Probability of an odometry fault in a step: it stalls, slips, catches up."""
-VIEW = 1.0, 0.5
-"""Metres and radians since the last keyframe from which another view is to be expected."""
-_REACH = 5.0  # m to each side in which a robot is looked for that nothing was seen of for long
+_REACH = 5.0  # m to each side in which a robot is looked for without odometry
 _LOG_ODDS = 2.5  # nats by which a point on a surface, and not beside, speaks for a pose: of
 # such points a right one has 0.75 and a wrong one 0.2, log(0.75 / 0.2) + log(0.8 / 0.25)
 _CORRELATED = 4.0  # neighbouring points of a scan that count as much as one, at least
 _WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
 
 
-def is_another_view(variances: Array) -> bool:
-    """Whether by these (3,) of a motion, m^2, m^2, rad^2, another view is to be expected."""
-    return bool(variances[0] > VIEW[0] ** 2 or variances[2] > VIEW[1] ** 2)
+def leads_anywhere(variances: Array) -> bool:
+    """Whether a motion of these (3,), m^2, m^2, rad^2, may lead out of what was seen before it."""
+    return bool(3.0 * np.sqrt(variances[0]) > _REACH)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,9 +55,9 @@ class Prior:
     """Whether it was measured; without, the robot is expected to go on as it did."""
 
     @property
-    def is_open(self) -> bool:
-        """Whether without odometry so much time has passed that any view may be expected."""
-        return not self.has_odometry and is_another_view(self.variances)
+    def leads_anywhere(self) -> bool:
+        """Whether without odometry so much time has passed that the robot may be anywhere."""
+        return not self.has_odometry and leads_anywhere(self.variances)
 
     def window(self, config: OdometryConfig) -> tuple[float, float]:
         """Metres and radians to each side in which a fault is looked for, or where the robot is."""
@@ -91,7 +89,7 @@ def likeliest_match(
     place, view = keyframes.place(), _view_of(scan)
     distance, angle = prior.window(config)
     reach = 3.0 * np.sqrt(prior.variances[[0, 2]])
-    needed = needed_evidence(max(distance, reach[0]) if prior.is_open else distance, angle)
+    needed = needed_evidence(max(distance, reach[0]) if prior.leads_anywhere else distance, angle)
     starts = [first.pose, compose_planar(state[:3], state[3:6]), state[:3].copy(), prior.pose]
     found = search_evidence(
         view.submap.points, place.grid, starts[2], distance, angle, FORTH * needed
@@ -102,7 +100,7 @@ def likeliest_match(
     points = len(scan.rows) / max(float(settings[2]), _CORRELATED)
     window = np.minimum(reach, (distance, angle))
     fits = plain.evidence >= needed_evidence(*window) and _has_points(first, scan)
-    fits = fits and not prior.is_open
+    fits = fits and not prior.leads_anywhere
     best, most = (first, 0.0) if fits else (None, 0.0)
     for match in (keyframes.match(scan, s, _WEAK_PRIOR, COARSE, settings) for s in starts):
         other = place.agreement_with(view, match.pose)
@@ -116,7 +114,7 @@ def likeliest_match(
             exceeds = other.evidence - needed
             if elsewhere is not None:
                 alike = place.agreement_with(view, elsewhere)
-                if prior.is_open:
+                if prior.leads_anywhere:
                     exceeds = min(exceeds, other.beyond(alike) - MARGIN)
                 else:
                     exceeds = min(exceeds, other.evidence - alike.evidence)

@@ -88,7 +88,9 @@ def _second_best(
     here, there = between_planar(nodes.poses[spot], found), place_around(nodes, b, config)
     needed = needed_evidence(distance, angle)
     points = there.submap.points
-    other = evidence_elsewhere(points, place.grid, here, distance, angle, FORTH * needed)
+    other = evidence_elsewhere(
+        points, place.grid, here, distance, angle, FORTH * needed, _measured(closure).score
+    )
     if other is None:
         return 0.0
     second_best = place.agreement_with(there, other)
@@ -101,10 +103,10 @@ def _second_best(
 
 
 def _doubted(closure: Judged, second_best: float) -> Judged:
-    numbers = {"second_best": second_best, "evidence": _evidence(closure)}
+    numbers = {"second_best": second_best, "evidence": _measured(closure).evidence}
     return closure.judged(Verdict(Judge.LASER, False, Why.AMBIGUOUS_PLACE, numbers))
 
 
-def _evidence(closure: Judged) -> float:
+def _measured(closure: Judged) -> ScanMatch:
     assert isinstance(closure.source, ScanMatch)
-    return closure.source.evidence
+    return closure.source

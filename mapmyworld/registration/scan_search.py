@@ -178,10 +178,15 @@ def search_evidence(
 
 
 def evidence_elsewhere(
-    points: Array, grid: LikelihoodGrid, pose: Array, distance: float, angle: float, least: float
-) -> Array | None:
-    """The best pose (3,) in a window about `pose` but not at it, of more evidence than `least`."""
+    points: Array, grid: LikelihoodGrid, pose: Array, distance: float, angle: float, least: float,
+    score: float = 0.0,
+) -> Array | None:  # fmt: skip
+    """The best pose (3,) in a window about `pose` but not at it, of more evidence than `least`.
+
+    And of about as much as a pose that the points have elsewhere with this `score`, if any.
+    """
     window = _window(points, grid, pose, distance, angle)
+    least = max(least, (2.0 * score - 1.0) * len(window[2]) - MARGIN)
     return _best_of(window, np.concatenate([pose, _ELSEWHERE]), least)
 
 

@@ -26,7 +26,6 @@ from mapmyworld.odometry.pose_hypotheses import (
     FAULT,
     FEWEST,
     Prior,
-    leads_anywhere,
     likeliest_match,
 )
 from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
@@ -38,6 +37,7 @@ _NEW_SUBMAP = 2  # scans in a row that fit nothing after which a new submap begi
 _VIEW = 1.0, 0.5  # m and rad since the last keyframe from which another view is to be expected
 _SEEN = 0.5  # share of the points seen through surfaces from which nobody can have been there
 _ACCELERATION = np.array([1.0, 1.0, 1.0])  # m^2/s^3 and rad^2/s^3, white, of a robot unobserved
+_SUBMAP = 5.0  # m about that a submap shows around a robot
 _LEAST_STEP = 1e-8  # m^2 and rad^2 by which any step may err
 _CARRIED = 1e-9  # that a robot does not go on as it did, but is somewhere else at once
 _INDEPENDENT = 0.1  # variance factor of matches, at least: more than all points cannot determine
@@ -173,9 +173,8 @@ class LaserTracker:
         """(B,) whether without odometry that much time passed since the scan before."""
         stamps = np.array([self._last_ns, *(frame.stamp_ns for frame in frames)])
         waits = np.diff(np.maximum.accumulate(stamps))
-        return np.array([leads_anywhere(_unobserved(ns)) for ns in waits]) & np.isnan(
-            recorded[:, 0]
-        )
+        anywhere = np.array([_may_have_left(ns) for ns in waits])
+        return anywhere & np.isnan(recorded[:, 0])
 
     def _latest(self, frame: Frame) -> int:
         """Nanoseconds of the latest stamp so far: some logs' stamps step back."""
@@ -198,7 +197,6 @@ class LaserTracker:
             self._placed_ns = self._last_ns
         if len(scan.rows) >= FEWEST and (placed or not self._keyframes.count):
             if tracked.is_tracking_loss:
-                self._keyframes.forget()  # the old submap no longer says where the robot is
                 self._state[3:6] = 0.0
                 self._placed_ns = self._last_ns
             is_known = self._keyframes.remember(scan, tracked.pose, tracked.overlap)
@@ -227,11 +225,13 @@ class LaserTracker:
             verdict = "lost" if recorded is None else "odometry only"
             return LaserMotion(predicted, np.diag(grown), verdict, 0.0)
         measured = None if frame.is_interpolated else recorded
-        fault = _CARRIED if measured is None else FAULT
+        fault = FAULT if measured is not None else _CARRIED if recorded is not None else 0.0
         prior = Prior(predicted, variances, fault, recorded is not None)
+        if recorded is None and _may_have_left(self._latest(frame) - self._placed_ns):
+            return self._lost(frame, predicted, variances, 0.0)
         match, verdict = self._matched(scan, prior)
         if verdict == "lost":
-            return self._unmatched(frame, scan, prior, grown, match)
+            return self._unmatched(frame, scan, prior, grown, match.overlap)
         self._missed = 0
         learn_overlap(self._state, match.overlap)
         if measured is None:
@@ -249,45 +249,48 @@ class LaserTracker:
         return np.asarray(reckoned_variances(self._wheels, share, floor))
 
     def _unmatched(
-        self, frame: Frame, scan: PreparedScan, prior: Prior, grown: Array, match: Match
+        self, frame: Frame, scan: PreparedScan, prior: Prior, grown: Array, overlap: float
     ) -> LaserMotion:
         """A scan that fits nothing: the odometry leads on, unless it is refuted.
 
         Where it says that the view has changed, a new submap begins; and where it says that the
         robot is where it was, but from there one would see through walls: it was carried off.
-        Without odometry the robot is expected to go on as it did, and time says whether the view
-        has changed: with a new submap tracking is lost.
+        Without odometry the robot is expected to go on as it did, for as long as nothing else can
+        have become of it.
         """
         self._missed += 1
         is_first = self._missed == 1
         path, rotation = self._wheels[11:13]
-        changed = (
-            prior.leads_anywhere
-            if not prior.has_odometry
-            else path > _VIEW[0] or rotation > _VIEW[1]
-        )
+        changed = prior.has_odometry and (path > _VIEW[0] or rotation > _VIEW[1])
         refuted = False
         if self._missed >= _NEW_SUBMAP and not frame.is_interpolated:
             if not changed:
                 refuted = self._keyframes.share_seen_through(scan, prior.pose) >= _SEEN
             if changed or refuted:
-                self._missed = 0
-                self._keyframes.forget()
-        is_new = not self._keyframes.count
-        if prior.has_odometry:
-            self._unmatched_steps = np.zeros(3) if is_new else self._unmatched_steps + grown
+                self._begin_submap()
+        if not prior.has_odometry:
+            if refuted:
+                return self._lost(frame, prior.pose, UNKNOWN, overlap)
             return LaserMotion(
-                prior.pose, np.diag(grown), "odometry only", match.overlap, refuted,
-                fits_nothing=is_first or is_new,
-            )  # fmt: skip
-        if is_new:
-            self._lost_ns.append(frame.stamp_ns)
-            grown = UNKNOWN if refuted else prior.variances
-            self._unmatched_steps = np.zeros(3)
+                prior.pose, np.diag(grown), "lost", overlap, fits_nothing=is_first, is_open=True
+            )
+        is_new = not self._keyframes.count
+        self._unmatched_steps = np.zeros(3) if is_new else self._unmatched_steps + grown
         return LaserMotion(
-            prior.pose, np.diag(grown), "lost", match.overlap, is_new,
-            fits_nothing=is_first, is_open=not is_new,
+            prior.pose, np.diag(grown), "odometry only", overlap, refuted,
+            fits_nothing=is_first or is_new,
         )  # fmt: skip
+
+    def _lost(self, frame: Frame, pose: Array, variances: Array, overlap: float) -> LaserMotion:
+        """The first scan of a new submap, which nothing ties to the one before."""
+        self._begin_submap()
+        self._unmatched_steps = np.zeros(3)
+        self._lost_ns.append(frame.stamp_ns)
+        return LaserMotion(pose, np.diag(variances), "lost", overlap, is_tracking_loss=True)
+
+    def _begin_submap(self) -> None:
+        self._missed = 0
+        self._keyframes.forget()
 
     def _placed(
         self, stamp_ns: int, recorded: Array | None, predicted: Array, variances: Array,
@@ -328,7 +331,7 @@ class LaserTracker:
         )
         found = innovation(prior.pose, first.pose, first.information, prior.variances)
         good = explains(self._state, first.overlap, self._settings, prior.has_odometry)
-        if good and found[6] <= self._odometry.contradiction**2 and not prior.leads_anywhere:
+        if good and found[6] <= self._odometry.contradiction**2:
             return first, "matched"
         best = likeliest_match(
             scan, self._keyframes, self._state, prior, first, self._odometry, self._settings
@@ -345,6 +348,11 @@ def _unobserved(nanoseconds: int) -> Array:
     and navigation", 2001, section 6.2.
     """
     return np.asarray(_ACCELERATION * (nanoseconds * 1e-9) ** 3 / 3.0)
+
+
+def _may_have_left(nanoseconds: int) -> bool:
+    """Whether so long unobserved the robot may be beyond what a submap shows."""
+    return bool(3.0 * np.sqrt(_unobserved(nanoseconds)[0]) > _SUBMAP)
 
 
 _NOTES = {

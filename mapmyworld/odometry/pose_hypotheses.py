@@ -13,7 +13,6 @@ from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.registration.place_evidence import APART, FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_matching import COARSE, Match, PreparedScan
 from mapmyworld.registration.scan_search import (
-    MARGIN,
     NATS,
     Submap,
     evidence_elsewhere,
@@ -25,16 +24,10 @@ FEWEST = 12
 """Points of a scan below which it is not matched."""
 FAULT = 1e-3
 """Probability of an odometry fault in a step: it stalls, slips, catches up."""
-_REACH = 5.0  # m to each side in which a robot is looked for without odometry
 _LOG_ODDS = 2.5  # nats by which a point on a surface, and not beside, speaks for a pose: of
 # such points a right one has 0.75 and a wrong one 0.2, log(0.75 / 0.2) + log(0.8 / 0.25)
 _CORRELATED = 4.0  # neighbouring points of a scan that count as much as one, at least
 _WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
-
-
-def leads_anywhere(variances: Array) -> bool:
-    """Whether a motion of these (3,), m^2, m^2, rad^2, may lead out of what was seen before it."""
-    return bool(3.0 * np.sqrt(variances[0]) > _REACH)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,18 +47,13 @@ class Prior:
     has_odometry: bool
     """Whether it was measured; without, the robot is expected to go on as it did."""
 
-    @property
-    def leads_anywhere(self) -> bool:
-        """Whether without odometry so much time has passed that the robot may be anywhere."""
-        return not self.has_odometry and leads_anywhere(self.variances)
-
     def window(self, config: OdometryConfig) -> tuple[float, float]:
         """Metres and radians to each side in which a fault is looked for, or where the robot is."""
         fault = config.search_distance, config.search_angle
         if self.has_odometry:
             return fault
         reach = 3.0 * np.sqrt(self.variances[[0, 2]])
-        return max(fault[0], min(reach[0], _REACH)), max(fault[1], min(reach[1], np.pi))
+        return max(fault[0], float(reach[0])), max(fault[1], min(float(reach[1]), np.pi))
 
     def log(self, pose: Array, config: OdometryConfig) -> float:
         """Log density of a pose (3,) over that of the predicted one."""
@@ -73,8 +61,10 @@ class Prior:
         distance, angle = self.window(config)
         window = 8.0 * distance**2 * angle
         width = (2.0 * np.pi) ** 1.5 * np.sqrt(self.variances.prod())
-        anywhere = np.log(self.fault * min(width / window, 1.0))
-        return float(np.logaddexp(-0.5 * (apart**2 / self.variances).sum(), anywhere))
+        expected = -0.5 * float((apart**2 / self.variances).sum())
+        if self.fault == 0.0:
+            return expected
+        return float(np.logaddexp(expected, np.log(self.fault * min(width / window, 1.0))))
 
 
 def likeliest_match(
@@ -89,7 +79,7 @@ def likeliest_match(
     place, view = keyframes.place(), _view_of(scan)
     distance, angle = prior.window(config)
     reach = 3.0 * np.sqrt(prior.variances[[0, 2]])
-    needed = needed_evidence(max(distance, reach[0]) if prior.leads_anywhere else distance, angle)
+    needed = needed_evidence(distance, angle)
     starts = [first.pose, compose_planar(state[:3], state[3:6]), state[:3].copy(), prior.pose]
     found = search_evidence(
         view.submap.points, place.grid, starts[2], distance, angle, FORTH * needed
@@ -99,8 +89,10 @@ def likeliest_match(
     plain, its_prior = place.agreement_with(view, first.pose), prior.log(first.pose, config)
     points = len(scan.rows) / max(float(settings[2]), _CORRELATED)
     window = np.minimum(reach, (distance, angle))
-    fits = plain.evidence >= needed_evidence(*window) and _has_points(first, scan)
-    fits = fits and not prior.leads_anywhere
+    beyond_chance = plain.evidence - needed_evidence(*window)
+    if not prior.has_odometry:  # nothing but a motion that is possible leads there
+        beyond_chance += its_prior / NATS
+    fits = beyond_chance >= 0.0 and _has_points(first, scan)
     best, most = (first, 0.0) if fits else (None, 0.0)
     for match in (keyframes.match(scan, s, _WEAK_PRIOR, COARSE, settings) for s in starts):
         other = place.agreement_with(view, match.pose)
@@ -111,14 +103,8 @@ def likeliest_match(
             elsewhere = evidence_elsewhere(
                 view.submap.points, place.grid, match.pose, distance, angle, FORTH * needed
             )
-            exceeds = other.evidence - needed
-            if elsewhere is not None:
-                alike = place.agreement_with(view, elsewhere)
-                if prior.leads_anywhere:
-                    exceeds = min(exceeds, other.beyond(alike) - MARGIN)
-                else:
-                    exceeds = min(exceeds, other.evidence - alike.evidence)
-            more += NATS * exceeds
+            alike = 0.0 if elsewhere is None else place.agreement_with(view, elsewhere).evidence
+            more += NATS * (other.evidence - max(needed, alike))
         elif _is_one_mode(first, match):
             more += _LOG_ODDS * points * (_quality(match) - _quality(first)) - its_prior
         else:

@@ -76,7 +76,7 @@ def test_a_robot_that_was_carried_off_is_lost_without_odometry_and_says_when() -
     tracked, tracker = follow(scans, None, (41, 3.0))
     assert [k for k, moment in enumerate(tracked) if moment.is_tracking_loss] == [41]
     sigmas = np.sqrt(np.diag(tracked[41].covariance))
-    assert (sigmas >= 3.0).all()  # m and rad that white acceleration makes of 3.1 s
+    assert (sigmas >= 2.9).all()  # m and rad, of 3.1 s with a velocity that nothing tells yet
     assert any("tracking was lost at 7 s" in note for note in tracker.notes())
     after = np.stack([moment.pose for moment in tracked[41:]])
     error = between_planar(between_planar(RIGHT[0], RIGHT), between_planar(after[0], after))

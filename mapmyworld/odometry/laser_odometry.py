@@ -29,6 +29,7 @@ from mapmyworld.odometry.pose_hypotheses import (
     likeliest_match,
 )
 from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
+from mapmyworld.odometry.unobserved_motion import UnobservedMotion
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
 from mapmyworld.types import Frame, Scan
 
@@ -36,8 +37,7 @@ Array = NDArray[np.float64]
 _NEW_SUBMAP = 2  # scans in a row that fit nothing after which a new submap begins
 _VIEW = 1.0, 0.5  # m and rad since the last keyframe from which another view is to be expected
 _SEEN = 0.5  # share of the points seen through surfaces from which nobody can have been there
-_ACCELERATION = np.array([1.0, 1.0, 1.0])  # m^2/s^3 and rad^2/s^3, white, of a robot unobserved
-_SUBMAP = 5.0  # m about that a submap shows around a robot
+_NEXT = 1_000_000_000  # ns after which a frame is no longer the next one, a step like the last
 _LEAST_STEP = 1e-8  # m^2 and rad^2 by which any step may err
 _CARRIED = 1e-9  # that a robot does not go on as it did, but is somewhere else at once
 _INDEPENDENT = 0.1  # variance factor of matches, at least: more than all points cannot determine
@@ -81,7 +81,7 @@ class LaserTracker:
         self._lost_ns: list[int] = []
         self._keyframes = Keyframes(config)
         self._state = np.zeros(8)  # pose, last step, overlaps: see `track_scans`
-        self._wheels = new_wheels()
+        self._wheels, self._unobserved = new_wheels(), UnobservedMotion()
         self._last_odometry: Array | None = None
         self._first_ns: int | None = None
         self._last_ns = self._placed_ns = 0
@@ -124,9 +124,11 @@ class LaserTracker:
             for k in range(first, last):
                 tracked.append(LaserMotion(out[k, :3], covariances[k], "matched", float(out[k, 3])))
                 self._degenerate.add(frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0)
+                self._last_ns = self._placed_ns = self._latest(frames[k])
+                if np.isnan(recorded[k, 0]):
+                    self._unobserved.add(1e-9 * self._last_ns, out[k, :3])
             if last > first:
                 tracked[first].covariance[:] += self._taken_unmatched()
-                self._last_ns = self._placed_ns = max(map(self._latest, frames[first:last]))
             self._faults.steps += int(np.isfinite(recorded[first:last, 0]).sum())
             if last < len(frames):
                 step = None if np.isnan(recorded[last, 0]) else recorded[last]
@@ -173,7 +175,7 @@ class LaserTracker:
         """(B,) whether without odometry that much time passed since the scan before."""
         stamps = np.array([self._last_ns, *(frame.stamp_ns for frame in frames)])
         waits = np.diff(np.maximum.accumulate(stamps))
-        anywhere = np.array([_may_have_left(ns) for ns in waits])
+        anywhere = np.array([self._unobserved.may_have_left(s) for s in 1e-9 * waits])
         return anywhere & np.isnan(recorded[:, 0])
 
     def _latest(self, frame: Frame) -> int:
@@ -189,16 +191,19 @@ class LaserTracker:
             tracked = LaserMotion(np.zeros(3), np.diag(_FIRST), "first", 1.0)
         else:
             tracked = self._follow(frame, scan, recorded)
+        if recorded is not None or not self._has_waited(frame):
+            self._state[3:6] = between_planar(self._state[:3], tracked.pose)
         self._last_ns = self._latest(frame)
-        self._state[3:6] = between_planar(self._state[:3], tracked.pose)
         self._state[:3] = tracked.pose
         placed = tracked.verdict not in ("odometry only", "lost")
         if placed:
             self._placed_ns = self._last_ns
+            self._unobserved.add(1e-9 * self._last_ns, tracked.pose)
         if len(scan.rows) >= FEWEST and (placed or not self._keyframes.count):
             if tracked.is_tracking_loss:
                 self._state[3:6] = 0.0
                 self._placed_ns = self._last_ns
+                self._unobserved.restart(1e-9 * self._last_ns, tracked.pose)
             is_known = self._keyframes.remember(scan, tracked.pose, tracked.overlap)
             if is_known and not frame.is_interpolated:
                 anchor(self._wheels, tracked.pose)
@@ -208,15 +213,15 @@ class LaserTracker:
         before = self._reckoned()
         if recorded is not None:
             reckon(self._wheels, recorded)
+        since = 1e-9 * (self._latest(frame) - self._placed_ns)
         if recorded is None or frame.is_interpolated:  # expected to go on as it did
-            step = self._state[3:6] if recorded is None else recorded
-            predicted = compose_planar(self._state[:3], step)
-            grown = motion_variances(step, 1.0, 0.05, np.ones(2))
-            unseen = self._unmatched_steps
-            if recorded is None:
-                unseen = _unobserved(self._latest(frame) - self._placed_ns)
+            step, unseen = recorded, self._unmatched_steps
+            if step is None:
+                step, unseen = self._expected(frame), self._unobserved.variances(since)
                 if self._placed_ns != self._last_ns:
                     self._unmatched_steps = unseen
+            predicted = compose_planar(self._state[:3], step)
+            grown = motion_variances(step, 1.0, 0.05, np.ones(2))
             variances = grown + unseen
         else:
             predicted, variances = self._wheels[8:11].copy(), self._reckoned()
@@ -227,7 +232,7 @@ class LaserTracker:
         measured = None if frame.is_interpolated else recorded
         fault = FAULT if measured is not None else _CARRIED if recorded is not None else 0.0
         prior = Prior(predicted, variances, fault, recorded is not None)
-        if recorded is None and _may_have_left(self._latest(frame) - self._placed_ns):
+        if recorded is None and self._unobserved.may_have_left(since):
             return self._lost(frame, predicted, variances, 0.0)
         match, verdict = self._matched(scan, prior)
         if verdict == "lost":
@@ -242,6 +247,15 @@ class LaserTracker:
         return self._placed(
             frame.stamp_ns, measured, predicted, variances, match, verdict, is_new=is_new
         )
+
+    def _expected(self, frame: Frame) -> Array:
+        """The step (3,) to a frame without odometry: like the last one, or as long as it took."""
+        if not self._has_waited(frame):
+            return self._state[3:6]
+        return self._unobserved.step(1e-9 * (self._latest(frame) - self._last_ns))
+
+    def _has_waited(self, frame: Frame) -> bool:
+        return self._latest(frame) - self._last_ns > _NEXT
 
     def _reckoned(self) -> Array:
         """(3,) variances of the odometry since the last keyframe."""
@@ -339,20 +353,6 @@ class LaserTracker:
         if best is None:
             return first, "lost"
         return best, "matched" if best is first else "odometry ignored"
-
-
-def _unobserved(nanoseconds: int) -> Array:
-    """Variances (3,) m^2, m^2, rad^2 of a motion of so long, beside constant velocity.
-
-    White acceleration: Bar-Shalom, Li and Kirubarajan, "Estimation with applications to tracking
-    and navigation", 2001, section 6.2.
-    """
-    return np.asarray(_ACCELERATION * (nanoseconds * 1e-9) ** 3 / 3.0)
-
-
-def _may_have_left(nanoseconds: int) -> bool:
-    """Whether so long unobserved the robot may be beyond what a submap shows."""
-    return bool(3.0 * np.sqrt(_unobserved(nanoseconds)[0]) > _SUBMAP)
 
 
 _NOTES = {

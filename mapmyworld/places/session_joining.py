@@ -8,7 +8,7 @@ hall after half a turn, leave the sessions apart.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,7 +26,7 @@ from mapmyworld.places.laser_nodes import Index, LaserNodes, spaced
 from mapmyworld.places.laser_submaps import place_around
 from mapmyworld.places.whole_map import WholeMap, map_of_scans
 from mapmyworld.registration.place_evidence import Agreement, Place
-from mapmyworld.registration.scan_search import ANOTHER, Submap
+from mapmyworld.registration.scan_search import ANOTHER, MARGIN, Submap
 
 Array = NDArray[np.float64]
 _MAPPED = 0.5  # m of path between scans that a session's map is made of
@@ -97,6 +97,18 @@ class Hypothesis:
         """
         return 0.5 * (_log_odds(self.later.values()) + _log_odds(self.earlier.values()))
 
+    def beyond(self, other: Hypothesis) -> float:
+        """Points by which all places speak for this pose rather than for another one."""
+        later = [one.beyond(other.later[k]) for k, one in self.later.items()]
+        earlier = [one.beyond(other.earlier[k]) for k, one in self.earlier.items()]
+        return 0.5 * (_together(later) + _together(earlier))
+
+
+def _together(places: Sequence[float]) -> float:
+    """What places show together: each after the first shows half of it once more."""
+    share = (1.0 + _OVERLAP * (len(places) - 1)) / max(len(places), 1)
+    return share * sum(places)
+
 
 def _log_odds(places: Iterable[Agreement]) -> float:
     """A place may have changed, or drifted: none contradicts by more than the share of such."""
@@ -152,7 +164,7 @@ def locate_session(
     best = max(tried, key=lambda one: one.log_odds, default=None)
     if best is None or best.log_odds < needed:
         return None
-    return None if _is_ambiguous(earlier, later, best, tried, needed, prior) else best.move
+    return None if _is_ambiguous(earlier, later, best, tried, prior) else best.move
 
 
 def judge_pose(earlier: SessionPlaces, later: SessionPlaces, move: Array, spot: int) -> Hypothesis:
@@ -189,14 +201,10 @@ def _window(off: Array, config: Config) -> tuple[float, float]:
 
 def _is_ambiguous(
     earlier: SessionPlaces, later: SessionPlaces, best: Hypothesis, tried: list[Hypothesis],
-    needed: float, prior: LossPrior | None,
+    prior: LossPrior | None,
 ) -> bool:  # fmt: skip
-    """Whether another relative pose is about as likely: no less so than chance makes one."""
-
-    def second_bests(other: Hypothesis) -> bool:
-        return best.log_odds - other.log_odds < needed
-
-    if any(second_bests(other) for other in tried if other is not best):
+    """Whether another relative pose is more than a hundredth as likely."""
+    if any(best.beyond(other) < MARGIN for other in tried if other is not best):
         return True
     strongest = sorted(best.later, key=lambda k: -best.later[k].log_odds)[:_CHECKED]
     for k in strongest:
@@ -207,7 +215,7 @@ def _is_ambiguous(
         move = compose_planar(pose, invert_planar(later.nodes.poses[k]))
         if prior is not None and not prior.allows(move):
             continue
-        if second_bests(judge_pose(earlier, later, move, k)):
+        if best.beyond(judge_pose(earlier, later, move, k)) < MARGIN:
             return True
     return False
 

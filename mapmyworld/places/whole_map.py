@@ -75,10 +75,9 @@ class WholeMap:
         found = search_about(points, self.grid, pose, distance, min(angle, np.pi), least)
         return None if found is None else self.best_about(place, found, *_FINER)[0]
 
-    def find_other(self, place: Place, pose: Array) -> Array | None:
-        """Another pose (3,), at which the map explains a place as well as at this one."""
-        here = float(self.judge(place, pose).forth.sum())
-        least = max(FORTH * self.needed, here - MARGIN)
+    def find_other(self, place: Place, pose: Array, least: float = 0.0) -> Array | None:
+        """The best other pose (3,) than this one for a place, of more points than `least`."""
+        least = max(least, FORTH * self.needed)
         other = search_elsewhere(place.submap.points, self.grid, pose, least)
         return None if other is None else self.best_about(place, other, *_FINER)[0]
 
@@ -87,10 +86,11 @@ class WholeMap:
 
         None where both are about as likely.
         """
-        other = self.find_other(place, pose)
+        here = self.judge(place, pose)
+        other = self.find_other(place, pose, float(here.forth.sum()) - MARGIN)
         if other is None:
             return False
-        here, there = self.judge(place, pose), self.judge(place, other)
+        there = self.judge(place, other)
         if here.beyond(there) >= MARGIN:
             return False
         return True if there.beyond(here) >= MARGIN else None

@@ -1,0 +1,71 @@
+"""How far a robot may get while nothing observes it, learnt from how it moves while scans do.
+
+Constant velocity, and white acceleration: after t seconds the variances are q t^3 / 3 (Bar-Shalom,
+Li and Kirubarajan, "Estimation with applications to tracking and navigation", 2001, section 6.2);
+or 2 v^2 t^2, where that is less: another velocity of those that the robot has.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.geometry.planar import between_planar, compose_planar, interpolate_planar
+
+Array = NDArray[np.float64]
+_LOOK = 1.0  # s of motion that the next is compared with
+_MEMORY = 0.95  # weight of the past in the running mean of accelerations
+_SUBMAP = 5.0  # m about that a submap shows around a robot
+
+
+class UnobservedMotion:
+    """The last second's motion, and how fast and how steadily the robot has moved so far."""
+
+    def __init__(self) -> None:
+        self._acceleration = np.ones(3)  # m^2/s^3, m^2/s^3, rad^2/s^3, before anything was seen
+        self._square_velocity = np.ones(3)  # m^2/s^2, m^2/s^2, rad^2/s^2
+        self._since, self._pose = 0.0, np.zeros(3)
+        self._moved, self._took = np.zeros(3), 0.0
+
+    def restart(self, seconds: float, pose: Array) -> None:
+        """Begins anew at a time and a pose (3,), of which nothing tells the velocity."""
+        self._since, self._pose = seconds, pose.copy()
+        self._took = 0.0
+
+    def add(self, seconds: float, pose: Array) -> None:
+        """The pose (3,) that scans report at a time."""
+        took = seconds - self._since
+        if took < _LOOK:
+            return
+        moved = between_planar(self._pose, pose)
+        if self._took:
+            error = between_planar(self.step(took), moved)
+            _learn(self._acceleration, 3.0 * error**2 / took**3)
+            _learn(self._square_velocity, (moved / took) ** 2)
+        self._moved, self._took = moved, took
+        self._since, self._pose = seconds, pose.copy()
+
+    def step(self, seconds: float) -> Array:
+        """The motion (3,) expected of so many seconds: it goes on as it did."""
+        step = np.zeros(3)
+        if not self._took:
+            return step
+        times, rest = divmod(seconds / self._took, 1.0)
+        for share in (*[1.0] * int(times), rest):
+            step = compose_planar(step, interpolate_planar(np.zeros(3), self._moved, share))
+        return step
+
+    def variances(self, seconds: float) -> Array:
+        """(3,) m^2, m^2, rad^2, of how far off that may be."""
+        smooth = self._acceleration * seconds**3 / 3.0
+        return np.asarray(np.minimum(smooth, 2.0 * self._square_velocity * seconds**2))
+
+    def may_have_left(self, seconds: float) -> bool:
+        """Whether after so long the robot may be beyond what a submap shows."""
+        return bool(3.0 * np.sqrt(self.variances(seconds)[0]) > _SUBMAP)
+
+
+def _learn(mean: Array, sample: Array) -> None:
+    """Lets a running mean (3,) learn; along and across count alike."""
+    sample[:2] = sample[:2].mean()
+    mean[:] = _MEMORY * mean + (1.0 - _MEMORY) * sample

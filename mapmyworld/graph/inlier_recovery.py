@@ -25,9 +25,9 @@ def recoverable(
 ) -> NDArray[np.bool_]:
     """(E,) edges left out that the solution predicts, and too well to be chance.
 
-    The prediction's own uncertainty counts: a closure after a long drift may miss by metres and
-    be true. Where many closures look false, fitting by chance becomes likely, and a lone closure
-    must fit the better. Those that chance hardly explains may miss by more than stated. `poses`
+    The prediction's own uncertainty counts: a closure after a long drift may miss by metres and be
+    true. Where many closures look false, fitting by chance becomes likely, and a lone closure must
+    fit the better. Those that chance hardly explains may miss by more than stated. `poses`
     (N, 3 or 4, 4), `inliers` (E,), `limit` and `scale` as of `left_out_fits`.
     """
     recovered = np.zeros(len(inliers), np.bool_)
@@ -78,8 +78,8 @@ def left_out_fits(
 
 
 def expected_below(chance: Array, most: Array) -> Array:
-    """(C,) false closures, of L with at most chances `most` (L,) to fit at all, that would fit by
-    a chance as small as `chance` (C,).
+    """(C,) false closures, of L with at most chances `most` (L,) to fit at all, that would fit by a
+    chance as small as `chance` (C,).
     """
     ordered = np.sort(most)
     below = np.searchsorted(ordered, chance)

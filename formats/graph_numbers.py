@@ -32,13 +32,13 @@ ROTATION_FIRST = ROW_BY_ROW[6][SWAP_ROTATION_TRANSLATION[:, None], SWAP_ROTATION
 
 
 def symmetric(numbers: Array, layout: Index) -> Array:
-    """Matrices (R, d, d) of the upper triangles at the ends of rows (R, ...)."""
+    """Matrices (R, d, d) by `layout` (d, d) of the upper triangles at the ends of rows (R, ...)."""
     size = len(layout)
     return numbers[:, -(size * (size + 1) // 2) :].take(layout, axis=1)
 
 
 def inverted(covariances: Array) -> Array:
-    """Information matrices of covariances (N, d, d).
+    """Information matrices of covariances, (N, d, d) both.
 
     Zeros, which no edge may have, of what is no covariance.
     """

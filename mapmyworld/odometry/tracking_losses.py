@@ -38,10 +38,10 @@ class TrackingLosses:
     def found(
         self, stamp_ns: int, variances: Array, apart: Array, overlap: float
     ) -> tuple[Array, bool]:
-        """The variances (3,), at least those given, of the motion to a scan that cannot be placed.
+        """The variances, at least those given, of the motion to a scan that cannot be placed.
 
-        And whether tracking is lost there. `apart` (3,) is how far from the expected pose the best
-        match is, `overlap` how well it fits.
+        (3,) both, in m^2 and rad^2. And whether tracking is lost there. `apart` (3,) is how far
+        from the expected pose the best match is, `overlap` how well it fits.
         """
         follows = stamp_ns - self._last_ns <= _AT_ONCE
         if follows and overlap >= _SOMEWHAT and not _is_far(apart):

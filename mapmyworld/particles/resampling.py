@@ -11,7 +11,7 @@ _QUANTILE = 2.33  # of the normal distribution: 99 %
 
 
 def normalised_weights(log_weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Weights w (P,) that sum to one, of logarithms known up to a constant."""
+    """Weights w (P,) that sum to one, of logarithms (P,) known up to a constant."""
     w = np.exp(log_weights - np.max(log_weights))
     return np.asarray(w / np.sum(w))
 

@@ -68,7 +68,7 @@ class WholeMap:
         return None if pose is None else self.best_about(place, pose, *_FINER)[0]
 
     def find_other(self, place: Place, pose: Array) -> Array | None:
-        """Another pose (3,), at which the map explains a place as well as at this one."""
+        """Another pose (3,), at which the map explains a place as well as at this one (3,)."""
         here = float(self.judge(place, pose).forth.sum())
         least = max(FORTH * self.needed, here - MARGIN)
         other = search_elsewhere(place.submap.points, self.grid, pose, least)

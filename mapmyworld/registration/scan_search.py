@@ -53,7 +53,7 @@ class LikelihoodGrid:
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """The corners (2,) of what is not padding, the lower left one and the upper right one."""
+        """The lower left and the upper right corner, (2,) both, m, of what is not padding."""
         height, width = self.pyramid.shape[1:]
         return self.corner, self.corner + self.resolution * (
             np.array([width, height]) - 2 * self.margin
@@ -180,7 +180,10 @@ def search_evidence(
 def evidence_elsewhere(
     points: Array, grid: LikelihoodGrid, pose: Array, distance: float, angle: float, least: float
 ) -> Array | None:
-    """The best pose (3,) in a window about `pose` but not at it, of more evidence than `least`."""
+    """The best pose (3,) of points (N, 2), of more evidence than `least`.
+
+    In a window of `distance` m and `angle` rad about `pose` (3,), but not at it.
+    """
     window = _window(points, grid, pose, distance, angle)
     return _best_of(window, np.concatenate([pose, _ELSEWHERE]), least)
 
@@ -188,7 +191,10 @@ def evidence_elsewhere(
 def search_about(
     points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float, least: float
 ) -> Array | None:
-    """The best pose (3,) of points (N, 2) in a window, if its evidence exceeds `least`."""
+    """The best pose (3,) of points (N, 2), if its evidence exceeds `least`.
+
+    In a window of `distance` m and `angle` rad about `guess` (3,).
+    """
     return _best_of(_window(points, grid, guess, distance, angle), _NOWHERE, least)
 
 
@@ -204,7 +210,9 @@ def search_everywhere(points: Array, grid: LikelihoodGrid, least: float) -> Arra
 def search_elsewhere(
     points: Array, grid: LikelihoodGrid, pose: Array, least: float
 ) -> Array | None:
-    """The same of points (N, 2), not at `pose` (3,) nor in what continues it, as along a wall."""
+    """As of `search_everywhere`, a pose (3,) of points (N, 2), but not at `pose` (3,), nor in what
+    continues it, as along a wall.
+    """
     return _best_of(_everywhere(points, grid), np.concatenate([pose, ANOTHER]), least)
 
 
@@ -269,7 +277,7 @@ def _spread(points: Array, spacing: float) -> Array:
 
 
 def spread_points(points: Array, spacing: float) -> Array:
-    """The first point (N, 2) of each cell."""
+    """The first of points (N, 2) in each cell of edge `spacing`, (K, 2)."""
     x, y = np.floor(points / spacing).astype(np.int64).T
     return points[np.sort(np.unique((x << 32) + y, return_index=True)[1])]
 

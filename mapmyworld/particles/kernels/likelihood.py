@@ -71,7 +71,7 @@ def beam_log_likelihoods(
     sigma: float,
     out: NDArray[np.float64],
 ) -> None:
-    """Logarithm of p(z | x, m) (P,) by the beam model: rays are followed to the first surface.
+    """Fills `out` (P,), log p(z | x, m) at `poses` (P, 3): rays followed to the first surface.
 
     Thrun et al. 2005, table 6.1, with a Gaussian about the expected range, a constant for
     what stands in the way and for chance, and no opinion where the ray leaves the known map.

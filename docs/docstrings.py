@@ -34,17 +34,19 @@ class Entry(NamedTuple):
     arrays: list[str]
     errors: frozenset[str]
 
-    def lacks_shape(self) -> bool:
+    def unshaped(self) -> list[str]:
+        """The arrays, where there are fewer shapes."""
         text = " ".join(self.text.split())
         given = text.count("same shape")
         for names, before, after in SHAPE.findall(text):
             words = f"{before}{after}"
             least = 2 if "both" in words or "two" in words else 1
             given += len(self.arrays) if "each" in words else max(names.count("`") // 2, least)
-        return given < len(self.arrays)
+        return self.arrays if given < len(self.arrays) else []
 
-    def lacks_error(self) -> bool:
-        return any(error not in self.text for error in self.errors)
+    def unnamed(self) -> list[str]:
+        """The errors that are not named."""
+        return sorted(error for error in self.errors if error not in self.text)
 
 
 def entries() -> list[Entry]:
@@ -131,15 +133,14 @@ def _raised(function: ast.FunctionDef) -> list[str]:
 def report() -> Iterator[str]:
     """A line for each name that lacks something, then the shares of those that do not."""
     found = entries()
-    for article, word, owed, lacks in (
-        ("a", "shape", [e for e in found if e.arrays], Entry.lacks_shape),
-        ("an", "error", [e for e in found if e.errors], Entry.lacks_error),
+    for word, owed, lacking in (
+        ("shape", [e for e in found if e.arrays], Entry.unshaped),
+        ("error", [e for e in found if e.errors], Entry.unnamed),
     ):
-        lacking = [entry for entry in owed if lacks(entry)]
-        for entry in lacking:
-            names = ", ".join(entry.arrays if word == "shape" else sorted(entry.errors))
-            yield f"{entry.place}: {entry.name} lacks {article} {word} of {names}"
-        yield f"{1 - len(lacking) / len(owed):.1%} of {len(owed)} names give all their {word}s"
+        short = [(entry, names) for entry in owed if (names := lacking(entry))]
+        for entry, names in short:
+            yield f"{entry.place}: {entry.name} gives too few {word}s for {', '.join(names)}"
+        yield f"{1 - len(short) / len(owed):.1%} of {len(owed)} names give all their {word}s"
 
 
 if __name__ == "__main__":

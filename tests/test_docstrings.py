@@ -91,11 +91,11 @@ def test_what_is_lacking_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(docstrings, "ROOT", tmp_path)
     found = [line.partition(": ")[2] for line in docstrings.report()]
     assert found[:6] == [
-        "first lacks a shape of points, result",
-        "unpaired lacks a shape of a, b",
-        "named lacks a shape of points",
-        "Scan.origin lacks a shape of origin",
-        "Scan.first lacks a shape of result",
+        "first gives too few shapes for points, result",
+        "unpaired gives too few shapes for a, b",
+        "named gives too few shapes for points",
+        "Scan.origin gives too few shapes for origin",
+        "Scan.first gives too few shapes for result",
         "",
     ]
-    assert found[6:] == ["silent lacks an error of MapError", ""]
+    assert found[6:] == ["silent gives too few errors for MapError", ""]

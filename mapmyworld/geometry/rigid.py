@@ -101,7 +101,8 @@ def se3_adjoint(a_from_b: ArrayLike) -> Array:
 def interpolate(map_from_a: ArrayLike, map_from_b: ArrayLike, fraction: ArrayLike) -> Array:
     """Poses (..., 4, 4) at a `fraction` (...) of the way between two poses (..., 4, 4).
 
-    It is 0 at a and 1 at b: the rotation by slerp, the position straight.
+    It is 0 at a and 1 at b: the rotation by slerp (Shoemake, "Animating rotation with quaternion
+    curves", 1985), the position straight.
     """
     a, b = np.asarray(map_from_a, np.float64), np.asarray(map_from_b, np.float64)
     f = np.asarray(fraction, np.float64)[..., None]

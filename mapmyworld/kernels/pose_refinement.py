@@ -21,7 +21,7 @@ BEHIND = 1e12  # squared error of a point behind the camera
 def squared_errors(pose: Array, points: Array, seen: Array, sigmas: Array, errors: Array) -> None:
     """Fills `errors` (N, 2), squared, in units of sigma: image position, inverse depth (0 without).
 
-    Of points (N, 3) `seen` (N, 3), with `sigmas` (N, 3), from map_from_camera (4, 4).
+    Of points (N, 3), map frame, from map_from_camera (4, 4); `seen`, `sigmas` (N, 3).
     """
     for i in range(len(points)):
         dx, dy, dz = points[i, 0] - pose[0, 3], points[i, 1] - pose[1, 3], points[i, 2] - pose[2, 3]
@@ -42,7 +42,7 @@ def squared_errors(pose: Array, points: Array, seen: Array, sigmas: Array, error
 def score_poses(
     poses: Array, points: Array, seen: Array, sigmas: Array, limit: float, counts: NDArray[np.int64]
 ) -> None:
-    """Fills `counts` (K,): at each pose (K, 4, 4) the observations that agree with it.
+    """Fills `counts` (K,): the observations that agree with each pose (K, 4, 4).
 
     They are within `limit` sigma, and their depth is no outlier; `points`, `seen`, `sigmas` (N, 3).
     """

@@ -82,8 +82,7 @@ class Keyframes:
         max_distances: Array,
         settings: Array,
     ) -> Match:
-        """Aligns a scan with the submap; `information` (3, 3) is how well the `guess` (3,) is
-        known.
+        """Aligns a scan with the submap, from a `guess` (3,) known to `information` (3, 3).
 
         `max_distances` (R,) as of `align`; `settings` (10,) are those of `track_scans`, of which
         the variance factor is learnt.

@@ -178,10 +178,10 @@ def spaced_nodes(poses: Array, config: Config) -> Index:
 
 
 def carry_along(solved: Array, chosen: Index, refined: Array) -> Array:
-    """All poses, before and after, (N, 3) both: those between two chosen ones share out by what the
-    two were moved.
+    """The `solved` poses, carried along, (N, 3) both.
 
-    `chosen` (K,) are indices of `solved`, which are now at `refined` (K, 3).
+    Those between two of `chosen` (K,), which are now at `refined` (K, 3), share out what the two
+    were moved by.
     """
     row = np.searchsorted(chosen, np.arange(len(solved)), side="right") - 1
     after = np.minimum(row + 1, len(chosen) - 1)

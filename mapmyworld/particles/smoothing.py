@@ -27,9 +27,9 @@ def smooth_path(
     path: Array, motions: Array, information: Array, scans: Sequence[Scan], config: Config,
     progress: Progress,
 ) -> Array:  # fmt: skip
-    """The refined path of K scans, before and after (K, 3) both, x, y, yaw in the map.
+    """The `path` of scans, refined, (K, 3) both.
 
-    Their motions (K - 1, 3) are known to `information` (K - 1, 3, 3).
+    The motions (K - 1, 3) between them are known to `information` (K - 1, 3, 3).
     """
     progress.stage("refine", len(MAX_DISTANCES), "rounds")
     every, settings = np.arange(len(path)), config.odometry

@@ -38,8 +38,8 @@ def log_likelihood(
 ) -> float:
     """Logarithm of p(z | x, m) of the likelihood field, for a pose (3,).
 
-    Every beam ends near a surface, or by chance (Thrun et al. 2005, section 6.4). An end point where
-    nothing was ever seen counts half as much against the pose as one in the open.
+    Every beam ends near a surface, or by chance (Thrun et al. 2005, section 6.4). An end point
+    where nothing was ever seen counts half as much against the pose as one in the open.
     """
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     total = 0.0

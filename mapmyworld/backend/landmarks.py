@@ -43,7 +43,7 @@ def sighting_residuals(
 def sighting_derivatives(
     planar: bool, node: Array, point: Array, measured: Array, kind: int
 ) -> tuple[Array, Array, Array]:
-    """The error (d,) of one sighting, and its derivatives (d, m) by `node` and (d, d) by `point`.
+    """The error (d,) of one sighting, its derivatives by the node (d, m) and by the point (d, d).
 
     `node` is map_from_node (3,) or (4, 4), `point` (d,) lies in the map, `measured` (d,) is its
     position in the node's frame or its bearing and range; d = 2, m = 3 in the plane, else 3 and 6.
@@ -101,8 +101,8 @@ def first_places(
 ) -> Array:
     """Landmarks as poses (L, 3 or 4, 4), each where its first sighting puts it.
 
-    `poses` (N, 3 or 4, 4) are map_from_node of the ascending `node_ids` (N,), as `landmark_ids`
-    (L,) are of the landmarks.
+    `poses` (M, 3 or 4, 4) are map_from_node, the first N those of the ascending `node_ids` (N,);
+    `landmark_ids` (L,) ascend as well.
     """
     order = np.lexsort((sightings.node_ids, sightings.landmark_ids))
     seen, first = np.unique(sightings.landmark_ids[order], return_index=True)

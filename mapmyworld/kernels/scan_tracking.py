@@ -181,7 +181,7 @@ def learn_matching(
 
 @inner_jit
 def gone_on(state: Array, step: Array, predicted: Array) -> None:
-    """Fills `predicted` (3,), where `step` (3,) from the pose of `state` (6,) leads to."""
+    """Fills `predicted` (3,), where `step` (3,) from the pose of `state` (8,) leads to."""
     c, s = np.cos(state[2]), np.sin(state[2])
     predicted[0] = state[0] + c * step[0] - s * step[1]
     predicted[1] = state[1] + s * step[0] + c * step[1]

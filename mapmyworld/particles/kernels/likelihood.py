@@ -73,8 +73,9 @@ def beam_log_likelihoods(
 ) -> None:
     """Fills `out` (P,), log p(z | x, m) at `poses` (P, 3): rays followed to the first surface.
 
-    Thrun et al. 2005, table 6.1, with a Gaussian about the expected range, a constant for
-    what stands in the way and for chance, and no opinion where the ray leaves the known map.
+    The beam model of Thrun et al. 2005, table 6.1, with a Gaussian about the expected range, a
+    constant for what stands in the way and for chance, and no opinion where the ray leaves the
+    known map.
     """
     half = 0.5 / (sigma * sigma)
     for particle in range(first, last):

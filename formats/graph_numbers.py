@@ -54,7 +54,7 @@ def _planar(numbers: Array) -> Array:
 
 
 def from_quaternions(numbers: Array) -> Array:
-    """Poses (R, 4, 4) of x, y, z and a quaternion x y z w (R, 7)."""
+    """Poses (..., 4, 4) of x, y, z and a quaternion x y z w (..., 7)."""
     return make_transform(quaternion_to_rotation(numbers[..., 3:7]), numbers[..., :3])
 
 

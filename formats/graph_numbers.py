@@ -32,13 +32,13 @@ ROTATION_FIRST = ROW_BY_ROW[6][SWAP_ROTATION_TRANSLATION[:, None], SWAP_ROTATION
 
 
 def symmetric(numbers: Array, layout: Index) -> Array:
-    """Matrices (R, d, d) of the upper triangles at the ends of rows (R, ...)."""
+    """Matrices (R, d, d) by `layout` (d, d) of the upper triangles at the ends of rows (R, ...)."""
     size = len(layout)
     return numbers[:, -(size * (size + 1) // 2) :].take(layout, axis=1)
 
 
 def inverted(covariances: Array) -> Array:
-    """Information matrices of covariances (N, d, d).
+    """Information matrices of covariances, (N, d, d) both.
 
     Zeros, which no edge may have, of what is no covariance.
     """
@@ -54,7 +54,7 @@ def _planar(numbers: Array) -> Array:
 
 
 def from_quaternions(numbers: Array) -> Array:
-    """Poses (R, 4, 4) of x, y, z and a quaternion x y z w (R, 7)."""
+    """Poses (..., 4, 4) of x, y, z and a quaternion x y z w (..., 7)."""
     return make_transform(quaternion_to_rotation(numbers[..., 3:7]), numbers[..., :3])
 
 

@@ -81,7 +81,7 @@ def _text_vertices(data: bytes, head: PlyHeader) -> NDArray[np.void]:
 
 
 def positions(vertices: NDArray[np.void], path: Path) -> NDArray[np.float32]:
-    """(N, 3) of the vertices, metres; infinite where single precision cannot hold them.
+    """(N, 3) of the vertices (N,), metres; infinite where single precision cannot hold them.
 
     Raises `MapError` where they have no x, y, z.
     """
@@ -92,7 +92,7 @@ def positions(vertices: NDArray[np.void], path: Path) -> NDArray[np.float32]:
 
 
 def colours(vertices: NDArray[np.void]) -> NDArray[np.uint8] | None:
-    """(N, 3) red, green, blue of the vertices, if they have colours."""
+    """(N, 3) red, green, blue of the vertices (N,), if they have colours."""
     names = ("red", "green", "blue")
     if not set(names) <= set(vertices.dtype.names or ()):
         return None

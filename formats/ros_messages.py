@@ -75,7 +75,7 @@ class RosMessages:
     def pose_with_covariance(
         self, matrix: NDArray[np.float64], covariance: NDArray[np.float64]
     ) -> Any:
-        """A pose and its covariance (6, 6), translation first."""
+        """A geometry_msgs/PoseWithCovariance of (4, 4) and (6, 6), translation first."""
         return self.make(
             "geometry_msgs/msg/PoseWithCovariance", self.pose(matrix), _flat(covariance)
         )

@@ -143,7 +143,7 @@ def trajectory_of(store: MapStore, which: str = "optimised") -> Trajectory:
 
 
 def frame_poses(store: MapStore) -> tuple[NDArray[np.int64], Array]:
-    """Indices (K,) of the tracked frames whose place in the map is known, and map_from_frame."""
+    """Indices (K,) of tracked frames that have a place in the map, and map_from_frame (K, 4, 4)."""
     stored = store.frame_poses()
     if stored is not None:
         return np.arange(len(stored)), stored

@@ -1,4 +1,4 @@
-"""Docstrings of arrays give shapes, and those of what raises name the error."""
+"""Docstrings give shapes of all arrays, and those of what raises name the error."""
 
 from __future__ import annotations
 
@@ -42,6 +42,21 @@ from mapmyworld.values import Array
 def shaped(points: Array) -> None:
     """Of points (..., N, 3 or 4)."""
 
+def first(points: Array) -> tuple[Array, int]:
+    """The first two of points (N, 3)."""
+
+def split(points: Array) -> tuple[Array, Array]:
+    """Those of points (N, 3) on the left and on the right, (K, 3) both."""
+
+def paired(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """Distances of `a`, `b`, `c` and `d` (N, 3), in the same shape."""
+
+def unpaired(a: Array, b: Array) -> None:
+    """Distances (N,) of a and b."""
+
+def pieces(a: Array, b: Array, c: Array | None = None) -> list[Array]:
+    """What is in all of them, (..., 2) each."""
+
 def named(points: Array) -> None:
     """Of points (Thrun, Burgard) in (0, 1]."""
 
@@ -75,10 +90,12 @@ def test_what_is_lacking_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         (tmp_path / "mapmyworld" / f"{name}.py").write_text(text, encoding="utf-8")
     monkeypatch.setattr(docstrings, "ROOT", tmp_path)
     found = [line.partition(": ")[2] for line in docstrings.report()]
-    assert found[:4] == [
-        "named gives no shape",
-        "Scan.origin gives no shape",
-        "Scan.first gives no shape",
+    assert found[:6] == [
+        "first gives too few shapes for points, result",
+        "unpaired gives too few shapes for a, b",
+        "named gives too few shapes for points",
+        "Scan.origin gives too few shapes for origin",
+        "Scan.first gives too few shapes for result",
         "",
     ]
-    assert found[4:] == ["silent gives no error", ""]
+    assert found[6:] == ["silent gives too few errors for MapError", ""]

@@ -154,7 +154,7 @@ def _most(side: int) -> float:
 
 
 def matrices_from_floats(rows: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Motions (N, 4, 4) of rows of 12 floats."""
+    """Motions (N, 4, 4) of rows (N, 12): each the upper three rows of a matrix."""
     poses = np.zeros((len(rows), 4, 4))
     poses[:, :3] = rows.reshape(-1, 3, 4)
     poses[:, 3, 3] = 1.0
@@ -162,7 +162,7 @@ def matrices_from_floats(rows: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def orthonormal(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Motions (N, 4, 4) with the nearest true rotations: float32 leaves errors of 1e-7."""
+    """Motions with the nearest true rotations, (N, 4, 4) both: float32 leaves errors of 1e-7."""
     u, _, vt = np.linalg.svd(poses[:, :3, :3])
     u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
     nearest = poses.copy()
@@ -171,7 +171,7 @@ def orthonormal(poses: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def symmetric(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The matrix (6, 6) without the last bits in which products leave it unlike its transpose.
+    """The matrix, (6, 6) both, without the bits in which products leave it unlike its transpose.
 
     RTAB-Map's tools hand it to g2o, which refuses a graph with one that is not exactly symmetric.
     """

@@ -56,7 +56,10 @@ _list_centres = compiled(_list)
 def local_cells(
     scan: Scan, cell_size: float, reach: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Centres (1, N, 2) of the empty and of the occupied cells within `reach`, base frame."""
+    """Centres of the empty cells (1, N, 2) and of the occupied ones (1, M, 2) within `reach`.
+
+    In m, base frame.
+    """
     half = math.ceil(reach / cell_size) + 1
     grid = np.zeros((2 * half + 1, 2 * half + 1), np.uint8)
     x0, y0 = float(scan.origin[0]), float(scan.origin[1])

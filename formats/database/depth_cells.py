@@ -18,9 +18,10 @@ _SUPPORT = 3  # points that make an obstacle; single ones are noise
 def depth_cells(
     images: Iterable[RgbdImage], options: StorageOptions
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Centres (1, N, 2) of the cells of floor and of obstacles within reach, base frame.
+    """Centres of the cells of floor (1, N, 2) and of obstacles (1, M, 2) within reach.
 
-    The floor is the base's x-y plane: what is nearer to it than `obstacle_lowest` is ground.
+    In m, base frame. The floor is the base's x-y plane: what is nearer to it than `obstacle_lowest`
+    is ground.
     """
     points = np.concatenate(
         [np.empty((0, 3))]

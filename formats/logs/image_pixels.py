@@ -90,7 +90,7 @@ def _eight_bits(cells: NDArray[np.generic]) -> NDArray[np.generic]:
 def metres_from_depth(
     cells: NDArray[np.generic], units: float = _MILLIMETRES
 ) -> NDArray[np.float32]:
-    """Depth (H, W) in metres, 0 where there is none, of `units` a metre or of float metres."""
+    """Depth in metres, 0 where there is none, of `units` a metre or float metres; (H, W) both."""
     if cells.dtype.kind == "u":
         return np.asarray(cells.astype(np.float32) / np.float32(units), np.float32)
     metres = cells.astype(np.float32)

@@ -34,7 +34,10 @@ def draw_graph(
     grid: OccupancyGrid | None = None,
     landmarks: Array | None = None,
 ) -> NDArray[np.uint8]:
-    """The picture (H, W, 3), blue first, seen from above, y upwards, equal scales."""
+    """The picture (H, W, 3), blue first, seen from above, y upwards, equal scales.
+
+    `landmarks` (L, 2 or 3) are positions in the map, m.
+    """
     view = _View(poses, grid, landmarks)
     picture = view.background(grid)
     at = dict(zip(poses.ids.tolist(), view.pixels(poses.map_from_node[:, :2, 3]), strict=True))
@@ -66,7 +69,7 @@ def write_graph_picture(
 ) -> None:
     """The picture as PNG (or what else the name's ending says).
 
-    `landmarks` (L, 2) are positions in the map.
+    `landmarks` (L, 2 or 3) are positions in the map, m.
     """
     picture = draw_graph(poses, constraints, grid, landmarks)
     write_picture(path, picture[:, :, ::-1])

@@ -59,7 +59,7 @@ class View:
         return (self.high - self.low) * self.scale
 
     def pixels(self, points: Floats) -> Floats:
-        """Where points (N, 2) in metres are on the picture."""
+        """Pixels, x and y, of points in metres on the picture, (..., 2) both."""
         moved = (points - self.low) * self.scale
         return np.stack([moved[..., 0], self.size[1] - moved[..., 1]], axis=-1)
 

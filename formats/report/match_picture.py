@@ -19,7 +19,10 @@ _BAR = 28  # pixels of the line of text below
 
 
 def features_picture(picture: Picture, features: Features) -> Picture:
-    """A node's image (H, W, 3) RGB with its features: circles of their size, grey without depth."""
+    """A node's image with its features: circles of their size, grey without depth.
+
+    Of one in grey (H, W) or colour (H, W, 3), RGB.
+    """
     canvas = as_rgb(picture)
     deep = np.isfinite(features.points[:, 2])
     for k in range(len(features.pixels)):
@@ -32,7 +35,7 @@ def words_picture(
 ) -> tuple[Picture, int]:
     """Two images side by side, marking the features whose words both hold; how many words.
 
-    Pictures are colour (H, W, 3) or grey (H, W).
+    Pictures are grey (H, W) or colour (H, W, 3), their result (K, L, 3), all RGB.
     """
     if a.words is None or b.words is None:
         return side_by_side(as_rgb(picture_a), as_rgb(picture_b))[0], 0
@@ -53,7 +56,11 @@ def match_picture(
     agreed: NDArray[np.bool_],
     caption: str = "",
 ) -> Picture:
-    """Two images side by side with their matches (M, 2): green agree, red do not."""
+    """Two images side by side with their matches: green agree, red do not.
+
+    `picture_a` and `picture_b` are grey (H, W) or colour (H, W, 3), the result (K, L, 3), all RGB.
+    Matches are at `pixels_a` and `pixels_b` (M, 2); `agreed` (M,).
+    """
     canvas, shift = side_by_side(as_rgb(picture_a), as_rgb(picture_b))
     order = np.argsort(agreed, kind="stable")  # agreeing ones on top
     for k in order:
@@ -68,14 +75,14 @@ def match_picture(
 
 
 def as_rgb(picture: Picture) -> Picture:
-    """A copy (H, W, 3) to draw on."""
+    """A copy (H, W, 3), to draw on, of a picture (H, W) or (H, W, 3)."""
     if picture.ndim == 2:
         return np.repeat(picture[..., None], 3, axis=2).copy()
     return np.ascontiguousarray(picture).copy()
 
 
 def side_by_side(a: Picture, b: Picture) -> tuple[Picture, int]:
-    """Both pictures (H, W, 3) in one, and the column at which the second one begins."""
+    """Two pictures in one, (H, W, 3) each, and the column at which the second one begins."""
     height = max(a.shape[0], b.shape[0])
     shift = a.shape[1] + _GAP
     canvas = np.full((height, shift + b.shape[1], 3), 255, np.uint8)
@@ -85,7 +92,7 @@ def side_by_side(a: Picture, b: Picture) -> tuple[Picture, int]:
 
 
 def with_caption(picture: Picture, text: str) -> Picture:
-    """The picture (H, W, 3) with a line of text below it, small enough to fit."""
+    """The picture with a line of text below it, small enough to fit; (H, W, 3) both."""
     bar = np.full((_BAR, picture.shape[1], 3), 255, np.uint8)
     font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.5
     text = text.encode("ascii", "replace").decode()  # bytes of names that are no text crash OpenCV

@@ -202,7 +202,10 @@ def _timing(contents: ReportContents) -> str:
 
 
 def ellipses_of(covariances: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-    """Half axes and angle in the map (N, 3) of planar covariances (N, 2, 2) in the node's frame."""
+    """Half axes and angle in the map (N, 3), m and rad, of covariances (N, 2, 2), node's frame.
+
+    Nodes have `yaw` (N,) in the map.
+    """
     values, vectors = np.linalg.eigh(covariances)
     angle = np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1]) + yaw
     halves = np.sqrt(np.maximum(values[:, ::-1], 0.0))

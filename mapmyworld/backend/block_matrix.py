@@ -28,7 +28,7 @@ class Blocks:
 
     @staticmethod
     def summed(count: int, rows: Index, columns: Index, blocks: Array) -> Blocks:
-        """The matrix of blocks (B, d, d), those at the same place added up."""
+        """The matrix of blocks (B, d, d) at `rows`, `columns` (B,); those at one place added up."""
         size, every = blocks.shape[1], np.arange(count)
         key = np.concatenate([rows * count + columns, every * (count + 1)])
         blocks = np.concatenate([blocks, np.zeros((count, size, size))])
@@ -62,7 +62,10 @@ class Blocks:
 
 
 def edge_blocks(count: int, tails: Index, heads: Index, turns: Array, weights: Array) -> Blocks:
-    """The matrix of `|(X_head - X_tail T) W^(1/2)|^2`, summed over edges; T and W are (E, d, d)."""
+    """The matrix of `|(X_head - X_tail T) W^(1/2)|^2`, summed over edges.
+
+    They lead from `tails` to `heads`, (E,) both; T and W are `turns` and `weights`, (E, d, d) both.
+    """
     across = turns @ weights
     at_tail = across @ np.swapaxes(turns, 1, 2)
     rows = np.concatenate([heads, tails, tails, heads])
@@ -77,12 +80,15 @@ def diagonals(numbers: Array) -> Array:
 
 
 def metis_order_of(count: int, tails: Index, heads: Index) -> Index:
-    """All nodes (N,) in the order in which METIS eliminates them; those without an edge first."""
+    """All nodes (N,) in the order in which METIS eliminates them; those without an edge first.
+
+    Edges join `tails` and `heads` (E,).
+    """
     return _ordered(count, tails.astype(np.int64).tobytes(), heads.astype(np.int64).tobytes())
 
 
 def place_in(order: Index) -> Index:
-    """(N,) where each node stands in an order."""
+    """(N,) where each node stands in an `order` (N,)."""
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
     return place

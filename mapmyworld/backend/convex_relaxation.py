@@ -88,8 +88,8 @@ _WHOLE = 1.0 - 1e-9  # share of a residual's worth that counts as all of it
 def lower_weights(planar: bool, information: Array, residuals: Array) -> tuple[Array, Array]:
     """K (E, r, r) and tau (E,) with `v' I v >= w' K w + tau |u|^2` for every v of w and u.
 
-    K is a share of the rotation's information and tau of the translation's smallest; of the pairs
-    that are tried, the one that is worth most at these residuals.
+    K is a share of the rotation's `information` I (E, m, m) and tau of the translation's smallest;
+    of the pairs that are tried, the one that is worth most at these `residuals` (E, m).
     """
     turn, shift = (slice(2, 3), slice(0, 2)) if planar else (slice(0, 3), slice(3, 6))
     rotation = information[:, turn, turn]
@@ -134,7 +134,7 @@ def multiplied_out(blocks: Blocks, x: Array) -> Array:
 def multipliers(relaxation: Relaxation, x: Array, pulled: Array) -> Array:
     """(N, d, d) symmetric Lagrange multipliers of the rotations' orthogonality at poses X.
 
-    `pulled` is X M.
+    `x` is X and `pulled` is X M, (N, d, d + 1) both.
     """
     there = np.swapaxes(x[:, :, 1:], 1, 2) @ pulled[:, :, 1:]
     there = 0.5 * (there + np.swapaxes(there, 1, 2))
@@ -143,7 +143,7 @@ def multipliers(relaxation: Relaxation, x: Array, pulled: Array) -> Array:
 
 
 def relaxation_poses(planar: bool, poses: Array) -> Array:
-    """X (N, d, d + 1) of poses: translation, then rotation."""
+    """X (N, d, d + 1) of poses (N, 3 or 4, 4): translation, then rotation."""
     matrices, size = (planar_to_matrix(poses), 2) if planar else (poses, 3)
     return np.concatenate([matrices[:, :size, 3:4], matrices[:, :size, :size]], axis=2)
 
@@ -152,7 +152,7 @@ _SPINS = {2: np.array([[[0.0, -1.0], [1.0, 0.0]]]), 3: skew(np.eye(3))}
 
 
 def tangent_bases(x: Array) -> Array:
-    """(N, m, d, d + 1): how X changes with rotations of a node, then with its translations."""
+    """(N, m, d, d + 1): how X (N, d, d + 1) changes with rotations of a node, then translations."""
     count, size = x.shape[:2]
     spins = _SPINS[size]
     bases = np.zeros((count, len(spins) + size, size, size + 1))
@@ -162,7 +162,7 @@ def tangent_bases(x: Array) -> Array:
 
 
 def moved(x: Array, step: Array) -> Array:
-    """X after steps (N, m) along the tangents."""
+    """X (N, d, d + 1) after a `step` (N, m) along the tangents, in the same shape."""
     size = x.shape[1]
     spin = step.shape[1] - size
     found = np.empty(x.shape)

@@ -28,7 +28,7 @@ class Descent:
 def optimised_roughly(
     system: System, poses: Array, tolerance: float = 1e-3, steps: int = _STEPS
 ) -> Array:
-    """Poses (N, 3 or 4, 4), map_from_node, at the minimum near such `poses`."""
+    """map_from_node at the minimum near `poses`, (N, 3 or 4, 4) both."""
     return descend(system, fit_of(system, poses), tolerance, steps).fit.poses
 
 

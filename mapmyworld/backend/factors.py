@@ -191,7 +191,7 @@ def values_of(system: System, poses: Array) -> Any:
 
 
 def poses_of(system: System, values: Any, poses: Array) -> Array:
-    """The poses (N, 3 or 4, 4) with what gtsam found in place of those of free nodes."""
+    """The poses (N, 3 or 4, 4), with what gtsam found for free nodes, in the same shape."""
     found, is_point, free = poses.copy(), system.points, system.free >= 0
     nodes, points = np.flatnonzero(free & ~is_point), np.flatnonzero(free & is_point)
     if system.planar:

@@ -31,7 +31,7 @@ def graduate(
     tried: NDArray[np.bool_],
     limit: float,
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Poses and inliers (E,) among the `tried` edges; the others play no part.
+    """Poses (N, 3 or 4, 4) and inliers (E,) among the `tried` edges; the others play no part.
 
     `limit`: the squared sigmas that a true edge stays below. `start` (N, 3 or 4, 4) are poses,
     `trusted` and `tried` (E,) masks of edges.

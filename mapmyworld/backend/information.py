@@ -64,7 +64,10 @@ class Factorised:
         return found
 
     def predict(self, asked: csr_array, groups: Index) -> list[Array]:
-        """`J_g inverse(A) J_g'` for every group of rows of J (R, n): those from `groups[g]` on."""
+        """`J_g inverse(A) J_g'` (k, k) for every group of k rows of `asked`, J (R, n).
+
+        Group g has the rows from `groups[g]` on; `groups` (G + 1,) ends with R.
+        """
         from mapmyworld.kernels.prediction import predict
 
         place, lower = np.argsort(self.order), self.factors.L

@@ -21,7 +21,11 @@ POINT, POLAR = 1, 2
 def sighting_residuals(
     planar: bool, tails: Array, heads: Array, measured: Array, kinds: Index
 ) -> Array:
-    """Residuals (K, d) of sightings, in the order of the tangent."""
+    """Residuals (K, d) of sightings, in the order of the tangent; m and rad.
+
+    `tails` and `heads` (K, 3 or 4, 4) are map_from_node and the landmarks as poses, `measured` of
+    the same shape and `kinds` (K,) those of `as_edges`.
+    """
     local, residuals = _local(planar, tails, heads), np.zeros((len(tails), 3 if planar else 6))
     if not planar:
         residuals[:, :3] = so3_log(heads[:, :3, :3])
@@ -39,7 +43,11 @@ def sighting_residuals(
 def sighting_derivatives(
     planar: bool, node: Array, point: Array, measured: Array, kind: int
 ) -> tuple[Array, Array, Array]:
-    """The error (d,) of one sighting, and its derivatives by the node and by the point (d,)."""
+    """The error (d,) of one sighting, its derivatives by the node (d, m) and by the point (d, d).
+
+    `node` is map_from_node (3,) or (4, 4), `point` (d,) lies in the map, `measured` (d,) is its
+    position in the node's frame or its bearing and range; d = 2, m = 3 in the plane, else 3 and 6.
+    """
     turn = planar_to_matrix(node)[:2, :2] if planar else node[:3, :3]
     local = turn.T @ (point - (node[:2] if planar else node[:3, 3]))
     if not planar:
@@ -72,7 +80,7 @@ def _polar_change(points: Array) -> Array:
 
 
 def as_edges(planar: bool, sightings: Sightings) -> tuple[Array, Array, Index]:
-    """Measurements, information (K, d, d) and kinds of sightings, shaped like pose edges."""
+    """Measurements (K, 3 or 4, 4), information (K, d, d) and kinds (K,), shaped like pose edges."""
     count, size = len(sightings), 2 if planar else 3
     if count == 0:  # whatever shape an empty one has
         empty = np.zeros((0, 3) if planar else (0, 4, 4))
@@ -91,7 +99,11 @@ def as_edges(planar: bool, sightings: Sightings) -> tuple[Array, Array, Index]:
 def first_places(
     planar: bool, poses: Array, node_ids: Index, landmark_ids: Index, sightings: Sightings
 ) -> Array:
-    """Landmarks as poses (L, 3 or 4, 4), each where its first sighting puts it."""
+    """Landmarks as poses (L, 3 or 4, 4), each where its first sighting puts it.
+
+    `poses` (M, 3 or 4, 4) are map_from_node, the first N those of the ascending `node_ids` (N,);
+    `landmark_ids` (L,) ascend as well.
+    """
     order = np.lexsort((sightings.node_ids, sightings.landmark_ids))
     seen, first = np.unique(sightings.landmark_ids[order], return_index=True)
     chosen = sightings.chosen(order[first])

@@ -38,7 +38,7 @@ def planar_exp(tangent: Array) -> Array:
 
 
 def retract(planar: bool, poses: Array, tangents: Array) -> Array:
-    """Poses (N, 3 or 4, 4) moved by tangents (N, 3 or 6) in their own frames."""
+    """Poses (N, 3 or 4, 4) moved by tangents (N, 3 or 6) in their own frames, in the same shape."""
     if planar:
         return compose_planar(poses, planar_exp(tangents))
     return np.asarray(poses @ se3_exp(tangents))
@@ -47,7 +47,10 @@ def retract(planar: bool, poses: Array, tangents: Array) -> Array:
 def edge_residuals(
     planar: bool, map_from_tail: Array, map_from_head: Array, measured: Array
 ) -> Array:
-    """Residuals (E, 3 or 6) of measured motions between pairs of poses."""
+    """Residuals (E, 3 or 6), m and rad, of the motions `measured` between pairs of poses.
+
+    `map_from_tail`, `map_from_head` and `measured`, tail_from_head, are (E, 3 or 4, 4) each.
+    """
     if planar:
         return planar_log(between_planar(measured, between_planar(map_from_tail, map_from_head)))
     return se3_log(between(measured, between(map_from_tail, map_from_head)))

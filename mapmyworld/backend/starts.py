@@ -160,7 +160,7 @@ def _relaxed_rotations(
 
 
 def nearest_rotations(matrices: Array) -> Array:
-    """The rotations (N, d, d) nearest to matrices in the Frobenius norm."""
+    """The rotations nearest to matrices in the Frobenius norm, (N, d, d) both."""
     found: Array = np.empty(matrices.shape)
     if matrices.shape[-1] == 2:
         turn = np.arctan2(
@@ -185,6 +185,10 @@ def solve_weighted(
 ) -> Array:  # fmt: skip
     """X' (N, d, K) that minimises the sum of `weight |X_head - X_tail T|^2` over edges, less
     `2 right X'`; anchors keep what is `held` of it, but for a share that is too small to matter.
+
+    Edges lead from `tails` to `heads`, (E,) both; T are `turns` (E, d, d), with `weights` (E,).
+    `held` (A, d, K) is of `anchors` (A,); `right` (N, d, K) is changed. Where d is 1, its axis may
+    be absent from `held`, `right` and X'.
     """
     order = metis_order_of(len(right), tails, heads)
     alike, place = weights[:, None, None] * np.eye(turns.shape[1]), place_in(order)
@@ -209,7 +213,7 @@ def _positions(
 
 
 def with_places(system: System, poses: Array) -> Array:
-    """These `poses` (N, 3 or 4, 4) moved to where edges want them; nodes that stay, stay."""
+    """These `poses` moved to where edges want them, (N, 3 or 4, 4) both; nodes that stay, stay."""
     planar, held = system.planar, np.flatnonzero(system.free < 0)
     where = np.s_[:, :2] if planar else np.s_[:, :3, 3]
     turned, diagonal = poses[system.tails], np.einsum("eii->ei", system.information)

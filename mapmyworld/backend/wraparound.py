@@ -28,7 +28,7 @@ _ASKED = 10_000_000  # numbers of answers that are held, which are as many as no
 
 
 def wraparound_starts(system: System, poses: Array, count: int) -> Iterator[Array]:
-    """Poses (N, 3 or 4, 4) near those of a minimum with a turn more or less, likeliest first.
+    """What a turn more or less makes of a minimum's poses, (N, 3 or 4, 4) both, likeliest first.
 
     At most about `count`. In space, where a heading is not a number, loops are wound about three
     axes, both ways.

@@ -167,7 +167,7 @@ def _edges(near: Array, grey: Array, axis: int) -> Edges:
 
 
 def grey_levels(picture: NDArray[np.generic]) -> Array:
-    """(H, W) of a grey image, or the mean of its colours."""
+    """Grey levels (H, W) of a grey picture (H, W), or the mean of the colours of one (H, W, C)."""
     if picture.ndim == 2:
         return np.asarray(picture, np.float64)
     summed = picture[..., 0].astype(np.float64)

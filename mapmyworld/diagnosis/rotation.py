@@ -23,9 +23,10 @@ def time_offset(
 ) -> Finding | None:
     """By how much the second sensor's stamps lie after the first's; None where it hardly turns.
 
-    `turns` (N,) of the first between `starts` and `ends`; `clock`: times and unwrapped headings
-    of the second. The offset is that at which both agree best; the error is capped, so that slips
-    and mismatches weigh little. Where they agree once one is turned round, that is said instead.
+    `turns` (N,) in rad of the first between `starts` and `ends` (N,) in s; `clock`: times in s and
+    unwrapped headings in rad of the second, (M,) both. The offset is that at which both agree best;
+    the error is capped, so that slips and mismatches weigh little. Where they agree once one is
+    turned round, that is said instead.
     """
     known = (starts > clock[0][0] + _REACH) & (ends < clock[0][-1] - _REACH)
     starts, ends, turns = starts[known], ends[known], turns[known]
@@ -61,9 +62,9 @@ def time_offset(
 def nearest_offset(
     starts: Array, ends: Array, turns: Array, clock: tuple[Array, Array]
 ) -> tuple[float, float]:
-    """The offset at which both agree best, however little better, and the error without any, rad.
+    """The offset (s) at which both agree best, however little better, and the error without, rad.
 
-    Rotations `turns` (N,) and others as of `time_offset`.
+    `starts`, `ends` and `turns` (N,), and `clock`, (M,) both, as of `time_offset`.
     """
     offsets, errors = _tried(starts, ends, turns, clock)
     return _vertex(offsets, errors, int(np.argmin(errors))), float(errors[len(offsets) // 2])

@@ -31,7 +31,7 @@ class Sample:
 
 
 def odometry_yaw(plan: Plan, first_ns: int) -> tuple[Array, Array] | None:
-    """Times (N,) in s since `first_ns`, ascending, and the unwrapped heading then."""
+    """Times in s since `first_ns`, ascending, and the unwrapped headings in rad, (N,) both."""
     source = plan.odometry
     if source is None or len(source.motion) < 2:
         return None

@@ -23,10 +23,10 @@ _FIRST_STEP, _LAST_STEP = 0.04, 0.002  # m of the last search
 
 
 def align_cells(points: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """`reference_from_points` (3,) that lays points (N, 2) best on those of the reference.
+    """`reference_from_points` (3,) that lays points (N, 2) best on those of the reference (M, 2).
 
-    As they lie, and the best rotations and shifts of a search by correlation, are refined by
-    iterated closest points; the best of all is then moved by ever smaller steps.
+    All in metres. As they lie, and the best rotations and shifts of a search by correlation, are
+    refined by iterated closest points; the best of all is then moved by ever smaller steps.
     """
     tree = cKDTree(reference)
     starts = [np.zeros(3), *_correlated(points, reference)]

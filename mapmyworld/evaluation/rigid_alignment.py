@@ -9,7 +9,7 @@ _RANK_TOLERANCE = 1e-12  # of a singular value, relative to the largest, to coun
 
 
 def rigid_alignment(a_points: ArrayLike, b_points: ArrayLike) -> NDArray[np.float64]:
-    """`a_from_b` (D+1, D+1) that minimises the squared distances of paired points (N, D).
+    """`a_from_b` (D+1, D+1) that minimises the squared distances of paired points, (N, D) both.
 
     Umeyama, "Least-squares estimation of transformation parameters between two point patterns",
     PAMI 13(4), 1991, equations 34 to 43 with scale 1. Points in three dimensions that all lie on

@@ -14,7 +14,7 @@ PLANAR_IN_TANGENT = np.array([3, 4, 2])
 
 
 def wrap_angle(angle: ArrayLike) -> Array:
-    """The same angles (...), radians, in (-pi, pi]."""
+    """Angles (...) in rad, wrapped into (-pi, pi], in the same shape."""
     angle = np.asarray(angle, dtype=np.float64)
     return np.asarray(np.pi - np.mod(np.pi - angle, 2.0 * np.pi))
 
@@ -30,7 +30,7 @@ def _compose_one(ax: float, ay: float, ayaw: float, bx: float, by: float, byaw: 
 
 
 def compose_planar(a_from_b: ArrayLike, b_from_c: ArrayLike) -> Array:
-    """`a_from_c` (..., 3) of two planar motions (..., 3)."""
+    """`a_from_c` (..., 3) of two motions (..., 3) of the plane."""
     a, b = np.asarray(a_from_b, np.float64), np.asarray(b_from_c, np.float64)
     if a.ndim == b.ndim == 1:
         return _compose_one(*a.tolist(), *b.tolist())
@@ -64,12 +64,12 @@ def invert_planar(a_from_b: ArrayLike) -> Array:
 
 
 def between_planar(map_from_a: ArrayLike, map_from_b: ArrayLike) -> Array:
-    """`a_from_b` (..., 3) of two planar poses (..., 3)."""
+    """`a_from_b` (..., 3) of two poses (..., 3) of the plane."""
     return compose_planar(invert_planar(map_from_a), map_from_b)
 
 
 def transform_points_planar(a_from_b: ArrayLike, points: ArrayLike) -> Array:
-    """Points (..., N, 2) of frame b, expressed in frame a, by `a_from_b` (..., 3)."""
+    """Points of frame b, expressed in frame a, (..., N, 2) both, by `a_from_b` (..., 3)."""
     a, p = np.asarray(a_from_b, np.float64), np.asarray(points, np.float64)
     cos, sin = np.cos(a[..., 2, None]), np.sin(a[..., 2, None])
     return np.stack(
@@ -82,7 +82,10 @@ def transform_points_planar(a_from_b: ArrayLike, points: ArrayLike) -> Array:
 
 
 def planar_adjoint(a_from_b: Array) -> Array:
-    """The adjoint (..., 3, 3), over x, y, yaw: `a_from_b exp(t) == exp(adjoint @ t) a_from_b`."""
+    """The adjoint (..., 3, 3), over x, y, yaw, of a motion (..., 3) of the plane.
+
+    `a_from_b exp(t) == exp(adjoint @ t) a_from_b`.
+    """
     cos, sin = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
     matrix = np.zeros((*a_from_b.shape, 3))
     matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2] = cos, -sin, a_from_b[..., 1]
@@ -92,7 +95,10 @@ def planar_adjoint(a_from_b: Array) -> Array:
 
 
 def interpolate_planar(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array:
-    """Planar poses (..., 3) between a (..., 3) (fraction 0) and b (1), turning the shorter way."""
+    """Poses (..., 3) at a `fraction` (...) of the way between two poses (..., 3) of the plane.
+
+    It is 0 at `a` and 1 at `b`; the shorter way is turned.
+    """
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     f = np.asarray(fraction, np.float64)
     step = b - a

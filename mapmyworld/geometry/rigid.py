@@ -47,7 +47,7 @@ def between(map_from_a: ArrayLike, map_from_b: ArrayLike) -> Array:
 
 
 def transform_points(a_from_b: ArrayLike, points: ArrayLike) -> Array:
-    """Points (..., N, 3) of frame b, expressed in frame a, by `a_from_b` (..., 4, 4)."""
+    """Points of frame b, expressed in frame a, (..., N, 3) both, by `a_from_b` (..., 4, 4)."""
     m, p = np.asarray(a_from_b, np.float64), np.asarray(points, np.float64)
     return np.asarray(p @ np.swapaxes(m[..., :3, :3], -1, -2) + m[..., None, :3, 3])
 
@@ -86,7 +86,10 @@ def se3_log(a_from_b: ArrayLike) -> Array:
 
 
 def se3_adjoint(a_from_b: ArrayLike) -> Array:
-    """The adjoint (..., 6, 6): `a_from_b @ exp(t) == exp(adjoint @ t) @ a_from_b`."""
+    """The adjoint (..., 6, 6), rotation first, of a motion (..., 4, 4).
+
+    `a_from_b @ exp(t) == exp(adjoint @ t) @ a_from_b`.
+    """
     m = np.asarray(a_from_b, np.float64)
     rotation = m[..., :3, :3]
     adjoint = np.zeros((*m.shape[:-2], 6, 6))
@@ -96,7 +99,11 @@ def se3_adjoint(a_from_b: ArrayLike) -> Array:
 
 
 def interpolate(map_from_a: ArrayLike, map_from_b: ArrayLike, fraction: ArrayLike) -> Array:
-    """Poses (..., 4, 4) between a (fraction 0) and b (1): rotation by slerp, position straight."""
+    """Poses (..., 4, 4) at a `fraction` (...) of the way between two poses (..., 4, 4).
+
+    It is 0 at a and 1 at b: the rotation by slerp (Shoemake, "Animating rotation with quaternion
+    curves", 1985), the position straight.
+    """
     a, b = np.asarray(map_from_a, np.float64), np.asarray(map_from_b, np.float64)
     f = np.asarray(fraction, np.float64)[..., None]
     turn = so3_log(np.swapaxes(a[..., :3, :3], -1, -2) @ b[..., :3, :3])
@@ -105,7 +112,7 @@ def interpolate(map_from_a: ArrayLike, map_from_b: ArrayLike, fraction: ArrayLik
 
 
 def evenly_along(poses: Array, spacing: float) -> NDArray[np.int64]:
-    """Indices of the first pose and of each that lies `spacing` m or rad of path farther on.
+    """Indices (K,) of the first pose and of each that lies `spacing` m or rad of path farther on.
 
     `poses` (N, 4, 4) in the order of motion; a turn counts where it is larger than the way. All
     of them where `spacing` is 0.

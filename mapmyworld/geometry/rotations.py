@@ -34,8 +34,9 @@ def quaternion_to_rotation(quaternion_xyzw: ArrayLike) -> Array:
 def rotation_to_quaternion(rotation: ArrayLike) -> Array:
     """Unit quaternions (..., 4) as x, y, z, w with w >= 0, of rotations (..., 3, 3).
 
-    Bar-Itzhack's eigenvector method: the largest eigenvector of a symmetric 4x4 matrix, so that
-    a slightly non-orthonormal matrix gives the nearest rotation.
+    Bar-Itzhack, "New method for extracting the quaternion from a rotation matrix" (2000): the
+    largest eigenvector of a symmetric 4x4 matrix, so that a slightly non-orthonormal matrix gives
+    the nearest rotation.
     """
     r = np.asarray(rotation, np.float64)
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = ([r[..., i, j] for j in range(3)] for i in range(3))

@@ -137,7 +137,10 @@ def uncertainty_of(poses: Poses) -> dict[str, Any] | None:
 
 
 def sigmas_of(covariances: Array) -> tuple[Array, Array]:
-    """One-sigma radii (N,) of position, metres, and rotation, degrees."""
+    """One-sigma radii of position, metres, and rotation, degrees, (N,) both.
+
+    By covariances (N, 6, 6), rotation first.
+    """
     variances = np.maximum(np.einsum("nii->ni", covariances), 0.0)
     metres = np.sqrt(variances[:, 3:].sum(axis=1))
     return metres, np.degrees(np.sqrt(variances[:, :3].sum(axis=1)))

@@ -194,12 +194,18 @@ def eliminated(bundle: Bundle, blocks: Blocks, damping: float) -> tuple[Array, A
 def explain(
     bundle: Bundle, blocks: Blocks, scaled: Array, slot_of: Indices, gradient: Array
 ) -> None:
-    """Subtracts from the free cameras' gradient (F, 6) what the points explain."""
+    """Subtracts from the free cameras' `gradient` (F, 6) what the points explain.
+
+    By `scaled` (M, 6, 3) as of `eliminated`; `slot_of` (M,) is the camera's, as of `free_slots`.
+    """
     subtract_gradients(scaled, blocks.point_gradients, bundle.point_of, slot_of, gradient)
 
 
 def moved_points(bundle: Bundle, blocks: Blocks, inverse: Array, tangents: Array) -> Array:
-    """The points (P, 3) that fit best once the cameras have moved by tangents (K, 6)."""
+    """The points (P, 3) that fit best once the cameras have moved by tangents (K, 6).
+
+    `inverse` (P, 3, 3) as of `eliminated`.
+    """
     right, points = blocks.point_gradients.copy(), np.array(bundle.points)
     move_points(inverse, blocks.cross, tangents, bundle.camera_of, bundle.point_of, right, points)
     return points

@@ -19,7 +19,7 @@ def graph_from_constraints(
     constraints: Sequence[Judged],
     planar: bool,
 ) -> PoseGraph:
-    """The graph of these nodes (N, 4, 4) and of the accepted constraints between them.
+    """The graph of nodes `ids` (N,) at these poses (N, 4, 4), and of accepted constraints of them.
 
     A constraint with a landmark (negative id) is one with a node of that id; a prior (`to_id ==
     from_id`) becomes a prior. Constraints with unknown nodes are left out.

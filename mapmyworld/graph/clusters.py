@@ -47,7 +47,10 @@ class Judgement:
 
 
 def groups_of(system: System, closures: Index, consistency: Consistency, limit: float) -> Index:
-    """(K,) number of the group of every closure: those that agree and lie near along the path."""
+    """(K,) number of the group of every closure: those that agree and lie near along the path.
+
+    `closures` (K,) are positions of edges; they agree within `limit` squared sigmas.
+    """
     pairs = consistency.pairs
     tails = np.minimum(system.tails, system.heads)[closures]
     heads = np.maximum(system.tails, system.heads)[closures]

@@ -144,7 +144,10 @@ def _loop_chi2(
 
 
 def definite(covariance: Array) -> Array:
-    """The covariances (K, d, d), those that rounding made singular a little larger, in place."""
+    """The covariances, those that rounding made singular a little larger, in place.
+
+    (K, d, d) both, before and after.
+    """
     lost = ~(np.linalg.det(covariance) > 0.0)
     size = covariance.shape[-1]
     more = _ROUNDING * np.abs(covariance[lost]).max(axis=(1, 2), initial=_ROUNDING)
@@ -184,7 +187,8 @@ def largest_agreeing_sets(
     """(K,) members of cliques: greedy, most supported first, ties to the earlier closure.
 
     A closure joins unless a compared member of the clique disagrees with it; it starts one only
-    with a supporter.
+    with a supporter. Of the compared `pairs` (P, 2), some `differ` (P,), a mask; `supporters` (K,)
+    counts those of each closure.
     """
     foes: list[set[int]] = [set() for _ in range(count)]
     for a, b in pairs[differ].tolist():

@@ -31,9 +31,9 @@ class StatedSystem:
 def stated_system(
     known: Index, guess: Array, constraints: Sequence[Judged], planar: bool
 ) -> StatedSystem:
-    """The system of usable constraints between `known` nodes at `guess` (N, 4, 4).
+    """The system of usable constraints between nodes `known` (N,), ids, at `guess` (N, 4, 4).
 
-    A prior is an edge from the map's frame to its node.
+    The guess is map_from_node. A prior is an edge from the map's frame to its node.
     """
     world = len(known)
     start = np.concatenate([guess, np.eye(4)[None]])

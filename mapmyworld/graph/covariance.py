@@ -22,7 +22,7 @@ from mapmyworld.types.pose_graph import PoseGraph
 def marginal_covariances(system: System, poses: Array) -> Array | None:
     """(N, d, d) covariance of every node in its own frame, given the fixed ones; zero for those.
 
-    None where the edges leave a node undetermined.
+    By `poses` (N, 3 or 4, 4), map_from_node. None where the edges leave a node undetermined.
     """
     size, free = system.dimension, np.flatnonzero(system.free >= 0)
     covariances = np.zeros((len(system.free), size, size))
@@ -43,9 +43,9 @@ def marginal_covariances(system: System, poses: Array) -> Array | None:
 
 
 def graph_covariances(graph: PoseGraph, accepted: NDArray[np.bool_]) -> Array | None:
-    """(N + L, 6, 6) covariances of a solved graph's nodes, then landmarks, by `accepted` edges.
+    """(N + L, 6, 6) covariances of a solved graph's nodes, then landmarks, rotation first.
 
-    None where the edges leave a node undetermined.
+    By edges that are `accepted` (E,). None where the edges leave a node undetermined.
     """
     problem = problem_of(graph)
     poses, count = _solved(problem), len(graph)
@@ -112,5 +112,8 @@ def relative_covariances(system: System, poses: Array, tails: Index, heads: Inde
 
 
 def spatial_covariances(planar: bool, covariances: Array) -> Array:
-    """(N, 6, 6), rotation first; a planar one knows height, roll and pitch exactly."""
+    """(N, 6, 6), rotation first, of `covariances` (N, d, d), d = 3 or 6.
+
+    A planar one knows height, roll and pitch exactly.
+    """
     return covariance_from_planar(covariances) if planar else covariances

@@ -37,7 +37,7 @@ class Draft:
 def landmark_guesses(
     starts: Mapping[int, Array], constraints: Iterable[Constraint]
 ) -> dict[int, Array]:
-    """Where landmarks, id -> (4, 4), are seen first by nodes that start at these poses."""
+    """Where landmarks are seen first by nodes at such `starts`; id -> map_from_node (4, 4) both."""
     guesses: dict[int, Array] = {}
     for c in constraints:
         if c.to_id < 0 and c.to_id not in guesses:

@@ -104,7 +104,7 @@ def _verdict(
 
 
 def missed_by(system: System, poses: Array) -> tuple[Array, Array]:
-    """Metres and degrees (E,) by which every edge is missed at `poses` (N, 3 or 4, 4)."""
+    """Metres and degrees, (E,) both, by which every edge is missed at `poses` (N, 3 or 4, 4)."""
     tail, head = poses[system.tails], poses[system.heads]
     residuals = edge_residuals(system.planar, tail, head, system.measured)
     if system.planar:

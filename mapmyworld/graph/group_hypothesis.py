@@ -32,7 +32,9 @@ def explaining(
 ) -> NDArray[np.bool_]:
     """(E,) the group that explains most of what is left out, and that; nothing where none does.
 
-    What comes in must be of several other groups, and more than the group itself.
+    What comes in must be of several other groups, and more than the group itself. `poses`
+    (N, 3 or 4, 4), map_from_node, are by the `inliers` (E,); `closures` are edges, `groups` their
+    numbers, (K,) both; `limit` and `scale` as of `left_out_fits`.
     """
     number = np.full(len(inliers), -1)
     number[closures] = groups

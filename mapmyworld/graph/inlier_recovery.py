@@ -25,9 +25,10 @@ def recoverable(
 ) -> NDArray[np.bool_]:
     """(E,) edges left out that the solution predicts, and too well to be chance.
 
-    The prediction's own uncertainty counts: a closure after a long drift may miss by metres and
-    be true. Where many closures look false, fitting by chance becomes likely, and a lone closure
-    must fit the better. Those that chance hardly explains may miss by more than stated.
+    The prediction's own uncertainty counts: a closure after a long drift may miss by metres and be
+    true. Where many closures look false, fitting by chance becomes likely, and a lone closure must
+    fit the better. Those that chance hardly explains may miss by more than stated. `poses`
+    (N, 3 or 4, 4), `inliers` (E,), `limit` and `scale` as of `left_out_fits`.
     """
     recovered = np.zeros(len(inliers), np.bool_)
     found = left_out_fits(system, poses, inliers, limit, scale)
@@ -77,8 +78,8 @@ def left_out_fits(
 
 
 def expected_below(chance: Array, most: Array) -> Array:
-    """(C,) false closures, each with at most a chance `most` to fit at all, that would fit by a
-    chance as small as `chance`.
+    """(C,) false closures, of L with at most chances `most` (L,) to fit at all, that would fit by a
+    chance as small as `chance` (C,).
     """
     ordered = np.sort(most)
     below = np.searchsorted(ordered, chance)
@@ -88,7 +89,7 @@ def expected_below(chance: Array, most: Array) -> Array:
 def innovations(
     system: System, poses: Array, inliers: NDArray[np.bool_], candidates: Index
 ) -> tuple[Array, Array]:
-    """Squared sigmas (C,) of edges against what the inliers (E,) predict, and the volume of that.
+    """Squared sigmas of edges against what the inliers (E,) predict, and its volume, (C,) both.
 
     Edges at positions `candidates` (C,), at `poses` (N, 3 or 4, 4).
     """

@@ -47,7 +47,7 @@ def solve(
     planar: bool,
     config: GraphConfig | None = None,
 ) -> SolvedGraph:
-    """The graph of nodes at `initial` poses (N, 4, 4), solved robustly and judged.
+    """The graph of nodes `ids` (N,) at `initial` poses (N, 4, 4), solved robustly and judged.
 
     Constraints that come rejected stay so, unless an earlier `solve` rejected them: its verdicts
     are forgotten first. Motion, priors and what a person stated are believed;

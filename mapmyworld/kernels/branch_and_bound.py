@@ -86,12 +86,14 @@ def best_shift(
     avoid: NDArray[np.float64],
     result: NDArray[np.float64],
 ) -> None:
-    """Fills `result` (score, x, y, yaw) with the best pose that scores above `least`.
+    """Fills `result` (4,), score, x, y, yaw, with the best pose that scores above `least`.
 
-    Shifts are those in `squares` (S, 2), lower left cells from `guess` of squares as large as the
-    top of the pyramid, up to `reach` cells to the right and above, at the yaws `guess + angles`.
-    Poses within `avoid` = (x, y, yaw, metres, radians) are left out. `margin` cells pad the grid
-    on all sides, beyond which every cell is worth `outside`.
+    It lays `points` (N, 2), m, on level 0 of the `pyramid` (L, H, W), whose first cell but for the
+    padding is at `corner` (2,), m. Shifts are those in `squares` (S, 2), lower left cells from
+    `guess` (3,) of squares as large as the top of the pyramid, up to `reach` cells to the right and
+    above, at the yaws `guess + angles`, `angles` (A,) in rad. Poses within `avoid` (5,), x, y, yaw,
+    metres, radians, are left out. `margin` cells pad the grid on all sides, beyond which every cell
+    is worth `outside`.
     """
     top = pyramid.shape[0] - 1
     turns, count = len(angles), len(points)

@@ -28,10 +28,12 @@ def bundle_normal_equations(
 ) -> float:
     """Fills the blocks of the normal equations and gives the robust cost (Huber from `width`).
 
-    Cameras (K, 4, 4) are map_from_camera, perturbed on the right, rotation first. Blocks:
-    (K, 6, 6), (K, 6), (P, 3, 3), (P, 3), and (M, 6, 3) for each of the M observations.
-    An observation is linearised as in `pose_normal_equations`, written out here as well: as a
-    function of its own, shared by both loops, it takes 1.6 times as long.
+    Cameras (K, 4, 4) are map_from_camera, perturbed on the right, rotation first; points (P, 3) in
+    m, map frame. Each of M observations, a row of `seen` (M, 3) and of `sigmas` (M, k), is of a
+    camera and a point, `camera_of` and `point_of` (M,). Blocks: (K, 6, 6), (K, 6), (P, 3, 3),
+    (P, 3), and (M, 6, 3) for each observation. An observation is linearised as in
+    `pose_normal_equations`, written out here as well: as a function of its own, shared by both
+    loops, it takes 1.6 times as long.
     """
     camera_blocks[:] = 0.0
     camera_gradients[:] = 0.0
@@ -113,7 +115,11 @@ def eliminate_points(
     inverse: Array,
     scaled: Array,
 ) -> None:
-    """Fills the inverses (P, 3, 3) of the damped blocks, and (M, 6, 3) cross blocks times them."""
+    """Fills `inverse` with those of the damped blocks, and `scaled` with cross blocks times them.
+
+    `point_blocks` and `inverse` (P, 3, 3), `cross_blocks` and `scaled` (M, 6, 3); `point_of` (M,)
+    is each observation's point.
+    """
     for p in range(len(point_blocks)):
         h = point_blocks[p]
         extra = damping * (h[0, 0] + h[1, 1] + h[2, 2]) / 3.0 + 1e-6
@@ -139,7 +145,11 @@ def eliminate_points(
 def subtract_gradients(
     scaled: Array, point_gradients: Array, point_of: Indices, slot_of: Indices, gradient: Array
 ) -> None:
-    """Subtracts from the cameras' gradient (F, 6) what the points explain; slot -1 is fixed."""
+    """Subtracts from the cameras' `gradient` (F, 6) what the points explain.
+
+    `scaled` (M, 6, 3) as of `eliminate_points`, `point_gradients` (P, 3); each observation has its
+    point, `point_of`, and its camera's row in the gradient, `slot_of`, -1 if fixed; (M,) both.
+    """
     for i in range(len(point_of)):
         if slot_of[i] >= 0:
             g = point_gradients[point_of[i]]
@@ -160,7 +170,8 @@ def move_points(
 ) -> None:
     """Moves points (P, 3) to where they fit best after their cameras' tangents (K, 6).
 
-    `right` (P, 3) comes as the points' gradients and is used up.
+    `inverse` (P, 3, 3) as of `eliminate_points`, `cross_blocks` (M, 6, 3) of cameras `camera_of`
+    and points `point_of`, (M,) both. `right` (P, 3) comes as the points' gradients and is used up.
     """
     for i in range(len(point_of)):
         for n in range(3):
@@ -184,9 +195,9 @@ def subtract_points(
 ) -> None:
     """Subtracts from the cameras' matrix (6F, 6F) what the points explain, lower half only.
 
-    Observations are sorted by point, `starts` (P + 1,) where each point's begin; `slot_of` (M,)
-    is the row of blocks of the observation's camera, -1 where it stays fixed. `scaled_blocks`
-    are the cross blocks times the inverse of the point's block.
+    Observations are sorted by point, `starts` (P + 1,) where each point's begin; `slot_of` (M,) is
+    the row of blocks of the observation's camera, -1 where it stays fixed. `scaled_blocks` are the
+    `cross_blocks` times the inverse of the point's block, (M, 6, 3) both.
     """
     for p in range(len(starts) - 1):
         for a in range(starts[p], starts[p + 1]):

@@ -45,11 +45,12 @@ def match_projected(
     limit: int,
     ratio: float,
 ) -> NDArray[np.int32]:
-    """For each projected point (P, 2) the feature that matches it, -1 for none; one to one.
+    """(P,) the feature that matches each projected point (P, 2), pixels; -1 for none; one to one.
 
-    A feature qualifies within `radii` (P,) pixels of the projection, at a Hamming distance of at
-    most `limit` and below `ratio` times the second best. `starts`, `members`: the features sorted
-    into square cells of `cell` pixels, `columns` of them in a row of the image.
+    A feature, at `pixels` (N, 2), qualifies within `radii` (P,) pixels of the projection, with
+    `words` (N, 4) at a Hamming distance from `point_words` (P, 4) of at most `limit` and below
+    `ratio` times the second best. `members` (N,) are the features sorted into square cells of
+    `cell` pixels, `columns` of them in a row of the image, each from `starts` (C + 1,) on.
     """
     rows = (len(starts) - 1) // columns
     best_of_feature = np.full(len(pixels), 1 << 20, np.int32)
@@ -90,7 +91,7 @@ def match_projected(
 def match_all(
     a: NDArray[np.uint64], b: NDArray[np.uint64], limit: int, ratio: float
 ) -> NDArray[np.int32]:
-    """For each word of `a` (N, 4) its mutual best in `b` (M, 4), -1 for none.
+    """(N,) for each word of `a` (N, 4) its mutual best in `b` (M, 4), -1 for none.
 
     Best at most `limit` bits away, below `ratio` times the second best, and best in both ways.
     """
@@ -149,7 +150,10 @@ def nearest_leaves(
     first_child: NDArray[np.int32],
     children: NDArray[np.int32],
 ) -> NDArray[np.int32]:
-    """For each word (N, 4) the leaf of the tree it comes to, always down to the nearest child."""
+    """(N,) the leaf of the tree that each word (N, 4) comes to, always down to the nearest child.
+
+    Nodes have `centres` (T, 4), `first_child` and `children`, (T,) both, as in `Vocabulary`.
+    """
     leaves = np.zeros(len(words), np.int32)
     for i in range(len(words)):
         node = 0
@@ -172,9 +176,9 @@ def nearest_and_votes(
     labels: NDArray[np.int64],
     votes: NDArray[np.int64],
 ) -> None:
-    """The nearest centre (N,) of each word, and per centre (K, 256) its bits' votes.
+    """Fills `labels` (N,), the nearest of `centres` (K, 4) of each word (N, 4), and their votes.
 
-    A set bit counts one up, a clear one down.
+    For every bit of a centre, (K, 256), a set bit counts one up, a clear one down.
     """
     votes[:] = 0
     for i in range(len(words)):

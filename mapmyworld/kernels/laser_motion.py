@@ -24,7 +24,7 @@ def wrapped(angle: float) -> float:
 
 @inner_jit
 def between_poses(a: Array, b: Array) -> Array:
-    """`a_from_b` (3,) of two planar poses, its yaw wrapped."""
+    """`a_from_b` (3,) of two poses (3,) of the plane, its yaw wrapped."""
     result: Array = relative(a, b)
     result[2] = wrapped(result[2])
     return result
@@ -32,7 +32,7 @@ def between_poses(a: Array, b: Array) -> Array:
 
 @jit
 def motion_variances(step: Array, share: float, floor: float, scales: Array) -> Array:
-    """Variances (3,) of a recorded motion (x, y, yaw): a share of it, and a floor.
+    """Variances (3,), m^2 and rad^2, of a recorded `step` (3,), x, y, yaw: a share, and a floor.
 
     `scales` (2,) are the factors on the variances of position and heading that the log showed.
     """
@@ -47,8 +47,9 @@ def motion_variances(step: Array, share: float, floor: float, scales: Array) -> 
 def innovation(predicted: Array, pose: Array, information: Array, variances: Array) -> Array:
     """(7,): the match less the prediction, the match's own variances, and their NIS.
 
-    The prior's pull on the match is undone. `information` (3, 3) is the match's own, `variances`
-    (3,) are the prediction's; the NIS (normalised innovation squared) has three degrees of freedom.
+    The match is at `pose`, the prediction is `predicted`, (3,) both. The prior's pull on the match
+    is undone. `information` (3, 3) is the match's own, `variances` (3,) are the prediction's; the
+    NIS (normalised innovation squared) has three degrees of freedom.
     """
     error = between_poses(predicted, pose)
     known = information.copy()
@@ -100,7 +101,10 @@ def step_covariance(
     keyframe_angle: float,
     has_odometry: bool,
 ) -> Array:
-    """Covariance (3, 3) of a matched step: errors add up from keyframe to keyframe only."""
+    """Covariance (3, 3) of a matched `step` (3,): errors add up from keyframe to keyframe only.
+
+    By the match's `information` (3, 3) and the prediction's `variances` (3,).
+    """
     moved = max(np.hypot(step[0], step[1]) / keyframe_distance, abs(step[2]) / keyframe_angle)
     share = min(max(moved, _LEAST_SHARE), 1.0)
     if (moved > _STILL or not has_odometry) and is_degenerate(information):

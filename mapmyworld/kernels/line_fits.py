@@ -49,7 +49,8 @@ def side_sums(
 ) -> Sums:
     """The neighbours of point i on the `side` (-1, 1) within `reach`, up to the first `gap`.
 
-    The next one counts however far it is; `steps` (N,) are the distances to the point before.
+    The next one counts however far it is. Points are at `xs`, `ys` (N,), with `steps` (N,) as the
+    distances to the point before; all in m.
     """
     n, sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     k = i + side

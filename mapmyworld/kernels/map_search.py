@@ -21,8 +21,8 @@ def cast_rays(
     """Fills `hits` (N, 2) with the middles of the first occupied cells along rays; gives their
     count.
 
-    Everything is in cells, of grids (H, W). A ray, of which `bearings` (N,) gives the direction,
-    that leaves what is known, or `reach`, hits nothing.
+    Everything is in cells, of grids `occupied` and `known` (H, W). A ray, of which `bearings` (N,)
+    gives the direction in rad, that leaves what is known, or `reach`, hits nothing.
     """
     height, width = occupied.shape
     count = 0
@@ -54,10 +54,11 @@ def explain_points(
     limit: float,
     counts: NDArray[np.int64],
 ) -> None:
-    """Counts of points (N, 2), map frame, that a map explains, contradicts, or does not know.
+    """Counts (3,) of points (N, 2), map frame, that a map explains, contradicts, or does not know.
 
-    Explained is what ends within `limit` metres of a surface. Contradicted is what ends where the
-    map is free (`state` 0), or beyond an occupied cell (100) seen from `eye` (2,).
+    Explained is what ends within `limit` of a surface, to which `distance` (H, W) is in metres.
+    Contradicted is what ends where the map is free (`state` (H, W) is 0), or beyond an occupied
+    cell (100) seen from `eye` (2,). The first cell is at `corner` (2,); both in m, map frame.
     """
     height, width = distance.shape
     ex, ey = (eye[0] - corner[0]) / resolution, (eye[1] - corner[1]) / resolution

@@ -61,7 +61,11 @@ def cast_planar_rays(
     ranges: NDArray[np.float64],
     hits: NDArray[np.int64],
 ) -> None:
-    """Fills `ranges` (infinite = nothing) and `hits` (-1 = nothing) of rays (N, 3) x, y, angle."""
+    """Fills `ranges` (infinite = nothing) and `hits` (-1 = nothing), (N,) both, of rays (N, 3).
+
+    A ray is x, y, angle; in m and rad. `segments` (S, 4), `cell_starts` (C + 1,), `cell_segments`
+    (K,), `corner` (2,) and `shape` (2,) are those of a `Plan`.
+    """
     for i in range(len(rays)):
         x, y = rays[i, 0], rays[i, 1]
         dx, dy = np.cos(rays[i, 2]), np.sin(rays[i, 2])

@@ -19,7 +19,10 @@ BEHIND = 1e12  # squared error of a point behind the camera
 
 @jit
 def squared_errors(pose: Array, points: Array, seen: Array, sigmas: Array, errors: Array) -> None:
-    """Squared residuals (N, 2) in units of sigma: image position, inverse depth (0 without)."""
+    """Fills `errors` (N, 2), squared, in units of sigma: image position, inverse depth (0 without).
+
+    Of points (N, 3), map frame, from map_from_camera (4, 4); `seen`, `sigmas` (N, 3).
+    """
     for i in range(len(points)):
         dx, dy, dz = points[i, 0] - pose[0, 3], points[i, 1] - pose[1, 3], points[i, 2] - pose[2, 3]
         z = pose[0, 2] * dx + pose[1, 2] * dy + pose[2, 2] * dz
@@ -39,7 +42,10 @@ def squared_errors(pose: Array, points: Array, seen: Array, sigmas: Array, error
 def score_poses(
     poses: Array, points: Array, seen: Array, sigmas: Array, limit: float, counts: NDArray[np.int64]
 ) -> None:
-    """For each pose (K, 4, 4) the observations within `limit` sigma whose depth is no outlier."""
+    """Fills `counts` (K,): the observations that agree with each pose (K, 4, 4).
+
+    They are within `limit` sigma, and their depth is no outlier; `points`, `seen`, `sigmas` (N, 3).
+    """
     squared = limit * limit
     for k in range(len(poses)):
         counts[k] = 0
@@ -69,9 +75,10 @@ def pose_normal_equations(
     information: Array,
     gradient: Array,
 ) -> float:
-    """Fills the normal equations (6, 6) and (6,) of a pose and gives the robust cost.
+    """Fills the normal equations (6, 6) and (6,) of a pose (4, 4) and gives the robust cost.
 
-    Weights are Huber's with `width` in sigmas, for image position and depth apart.
+    It sees points (N, 3), map frame, as `seen`, with `sigmas`, (N, 3) both. Weights are Huber's
+    with `width` in sigmas, for image position and depth apart.
     """
     information[:] = 0.0
     gradient[:] = 0.0
@@ -137,8 +144,9 @@ def refine(
 ) -> None:
     """Gauss-Newton on a pose (4, 4) in place, and its information (6, 6) there.
 
-    A step that does not lower the robust cost is taken back and ends it, as does one that lowers
-    it by less than a ten-thousandth.
+    It sees points (N, 3), map frame, as `seen`, with `sigmas`, (N, 3) both. A step that does not
+    lower the robust cost is taken back and ends it, as does one that lowers it by less than a
+    ten-thousandth.
     """
     trial, equations, gradient, tangent = pose.copy(), np.zeros((6, 6)), np.zeros(6), np.zeros(6)
     best = np.inf
@@ -157,7 +165,10 @@ def refine(
 
 @jit
 def solve_damped(matrix: Array, right: Array, found: Array) -> None:
-    """The (6,) that the symmetric matrix (6, 6), a little damped, takes to -right (Cholesky)."""
+    """Fills `found` (6,), which a symmetric matrix (6, 6), a little damped, takes to -right (6,).
+
+    By Cholesky's factors.
+    """
     n = len(right)
     lower = np.zeros((n, n))
     for i in range(n):

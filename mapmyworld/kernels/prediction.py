@@ -25,10 +25,12 @@ def predict(
     ends: Index,
     found: Floats,
 ) -> None:
-    """Adds `J inverse(L D L') J'` to `found`, for every group of rows of J, from `ends[g]` on.
+    """Adds `J inverse(L D L') J'` to `found` (F,), for every group of rows of J, from `ends[g]` on.
 
-    L (n, n) by columns with `diagonal` D, J (R, n) by rows. Each group is carried up the columns
-    of L that it reaches, and each gives its share as it is passed.
+    L (n, n) by columns: `starts` (n + 1,), `rows` and `numbers` (K,), with `diagonal` (n,) D. J
+    (R, n) by rows: `asked_starts` (R + 1,), `asked_columns` and `asked` (M,); `groups` and `ends`
+    (G + 1,). Each group is carried up the columns of L that it reaches, and each gives its share as
+    it is passed.
     """
     count, widest = len(diagonal), 0
     for g in range(len(groups) - 1):

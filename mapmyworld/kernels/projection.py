@@ -15,7 +15,10 @@ STRAIGHT, PLUMB_BOB, EQUIDISTANT = 0, 1, 2
 def project(
     x: float, y: float, intrinsics: Array, bent: int, distortion: Array
 ) -> tuple[float, float]:
-    """Pixel of normalised image coordinates; `distortion` (12,) is padded with zeros."""
+    """Pixel of normalised image coordinates, by intrinsics (3, 3).
+
+    `distortion` (12,) is padded with zeros.
+    """
     if bent == PLUMB_BOB:
         x, y = _plumb_bob(x, y, distortion)
     elif bent == EQUIDISTANT:
@@ -50,7 +53,10 @@ def _equidistant(x: float, y: float, d: Array) -> tuple[float, float]:
 def project_points(
     points: Array, intrinsics: Array, bent: int, distortion: Array, pixels: Array
 ) -> None:
-    """Pixels (N, 2) of points (N, 3) of the camera's frame, NaN at or behind its plane."""
+    """Fills `pixels` (N, 2) of points (N, 3) of the camera's frame, NaN at or behind its plane.
+
+    `intrinsics` (3, 3) and `distortion` (12,) as of `project`.
+    """
     for i in range(len(points)):
         z = points[i, 2]
         pixels[i] = np.nan

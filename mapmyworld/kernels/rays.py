@@ -23,9 +23,10 @@ def count_rays(
 ) -> None:
     """One scan from (x0, y0) to `ends` (N, 2), all in cells; each cell counts once, hits first.
 
-    Grids (H, W); `marks` remembers the last scan that a cell counted, `mark` is this one, 255
-    at most. A ray visits every cell it touches (Amanatides and Woo, 1987) and stops before the one
-    it ends in. All coordinates must lie inside the grid.
+    `hits`, `passes` and `marks` (H, W) are grids; `marks` remembers the last scan that a cell
+    counted, `mark` is this one, 255 at most; `is_hit` (N,) where a ray ended on a surface. A ray
+    visits every cell it touches (Amanatides and Woo, 1987) and stops before the one it ends in. All
+    coordinates must lie inside the grid.
     """
     for k in range(len(ends)):
         if is_hit[k]:
@@ -51,7 +52,8 @@ def count_scans(
 ) -> None:
     """Scans from `starts` (S, 2) to their `ends[bounds[k]:bounds[k + 1]]`, as `count_rays`.
 
-    `mark` is the last scan that was counted before.
+    `ends` (N, 2), `is_hit` (N,) and `bounds` (S + 1,); `hits`, `passes` and `marks` (H, W); `mark`
+    is the last scan that was counted before.
     """
     for k in range(len(starts)):
         first, last = bounds[k], bounds[k + 1]

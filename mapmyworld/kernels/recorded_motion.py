@@ -21,10 +21,11 @@ def interpolate_poses(
     tolerance: int,
     poses: Array,
 ) -> int:
-    """Poses (M, 4, 4) at stamps (M,) into `poses`, which are zeros; samples (N, 3, 4) are sorted.
+    """Poses at stamps `wanted` (M,), ns, into `poses` (M, 4, 4), which are zeros.
 
-    As `geometry.rigid.interpolate`: `NOT_COVERED` where no sample lies within the tolerance,
-    `TOO_FAR_APART` where samples around one are turned by more than 120 degrees.
+    Of samples, `values` (N, 3, 4), at `stamps` (N,), ascending. As `geometry.rigid.interpolate`:
+    `NOT_COVERED` where no sample lies within the tolerance, `TOO_FAR_APART` where samples around
+    one are turned by more than 120 degrees.
     """
     count = len(stamps)
     turn = np.empty((3, 3))
@@ -88,8 +89,9 @@ def sort_beams(
 ) -> tuple[int, int]:
     """Beams (N,) between the `least` and the `most` range as `points` (N, 3); how many these are.
 
-    `returned`: numbers of their beams; `empty`: numbers, and the second result, of beams that came
-    back with nothing. Limits are compared as single precision, as the ranges are.
+    From `origin` (3,) in `directions` (N, 3), unit vectors; all in m. `returned`: numbers of their
+    beams; `empty`: numbers, and the second result, of beams that came back with nothing; (N,) both.
+    Limits are compared as single precision, as the ranges are.
     """
     low, high = np.float32(least), np.float32(most)
     found, nothing = 0, 0

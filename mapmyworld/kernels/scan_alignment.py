@@ -97,8 +97,10 @@ def add_target(
 ) -> None:
     """Adds a target's normal equations to `system` (12,), marks the source points it explains.
 
-    `system` holds the upper triangle of the Hessian (6), the gradient (3), and sums of weights,
-    of weighted squared residuals (m^2), and of residuals within 3 * `scale` (Cauchy's, metres).
+    The points are rows `s_first` to `s_last` of `source` (N, 5), marked in `hit` (K,) from 0 on;
+    rows of the `target` (M, 5) were seen from `origin` (2,); `target_from_source` (3,). `system`
+    holds the upper triangle of the Hessian (6), the gradient (3), and sums of weights, of weighted
+    squared residuals (m^2), and of residuals within 3 * `scale` (Cauchy's, metres).
     """
     c, s = np.cos(target_from_source[2]), np.sin(target_from_source[2])
     tx, ty = target_from_source[0], target_from_source[1]
@@ -138,7 +140,10 @@ def add_target(
 
 @jit
 def solve3(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The solution (3,) of a symmetric positive definite system (3, 3), by Cholesky's factors."""
+    """The solution (3,) of a system `a` (3, 3), symmetric and positive definite, and `b` (3,).
+
+    By Cholesky's factors.
+    """
     l00 = np.sqrt(a[0, 0])
     l10, l20 = a[1, 0] / l00, a[2, 0] / l00
     l11 = np.sqrt(max(a[1, 1] - l10 * l10, 1e-18))
@@ -155,7 +160,10 @@ def solve3(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
 
 @jit
 def invert3(a: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The inverse of an invertible (3, 3) matrix, by cofactors: numpy's costs 20 times as much."""
+    """The inverse of an invertible matrix, (3, 3) both, by cofactors.
+
+    Numpy's costs 20 times as much.
+    """
     result = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
@@ -170,7 +178,7 @@ def invert3(a: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @jit
 def relative(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """`a_from_b` (3,) of two planar poses (3,)."""
+    """`a_from_b` (3,) of two poses (3,) of the plane."""
     c, s = np.cos(a[2]), np.sin(a[2])
     dx, dy = b[0] - a[0], b[1] - a[1]
     return np.array([c * dx + s * dy, c * dy - s * dx, b[2] - a[2]])
@@ -195,11 +203,14 @@ def align(
     sigma: float,
     out: NDArray[np.float64],
 ) -> None:
-    """Aligns source rows with targets `which` (rows `starts[w]` to `ends[w]`) at `poses`.
+    """Aligns source rows with targets `which` (K,), rows `starts[w]` to `ends[w]`, at `poses`.
 
-    Gauss-Newton, one step a reach, of which Cauchy's scale is a `share`. `out` (16,): pose (3),
-    match Hessian (6, upper triangle, in units of residuals), share explained of source points with
-    normals, mean squared residual, count of residuals, length of the last step (m), sum of weights.
+    `source` is (N, 5), `targets` (M, 5); `starts` and `ends` (T,), `poses` (T, 3) and `origins`
+    (T, 2) are of the targets. The scan's `guess` and `prior` (3,) are in the frame of `poses`, the
+    latter with `prior_information` (3, 3). Gauss-Newton, one step a reach of `max_distances` (R,),
+    m, of which Cauchy's scale is a `share`. `out` (16,): pose (3), match Hessian
+    (6, upper triangle, in units of residuals), share explained of source points with normals, mean
+    squared residual, count of residuals, length of the last step (m), sum of weights.
     """
     pose = guess.copy()
     hit = np.zeros(s_last - s_first, np.bool_)
@@ -268,10 +279,12 @@ def pair_systems(
     scale: float,
     out: NDArray[np.float64],
 ) -> None:
-    """Normal equations `out[k]` (12,) of pairs (target, source) `first` to `last` at `poses`.
+    """Normal equations `out` (P, 12) of pairs (P, 2), target and source, `first` to `last`.
 
-    Scans are compared both ways, so that a pair is the same seen from either end; everything is
-    expressed for a perturbation of the source.
+    Scan k is `rows[bounds[k]:bounds[k + 1]]`; `rows` (N, 5), `bounds` (S + 1,); its lidar was at
+    `origins` (S, 2) in the frame of its pose, of `poses` (S, 3). Scans are compared both ways, so
+    that a pair is the same seen from either end; everything is expressed for a perturbation of the
+    source.
     """
     back, adjoint = np.zeros(12), np.empty((3, 3))
     hit = np.zeros(4096, np.bool_)
@@ -290,7 +303,7 @@ def pair_systems(
 
 @inner_jit
 def adjoint_of_inverse(pose: NDArray[np.float64], adjoint: NDArray[np.float64]) -> None:
-    """Fills the adjoint (3, 3) of the inverse of a planar pose."""
+    """Fills the adjoint (3, 3) of the inverse of a pose (3,) of the plane."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     adjoint[0, 0], adjoint[0, 1], adjoint[1, 0], adjoint[1, 1] = c, s, -s, c
     adjoint[0, 2] = -(c * pose[1] - s * pose[0])
@@ -302,10 +315,10 @@ def adjoint_of_inverse(pose: NDArray[np.float64], adjoint: NDArray[np.float64]) 
 def add_seen_from_target(
     back: NDArray[np.float64], adjoint: NDArray[np.float64], system: NDArray[np.float64]
 ) -> None:
-    """Adds normal equations (12,) for the target's perturbation to those for the source's.
+    """Adds normal equations for the target's perturbation to those for the source's, (12,) both.
 
-    A perturbation d of the source moves the target by -A d, A the adjoint of target_from_source:
-    rel exp(d) inverted is exp(-d) rel^-1 = rel^-1 exp(-A d).
+    A perturbation d of the source moves the target by -A d, A the adjoint (3, 3) of
+    target_from_source: rel exp(d) inverted is exp(-d) rel^-1 = rel^-1 exp(-A d).
     """
     slot = 0
     for i in range(3):

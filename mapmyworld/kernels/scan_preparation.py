@@ -23,9 +23,10 @@ _LOWER_QUARTILE = 0.3186  # of a normal distribution's distances from its mean, 
 def sort_by_bearing(
     points: NDArray[np.float32], origin: NDArray[np.float64], order: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Bearings (N,) about the lidar, ascending; `order` becomes the points' order in them.
+    """Bearings (N,) in rad about the lidar, ascending; `order` (N,) becomes the points' order.
 
-    Sweeps come sorted one way or the other, so an insertion sort is the fastest.
+    Points (N, 2), the lidar at `origin` (2,). Sweeps come sorted one way or the other, so an
+    insertion sort is the fastest.
     """
     count = len(points)
     bearings = np.empty(count)
@@ -57,7 +58,7 @@ def sort_by_bearing(
 def range_noise(
     xs: NDArray[np.float64], ys: NDArray[np.float64], origin: NDArray[np.float64]
 ) -> float:
-    """Standard deviation (m) of the ranges of a sweep, its points (N,) sorted by bearing.
+    """Standard deviation (m) of the ranges of a sweep, `xs` and `ys` (N,) sorted by bearing.
 
     A range is compared with where its ray from `origin` (2,) meets the line through its two
     neighbours, which is right at any angle to a wall; the difference has 1.5 times a range's
@@ -149,8 +150,9 @@ def prepare_many(
 ) -> None:
     """Prepares scans, `points[bounds[k]:bounds[k + 1]]` each, behind each other into `out` (T, 5).
 
-    `settings`: metres beyond which returns are dropped, least spacing, points of a scan to aim
-    at, radius of a line's fit. Fills `out_bounds` (S + 1,).
+    `points` (N, 2), base frame, and `bounds` (S + 1,) of scans from `origins` (S, 2), their beams
+    `increments` (S,), rad, apart. `settings` (4,): metres beyond which returns are dropped, least
+    spacing, points of a scan to aim at, radius of a line's fit. Fills `out_bounds` (S + 1,).
     """
     out_bounds[0] = 0
     for s in range(len(bounds) - 1):

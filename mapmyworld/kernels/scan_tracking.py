@@ -95,7 +95,10 @@ def remember_scan(
 
 @jit
 def chosen_keyframes(back: Index, keys: Index, slots: int) -> Index:
-    """(B,) slots of the keyframes that lie `back` (B,) places back in the ring, if there."""
+    """(K,) slots of the keyframes that lie `back` (B,) places back in the ring, if there.
+
+    `keys` (2,) are those of `remember_scan`.
+    """
     found = np.empty(len(back), np.int64)
     count = 0
     for b in back:
@@ -112,9 +115,12 @@ def match_keyframes(
     which: Index, predicted: Array, known: Array, max_distances: Array, settings: Array,
     out: Array, information: Array,
 ) -> None:  # fmt: skip
-    """Aligns a scan with keyframes; fills `out` as `align` does, and the match's information.
+    """Aligns a scan with keyframes; fills `out` (16,) as `align` does, and the match's information.
 
-    `known` (3, 3) is the information of the predicted pose; `settings` are those of `track_scans`.
+    The scan is `rows[first:last]`, `rows` (N, 5). The ring has `key_rows` (K, P, 5), `key_counts`
+    (K,), `key_origins` (K, 2), `key_poses` (K, 3), as of `remember_scan`; `which` (B,) are slots.
+    The `predicted` pose (3,) has information `known`, the match `information`, (3, 3) both.
+    `max_distances` (R,) as of `align`, `settings` (10,) of `track_scans`.
     """
     capacity = key_rows.shape[1]
     starts, ends = np.empty(len(key_counts), np.int64), np.empty(len(key_counts), np.int64)
@@ -143,8 +149,10 @@ def learn_matching(
     """Lets the variance factor of matches learn from how two keyframes differ about a scan.
 
     Aligned with each alone, the scan comes out at two poses; these differ by what their covariances
-    indicate, times the factor. The scan is `rows[first:last]` (N, 5) at `pose` (3,), the ring that
-    of `remember_scan`, `which` (B,) its slots; `settings` are those of `track_scans`.
+    indicate, times the factor. The scan is `rows[first:last]` (N, 5) at `pose` (3,); the ring has
+    `key_rows` (K, P, 5), `key_counts` (K,), `key_origins` (K, 2), `key_poses` (K, 3), as of
+    `remember_scan`; `which` (B,) are slots. `max_distances` (R,) as of `align`, `settings` (10,) of
+    `track_scans`.
     """
     if len(which) < 2:
         return
@@ -173,7 +181,7 @@ def learn_matching(
 
 @inner_jit
 def gone_on(state: Array, step: Array, predicted: Array) -> None:
-    """Fills `predicted` (3,), where `step` (3,) from the pose of `state` (6,) leads to."""
+    """Fills `predicted` (3,), where `step` (3,) from the pose of `state` (8,) leads to."""
     c, s = np.cos(state[2]), np.sin(state[2])
     predicted[0] = state[0] + c * step[0] - s * step[1]
     predicted[1] = state[1] + s * step[0] + c * step[1]
@@ -204,12 +212,16 @@ def track_scans(
 ) -> int:
     """Follows scans from `start` on; the index of the first that needs a closer look.
 
-    `recorded` (B, 3) are odometry's steps, NaN where there is none; those that end at an
-    `interpolated` (B,) pose need a closer look; `state` (8,) is the pose, the last step, mean
-    and variance of overlaps, `wheels` (15,) the model of the odometry; `settings` are residual
-    share, sigma of a range, correlation, share and floor of the motion model, limits of NIS and
-    overlap, keyframe distance and angle, the least correlation. Fills `out` (B, 7): pose, overlap,
-    NIS, metres moved, weak (1 or 0); and `covariances` (B, 3, 3) of the steps.
+    Scan k is `rows[bounds[k]:bounds[k + 1]]`, `rows` (N, 5) and `bounds` (B + 1,), seen from
+    `origins` (B, 2) on the base. `recorded` (B, 3) are odometry's steps, NaN where there is none;
+    those that end at an `interpolated` (B,) pose need a closer look. The ring, `key_rows`
+    (K, P, 5), `key_counts` (K,), `key_origins` (K, 2), `key_poses` (K, 3) and `keys` (2,), is that
+    of `remember_scan`; a scan is aligned with keyframes `back` (M,) places, by `max_distances` (R,)
+    as of `align`. `state` (8,) is the pose, the last step, mean and variance of overlaps, `wheels`
+    (15,) the model of the odometry; `settings` (10,) are residual share, sigma of a range,
+    correlation, share and floor of the motion model, limits of NIS and overlap, keyframe distance
+    and angle, the least correlation. Fills `out` (B, 7): pose, overlap, NIS, metres moved, weak (1
+    or 0); and `covariances` (B, 3, 3) of the steps.
     """  # fmt: skip
     found, predicted, pose = np.zeros(16), np.empty(3), np.empty(3)
     information, known = np.zeros((3, 3)), np.zeros((3, 3))

@@ -14,7 +14,10 @@ Array32 = NDArray[np.float32]
 
 @jit
 def surface_normals(points: Array32, normals: Array32, cosines: Array32) -> None:
-    """Normals (H, W, 3) and cosines (H, W) of `organised_normals`; both come as zeros."""
+    """Fills `normals` (H, W, 3) and `cosines` (H, W) of `organised_normals`; both come as zeros.
+
+    `points` (H, W, 3) in m, camera frame.
+    """
     height, width = points.shape[:2]
     for v in range(1, height - 1):
         for u in range(1, width - 1):
@@ -50,7 +53,10 @@ def compare_with_depth(
     pierced: NDArray[np.int32],
 ) -> None:
     """Counts up `seen` (N,) where a depth image shows a point (N, 3) within `share` of its depth,
-    and `pierced` where it shows something beyond. `factor`: pixels of the camera in one of depth.
+    and `pierced` (N,) where it shows something beyond.
+
+    `camera_from_points` (4, 4), `intrinsics` (3, 3), `distortion` (12,) as of `project`; `depth`
+    (H, W) in m, 0 unknown. `factor`: pixels of the camera in one of depth.
     """
     m = camera_from_points
     rows, columns = depth.shape

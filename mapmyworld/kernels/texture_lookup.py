@@ -25,11 +25,13 @@ def shade_pixels(
     sky: NDArray[np.uint8],
     colours: NDArray[np.uint8],
 ) -> None:
-    """Fills `colours` (P, 3); pixels whose depth is infinite show the sky.
+    """Fills `colours` (P, 3); pixels whose depth is infinite show the `sky` (3,).
 
-    `triangle_uv` (T, 3, 2) counts repeats of the texture; `offsets` (X, L) are where in `texels`
-    (N, 3) each level of each texture begins; `sizes` (X,) are the finest levels' edges; `slants`
-    are cosines between ray and normal.
+    A pixel sees one of `triangles` (P,), at `barycentric` (P, 2) and `depths` (P,), m; `slants`
+    (P,) are cosines between ray and normal. `triangle_uv` (T, 3, 2) counts repeats of the texture;
+    `triangle_texture`, `triangle_light` and `texel_metres` (T,) are which it is, a factor, and the
+    size of a texel in m; `offsets` (X, L) are where in `texels` (N, 3) each level of each texture
+    begins; `sizes` (X,) are the finest levels' edges.
     """
     levels = offsets.shape[1]
     for p in range(len(triangles)):

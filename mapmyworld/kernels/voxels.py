@@ -57,7 +57,8 @@ def add_points(
 ) -> int:
     """Adds points (N, 3) to their voxels' sums (K, 10); how many voxels there are then.
 
-    A sum holds the points' number, offsets from the voxel's corner in steps of 1 / STEPS, colours,
+    With their `colours` and `normals` (N, 3); `table` (T,) and `keys` (K,) as of `row_of_key`. A
+    sum holds the points' number, offsets from the voxel's corner in steps of 1 / STEPS, colours,
     and normals in steps of 1 / TURNS, raised by one to be positive. The first FULL points of a
     voxel decide: so many bytes fit in 16 bits.
     """

@@ -37,7 +37,7 @@ def new_wheels() -> Array:
 
 @jit
 def reckon(wheels: Array, step: Array) -> None:
-    """One more recorded step (3,), its systematic errors corrected."""
+    """One more recorded step (3,) in the model (15,), its systematic errors corrected."""
     forward, rotation = step[0], step[2]
     x, y = (1.0 + wheels[2]) * step[0], (1.0 + wheels[2]) * step[1]
     yaw = rotation + wheels[3] * forward + wheels[4] * rotation
@@ -53,7 +53,7 @@ def reckon(wheels: Array, step: Array) -> None:
 
 @jit
 def anchor(wheels: Array, pose: Array) -> None:
-    """Odometry counts anew from a pose (3,)."""
+    """Odometry of the model (15,) counts anew from a pose (3,)."""
     for i in range(3):
         wheels[8 + i] = pose[i]
     for i in range(11, 15):
@@ -62,13 +62,13 @@ def anchor(wheels: Array, pose: Array) -> None:
 
 @jit
 def reckoned_variances(wheels: Array, share: float, floor: float) -> Array:
-    """Variances (3,) of the odometry since the last keyframe."""
+    """Variances (3,), m^2 and rad^2, of the odometry of a model (15,) since the last keyframe."""
     return motion_variances(np.array([wheels[11], 0.0, wheels[12]]), share, floor, wheels[:2])
 
 
 @jit
 def learn(wheels: Array, found: Array, variances: Array, share: float) -> None:
-    """Lets noise and systematic errors learn from one innovation (7,) of these variances (3,).
+    """Lets a model (15,) learn from one innovation (7,) of a prediction of these variances (3,).
 
     All of it counts as the odometry's: what the match errs by makes its prior no more certain.
     """

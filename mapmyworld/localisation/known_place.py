@@ -134,7 +134,7 @@ def _spaced_scans(store: MapStore, config: Config) -> tuple[Array, list[Prepared
 def spread_out(poses: Array, candidates: NDArray[np.int64], spacing: float) -> NDArray[np.int64]:
     """(K,) candidates of which no two share both a square of `spacing` and a range of headings.
 
-    They are indices of `poses` (N, 3); `spacing` is in metres.
+    Of `candidates` (C,), indices of `poses` (N, 3); `spacing` is in metres.
     """
     cells = np.column_stack(
         [np.floor(poses[candidates, :2] / spacing), np.floor(poses[candidates, 2] / _TURNED)]

@@ -52,7 +52,7 @@ def build_cloud(items: Iterable[Posed], config: Config) -> PointCloud:
 
 
 def views_of_cloud(poses: Array, config: Config) -> NDArray[np.int64]:
-    """Which of the nodes at these poses (N, 4, 4), in time, give the cloud their images.
+    """(K,) indices of the nodes at `poses` (N, 4, 4), in time, that give the cloud their images.
 
     Neighbours see nearly the same: one every `visual.cloud_spacing` is enough.
     """

@@ -97,8 +97,8 @@ def _seen(image: RgbdImage, origin: Array, config: Config) -> _Seen:
 
 
 def planar_scan(image: RgbdImage, map_from_base: Array, config: Config) -> tuple[Array, Scan]:
-    """The pose (3,) of a node in the plane and what its depth image indicates there, also where the
-    camera was carried.
+    """The pose (3,) in the plane of a node at `map_from_base` (4, 4), and what its depth image
+    indicates there, also where the camera was carried.
     """
     image = levelled_image(image, map_from_base) if image.camera.is_carried else image
     return matrix_to_planar(map_from_base), scan_from_depth(image, config)

@@ -72,7 +72,7 @@ def _grid_of(counts: Counts, settings: MappingConfig) -> OccupancyGrid:
 def log_odds_of(
     hits: NDArray[np.uint16], passes: NDArray[np.uint16], settings: MappingConfig
 ) -> NDArray[np.float32]:
-    """Log-odds (H, W) after so many hits and passes (H, W); NaN where there were neither.
+    """Log-odds (H, W) after so many `hits` and `passes` (H, W); NaN where there were neither.
 
     l = sum of (inverse_sensor_model - l0) with l0 = 0, table 9.1, clamped at the end.
     """

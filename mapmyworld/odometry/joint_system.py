@@ -73,8 +73,9 @@ def joint_system(
     nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged], stated: Statements,
     poses: Array, held: NDArray[np.bool_],
 ) -> tuple[System, Array]:  # fmt: skip
-    """The system of `chosen` (S,) nodes and the landmarks at `poses` (S + L, 3), of which those
-    that are `held` stay; and all poses, that of the map's own frame, which stays too, last.
+    """The system of `chosen` (S,) nodes and the landmarks at `poses` (N, 3), N = S + L, of which
+    those that are `held` (N,) stay; and all poses (N + 1, 3), that of the map's own frame, which
+    stays too, last.
     """
     ids = np.array([*(nodes[k].id for k in chosen.tolist()), *stated.landmarks], np.int64)
     known = stated_system(ids, planar_to_matrix(poses), stated.constraints, planar=True)
@@ -84,7 +85,10 @@ def joint_system(
 
 
 def node_motions(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Judged]) -> Edges:
-    """Motions between `chosen` nodes (S,), with the neighbours' covariances added up."""
+    """Motions between `chosen` nodes (S,), with the neighbours' covariances added up.
+
+    Relative poses (E, 3) and information (E, 3, 3), after the rows of tails and heads in `chosen`.
+    """
     row_of = {node.id: row for row, node in enumerate(nodes)}
     steps = [
         c for c in constraints

@@ -82,9 +82,10 @@ class Keyframes:
         max_distances: Array,
         settings: Array,
     ) -> Match:
-        """Aligns a scan with the submap; `information` (3, 3) is how well the guess is known.
+        """Aligns a scan with the submap, from a `guess` (3,) known to `information` (3, 3).
 
-        `settings` are those of `track_scans`, of which the variance factor is learnt.
+        `max_distances` (R,) as of `align`; `settings` (10,) are those of `track_scans`, of which
+        the variance factor is learnt.
         """
         scans, poses = self.targets()
         return match_scan(

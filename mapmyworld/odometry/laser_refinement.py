@@ -178,7 +178,11 @@ def spaced_nodes(poses: Array, config: Config) -> Index:
 
 
 def carry_along(solved: Array, chosen: Index, refined: Array) -> Array:
-    """All poses (N, 3): those between two chosen ones share out what the two were moved by."""
+    """The `solved` poses, carried along, (N, 3) both.
+
+    Those between two of `chosen` (K,), which are now at `refined` (K, 3), share out what the two
+    were moved by.
+    """
     row = np.searchsorted(chosen, np.arange(len(solved)), side="right") - 1
     after = np.minimum(row + 1, len(chosen) - 1)
     by_row = _moved_with(solved, chosen[row], refined[row])

@@ -128,7 +128,10 @@ def exceeds_nis(off: Array, covariance: Array) -> bool:
 
 
 def covariance_of_base(information: Array, base_from_camera: Array) -> Array:
-    """(6, 6) of the base's pose, of the camera's information: never better than the floor."""
+    """Covariance (6, 6) of the base's pose, by the camera's `information` (6, 6).
+
+    Rotation first, never better than the floor; `base_from_camera` (4, 4).
+    """
     adjoint = se3_adjoint(base_from_camera)
     covariance = np.linalg.inv(information + 1e-6 * np.eye(6))
     return np.asarray(adjoint @ covariance @ adjoint.T + 0.5 * FLOOR)
@@ -137,7 +140,8 @@ def covariance_of_base(information: Array, base_from_camera: Array) -> Array:
 def motion_information(pose_covariance: Array, step_covariance: Array, slip: Array) -> Array:
     """(6, 6) of the motion between two poses, as images and inertia know it together.
 
-    By as much as the second slipped with the map, nobody knows it.
+    The former know each pose to `pose_covariance`, the latter the motion to `step_covariance`,
+    (6, 6) both. By as much as the second slipped with the map, `slip` (6,), nobody knows it.
     """
     seen, carried = 2.0 * pose_covariance, step_covariance + FLOOR
     covariance = np.linalg.inv(np.linalg.inv(seen) + np.linalg.inv(carried))

@@ -20,7 +20,7 @@ class OdometryFaults:
         """Steps of which odometry and match are known."""
 
     def add(self, recorded: NDArray[np.float64], moved: NDArray[np.float64]) -> None:
-        """One more step (3,), x, y, yaw, `recorded` otherwise than it `moved` by scans."""
+        """One more step, x, y, yaw, `recorded` otherwise than it `moved` by scans; (3,) both."""
         self._faults[_fault(recorded, moved)] += 1
 
     def notes(self) -> tuple[str, ...]:

@@ -43,7 +43,7 @@ class RecordedMotionModel:
         self._last: NDArray[np.float64] | None = None
 
     def follow(self, odom_from_base: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Covariance (6, 6) of the motion since the last pose."""
+        """Covariance (6, 6), rotation first, of the motion to this pose (4, 4) from the last."""
         moved = np.eye(4) if self._last is None else between(self._last, odom_from_base)
         self._last = odom_from_base
         return motion_covariance(moved, planar=self._planar)

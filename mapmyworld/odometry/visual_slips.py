@@ -36,7 +36,7 @@ class SteadyPath:
         self._pose = np.eye(4)
 
     def reach(self, pose: Array, view: View | None) -> Array:
-        """path_from_base (4, 4) at a pose in the map; it and its image are remembered."""
+        """path_from_base (4, 4) at a pose (4, 4) in the map; it and its image are remembered."""
         self._view, self._pose = view or None, pose  # one without features indicates nothing
         return np.asarray(self._path_from_map @ pose)
 
@@ -47,9 +47,10 @@ class SteadyPath:
     def undo_slip(self, view: View, seen: Known, expected: Known) -> Array | None:
         """Covariance (6, 6) of the motion to this frame, once a slip of the map is taken out.
 
-        `seen`: the pose in the map, `expected`: that of inertia; each with the covariance of the
-        motion. None where the images show that the base did jump, or where they show nothing; and
-        for a slip that is less than takes a new keyframe: so much drift the map takes back rightly.
+        `seen`: the pose in the map, `expected`: that of inertia; a matrix (4, 4) and the covariance
+        (6, 6) of the motion each. None where the images show that the base did jump, or where they
+        show nothing; and for a slip that is less than takes a new keyframe: so much drift the map
+        takes back rightly.
         """
         slip = se3_log(between(expected[0], seen[0]))
         if self._is_small(slip):
@@ -84,7 +85,7 @@ def normalised_residual(one: Known, other: Known) -> float:
 
 
 def together(one: Known, other: Known) -> Known:
-    """What two measurements, each a motion (4, 4) with covariance (6, 6), report of it together."""
+    """What two measurements report of a motion together: (4, 4) with covariance (6, 6) each."""
     off = se3_log(between(one[0], other[0]))
     gain = np.linalg.solve(one[1] + other[1], one[1]).T
     covariance = one[1] - gain @ one[1]

@@ -66,7 +66,10 @@ class FastSlamHistory:
 def history_from_filter(
     generations: Sequence[Generation], path: NDArray[np.float64], frames: NDArray[np.int64]
 ) -> FastSlamHistory:
-    """The history of a filter that has run; `path` (K, 3) is the best particle's."""
+    """The history of a filter that has run.
+
+    `path` (K, 3) is the best particle's, x, y, yaw in the map; `frames` (K,) are those of updates.
+    """
     return FastSlamHistory(
         frames=np.asarray(frames, np.int64),
         particles=np.array([len(g.x) for g in generations], np.int64),

@@ -11,7 +11,7 @@ _QUANTILE = 2.33  # of the normal distribution: 99 %
 
 
 def normalised_weights(log_weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Weights w (P,) that sum to one, of logarithms known up to a constant."""
+    """Weights w (P,) that sum to one, of logarithms (P,) known up to a constant."""
     w = np.exp(log_weights - np.max(log_weights))
     return np.asarray(w / np.sum(w))
 
@@ -36,8 +36,9 @@ def low_variance_sampler(w: NDArray[np.float64], count: int, r: float) -> NDArra
 def kld_sample_size(bins: int, error: float) -> int:
     """Particles after which the sampled distribution over `bins` bins is `error` from the true one.
 
-    In Kullback-Leibler divergence, with a certainty of 99 % (Fox 2003, by the Wilson-Hilferty
-    approximation of the chi-squared distribution).
+    In Kullback-Leibler divergence, with a certainty of 99 % (Fox, "Adapting the sample size in
+    particle filters through KLD-sampling", 2003, by the Wilson-Hilferty approximation of the
+    chi-squared distribution).
     """
     if bins < 2:
         return 1

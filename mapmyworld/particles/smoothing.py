@@ -27,7 +27,10 @@ def smooth_path(
     path: Array, motions: Array, information: Array, scans: Sequence[Scan], config: Config,
     progress: Progress,
 ) -> Array:  # fmt: skip
-    """The refined path (K, 3) of scans whose motions (K - 1, 3) are known to `information`."""
+    """The `path` of scans, refined, (K, 3) both.
+
+    The motions (K - 1, 3) between them are known to `information` (K - 1, 3, 3).
+    """
     progress.stage("refine", len(MAX_DISTANCES), "rounds")
     every, settings = np.arange(len(path)), config.odometry
     system = System(True, every[:-1], every[1:], motions, information, number_free(every == 0))

@@ -107,7 +107,7 @@ class _Looks:
 def smoothed_places(
     looks: _Looks,
 ) -> Iterator[tuple[int, NDArray[np.float32], NDArray[np.float32]]]:
-    """Each node i, from the last to the first, with two rows (N,).
+    """Each node i, from the last to the first, with two rows, (N,) both.
 
     How alike the others look, and the probability that i is at the place of node j given the whole
     log. A discrete Bayes filter over "at node j" or "at a new place" as in Angeli et al., "Fast and

@@ -128,10 +128,11 @@ def spread(
     height: int,
     wanted: int,
 ) -> NDArray[np.int64]:
-    """Indices of at most `wanted` keypoints (N, 2) so that every part of the image has its share.
+    """(K,) indices of at most `wanted` keypoints so that every part of the image has its share.
 
-    The image is cut in square cells; the strongest of each cell come first, then the second
-    strongest of each, and so on. Deterministic: ties keep the order in which they were found.
+    They are at `pixels` (N, 2), as strong as their `responses` (N,). The image is cut in square
+    cells; the strongest of each cell come first, then the second strongest of each, and so on.
+    Deterministic: ties keep the order in which they were found.
     """
     if len(pixels) <= wanted:
         return np.arange(len(pixels))

@@ -21,7 +21,7 @@ _AROUND = tuple(itertools.product((-1, 0, 1), repeat=2))
 
 
 def among_first_revisits(poses: NDArray[np.float64], revisits: int) -> NDArray[np.bool_]:
-    """(N,) poses that are among the first `visits` of their place and heading.
+    """(N,) which of `poses` (N, 3) are among the first `revisits` of their place and heading.
 
     Their number grows with the area that was driven over, not with how often it was.
     """
@@ -48,9 +48,9 @@ def neighbour_pairs(
 ) -> NDArray[np.int64]:
     """(P, 2) ascending pairs of scan indices: close in time, or of another pass nearby.
 
-    Of each earlier or later pass within `radius` metres the nearest scan is taken, `passes`
-    passes at most, so that the cost grows with the drive and not with its square. Other passes
-    are looked for `among` (N,) these scans; all of them, if none are given.
+    Of each earlier or later pass within `radius` metres of `poses` (N, 3) the nearest scan is
+    taken, `revisits` passes at most, so that the cost grows with the drive and not with its square.
+    Other passes are looked for `among` (N,) these scans; all of them, if none are given.
     """
     count = len(poses)
     every = np.arange(count)

@@ -56,7 +56,7 @@ def match_members(
 ) -> Match:  # fmt: skip
     """Scans of some nodes, as one, aligned with those of others.
 
-    Both are a node and the nodes (K,) of its submap; `guess` (3,) is where the `other` node lies in
+    A node and the nodes of its submap, (K,) both; `guess` (3,) is where the `other` node lies in
     the frame of the `target` node.
     """
     (a, targets), (b, members) = target, other

@@ -24,7 +24,7 @@ _LEAST, _MOST = 20.0, 750.0  # m of path that a loss counts for; after the most 
 def unseen_path(
     ids: NDArray[np.int64], constraints: Iterable[Constraint], config: PlacesConfig
 ) -> Array:
-    """(N,) metres of path that losses add between each of these ascending nodes and the last."""
+    """Metres of path that losses add between each of ascending nodes and the last, (N,) both."""
     losses = [c for c in constraints if c.is_tracking_loss]
     added = np.zeros(len(ids))
     if not losses:

@@ -68,7 +68,7 @@ class WholeMap:
         return None if pose is None else self.best_about(place, pose, *_FINER)[0]
 
     def find_about(self, place: Place, pose: Array, distance: float, angle: float) -> Array | None:
-        """The same of poses in a window, m and rad to each side of this one (3,)."""
+        """The same (3,) of poses in a window, m and rad to each side of this one (3,)."""
         if len(self.points) == 0 or distance > np.ptp(self.points, axis=0).max():
             return self.find(place)
         points, least = place.submap.points, FORTH * self.needed
@@ -76,7 +76,7 @@ class WholeMap:
         return None if found is None else self.best_about(place, found, *_FINER)[0]
 
     def find_other(self, place: Place, pose: Array, least: float = 0.0) -> Array | None:
-        """The best other pose (3,) than this one for a place, of more points than `least`."""
+        """The best other pose (3,) than this one (3,) of a place, of more points than `least`."""
         least = max(least, FORTH * self.needed)
         other = search_elsewhere(place.submap.points, self.grid, pose, least)
         return None if other is None else self.best_about(place, other, *_FINER)[0]

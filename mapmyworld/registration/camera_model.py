@@ -106,7 +106,7 @@ def _grid_rays(
 
 
 def depth_at(image: RgbdImage, depth: NDArray[np.float32], pixels: NDArray[np.floating]) -> Array:
-    """Depths (N,) in metres of pixels (N, 2) of the full image, NaN where there is none."""
+    """Depths (N,) in m at pixels (N, 2) of the full image, NaN where `depth` (H, W) has none."""
     factor = image.camera.width / depth.shape[1]
     pixels = np.clip(np.nan_to_num(pixels, nan=-_FAR), -_FAR, _FAR)
     cells = np.round((pixels + 0.5) / factor - 0.5).astype(np.int64)

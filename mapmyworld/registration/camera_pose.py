@@ -41,14 +41,17 @@ class Sightings:
 
 
 def errors(pose: Array, sightings: Sightings) -> Array:
-    """Squared residuals (N, 2) in sigmas: image position, inverse depth (0 without depth)."""
+    """Squared residuals (N, 2) in sigmas: image position, inverse depth (0 without depth).
+
+    From map_from_camera (4, 4).
+    """
     found = np.empty((len(sightings), 2))
     squared_errors(_dense(pose), sightings.points, sightings.seen, sightings.sigmas, found)
     return found
 
 
 def inliers(pose: Array, sightings: Sightings, limit: float) -> NDArray[np.bool_]:
-    """Mask (N,) of sightings within `limit` sigmas of map_from_camera, and whose depth fits."""
+    """Mask (N,) of sightings within `limit` sigmas of map_from_camera (4, 4), whose depth fits."""
     squared = errors(pose, sightings)
     deviation = np.sqrt(squared[:, 1]) * sightings.sigmas[:, 1]
     return np.asarray((squared[:, 0] < limit * limit) & (deviation < sightings.sigmas[:, 2]))
@@ -111,10 +114,10 @@ def _polished(pose: Array, count: int, sightings: Sightings, limit: float) -> tu
 
 
 def refine_pose(start: Array, sightings: Sightings, *, width: float = 2.0) -> tuple[Array, Array]:
-    """map_from_camera (4, 4) of least robust error near `start`, and its information (6, 6).
+    """map_from_camera (4, 4) of least robust error, and its information (6, 6), rotation first.
 
-    Gauss-Newton on reprojection and inverse depth with Huber's weights from `width` sigmas on;
-    a step that makes things worse is taken back and ends it.
+    Near `start` (4, 4). Gauss-Newton on reprojection and inverse depth with Huber's weights from
+    `width` sigmas on; a step that makes things worse is taken back and ends it.
     """
     pose, information = _dense(start).copy(), np.eye(6)
     refine(pose, sightings.points, sightings.seen, sightings.sigmas, width, _ROUNDS, information)

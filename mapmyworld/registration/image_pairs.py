@@ -88,7 +88,7 @@ def register_images(a: View, b: View, config: Config, *, guess: Array | None = N
 def match_by_pose(
     a: View, b: View, points: Array, a_from_b: Array, radius: float
 ) -> tuple[Indices, Indices]:
-    """(M,) features of a with depth and their partners in b near where the motion expects them.
+    """Features of a with depth, and partners in b near where the motion expects them, (M,) both.
 
     `points` (N, 3) of a's features are in a's base frame, `a_from_b` (4, 4) is of the bases and
     `radius` in pixels.

@@ -106,8 +106,10 @@ def align_jointly(
 def pair_edges(
     poses: Array, pairs: Pairs, systems: Array, config: RegistrationConfig
 ) -> tuple[Pairs, Pairs, Array, Array]:
-    """Tails, heads, relative poses (P, 3) and information (P, 3, 3) of pairs with these `systems`:
-    where the minimum of each pair's normal equations lies, seen from `poses`.
+    """Tails and heads, (P,) both, relative poses (P, 3) and information (P, 3, 3) of pairs (P, 2).
+
+    They are where the minimum of each pair's normal equations, `systems` (P, 12), lies, seen from
+    `poses` (N, 3).
     """
     variance = config.range_sigma**2 * config.correlation * 2.0
     information = systems[:, _UPPER] / variance + _FAINT * np.eye(3)

@@ -53,7 +53,7 @@ class LikelihoodGrid:
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """The corners (2,) of what is not padding, the lower left one and the upper right one."""
+        """The lower left and the upper right corner, (2,) both, m, of what is not padding."""
         height, width = self.pyramid.shape[1:]
         return self.corner, self.corner + self.resolution * (
             np.array([width, height]) - 2 * self.margin
@@ -181,9 +181,10 @@ def evidence_elsewhere(
     points: Array, grid: LikelihoodGrid, pose: Array, distance: float, angle: float, least: float,
     score: float = 0.0,
 ) -> Array | None:  # fmt: skip
-    """The best pose (3,) in a window about `pose` but not at it, of more evidence than `least`.
+    """The best pose (3,) of points (N, 2), of more evidence than `least`.
 
-    And of about as much as a pose that the points have elsewhere with this `score`, if any.
+    In a window of `distance` m and `angle` rad about `pose` (3,), but not at it; and of about as
+    much evidence as a pose has elsewhere with this `score`, if any.
     """
     window = _window(points, grid, pose, distance, angle)
     least = max(least, (2.0 * score - 1.0) * len(window[2]) - MARGIN)
@@ -193,7 +194,10 @@ def evidence_elsewhere(
 def search_about(
     points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float, least: float
 ) -> Array | None:
-    """The best pose (3,) of points (N, 2) in a window, if its evidence exceeds `least`."""
+    """The best pose (3,) of points (N, 2), if its evidence exceeds `least`.
+
+    In a window of `distance` m and `angle` rad about `guess` (3,).
+    """
     return _best_of(_window(points, grid, guess, distance, angle), _NOWHERE, least)
 
 
@@ -209,7 +213,9 @@ def search_everywhere(points: Array, grid: LikelihoodGrid, least: float) -> Arra
 def search_elsewhere(
     points: Array, grid: LikelihoodGrid, pose: Array, least: float
 ) -> Array | None:
-    """The same of points (N, 2), not at `pose` (3,) nor in what continues it, as along a wall."""
+    """As of `search_everywhere`, a pose (3,) of points (N, 2), but not at `pose` (3,), nor in what
+    continues it, as along a wall.
+    """
     return _best_of(_everywhere(points, grid), np.concatenate([pose, ANOTHER]), least)
 
 
@@ -274,7 +280,7 @@ def _spread(points: Array, spacing: float) -> Array:
 
 
 def spread_points(points: Array, spacing: float) -> Array:
-    """The first point (N, 2) of each cell."""
+    """The first of points (N, 2) in each cell of edge `spacing`, (K, 2)."""
     x, y = np.floor(points / spacing).astype(np.int64).T
     return points[np.sort(np.unique((x << 32) + y, return_index=True)[1])]
 

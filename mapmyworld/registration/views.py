@@ -114,9 +114,9 @@ def match_around(
     words: NDArray[np.uint64],
     radius: float | NDArray[np.float32],
 ) -> NDArray[np.int32]:
-    """For each point (P, 3) in the camera's frame the feature seen near it, -1 for none.
+    """(P,) for each point (P, 3) in the camera's frame the feature seen near it, -1 for none.
 
-    `radius` in pixels, one for all or (P,); see `kernels.image_matching`.
+    Points have `words` (P, 4); `radius` in pixels, one for all or (P,), as of `match_projected`.
     """
     k = view.camera.intrinsics
     z = camera_points[:, 2]
@@ -153,7 +153,10 @@ def match_views(a: View, b: View) -> tuple[NDArray[np.int64], NDArray[np.int64]]
 def sightings_of(
     view: View, points: Array, matches: NDArray[np.int32]
 ) -> tuple[Sightings, NDArray[np.int64]]:
-    """What `view` saw of points (P, 3) matched to its features, and which points those are."""
+    """What `view` saw of points (P, 3), map frame, and (K,) which points those are.
+
+    `matches` (P,) are their features, -1 for none.
+    """
     known = np.flatnonzero(matches >= 0)
     chosen = matches[known]
     return Sightings(points[known], view.seen[chosen], view.sigmas[chosen]), known

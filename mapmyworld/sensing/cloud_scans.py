@@ -22,7 +22,8 @@ def points_of_cloud(
 ) -> Array:
     """Points (N, 3) of the base frame, the robot's own body left out; `LogError` without any.
 
-    Nothing indicates when each point was taken, so the sweep keeps the robot's motion.
+    By `base_from_lidar` (4, 4). Nothing indicates when each point was taken, so the sweep keeps the
+    robot's motion.
     """
     points = transform_points(base_from_lidar, message.points.astype(np.float64))
     away = points[:, :2] - base_from_lidar[:2, 3]
@@ -38,7 +39,8 @@ def scan_of_points(
 ) -> Scan:
     """The nearest point of each bearing in the slice of heights; points (N, 3) of the base frame.
 
-    Bearings without one are unknown rather than free: what stands there may be lower or higher.
+    Bearings are about the lidar at `base_from_lidar` (4, 4). Those without one are unknown rather
+    than free: what stands there may be lower or higher.
     """
     heights = points[:, 2]
     points = points[(heights >= settings.cloud_lowest) & (heights <= settings.cloud_highest)]
@@ -58,7 +60,7 @@ def scan_of_points(
 
 
 def thinned(cloud: NDArray[np.float32], spacing: float) -> NDArray[np.float32]:
-    """The first of the points (N, 3) in each cube of this edge, metres, in their order."""
+    """The first of the points (N, 3) in each cube of this edge, metres, in their order, (K, 3)."""
     _, first = np.unique(np.floor(cloud / spacing), axis=0, return_index=True)
     return cloud[np.sort(first)]
 

@@ -62,7 +62,9 @@ class RecordedMotion:
         values: NDArray[np.float64],
         interpolated: NDArray[np.bool_] | None = None,
     ) -> None:
-        """`values` (N, 3, 4): the upper rows of the poses; which of them (N,) nobody measured."""
+        """`values` (N, 3, 4) are the upper rows of the poses at `stamps_ns` (N,); `interpolated`
+        (N,) those that nobody measured.
+        """
         self.stamps_ns = stamps_ns
         self._interpolated = interpolated
         self._values = np.ascontiguousarray(values)
@@ -159,7 +161,7 @@ class RecordedMotion:
         return _interpolate_sorted(self.stamps_ns, everything, stamps_ns, tolerance_ns)
 
     def poses_at(self, indices: NDArray[np.int64] | slice) -> NDArray[np.float64]:
-        """Poses (N, 4, 4) of chosen samples, counted in the order of the log."""
+        """Poses (N, 4, 4) of samples `indices` (N,), counted in the order of the log."""
         values = self._values[indices]
         poses = np.zeros((len(values), 4, 4))
         poses[:, :3], poses[:, 3, 3] = values, 1.0

@@ -14,7 +14,7 @@ _EXPOSURE_PERIOD = 9.0  # s in which brightness wanders up and down
 def exposure_at(
     times: NDArray[np.float64], settings: CameraSettings, random: np.random.Generator
 ) -> NDArray[np.float64]:
-    """(N,) factors of brightness at the times."""
+    """Factors of brightness at the times in s, (N,) both."""
     phase = random.uniform(0.0, 2.0 * np.pi)
     wave = np.sin(2.0 * np.pi * times / _EXPOSURE_PERIOD + phase)
     return np.asarray(1.0 + settings.exposure_change * wave)
@@ -23,7 +23,7 @@ def exposure_at(
 def disturb_colour(
     colour: NDArray[np.uint8], gain: float, settings: CameraSettings, random: np.random.Generator
 ) -> NDArray[np.uint8]:
-    """The image (H, W, 3) blurred, brighter or darker, and noisy."""
+    """The image blurred, brighter or darker, and noisy; (H, W, 3) both."""
     image = colour.astype(np.float32) * np.float32(gain)
     if settings.blur > 0.0:
         image = cv2.GaussianBlur(image, (0, 0), settings.blur)
@@ -38,10 +38,11 @@ def disturb_depth(
     settings: CameraSettings,
     random: np.random.Generator,
 ) -> NDArray[np.float32]:
-    """Depth (H, W) in metres with noise that grows with its square; 0 where it is missing.
+    """Depth in metres with noise that grows with its square; 0 where it is missing.
 
-    Missing are: out of range, surfaces seen at a grazing angle, and pixels on a depth edge
-    (Khoshelham and Elberink, "Accuracy and resolution of Kinect depth data", Sensors 2012).
+    `depth`, `slant`, the cosine between ray and normal, and the result are (H, W) each. Missing
+    are: out of range, surfaces seen at a grazing angle, and pixels on a depth edge (Khoshelham and
+    Elberink, "Accuracy and resolution of Kinect depth data", Sensors 2012).
     """
     missing = (depth < settings.depth_min) | (depth > settings.depth_max)
     missing |= slant < np.cos(np.radians(settings.depth_grazing))

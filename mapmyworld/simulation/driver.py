@@ -54,7 +54,7 @@ class Drive:
         return np.where(jumping[..., None], self.poses[low], moved)
 
     def travel(self, seconds: ArrayLike) -> NDArray[np.float64]:
-        """(..., 2) metres forwards and radians turned since the start, by the wheels."""
+        """(..., 2) metres forwards and radians turned since the start until `seconds` (...)."""
         sums = np.concatenate([np.zeros((1, 2)), np.cumsum(self.speeds[:-1] * TICK, axis=0)])
         place = np.clip(np.asarray(seconds) / TICK, 0.0, len(self.poses) - 1)
         knots = np.arange(len(self.poses), dtype=np.float64)

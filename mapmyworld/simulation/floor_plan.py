@@ -32,7 +32,10 @@ class Plan:
     """(2,) cells along x and y."""
 
     def cast(self, rays: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Ranges (N,), infinite where nothing is met, and the segments met (-1) of rays (N, 3)."""
+        """Ranges, infinite where nothing is met, and segments met (-1), (N,) both, of rays (N, 3).
+
+        A ray is x, y, angle; in m and rad.
+        """
         ranges, hits = np.empty(len(rays)), np.empty(len(rays), np.int64)
         cast_planar_rays(
             np.ascontiguousarray(rays, np.float64),

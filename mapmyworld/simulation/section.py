@@ -11,7 +11,10 @@ _TOUCH = 1e-9  # m by which vertices on the plane are lifted, so that each trian
 def horizontal_section(
     corners: NDArray[np.float64], height: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Segments (S, 4) as x0, y0, x1, y1 where triangles (T, 3, 3) cross z = height, and whose."""
+    """Segments (S, 4) as x0, y0, x1, y1 where triangles (T, 3, 3) cross z = height, and (S,) whose.
+
+    All in m; corners of triangles are rows.
+    """
     z = corners[:, :, 2] - height
     z = np.where(np.abs(z) < _TOUCH, _TOUCH, z)
     owner = np.flatnonzero((z.min(1) < 0.0) & (z.max(1) > 0.0))

@@ -35,7 +35,7 @@ class WheelOdometry:
 def wheel_travel(
     drive: Drive, times: NDArray[np.float64], body: BodySettings
 ) -> NDArray[np.float64]:
-    """(N, 2) metres that the left and the right wheel really rolled since the start."""
+    """(N, 2) m that the left and the right wheel really rolled until the `times` (N,), s."""
     forward, turned = np.moveaxis(drive.travel(times), -1, 0)
     half = body.wheel_track / 2.0
     return np.stack([forward - half * turned, forward + half * turned], axis=-1)
@@ -47,7 +47,10 @@ def disturb_wheels(
     settings: OdometrySettings,
     random: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """The travel (N, 2) that the encoders report: wrong radii, random errors and slips."""
+    """The travel that encoders report of the true one: wrong radii, random errors and slips.
+
+    (N, 2) both, m by wheel at `times` (N,), s.
+    """
     steps = np.diff(travel, axis=0)
     moving = np.abs(steps) > _STILL
     noise = random.normal(size=steps.shape) * settings.noise * np.sqrt(np.abs(steps))

@@ -56,10 +56,11 @@ def touched_tiles(
     resolution: float,
     out: NDArray[np.bool_],
 ) -> None:
-    """Marks in `out` (P, H, W) the tiles that the scan will change.
+    """Marks in `out` (P, H, W) the tiles that the scan will change, seen from `poses` (P, 3).
 
-    Those in which beams end, and of those that are only crossed the ones that already hold
-    something: free space alone is nothing to match with.
+    `tables` (P, H, W) hold the slots of the particles' tiles, the first of which is row, column
+    `base` (2,). Those in which beams end, and of those that are only crossed the ones that already
+    hold something: free space alone is nothing to match with.
     """
     side = TILE * resolution
     for particle in range(first, last):
@@ -157,7 +158,7 @@ def insert(
     poses: NDArray[np.float64],
     own: NDArray[np.int32],
 ) -> None:
-    """Adds the scan at `poses` to the maps of particles `first` to `last`.
+    """Adds the scan at `poses` (P, 3) to the maps of particles `first` to `last`.
 
     Only tiles of which `own` (S,) says that one particle has them are changed.
     """

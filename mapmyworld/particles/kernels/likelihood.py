@@ -38,8 +38,8 @@ def log_likelihood(
 ) -> float:
     """Logarithm of p(z | x, m) of the likelihood field, for a pose (3,).
 
-    Every beam ends near a surface, or by chance. An end point where nothing was ever seen counts
-    half as much against the pose as one in the open.
+    Every beam ends near a surface, or by chance (Thrun et al. 2005, section 6.4). An end point
+    where nothing was ever seen counts half as much against the pose as one in the open.
     """
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     total = 0.0
@@ -71,10 +71,11 @@ def beam_log_likelihoods(
     sigma: float,
     out: NDArray[np.float64],
 ) -> None:
-    """Logarithm of p(z | x, m) (P,) by the beam model: rays are followed to the first surface.
+    """Fills `out` (P,), log p(z | x, m) at `poses` (P, 3): rays followed to the first surface.
 
-    Thrun et al. 2005, table 6.1, with a Gaussian about the expected range, a constant for
-    what stands in the way and for chance, and no opinion where the ray leaves the known map.
+    The beam model of Thrun et al. 2005, table 6.1, with a Gaussian about the expected range, a
+    constant for what stands in the way and for chance, and no opinion where the ray leaves the
+    known map.
     """
     half = 0.5 / (sigma * sigma)
     for particle in range(first, last):

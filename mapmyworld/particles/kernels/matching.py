@@ -29,7 +29,7 @@ def linearise(
     H: NDArray[np.float64],
     g: NDArray[np.float64],
 ) -> float:
-    """Adds the scan's Gauss-Newton system at `pose` to H (3, 3), g (3); returns the matched share.
+    """Adds the scan's Gauss-Newton system at `pose` (3,) to H (3, 3), g (3,); the matched share.
 
     Residuals run along the normal where the map has one, else in both axes. Increments are
     those of the map frame, the rotation about the robot.
@@ -139,8 +139,8 @@ def match(
     """Most likely poses of particles `first` to `last`, given their maps and predictions.
 
     `predicted` (P, 3) poses; `prior` (3, 3) their information, in the axes of their headings.
-    `max_distances`: cells searched around an end point, for each iteration. `scale` turns sums over
-    beams, which are not independent, into information. Fills `poses` (P, 3), `informations`
+    `max_distances` (R,): cells searched around an end point, for each iteration. `scale` turns sums
+    over beams, which are not independent, into information. Fills `poses` (P, 3), `informations`
     (P, 3, 3) and `quality` (P, 3): matched share, log-likelihood of the scan, squared deviation
     from the prediction.
     """

@@ -8,22 +8,33 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
+from mapmyworld.backend.blocks import diagonals
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
+    covariance_from_planar,
     interpolate_planar,
     matrix_to_planar,
     planar_to_matrix,
 )
+from mapmyworld.graph.covariance import marginal_covariances
 from mapmyworld.heap import give_back
 from mapmyworld.odometry.joint_system import NOTHING, Statements, joint_system
+from mapmyworld.odometry.sweep_noise import sweep_variances
 from mapmyworld.places.laser_nodes import NodeScans, load_node_scans
 from mapmyworld.places.laser_pairs import among_first_revisits, neighbour_pairs
 from mapmyworld.places.stored_scans import Scans
 from mapmyworld.registration.joint_alignment import MAX_DISTANCES, align_in_rounds
-from mapmyworld.types import Judged, MapStore, Node, Poses, Progress
+from mapmyworld.registration.joint_covariance import (
+    as_contradicted,
+    carried,
+    of_anchors,
+    shape_covariances,
+)
+from mapmyworld.types import Judged, MapStore, Node, Poses, Progress, TrackedFrames
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -66,7 +77,8 @@ def refine_poses(
     chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in sessions])
     chosen = np.union1d(chosen, statements.concerns(nodes))
     session = np.zeros(len(nodes), np.int64) if session is None else session
-    task = _Task(nodes, chosen, scans, constraints, statements, session, config)
+    frames = store.tracked_frames()
+    task = _Task(nodes, frames, chosen, scans, constraints, statements, session, config)
     found = _aligned(task, solved[chosen], statements.places_of(poses), progress)
     every = np.concatenate(
         [
@@ -78,7 +90,11 @@ def refine_poses(
     where = np.array([rows[int(i)] for i in (*(n.id for n in nodes), *statements.landmarks)])
     matrices = np.array(poses.map_from_node)
     matrices[where] = _replace_planar(matrices[where], moved)
-    refined = Poses(poses.ids, matrices, poses.covariances)
+    spread = poses.covariances
+    if spread is not None and found.spread is not None:
+        spread = np.array(spread)
+        spread[where] = covariance_from_planar(_spread_of_all(every, chosen, found))
+    refined = Poses(poses.ids, matrices, spread)
     return Refinement(refined, found.moved, found.residual)
 
 
@@ -87,6 +103,7 @@ class _Task:
     """The scans that are to be aligned with each other."""
 
     nodes: Sequence[Node]
+    frames: TrackedFrames
     chosen: Index
     """(S,) the nodes they were taken at."""
     scans: Scans
@@ -106,6 +123,12 @@ class _Aligned:
     landmarks: Array
     moved: tuple[float, ...]
     residual: float
+    spread: Array | None
+    """(S + L, 3, 3) covariances of these without the scans' own noise; None where they are open."""
+    own: Array
+    """(S, 3, 3) each scan's own noise."""
+    anchors: Index
+    """Scans that stay, where nothing says where they lie in the map."""
 
 
 def _aligned(task: _Task, poses: Array, landmarks: Array, progress: Progress) -> _Aligned:
@@ -122,10 +145,33 @@ def _aligned(task: _Task, poses: Array, landmarks: Array, progress: Progress) ->
     if first.all():
         return shaped
     give_back()
-    carried = carry_along(poses, rows, shaped.poses)
+    moved = carry_along(poses, rows, shaped.poses)
     others = replace(task, statements=NOTHING)
-    later = _rounds(others, carried, landmarks[:0], first, progress)
-    return replace(shaped, poses=later.poses, moved=shaped.moved + later.moved)
+    later = _rounds(others, moved, landmarks[:0], first, progress)
+    return replace(
+        shaped, poses=later.poses, moved=shaped.moved + later.moved,
+        spread=_spread_of_both(shaped, later, rows), own=later.own, anchors=rows[shaped.anchors],
+    )  # fmt: skip
+
+
+def _spread_of_both(shaped: _Aligned, later: _Aligned, rows: Index) -> Array | None:
+    """Later scans err as those do that shape the map near them, and by what they err against it."""
+    if shaped.spread is None or later.spread is None:
+        return None
+    nearest = cKDTree(shaped.poses[:, :2]).query(later.poses[:, :2])[1]
+    nearest[rows] = np.arange(len(rows))
+    with_map = carried(shaped.spread[nearest], shaped.poses[nearest], later.poses)
+    return np.concatenate([with_map + later.spread, shaped.spread[len(rows) :]])
+
+
+def _spread_of_all(every: Array, chosen: Index, found: _Aligned) -> Array:
+    """(N + L, 3, 3) covariances of all nodes and landmarks, given those of the chosen nodes."""
+    assert found.spread is not None
+    count = len(chosen)
+    row = np.searchsorted(chosen, np.arange(len(every)), side="right") - 1
+    spread = carried(found.spread[row], every[chosen[row]], every) + found.own[row]
+    spread[chosen[found.anchors]] = 0.0
+    return np.concatenate([spread, found.spread[count:]])
 
 
 def _rounds(
@@ -150,7 +196,17 @@ def _rounds(
         return np.asarray(pairs[~held[pairs].all(axis=1) & together])
 
     found = align_in_rounds(scans, system, every, pairs_at, config, progress)
-    return _Aligned(found.poses[:count], found.poses[count:-1], found.moved, found.residual)
+    every, residual = found.poses, found.residual
+    own = shape_covariances(scans, residual)
+    known = np.median(own.diagonal(0, 1, 2), axis=0)
+    own += diagonals(sweep_variances(task.nodes, task.frames, known)[task.chosen])
+    spread = marginal_covariances(as_contradicted(found.joint, found.pairs, every), every)
+    anchors = np.zeros(0, np.int64)
+    if spread is not None and among is None:
+        spread = spread + of_anchors(found.joint, own, every)
+        anchors = np.flatnonzero(found.joint.free[:count] < 0)
+    spread = None if spread is None else spread[:-1]
+    return _Aligned(every[:count], every[count:-1], found.moved, residual, spread, own, anchors)
 
 
 def _sessions(nodes: Sequence[Node], unseen: Array) -> list[tuple[int, int]]:

@@ -31,7 +31,8 @@ MAX_DISTANCES = (0.3, 0.2, 0.15, 0.12, 0.12, 0.12, 0.12, 0.12)
 """Metres within which points are associated, round by round."""
 _ANEW = 2  # rounds after which pairs are chosen anew
 _NOTHING = 4e-4  # m of movement, root mean square, at which alignment has ended
-_FAINT = 1.0  # information of a pair that keeps a direction finite which its points leave open
+FAINT = 1.0
+"""Information of a pair that keeps a direction finite which its points leave open."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +45,10 @@ class JointAlignment:
     """Root mean square movement of what does not stay in each round, metres."""
     residual: float
     """Root mean square distance between a point and the other scan's line, metres."""
+    joint: System
+    """Of the last round: the edges that were given, then the pairs."""
+    pairs: int
+    """How many these are."""
 
 
 def align_in_rounds(
@@ -100,7 +105,7 @@ def align_jointly(
             break
     weights = max(float(systems[:, 9].sum()), 1e-9)
     residual = float(np.sqrt(systems[:, 10].sum() / weights))
-    return JointAlignment(poses, tuple(moved), residual)
+    return JointAlignment(poses, tuple(moved), residual, joint, len(pairs))
 
 
 def pair_edges(
@@ -112,7 +117,7 @@ def pair_edges(
     `poses` (N, 3).
     """
     variance = config.range_sigma**2 * config.correlation * 2.0
-    information = systems[:, _UPPER] / variance + _FAINT * np.eye(3)
+    information = systems[:, _UPPER] / variance + FAINT * np.eye(3)
     step = np.asarray(np.linalg.solve(information, -systems[:, 6:9, None] / variance)[:, :, 0])
     tails, heads = pairs.T
     measured = compose_planar(between_planar(poses[tails], poses[heads]), planar_exp(step))

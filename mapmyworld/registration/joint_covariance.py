@@ -1,0 +1,64 @@
+"""How certain scans are after their joint alignment.
+
+Points of a scan err together: its whole shape is turned and shifted a little against the robot, and
+every pair that it is in follows. So what pairs say, taken by how much they contradict each other,
+tells how these shapes lie, and each scan's own noise comes on top of it, once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapmyworld.backend.parts import first_nodes
+from mapmyworld.backend.system import System, edge_chi2
+from mapmyworld.geometry.planar import between_planar, planar_adjoint
+from mapmyworld.registration.joint_alignment import FAINT
+from mapmyworld.registration.scan_matching import ScanSet
+
+Array = NDArray[np.float64]
+_OPEN = 1e-2  # information of points that keeps a direction finite which a scan leaves open
+
+
+def as_contradicted(joint: System, pairs: int, poses: Array) -> System:
+    """The system with the last `pairs` of its edges as sure as they agree at `poses`: by one
+    variance component, their squared sigmas over their redundancy.
+    """
+    if pairs == 0:
+        return joint
+    squares = float(edge_chi2(joint, poses)[-pairs:].sum())
+    redundancy = joint.dimension * pairs - joint.size
+    factor = squares / redundancy if redundancy > 0 and squares > 0.0 else 1.0
+    information, faint = joint.information.copy(), FAINT * np.eye(3)
+    information[-pairs:] = (information[-pairs:] - faint) / factor + faint
+    return replace(joint, information=information)
+
+
+def shape_covariances(scans: ScanSet, residual: float) -> Array:
+    """(S, 3, 3) by how much points that err by `residual` (m) turn and shift a scan's shape."""
+    x, y, nx, ny = scans.rows[:, :4].T.astype(np.float64)
+    slopes = np.stack([nx, ny, ny * x - nx * y], axis=1)
+    squares = (slopes[:, :, None] * slopes[:, None, :]).reshape(-1, 9)
+    sums = np.concatenate([np.zeros((1, 9)), np.cumsum(squares, axis=0)])
+    known = np.diff(sums[scans.bounds], axis=0).reshape(-1, 3, 3)
+    return np.asarray(residual**2 * np.linalg.inv(known + _OPEN * np.eye(3)))
+
+
+def of_anchors(joint: System, own: Array, poses: Array) -> Array:
+    """(N, 3, 3) what the noise of the scan that stays in each part adds, seen from every node;
+    `own` (S, 3, 3) is that of all scans. Nothing where a prior places the part.
+    """
+    anchor = first_nodes(len(joint.free), joint.tails, joint.heads)
+    scanned = anchor < len(own)
+    adjoint = planar_adjoint(between_planar(poses, poses[anchor]))
+    found = adjoint @ own[np.where(scanned, anchor, 0)] @ np.swapaxes(adjoint, 1, 2)
+    found[~scanned | (joint.free[anchor] >= 0)] = 0.0
+    return np.asarray(found)
+
+
+def carried(covariances: Array, poses: Array, others: Array) -> Array:
+    """Covariances (N, 3, 3) of poses (N, 3), as of others that move with them."""
+    adjoint = planar_adjoint(between_planar(others, poses))
+    return np.asarray(adjoint @ covariances @ np.swapaxes(adjoint, 1, 2))

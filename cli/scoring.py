@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from formats.database.connection import is_sqlite
 from formats.truth_files import read_loop_pairs
 from mapmyworld.evaluation import FEW, LoopScore, RelationsScore, loop_closure_score
+from mapmyworld.evaluation.consistency import map_nees
 from mapmyworld.types import CLOSURES, MapStore, Trajectory
 
 
@@ -24,6 +25,17 @@ def read_any_trajectory(path: Path) -> Trajectory:
     from formats.trajectory_files import read_trajectory
 
     return read_trajectory(path)
+
+
+def nees_of_map(path: Path, truth: Trajectory, max_difference_s: float) -> float | None:
+    """A map's errors against its own covariances; None for a file without any."""
+    if not is_sqlite(path):
+        return None
+    from formats.database import open_store
+
+    with open_store(path, read_only=True) as store:
+        nodes, poses = store.nodes(), store.poses()
+    return None if poses is None else map_nees(nodes, poses, truth, max_difference_s)
 
 
 def truth_beside(reference: Path) -> Path | None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mapmyworld.backend.blocks import diagonals
+from mapmyworld.backend.block_matrix import diagonals
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
     between_planar,

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.backend.parts import first_nodes
+from mapmyworld.backend.connected_components import first_nodes
 from mapmyworld.backend.system import System, edge_chi2
 from mapmyworld.geometry.planar import between_planar, planar_adjoint
 from mapmyworld.registration.joint_alignment import FAINT

@@ -19,7 +19,12 @@ from mapmyworld.memory_map import MemoryMap
 from mapmyworld.odometry.sweep_noise import sweep_variances
 from mapmyworld.pipeline import build_map
 from mapmyworld.registration.joint_alignment import FAINT
-from mapmyworld.registration.joint_covariance import as_contradicted, of_anchors, shape_covariances
+from mapmyworld.registration.joint_covariance import (
+    as_contradicted,
+    of_anchors,
+    shape_covariances,
+    without_open,
+)
 from mapmyworld.registration.scan_matching import ScanSet
 from mapmyworld.simulation import SimulationSettings, simulate
 from mapmyworld.types import Node, TrackedFrames
@@ -99,6 +104,14 @@ def test_pairs_are_as_sure_as_they_agree() -> None:
     scaled = as_contradicted(system, pairs, poses).information
     assert np.array_equal(scaled[0], stated[0])
     assert np.median(scaled[1:, 0, 0]) == pytest.approx(1e6 * (1 - 3 * 39 / (3 * pairs)), rel=0.2)
+
+
+def test_pairs_know_nothing_along_a_corridor() -> None:
+    turn = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    bare, room = np.diag([20.0, 1e5, 1e5]), np.diag([5e3, 1e5, 1e5])
+    found = without_open(np.stack([turn @ bare @ turn.T, room]))
+    assert np.allclose(turn.T @ found[0] @ turn, np.diag([0.0, 1e5, 1e5]), atol=1e-6)
+    assert np.array_equal(found[1], room)
 
 
 def test_what_stays_lends_its_noise_to_all_and_a_prior_takes_it_away() -> None:

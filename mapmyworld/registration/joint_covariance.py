@@ -19,7 +19,8 @@ from mapmyworld.registration.joint_alignment import FAINT
 from mapmyworld.registration.scan_matching import ScanSet
 
 Array = NDArray[np.float64]
-_OPEN = 1e-2  # information of points that keeps a direction finite which a scan leaves open
+_OPEN = 0.01  # share of the best known direction's information up to which another is open
+_LEAST = 1e-2  # information that keeps an open direction finite
 
 
 def as_contradicted(joint: System, pairs: int, poses: Array) -> System:
@@ -31,9 +32,20 @@ def as_contradicted(joint: System, pairs: int, poses: Array) -> System:
     squares = float(edge_chi2(joint, poses)[-pairs:].sum())
     redundancy = joint.dimension * pairs - joint.size
     factor = squares / redundancy if redundancy > 0 and squares > 0.0 else 1.0
-    information, faint = joint.information.copy(), FAINT * np.eye(3)
-    information[-pairs:] = (information[-pairs:] - faint) / factor + faint
+    information, stated = joint.information.copy(), joint.information[-pairs:] - FAINT * np.eye(3)
+    information[-pairs:] = without_open(stated) / factor + _LEAST * np.eye(3)
     return replace(joint, information=information)
+
+
+def without_open(information: Array) -> Array:
+    """Information (P, 3, 3) of pairs without the direction of the plane that walls leave open: it
+    has some there for the noise of its normals alone, and all pairs have the same.
+    """
+    values, vectors = np.linalg.eigh(information[:, :2, :2])
+    along = np.where((values[:, 0] < _OPEN * values[:, 1])[:, None], vectors[:, :, 0], 0.0)
+    kept = np.tile(np.eye(3), (len(information), 1, 1))
+    kept[:, :2, :2] -= along[:, :, None] * along[:, None, :]
+    return np.asarray(kept @ information @ kept)
 
 
 def shape_covariances(scans: ScanSet, residual: float) -> Array:
@@ -43,7 +55,7 @@ def shape_covariances(scans: ScanSet, residual: float) -> Array:
     squares = (slopes[:, :, None] * slopes[:, None, :]).reshape(-1, 9)
     sums = np.concatenate([np.zeros((1, 9)), np.cumsum(squares, axis=0)])
     known = np.diff(sums[scans.bounds], axis=0).reshape(-1, 3, 3)
-    return np.asarray(residual**2 * np.linalg.inv(known + _OPEN * np.eye(3)))
+    return np.asarray(residual**2 * np.linalg.inv(known + _LEAST * np.eye(3)))
 
 
 def of_anchors(joint: System, own: Array, poses: Array) -> Array:

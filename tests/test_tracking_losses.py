@@ -76,7 +76,7 @@ def test_a_robot_that_was_carried_off_is_lost_without_odometry_and_says_when() -
     tracked, tracker = follow(scans, None, (41, 3.0))
     assert [k for k, moment in enumerate(tracked) if moment.is_tracking_loss] == [41]
     sigmas = np.sqrt(np.diag(tracked[41].covariance))
-    assert (sigmas >= 2.9).all()  # m and rad, of 3.1 s with a velocity that nothing tells yet
+    assert (sigmas >= 2.9).all()  # m and rad, of 3.1 s with a velocity not known yet
     assert any("tracking was lost at 7 s" in note for note in tracker.notes())
     after = np.stack([moment.pose for moment in tracked[41:]])
     error = between_planar(between_planar(RIGHT[0], RIGHT), between_planar(after[0], after))
@@ -147,7 +147,7 @@ def test_what_passes_before_the_laser_loses_nothing_without_odometry_either() ->
 
 
 def test_after_a_minute_of_silence_a_corridor_like_the_one_before_is_no_place() -> None:
-    """Where it is along the walls nothing says; after a moment it can be only where it was."""
+    """Where it is along the walls is open; after a moment it can be only where it was."""
     walls = np.array([[-50.0, 1.0, 50.0, 1.0], [-50.0, -1.0, 50.0, -1.0]])
     path = np.stack([np.linspace(0.0, 4.0, 81), np.zeros(81), np.zeros(81)], axis=-1)
     scans = [cast(pose, walls, k) for k, pose in enumerate(path)]

@@ -63,7 +63,7 @@ class LaserMotion:
     """Whether it is the first scan, or the first of a new submap, that fits nothing before it."""
 
     is_open: bool = False
-    """Whether later scans say if tracking is lost here: no odometry, and nothing that fits."""
+    """Whether later scans decide if tracking is lost here: no odometry, and nothing that fits."""
 
     @property
     def information(self) -> Array:

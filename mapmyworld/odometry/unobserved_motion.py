@@ -28,7 +28,7 @@ class UnobservedMotion:
         self._moved, self._took = np.zeros(3), 0.0
 
     def restart(self, seconds: float, pose: Array) -> None:
-        """Begins anew at a time and a pose (3,), of which nothing tells the velocity."""
+        """Begins anew at a time and a pose (3,), whose velocity is unknown."""
         self._since, self._pose = seconds, pose.copy()
         self._took = 0.0
 

@@ -123,7 +123,7 @@ class LaserFollower:
         yield from waiting
 
     def _tracked(self, frames: Iterable[Frame]) -> Iterator[tuple[Frame, Motion, bool]]:
-        """Each frame, its motion, and whether later scans say if tracking is lost there."""
+        """Each frame, its motion, and whether later scans decide if tracking is lost there."""
         for some in batches(frames, _AT_ONCE):
             tracked = self._tracker.track_all(some)
             poses = planar_to_matrix(np.stack([moment.pose for moment in tracked]))

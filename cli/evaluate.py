@@ -55,9 +55,9 @@ def trajectory(
 ) -> None:
     """ATE and RPE of ESTIMATE against REFERENCE. By evo's definitions.
 
-    Either is a TUM file or a MAP. Of a MAP, NEES for every unknown says how honest its covariances
-    are: 1 is honest, more is too sure. RPE is left out, and the exit code is 3, where no two poses
-    are --delta apart.
+    Either is a TUM file or a MAP. Of a MAP, NEES per unknown shows whether its covariances are
+    consistent with its errors: 1 is, more is over-confident. RPE is left out, and the exit code is
+    3, where no two poses are --delta apart.
 
     \b
     mapmyworld evaluate trajectory map.db log.mcap.truth/trajectory.tum
@@ -74,29 +74,31 @@ def trajectory(
         parts |= {"rpe": relative.translation, "rpe_rotation_deg": relative.rotation_deg}
     except MapError as error:
         left_out = f"RPE is left out: {error}: give a smaller --delta"
-    honesty = nees_of_map(estimate, truth, max_difference)
-    _show_errors(parts, coverage(poses, truth), honesty, delta, style)
+    nees = nees_of_map(estimate, truth, max_difference)
+    _show_errors(parts, coverage(poses, truth), nees, delta, style)
     if left_out:
         click.echo(f"mapmyworld: {left_out}", err=True)
         sys.exit(EXIT_PARTIAL)
 
 
 def _show_errors(
-    parts: Mapping[str, ErrorStatistics], covered: float, honesty: float | None, delta: float,
+    parts: Mapping[str, ErrorStatistics], covered: float, nees: float | None, delta: float,
     style: str,
 ) -> None:  # fmt: skip
     if style == "json":
         nothing = dict.fromkeys(("rpe", "rpe_rotation_deg"))
         errors = nothing | {n: s.as_dict() for n, s in parts.items()}
-        show_json(errors | {"covered": covered, "nees": honesty})
+        show_json(errors | {"covered": covered, "nees": nees})
         return
     click.echo(f"{parts['ate'].count} poses matched, {100 * covered:.0f}% of the time")
     click.echo(f"{'':18}{'rmse':>9}{'mean':>9}{'median':>9}{'max':>9}")
     names = ["ATE [m]", "ATE [deg]", f"RPE [m] / {delta:g} m", f"RPE [deg] / {delta:g} m"]
     for name, s in zip(names, parts.values(), strict=False):
         click.echo(f"{name:18}{s.rmse:9.4f}{s.mean:9.4f}{s.median:9.4f}{s.maximum:9.4f}")
-    if honesty is not None:
-        click.echo(f"{'NEES / unknown':18}{honesty:9.2f}  (1 is what the map's covariances say)")
+    if nees is not None:
+        click.echo(
+            f"{'NEES per unknown':18}{nees:9.2f}  (1 = consistent with the map's covariances)"
+        )
 
 
 @evaluate.command()

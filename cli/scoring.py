@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from formats.database.connection import is_sqlite
 from formats.truth_files import read_loop_pairs
 from mapmyworld.evaluation import FEW, LoopScore, RelationsScore, loop_closure_score
-from mapmyworld.evaluation.consistency import map_nees
+from mapmyworld.evaluation.nees import map_nees
 from mapmyworld.types import CLOSURES, MapStore, Trajectory
 
 

@@ -128,7 +128,7 @@ class _Aligned:
     own: Array
     """(S, 3, 3) each scan's own noise."""
     anchors: Index
-    """Scans that stay, where nothing says where they lie in the map."""
+    """(A,) scans that stay, in components that no prior places in the map."""
 
 
 def _aligned(task: _Task, poses: Array, landmarks: Array, progress: Progress) -> _Aligned:
@@ -200,6 +200,8 @@ def _rounds(
     own = shape_covariances(scans, residual)
     known = np.median(own.diagonal(0, 1, 2), axis=0)
     own += diagonals(sweep_variances(task.nodes, task.frames, known)[task.chosen])
+    del scans
+    give_back()
     spread = marginal_covariances(as_contradicted(found.joint, found.pairs, every), every)
     anchors = np.zeros(0, np.int64)
     if spread is not None and among is None:

@@ -1,6 +1,6 @@
 """By how much whole sweeps err while the robot moves, from how unsteady the tracked path is.
 
-Within a sweep the robot's motion is known only as well as its wheels tell, or not at all: the sweep
+Within a sweep the robot's motion is known only as well as its wheels measure it, or not at all: it
 comes out turned and shifted, each by itself. Robots keep on as they move, sweeps that err do not:
 the second differences of the path hold six times the variance of one. Their median is that of
 steady driving.
@@ -19,7 +19,7 @@ from mapmyworld.types import Node, TrackedFrames
 Array = NDArray[np.float64]
 _STEP = (0.01, 0.15)  # m from frame to frame between which driving is steady
 _METRES_PER_RADIAN = 0.2  # that a turn counts for
-_FEWEST = 30  # steps, below which they tell nothing
+_FEWEST = 30  # steps, below which they show nothing
 _SIGMAS_PER_MEDIAN = 1.4826
 
 

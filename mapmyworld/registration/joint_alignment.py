@@ -31,6 +31,7 @@ MAX_DISTANCES = (0.3, 0.2, 0.15, 0.12, 0.12, 0.12, 0.12, 0.12)
 """Metres within which points are associated, round by round."""
 _ANEW = 2  # rounds after which pairs are chosen anew
 _NOTHING = 4e-4  # m of movement, root mean square, at which alignment has ended
+_OPEN = 0.01  # share of the best known direction's information up to which another is open
 FAINT = 1.0
 """Information of a pair that keeps a direction finite which its points leave open."""
 
@@ -117,8 +118,11 @@ def pair_edges(
     `poses` (N, 3).
     """
     variance = config.range_sigma**2 * config.correlation * 2.0
-    information = systems[:, _UPPER] / variance + FAINT * np.eye(3)
-    step = np.asarray(np.linalg.solve(information, -systems[:, 6:9, None] / variance)[:, :, 0])
+    kept = without_open(systems[:, _UPPER])
+    known = kept @ systems[:, _UPPER] @ kept / variance
+    pull = kept @ systems[:, 6:9, None] / variance
+    information = known + FAINT * np.eye(3)
+    step = np.asarray(np.linalg.solve(information, -pull)[:, :, 0])
     tails, heads = pairs.T
     measured = compose_planar(between_planar(poses[tails], poses[heads]), planar_exp(step))
     return tails, heads, measured, information
@@ -143,3 +147,16 @@ def _associate(
         )  # fmt: skip
 
     run_in_chunks(work, len(pairs), threads)
+
+
+def without_open(known: Array) -> Array:
+    """(P, 3, 3) projections of pairs without the direction of the plane that walls leave open.
+
+    Pairs with normal matrices `known` (P, 3, 3) have some information there, for the noise of their
+    normals alone: along a corridor that pulls scans together, and all pairs alike.
+    """
+    values, vectors = np.linalg.eigh(known[:, :2, :2])
+    along = np.where((values[:, 0] < _OPEN * values[:, 1])[:, None], vectors[:, :, 0], 0.0)
+    kept = np.tile(np.eye(3), (len(known), 1, 1))
+    kept[:, :2, :2] -= along[:, :, None] * along[:, None, :]
+    return kept

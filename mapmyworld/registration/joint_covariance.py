@@ -1,8 +1,8 @@
 """How certain scans are after their joint alignment.
 
 Points of a scan err together: its whole shape is turned and shifted a little against the robot, and
-every pair that it is in follows. So what pairs say, taken by how much they contradict each other,
-tells how these shapes lie, and each scan's own noise comes on top of it, once.
+every pair that it is in follows. So what pairs measure, taken by how much they contradict each
+other, indicates how these shapes lie, and each scan's own noise comes on top of it, once.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from mapmyworld.registration.joint_alignment import FAINT
 from mapmyworld.registration.scan_matching import ScanSet
 
 Array = NDArray[np.float64]
-_OPEN = 0.01  # share of the best known direction's information up to which another is open
 _LEAST = 1e-2  # information that keeps an open direction finite
 
 
 def as_contradicted(joint: System, pairs: int, poses: Array) -> System:
-    """The system with the last `pairs` of its edges as sure as they agree at `poses`: by one
-    variance component, their squared sigmas over their redundancy.
+    """The system with the last `pairs` of its edges as certain as they agree at `poses` (N, 3).
+
+    By one variance component: their squared sigmas over their redundancy.
     """
     if pairs == 0:
         return joint
@@ -33,19 +33,8 @@ def as_contradicted(joint: System, pairs: int, poses: Array) -> System:
     redundancy = joint.dimension * pairs - joint.size
     factor = squares / redundancy if redundancy > 0 and squares > 0.0 else 1.0
     information, stated = joint.information.copy(), joint.information[-pairs:] - FAINT * np.eye(3)
-    information[-pairs:] = without_open(stated) / factor + _LEAST * np.eye(3)
+    information[-pairs:] = stated / factor + _LEAST * np.eye(3)
     return replace(joint, information=information)
-
-
-def without_open(information: Array) -> Array:
-    """Information (P, 3, 3) of pairs without the direction of the plane that walls leave open: it
-    has some there for the noise of its normals alone, and all pairs have the same.
-    """
-    values, vectors = np.linalg.eigh(information[:, :2, :2])
-    along = np.where((values[:, 0] < _OPEN * values[:, 1])[:, None], vectors[:, :, 0], 0.0)
-    kept = np.tile(np.eye(3), (len(information), 1, 1))
-    kept[:, :2, :2] -= along[:, :, None] * along[:, None, :]
-    return np.asarray(kept @ information @ kept)
 
 
 def shape_covariances(scans: ScanSet, residual: float) -> Array:
@@ -59,8 +48,9 @@ def shape_covariances(scans: ScanSet, residual: float) -> Array:
 
 
 def of_anchors(joint: System, own: Array, poses: Array) -> Array:
-    """(N, 3, 3) what the noise of the scan that stays in each part adds, seen from every node;
-    `own` (S, 3, 3) is that of all scans. Nothing where a prior places the part.
+    """(N, 3, 3) what the noise of the scan that stays in each component adds at `poses` (N, 3).
+
+    `own` (S, 3, 3) is that of all scans. Nothing where a prior places the component.
     """
     anchor = first_nodes(len(joint.free), joint.tails, joint.heads)
     scanned = anchor < len(own)
@@ -71,6 +61,6 @@ def of_anchors(joint: System, own: Array, poses: Array) -> Array:
 
 
 def carried(covariances: Array, poses: Array, others: Array) -> Array:
-    """Covariances (N, 3, 3) of poses (N, 3), as of others that move with them."""
+    """Covariances (N, 3, 3) of poses (N, 3), as of others (N, 3) that move with them: (N, 3, 3)."""
     adjoint = planar_adjoint(between_planar(others, poses))
     return np.asarray(adjoint @ covariances @ np.swapaxes(adjoint, 1, 2))

@@ -35,12 +35,10 @@ with atheris.instrument_imports(include=["formats", "mapmyworld", "rosbags"]):
     from formats.edit_files import read_edits
     from formats.graph_files import read_graph
     from formats.grid_files import read_grid
-    from formats.logs import open_log
+    from formats.logs import foxglove_decoders, open_log, ros_decoders
     from formats.logs.channels import Channel
     from formats.logs.decoding import decoder_for
     from formats.logs.definitions import standard_store
-    from formats.logs.foxglove_decoders import CONVERTERS
-    from formats.logs.ros_decoders import STAMPED, TEXT, TRANSFORMS
     from formats.mesh_files import read_mesh
     from formats.nested_text import read_toml
     from formats.relation_files import read_relations
@@ -69,9 +67,9 @@ _MOST_MESSAGES = 2000
 _MOST_OF_A_TOPIC = 3  # messages that become seeds
 CHANNELS = [
     Channel("/topic", name, encoding)
-    for name in sorted({*STAMPED, *TRANSFORMS, TEXT})
+    for name in sorted(ros_decoders.CONVERTERS)
     for encoding in ("ros1", "cdr")
-] + [Channel("/topic", f"foxglove.{name}", "json") for name in sorted(CONVERTERS)]
+] + [Channel("/topic", f"foxglove.{name}", "json") for name in sorted(foxglove_decoders.CONVERTERS)]
 _LISTS = (  # of a TUM folder
     b"# colour\n1.5 1.png\n2.5 1.png\n\0\0# depth\n1.51 1.png\n2.5 1.png\n"
     b"\0\0# truth\n1.5 0 0 0 0 0 0 1\n\0\0fx: 525.0\nfy: 525.0\ncx: 31.5\ncy: 23.5\n"

@@ -15,6 +15,7 @@ from cli.arguments import PATH, format_option
 from cli.config_sources import config_options, load_config
 from cli.manners import note
 from cli.outputs import require_outputs
+from cli.repeating import given_options
 from cli.spelling import british
 from cli.standard_streams import show_json
 from mapmyworld.errors import MapError
@@ -68,7 +69,7 @@ def compare(
     mapmyworld compare graph.db particles.db --relations intel.relations --image both.png
     mapmyworld compare drive.mcap --methods graph,fastslam,neighbour --reference truth.tum
     """
-    from cli.comparing import figures_of, picture_of, read_candidate, table_lines
+    from cli.comparing import draw_maps, figures_of, read_candidate, table_lines
     from formats.relation_files import read_relations
 
     read = [path for path in (*paths, reference, relations, config_path) if path is not None]
@@ -81,7 +82,7 @@ def compare(
         candidates = _built(paths, _chosen(methods), folder, config_path, changes)
     rows = [figures_of(c, candidates[0], truth, known) for c in candidates]
     if image is not None:
-        _write_png(image, picture_of(candidates, rows))
+        draw_maps(image, candidates, rows)
     if style == "json":
         show_json({"maps": rows})
     else:
@@ -110,13 +111,6 @@ def _chosen(methods: str) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _build_options(config_path: Path | None, changes: tuple[str, ...]) -> list[str]:
-    options = [] if config_path is None else ["--config", str(config_path)]
-    for change in changes:
-        options += ["--set", change]
-    return options
-
-
 def _built(
     logs: tuple[Path, ...],
     methods: list[str],
@@ -130,7 +124,7 @@ def _built(
 
     folder.mkdir(parents=True, exist_ok=True)
     config = load_config(config_path, changes)
-    options = _build_options(config_path, changes)
+    options = given_options(config_path, changes)
     candidates: list[Candidate] = []
     for method in methods:
         source = "graph" if method == "neighbour" else method
@@ -157,14 +151,3 @@ def _build(logs: tuple[Path, ...], method: str, path: Path, options: list[str]) 
         )
     summary: dict[str, Any] = json.loads(done.stdout)
     return summary
-
-
-def _write_png(path: Path, picture: Any) -> None:
-    import cv2
-
-    from formats.whole_files import write_whole
-
-    done, encoded = cv2.imencode(".png", picture[..., ::-1])
-    if not done:
-        raise MapError(f"{path}: the picture cannot be encoded as PNG")
-    write_whole(path, encoded.tobytes())

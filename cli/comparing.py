@@ -141,25 +141,23 @@ def table_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
     return lines
 
 
-def picture_of(
-    candidates: Sequence[Candidate], rows: Sequence[dict[str, Any]]
-) -> NDArray[np.uint8]:
-    """All maps that have a grid, laid upon the first, as RGB (H, W, 3).
+def draw_maps(path: Path, candidates: Sequence[Candidate], rows: Sequence[dict[str, Any]]) -> None:
+    """All maps that have a grid, laid upon the first, in one picture.
 
     Raises `MapError` where none has one.
     """
-    from formats.report.compare_picture import MapPanel, compare_picture
+    from formats.report.compare_picture import MapPanel, write_compare_picture
 
     panels = []
     for candidate, row in zip(candidates, rows, strict=True):
         if candidate.grid is None:
             continue
         first_from_map = _alignment(candidate, candidates[0])
-        path = candidate.trajectory.poses[:, :2, 3]
-        panels.append(MapPanel(candidate.grid, first_from_map, path, _captions(row)))
+        driven = candidate.trajectory.poses[:, :2, 3]
+        panels.append(MapPanel(candidate.grid, first_from_map, driven, _captions(row)))
     if not panels:
         raise MapError("none of these maps has a grid to draw: build them from a log with scans")
-    return compare_picture(panels)
+    write_compare_picture(path, panels)
 
 
 def _alignment(candidate: Candidate, first: Candidate) -> NDArray[np.float64]:

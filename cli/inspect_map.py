@@ -52,13 +52,12 @@ def _draw_particles(store: MapStore, path: Path) -> None:
         raise MapError(
             f"{path}: this map was not made by particles; `inspect graph --image` draws its graph"
         )
-    from formats.report.particle_picture import particle_picture
-    from formats.report.picture_file import write_picture
+    from formats.report.particle_picture import write_particle_picture
 
     branches = np.array(paths["branches"], np.float32).reshape(-1, 2, 2)
     best = np.array(paths["path"], np.float32).reshape(-1, 2)
     loops = np.array(paths["loops"], np.float32).reshape(-1, 2)
-    write_picture(path, particle_picture(grid, branches, best, loops))
+    write_particle_picture(path, grid, branches, best, loops)
     click.echo(f"drew {path}", err=True)
 
 

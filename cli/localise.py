@@ -126,10 +126,9 @@ def _write(path: Path, found: Localisation, grid: OccupancyGrid, base_frame: str
 
         write_localisation_mcap(path, found, base_frame=base_frame, overwrite=True)
     elif path.suffix == ".png":
-        from formats.report.localisation_picture import localisation_picture
-        from formats.report.picture_file import write_picture
+        from formats.report.localisation_picture import write_localisation_picture
 
-        write_picture(path, localisation_picture(grid, found))
+        write_localisation_picture(path, grid, found)
     else:
         from formats.trajectory_files import write_trajectory
 

@@ -9,11 +9,10 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from formats.logs.channels import Channel
-from formats.logs.definitions import recorded_store, ros1_store, ros2_store, standard_store
+from formats.logs.definitions import HEADER, recorded_store, ros1_store, ros2_store, standard_store
 from formats.recording_sinks import Handle, McapSink, Sink
 from mapmyworld.errors import LogError
 
-_HEADER = "std_msgs/msg/Header"
 # ROS 1's tf type, which ROS 2 knows under its newer name.
 _RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 
@@ -94,7 +93,7 @@ def _with_header(store: Typestore, source: Typestore) -> Typestore:
     types = {
         name: fields for name, fields in store.fielddefs.items() if name not in changed.fielddefs
     }
-    changed.register({**types, _HEADER: source.fielddefs[_HEADER]})
+    changed.register({**types, HEADER: source.fielddefs[HEADER]})
     return changed
 
 

@@ -22,6 +22,7 @@ from mapmyworld.types import (
     TrackedFrames,
     Verdict,
 )
+from mapmyworld.types.frames import nodes_as_frames
 from mapmyworld.types.seams import STAGE_RANKS
 
 
@@ -122,15 +123,7 @@ class MemoryMap:
 
     def tracked_frames(self) -> TrackedFrames:
         frames: TrackedFrames | None = self._get("tracked")
-        if frames is not None:
-            return frames
-        nodes = self.nodes()
-        return TrackedFrames(
-            np.array([node.stamp_ns for node in nodes], np.int64),
-            np.array([node.id for node in nodes], np.int64),
-            np.tile(np.eye(4), (len(nodes), 1, 1)),
-            np.ones(len(nodes), np.bool_),
-        )
+        return nodes_as_frames(self.nodes()) if frames is None else frames
 
     def add_constraints(self, constraints: Sequence[Judged]) -> None:
         first, rank = max(self._constraints, default=0) + 1, self._current_rank()

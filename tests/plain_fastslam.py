@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from plain_measurement_model import MeasurementNoise, measurement_model_map
+from plain_motion_model import MotionNoise, sample_motion_model
 from plain_occupancy import SensorModel, update_occupancy_grid
 
-from mapmyworld.particles.motion_model import MotionNoise, sample_motion_model
 from mapmyworld.particles.resampling import low_variance_sampler, normalised_weights
 from mapmyworld.types import OccupancyGrid, Scan
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from cli.compare import compare
 from cli.comparing import Candidate, figures_of, table_lines
 from formats.database import open_store
-from formats.report.compare_picture import MapPanel, compare_picture
-from formats.report.grid_canvas import canvas_from_grid
-from formats.report.particle_picture import particle_picture
+from formats.report.compare_picture import MapPanel, write_compare_picture
+from formats.report.map_axes import draw_rings, figure_file, plan_axes
+from formats.report.particle_picture import write_particle_picture
 from formats.trajectory_files import write_trajectory
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation.sharpness import grid_sharpness
@@ -79,43 +79,70 @@ def test_figures_hold_what_can_be_known() -> None:
     assert "-" in lines[2].split()
 
 
-def test_a_map_turned_in_its_frame_is_drawn_as_the_first_one() -> None:
+def test_a_map_turned_in_its_frame_is_drawn_as_the_first_one(tmp_path: Path) -> None:
     """A wall drawn from a map whose frame is turned by 30 degrees lies where the first's lies."""
     grid = walled(4)
     first_from_map = np.array([0.4, -0.3, np.pi / 6])
-    two = compare_picture([MapPanel(grid, np.zeros(3), np.zeros((0, 2)), ())] * 2, side=400)
-    half = two.shape[1] // 2
-    np.testing.assert_array_equal(two[:, :half], two[:, half:])
+    two = [MapPanel(grid, np.zeros(3), np.zeros((0, 2)), ())] * 2
+    write_compare_picture(tmp_path / "two.png", two)
+    dark = shown(tmp_path / "two.png").max(axis=-1) < 100
+    half = dark.shape[1] // 2
+    assert dark[:, :half].sum() == pytest.approx(dark[:, half:].sum(), rel=0.05)
     wall = np.array([[-0.5, 0.2], [4.5, 0.2]])
     moved = compose_planar(first_from_map, np.column_stack([wall, np.zeros(2)]))[:, :2]
-    panels = [MapPanel(grid, first_from_map, wall, ("turned",))]
-    picture = compare_picture(panels, side=400)
+    write_compare_picture(tmp_path / "one.png", [MapPanel(grid, first_from_map, wall, ("turned",))])
+    picture = shown(tmp_path / "one.png")
     blue = np.argwhere((picture[..., 2] > 150) & (picture[..., 0] < 100))
     rise = np.ptp(blue[:, 0]) / np.ptp(blue[:, 1])
     assert rise == pytest.approx(
         abs(np.subtract(*moved[:, 1]) / np.subtract(*moved[:, 0])), rel=0.1
     )
     assert blue[np.argmax(blue[:, 1]), 0] < blue[np.argmin(blue[:, 1]), 0], "upwards to the right"
+    dark = np.argwhere(picture.max(axis=-1) < 60)  # the wall lies under its own path, turned alike
+    assert np.abs(dark.mean(axis=0) - blue.mean(axis=0)).max() < 0.05 * len(picture)
 
 
-def test_the_canvas_puts_metres_where_they_belong() -> None:
-    """A cell's middle in the map is that cell's pixels in the picture; y points up."""
+def shown(path: Path) -> NDArray[np.int64]:
+    """The picture (H, W, 3) RGB of a file."""
+    picture = cv2.imread(str(path))
+    assert picture is not None
+    return picture[..., ::-1].astype(np.int64)
+
+
+def test_a_map_is_drawn_where_it_lies(tmp_path: Path) -> None:
+    """A ring about a cell's middle in metres goes round that cell's pixels; y points up."""
     log_odds = np.full((10, 20), -4.0, np.float32)
     log_odds[2, 15] = 4.0
-    canvas = canvas_from_grid(OccupancyGrid(log_odds, 0.5, np.array([3.0, 4.0])), 420)
-    dark = np.argwhere(canvas.pixels[..., 0] < 60)
-    middle = dark.mean(axis=0) + 0.5
-    x = canvas.origin[0] + middle[1] / canvas.scale
-    y = canvas.origin[1] + (len(canvas.pixels) - middle[0]) / canvas.scale
-    assert (x, y) == pytest.approx((3.0 + 15.5 * 0.5, 4.0 + 2.5 * 0.5), abs=0.03)
+    grid = OccupancyGrid(log_odds, 0.5, np.array([3.0, 4.0]))
+    with figure_file(tmp_path / "a.png") as figure:
+        axes = plan_axes(figure, grid, np.array([[3.0, 4.0]]))
+        axes.axis("off")
+        draw_rings(axes, np.array([[3.0 + 15.5 * 0.5, 4.0 + 2.5 * 0.5]]), "#ff0000", "here")
+    picture = shown(tmp_path / "a.png")
+    dark = np.argwhere(picture.max(axis=-1) < 60).mean(axis=0)
+    red = np.argwhere((picture[..., 0] > 200) & (picture[..., 1] < 100)).mean(axis=0)
+    assert np.abs(dark - red).max() < 3.0
+    assert dark[0] > 0.6 * len(picture)
 
 
-def test_particle_paths_are_drawn_over_the_grid() -> None:
+def test_a_picture_has_the_same_bytes_each_time_and_a_known_ending(tmp_path: Path) -> None:
+    for name in ("a.svg", "b.svg"):
+        write_compare_picture(
+            tmp_path / name, [MapPanel(walled(1), np.zeros(3), np.zeros((0, 2)), ("$a_$",))]
+        )
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
+    with pytest.raises(MapError, match=r"ends in \.png"), figure_file(tmp_path / "a.xyz"):
+        pass
+
+
+def test_particle_paths_are_drawn_over_the_grid(tmp_path: Path) -> None:
     branches = np.array([[[0.0, 0.0], [1.0, 1.0]]], np.float32)
     best = np.array([[0.0, -1.0], [3.0, -1.0]], np.float32)
-    picture = particle_picture(walled(1), branches, best, np.array([[2.0, -1.0]]), side=300)
+    path = tmp_path / "a.png"
+    write_particle_picture(path, walled(1), branches, best, np.array([[2.0, -1.0]]))
+    picture = shown(path)
     for colour in ((240, 150, 60), (30, 90, 200), (0, 150, 70)):
-        misses = np.abs(picture.astype(int) - colour).max(axis=-1)  # lines are smoothed
+        misses = np.abs(picture - colour).max(axis=-1)  # lines are smoothed
         assert misses.min() < 40, colour
 
 

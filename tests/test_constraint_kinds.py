@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from importlib import resources
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from formats.constraint_kinds import COLOURS, PATH, REJECTED, rgb, with_other_kinds
 from formats.database import links
-from formats.report import graph_picture
+from formats.report.graph_picture import write_graph_picture
 from mapmyworld.types import CLOSURES, OF_ONE_NODE, TRUSTED, ConstraintKind, Judged, Poses
 
 KNOWN = {ConstraintKind.NEIGHBOUR: "path", ConstraintKind.USER: "by hand"}
@@ -69,14 +71,12 @@ def test_a_kind_of_one_node_is_stored_once_as_rtabmaps_prior(
     assert row[:3] == (1, 1, 7)
 
 
-def test_the_picture_of_a_graph_draws_a_kind_without_words_of_its_own(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    kind = ConstraintKind.PROXIMITY
-    words = {k: word for k, word in graph_picture._WORDS.items() if k is not kind}
+def test_the_picture_of_a_graph_draws_every_kind_that_joins_places(tmp_path: Path) -> None:
     poses = Poses(np.array([1, 2]), np.tile(np.eye(4), (2, 1, 1)))
-    poses.map_from_node[1, 0, 3] = 3.0
-    monkeypatch.setattr(graph_picture, "_WORDS", words)
-    drawn = graph_picture.draw_graph(poses, [_constraint(kind)])
-    colour = np.array(graph_picture._COLOURS[kind])
-    assert (drawn == colour).all(axis=2).sum() > 100  # the line and its row in the legend
+    poses.map_from_node[1, 1, 3] = 3.0
+    for kind, colour in COLOURS.items():
+        write_graph_picture(tmp_path / "a.png", poses, [_constraint(kind)])
+        picture = cv2.imread(str(tmp_path / "a.png"))
+        assert picture is not None
+        off = np.abs(picture[..., ::-1].astype(int) - rgb(colour)).max(axis=-1)
+        assert (off < 40).sum() > 100, kind  # the line and its row in the legend

@@ -13,6 +13,12 @@ from plain_measurement_model import (
     expected_range,
     measurement_model_map,
 )
+from plain_motion_model import (
+    MotionNoise,
+    motion_variances,
+    rotations_and_translation,
+    sample_motion_model,
+)
 from plain_occupancy import (
     SensorModel,
     cells_crossed,
@@ -21,12 +27,6 @@ from plain_occupancy import (
 )
 
 from mapmyworld.geometry.planar import between_planar, compose_planar
-from mapmyworld.particles.motion_model import (
-    MotionNoise,
-    motion_variances,
-    rotations_and_translation,
-    sample_motion_model,
-)
 from mapmyworld.particles.resampling import (
     effective_sample_size,
     kld_sample_size,

@@ -13,7 +13,6 @@ from formats.database import foreign_graph as graph
 from formats.database.blobs import blob_to_matrix, blob_to_pose, blobs_to_poses
 from formats.database.connection import Connection
 from formats.database.environment_rows import blob_to_gps, blob_to_readings, nanoseconds
-from formats.database.frame_rows import nodes_as_frames
 from formats.database.opened import Opened
 from formats.database.read_only import ReadOnly
 from formats.database.results import text_to_parameters
@@ -27,6 +26,7 @@ from mapmyworld.types import (
     Scan,
     TrackedFrames,
 )
+from mapmyworld.types.frames import nodes_as_frames
 
 _OLDEST = (0, 13, 0)
 _NEW_CALIBRATION = (0, 18, 0)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from formats.database.arrays import check_lengths, read_array, write_array
 from formats.database.connection import Connection
 from formats.database.scan_blobs import blob_to_scan
-from mapmyworld.types import Node, Scan, TrackedFrames
+from mapmyworld.types import Scan, TrackedFrames
 
 INSERT_SCAN = "INSERT OR REPLACE INTO mapmyworld_scans VALUES (?,?)"
 SCANS_AT_ONCE = 256  # held in memory, written and read together
@@ -36,16 +36,6 @@ def read_frames(db: Connection) -> TrackedFrames | None:
     odometry = read_array(db, "tracked odom_from_base", "f", (-1, 4, 4))
     check_lengths(db, "tracked frames", stamps, node_ids, motions, is_node, odometry)
     return TrackedFrames(stamps, node_ids, motions, is_node.astype(np.bool_), odometry)
-
-
-def nodes_as_frames(nodes: Sequence[Node]) -> TrackedFrames:
-    """One frame a node, in their order, where only nodes were kept."""
-    return TrackedFrames(
-        np.array([node.stamp_ns for node in nodes], np.int64),
-        np.array([node.id for node in nodes], np.int64),
-        np.broadcast_to(np.eye(4), (len(nodes), 4, 4)).copy(),
-        np.ones(len(nodes), np.bool_),
-    )
 
 
 def read_scans(

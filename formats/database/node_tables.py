@@ -17,6 +17,7 @@ from formats.database.transactions import Transactions
 from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
 from mapmyworld.types import Features, Node, NodeData, Scan, TrackedFrames
+from mapmyworld.types.frames import nodes_as_frames
 
 # The stage that first wrote features keeps them: a later one only adds words.
 _INSERT_COUNT = (
@@ -129,7 +130,7 @@ class NodeTables(Transactions):
         self._commit()
 
     def tracked_frames(self) -> TrackedFrames:
-        return frame_rows.read_frames(self._db) or frame_rows.nodes_as_frames(self.nodes())
+        return frame_rows.read_frames(self._db) or nodes_as_frames(self.nodes())
 
     def _restore_session(self) -> None:
         """Takes up where the file stands: the last node of each session, the log's clock."""

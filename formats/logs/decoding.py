@@ -2,37 +2,26 @@
 
 from __future__ import annotations
 
-import struct
+import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from struct import Struct
+from types import SimpleNamespace
+from typing import Any
 
+from formats.bounds import LATEST_NS
+from formats.logs import foxglove_decoders, ros_decoders
 from formats.logs.channels import Channel, Payload
-from formats.logs.ros_decoders import (
-    STAMPED,
-    TEXT,
-    TRANSFORMS,
-    text,
-    transforms,
-)
-from formats.logs.wire import ROS1, Wire, cdr_wire
+from formats.logs.message_parsers import Parse, RosParser, parser_of
 from mapmyworld.errors import LogError
-from mapmyworld.types import Message, MessageKind
+from mapmyworld.types import Message, MessageKind, TextMessage, TransformsMessage
 
-# What decoders meet in damaged messages.
-DECODE_ERRORS = (
-    ValueError,
-    struct.error,
-    IndexError,
-    KeyError,
-    TypeError,
-    AttributeError,
-    OverflowError,
-)
+Peek = Callable[[Payload], int | None]
 _LITTLE = Struct("<II").unpack_from
 _BIG = Struct(">II").unpack_from
-_TF_COUNT_BYTES = 4
+_STAMP = re.compile(rb'"timestamp"\s*:\s*\{\s*"sec"\s*:\s*(\d+)\s*,\s*"nsec"\s*:\s*(\d+)\s*\}')
+_HEAD_BYTES = 4096  # of a JSON message, in which its time stamp is looked for first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,113 +29,50 @@ class ChannelDecoder:
     """How the messages of a channel become ours."""
 
     kind: MessageKind
-    stamp: Callable[[Payload], int | None]
+    stamp: Peek
     decode: Callable[[Payload, int], Message]
     """Of payload and log time."""
 
 
 def decoder_for(channel: Channel) -> ChannelDecoder:
-    """The decoder of a channel; of kind OTHER where we do not know the type or the encoding."""
-    if channel.encoding in {"ros1", "cdr"}:
-        found = _ros_decoder(channel)
-        if found is not None:
-            return found
-    if "foxglove" in channel.type_name:
-        from formats.logs.foxglove_encodings import foxglove_decoder
+    """The decoder of a channel; of kind OTHER where we do not know the type or the encoding.
 
-        parts = foxglove_decoder(channel)
-        if parts is not None:
-            return ChannelDecoder(*parts)
-    return ChannelDecoder(MessageKind.OTHER, _no_stamp, partial(_refuse, channel))
-
-
-def _ros_decoder(channel: Channel) -> ChannelDecoder | None:
-    kind = ros_kind(channel.type_name)
-    if kind is MessageKind.OTHER:
-        return None
-    standardise = _standardiser(channel)
-    decode = _decode(channel, standardise)
-    if standardise is not None:
-        return ChannelDecoder(kind, partial(_slow_stamp, decode), decode)
+    It raises `LogError` for a damaged message.
+    """
+    found = _converter(channel)
+    parse = None if found is None else parser_of(channel)
+    if found is None or parse is None:
+        return ChannelDecoder(MessageKind.OTHER, _no_stamp, partial(_refuse, channel))
+    kind, convert = found
+    decode = partial(_decode, channel, parse, convert)
     if kind is MessageKind.TEXT:
         return ChannelDecoder(kind, _no_stamp, decode)
-    if kind is MessageKind.TRANSFORMS:
-        peek = _ros1_tf_stamp if channel.encoding == "ros1" else _cdr_tf_stamp
-    else:
-        peek = _ros1_stamp if channel.encoding == "ros1" else _cdr_stamp
-    return ChannelDecoder(kind, peek, decode)
+    return ChannelDecoder(kind, _stamp_reader(channel, parse, decode), decode)
 
 
-def ros_kind(type_name: str) -> MessageKind:
-    """What a ROS type means for mapping."""
-    if type_name in TRANSFORMS:
-        return MessageKind.TRANSFORMS
-    if type_name == TEXT:
-        return MessageKind.TEXT
-    return STAMPED[type_name][0] if type_name in STAMPED else MessageKind.OTHER
-
-
-Body = Callable[[Wire, Payload, int], Message]
-
-
-def _body(channel: Channel) -> Body:
-    """What makes a message of a wire format, its bytes and the log time."""
-    if channel.type_name in TRANSFORMS:
-        static = channel.topic.rstrip("/").endswith("tf_static")
-        return lambda wire, data, _: transforms(wire, data, static=static)
-    if channel.type_name == TEXT:
-        return text
-    function = STAMPED[channel.type_name][1]
-    return lambda wire, data, _: function(wire, data)
-
-
-def _standardiser(channel: Channel) -> Callable[[bytes], bytes] | None:
-    """None where messages are laid out as usual, or where the definition cannot be read."""
-    if not channel.schema.strip():
-        return None
-    from formats.logs.definitions import DEFINITION_ERRORS, is_standard, standardiser
-
-    try:
-        return None if is_standard(channel) else standardiser(channel)
-    except DEFINITION_ERRORS:
-        return None
+def _converter(channel: Channel) -> tuple[MessageKind, Callable[[Any], Message]] | None:
+    if channel.encoding in {"ros1", "cdr"} and channel.type_name in ros_decoders.CONVERTERS:
+        return ros_decoders.CONVERTERS[channel.type_name]
+    return foxglove_decoders.CONVERTERS.get(foxglove_decoders.foxglove_name(channel.type_name))
 
 
 def _decode(
-    channel: Channel, standardise: Callable[[bytes], bytes] | None
-) -> Callable[[Payload, int], Message]:
-    body = _body(channel)
-
-    def decode_ros1(data: Payload, log_time_ns: int) -> Message:
-        try:
-            return body(ROS1, data, log_time_ns)
-        except DECODE_ERRORS as error:
-            raise _damaged(channel, log_time_ns, error) from error
-
-    def decode_cdr(data: Payload, log_time_ns: int) -> Message:
-        try:
-            if standardise is not None:
-                data = _standardised(standardise, data)
-            return body(cdr_wire(data), data, log_time_ns)
-        except DECODE_ERRORS as error:
-            raise _damaged(channel, log_time_ns, error) from error
-
-    # Messages that were brought into standard layout are CDR, whatever they were before.
-    return decode_ros1 if channel.encoding == "ros1" and standardise is None else decode_cdr
-
-
-def _damaged(channel: Channel, log_time_ns: int, error: Exception) -> LogError:
-    return LogError(
-        f"{channel.topic}: a damaged {channel.type_name} at log time "
-        f"{log_time_ns * 1e-9:.3f} s: {error}"
-    )
-
-
-def _standardised(standardise: Callable[[bytes], bytes], data: Payload) -> bytes:
+    channel: Channel,
+    parse: Parse,
+    convert: Callable[[Any], Message],
+    data: Payload,
+    log_time_ns: int,
+) -> Message:
     try:
-        return standardise(bytes(data))
-    except Exception as error:  # rosbags promises no family of errors here
-        raise ValueError(str(error)) from error
+        message = convert(parse(data))
+    except Exception as error:  # three foreign parsers, each with errors of its own
+        raise LogError(
+            f"{channel.topic}: a damaged {channel.type_name} at log time "
+            f"{log_time_ns * 1e-9:.3f} s: {error}"
+        ) from error
+    if isinstance(message, TransformsMessage) and channel.topic.rstrip("/").endswith("tf_static"):
+        return replace(message, static=True)
+    return TextMessage(log_time_ns, message.text) if isinstance(message, TextMessage) else message
 
 
 def _refuse(channel: Channel, _data: Payload, _log_time_ns: int) -> Message:
@@ -160,34 +86,54 @@ def _no_stamp(_data: Payload) -> int | None:
     return None
 
 
-def _ros1_stamp(data: Payload) -> int | None:
-    if len(data) < 12:
-        return None
-    seconds, nanoseconds = _LITTLE(data, 4)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+def _stamp_reader(
+    channel: Channel, parse: Parse, decode: Callable[[Payload, int], Message]
+) -> Peek:
+    """What finds the stamp in some of the bytes where that can be, else decodes the message."""
+    at = parse.stamp_at() if isinstance(parse, RosParser) else None
+    if at is not None:
+        return partial(_header_stamp, at, channel.encoding == "ros1")
+    quick = None
+    if not channel.type_name.endswith("FrameTransforms"):
+        quick = {"protobuf": _protobuf_stamp, "json": _json_stamp}.get(channel.encoding)
+    return partial(_stamp, quick, decode)
 
 
-def _cdr_stamp(data: Payload) -> int | None:
-    if len(data) < 12:
-        return None
-    seconds, nanoseconds = (_LITTLE if data[1] else _BIG)(data, 4)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
-
-
-def _ros1_tf_stamp(data: Payload) -> int | None:
-    """Of the first transform."""
-    return _ros1_stamp(data[_TF_COUNT_BYTES:])
-
-
-def _cdr_tf_stamp(data: Payload) -> int | None:
-    if len(data) < 16:
-        return None
-    seconds, nanoseconds = (_LITTLE if data[1] else _BIG)(data, 8)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
-
-
-def _slow_stamp(decode: Callable[[Payload, int], Message], data: Payload) -> int | None:
+def _stamp(
+    quick: Peek | None, decode: Callable[[Payload, int], Message], data: Payload
+) -> int | None:
+    found = None if quick is None else quick(data)
+    if found is not None:
+        return found
     try:
         return decode(data, 0).stamp_ns
     except LogError:
         return None
+
+
+def _header_stamp(at: int, is_ros1: bool, data: Payload) -> int | None:
+    if len(data) < at + 8:
+        return None
+    seconds, nanoseconds = (_LITTLE if is_ros1 or data[1] else _BIG)(data, at)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+
+
+def _json_stamp(data: Payload) -> int | None:
+    """The first time stamp, where it is written as Foxglove's own tools write it."""
+    found = _STAMP.search(data, 0, _HEAD_BYTES)
+    if found is None:
+        return None
+    return min(int(found.group(1)) * 1_000_000_000 + int(found.group(2)), LATEST_NS)
+
+
+def _protobuf_stamp(data: Payload) -> int | None:
+    """The time stamp, where it comes first (field 1, as in all these types)."""
+    if len(data) < 2 or data[0] != 0x0A or data[1] > 0x7F or data[1] + 2 > len(data):
+        return None
+    from google.protobuf.timestamp_pb2 import Timestamp
+
+    try:
+        time = Timestamp.FromString(bytes(data[2 : 2 + data[1]]))
+    except Exception:  # damaged; decoding will say so
+        return None
+    return foxglove_decoders.stamp_of(SimpleNamespace(timestamp=time))

@@ -1,13 +1,12 @@
-"""Message definitions: is a recorded type laid out as the standard one, and if not, what then.
+"""Message definitions: those that ROS has, and those that a recording brings, within reason.
 
-Parsing, and messages of types laid out in another way, are rosbags' work.
+Parsing them, and reading messages by them, is rosbags' work.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from functools import cache, lru_cache
+from functools import cache
 from typing import Any
 
 from rosbags.interfaces import Nodetype
@@ -16,11 +15,9 @@ from rosbags.typesys.store import Typestore
 
 from formats.logs.channels import Channel
 
-Layout = tuple[Any, ...]
 _TF_MESSAGE = "geometry_msgs/TransformStamped[] transforms\n"
 _TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-# Everything a parser raises at a text that is no definition.
-DEFINITION_ERRORS = (Exception,)
+HEADER = "std_msgs/msg/Header"
 # No type that we read comes near these; beyond them, parsing and the code that rosbags makes of a
 # definition, value by value, take minutes and gigabytes.
 _MOST_TEXT = 1 << 16  # bytes of a definition
@@ -34,17 +31,16 @@ _NOTHING = "structure_needs_at_least_one_member"  # rosbags' only field of a typ
 @cache
 def ros1_store() -> Typestore:
     """Standard types of ROS 1 Noetic, with tf's."""
-    store = get_typestore(Stores.ROS1_NOETIC)
-    for name in _TF_TYPES:
-        if name not in store.fielddefs:
-            store.register(get_types_from_msg(_TF_MESSAGE, name))
-    return store
+    return _with_tf(get_typestore(Stores.ROS1_NOETIC))
 
 
 @cache
 def ros2_store() -> Typestore:
     """Standard types of ROS 2 Humble, which all later ones lay out alike."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
+    return _with_tf(get_typestore(Stores.ROS2_HUMBLE))
+
+
+def _with_tf(store: Typestore) -> Typestore:
     for name in _TF_TYPES:
         if name not in store.fielddefs:
             store.register(get_types_from_msg(_TF_MESSAGE, name))
@@ -74,9 +70,8 @@ def recorded_store(channel: Channel) -> Typestore:
     store = get_typestore(Stores.EMPTY)
     for known in store.fielddefs:
         types.pop(known, None)
-    if "std_msgs/msg/Header" not in types:
-        header = standard_store(channel.encoding).fielddefs["std_msgs/msg/Header"]
-        types["std_msgs/msg/Header"] = header
+    if HEADER not in types:
+        types[HEADER] = standard_store(channel.encoding).fielddefs[HEADER]
     store.register(types)
     if values_of(store, channel.type_name, {}) > _MOST_VALUES:
         raise ValueError(f"a {channel.type_name} of more than {_MOST_VALUES} values")
@@ -116,67 +111,3 @@ def _is_number(field: Any) -> bool:
     """Arrays of which are read at once, whatever their size."""
     kind, what = field
     return kind == Nodetype.BASE and what[0] not in ("string", "wstring")
-
-
-def layout(store: Typestore, type_name: str) -> Layout:
-    """The sequence of basic types that a message is on the wire, names left out."""
-    return tuple(_layout(store, field) for _, field in store.fielddefs[type_name][1])
-
-
-def _layout(store: Typestore, field: Any) -> Layout:
-    kind, what = field
-    if kind == Nodetype.BASE:
-        return (_same_size(what[0]),)
-    if kind == Nodetype.NAME:
-        return layout(store, what)
-    element, size = what
-    fixed = size if kind == Nodetype.ARRAY else -1
-    return (fixed, _layout(store, element))
-
-
-def _same_size(base: str) -> str:
-    return {
-        "byte": "uint8",
-        "char": "uint8",
-        "int8": "uint8",
-        "bool": "uint8",
-        "octet": "uint8",
-    }.get(base, base)
-
-
-def is_standard(channel: Channel) -> bool:
-    """Whether messages are laid out as the standard type of that name.
-
-    True where nothing was recorded to determine it (rosbag2's older .db3 files).
-    """
-    if not channel.schema.strip():
-        return True
-    described = channel.encoding, channel.type_name, channel.schema_encoding, channel.schema
-    return _is_standard(*described)
-
-
-@lru_cache(maxsize=256)
-def _is_standard(encoding: str, type_name: str, schema_encoding: str, schema: bytes) -> bool:
-    channel = Channel("", type_name, encoding, schema_encoding, schema)
-    standard = standard_store(encoding)
-    return layout(recorded_store(channel), type_name) == layout(standard, type_name)
-
-
-def standardiser(channel: Channel) -> Callable[[bytes], bytes]:
-    """Turns a message of a type laid out otherwise into the standard one of the same name.
-
-    Fields of the same name are kept, those that the recording lacks are zero.
-    """
-    from rosbags.convert.converter import migrate_bytes
-
-    recorded, standard = recorded_store(channel), ros2_store()
-    is_ros2, name, memory = channel.encoding == "cdr", channel.type_name, dict[str, object]()
-
-    def standardise(data: bytes) -> bytes:
-        return bytes(
-            migrate_bytes(
-                recorded, standard, name, name, memory, data, src_is2=is_ros2, dst_is2=True
-            )
-        )
-
-    return standardise

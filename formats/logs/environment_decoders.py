@@ -4,37 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
-from formats.logs.channels import Payload
-from formats.logs.wire import Wire
+from formats.logs.message_fields import field, header_of, matrix_of
 from mapmyworld.types import GpsMessage, Quantity, ReadingMessage
 
-_NO_FIX = 255  # status -1 as an unsigned byte
+_NO_FIX = -1
 _ERROR = 10.0  # m, where the receiver does not indicate it
 
 
-def nav_sat_fix(wire: Wire, data: Payload) -> GpsMessage:
+def nav_sat_fix(value: Any) -> GpsMessage:
     """Position with its largest standard deviation; NaN where the receiver has no fix."""
-    stamp, frame, position = wire.header(data, wire.start)
-    fixed = data[position] != _NO_FIX
-    # The status byte is followed by a 16-bit field, aligned in CDR.
-    position = wire.align(position + 1, 2) + 2
-    values, position = wire.array(data, position, "f8", 12)
-    latitude, longitude, altitude, *covariance = (float(value) for value in values)
-    variance = max(covariance[0], covariance[4], covariance[8])
-    known = data[position] != 0 and math.isfinite(variance) and variance > 0
-    error = math.sqrt(variance) if known else _ERROR
-    if not fixed:
+    names = ("latitude", "longitude", "altitude")
+    latitude, longitude, altitude = (float(field(value, name, math.nan)) for name in names)
+    variance = float(matrix_of(value, "position_covariance", 3, 3).diagonal().max())
+    is_known = field(value, "position_covariance_type", 0) != 0
+    known = is_known and math.isfinite(variance) and variance > 0
+    if field(field(value, "status"), "status", 0) == _NO_FIX:
         latitude = longitude = math.nan
-    return GpsMessage(stamp, frame, latitude, longitude, altitude, error)
+    error = math.sqrt(variance) if known else _ERROR
+    return GpsMessage(*header_of(value), latitude, longitude, altitude, error)
 
 
-def reading_decoder(quantity: Quantity, scale: float) -> Callable[[Wire, Payload], ReadingMessage]:
-    """The decoder of a message of a value and its variance, in the quantity's unit."""
+def reading_decoder(name: str, quantity: Quantity, scale: float) -> Callable[[Any], ReadingMessage]:
+    """The decoder of a message with a value of that name, in the quantity's unit."""
 
-    def decode(wire: Wire, data: Payload) -> ReadingMessage:
-        stamp, frame, position = wire.header(data, wire.start)
-        values, _ = wire.array(data, position, "f8", 1)
-        return ReadingMessage(stamp, frame, quantity, float(values[0]) * scale)
+    def decode(value: Any) -> ReadingMessage:
+        return ReadingMessage(*header_of(value), quantity, float(field(value, name, 0.0)) * scale)
 
     return decode

@@ -11,12 +11,19 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from formats.bounds import LATEST_NS
 from formats.logs.image_pixels import compressed_image, raw_image
+from formats.logs.message_fields import (
+    doubles_of,
+    field,
+    matrix_of,
+    motion_of,
+    pose_of,
+    singles_of,
+    xyz,
+)
 from formats.logs.point_clouds import PointField, cloud_points
-from formats.logs.poses import pose_matrix
 from formats.logs.singles import singles
 from mapmyworld.types import (
     CameraInfoMessage,
@@ -37,14 +44,6 @@ _NO_PIXELS = 0
 _MODELS = {"plumb_bob", "rational_polynomial", "equidistant"}
 
 
-def field(value: Any, name: str, default: Any = None) -> Any:
-    """An attribute, in either case of letters; `default` where it is absent or null."""
-    found = getattr(value, name, None)
-    if found is None:
-        found = getattr(value, name.lower(), None)
-    return default if found is None else found
-
-
 def stamp_of(value: Any) -> int:
     """Nanoseconds of its Timestamp (protobuf), {sec, nsec} (JSON) or Time (ROS)."""
     time = field(value, "timestamp")
@@ -61,40 +60,11 @@ def _octets(value: Any) -> bytes:
     return bytes(value) if value is not None else b""
 
 
-def _numbers(value: Any) -> NDArray[np.float64]:
-    return np.array([] if value is None else value, np.float64).reshape(-1)
-
-
-def _singles(value: Any) -> NDArray[np.float32]:
-    return singles([] if value is None else value).reshape(-1)
-
-
-def _sized(value: Any, size: int) -> NDArray[np.float64]:
-    found = _numbers(value)
-    if len(found) not in {0, size}:
-        raise ValueError(f"{len(found)} numbers where {size} are needed")
-    return found if len(found) else np.zeros(size)
-
-
-def _xyz(value: Any) -> list[float]:
-    return [float(field(value, axis, 0.0)) for axis in "xyz"]
-
-
-def _matrix(position: Any, rotation: Any) -> NDArray[np.float64]:
-    quaternion = [float(field(rotation, axis, 0.0)) for axis in "xyzw"]
-    return pose_matrix([*_xyz(position), *quaternion])
-
-
-def _pose_of(value: Any) -> NDArray[np.float64]:
-    pose = field(value, "pose")
-    return _matrix(field(pose, "position"), field(pose, "orientation"))
-
-
 def laser_scan(value: Any) -> LaserScanMessage:
     """A sweep; its own pose turns it about z (a shift cannot be said in our terms)."""
-    ranges = _singles(field(value, "ranges"))
+    ranges = singles_of(value, "ranges")
     start, end = float(field(value, "start_angle", 0.0)), float(field(value, "end_angle", 0.0))
-    pose = _pose_of(value)
+    pose = pose_of(value)
     turn = math.atan2(pose[1, 0], pose[0, 0])
     return LaserScanMessage(
         stamp_of(value),
@@ -106,7 +76,7 @@ def laser_scan(value: Any) -> LaserScanMessage:
         0.0,
         math.inf,
         ranges,
-        _singles(field(value, "intensities")),
+        singles_of(value, "intensities"),
     )
 
 
@@ -139,10 +109,10 @@ def camera_calibration(value: Any) -> CameraInfoMessage:
         int(field(value, "width", 0)),
         int(field(value, "height", 0)),
         model if model in _MODELS else "",
-        _numbers(field(value, "D")),
-        _sized(field(value, "K"), 9).reshape(3, 3),
-        _sized(field(value, "R"), 9).reshape(3, 3),
-        _sized(field(value, "P"), 12).reshape(3, 4),
+        doubles_of(value, "D"),
+        matrix_of(value, "K", 3, 3),
+        matrix_of(value, "R", 3, 3),
+        matrix_of(value, "P", 3, 4),
     )
 
 
@@ -151,7 +121,7 @@ def _transform(value: Any) -> TransformStamped:
         stamp_of(value),
         field(value, "parent_frame_id", ""),
         field(value, "child_frame_id", ""),
-        _matrix(field(value, "translation"), field(value, "rotation")),
+        motion_of(field(value, "translation"), field(value, "rotation")),
     )
 
 
@@ -169,7 +139,7 @@ def frame_transforms(value: Any) -> TransformsMessage:
 def pose_in_frame(value: Any) -> PoseMessage:
     """A pose without covariance."""
     return PoseMessage(
-        stamp_of(value), field(value, "frame_id", ""), _pose_of(value), np.zeros((6, 6))
+        stamp_of(value), field(value, "frame_id", ""), pose_of(value), np.zeros((6, 6))
     )
 
 
@@ -180,10 +150,10 @@ def odometry(value: Any) -> OdometryMessage:
         stamp_of(value),
         field(value, "frame_id", ""),
         field(value, "body_frame_id", ""),
-        _pose_of(value),
-        _sized(field(value, "pose_covariance"), 36).reshape(6, 6),
-        np.array(_xyz(velocity[0]) + _xyz(velocity[1])),
-        _sized(field(value, "velocity_covariance"), 36).reshape(6, 6),
+        pose_of(value),
+        matrix_of(value, "pose_covariance", 6, 6),
+        np.array(xyz(velocity[0]) + xyz(velocity[1])),
+        matrix_of(value, "velocity_covariance", 6, 6),
     )
 
 
@@ -201,7 +171,7 @@ def point_cloud(value: Any) -> PointCloudMessage:
         for item in field(value, "fields", ())
     ]
     points, colours = cloud_points(fields, data, len(data) // step, 1, step, 0)
-    pose = _pose_of(value)
+    pose = pose_of(value)
     if not np.array_equal(pose, np.eye(4)):
         points = singles(points @ pose[:3, :3].T + pose[:3, 3])
     return PointCloudMessage(stamp_of(value), field(value, "frame_id", ""), points, colours)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.logs.channels import Payload
 from formats.logs.singles import singles
 
 # sensor_msgs/PointField datatypes.
@@ -21,12 +22,11 @@ class PointField:
     name: str
     offset: int  # bytes from the start of a point
     datatype: int
-    count: int = 1
 
 
 def cloud_points(
     fields: Sequence[PointField],
-    data: bytes,
+    data: Payload,
     width: int,
     height: int,
     step: int,
@@ -48,7 +48,7 @@ def cloud_points(
 
 def _cells(
     fields: Sequence[PointField],
-    data: bytes,
+    data: Payload,
     width: int,
     height: int,
     step: int,

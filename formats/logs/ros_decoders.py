@@ -1,24 +1,30 @@
-"""Standard ROS messages, of either wire format, as typed values: one function a type.
+"""Standard ROS messages as typed values, from the objects that rosbags makes: one function a type.
 
-Each takes the wire format and the message's bytes, and raises ValueError, struct.error or
-IndexError where they do not hold what the type needs.
+A field that the definition of a recording lacks is zero or empty.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import cast
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.logs.channels import Payload
 from formats.logs.environment_decoders import nav_sat_fix, reading_decoder
 from formats.logs.image_pixels import compressed_image, raw_image
-from formats.logs.point_clouds import PointField, cloud_points
-from formats.logs.poses import pose_matrix
-from formats.logs.wire import Wire
+from formats.logs.message_fields import (
+    doubles_of,
+    field,
+    header_of,
+    matrix_of,
+    motion_of,
+    pose_of,
+    singles_of,
+    xyz,
+)
+from formats.logs.point_clouds import cloud_points
 from mapmyworld.types import (
     CameraInfoMessage,
     ImageMessage,
@@ -35,196 +41,143 @@ from mapmyworld.types import (
     TransformStamped,
 )
 
-Floats = NDArray[np.float64]
-Decoder = Callable[[Wire, Payload], Message]
-_MAX_ITEMS = 1_000_000  # transforms or echoes in one message; more is damage
+Decoder = Callable[[Any], Message]
+_MOST_FIELDS = 1000  # of a point; more is damage
+_RATES = ("angular_velocity", "linear_acceleration")
+_SCAN_NUMBERS = (
+    "angle_min",
+    "angle_increment",
+    "time_increment",
+    "scan_time",
+    "range_min",
+    "range_max",
+)
 
 
-def _doubles(wire: Wire, data: Payload, position: int, count: int) -> tuple[Floats, int]:
-    found, end = wire.array(data, position, "f8", count)
-    return cast(Floats, found), end
-
-
-def _singles(wire: Wire, data: Payload, position: int) -> tuple[NDArray[np.float32], int]:
-    found, end = wire.floats(data, position, "f4")
-    return cast("NDArray[np.float32]", found), end
-
-
-def laser_scan(wire: Wire, data: Payload) -> LaserScanMessage:
+def laser_scan(value: Any) -> LaserScanMessage:
     """A planar sweep."""
-    stamp, frame, position = wire.header(data, wire.start)
-    numbers, position = wire.array(data, wire.align(position, 4), "f4", 7)
-    ranges, position = _singles(wire, data, position)
-    intensities, _ = _singles(wire, data, position)
-    return _scan(stamp, frame, numbers, ranges, intensities)
+    return _scan(value, singles_of(value, "ranges"), singles_of(value, "intensities"))
 
 
-def multi_echo_laser_scan(wire: Wire, data: Payload) -> LaserScanMessage:
+def multi_echo_laser_scan(value: Any) -> LaserScanMessage:
     """The first echo of each beam; infinite where there is none."""
-    stamp, frame, position = wire.header(data, wire.start)
-    numbers, position = wire.array(data, wire.align(position, 4), "f4", 7)
-    ranges, position = _first_echoes(wire, data, position, math.inf)
-    intensities, _ = _first_echoes(wire, data, position, 0.0)
-    return _scan(stamp, frame, numbers, ranges, intensities)
+    ranges = _first_echoes(field(value, "ranges", ()), math.inf)
+    return _scan(value, ranges, _first_echoes(field(value, "intensities", ()), 0.0))
 
 
-def _first_echoes(
-    wire: Wire, data: Payload, position: int, missing: float
-) -> tuple[NDArray[np.float32], int]:
-    count, position = wire.u32(data, position)
-    if count > _MAX_ITEMS:
-        raise ValueError(f"{count} beams")
-    first = np.full(count, missing, np.float32)
-    for beam in range(count):
-        echoes, position = _singles(wire, data, position)
-        if len(echoes):
-            first[beam] = echoes[0]
-    return first, position
+def _first_echoes(beams: Sequence[Any], missing: float) -> NDArray[np.float32]:
+    return np.array([beam.echoes[0] if len(beam.echoes) else missing for beam in beams], np.float32)
 
 
 def _scan(
-    stamp: int,
-    frame: str,
-    numbers: NDArray[np.generic],
-    ranges: NDArray[np.float32],
-    intensities: NDArray[np.float32],
+    value: Any, ranges: NDArray[np.float32], intensities: NDArray[np.float32]
 ) -> LaserScanMessage:
-    first, _, step, beam_time, scan_time, nearest, farthest = numbers.tolist()
+    numbers = [float(field(value, name, 0.0)) for name in _SCAN_NUMBERS]
+    first, step, beam_time, scan_time, nearest, farthest = numbers
+    stamp, frame = header_of(value)
     return LaserScanMessage(
         stamp, frame, first, step, beam_time, scan_time, nearest, farthest, ranges, intensities
     )
 
 
-def odometry(wire: Wire, data: Payload) -> OdometryMessage:
+def odometry(value: Any) -> OdometryMessage:
     """A pose with its covariance, and the velocity."""
-    stamp, frame, position = wire.header(data, wire.start)
-    child, position = wire.string(data, position)
-    position = wire.align(position, 8)
-    matrix = pose_matrix(wire.unpack_pose(data, position))
-    values, _ = _doubles(wire, data, position + 56, 78)
+    pose, twist = field(value, "pose"), field(value, "twist")
+    speed = field(twist, "twist")
     return OdometryMessage(
-        stamp,
-        frame,
-        child,
-        matrix,
-        values[:36].reshape(6, 6),
-        values[36:42],
-        values[42:].reshape(6, 6),
+        *header_of(value),
+        field(value, "child_frame_id", ""),
+        pose_of(pose),
+        matrix_of(pose, "covariance", 6, 6),
+        np.array(xyz(field(speed, "linear")) + xyz(field(speed, "angular"))),
+        matrix_of(twist, "covariance", 6, 6),
     )
 
 
-def imu(wire: Wire, data: Payload) -> ImuMessage:
+def imu(value: Any) -> ImuMessage:
     """An inertial sample; its orientation is None where the device indicates that it has none."""
-    stamp, frame, position = wire.header(data, wire.start)
-    values, _ = _doubles(wire, data, position, 37)
+    turn = field(value, "orientation")
+    orientation = np.array([*xyz(turn), float(field(turn, "w", 0.0))])
     # A first covariance of -1 says "no orientation"; so does a quaternion that was never set.
-    known = values[4] != -1.0 and bool(values[:4].any())
-    return ImuMessage(stamp, frame, values[:4] if known else None, values[13:16], values[25:28])
+    denied = matrix_of(value, "orientation_covariance", 3, 3)[0, 0] == -1.0
+    known = not denied and bool(orientation.any())
+    rates = (np.array(xyz(field(value, name))) for name in _RATES)
+    return ImuMessage(*header_of(value), orientation if known else None, *rates)
 
 
-def transforms(wire: Wire, data: Payload, *, static: bool) -> TransformsMessage:
-    """Transforms of tf, static or not by their topic."""
-    count, position = wire.u32(data, wire.start)
-    if count > _MAX_ITEMS:
-        raise ValueError(f"{count} transforms")
-    found = []
-    for _ in range(count):
-        stamp, parent, position = wire.header(data, position)
-        child, position = wire.string(data, position)
-        position = wire.align(position, 8)
-        matrix = pose_matrix(wire.unpack_pose(data, position))
-        found.append(TransformStamped(stamp, parent, child, matrix))
-        position += 56
-    return TransformsMessage(tuple(found), static)
+def transforms(value: Any) -> TransformsMessage:
+    """Transforms of tf, static by their topic."""
+    return TransformsMessage(tuple(map(_transform, field(value, "transforms", ()))), static=False)
 
 
-def camera_info(wire: Wire, data: Payload) -> CameraInfoMessage:
+def _transform(value: Any) -> TransformStamped:
+    motion = field(value, "transform")
+    matrix = motion_of(field(motion, "translation"), field(motion, "rotation"))
+    return TransformStamped(*header_of(value), field(value, "child_frame_id", ""), matrix)
+
+
+def camera_info(value: Any) -> CameraInfoMessage:
     """Intrinsics of a camera."""
-    stamp, frame, position = wire.header(data, wire.start)
-    height, position = wire.u32(data, position)
-    width, position = wire.u32(data, position)
-    model, position = wire.string(data, position)
-    distortion, position = wire.floats(data, position, "f8")
-    values, _ = _doubles(wire, data, position, 30)
     return CameraInfoMessage(
-        stamp,
-        frame,
-        width,
-        height,
-        model,
-        cast(Floats, distortion),
-        values[:9].reshape(3, 3),
-        values[9:18].reshape(3, 3),
-        values[18:].reshape(3, 4),
+        *header_of(value),
+        field(value, "width", 0),
+        field(value, "height", 0),
+        field(value, "distortion_model", ""),
+        doubles_of(value, "D"),
+        matrix_of(value, "K", 3, 3),
+        matrix_of(value, "R", 3, 3),
+        matrix_of(value, "P", 3, 4),
     )
 
 
-def image(wire: Wire, data: Payload) -> ImageMessage:
+def image(value: Any) -> ImageMessage:
     """Pixels as they are, decoded when asked for."""
-    stamp, frame, position = wire.header(data, wire.start)
-    height, position = wire.u32(data, position)
-    width, position = wire.u32(data, position)
-    encoding, position = wire.string(data, position)
-    big_endian = bool(data[position])
-    step, position = wire.u32(data, position + 1)
-    length, position = wire.u32(data, position)
-    if position + length > len(data):
-        raise ValueError(f"{length} bytes of pixels announced, {len(data) - position} are there")
-    return raw_image(stamp, frame, encoding, width, height, step, data, position, big_endian)
+    return raw_image(
+        *header_of(value),
+        value.encoding,
+        value.width,
+        value.height,
+        value.step,
+        memoryview(value.data),
+        big_endian=bool(value.is_bigendian),
+    )
 
 
-def image_compressed(wire: Wire, data: Payload) -> ImageMessage:
+def image_compressed(value: Any) -> ImageMessage:
     """A JPEG, PNG, WebP or compressedDepth image, decoded when asked for."""
-    stamp, frame, position = wire.header(data, wire.start)
-    described, position = wire.string(data, position)
-    payload, _ = wire.octets(data, position)
-    return compressed_image(stamp, frame, described, payload)
+    return compressed_image(*header_of(value), field(value, "format", ""), bytes(value.data))
 
 
-def point_cloud(wire: Wire, data: Payload) -> PointCloudMessage:
+def point_cloud(value: Any) -> PointCloudMessage:
     """Points, with their colours where they have some; rows that are not finite left out."""
-    stamp, frame, position = wire.header(data, wire.start)
-    height, position = wire.u32(data, position)
-    width, position = wire.u32(data, position)
-    count, position = wire.u32(data, position)
-    if count > 1000:
-        raise ValueError(f"{count} fields")
-    fields = []
-    for _ in range(count):
-        name, position = wire.string(data, position)
-        offset, position = wire.u32(data, position)
-        datatype = data[position]
-        repeated, position = wire.u32(data, position + 1)
-        fields.append(PointField(name, offset, datatype, repeated))
-    big_endian = bool(data[position])
-    step, position = wire.u32(data, position + 1)
-    row_step, position = wire.u32(data, position)
-    payload, _ = wire.octets(data, position)
-    points, colours = cloud_points(fields, payload, width, height, step, row_step, big_endian)
-    return PointCloudMessage(stamp, frame, points, colours)
+    if len(value.fields) > _MOST_FIELDS:
+        raise ValueError(f"{len(value.fields)} fields")
+    size = value.width, value.height, value.point_step, value.row_step
+    big_endian = bool(value.is_bigendian)
+    points, colours = cloud_points(value.fields, memoryview(value.data), *size, big_endian)
+    return PointCloudMessage(*header_of(value), points, colours)
 
 
-def pose(wire: Wire, data: Payload) -> PoseMessage:
+def pose(value: Any) -> PoseMessage:
     """A pose without covariance."""
-    stamp, frame, position = wire.header(data, wire.start)
-    values, _ = _doubles(wire, data, position, 7)
-    return PoseMessage(stamp, frame, pose_matrix(values.tolist()), np.zeros((6, 6)))
+    return PoseMessage(*header_of(value), pose_of(value), np.zeros((6, 6)))
 
 
-def pose_with_covariance(wire: Wire, data: Payload) -> PoseMessage:
+def pose_with_covariance(value: Any) -> PoseMessage:
     """A pose with its covariance."""
-    stamp, frame, position = wire.header(data, wire.start)
-    values, _ = _doubles(wire, data, position, 43)
-    return PoseMessage(stamp, frame, pose_matrix(values[:7].tolist()), values[7:].reshape(6, 6))
+    found = field(value, "pose")
+    return PoseMessage(*header_of(value), pose_of(found), matrix_of(found, "covariance", 6, 6))
 
 
-def text(wire: Wire, data: Payload, log_time_ns: int) -> TextMessage:
-    """A string, whose time is that of the log."""
-    return TextMessage(log_time_ns, wire.string(data, wire.start)[0])
+def text(value: Any) -> TextMessage:
+    """A string, which has no time of its own."""
+    return TextMessage(0, value.data)
 
 
-# Types with a header, whose stamp can be read alone.
-STAMPED: dict[str, tuple[MessageKind, Decoder]] = {
+CONVERTERS: dict[str, tuple[MessageKind, Decoder]] = {
+    "tf2_msgs/msg/TFMessage": (MessageKind.TRANSFORMS, transforms),
+    "tf/msg/tfMessage": (MessageKind.TRANSFORMS, transforms),
+    "std_msgs/msg/String": (MessageKind.TEXT, text),
     "sensor_msgs/msg/LaserScan": (MessageKind.LASER_SCAN, laser_scan),
     "sensor_msgs/msg/MultiEchoLaserScan": (MessageKind.LASER_SCAN, multi_echo_laser_scan),
     "nav_msgs/msg/Odometry": (MessageKind.ODOMETRY, odometry),
@@ -237,14 +190,12 @@ STAMPED: dict[str, tuple[MessageKind, Decoder]] = {
     "geometry_msgs/msg/PoseWithCovarianceStamped": (MessageKind.POSE, pose_with_covariance),
     "sensor_msgs/msg/NavSatFix": (MessageKind.GPS, nav_sat_fix),
     **{
-        f"sensor_msgs/msg/{name}": (MessageKind.READING, reading_decoder(quantity, scale))
-        for name, quantity, scale in (
-            ("Temperature", Quantity.TEMPERATURE, 1.0),
-            ("FluidPressure", Quantity.PRESSURE, 0.01),  # Pa to hPa
-            ("Illuminance", Quantity.LIGHT, 1.0),
-            ("RelativeHumidity", Quantity.HUMIDITY, 100.0),  # share to percent
+        f"sensor_msgs/msg/{name}": (MessageKind.READING, reading_decoder(figure, quantity, scale))
+        for name, figure, quantity, scale in (
+            ("Temperature", "temperature", Quantity.TEMPERATURE, 1.0),
+            ("FluidPressure", "fluid_pressure", Quantity.PRESSURE, 0.01),  # Pa to hPa
+            ("Illuminance", "illuminance", Quantity.LIGHT, 1.0),
+            ("RelativeHumidity", "relative_humidity", Quantity.HUMIDITY, 100.0),  # share to percent
         )
     },
 }
-TRANSFORMS = frozenset({"tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"})
-TEXT = "std_msgs/msg/String"

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 def singles(values: ArrayLike) -> NDArray[np.float32]:
     """Values as float32, (...) both; what is too large for one is infinite, like no return."""
     with np.errstate(over="ignore", invalid="ignore"):  # signalling NaN is invalid
-        return np.array(values, np.float32)
+        return np.asarray(values, np.float32)
 
 
 def single(value: Any) -> float:

@@ -2,36 +2,39 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.report.grid_canvas import canvas_from_grid
-from formats.report.match_picture import Picture, with_caption
+from formats.report.map_axes import (
+    WIDTH,
+    draw_lines,
+    draw_rings,
+    figure_file,
+    legend,
+    plan_axes,
+)
 from mapmyworld.types import OccupancyGrid
 from mapmyworld.types.localisation import Localisation, State
 
-_TRACKED = (30, 90, 200)  # RGB
-_AFTERWARDS = (240, 150, 60)
-_FOUND = (0, 150, 70)
-_SIDE = 1000  # pixels of the longer side
+_TRACKED, _AFTERWARDS, _FOUND = "#1e5ac8", "#f0963c", "#009646"
 _LEAP = 1.0  # m between neighbouring moments, beyond which no line is drawn
 
 
-def localisation_picture(grid: OccupancyGrid, found: Localisation) -> Picture:
-    """The grid (H, W, 3) RGB under the path: tracked, known afterwards, and first recognitions."""
-    canvas = canvas_from_grid(grid, _SIDE)
+def write_localisation_picture(path: Path, grid: OccupancyGrid, found: Localisation) -> None:
+    """The grid under the path: tracked, known afterwards, and first recognitions."""
     places = np.array([e.map_from_base[:2, 3] for e in found.estimates]).reshape(-1, 2)
     lost = np.array([e.state == State.LOST for e in found.estimates], np.bool_)
     known = np.array([e.known for e in found.estimates], np.bool_)
-    canvas.draw_lines(_lines(places, known & lost), _AFTERWARDS, 2)
-    canvas.draw_lines(_lines(places, ~lost), _TRACKED, 2)
     again = np.flatnonzero(~lost & np.concatenate([[True], lost[:-1]]))
-    canvas.draw_rings(places[again], _FOUND)
-    caption = (
-        f"{len(places)} moments; blue: tracked ({np.mean(~lost):.1%}), orange: worked out "
-        f"afterwards, green: recognised after being lost ({len(again)})"
-    )
-    return with_caption(canvas.pixels, caption)
+    with figure_file(path, WIDTH) as figure:
+        axes = plan_axes(figure, grid, places)
+        draw_lines(axes, _lines(places, known & lost), _AFTERWARDS, "worked out afterwards", 1.2)
+        tracked = f"tracked ({np.mean(~lost):.1%} of {len(places)} moments)"
+        draw_lines(axes, _lines(places, ~lost), _TRACKED, tracked, 1.2)
+        draw_rings(axes, places[again], _FOUND, f"recognised after being lost ({len(again)})")
+        legend(axes)
 
 
 def _lines(places: NDArray[np.float64], which: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -8,68 +8,38 @@ from typing import Any
 
 import numpy as np
 
-from formats.constraint_kinds import COLOURS, PATH, REJECTED
+from formats.constraint_kinds import PATH
 from formats.report.contents import Evidence, ReportContents
+from formats.report.map_axes import WIDTH, draw_graph, figure_file, legend, plan_axes
 from mapmyworld.errors import MapError
-from mapmyworld.types import ConstraintKind
 
-KINDS = ("map", "graph", "loops", "uncertainty", "timing")
-ENDINGS = (".png", ".svg", ".pdf")
 _BLUE, _ORANGE = PATH, "#d98200"
 _START, _END = "#00875f", "#d7301f"
-_WIDTH = 6.3  # inches: a page's text
 _LOOPS = 6  # closures in one figure
-_DPI = 160
 
 
 def write_figure(path: Path, what: str, contents: ReportContents) -> None:
     """One figure; raises `MapError` for another ending, or where the map lacks what it shows."""
-    if path.suffix.lower() not in ENDINGS:
-        raise MapError(f"{path}: give a name that ends in {', '.join(ENDINGS)}")
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    plain: Any = {"svg.hashsalt": "mapmyworld", "svg.fonttype": "path", "font.size": 8}
-    with matplotlib.rc_context(plain):
-        figure = Figure(figsize=(_WIDTH, _WIDTH * 0.75), layout="constrained")
+    with figure_file(path) as figure:
         _DRAWERS[what](figure, contents)
-        dates = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-        figure.savefig(path, dpi=_DPI, metadata=dates.get(path.suffix.lower()))
 
 
 def _map(figure: Any, contents: ReportContents) -> None:
-    axes = _plan(figure, contents)
+    axes = plan_axes(figure, contents.grid, contents.path[:, 1:])
     axes.plot(contents.path[:, 1], contents.path[:, 2], color=_BLUE, lw=0.8, label="path")
     if len(contents.path):
         axes.plot(*contents.path[0, 1:], "o", color=_START, ms=4, label="start")
         axes.plot(*contents.path[-1, 1:], "s", color=_END, ms=4, label="end")
-    _legend(axes)
+    legend(axes)
 
 
 def _graph(figure: Any, contents: ReportContents) -> None:
-    from matplotlib.collections import LineCollection
-
-    axes = _plan(figure, contents)
     nodes = contents.nodes
+    axes = plan_axes(figure, contents.grid, nodes.places[:, :2])
     place = dict(zip(nodes.ids.tolist(), nodes.places[:, :2], strict=True))
-
-    def lines(kind: ConstraintKind | None, colour: str, label: str, **style: Any) -> None:
-        chosen = [
-            (place[c.from_id], place[c.to_id])
-            for c in contents.constraints
-            if (c.accepted and c.kind == kind if kind else not c.accepted)
-            and {c.from_id, c.to_id} <= place.keys()
-        ]
-        if chosen:
-            label = f"{label} ({len(chosen)})"
-            axes.add_collection(LineCollection(chosen, colors=colour, label=label, **style))
-
-    lines(None, REJECTED, "rejected", linewidths=0.3, linestyles="dotted")
-    for kind, colour in COLOURS.items():
-        width = 0.8 if kind == ConstraintKind.NEIGHBOUR else 0.5
-        lines(kind, colour, str(kind).replace("_", " "), linewidths=width)
+    draw_graph(axes, place, contents.constraints)
     axes.plot(nodes.places[:, 0], nodes.places[:, 1], ".", color=_BLUE, ms=1.5)
-    _legend(axes)
+    legend(axes)
 
 
 def _loops(figure: Any, contents: ReportContents) -> None:
@@ -80,7 +50,7 @@ def _loops(figure: Any, contents: ReportContents) -> None:
     ][:_LOOPS]
     if not shown:
         raise MapError("this map has no accepted closure between scans to draw")
-    figure.set_size_inches(_WIDTH, 2.3 * -(-len(shown) // 3))
+    figure.set_size_inches(WIDTH, 2.3 * -(-len(shown) // 3))
     grid = figure.subplots(-(-len(shown) // 3), min(3, len(shown)), squeeze=False).ravel()
     for axes in grid[len(shown) :]:
         axes.axis("off")
@@ -107,7 +77,7 @@ def _uncertainty(figure: Any, contents: ReportContents) -> None:
     nodes = contents.nodes
     if nodes.sigmas_m is None:
         raise MapError("this map holds no covariances to draw")
-    figure.set_size_inches(_WIDTH, 2.4)
+    figure.set_size_inches(WIDTH, 2.4)
     axes = figure.subplots()
     axes.plot(nodes.times_s, nodes.sigmas_m, color=_BLUE, lw=1)
     axes.set_xlabel("time, s")
@@ -120,7 +90,7 @@ def _timing(figure: Any, contents: ReportContents) -> None:
     if contents.timing is None:
         raise MapError("no timing of its build beside this map (MAP.timing.json)")
     stages: Sequence[dict[str, Any]] = contents.timing["stages"]
-    figure.set_size_inches(_WIDTH, 0.6 + 0.3 * len(stages))
+    figure.set_size_inches(WIDTH, 0.6 + 0.3 * len(stages))
     axes = figure.subplots()
     names = [stage["name"] for stage in stages]
     rows = np.arange(len(stages))
@@ -129,33 +99,6 @@ def _timing(figure: Any, contents: ReportContents) -> None:
     axes.set_yticks(rows, names)
     axes.invert_yaxis()
     axes.legend()
-
-
-def _plan(figure: Any, contents: ReportContents) -> Any:
-    """Axes in metres over the grid."""
-    axes = figure.subplots()
-    axes.set_aspect("equal")
-    axes.set_xlabel("x, m")
-    axes.set_ylabel("y, m")
-    grid = contents.grid
-    if grid is not None:
-        cells = grid.trinary()
-        shades = np.full(cells.shape, 0.9)
-        shades[cells == 0], shades[cells == 100] = 1.0, 0.1
-        (left, low), size = grid.origin, np.array(cells.shape[::-1]) * grid.resolution
-        extent = (left, left + size[0], low, low + size[1])
-        axes.imshow(shades, cmap="gray", vmin=0, vmax=1, origin="lower", extent=extent)
-        seen = np.argwhere(cells >= 0)
-        if len(seen):
-            (r0, c0), (r1, c1) = seen.min(axis=0), seen.max(axis=0) + 1
-            axes.set_xlim(left + c0 * grid.resolution - 0.5, left + c1 * grid.resolution + 0.5)
-            axes.set_ylim(low + r0 * grid.resolution - 0.5, low + r1 * grid.resolution + 0.5)
-    return axes
-
-
-def _legend(axes: Any) -> None:
-    if axes.get_legend_handles_labels()[1]:
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
 
 
 _DRAWERS: dict[str, Callable[[Any, ReportContents], None]] = {

@@ -2,36 +2,39 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.report.grid_canvas import canvas_from_grid
-from formats.report.match_picture import Picture, with_caption
+from formats.report.map_axes import (
+    WIDTH,
+    draw_lines,
+    draw_rings,
+    figure_file,
+    legend,
+    plan_axes,
+)
 from mapmyworld.types import OccupancyGrid
 
-_BRANCH = (240, 150, 60)  # RGB: particles
-_BEST = (30, 90, 200)  # the best particle
-_LOOP = (0, 150, 70)  # where it came back to known places
+_BRANCH, _BEST, _LOOP = "#f0963c", "#1e5ac8", "#009646"
 
 
-def particle_picture(
+def write_particle_picture(
+    path: Path,
     grid: OccupancyGrid,
     branches: NDArray[np.floating],
-    path: NDArray[np.floating],
+    best: NDArray[np.floating],
     loops: NDArray[np.floating],
-    side: int = 1000,
-) -> Picture:
-    """The grid (H, W, 3) RGB under all particles' paths `branches` (S, 2, 2) and the best `path`.
+) -> None:
+    """The grid under all particles' paths `branches` (S, 2, 2) and the best one, `best` (K, 2).
 
-    `path` (K, 2) and the places `loops` (L, 2) at which it came back; all in the map, metres.
+    `loops` (L, 2) are the places at which it came back; all in the map, metres.
     """
-    canvas = canvas_from_grid(grid, side)
-    if len(branches):
-        canvas.draw_lines(branches, _BRANCH)
-    if len(path) > 1:
-        canvas.draw_lines(np.asarray(path)[None], _BEST)
-    if len(loops):
-        canvas.draw_rings(loops, _LOOP)
-    caption = f"{len(path)} updates; orange: all particles, blue: the best one"
-    caption += f", green: {len(loops)} returns to known places" if len(loops) else ""
-    return with_caption(canvas.pixels, caption)
+    with figure_file(path, WIDTH) as figure:
+        axes = plan_axes(figure, grid, best)
+        draw_lines(axes, branches, _BRANCH, "all particles", 0.6)
+        steps = np.stack([best[:-1], best[1:]], axis=1)
+        draw_lines(axes, steps, _BEST, f"the best one, {len(best)} updates", 0.8)
+        draw_rings(axes, loops, _LOOP, f"{len(loops)} returns to known places")
+        legend(axes)

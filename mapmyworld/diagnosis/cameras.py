@@ -20,8 +20,8 @@ from mapmyworld.geometry.rigid import transform_points
 from mapmyworld.parallel import in_threads
 from mapmyworld.registration.camera_model import depth_grid_points, rays_of_pixels
 from mapmyworld.sensing.plan import Plan
-from mapmyworld.sensing.sound_images import ImageGuard
-from mapmyworld.types import Frame, ImageMessage, RgbdImage
+from mapmyworld.sensing.sound_images import ImageGuard, decoded
+from mapmyworld.types import Frame, RgbdImage
 
 _IMAGES = 12  # that are looked at closely, spread over the sample
 _PROFILES = 200  # neighbouring images whose columns are compared
@@ -77,13 +77,6 @@ def image_findings(frames: Sequence[Frame], plan: Plan) -> Iterator[Finding]:
 
 def _decoded_once(image: RgbdImage) -> RgbdImage:
     """The image, its parts decoded now: every comparison asks for them again."""
-
-    def decoded(part: ImageMessage | None) -> ImageMessage | None:
-        if part is None:
-            return None
-        cells = part.pixels()
-        return replace(part, pixels=lambda: cells)
-
     return replace(image, colour=decoded(image.colour), depth=decoded(image.depth))
 
 

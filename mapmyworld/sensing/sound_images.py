@@ -55,7 +55,7 @@ class ImageGuard:
         wanted = camera.height, camera.width
         if colour is not None and decodes(colour, wanted):
             return colour
-        return _decoded(colour)
+        return decoded(colour)
 
     def _guarded(self, message: ImageMessage | None, shape: tuple[int, int]) -> ImageMessage | None:
         if message is None:
@@ -90,10 +90,11 @@ def _tried_depth(image: RgbdImage) -> ImageMessage | None:
     depth = image.depth
     if depth is not None and is_whole_png(depth, (image.camera.height, image.camera.width)):
         return depth
-    return _decoded(depth)
+    return decoded(depth)
 
 
-def _decoded(message: ImageMessage | None) -> ImageMessage | None:
+def decoded(message: ImageMessage | None) -> ImageMessage | None:
+    """The image with its pixels decoded now: whoever asks for them again has them."""
     if message is None:
         return None
     cells = message.pixels()

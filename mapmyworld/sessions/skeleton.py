@@ -14,7 +14,8 @@ from mapmyworld.geometry.planar import information_from_planar, matrix_to_planar
 from mapmyworld.geometry.rigid import between
 from mapmyworld.memory_map import MemoryMap
 from mapmyworld.sessions.session_maps import SessionMap
-from mapmyworld.types import ConstraintKind, Judged, Node, NodeData, TrackedFrames
+from mapmyworld.types import ConstraintKind, Judged, Node, NodeData
+from mapmyworld.types.frames import nodes_as_frames
 
 _TURNED = 0.6  # rad of difference in heading from which a node at the same place is left as well
 _AROUND = tuple(itertools.product((-1, 0, 1), repeat=2))
@@ -43,7 +44,7 @@ def skeleton_of(base: SessionMap, config: Config) -> SessionMap:
             nodes.append(replace(node, session=0, tracked_from_base=poses[frame]))
             store.add_node(nodes[-1], NodeData(scan=scan))
             store.add_scan(len(nodes) - 1, scan)
-        store.set_tracked_frames(_frames(nodes))
+        store.set_tracked_frames(nodes_as_frames(nodes))
     with store.write_stage("recognise", ""):
         store.add_constraints(_ties(nodes))
     solved = np.array([node.tracked_from_base for node in nodes]).reshape(-1, 4, 4)
@@ -63,15 +64,6 @@ def _spread_out(poses: NDArray[np.float64], spacing: float) -> list[int]:
             chosen.append(k)
             taken[column, row].append(k)
     return chosen
-
-
-def _frames(nodes: list[Node]) -> TrackedFrames:
-    return TrackedFrames(
-        np.array([node.stamp_ns for node in nodes], np.int64),
-        np.array([node.id for node in nodes], np.int64),
-        np.tile(np.eye(4), (len(nodes), 1, 1)),
-        np.ones(len(nodes), np.bool_),
-    )
 
 
 def _ties(nodes: list[Node]) -> list[Judged]:

@@ -169,6 +169,16 @@ class TrackedFrames:
     """(F, 4, 4) recorded odometry; None where the log has none at some frame."""
 
 
+def nodes_as_frames(nodes: Sequence[Node]) -> TrackedFrames:
+    """One frame a node, in their order, where only nodes were kept."""
+    return TrackedFrames(
+        np.array([node.stamp_ns for node in nodes], np.int64),
+        np.array([node.id for node in nodes], np.int64),
+        np.tile(np.eye(4), (len(nodes), 1, 1)),
+        np.ones(len(nodes), np.bool_),
+    )
+
+
 _LOOKED_AT = 20  # nodes of a session: a camera may be slower than the laser, or start late
 
 

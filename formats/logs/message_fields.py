@@ -1,0 +1,61 @@
+"""Fields of messages as other libraries' parsers give them: objects with fields as attributes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.logs.poses import pose_matrix
+from formats.logs.singles import singles
+
+
+def field(value: Any, name: str, default: Any = None) -> Any:
+    """An attribute, in either case of letters; `default` where it is absent or null."""
+    found = getattr(value, name, None)
+    if found is None:
+        found = getattr(value, name.lower(), None)
+    return default if found is None else found
+
+
+def doubles_of(value: Any, name: str) -> NDArray[np.float64]:
+    """A sequence of N numbers (N,); none where it is absent."""
+    return np.array(field(value, name, ()), np.float64).reshape(-1)
+
+
+def singles_of(value: Any, name: str) -> NDArray[np.float32]:
+    """A sequence of N numbers (N,) in single precision; none where it is absent."""
+    return singles(field(value, name, ())).reshape(-1)
+
+
+def matrix_of(value: Any, name: str, rows: int, columns: int) -> NDArray[np.float64]:
+    """A matrix (R, C), row by row; zeros where it is absent. ValueError for another size."""
+    found = doubles_of(value, name)
+    if len(found) not in {0, rows * columns}:
+        raise ValueError(f"{len(found)} numbers where {rows * columns} are needed")
+    return found.reshape(rows, columns) if len(found) else np.zeros((rows, columns))
+
+
+def xyz(value: Any) -> list[float]:
+    """A vector's three numbers."""
+    return [float(field(value, axis, 0.0)) for axis in "xyz"]
+
+
+def motion_of(position: Any, rotation: Any) -> NDArray[np.float64]:
+    """The matrix (4, 4) of a vector and a quaternion."""
+    return pose_matrix([*xyz(position), *(float(field(rotation, axis, 0.0)) for axis in "xyzw")])
+
+
+def pose_of(value: Any) -> NDArray[np.float64]:
+    """The matrix (4, 4) of a message's `pose`."""
+    pose = field(value, "pose")
+    return motion_of(field(pose, "position"), field(pose, "orientation"))
+
+
+def header_of(value: Any) -> tuple[int, str]:
+    """Stamp in nanoseconds and frame of a ROS message's header."""
+    header = field(value, "header")
+    stamp = field(header, "stamp")
+    nanoseconds = int(field(stamp, "sec", 0)) * 1_000_000_000 + int(field(stamp, "nanosec", 0))
+    return nanoseconds, field(header, "frame_id", "")

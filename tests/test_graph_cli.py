@@ -153,6 +153,23 @@ def test_constraints_that_claim_too_much_are_named():
         assert facts["overconfident"] == named
 
 
+def test_poses_that_know_more_than_the_constraints_do_not_make_these_dishonest():
+    """Aligned scans lie at the truth, and miss the whole error of each motion between closures."""
+    truth = square_walk()
+    ids = np.arange(1, len(truth) + 1)
+    constraints = noisy_constraints(truth, np.random.default_rng(1))
+    motions = [c for c in constraints if c.kind == ConstraintKind.NEIGHBOUR]
+    few = [c for c in constraints if c.kind != ConstraintKind.NEIGHBOUR][::8]
+    solved = solve(ids, truth, [*motions, *few], planar=True)
+    aligned = replace(solved.poses, map_from_node=truth)
+    own, beside = (
+        graph_facts(poses, solved.constraints, aligned, True, None, 5)["overconfidence"]
+        for poses in (solved.poses, aligned)
+    )
+    assert beside == pytest.approx(own, rel=0.01)
+    assert 0.7 < own["neighbour"] < 1.5
+
+
 def test_the_picture_shows_the_path_in_blue_at_equal_scales(tmp_path):
     rng = np.random.default_rng(1)
     truth = square_walk(rounds=2)

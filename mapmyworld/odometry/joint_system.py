@@ -6,7 +6,7 @@ factors as in the pose graph. Laser closures are carried to the nearest aligned 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,24 +90,38 @@ def node_motions(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Jud
     Relative poses (E, 3) and information (E, 3, 3), after the rows of tails and heads in `chosen`.
     """
     row_of = {node.id: row for row, node in enumerate(nodes)}
-    steps = [
-        c for c in constraints
-        if c.kind == ConstraintKind.NEIGHBOUR and c.from_id in row_of and c.to_id in row_of
-    ]  # fmt: skip
-    covariances = np.broadcast_to(np.diag(np.full(3, _UNKNOWN**2)), (len(nodes), 3, 3)).copy()
+    steps = _steps(constraints, row_of)
     tracked = np.stack([node.tracked_from_base for node in nodes])
     if steps:
         rows = np.array([(row_of[c.from_id], row_of[c.to_id]) for c in steps])
-        known = information_to_planar(np.stack([c.information for c in steps]))
-        covariances[rows[:, 0]] = np.linalg.inv(known)
-        covariances[rows[[not c.accepted for c in steps], 0]] = np.diag(UNKNOWN)
         tracked = _as_measured(tracked, rows, np.stack([c.i_from_j for c in steps]))
+    covariances = step_covariances(nodes, constraints)
     summed = np.add.reduceat(covariances[: chosen[-1]], chosen[:-1], axis=0)
     information = np.asarray(np.linalg.inv(summed + 1e-9 * np.eye(3)), np.float64)
     sessions = np.array([nodes[k].session for k in chosen])
     within = np.flatnonzero(sessions[:-1] == sessions[1:])
     measured = matrix_to_planar(between(tracked[chosen[within]], tracked[chosen[within + 1]]))
     return within, within + 1, measured, information[within]
+
+
+def step_covariances(nodes: Sequence[Node], constraints: Sequence[Judged]) -> Array:
+    """(N, 3, 3) by how much the motion from each of the nodes to the next may be off."""
+    row_of = {node.id: row for row, node in enumerate(nodes)}
+    covariances = np.broadcast_to(np.diag(np.full(3, _UNKNOWN**2)), (len(nodes), 3, 3)).copy()
+    steps = _steps(constraints, row_of)
+    if steps:
+        rows = np.array([row_of[c.from_id] for c in steps])
+        known = information_to_planar(np.stack([c.information for c in steps]))
+        covariances[rows] = np.linalg.inv(known)
+        covariances[rows[[not c.accepted for c in steps]]] = np.diag(UNKNOWN)
+    return covariances
+
+
+def _steps(constraints: Sequence[Judged], row_of: Mapping[int, int]) -> list[Judged]:
+    return [
+        c for c in constraints
+        if c.kind == ConstraintKind.NEIGHBOUR and c.from_id in row_of and c.to_id in row_of
+    ]  # fmt: skip
 
 
 def _as_measured(tracked: Array, rows: Index, measured: Array) -> Array:

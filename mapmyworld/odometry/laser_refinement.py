@@ -22,7 +22,12 @@ from mapmyworld.geometry.planar import (
 )
 from mapmyworld.graph.covariance import marginal_covariances
 from mapmyworld.heap import give_back
-from mapmyworld.odometry.joint_system import NOTHING, Statements, joint_system
+from mapmyworld.odometry.joint_system import (
+    NOTHING,
+    Statements,
+    joint_system,
+    step_covariances,
+)
 from mapmyworld.odometry.sweep_noise import sweep_variances
 from mapmyworld.places.laser_nodes import NodeScans, load_node_scans
 from mapmyworld.places.laser_pairs import among_first_revisits, neighbour_pairs
@@ -77,12 +82,12 @@ def refine_poses(
     chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in sessions])
     chosen = np.union1d(chosen, statements.concerns(nodes))
     session = np.zeros(len(nodes), np.int64) if session is None else session
-    frames = store.tracked_frames()
-    task = _Task(nodes, frames, chosen, scans, constraints, statements, session, config)
+    frames, drift = store.tracked_frames(), _drift(nodes, constraints)
+    task = _Task(nodes, frames, chosen, scans, constraints, drift, statements, session, config)
     found = _aligned(task, solved[chosen], statements.places_of(poses), progress)
     every = np.concatenate(
         [
-            _carried(solved[a:b], chosen - a, found.poses, (chosen >= a) & (chosen < b))
+            _carried(solved[a:b], chosen - a, found.poses, (chosen >= a) & (chosen < b), drift[a:b])
             for a, b in sessions
         ]
     )
@@ -109,6 +114,8 @@ class _Task:
     scans: Scans
     """Of all nodes."""
     constraints: Sequence[Judged]
+    drift: Array
+    """(N,) m^2: see `_drift`."""
     statements: Statements
     session: Index
     """(N,) of all nodes, the component of the path that each is in."""
@@ -145,7 +152,7 @@ def _aligned(task: _Task, poses: Array, landmarks: Array, progress: Progress) ->
     if first.all():
         return shaped
     give_back()
-    moved = carry_along(poses, rows, shaped.poses)
+    moved = carry_along(poses, rows, shaped.poses, task.drift[task.chosen])
     others = replace(task, statements=NOTHING)
     later = _rounds(others, moved, landmarks[:0], first, progress)
     return replace(
@@ -219,8 +226,16 @@ def _sessions(nodes: Sequence[Node], unseen: Array) -> list[tuple[int, int]]:
     return list(itertools.pairwise(edges))
 
 
-def _carried(solved: Array, chosen: Index, refined: Array, mine: NDArray[np.bool_]) -> Array:
-    return carry_along(solved, chosen[mine], refined[mine])
+def _drift(nodes: Sequence[Node], constraints: Sequence[Judged]) -> Array:
+    """(N,) variance (m^2) of the position that all motions up to each node sum up to."""
+    steps = step_covariances(nodes, constraints)[:-1, :2, :2].trace(axis1=1, axis2=2)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _carried(
+    solved: Array, chosen: Index, refined: Array, mine: NDArray[np.bool_], drift: Array
+) -> Array:
+    return carry_along(solved, chosen[mine], refined[mine], drift)
 
 
 def spaced_nodes(poses: Array, config: Config) -> Index:
@@ -235,19 +250,19 @@ def spaced_nodes(poses: Array, config: Config) -> Index:
     return np.array(kept, np.int64)
 
 
-def carry_along(solved: Array, chosen: Index, refined: Array) -> Array:
+def carry_along(solved: Array, chosen: Index, refined: Array, drift: Array) -> Array:
     """The `solved` poses, carried along, (N, 3) both.
 
     Those between two of `chosen` (K,), which are now at `refined` (K, 3), share out what the two
-    were moved by.
+    were moved by, each motion as much as it adds to the `drift` (N,).
     """
     row = np.searchsorted(chosen, np.arange(len(solved)), side="right") - 1
     after = np.minimum(row + 1, len(chosen) - 1)
     by_row = _moved_with(solved, chosen[row], refined[row])
     by_after = _moved_with(solved, chosen[after], refined[after])
-    span = np.maximum(chosen[after] - chosen[row], 1)
-    share = np.where(after > row, (np.arange(len(solved)) - chosen[row]) / span, 0.0)
-    return interpolate_planar(by_row, by_after, share)
+    span = drift[chosen[after]] - drift[chosen[row]]
+    way = np.where(after > row, drift - drift[chosen[row]], 0.0)
+    return interpolate_planar(by_row, by_after, way / np.where(span > 0.0, span, 1.0))
 
 
 def _moved_with(solved: Array, reference: Index, refined: Array) -> Array:

@@ -273,7 +273,7 @@ def track_scans(
             rows[bounds[k] : bounds[k + 1]], origins[k], pose, found[9], settings[7], settings[8],
             key_rows, key_counts, key_origins, key_poses, keys,
         ):  # fmt: skip
-            if has_odometry and out[k, 6] == 0.0:
+            if has_odometry:
                 learn(wheels, innovations, variances, settings[3])
             anchor(wheels, pose)
     return len(bounds) - 1

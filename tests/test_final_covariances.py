@@ -121,25 +121,17 @@ def test_pairs_know_nothing_along_a_corridor() -> None:
 
 
 @pytest.mark.slow
-def test_a_bare_corridor_keeps_the_length_that_was_tracked_and_its_uncertainty() -> None:
-    """Normals err, which drew scans together along it: 2.4 m of 92 m, and 0.3 m claimed."""
-    lengths, consistent = [], []
-    for seed in (31, 32, 33):
-        recording = simulate("corridor", seed=seed, laps=1, settings=NARROW)
-        store = MemoryMap()
-        build_map(MemoryLog(list(recording.messages())), store, Config(), Silent())
-        poses, nodes = store.poses(), store.nodes()
-        assert poses is not None
-        tracked = np.linalg.norm(
-            nodes[-1].tracked_from_base[:2, 3] - nodes[0].tracked_from_base[:2, 3]
-        )
-        final = np.linalg.norm(poses.map_from_node[-1, :2, 3] - poses.map_from_node[0, :2, 3])
-        lengths.append(float(final / tracked))
-        found = map_nees(nodes, poses, recording.truth.trajectory)
-        assert found is not None
-        consistent.append(found)
-    assert lengths == pytest.approx([1.0, 1.0, 1.0], abs=0.003)
-    assert 0.5 < np.mean(consistent) < 2.0, consistent
+@pytest.mark.parametrize("seed", [31, 32, 33])
+def test_a_bare_corridor_keeps_the_length_that_was_tracked(seed: int) -> None:
+    """Normals err, which drew scans together along it: 92 m became 2.4 m shorter."""
+    recording = simulate("corridor", seed=seed, laps=1, settings=NARROW)
+    store = MemoryMap()
+    build_map(MemoryLog(list(recording.messages())), store, Config(), Silent())
+    poses, nodes = store.poses(), store.nodes()
+    assert poses is not None
+    tracked = nodes[-1].tracked_from_base[:2, 3] - nodes[0].tracked_from_base[:2, 3]
+    final = poses.map_from_node[-1, :2, 3] - poses.map_from_node[0, :2, 3]
+    assert np.linalg.norm(final) == pytest.approx(np.linalg.norm(tracked), rel=0.003)
 
 
 def test_what_stays_lends_its_noise_to_all_and_a_prior_takes_it_away() -> None:

@@ -316,7 +316,7 @@ def contradicted_edit(desk: Desk) -> Came:
     fine = (
         done.returncode == 3
         and "is contradicted" in reported
-        and "stand against the edits" in reported
+        and "contradict the edits" in reported
     )
     between = desk.run("inspect", "graph", "edited.db", "--between", 1, 50).stdout
     turn = next(line for line in between.splitlines() if "turned" in line).split("turned ")[1]

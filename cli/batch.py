@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     help="Builds at a time.  [default: as many as cores]",
 )
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="Run on a Dask cluster's workers.")
-@click.option("--again", is_flag=True, help="Do finished logs again.")
+@click.option("--again", is_flag=True, help="Build finished logs again.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress.")
 @format_option
 def batch(

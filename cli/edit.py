@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @map_argument
 @click.argument("edits_path", metavar="EDITS.toml", type=PATH)
 @config_options
-@click.option("--no-export", is_flag=True, help="Leave what lies beside MAP as it was.")
+@click.option("--no-export", is_flag=True, help="Change MAP only, not the products beside it.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no notes.")
 def edit(
     map_path: Path,

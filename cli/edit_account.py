@@ -51,7 +51,7 @@ def fight(before: Graph, after: Graph, planar: bool) -> list[str]:
     found = strained((before.constraints, before.poses), (after.constraints, after.poses), planar)
     if not found:
         return []
-    lines = [f"{len(found)} measured constraints stand against the edits; the most strained:"]
+    lines = [f"{len(found)} measured constraints contradict the edits; the largest residuals:"]
     lines += [
         f"  {name_of(one.constraint)}: {one.before:.1f} -> {one.after:.1f} sigma"
         f"{'' if one.constraint.accepted else ', rejected'}"

@@ -43,11 +43,11 @@ def evaluate() -> None:
     default=1.0,
     show_default=True,
     metavar="M",
-    help="Metres between RPE's poses.",
+    help="Path between the two poses of the RPE [m].",
 )
 @click.option(
     "--max-difference", type=FiniteRange(0), default=0.01, show_default=True, metavar="S",
-    help="Seconds between poses of one moment, at most.",
+    help="Largest time between poses that are matched [s].",
 )  # fmt: skip
 @format_option
 def trajectory(
@@ -164,7 +164,7 @@ def grid(grid: Path, reference: Path, style: str) -> None:
         return
     click.echo(f"{'':12}{'precision':>11}{'recall':>9}{'precision':>11}{'recall':>9}{'free':>9}")
     click.echo(f"{'':12}{'1 cell':>11}{'1 cell':>9}{'2 cells':>11}{'2 cells':>9}{'right':>9}")
-    for name, a in [("as it lies", score.unaligned), ("aligned", score.aligned)]:
+    for name, a in [("unaligned", score.unaligned), ("aligned", score.aligned)]:
         shares = [a.precision_1, a.recall_1, a.precision_2, a.recall_2, a.free]
         row = "".join(f"{v:>{w}.3f}" for v, w in zip(shares, (11, 9, 11, 9, 9), strict=True))
         click.echo(f"{name:12}{row}")

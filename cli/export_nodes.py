@@ -25,7 +25,7 @@ from cli.export_options import open_map, output_option, output_or, show_written
     help="Poses of all tracked frames: final ones, or the recorded odometry.",
 )
 def trajectory(map_path: Path, output: Path | None, style: Any, which: Any) -> None:
-    """Where the robot was when, as TUM, KITTI or CSV. For evo, TUM; CSV has integer nanoseconds.
+    """The trajectory as TUM, KITTI or CSV. TUM is for evo; CSV has integer nanoseconds.
 
     \b
     mapmyworld export trajectory
@@ -62,7 +62,10 @@ def graph(map_path: Path, output: Path | None) -> None:
 @map_argument
 @output_option("FOLDER", "[default: the map's name with _images]")
 @click.option(
-    "--names", type=click.Choice(["stamp", "id"]), default="stamp", help="What files are called."
+    "--names",
+    type=click.Choice(["stamp", "id"]),
+    default="stamp",
+    help="Name files by stamp or by node.",
 )
 def images(map_path: Path, output: Path | None, names: Any) -> None:
     """Images, calibration and poses of all nodes. Laid out as a TUM RGB-D folder.

@@ -33,7 +33,7 @@ def export_mcap(
     known = store.get("log")
     if known is not None and known["hash"] != log.content_hash():
         made_of = ", ".join(known["paths"])
-        raise MapError(f"{logs[0]}: this map was made of another log ({made_of})")
+        raise MapError(f"{logs[0]}: the map was made of another log: give {made_of}")
     frames = store.tracked_frames()
     odometry = frames.odom_from_base
     if odometry is not None:

@@ -39,7 +39,7 @@ _LEVEL = 0.005  # deg: a turn about the vertical alone
 )
 @click.option(
     "--worst", type=click.IntRange(0), default=10, show_default=True,
-    help="Constraints listed of each sort.",
+    help="How many constraints of each list to show.",
 )  # fmt: skip
 @click.option("--all", "everything", is_flag=True, help="List every rejected constraint.")
 def graph(
@@ -256,10 +256,10 @@ def _kind_lines(facts: dict[str, Any]) -> list[str]:
 
 
 def _worst_lines(facts: dict[str, Any]) -> list[str]:
-    """Accepted constraints that fit worst, and what closures moved."""
+    """Accepted constraints with the largest residuals, and what closures moved."""
     lines = []
     if facts["worst"]:
-        lines += ["", "accepted constraints that fit worst"]
+        lines += ["", "accepted constraints with the largest residuals"]
         lines += [_row(row, "reject") for row in facts["worst"]]
     if facts["corrections"]:
         lines += ["", "closures that moved most (miss before -> after)"]

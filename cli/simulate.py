@@ -27,16 +27,16 @@ from mapmyworld.simulation.worlds import find_world
 @click.command()
 @click.argument("world", required=False)
 @click.option("-o", "--output", type=PATH, help="LOG.mcap or LOG.bag.")
-@click.option("--world", "mesh", type=PATH, help="Your own mesh as world.")
+@click.option("--world", "mesh", type=PATH, help="A mesh of your own as the world.")
 @click.option("--route", help="A route of the world, or steps such as '2,0 2,3 turn:90 <0,0'.")
 @click.option(
     "--laps",
     type=click.IntRange(1, 1000),
-    help="How often to drive the route.  [default: the world's number, or 1]",
+    help="Laps of the route.  [default: the world's number, or 1]",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--camera/--no-camera", default=True, help="Laser-only logs take seconds.")
-@click.option("--laser/--no-laser", default=True, help="Without it, the camera is alone.")
+@click.option("--laser/--no-laser", default=True, help="Whether the robot has a laser.")
 @click.option("--raw", is_flag=True, help="Raw images instead of JPEG and PNG.")
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="Change a setting.")
 @click.option("--list", "listing", is_flag=True, help="Print the worlds and their routes.")
@@ -76,7 +76,7 @@ def simulate(
     else:
         place = _world(world, mesh)
         if output is None:
-            raise click.UsageError("where to? Give -o LOG.mcap or -o LOG.bag")
+            raise click.UsageError("no output is named: give -o LOG.mcap or -o LOG.bag")
         require_output_name(output)
         require_apart(output, [] if mesh is None else [mesh])
         recording = record(place, seed=seed, route=route, laps=laps, settings=settings)

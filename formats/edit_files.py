@@ -135,5 +135,5 @@ def _numbers(value: Any, name: str) -> Array:
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} is made of numbers") from None
     if not (np.abs(numbers) <= FARTHEST).all():
-        raise ValueError(f"{name} is not finite, or beyond sense")
+        raise ValueError(f"{name} is not finite, or out of range")
     return numbers

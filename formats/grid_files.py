@@ -184,7 +184,7 @@ def _origin(path: Path, text: str) -> NDArray[np.float64]:
     except ValueError:
         raise MapError(f"{path}: origin: {text!r} is not [x, y, yaw]") from None
     if not (math.isfinite(x) and math.isfinite(y) and max(abs(x), abs(y)) < FARTHEST):
-        raise MapError(f"{path}: origin: {text!r} is no place on earth: correct the YAML")
+        raise MapError(f"{path}: origin: {text!r} is out of range: correct the YAML")
     if yaw != 0.0:
         raise MapError(f"{path}: a grid turned by {yaw} rad cannot be read: turn it to yaw 0")
     return np.array([x, y])

@@ -52,5 +52,5 @@ def _relation(fields: list[str]) -> tuple[tuple[int, int], np.ndarray]:
     first, second = (nanoseconds_from_text(field) for field in fields[:2])
     x, y, z, roll, pitch, yaw = (float(field) for field in fields[2:])
     if not (np.abs([x, y, z, roll, pitch, yaw]) <= FARTHEST).all():
-        raise ValueError("not finite, or beyond sense")
+        raise ValueError("not finite, or out of range")
     return (first, second), make_transform(roll_pitch_yaw_to_rotation(roll, pitch, yaw), [x, y, z])

@@ -147,5 +147,5 @@ def _numbers(path: Path, number: int, fields: list[str]) -> list[float]:
     except ValueError as error:
         raise MapError(f"{path}, line {number}: {error}") from None
     if not (np.abs(values) <= FARTHEST).all():
-        raise MapError(f"{path}, line {number}: a number that is not finite, or beyond sense")
+        raise MapError(f"{path}, line {number}: a number that is not finite, or out of range")
     return values

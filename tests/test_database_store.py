@@ -272,5 +272,5 @@ def test_verdicts_are_appended_and_the_last_one_counts(store: MapStore) -> None:
         (judged,) = store.constraints()
     assert judged.accepted
     assert judged.verdicts == (*found.verdicts, REJECTED, by_hand)
-    assert "evidence 12 points below 30 | by hand: accepted: {I was there}" in reason_of(judged)
+    assert "evidence 12 points, 30 needed | by hand: accepted: {I was there}" in reason_of(judged)
     same_constraint(judged.before(Judge.PERSON), found.judged(REJECTED))

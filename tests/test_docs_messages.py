@@ -84,7 +84,7 @@ def test_no_suggestion_is_left_of_words_that_nothing_says() -> None:
         "frames have no odometry near their stamp", "frames repeat a timestamp; duplicates dropped",
         "no usable index (...)", "a message of ...: ...", "silent for ... s",
         "scans match nothing seen before", "visual tracking lost in ... frames",
-        "do not indicate where the laser sits", "has the wrong sign",
+        "lines give no laser mount", "has the wrong sign",
         "header stamps step back", "ambiguous: another place nearby",
         "contradicts the rest of the graph", "is stamped ... s ... than the", "no intrinsics",
         "the clock was set back by ... s while recording",

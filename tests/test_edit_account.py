@@ -41,7 +41,7 @@ def test_an_edit_is_accounted_for_constraint_by_constraint(
     assert (
         "user 3 -> 150, stated by hand, is contradicted by the rest of the graph" in result.stderr
     )
-    assert "measured constraints stand against the edits; the most strained:" in result.stderr
+    assert "measured constraints contradict the edits; the largest residuals:" in result.stderr
     assert result.stderr.count("sigma, rejected") >= 4
     edits.write_text("")
     undone = run("edit", path, edits, "-q")

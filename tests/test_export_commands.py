@@ -115,7 +115,7 @@ def test_report_is_one_page_that_links_to_nothing_but_the_map(ours: Path, tmp_pa
     links = re.findall(r'href="(?!data:|#)([^"]*)"', page)
     assert ours.resolve() in [(tmp_path / unquote(link)).resolve() for link in links]
     assert all((tmp_path / unquote(link)).is_file() for link in links)
-    assert "evidence 12 points below 30" in page  # why the rejected one was
+    assert "evidence 12 points, 30 needed" in page  # why the rejected one was
     assert page.count("<image id=") == 3
     assert "<svg" in page
     run("report", ours, "-o", tmp_path / "again.html")

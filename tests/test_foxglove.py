@@ -119,7 +119,7 @@ def test_the_graph_indicates_its_facts(small: Path, tmp_path: Path) -> None:
     (scene,) = (m for _, topic, _, m in messages(tmp_path / "a.mcap") if topic == "/map/graph")
     facts = {e.id: {pair.key: pair.value for pair in e.metadata} for e in scene.entities}
     assert "rejected" in facts
-    assert any("evidence 12 points below 30" in text for text in facts["rejected"].values())
+    assert any("evidence 12 points, 30 needed" in text for text in facts["rejected"].values())
     for entity in scene.entities:
         (line,) = entity.lines
         assert len(line.points) == 2 * int(facts[entity.id]["constraints"])
@@ -253,7 +253,7 @@ def test_another_log_is_refused(small: Path, tmp_path: Path) -> None:
         store.put("log", {"hash": "0", "paths": ["other.bag"]})
     result = CliRunner().invoke(group, ["export", "mcap", str(small), "--with-log", str(APARTMENT)])
     assert result.exception is not None
-    assert "made of another log (other.bag)" in str(result.exception)
+    assert "made of another log: give other.bag" in str(result.exception)
 
 
 def test_a_map_without_nodes_is_refused(tmp_path: Path) -> None:

@@ -142,7 +142,7 @@ def test_an_edit_of_nothing_is_reported(tmp_path):
         ("x = 1" + "0" * 5000, "not valid TOML"),
         ("reject = [1]", "[[reject]] number 1: is no table"),
         ('[[reject]]\nfrom = 1\nto = 2\nkind = [1]\nreason = "x"', "kind is one of"),
-        ('[[pin]]\nnode = 1\npose = [1e12, 0, 0]\nreason = "x"', "beyond sense"),
+        ('[[pin]]\nnode = 1\npose = [1e12, 0, 0]\nreason = "x"', "out of range"),
         (f'[[pin]]\nnode = 1\npose = [{10**400}, 0, 0]\nreason = "x"', "made of numbers"),
         (
             '[[prior]]\nnode = 1\npose = [1, 2, 3]\nsigma = [1e-200, 1]\nreason = "x"',

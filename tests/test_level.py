@@ -268,7 +268,7 @@ def test_solved_poses_become_level_and_motions_stay() -> None:
     found, notes = levelled_poses(store, Poses(np.arange(1, 7), poses), (), CONFIG)
     assert len(notes) == 1
     assert notes[0].startswith("hand-held camera: gravity estimated from ")
-    assert notes[0].endswith("; it began at 1.20 m")
+    assert notes[0].endswith("; its first pose is 1.20 m high")
     height = views[0][1][2, 3]
     np.testing.assert_allclose(found.map_from_node[:, 2, 3], height, atol=0.02)
     before, after = between(poses[:-1], poses[1:]), found.map_from_node

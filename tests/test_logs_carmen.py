@@ -249,7 +249,7 @@ def test_raw_sweeps_serve_where_no_line_has_them_with_a_pose(tmp_path: Path) -> 
     assert (scan.angle_min, scan.angle_increment, scan.range_max) == (-0.5, 0.5, 40.0)
     assert mounting_of(messages, "laser") == [0.1, 0.0, 0.0]
     log_of(tmp_path, odom + raw_laser("11.5"))
-    assert "no PARAM robot_frontlaser_offset" in open_log([tmp_path / "a.log"]).info().doubts[0][1]
+    assert "PARAM robot_frontlaser_offset" in open_log([tmp_path / "a.log"]).info().doubts[0][1]
 
 
 def test_raw_sweeps_are_counted_and_left_where_others_have_the_pose(tmp_path: Path) -> None:

@@ -275,7 +275,11 @@ def test_the_report_of_a_real_build(
     card.scroll_into_view_if_needed()  # cards are drawn when they are scrolled to
     page.wait_for_timeout(200)
     facts = card.inner_text()
-    for said in (r"\d+ and \d+ features", r"\d+ of \d+ matches agree", r"\d+ words in common"):
+    for said in (
+        r"\d+ and \d+ features",
+        r"\d+ of \d+ matches agree",
+        r"\d+ visual words in common",
+    ):
         assert re.search(said, facts), facts
     reported = page.locator("main").inner_text()
     for said in (

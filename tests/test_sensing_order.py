@@ -132,7 +132,7 @@ def test_a_sensor_without_stamps_is_named() -> None:
     ("silent", "word"),
     [
         ((0, 18), "begins 8.0 s after the other sensors"),
-        ((18, 99), "falls silent 8.0 s before the log ends, 7.9 s after its start"),
+        ((18, 99), "stops 8.0 s before the log ends, 7.9 s after its start"),
         ((13, 20), "silent for 7.1 s, from 2.9 s after the start"),
     ],
 )

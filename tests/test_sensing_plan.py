@@ -286,12 +286,12 @@ def test_all_topics_that_the_log_lacks_are_refused_at_once() -> None:
         ),
         (
             [scan_at(i * STEP_NS + 1, angle_min=-90.0, angle_increment=1.0) for i in range(9)],
-            "are its angles in degrees",
+            "angles in radians, not degrees",
         ),
         ([scan_at(1)], "a map needs scans of at least two times"),
         (
             [scan_at(i * STEP_NS + 1, np.zeros(181)) for i in range(9)],
-            "not one usable range in the log",
+            "no range in the log is usable",
         ),
     ],
 )

@@ -58,7 +58,7 @@ def test_a_build_by_camera_names_known_ground_that_it_did_not_recognise(
         "build", SAMPLES / name, "-o", tmp_path / "map.db", "--set", "sensing.use_scans=false"
     )
     for text in (built.output, (tmp_path / "map.html").read_text()):
-        assert ("revisited ground not recognised" in text) == reported
+        assert ("revisited path without loop closure" in text) == reported
         assert ("not recognised at" in text) == reported
 
 

@@ -84,7 +84,7 @@ def test_comments_blank_lines_and_exponents(tmp_path: Path) -> None:
         ("1 0 0 0 0 0 0 0", "line 2: the quaternion"),
         ("inf 0 0 0 0 0 0 1", "line 2: 'inf'"),
         ("1e300 0 0 0 0 0 0 1", "line 2: '1e300'"),
-        ("1 0 0 0 1e300 0 0 1", "line 2: a number that is not finite, or beyond sense"),
+        ("1 0 0 0 1e300 0 0 1", "line 2: a number that is not finite, or out of range"),
     ],
 )
 def test_malformed_lines_are_named(tmp_path: Path, line: str, words: str) -> None:

@@ -55,7 +55,7 @@ def test_the_section_without_a_closure_is_named_with_its_time_and_length() -> No
     nodes, poses = solved(laps(2))
     reported = unrecognised_notes(nodes, poses, closures(range(101, 114)))
     assert len(reported) == 2
-    assert "3.0 m of revisited ground not recognised" in reported[0]  # 12 steps of 0.25 m
+    assert "3.0 m of revisited path without loop closure" in reported[0]  # 12 steps of 0.25 m
     assert reported[1] == "not recognised at 10.10 s for 1.2 s (3.0 m, nodes 101 to 113)"
 
 

@@ -310,19 +310,19 @@ AILMENTS: tuple[Ailment, ...] = (
         "camera info beyond sense",
         _info(intrinsics=np.diag([1e300, 1e300, 1.0])),
         (3,),
-        "numbers that no camera has",
+        "intrinsics out of range",
     ),
     Ailment(
         "camera info nearly zero",
         _info(intrinsics=np.diag([1e-300, 1e-300, 1.0])),
         (3,),
-        "numbers that no camera has",
+        "intrinsics out of range",
     ),
     Ailment(
         "distortion beyond sense",
         _info(distortion_model="plumb_bob", distortion=np.full(5, 1e30)),
         (3,),
-        "numbers that no camera has",
+        "intrinsics out of range",
     ),
     Ailment(
         "camera info zero",

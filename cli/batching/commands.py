@@ -83,4 +83,4 @@ def end_commands() -> None:
 def why(done: subprocess.CompletedProcess[str]) -> str:
     """What a command that did not end well said of it."""
     reported = done.stderr.strip().removeprefix("mapmyworld: ")
-    return reported or f"exit code {done.returncode} without a word"
+    return reported or f"exit code {done.returncode} without a message"

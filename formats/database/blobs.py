@@ -113,7 +113,7 @@ def blob_to_pose(blob: bytes | None, what: str) -> NDArray[np.float64] | None:
         raise MapError(f"{what}: a transform takes 48 bytes, not {len(blob)}")
     poses = matrices_from_floats(np.frombuffer(blob, "<f4")[None])
     if not (np.abs(poses) <= FARTHEST).all():
-        raise MapError(f"{what}: a transform that is not finite, or beyond sense")
+        raise MapError(f"{what}: a transform that is not finite, or out of range")
     return None if not poses[0, :3].any() else orthonormal(poses)[0]
 
 
@@ -144,7 +144,7 @@ def doubles(blob: Any, side: int) -> NDArray[np.float64]:
     """A square matrix (K, K), K = `side`; `ValueError` where it is damaged or beyond sense."""
     found = np.frombuffer(blob, "<f8").reshape(side, side)
     if not (np.abs(found) <= _most(side)).all():
-        raise ValueError("a value that is not finite, or beyond sense")
+        raise ValueError("a value that is not finite, or out of range")
     return found
 
 

@@ -61,10 +61,12 @@ def _features(columns: list[tuple[Any, ...]], what: str) -> Features:
     octaves = np.array(columns[6], np.int64)
     pixels, points = np.array(columns[1:3], np.float64), np.array(columns[7:10], np.float64)
     if not (np.abs(pixels) < FARTHEST).all() or (np.abs(points) > FARTHEST).any():
-        raise ValueError("places beyond every image")  # NULL, of a point, is NaN: no depth
+        raise ValueError(
+            "a feature's pixel or point is out of range"
+        )  # NULL, of a point, is NaN: no depth
     looks = np.array(columns[3:6], np.float64)
     if (np.abs(looks) > FARTHEST).any():
-        raise ValueError("a size, an angle or a response beyond sense")
+        raise ValueError("a feature's size, angle or response is out of range")
     return Features(
         pixels=pixels.T.astype(np.float32),
         points=points.T.astype(np.float32),

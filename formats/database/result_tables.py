@@ -50,7 +50,7 @@ class ResultTables(Transactions):
         found = self._read(name, "f", (-1, 4, 4))
         if found is not None and not (np.abs(found) <= FARTHEST).all():
             raise MapError(
-                f"{self._db.path}: {name}: a damaged array (not finite, or beyond sense)"
+                f"{self._db.path}: {name}: a damaged array (not finite, or out of range)"
             )
         return found
 

@@ -68,8 +68,8 @@ class _Found:
         early = max(self._early.values(), default=0)
         if early > 0:
             losses.append(
-                f"{name}: chunks begin up to {early * 1e-9:.3f} s before the times that its index "
-                "has: messages may be out of order"
+                f"{name}: chunks begin up to {early * 1e-9:.3f} s before the times in "
+                "its index: messages may be out of order"
             )
         if len(self._counts) < len(index.blocks):
             met = sum(self._counts.values(), Counter[Channel]())
@@ -77,7 +77,7 @@ class _Found:
                 missing = index.counts.get(key, 0) - met[channel]
                 if missing > 0:
                     losses.append(
-                        f"{name}: {missing} messages of {channel.topic} stand elsewhere than its "
+                        f"{name}: {missing} messages of {channel.topic} are not where its "
                         "index says"
                     )
         return losses

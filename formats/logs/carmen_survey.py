@@ -130,8 +130,8 @@ def add_laser(survey: Survey, kind: bytes, lasers: LaserSurvey) -> None:
     survey.base_from_laser[frame] = _reported_mounting(survey, kind)
     if _offset_name(kind) not in survey.parameters:
         survey.doubts[LASER_TOPICS[kind]] = (
-            f"{kind.decode()} lines do not indicate where the laser sits, and no PARAM "
-            f"{_offset_name(kind).decode()} does: it is put on the robot's centre"
+            f"{kind.decode()} lines give no laser mount, nor does PARAM "
+            f"{_offset_name(kind).decode()}: the robot's centre is assumed"
         )
 
 
@@ -156,8 +156,8 @@ def _mounting(survey: Survey, kind: bytes, samples: NDArray[np.float64]) -> NDAr
         # Five decimals: the log has six, and a difference loses one. Adding zero avoids -0.
         return np.asarray(np.round(middle, 5) + 0.0, np.float64)
     survey.doubts[LASER_TOPICS[kind]] = (
-        f"{kind.decode()}: laser pose minus robot pose is not constant, so it is no mounting "
-        "(a corrected log?); the laser is put where PARAM says, else on the robot's centre"
+        f"{kind.decode()}: laser pose minus robot pose varies, so it is no mount "
+        "(a corrected log?): PARAM's mount is used, else the robot's centre"
     )
     return _reported_mounting(survey, kind)
 

@@ -30,7 +30,7 @@ class ClockStep:
         """Adds what happened to the problems of a file."""
         problems.append(
             f"{path}: the clock was set back by {self.back_ns * 1e-9:.1f} s while recording: "
-            "what follows is moved by as much"
+            "later messages are shifted by as much"
         )
 
     @property

@@ -50,7 +50,7 @@ def parsed(kind: type[Parsed], content: bytes) -> Parsed:
     try:
         return kind.read(_Record(content))  # type: ignore[attr-defined, no-any-return]
     except UnicodeDecodeError as error:
-        raise DamagedBlockError("a record holds no text where it should") from error
+        raise DamagedBlockError("a record's text is no UTF-8") from error
 
 
 def _channel(found: records.Channel, schema: records.Schema) -> Channel:

@@ -78,7 +78,7 @@ class _Scan:
         topics = {self.definitions.channels[key].topic for key in self.unchecked}
         if topics:
             self.index.problems.append(
-                f"{self.path}: only its summary, which nothing vouches for, names "
+                f"{self.path}: only its summary, which could not be checked, names "
                 f"{', '.join(sorted(topics))}: names and types may be wrong; copy the file again"
             )
 
@@ -159,7 +159,7 @@ class _Scan:
 
     def _message(self, position: int, after: int) -> None:
         if self.has_ended or self.chunked:
-            raise DamagedBlockError("a message where none can be")
+            raise DamagedBlockError("a message outside the chunks, or after the data")
         if after - position < HEAD_BYTES + _MESSAGE_HEAD.size:
             raise DamagedBlockError("a message is shorter than its head")
         key, _, time = _MESSAGE_HEAD.unpack(self.stream.read(_MESSAGE_HEAD.size))

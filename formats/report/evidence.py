@@ -90,7 +90,7 @@ def _facts(constraint: ShownConstraint, matches: ImageMatches | None) -> Iterabl
         first, second = matches.features
         yield f"{first} and {second} features, {agreed} of {len(matches.agreed)} matches agree"
         if matches.common_words:
-            yield f"{matches.common_words} words in common"
+            yield f"{matches.common_words} visual words in common"
 
 
 def _scans(

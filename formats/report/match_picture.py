@@ -45,7 +45,7 @@ def words_picture(
         for k in range(len(words)):
             _mark(canvas, features, k, _WORD if words[k] in common else _SHALLOW)
     both, _ = side_by_side(canvas_a, canvas_b)
-    return with_caption(both, f"{len(common)} words in common"), len(common)
+    return with_caption(both, f"{len(common)} visual words in common"), len(common)
 
 
 def match_picture(

@@ -172,8 +172,8 @@ def _diagnosis(contents: ReportContents) -> str:
     """What the sensors indicate about one another."""
     items = "".join(_finding(*row) for row in contents.diagnosis)
     reported = paragraph(
-        "From the path as it was tracked and some images; mapmyworld inspect log compares the "
-        "sensors without making a map."
+        "Measured along the tracked path and in some images. "
+        "mapmyworld inspect log does it without making a map."
     )
     return f'<ul class="diagnosis">{items}</ul>{reported}' if items else ""
 

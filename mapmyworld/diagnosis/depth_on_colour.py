@@ -81,8 +81,8 @@ def alignment_findings(images: Sequence[RgbdImage]) -> Iterator[Finding]:
         "" if good else "register depth to colour (depth_registration), or calibrate the pair"
     )
     text = (
-        f"edges of depth lie {found.across * pixels:+.0f}, {found.down * pixels:+.0f} pixels beside"
-        f" those of colour, {found.scale:.2f} times as large ({len(seen)} images)"
+        f"depth is shifted by {found.across * pixels:+.0f}, {found.down * pixels:+.0f} pixels "
+        f"against colour and scaled by {found.scale:.2f} ({len(seen)} images)"
     )
     yield Finding("camera and depth", size, "pixels", good, text, suggestion)
 

@@ -65,7 +65,7 @@ def _beside_half_a_sweep(found: Finding, sample: Sample) -> Finding:
         return found
     return replace(
         found,
-        text=f"{found.text}: half a sweep of {period:.2f} s, for the laser gives no time_increment",
+        text=f"{found.text}: half a sweep ({period:.2f} s), as the laser gives no time_increment",
         suggestion=f"have its driver fill time_increment; else {found.suggestion}",
     )
 

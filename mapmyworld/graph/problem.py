@@ -80,6 +80,6 @@ def _ends(graph: PoseGraph, edges: Edges) -> tuple[Index, Index]:
     at = positions(graph.ids, np.concatenate(named))
     landmarks = positions(graph.landmark_ids, seen.landmark_ids)
     if at.min(initial=0) < 0 or landmarks.min(initial=0) < 0:
-        raise GraphError("the graph has edges, sightings or priors of nodes that it does not have")
+        raise GraphError("edges, observations or priors name nodes that the graph lacks: add them")
     tails = np.concatenate([at[:a], np.full(c - b, count), at[c:]])
     return tails, np.concatenate([at[a:c], landmarks + (count + 1)])

@@ -56,7 +56,9 @@ def _localiser(
 ) -> LaserLocaliser | CameraLocaliser:
     if isinstance(where, OccupancyGrid):
         if plan.scan is None:
-            raise LogError("a bare grid can be compared with a laser only, and the log has none")
+            raise LogError(
+                "a grid alone needs a laser, and this log has none: give a map.db with images"
+            )
         return LaserLocaliser(known_place_from_grid(where, config), config)
     images = None
     if plan.camera is not None and where.words():

@@ -80,7 +80,7 @@ def find_level(seen: Surfaces, held: Array, force: Array | None) -> Level:
 
     `held` (3,): see `up_as_held`. `force` (3,): the specific force, see `GravityDirection`.
     """
-    hint, reach, by = (held, _BY_HAND, "how the pictures were held (no level surface)")
+    hint, reach, by = (held, _BY_HAND, "the camera's mean attitude (no level surface seen)")
     if force is not None:
         hint, reach, by = force / np.linalg.norm(force), _BY_FORCE, "the accelerometer"
     up = _up_of_surfaces(seen.normals, hint, reach)

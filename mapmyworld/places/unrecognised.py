@@ -85,7 +85,9 @@ def _lines(nodes: Sequence[Node], sections: list[tuple[float, tuple[int, int]]])
     if not sections:
         return []
     total, count = sum(metres for metres, _ in sections), len(sections)
-    head = f"{total:.1f} m of revisited ground not recognised: only odometry holds the path there"
+    head = (
+        f"{total:.1f} m of revisited path without loop closure: position there relies on odometry"
+    )
     longest = sorted(sections, key=lambda section: -section[0])[:_NAMED]
     named = [_text(nodes, *section) for section in sorted(longest, key=lambda s: s[1])]
     rest = [f"shorter sections not recognised: {count - _NAMED}"] if count > _NAMED else []

@@ -20,7 +20,7 @@ def choose_environment_topics(draft: Draft) -> tuple[str, ...]:
     if not receivers:
         return tuple(readings)
     best = max(receivers, key=lambda stream: (stream.count, stream.topic))
-    draft.decide("gps", best.topic, f"{best.count} fixes, kept with the nodes only")
+    draft.decide("gps", best.topic, f"{best.count} fixes, stored with the nodes, not used to map")
     return (best.topic, *readings)
 
 

@@ -33,7 +33,7 @@ def choose_order(
     )
     names = ", ".join(stream.topic for stream in back)
     if _stamps_are_right(back, odometry) and lag_ns < _FARTHEST_NS:
-        draft.decide("order", "header stamps", f"by log time the robot would jump; {reported}")
+        draft.decide("order", "header stamps", f"log times would make the robot jump; {reported}")
         draft.losses.append(
             f"{names}: log times are out of order ({reported}): messages are put in the order of "
             "header stamps"

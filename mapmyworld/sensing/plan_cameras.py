@@ -152,7 +152,7 @@ def _best(
         draft.decide("camera", "", "no depth image fits a colour image")
         return None
     info_stream, info = info_for(draft, colour, infos)
-    others = tuple(f"{c.topic} + {d.topic}: fits less" for _, c, d in pairs[1:4])
+    others = tuple(f"{c.topic} + {d.topic}: fits worse" for _, c, d in pairs[1:4])
     reason = (
         f"{depth.topic} and {info_stream.topic} fit it: {colour.width}x{colour.height}, "
         f"{colour.stream.frequency:.1f} Hz"
@@ -243,12 +243,12 @@ def _fault_of(info: CameraInfoMessage, colour: Images) -> str:
         return "no intrinsics (uncalibrated)"
     if np.any(info.distortion) and len(info.distortion) not in _COEFFICIENTS:
         model = info.distortion_model or "no model"
-        return f"{len(info.distortion)} distortion coefficients ({model}), which no model has"
+        return f"{len(info.distortion)} distortion coefficients ({model}): no model has so many"
     largest = max(np.abs(x).max(initial=0) for x in (k, info.distortion, p[np.isfinite(p)]))
     if min(k[0, 0], k[1, 1]) < _LEAST_FOCAL or largest > _MOST:
-        return "numbers that no camera has"
+        return "intrinsics out of range"
     if max(colour.width, colour.height) > _LONGEST_SIDE:
-        return f"what belongs to pictures of {colour.width} x {colour.height} pixels, too long"
+        return f"images of {colour.width} x {colour.height} pixels, too large"
     return ""
 
 

@@ -91,7 +91,7 @@ def check_streams(
         (draft.losses if about in {s.topic for s in used} else draft.warnings).append(doubt)
     for topic in draft.survey.info.topics:
         if topic.count == 0 and topic.kind is not MessageKind.OTHER:
-            draft.warnings.append(f"{topic.topic} ({topic.kind}) is silent: announced, no message")
+            draft.warnings.append(f"{topic.topic} ({topic.kind}) is listed but has no message")
     if scan is not None:
         _check_ranges(draft, draft.survey.streams[scan.topic])
 

@@ -75,7 +75,7 @@ def _judge(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
     if not stream.frequency:
         return _FAULTY, f"{why}; a map needs scans of at least two times"
     if not returns:
-        return _FAULTY, f"{why}; not one usable range in the log"
+        return _FAULTY, f"{why}; no range in the log is usable"
     return field * min(stream.frequency, 10.0) * (0.2 + returns) * (0.5 if assumed else 1.0), why
 
 
@@ -89,7 +89,7 @@ def _fault_of(scans: list[LaserScanMessage]) -> str:
             "correct what the driver writes, (angle_max - angle_min) / (beams - 1)"
         )
     if all(abs(s.angle_increment) * len(s.ranges) > _TWICE_ROUND for s in scans):
-        return "its beams go more than twice round: are its angles in degrees, not radians?"
+        return "its beams span more than two turns: record its angles in radians, not degrees"
     return ""
 
 
@@ -105,7 +105,7 @@ def _judge_clouds(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
         f"cloud_highest they show {np.degrees(view):.0f} deg"
     )
     if view < _NARROW:
-        return 0.0, f"{why}: too narrow for a lidar's scan"
+        return 0.0, f"{why}: field of view too narrow for a lidar"
     return _AFTER_SCANS * view * min(stream.frequency, 10.0) * (0.5 if assumed else 1.0), why
 
 

@@ -49,7 +49,9 @@ def choose_more_cameras(
         if source is not None and all(_is_apart(source, other) for other in found):
             found.append(source)
             used |= {colour.topic, depth.topic}
-            reason = f"{depth.topic} fits it, and it looks elsewhere than those before it"
+            reason = (
+                f"{depth.topic} fits it; it looks in another direction than the cameras before it"
+            )
             draft.decide("another camera", colour.topic, reason)
     return tuple(found[1:])
 

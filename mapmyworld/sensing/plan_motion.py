@@ -124,7 +124,7 @@ def choose_ground_truth(draft: Draft) -> str:
     """The topic of a recorded true pose; used for scores only, never for mapping."""
     for stream in draft.survey.of_kind(MessageKind.POSE):
         if "truth" in stream.topic or stream.topic.rsplit("/", 1)[-1] in {"gt", "mocap"}:
-            draft.decide("ground truth", stream.topic, "kept beside the map for scores only")
+            draft.decide("ground truth", stream.topic, "stored for scores, not used to map")
             return stream.topic
     return ""
 

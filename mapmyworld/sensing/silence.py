@@ -29,7 +29,7 @@ def check_silence(draft: Draft, stream: Stream) -> None:
         (late_s, f"begins {late_s:.1f} s after the other sensors"),
         (
             (end_ns - stream.last_log_ns) * 1e-9,
-            f"falls silent {(end_ns - stream.last_log_ns) * 1e-9:.1f} s before the log ends, "
+            f"stops {(end_ns - stream.last_log_ns) * 1e-9:.1f} s before the log ends, "
             f"{stop_s:.1f} s after its start",
         ),
         (

@@ -96,7 +96,7 @@ class TransformTree:
                 loser = chosen if self._parents[edge.child] is edge else edge
                 self.ignored[edge.child] = (
                     f"{loser.parent} -> {loser.child} ({loser.count}x) ignored: "
-                    f"{edge.child} also hangs on {self._parents[edge.child].parent}"
+                    f"{edge.child} has another parent, {self._parents[edge.child].parent}"
                 )
 
     def frames(self) -> set[str]:

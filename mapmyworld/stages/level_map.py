@@ -39,7 +39,7 @@ def levelled_poses(
     level = _level(found, store.get("gravity_direction"))
     moved = replace(poses, map_from_node=level.level_from_map @ poses.map_from_node)
     height = moved.map_from_node[0, 2, 3]
-    return moved, (f"hand-held camera: {level.reason}; it began at {height:.2f} m",)
+    return moved, (f"hand-held camera: {level.reason}; its first pose is {height:.2f} m high",)
 
 
 def _carried_images(store: MapStore, poses: Poses) -> Iterator[tuple[RgbdImage, Array]]:

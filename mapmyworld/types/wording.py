@@ -37,7 +37,7 @@ _FIT = (
 _VERDICTS: Mapping[Why, str] = {
     Why.SCANS_ALIGNED: "overlap {overlap:.0%}, residual {residual:.3f} m",
     Why.NOTHING_IN_COMMON: "no surface seen from both places",
-    Why.LITTLE_EVIDENCE: "evidence {evidence:.0f} points below {limit:.0f}",
+    Why.LITTLE_EVIDENCE: "evidence {evidence:.0f} points, {limit:.0f} needed",
     Why.AMBIGUOUS_POSE: "ambiguous: another pose has evidence {second_best:.0f} against "
     "{evidence:.0f} points",
     Why.NOT_CONVERGED: "not converged: refinement moved the best pose of the search by "
@@ -48,7 +48,7 @@ _VERDICTS: Mapping[Why, str] = {
     Why.IMAGES_AGREE: "{inliers} matches agree within {sigmas:g} sigma",
     Why.FEW_INLIERS: "{inliers} of {matches} matches agree, {limit} needed",
     Why.LOW_SHARE: "{share} of the matches agree, {limit} needed",
-    Why.FEW_CELLS: "agreeing matches reach {cells} cells of the image, {limit} needed",
+    Why.FEW_CELLS: "inliers cover {cells} cells of the image, {limit} needed",
     Why.UNCERTAIN_TRANSLATION: "translation uncertain: sigma {sigma:.3f} m, limit {limit:g} m",
     Why.UNCERTAIN_ROTATION: "rotation uncertain: sigma {sigma:.4f} rad, limit {limit:g} rad",
     Why.MOTION_CONTRADICTS: "perceptual aliasing: contradicts the tracked motion by {metres:.2f} m "

@@ -46,15 +46,10 @@ def account(before: Graph, after: Graph, edits: int) -> list[str]:
 
 def fight(before: Graph, after: Graph, planar: bool) -> list[str]:
     """The constraints that were accepted without the edits and fit far worse with them."""
-    from mapmyworld.graph.edited import name_of, strained
+    from mapmyworld.graph.edited import in_sigmas, strained
 
     found = strained((before.constraints, before.poses), (after.constraints, after.poses), planar)
     if not found:
         return []
-    lines = [f"{len(found)} measured constraints contradict the edits; the largest residuals:"]
-    lines += [
-        f"  {name_of(one.constraint)}: {one.before:.1f} -> {one.after:.1f} sigma"
-        f"{'' if one.constraint.accepted else ', rejected'}"
-        for one in found[:_FIGHTING]
-    ]
-    return lines
+    lines = [f"{len(found)} constraints contradict the edits; the largest residuals:"]
+    return lines + [f"  {in_sigmas(one)}" for one in found[:_FIGHTING]]

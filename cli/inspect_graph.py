@@ -85,6 +85,8 @@ def graph(
     shown = None if everything else worst
     facts = graph_facts(poses, constraints, start, planar, shown, worst, divides)
     facts["certainty"] = solved.get("certainty", "")
+    parted = solved.get("parted", ())
+    facts["problems"] = [line for line in solved.get("losses", ()) if line not in parted]
     if relative is not None:
         facts["between"] = relative
     if image is not None:
@@ -138,6 +140,7 @@ def _relative(store: Any, from_id: int, to_id: int) -> dict[str, Any]:
     from mapmyworld.graph.covariance import relative_pose
 
     motion, covariance = relative_pose(graph_of(store), from_id, to_id)
+    in_from = motion[:3, :3] @ covariance[3:, 3:] @ motion[:3, :3].T  # along the axes of xyz
     return {
         "from": from_id,
         "to": to_id,
@@ -145,6 +148,7 @@ def _relative(store: Any, from_id: int, to_id: int) -> dict[str, Any]:
         "degrees": float(np.degrees(rotation_angle(motion))),
         "roll_pitch_yaw": np.degrees(rotation_to_roll_pitch_yaw(motion[:3, :3])).tolist(),
         "sigma_metres": float(np.sqrt(np.trace(covariance[3:, 3:]))),
+        "sigmas_xyz": np.sqrt(np.diag(in_from)).tolist(),
         "sigma_degrees": float(np.degrees(np.sqrt(np.trace(covariance[:3, :3])))),
         "covariance": covariance.tolist(),
     }
@@ -222,6 +226,7 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         lines.append(_uncertainty_line(facts))
     if "between" in facts:
         lines.append(_between_line(facts["between"]))
+    lines += [f"problem     {line}" for line in facts["problems"]]
     return [*lines, "", *_kind_lines(facts), *_worst_lines(facts), *_rejected_lines(facts)]
 
 
@@ -285,11 +290,12 @@ def _rejected_lines(facts: dict[str, Any]) -> list[str]:
 
 
 def _between_line(row: dict[str, Any]) -> str:
-    x, y, z = row["xyz"]
+    place = " ".join(f"{value:+.3f}" for value in row["xyz"])
+    sigmas = " ".join(f"{value:.3g}" for value in row["sigmas_xyz"])
     return (
         f"{row['from']} -> {row['to']}".ljust(12)
-        + f"{x:.3f} {y:.3f} {z:.3f} m, turned {_turn(row['roll_pitch_yaw'])}; one sigma "
-        f"{row['sigma_metres']:.3g} m, {row['sigma_degrees']:.2g} deg"
+        + f"{place} m, turned {_turn(row['roll_pitch_yaw'])}; one sigma "
+        f"{sigmas} m, {row['sigma_degrees']:.2g} deg"
     )
 
 

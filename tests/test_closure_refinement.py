@@ -17,7 +17,18 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.places.closure_refinement import refine_closures
 from mapmyworld.places.laser_nodes import NodeScans
 from mapmyworld.registration.scan_matching import prepare_scans, scan_set
-from mapmyworld.types import ConstraintKind, ImageMatch, Judged, Node, Poses, ScanMatch, Source
+from mapmyworld.types import (
+    ConstraintKind,
+    ImageMatch,
+    Judge,
+    Judged,
+    Node,
+    Poses,
+    ScanMatch,
+    Source,
+    Verdict,
+    Why,
+)  # fmt: skip
 from mapmyworld.types.wording import reason_of
 
 CONFIG = Config()
@@ -70,9 +81,12 @@ def test_a_turned_closure_is_measured_anew(same: tuple[NodeScans, Poses]) -> Non
 def test_closures_that_fit_or_come_from_elsewhere_stay(same: tuple[NodeScans, Poses]) -> None:
     good = closure(np.array([0.02, 0.01, 0.002]), ConstraintKind.PROXIMITY, ScanMatch(score=0.8))
     by_images = closure(np.array([0.4, 0.0, 0.1]), ConstraintKind.LOOP_CLOSURE, ImageMatch())
-    kept = refine_closures([good, by_images], same[1], CONFIG, same[0])
+    turned = closure(np.array([0.4, 0.0, 0.1]), ConstraintKind.LOOP_CLOSURE, ScanMatch(score=0.8))
+    by_hand = turned.judged(Verdict(Judge.PERSON, True, Why.ACCEPTED_BY_HAND))
+    kept = refine_closures([good, by_images, by_hand], same[1], CONFIG, same[0])
     assert kept[0] is good
     assert kept[1] is by_images
+    assert kept[2] is by_hand  # where it is not met, that is reported
 
 
 def test_a_closure_that_the_final_poses_deny_does_not_stand() -> None:

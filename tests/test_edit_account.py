@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import html
 import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from sample_maps import apartment  # noqa: F401
@@ -30,7 +32,8 @@ def test_an_edit_is_accounted_for_constraint_by_constraint(
     tmp_path: Path,
 ) -> None:
     path, edits = tmp_path / "map.db", tmp_path / "edits.toml"
-    shutil.copy(apartment, path)
+    for kept in (path, path.with_suffix(".html")):
+        shutil.copy(apartment.with_suffix(kept.suffix), kept)
     edits.write_text(WRONG)
     result = run("edit", path, edits, "-q")
     assert result.exit_code == 3
@@ -41,14 +44,39 @@ def test_an_edit_is_accounted_for_constraint_by_constraint(
     assert (
         "user 3 -> 150, stated by hand, is contradicted by the rest of the graph" in result.stderr
     )
-    assert "measured constraints contradict the edits; the largest residuals:" in result.stderr
+    assert " constraints contradict the edits; the largest residuals:" in result.stderr
     assert result.stderr.count("sigma, rejected") >= 4
+    (line,) = (x for x in result.stderr.splitlines() if x.startswith("mapmyworld: user 3 -> 150"))
+    told = line.removeprefix("mapmyworld: ")
+    assert "; it fights loop_closure " in told
+    assert f"problem     {told}" in run("inspect", "graph", path).stdout
+    facts = json.loads(run("inspect", "graph", path, "--format", "json").stdout)
+    assert facts["problems"] == [told]
+    assert html.escape(told) in path.with_suffix(".html").read_text()
     edits.write_text("")
     undone = run("edit", path, edits, "-q")
     assert undone.exit_code == 0
     assert "  no longer found: user 3 -> 150" in undone.stdout
     assert undone.stdout.count("  accepted: loop_closure ") == lost
     assert undone.stderr == ""
+
+
+@pytest.mark.slow
+def test_many_wrong_statements_fight_what_fits_without_any_of_them(
+    apartment: Path,  # noqa: F811
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Without either alone the other has the closures rejected all the same."""
+    monkeypatch.setattr("mapmyworld.stages.solve_and_judge._ALONE", 1)
+    path, edits = tmp_path / "map.db", tmp_path / "edits.toml"
+    shutil.copy(apartment, path)
+    edits.write_text(2 * WRONG)
+    result = run("edit", path, edits, "-q", "--no-export")
+    assert result.exit_code == 3
+    lines = [x for x in result.stderr.splitlines() if x.startswith("mapmyworld: user 3 -> 150")]
+    assert len(lines) == 2
+    assert all("; it fights loop_closure " in line for line in lines)
 
 
 @pytest.mark.parametrize("ends", [("1", "100"), ("100", "1")])
@@ -60,7 +88,11 @@ def test_a_turn_between_nodes_has_its_sign(
     facts = json.loads(run(*words, "--format", "json").stdout)["between"]
     yaw = facts["roll_pitch_yaw"][2]
     assert facts["degrees"] == pytest.approx(abs(yaw))
-    assert f"turned {yaw:+.2f} deg" in run(*words).stdout
+    place = " ".join(f"{value:+.3f}" for value in facts["xyz"])
+    sigmas = " ".join(f"{value:.3g}" for value in facts["sigmas_xyz"])
+    shown = run(*words).stdout
+    assert f"{place} m, turned {yaw:+.2f} deg; one sigma {sigmas} m, " in shown
+    assert np.hypot(*facts["sigmas_xyz"][:2]) == pytest.approx(facts["sigma_metres"])
 
 
 def test_a_turn_out_of_the_plane_has_three_signs() -> None:

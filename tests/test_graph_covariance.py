@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import gtsam
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -201,6 +202,31 @@ def test_relative_poses_of_a_chain_add_up():
     assert covariance[3, 3] == pytest.approx(3 * 1e-4)
     assert covariance[2, 2] == pytest.approx(3 * 1e-4)
     assert covariance[4, 4] == pytest.approx((3 + 2**2 + 1**2) * 1e-4)
+
+
+def test_relative_poses_are_as_uncertain_as_by_gtsams_marginals():
+    """A chain with a closure: `J Sigma J'` of the joint marginal of both ends, by gtsam alone."""
+    graph, ids = chain(6, 0.05), (11, 14)
+    loop = Edges(
+        np.array([10]), np.array([15]), np.array([[5.0, 0.0, 0.0]]), 1e3 * np.eye(3)[None],
+        np.zeros(1, np.bool_),
+    )  # fmt: skip
+    both = [np.concatenate([getattr(e, n) for e in (graph.edges, loop)])
+            for n in ("from_ids", "to_ids", "i_from_j", "information", "odometry")]  # fmt: skip
+    graph = replace(graph, edges=Edges(*both))
+    factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    for node, pose in zip(graph.ids.tolist(), graph.map_from_node, strict=True):
+        values.insert(node, gtsam.Pose2(*pose))
+    first = gtsam.noiseModel.Isotropic.Sigma(3, 1e-3)
+    factors.add(gtsam.PriorFactorPose2(10, values.atPose2(10), first))
+    for tail, head, motion, information, _ in zip(*both, strict=True):
+        noise = gtsam.noiseModel.Gaussian.Information(information)
+        factors.add(gtsam.BetweenFactorPose2(int(tail), int(head), gtsam.Pose2(*motion), noise))
+    joint = gtsam.Marginals(factors, values).jointMarginalCovariance(list(ids)).fullMatrix()
+    step = values.atPose2(ids[0]).between(values.atPose2(ids[1]))
+    rows = np.hstack([-step.inverse().AdjointMap(), np.eye(3)])
+    _, covariance = relative_pose(graph, *ids)
+    assert np.allclose(covariance[np.ix_([3, 4, 2], [3, 4, 2])], rows @ joint @ rows.T, rtol=1e-6)
 
 
 def test_relative_poses_that_cannot_be_are_refused():

@@ -9,8 +9,19 @@ import pytest
 from sample_verdicts import REJECTED
 
 from formats.edit_files import read_edits
+from mapmyworld.config import GraphConfig
 from mapmyworld.errors import ConfigError, GraphError, MapError
-from mapmyworld.graph.edited import changes, contradicted, farthest_moved, strained
+from mapmyworld.geometry.planar import matrix_to_planar
+from mapmyworld.geometry.rigid import between
+from mapmyworld.graph.canonical_graph import graph_from_constraints
+from mapmyworld.graph.covariance import relative_pose
+from mapmyworld.graph.edited import (
+    changes,
+    contradicted,
+    contradiction,
+    farthest_moved,
+    strained,
+)
 from mapmyworld.graph.edited_constraints import (
     apply_edits,
     edits_from_json,
@@ -165,16 +176,17 @@ def test_what_is_stated_and_not_met_is_reported_with_what_fights_it(tmp_path):
     edits = edits_from(text, tmp_path)
     after = solve(ids, truth, apply_edits(before.constraints, edits), planar=True)
     (reported,) = contradicted(after.constraints, after.poses, True)
-    assert reported.startswith(
-        "user 5 -> 30, stated by hand, is contradicted by the rest of the graph"
-    )
-    assert "sigma, limit 4.0): correct the edit" in reported
+    assert (reported.constraint.from_id, reported.constraint.to_id) == (5, 30)
     first, *others = changes(before.constraints, after.constraints)
     assert (first.constraint.kind, first.what) == (ConstraintKind.USER, "accepted")
     assert all(c.what == "rejected" for c in others)
     fighting = strained((before.constraints, before.poses), (after.constraints, after.poses), True)
     assert fighting
     assert all(one.after > one.before + 1 for one in fighting)
+    line = contradiction(reported, fighting)
+    assert line.startswith("user 5 -> 30, stated by hand, is contradicted by the rest of the graph")
+    assert "sigma, limit 3.0); it fights loop_closure " in line
+    assert "it fights no single constraint" in contradiction(reported, [])
     rejected = {(c.constraint.from_id, c.constraint.to_id) for c in others}
     assert rejected <= {(s.constraint.from_id, s.constraint.to_id) for s in fighting}
     undone = solve(ids, truth, apply_edits(after.constraints, ()), planar=True)
@@ -182,6 +194,102 @@ def test_what_is_stated_and_not_met_is_reported_with_what_fights_it(tmp_path):
         "no longer found"
     ]
     assert changes(before.constraints, undone.constraints) == []
+
+
+PRIOR = """
+[[prior]]
+node = {node}
+pose = [{x}, {y}, 0.0]
+sigma = [0.01, 0.5]
+reason = "tape"
+"""
+
+
+@pytest.mark.parametrize(("off", "reported"), [(0.0, set()), (1.0, {1, 5})])
+def test_priors_are_met_within_three_sigmas_or_reported_with_those_they_fight(
+    tmp_path, off, reported
+):
+    """Along the square's first side; the second is where it was driven, or a metre from there."""
+    truth, constraints = world()
+    ids = np.arange(1, 81)
+    text = PRIOR.format(node=1, x=0.0, y=0.0) + PRIOR.format(node=5, x=4.0 + off, y=0.0)
+    solved = solve(ids, truth, apply_edits(constraints, edits_from(text, tmp_path)), planar=True)
+    unmet_ones = contradicted(solved.constraints, solved.poses, True)
+    assert {m.constraint.to_id for m in unmet_ones} == reported
+    for one in unmet_ones:
+        others = [c for c in solved.constraints if c is not one.constraint]
+        without = solve(ids, truth, others, planar=True)
+        fought = strained(
+            (without.constraints, without.poses), (solved.constraints, solved.poses), True
+        )
+        first = fought[0].constraint
+        assert (first.kind, {first.to_id}) == (
+            ConstraintKind.PRIOR,
+            reported - {one.constraint.to_id},
+        )
+        between_them = {(s.constraint.from_id, s.constraint.to_id) for s in fought[1:]}
+        assert {(k, k + 1) for k in range(1, 5)} <= between_them
+
+
+def test_two_statements_about_one_node_fight_each_other(tmp_path):
+    truth, constraints = world()
+    ids = np.arange(1, 81)
+    text = PRIOR.format(node=5, x=4.0, y=0.0) + PRIOR.format(node=5, x=4.5, y=0.0)
+    solved = solve(ids, truth, apply_edits(constraints, edits_from(text, tmp_path)), planar=True)
+    one, other = contradicted(solved.constraints, solved.poses, True)
+    others = [c for c in solved.constraints if c is not one.constraint]
+    without = solve(ids, truth, others, planar=True)
+    (fought,) = strained(
+        (without.constraints, without.poses), (solved.constraints, solved.poses), True
+    )
+    assert fought.constraint is other.constraint
+
+
+def test_a_statement_that_is_stated_anew_has_changed(tmp_path):
+    """Where only the pose differs, too."""
+    truth, constraints = world()
+    ids = np.arange(1, 81)
+    first, second = (
+        solve(ids, truth, apply_edits(constraints, edits_from(text, tmp_path)), planar=True)
+        for text in (PRIOR.format(node=5, x=4.0, y=0.0), PRIOR.format(node=5, x=4.5, y=0.0))
+    )
+    found = changes(first.constraints, second.constraints)
+    assert [(c.constraint.kind, c.what) for c in found] == [
+        (ConstraintKind.PRIOR, "accepted"),
+        (ConstraintKind.PRIOR, "no longer found"),
+    ]
+
+
+def test_a_relative_pose_errs_as_its_covariance_says_and_less_with_a_true_addition(tmp_path):
+    """Squared sigmas of 30 drives are 3 on average (half to twice that), before and after."""
+    truth, ids = square_walk(rounds=2), np.arange(1, 81)
+    text = (
+        "[[add]]\nfrom = 5\nto = 30\npose = [{}, {}, {}]\nsigma = [0.005, 0.1]\nreason = 'tape'\n"
+    )
+    right = between(truth[4], truth[29])
+    squares, sigmas = [], []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        constraints = noisy_constraints(truth, rng)
+        x, y, yaw = matrix_to_planar(right[None])[0] + rng.normal(size=3) * [
+            0.005, 0.005, np.radians(0.1),
+        ]  # fmt: skip
+        edits = edits_from(text.format(x, y, np.degrees(yaw)), tmp_path)
+        for stated in (constraints, apply_edits(constraints, edits)):
+            solved = solve(ids, truth, stated, True, GraphConfig(certify=False, covariances=False))
+            graph = graph_from_constraints(
+                ids, solved.poses.map_from_node, solved.constraints, planar=True
+            )
+            pose, covariance = relative_pose(graph, 5, 30)
+            miss = matrix_to_planar(between(right, pose)[None])[0]
+            own = covariance[np.ix_([3, 4, 2], [3, 4, 2])]
+            squares.append(miss @ np.linalg.solve(own, miss))
+            sigmas.append(np.sqrt(np.diag(own)))
+    before, after = np.mean(squares[::2]), np.mean(squares[1::2])
+    assert 1.5 < before < 6.0
+    assert 1.5 < after < 6.0
+    assert (np.array(sigmas[1::2]) < [0.005, 0.005, np.radians(0.1)]).all()
+    assert (np.array(sigmas[::2])[:, :2] > 0.02).all()
 
 
 def test_a_true_statement_is_not_called_contradicted(tmp_path):

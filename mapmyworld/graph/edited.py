@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from mapmyworld.backend.residuals import chi_squared_quantile
 from mapmyworld.graph.audit import ConstraintResidual, residuals_against
-from mapmyworld.types import Constraint, Judged, Poses
+from mapmyworld.types import Constraint, Judged, Person, Poses
 from mapmyworld.types.wording import name_of_ends
 
-_CONFIDENCE = 0.999  # of statements that are true fit within the limit
+_LIMIT = 3.0  # of its sigmas by which the final poses may miss what a person stated
 _GREW = 1.0  # sigmas by which a constraint must fit worse than before to count as strained
-Key = tuple[str, int, int, int]
+_NAMED = 3  # constraints that a contradiction names
+Key = tuple[str, int, int, bytes, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +28,11 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Strain:
-    """A constraint that fits worse than before the edit."""
+    """A constraint that fits worse than without what was stated."""
 
     constraint: Judged
     before: float
-    """Sigmas by which it was missed."""
+    """Sigmas by which it is missed without that."""
     after: float
 
 
@@ -49,11 +49,13 @@ def changes(before: Sequence[Judged], after: Sequence[Judged]) -> list[Change]:
 
 
 def _by_key(constraints: Sequence[Judged]) -> dict[Key, Judged]:
-    """By kind and ends, and by number where two nodes have several of a kind."""
+    """By kind, ends and what a person stated, and by number where several are alike."""
     found: dict[Key, Judged] = {}
     for c in constraints:
+        made = isinstance(c.source, Person)
+        stated = c.i_from_j.tobytes() + c.information.tobytes() if made else b""
         number = 0
-        while (key := (str(c.kind), c.from_id, c.to_id, number)) in found:
+        while (key := (str(c.kind), c.from_id, c.to_id, stated, number)) in found:
             number += 1
         found[key] = c
     return found
@@ -68,23 +70,13 @@ def farthest_moved(before: Poses, after: Poses) -> tuple[int, float]:
     return int(ids[worst]), float(metres[worst])
 
 
-def contradicted(constraints: Sequence[Judged], poses: Poses, planar: bool) -> list[str]:
-    """What a person stated and the solved graph does not meet, one line each."""
-    limit = float(np.sqrt(chi_squared_quantile(_CONFIDENCE, 3 if planar else 6)))
+def contradicted(
+    constraints: Sequence[Judged], poses: Poses, planar: bool
+) -> list[ConstraintResidual]:
+    """What a person stated and the poses miss by more than three of its sigmas, the worst first."""
     stated = [c for c in constraints if c.is_by_hand and c.accepted]
-    unmet = [
-        m for m in residuals_against(stated, poses, planar) if m is not None and m.sigmas > limit
-    ]
-    return [_contradiction(residual, limit) for residual in unmet]
-
-
-def _contradiction(residual: ConstraintResidual, limit: float) -> str:
-    return (
-        f"{name_of(residual.constraint)}, stated by hand, is contradicted by the rest of the "
-        f"graph: residual {residual.metres:.3g} m, {residual.degrees:.1f} deg "
-        f"({residual.sigmas:.1f} sigma, limit {limit:.1f}): correct the edit, give it a larger "
-        "sigma, or reject what is wrong"
-    )
+    known = [m for m in residuals_against(stated, poses, planar) if m is not None]
+    return sorted((m for m in known if m.sigmas > _LIMIT), key=lambda m: -m.sigmas)
 
 
 def strained(
@@ -92,33 +84,51 @@ def strained(
     after: tuple[Sequence[Judged], Poses],
     planar: bool,
 ) -> list[Strain]:
-    """Measured constraints that were accepted and fit worse now, the most strained first.
+    """Constraints that were accepted and fit worse now: what else was stated, then the worst first.
 
-    They fight what was stated: the solution gave way to it at their cost, or rejected them for it.
+    They fight what is new: the solution gave way to it at their cost, or rejected them for it.
     """
-    old = _sigmas(before[0], before[1], planar)
+    old = {k: m.sigmas for k, m in _residuals(*before, planar).items() if m.constraint.accepted}
     found = [
         Strain(m.constraint, old[key], m.sigmas)
-        for key, m in _measured(*after, planar).items()
-        if key in old and m.sigmas > old[key] + _GREW
+        for key, m in _residuals(*after, planar).items()
+        if key in old and m.sigmas > old[key] + _GREW and not _is_rejected_by_hand(m.constraint)
     ]
-    return sorted(found, key=lambda one: one.before - one.after)
+    return sorted(found, key=lambda one: (not one.constraint.is_by_hand, one.before - one.after))
 
 
-def _sigmas(constraints: Sequence[Judged], poses: Poses, planar: bool) -> Mapping[Key, float]:
-    found = _measured(constraints, poses, planar)
-    return {key: residual.sigmas for key, residual in found.items() if residual.constraint.accepted}
-
-
-def _measured(
+def _residuals(
     constraints: Sequence[Judged], poses: Poses, planar: bool
 ) -> dict[Key, ConstraintResidual]:
-    """Constraints that no person made or judged, against the poses."""
-    keyed = {k: c for k, c in _by_key(constraints).items() if not c.is_by_hand}
+    keyed = _by_key(constraints)
     residuals = residuals_against(list(keyed.values()), poses, planar)
-    return {
-        k: residual for k, residual in zip(keyed, residuals, strict=True) if residual is not None
-    }
+    return {k: m for k, m in zip(keyed, residuals, strict=True) if m is not None}
+
+
+def _is_rejected_by_hand(constraint: Judged) -> bool:
+    return constraint.is_by_hand and not constraint.accepted
+
+
+def contradiction(residual: ConstraintResidual, fought: Sequence[Strain]) -> str:
+    """The line about a statement that is not met, with the constraints that stand against it."""
+    named = ", ".join(in_sigmas(one) for one in fought[:_NAMED])
+    if len(fought) > _NAMED:
+        named += f" and {len(fought) - _NAMED} more"
+    return (
+        f"{name_of(residual.constraint)}, stated by hand, is contradicted by the rest of the "
+        f"graph: residual {residual.metres:.3g} m, {residual.degrees:.1f} deg "
+        f"({residual.sigmas:.1f} sigma, limit {_LIMIT:.1f}); it fights "
+        f"{named or 'no single constraint'}: correct the edit, give it a larger "
+        "sigma, or reject what is wrong"
+    )
+
+
+def in_sigmas(strain: Strain) -> str:
+    """A strained constraint, without what was stated and with it."""
+    rejected = "" if strain.constraint.accepted else ", rejected"
+    return (
+        f"{name_of(strain.constraint)} ({strain.before:.1f} -> {strain.after:.1f} sigma{rejected})"
+    )
 
 
 def name_of(constraint: Constraint) -> str:

@@ -60,8 +60,8 @@ def refine_closures(
 
 
 def _is_by_laser(constraint: Judged) -> bool:
-    """Whether an accepted closure comes from `laser_closures`."""
-    by_laser = isinstance(constraint.source, ScanMatch)
+    """Whether an accepted closure comes from `laser_closures`, and no person judged it."""
+    by_laser = isinstance(constraint.source, ScanMatch) and not constraint.is_by_hand
     return constraint.accepted and constraint.kind in CLOSURES and by_laser
 
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from mapmyworld.config import Config
 from mapmyworld.decisions import decided, decided_on
+from mapmyworld.graph.audit import ConstraintResidual
 from mapmyworld.graph.chains import solve_by_chains
 from mapmyworld.graph.draft_graph import landmark_guesses
-from mapmyworld.graph.edited import contradicted
+from mapmyworld.graph.edited import Strain, contradicted, contradiction, strained
 from mapmyworld.graph.edited_constraints import apply_edits, edits_from_json, unmet
 from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.graph.solved_graph import SolvedGraph, solve
@@ -27,6 +30,8 @@ from mapmyworld.types.edits import Edit, EditAction
 
 _ROUNDS = 4  # looks from better poses, at most; each finds less than the one before
 _FEW = 0.05  # share of new closures among all from which another look is not worth its time
+
+_ALONE = 20  # contradicted statements up to which each is left out by itself
 
 
 @on_one_thread
@@ -45,7 +50,8 @@ def solve_and_judge(
         if new <= _FEW * sum(c.accepted for c in store.constraints() if c.kind in CLOSURES):
             break
     give_back()
-    solved = _solve(store, config, progress, chains=_is_refined(store, config, scans))
+    chains = _is_refined(store, config, scans)
+    solved = _solve(store, _edited(store), config, progress, chains=chains)
     give_back()
     poses, constraints = _refined(store, solved, config, progress, scans)
     decided_on("verdict", (c for c in constraints if c.verdicts))
@@ -58,9 +64,8 @@ def solve_and_judge(
     frames = store.tracked_frames()
     store.set_frame_poses(pose_every_frame(store.nodes(), poses, frames, constraints))
     wanted = [edit for edit in _edits(store) if edit.action is EditAction.ACCEPT]
-    others = [
-        *unmet(constraints, wanted), *contradicted(constraints, poses, moves_in_plane(store)),
-    ]  # fmt: skip
+    others = unmet(constraints, wanted)
+    others += _contradictions(store, config, progress, scans, solved, poses)
     note_solution(store, solved.certainty, others, notes, _divides(scans))
 
 
@@ -151,13 +156,40 @@ def _edited(store: MapStore) -> tuple[Judged, ...]:
     return apply_edits(store.constraints(), _edits(store))
 
 
-def _solve(store: MapStore, config: Config, progress: Progress, *, chains: bool) -> SolvedGraph:
+def _contradictions(
+    store: MapStore, config: Config, progress: Progress, scans: LoadScans, solved: SolvedGraph,
+    poses: Poses,
+) -> list[str]:  # fmt: skip
+    """What a person stated and the final poses do not meet, with what the graph without it meets.
+
+    Of many, each is left out with the others: a solution takes its time.
+    """
+    planar, chains = moves_in_plane(store), _is_refined(store, config, scans)
+    unmet_ones = contradicted(solved.constraints, poses, planar)
+    quick = replace(config, graph=replace(config.graph, covariances=False))
+
+    def fought(left_out: Sequence[ConstraintResidual]) -> list[Strain]:
+        out = {id(one.constraint) for one in left_out}
+        others = [c for c in solved.constraints if id(c) not in out]
+        without = _solve(store, others, quick, progress, chains=chains)
+        return strained(
+            (without.constraints, without.poses), (solved.constraints, solved.poses), planar
+        )
+
+    together = functools.cache(lambda: fought(unmet_ones))
+    few = len(unmet_ones) <= _ALONE
+    return [contradiction(one, (few and fought([one])) or together()) for one in unmet_ones]
+
+
+def _solve(
+    store: MapStore, constraints: Sequence[Judged], config: Config, progress: Progress, *,
+    chains: bool,
+) -> SolvedGraph:  # fmt: skip
     nodes = store.nodes()
     progress.stage("optimise", len(nodes), "nodes")
     starts = {node.id: node.tracked_from_base for node in nodes}
-    landmarks = landmark_guesses(starts, store.constraints())
+    landmarks = landmark_guesses(starts, constraints)
     planar = moves_in_plane(store)
-    constraints = _edited(store)
     if chains:
         return solve_by_chains(nodes, landmarks, constraints, planar, config.graph)
     starts |= landmarks

@@ -327,7 +327,7 @@ _SENTENCE = 24  # letters of a text that says something by itself
 # Functions that list what a user should know, or say why a sensor is not used.
 NOTE_WRITERS = {
     "losses", "lines", "notes", "check_silence", "_judge", "_judge_clouds", "_open_lines",
-    "_blind_lines", "_contradiction", "_lag_notes",
+    "_blind_lines", "contradiction", "_lag_notes",
 }  # fmt: skip
 # Functions that word a message which others raise.
 WRITERS = {"_suggestion", "_nothing_common"}

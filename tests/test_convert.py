@@ -100,7 +100,7 @@ def test_what_had_to_be_assumed_of_a_topic_that_is_written_is_a_loss(tmp_path: P
     source.write_text(raw_laser("10.5") + "ODOM 1 0 0 0 0 0 11.0 host 0.9\n")
     result = run(source, "-o", tmp_path / "a.mcap")
     assert result.exit_code == 3
-    assert "it is put on the robot's centre" in result.stderr
+    assert "the robot's centre is assumed" in result.stderr
     odometry = run(source, "-o", tmp_path / "b.mcap", "--topic", "/carmen/odom")
     assert (odometry.exit_code, odometry.stderr.count("centre")) == (0, 0)
 

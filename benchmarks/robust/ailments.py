@@ -300,7 +300,7 @@ AILMENTS: tuple[Ailment, ...] = (
     Ailment("odometry of no frame", _each(OdometryMessage, _without_names)),
     Ailment("odometry stops", _between(0.0, 0.5, OdometryMessage), words="odometry"),
     Ailment("odometry starts late", _between(0.5, 1.0, OdometryMessage)),
-    Ailment("laser stops", _between(0.0, 0.5, *LASER), words="silent"),
+    Ailment("laser stops", _between(0.0, 0.5, *LASER), words="before the log ends"),
     Ailment("laser starts late", _between(0.5, 1.0, *LASER)),
     Ailment("laser pauses", _pause),
     Ailment("camera stops", _between(0.0, 0.4, *CAMERA)),

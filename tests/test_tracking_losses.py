@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.kernels.laser_motion import is_degenerate
 from mapmyworld.odometry.degeneracy import has_open_heading
 from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
+from mapmyworld.odometry.unobserved_motion import UnobservedMotion
 from mapmyworld.places.laser_candidates import candidate_pairs
 from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, calm_spots, nodes_at
@@ -25,6 +27,7 @@ from mapmyworld.places.session_closures import session_closures
 from mapmyworld.places.unseen_path import unseen_path
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.stages.nodes import Motion, NodeSelector
+from mapmyworld.stages.trackers import LaserFollower
 from mapmyworld.types import (
     ConstraintKind,
     Frame,
@@ -144,6 +147,37 @@ def test_what_passes_before_the_laser_loses_nothing_without_odometry_either() ->
     assert not any("lost at" in note for note in tracker.notes())
     end = between_planar(between_planar(LEFT[0], LEFT[-1]), tracked[-1].pose)
     assert np.hypot(*end[:2]) < 0.02
+
+
+class Unsure:
+    """A tracker that never decides."""
+
+    def track_all(self, frames: Sequence[Frame]) -> list[LaserMotion]:
+        return [LaserMotion(np.zeros(3), np.eye(3), "lost", 0.0, is_open=True) for _ in frames]
+
+
+def test_scans_wait_for_a_decision_in_bounded_memory() -> None:
+    follower = object.__new__(LaserFollower)
+    follower._tracker = Unsure()  # type: ignore[assignment]
+    taken: list[int] = []
+
+    def frames() -> Iterator[Frame]:
+        for k in range(1000):
+            taken.append(k)
+            yield Frame(k, None, NOTHING)
+
+    ahead = [len(taken) - done for done, _ in enumerate(follower.follow(frames()))]
+    assert len(ahead) == 1000
+    assert max(ahead) <= 128
+
+
+def test_a_robot_that_stood_for_long_may_move_as_any_other() -> None:
+    """Else scans of a robot that is carried off after an hour of rest would wait for as long."""
+    unobserved = UnobservedMotion()
+    unobserved.restart(0.0, np.zeros(3))
+    for second in range(1, 4000):
+        unobserved.add(float(second), np.array([1e-3 * (second % 2), 0.0, 0.0]))
+    assert unobserved.may_have_left(3.0)
 
 
 def test_after_a_minute_of_silence_a_corridor_like_the_one_before_is_no_place() -> None:

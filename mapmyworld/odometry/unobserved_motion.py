@@ -14,6 +14,7 @@ from mapmyworld.geometry.planar import between_planar, compose_planar, interpola
 
 Array = NDArray[np.float64]
 _LOOK = 1.0  # s of motion that the next is compared with
+_MOVES = 0.05  # m and rad in that time, less of which shows nothing of how a robot moves
 _MEMORY = 0.95  # weight of the past in the running mean of accelerations
 _SUBMAP = 5.0  # m about that a submap shows around a robot
 
@@ -38,7 +39,7 @@ class UnobservedMotion:
         if took < _LOOK:
             return
         moved = between_planar(self._pose, pose)
-        if self._took:
+        if self._took and max(np.hypot(*moved[:2]), abs(moved[2])) > _MOVES:
             error = between_planar(self.step(took), moved)
             _learn(self._acceleration, 3.0 * error**2 / took**3)
             _learn(self._square_velocity, (moved / took) ** 2)

@@ -19,7 +19,7 @@ from mapmyworld.types import CameraTracking, Frame, LaserTracking, Odometry
 if TYPE_CHECKING:
     from mapmyworld.odometry.visual_odometry import VisualMotion
 
-_AT_ONCE = 64  # scans that are followed in one go
+_AT_ONCE = 64  # scans that are followed in one go, or wait for later ones
 _OUT_OF_PLANE = 1e-8  # rad^2 and m^2 by which a planar robot leaves its plane, a step
 Followed = Iterator[tuple[Frame, Motion]]
 
@@ -114,7 +114,7 @@ class LaserFollower:
         waiting: list[tuple[Frame, Motion]] = []
         for frame, motion, is_open in self._tracked(frames):
             waiting.append((frame, motion))
-            if is_open:
+            if is_open and len(waiting) < _AT_ONCE:
                 continue
             if motion.is_tracking_loss:
                 waiting = _lost_at_first(waiting)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -85,8 +85,7 @@ def graph(
     shown = None if everything else worst
     facts = graph_facts(poses, constraints, start, planar, shown, worst, divides)
     facts["certainty"] = solved.get("certainty", "")
-    parted = solved.get("parted", ())
-    facts["problems"] = [line for line in solved.get("losses", ()) if line not in parted]
+    facts["problems"] = graph_problems(solved)
     if relative is not None:
         facts["between"] = relative
     if image is not None:
@@ -160,6 +159,12 @@ def _start(nodes: Any) -> Poses:
     ids = np.array([node.id for node in nodes], np.int64)
     poses = np.array([node.tracked_from_base for node in nodes]).reshape(-1, 4, 4)
     return Poses(ids, poses)
+
+
+def graph_problems(solved: Mapping[str, Any]) -> list[str]:
+    """What the solution contradicts, one line each; its components are listed by themselves."""
+    parted = solved.get("parted", ())
+    return [line for line in solved.get("losses", ()) if line not in parted]
 
 
 def graph_facts(

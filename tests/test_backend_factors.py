@@ -16,11 +16,11 @@ from mapmyworld.backend.descent import descend, solved
 from mapmyworld.backend.factors import factor_graph, poses_of
 from mapmyworld.backend.information import information_of
 from mapmyworld.backend.landmarks import POINT, POLAR, sighting_derivatives, sighting_residuals
-from mapmyworld.backend.residuals import edge_residuals, planar_exp, retract
+from mapmyworld.backend.residuals import edge_residuals, retract
 from mapmyworld.backend.starts import nearest_rotations
 from mapmyworld.backend.system import fit_of, number_free
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.planar import between_planar, planar_to_matrix
+from mapmyworld.geometry.planar import between_planar, planar_exp, planar_to_matrix
 from mapmyworld.geometry.rigid import between, se3_exp
 from tests.test_graph_covariance import random_system
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from formats.graph_files import graph_from_text, read_graph
-from mapmyworld.backend.residuals import planar_exp, planar_log, retract
+from mapmyworld.backend.residuals import retract
 from mapmyworld.errors import GraphError
-from mapmyworld.geometry.planar import between_planar, compose_planar
+from mapmyworld.geometry.planar import between_planar, compose_planar, planar_exp, planar_log
 from mapmyworld.geometry.rigid import between, se3_exp
 from mapmyworld.graph.optimisation import optimise, optimise_robustly
 from mapmyworld.types.pose_graph import Edges, PoseGraph, Sightings, no_priors, no_sightings

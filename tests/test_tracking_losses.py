@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -178,6 +179,17 @@ def test_a_robot_that_stood_for_long_may_move_as_any_other() -> None:
     for second in range(1, 4000):
         unobserved.add(float(second), np.array([1e-3 * (second % 2), 0.0, 0.0]))
     assert unobserved.may_have_left(3.0)
+
+
+@pytest.mark.parametrize("days", [1.0, 20_000.0])
+def test_after_days_of_silence_the_robot_may_be_anywhere_and_no_time_is_lost(days: float) -> None:
+    """Or a stamp is wrong: 20,000 days lie between a clock that was never set and today."""
+    scans = [cast(pose, WALLS, k) for k, pose in enumerate(LEFT)]
+    begun = time.process_time()
+    tracked, _ = follow(scans, None, (30, 86_400.0 * days))
+    assert time.process_time() - begun < 20.0
+    assert [k for k, moment in enumerate(tracked) if moment.is_tracking_loss] == [30]
+    assert np.sqrt(np.diag(tracked[30].covariance)) == pytest.approx([1e3, 1e3, np.pi], rel=1e-3)
 
 
 def test_after_a_minute_of_silence_a_corridor_like_the_one_before_is_no_place() -> None:

@@ -107,6 +107,28 @@ def interpolate_planar(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array
     return np.concatenate([position, yaw[..., None]], axis=-1)
 
 
+def planar_log(motion: Array) -> Array:
+    """Tangents (..., 3) of planar motions (..., 3): the constant twist that yields them."""
+    yaw = motion[..., 2]
+    half = 0.5 * yaw
+    small = np.abs(yaw) < 1e-5
+    safe = np.where(small, 1.0, half)
+    factor = np.where(small, 1.0 - half * half / 3.0, safe / np.tan(safe))
+    x, y = motion[..., 0], motion[..., 1]
+    return np.stack([factor * x + half * y, factor * y - half * x, yaw], axis=-1)
+
+
+def planar_exp(tangent: Array) -> Array:
+    """Planar motions (..., 3) of tangents (..., 3)."""
+    yaw = tangent[..., 2]
+    small = np.abs(yaw) < 1e-5
+    safe = np.where(small, 1.0, yaw)
+    along = np.where(small, 1.0 - yaw * yaw / 6.0, np.sin(safe) / safe)
+    across = np.where(small, 0.5 * yaw, (1.0 - np.cos(safe)) / safe)
+    x, y = tangent[..., 0], tangent[..., 1]
+    return np.stack([along * x - across * y, across * x + along * y, yaw], axis=-1)
+
+
 def planar_to_matrix(a_from_b: ArrayLike) -> Array:
     """The SE(3) matrix (..., 4, 4) of a planar motion (..., 3)."""
     a = np.asarray(a_from_b, np.float64)

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mapmyworld.backend.connected_components import Index
-from mapmyworld.backend.residuals import planar_log
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.planar import compose_planar, invert_planar, planar_adjoint
+from mapmyworld.geometry.planar import compose_planar, invert_planar, planar_adjoint, planar_log
 from mapmyworld.geometry.rigid import invert, se3_adjoint, se3_log
 
 _PARTNERS = 12  # nearest closures each one is compared with

@@ -106,8 +106,8 @@ class LaserTracker:
         """The same of some frames in a row, with the same result and faster."""
         scans = prepare_scans([frame.scan or _EMPTY for frame in frames], self._matching)
         recorded = self._recorded_steps(frames)
-        recorded_there = np.array([not frame.is_interpolated for frame in frames])
-        needs_care = ~recorded_there | self._may_be_anywhere(frames, recorded)
+        interpolated = np.array([frame.is_interpolated for frame in frames])
+        needs_care = interpolated | self._may_be_anywhere(frames, recorded)
         self._keyframes.make_room(int(np.diff(scans.bounds).max(initial=0)))
         out, covariances = np.zeros((len(frames), 7)), np.zeros((len(frames), 3, 3))
         tracked: list[LaserMotion] = []
@@ -188,6 +188,7 @@ class LaserTracker:
         """One frame that needs more than a match: the first, an empty or a contradicting one."""
         if self._first_ns is None:
             self._first_ns = frame.stamp_ns
+            self._unobserved.restart(1e-9 * frame.stamp_ns, np.zeros(3))
             tracked = LaserMotion(np.zeros(3), np.diag(_FIRST), "first", 1.0)
         else:
             tracked = self._follow(frame, scan, recorded)
@@ -231,7 +232,7 @@ class LaserTracker:
             return LaserMotion(predicted, np.diag(grown), verdict, 0.0)
         measured = None if frame.is_interpolated else recorded
         fault = FAULT if measured is not None else _CARRIED if recorded is not None else 0.0
-        prior = Prior(predicted, variances, fault, recorded is not None)
+        prior = Prior(predicted, variances, fault)
         if recorded is None and self._unobserved.may_have_left(since):
             return self._lost(frame, predicted, variances, 0.0)
         match, verdict = self._matched(scan, prior)

@@ -43,9 +43,13 @@ class Prior:
     variances: Array
     """(3,) m^2, m^2, rad^2."""
     fault: float
-    """Probability that odometry indicates nothing."""
-    has_odometry: bool
-    """Whether it was measured; without, the robot is expected to go on as it did."""
+    """Probability that odometry indicates nothing; 0 where the robot is expected to go on as it
+    did, for there is none."""
+
+    @property
+    def has_odometry(self) -> bool:
+        """Whether the pose comes from odometry."""
+        return self.fault > 0.0
 
     def window(self, config: OdometryConfig) -> tuple[float, float]:
         """Metres and radians to each side in which a fault is looked for, or where the robot is."""
@@ -62,7 +66,7 @@ class Prior:
         window = 8.0 * distance**2 * angle
         width = (2.0 * np.pi) ** 1.5 * np.sqrt(self.variances.prod())
         expected = -0.5 * float((apart**2 / self.variances).sum())
-        if self.fault == 0.0:
+        if not self.has_odometry:
             return expected
         return float(np.logaddexp(expected, np.log(self.fault * min(width / window, 1.0))))
 

@@ -10,12 +10,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry.planar import between_planar, compose_planar, interpolate_planar
+from mapmyworld.geometry.planar import between_planar, planar_exp, planar_log
 
 Array = NDArray[np.float64]
 _LOOK = 1.0  # s of motion that the next is compared with
 _MOVES = 0.05  # m and rad in that time, less of which shows nothing of how a robot moves
 _MEMORY = 0.95  # weight of the past in the running mean of accelerations
+_OPEN = np.square([1e3, 1e3, np.pi])  # m^2, m^2, rad^2: farther than maps reach, any heading
 _SUBMAP = 5.0  # m about that a submap shows around a robot
 
 
@@ -47,19 +48,16 @@ class UnobservedMotion:
         self._since, self._pose = seconds, pose.copy()
 
     def step(self, seconds: float) -> Array:
-        """The motion (3,) expected of so many seconds: it goes on as it did."""
-        step = np.zeros(3)
-        if not self._took:
-            return step
-        times, rest = divmod(seconds / self._took, 1.0)
-        for share in (*[1.0] * int(times), rest):
-            step = compose_planar(step, interpolate_planar(np.zeros(3), self._moved, share))
-        return step
+        """The motion (3,) expected of so many seconds: it goes on as it did, and then stays."""
+        if not self._took or self.may_have_left(seconds):
+            return np.zeros(3)
+        return planar_exp(planar_log(self._moved) * (seconds / self._took))
 
     def variances(self, seconds: float) -> Array:
         """(3,) m^2, m^2, rad^2, of how far off that may be."""
         smooth = self._acceleration * seconds**3 / 3.0
-        return np.asarray(np.minimum(smooth, 2.0 * self._square_velocity * seconds**2))
+        varied = 2.0 * self._square_velocity * seconds**2
+        return np.minimum(np.minimum(smooth, varied), _OPEN)
 
     def may_have_left(self, seconds: float) -> bool:
         """Whether after so long the robot may be beyond what a submap shows."""

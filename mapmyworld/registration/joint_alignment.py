@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.backend.descent import optimised_roughly
-from mapmyworld.backend.residuals import planar_exp
 from mapmyworld.backend.system import System, believed_edges, with_edges
 from mapmyworld.config import Config, RegistrationConfig
 from mapmyworld.decisions import decided
-from mapmyworld.geometry.planar import between_planar, compose_planar
+from mapmyworld.geometry.planar import between_planar, compose_planar, planar_exp
 from mapmyworld.kernels.scan_alignment import pair_systems
 from mapmyworld.parallel import run_in_chunks
 from mapmyworld.registration.scan_matching import ScanSet

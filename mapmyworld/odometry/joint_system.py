@@ -23,8 +23,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Edges = tuple[Index, Index, Array, Array]
 """Tails, heads, relative poses (E, 3), information (E, 3, 3)."""
-_UNKNOWN = 0.05  # m and rad by which a step without a constraint may be off
-_ROUNDING = 1e-6  # m and rad
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,13 +105,11 @@ def node_motions(nodes: Sequence[Node], chosen: Index, constraints: Sequence[Jud
 def step_covariances(nodes: Sequence[Node], constraints: Sequence[Judged]) -> Array:
     """(N, 3, 3) by how much the motion from each of the nodes to the next may be off."""
     row_of = {node.id: row for row, node in enumerate(nodes)}
-    covariances = np.broadcast_to(np.diag(np.full(3, _UNKNOWN**2)), (len(nodes), 3, 3)).copy()
-    steps = _steps(constraints, row_of)
+    covariances = np.broadcast_to(np.diag(UNKNOWN), (len(nodes), 3, 3)).copy()
+    steps = [c for c in _steps(constraints, row_of) if c.accepted]
     if steps:
-        rows = np.array([row_of[c.from_id] for c in steps])
         known = information_to_planar(np.stack([c.information for c in steps]))
-        covariances[rows] = np.linalg.inv(known)
-        covariances[rows[[not c.accepted for c in steps]]] = np.diag(UNKNOWN)
+        covariances[[row_of[c.from_id] for c in steps]] = np.linalg.inv(known)
     return covariances
 
 
@@ -129,11 +125,14 @@ def _as_measured(tracked: Array, rows: Index, measured: Array) -> Array:
 
     `rows` (E, 2) are the nodes of motions, `measured` (E, 4, 4) what is known of them now.
     """
-    off = np.abs(between(tracked[rows[:, 0]], tracked[rows[:, 1]]) - measured).max(axis=(1, 2))
-    poses = tracked.copy()
-    for k in np.flatnonzero(off > _ROUNDING):
-        before, after = rows[k]
-        poses[after:] = poses[before] @ measured[k] @ invert(poses[after]) @ poses[after:]
+    steps, poses = between(tracked[:-1], tracked[1:]), tracked.copy()
+    measured_to = {int(after): (int(before), k) for k, (before, after) in enumerate(rows)}
+    for after in range(1, len(tracked)):
+        if after in measured_to:
+            before, k = measured_to[after]
+            poses[after] = poses[before] @ measured[k]
+        else:
+            poses[after] = poses[after - 1] @ steps[after - 1]
     return poses
 
 

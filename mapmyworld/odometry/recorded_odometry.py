@@ -12,27 +12,25 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import so3_log
+from mapmyworld.kernels.laser_motion import motion_variances
 
-# Standard deviations of wheel odometry, after the motion model of Probabilistic Robotics,
-# table 5.6: metres a metre, radians a metre, radians a radian, metres a radian.
-_SLIP = 0.05
-_YAW_BY_DISTANCE = 0.03
-_YAW_BY_TURN = 0.05
-_SLIP_BY_TURN = 0.02
-_FLOOR = (1e-4, 5e-4)  # rad and m that even a standing robot is uncertain of
-_FLAT = (1e-4, 1e-4)  # rad and m by which a planar robot leaves its plane
+_NOISE = 0.05  # m per m and rad per rad, of wheels that nobody checks
+_FLOOR = 5e-4  # m, and half as many rad, that even a standing robot is uncertain of
 
 
 def motion_covariance(a_from_b: NDArray[np.float64], *, planar: bool) -> NDArray[np.float64]:
-    """Covariance (6, 6), rotation first, of an odometry motion (4, 4), by a motion model."""
+    """Covariance (6, 6), rotation first, of an odometry motion (4, 4), by a motion model.
+
+    That of `motion_variances`; a planar robot leaves its plane by no more than the floor.
+    """
     distance = float(np.linalg.norm(a_from_b[:3, 3]))
     turn = float(np.linalg.norm(so3_log(a_from_b[:3, :3])))
-    yaw = _FLOOR[0] + _YAW_BY_DISTANCE * distance + _YAW_BY_TURN * turn
-    slip = _FLOOR[1] + _SLIP * distance + _SLIP_BY_TURN * turn
-    sigmas = np.array([yaw, yaw, yaw, slip, slip, slip])
+    step = np.array([distance, 0.0, turn])
+    slip, _, yaw = motion_variances(step, _NOISE, _FLOOR, np.ones(2)).tolist()
+    variances = np.array([yaw, yaw, yaw, slip, slip, slip])
     if planar:
-        sigmas[[0, 1]], sigmas[5] = _FLAT[0], _FLAT[1]
-    return np.diag(sigmas**2)
+        variances[[0, 1, 5]] = _FLOOR**2
+    return np.diag(variances)
 
 
 class RecordedMotionModel:

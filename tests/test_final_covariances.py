@@ -72,9 +72,9 @@ def steady_drive(noise: Array, speed: float, count: int = 3000) -> tuple[list[No
 def test_unsteady_sweeps_show_their_noise() -> None:
     noise = np.array([0.002, 0.001, 0.0015])
     nodes, frames = steady_drive(noise, speed=0.6)
-    found = sweep_variances(nodes, frames, np.zeros(3))
+    found = sweep_variances(nodes, frames, np.zeros(3), Config().odometry)
     assert np.allclose(np.sqrt(np.median(found, axis=0)), noise, rtol=0.15)
-    explained = sweep_variances(nodes, frames, noise**2)
+    explained = sweep_variances(nodes, frames, noise**2, Config().odometry)
     assert (np.median(explained, axis=0) < 0.3 * noise**2).all()
 
 
@@ -82,7 +82,7 @@ def test_sweeps_of_a_robot_that_stands_are_whole() -> None:
     """And key scans, a metre from one to the next, indicate nothing of sweeps."""
     for speed in (0.0, 10.0):
         nodes, frames = steady_drive(np.full(3, 1e-4), speed, 400)
-        assert not sweep_variances(nodes, frames, np.zeros(3)).any()
+        assert not sweep_variances(nodes, frames, np.zeros(3), Config().odometry).any()
 
 
 def test_a_corridor_leaves_a_scan_open_along_it() -> None:

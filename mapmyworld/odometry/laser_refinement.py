@@ -206,7 +206,7 @@ def _rounds(
     every, residual = found.poses, found.residual
     own = shape_covariances(scans, residual)
     known = np.median(own.diagonal(0, 1, 2), axis=0)
-    own += diagonals(sweep_variances(task.nodes, task.frames, known)[task.chosen])
+    own += diagonals(sweep_variances(task.nodes, task.frames, known, settings)[task.chosen])
     del scans
     give_back()
     spread = marginal_covariances(as_contradicted(found.joint, found.pairs, every), every)

@@ -13,17 +13,20 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.config.odometry_settings import OdometryConfig
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
+from mapmyworld.kernels.wheel_model import MOVES
 from mapmyworld.types import Node, TrackedFrames
 
 Array = NDArray[np.float64]
-_STEP = (0.01, 0.15)  # m from frame to frame between which driving is steady
-_METRES_PER_RADIAN = 0.2  # that a turn counts for
+Index = NDArray[np.int64]
 _FEWEST = 30  # steps, below which they show nothing
 _SIGMAS_PER_MEDIAN = 1.4826
 
 
-def sweep_variances(nodes: Sequence[Node], frames: TrackedFrames, known: Array) -> Array:
+def sweep_variances(
+    nodes: Sequence[Node], frames: TrackedFrames, known: Array, config: OdometryConfig
+) -> Array:
     """(N, 3) variances of the nodes' sweeps by their motion, in x, y, yaw of the robot; `known`
     (3,) are those that their points explain.
     """
@@ -34,19 +37,23 @@ def sweep_variances(nodes: Sequence[Node], frames: TrackedFrames, known: Array) 
     poses = matrix_to_planar(tracked[row] @ frames.node_from_frame[used])
     step = between_planar(poses[:-1], poses[1:])
     step[:, 2] = wrap_angle(step[:, 2])
-    lengths = np.hypot(step[:, 0], step[:, 1]) + _METRES_PER_RADIAN * np.abs(step[:, 2])
+    longest = config.keyframe_distance
+    turned = np.abs(step[:, 2]) * longest / config.keyframe_angle
+    lengths = np.hypot(step[:, 0], step[:, 1]) + turned
     around = 0.5 * (np.append(lengths, lengths[-1:]) + np.insert(lengths, 0, lengths[:1]))
     moved = np.zeros(len(nodes))
     is_node = frames.is_node[used]
-    moved[row[is_node]] = np.minimum(around[is_node], _STEP[1])
-    return moved[:, None] * _per_metre(step, frames.stamps_ns[used], around[1:-1], known)
+    moved[row[is_node]] = np.minimum(around[is_node], longest)
+    steady = (around[1:-1] > MOVES) & (around[1:-1] < longest)
+    return moved[:, None] * _per_metre(step, frames.stamps_ns[used], around[1:-1], steady, known)
 
 
-def _per_metre(step: Array, stamps_ns: NDArray[np.int64], lengths: Array, known: Array) -> Array:
+def _per_metre(
+    step: Array, stamps_ns: Index, lengths: Array, steady: NDArray[np.bool_], known: Array
+) -> Array:
     """(3,) variances of a sweep by its motion, for every metre from frame to frame."""
     spans = np.maximum(np.diff(stamps_ns) * 1e-9, 1e-6)
     uneven = step[1:] - step[:-1] * (spans[1:] / spans[:-1])[:, None]
-    steady = (lengths > _STEP[0]) & (lengths < _STEP[1])
     if np.count_nonzero(steady) < _FEWEST:
         return np.zeros(3)
     lengths = lengths[steady]

@@ -9,11 +9,11 @@ from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.kernels.scan_alignment import invert3, relative
 
 Array = NDArray[np.float64]
-_FAINT = 1e-3  # information that keeps an open direction finite
+FAINT = 1e-3  # information that keeps an open direction finite
 _RATIO = 12.0  # sigma along the weakest direction over sigma along the strongest
 _STILL = 0.03  # of a keyframe's distance: less is no motion
 _LEAST_SHARE = 0.01  # of a match's covariance that every step adds
-_STEP_VARIANCE = 1e-8  # m^2 and rad^2, at least, of any step
+STEP_VARIANCE = 1e-8  # m^2 and rad^2, at least, of any step
 
 
 @inner_jit
@@ -54,7 +54,7 @@ def innovation(predicted: Array, pose: Array, information: Array, variances: Arr
     error = between_poses(predicted, pose)
     known = information.copy()
     for i in range(3):
-        known[i, i] += _FAINT
+        known[i, i] += FAINT
     own = invert3(known)
     total = own.copy()
     x, y, yaw = error[0] / variances[0], error[1] / variances[1], error[2] / variances[2]
@@ -78,7 +78,7 @@ def position_variances(information: Array) -> Array:
     """
     known = information.copy()
     for i in range(3):
-        known[i, i] += _FAINT
+        known[i, i] += FAINT
     covariance = invert3(known)
     xx, xy, yy = covariance[0, 0], covariance[0, 1], covariance[1, 1]
     half, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
@@ -116,5 +116,5 @@ def step_covariance(
     for i in range(3):
         for j in range(3):
             covariance[i, j] *= share
-        covariance[i, i] += _STEP_VARIANCE
+        covariance[i, i] += STEP_VARIANCE
     return covariance

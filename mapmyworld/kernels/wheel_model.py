@@ -22,10 +22,10 @@ from mapmyworld.kernels.laser_motion import motion_variances, wrapped
 
 Array = NDArray[np.float64]
 _FIRST_SIGMAS = (0.03, 0.015, 0.03)  # m per m, rad per m, rad per rad: of wheels nobody calibrated
-_MEMORY = 0.95  # weight of the past in the running mean of squared innovations
+MEMORY = 0.95  # weight of the past in running means of how the robot moves
 _LARGEST = 25.0  # that one innovation may teach
 _OUTLIER = 16.0  # NIS from which an innovation is a fault, and teaches nothing systematic
-_MOVES = 0.01  # m and rad from which a motion is informative about odometry
+MOVES = 0.01  # m and rad from which a robot moves, and not only its measurements
 
 
 def new_wheels() -> Array:
@@ -72,7 +72,7 @@ def learn(wheels: Array, found: Array, variances: Array, share: float) -> None:
 
     All of it counts as the odometry's: what the match errs by makes its prior no more certain.
     """
-    if wheels[11] < _MOVES and wheels[12] < _MOVES:
+    if wheels[11] < MOVES and wheels[12] < MOVES:
         return
     moved = np.array([wheels[11], 0.0, wheels[12]])
     stated = motion_variances(moved, share, 0.0, np.ones(2))
@@ -86,7 +86,7 @@ def learn(wheels: Array, found: Array, variances: Array, share: float) -> None:
 
 @inner_jit
 def _learn_noise(wheels: Array, k: int, sample: float) -> None:
-    wheels[k] = _MEMORY * wheels[k] + (1.0 - _MEMORY) * min(sample, _LARGEST)
+    wheels[k] = MEMORY * wheels[k] + (1.0 - MEMORY) * min(sample, _LARGEST)
 
 
 @inner_jit

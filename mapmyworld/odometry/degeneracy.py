@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-_LEAST = 1.0  # m of path from which a weak section is worth a word
+from mapmyworld.kernels.laser_motion import FAINT
+from mapmyworld.odometry.tracking_losses import NAMED
+
+_LEAST = 1.0  # m of path: less is no section, and no end of one
 _TURN = 0.05  # rad of uncertainty from which a heading counts as unknown
-_FAINT = 1e-3  # information that keeps an open direction finite
-_BRIDGED = 0.5  # m of well constrained path that do not end a section
 
 
 @dataclass(slots=True)
@@ -39,7 +40,7 @@ class DegenerateSections:
             self._open.length += moved
         elif self._open is not None:
             self._open.good += moved
-            if self._open.good > _BRIDGED:
+            if self._open.good > _LEAST:
                 self._close()
 
     def _close(self) -> None:
@@ -48,10 +49,10 @@ class DegenerateSections:
         self._open = None
 
     def notes(self) -> tuple[str, ...]:
-        """One line a section, the longest five."""
+        """One line a section, the longest few."""
         self._close()
         zero = self._first_ns or 0
-        longest = sorted(self._done, key=lambda s: -s.length)[:5]
+        longest = sorted(self._done, key=lambda s: -s.length)[:NAMED]
         return tuple(
             f"degenerate from {(s.start_ns - zero) * 1e-9:.0f} s to "
             f"{(s.end_ns - zero) * 1e-9:.0f} s ({s.length:.1f} m, corridor): position along it "
@@ -62,5 +63,5 @@ class DegenerateSections:
 
 def has_open_heading(information: NDArray[np.float64]) -> bool:
     """Whether a match (3, 3) hardly knows the heading, as where all that is seen is a circle."""
-    known = information + _FAINT * np.eye(3)
+    known = information + FAINT * np.eye(3)
     return bool(np.linalg.inv(known)[2, 2] > _TURN**2)

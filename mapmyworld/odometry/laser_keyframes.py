@@ -31,7 +31,6 @@ Index = NDArray[np.int64]
 Ring = tuple[NDArray[np.float32], Index, Array, Array, Index, Index]
 """Rows, counts, origins, poses, newest and places of keyframes."""
 _BACK = np.array([1, 3, 8])  # how many keyframes back the targets of a match lie
-_SLOTS = 8  # of the ring: the farthest target is the oldest scan
 
 
 class Keyframes:
@@ -39,9 +38,10 @@ class Keyframes:
 
     def __init__(self, config: Config) -> None:
         self._odometry, self._matching = config.odometry, config.registration
-        self._rows = np.zeros((_SLOTS, 0, 5), np.float32)
-        self._counts = np.zeros(_SLOTS, np.int64)
-        self._origins, self._poses = np.zeros((_SLOTS, 2)), np.zeros((_SLOTS, 3))
+        slots = int(_BACK[-1])  # the farthest target is the oldest scan
+        self._rows = np.zeros((slots, 0, 5), np.float32)
+        self._counts = np.zeros(slots, np.int64)
+        self._origins, self._poses = np.zeros((slots, 2)), np.zeros((slots, 3))
         self._newest = np.zeros(2, np.int64)  # its slot, and how many scans there are
 
     @property

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
 from mapmyworld.kernels.laser_motion import (
+    STEP_VARIANCE,
     innovation,
     is_degenerate,
     motion_variances,
@@ -22,14 +23,9 @@ from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, re
 from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.odometry.odometry_faults import OdometryFaults
-from mapmyworld.odometry.pose_hypotheses import (
-    FAULT,
-    FEWEST,
-    Prior,
-    likeliest_match,
-)
+from mapmyworld.odometry.pose_hypotheses import FAULT, FEWEST, Prior, likeliest_match
 from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
-from mapmyworld.odometry.unobserved_motion import UnobservedMotion
+from mapmyworld.odometry.unobserved_motion import GOES_ON, UnobservedMotion
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
 from mapmyworld.types import Frame, Scan
 
@@ -37,8 +33,6 @@ Array = NDArray[np.float64]
 _NEW_SUBMAP = 2  # scans in a row that fit nothing after which a new submap begins
 _VIEW = 1.0, 0.5  # m and rad since the last keyframe from which another view is to be expected
 _SEEN = 0.5  # share of the points seen through surfaces from which nobody can have been there
-_NEXT = 1_000_000_000  # ns after which a frame is no longer the next one, a step like the last
-_LEAST_STEP = 1e-8  # m^2 and rad^2 by which any step may err
 _CARRIED = 1e-9  # that a robot does not go on as it did, but is somewhere else at once
 _INDEPENDENT = 0.1  # variance factor of matches, at least: more than all points cannot determine
 _FIRST = np.full(3, 1e-6)  # variances of the first pose, which is the origin
@@ -226,7 +220,7 @@ class LaserTracker:
             variances = grown + unseen
         else:
             predicted, variances = self._wheels[8:11].copy(), self._reckoned()
-            grown = np.maximum(variances - before, _LEAST_STEP)
+            grown = np.maximum(variances - before, STEP_VARIANCE)
         if len(scan.rows) < FEWEST or not self._keyframes.count:
             verdict = "lost" if recorded is None else "odometry only"
             return LaserMotion(predicted, np.diag(grown), verdict, 0.0)
@@ -256,7 +250,7 @@ class LaserTracker:
         return self._unobserved.step(1e-9 * (self._latest(frame) - self._last_ns))
 
     def _has_waited(self, frame: Frame) -> bool:
-        return self._latest(frame) - self._last_ns > _NEXT
+        return 1e-9 * (self._latest(frame) - self._last_ns) > GOES_ON
 
     def _reckoned(self) -> Array:
         """(3,) variances of the odometry since the last keyframe."""

@@ -7,7 +7,8 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-_STILL = 0.01  # m and rad within which a frame's motion counts as none
+from mapmyworld.kernels.wheel_model import MOVES
+
 _JUMP = 0.3  # rad or m by which odometry exceeds the match in a catch-up step
 
 
@@ -33,9 +34,9 @@ class OdometryFaults:
 
 def _fault(recorded: NDArray[np.float64], moved: NDArray[np.float64]) -> str:
     along = recorded[0] * moved[0]
-    if along < 0 and min(abs(recorded[0]), abs(moved[0])) > _STILL:
+    if along < 0 and min(abs(recorded[0]), abs(moved[0])) > MOVES:
         return "has the wrong sign"
-    if np.abs(recorded).max() < _STILL:
+    if np.abs(recorded).max() < MOVES:
         return "stalls while the robot moves"
     if np.abs(recorded - moved).max() > _JUMP:
         return "jumps"

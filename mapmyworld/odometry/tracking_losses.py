@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 UNKNOWN = np.array([25.0, 25.0, 2.25])
 """Variances, 5 m and 1.5 rad, of a motion across a loss."""
-_NAMED = 5  # moments that are named, at most
+NAMED = 5
+"""Moments or sections of one kind that a note names, at most."""
 
 
 def named_moments(stamps_ns: Sequence[int], start_ns: int) -> str:
     """Seconds since the start, of the first few; the others are counted."""
-    moments = [f"{(stamp - start_ns) * 1e-9:.0f} s" for stamp in stamps_ns[:_NAMED]]
+    moments = [f"{(stamp - start_ns) * 1e-9:.0f} s" for stamp in stamps_ns[:NAMED]]
     more = len(stamps_ns) - len(moments)
     return ", ".join(moments) + (f" and {more} times more" if more else "")

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from mapmyworld.odometry.tracking_losses import NAMED
+from mapmyworld.odometry.unobserved_motion import GOES_ON
 from mapmyworld.odometry.visual_odometry import VisualMotion
 
-_APART = 500_000_000  # ns between blind frames of one period, at most
 _OPEN = 0.05  # m that images leave open from which on it is worth a word
-_NAMED = 5  # periods that are named, the longest ones
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class TrackingQuality:
             return
         self._blind += 1
         last = self._periods[-1] if self._periods else None
-        if last is not None and stamp_ns - last.end_ns <= _APART:
+        if last is not None and 1e-9 * (stamp_ns - last.end_ns) <= GOES_ON:
             self._periods[-1] = replace(last, end_ns=stamp_ns, frames=last.frames + 1)
         else:
             why = motion.notes[0] if motion.notes else motion.verdict
@@ -66,7 +66,7 @@ class TrackingQuality:
             return ()
         share, count = self._blind / self._frames, len(periods)
         head = f"visual tracking lost in {self._blind} frames ({share:.1%}): dead reckoning"
-        longest = sorted(periods, key=lambda s: s.start_ns - s.end_ns)[:_NAMED]
+        longest = sorted(periods, key=lambda s: s.start_ns - s.end_ns)[:NAMED]
         named = [s.text() for s in sorted(longest, key=lambda s: s.start_ns)]
-        rest = [f"{count - _NAMED} shorter losses of visual tracking"] if count > _NAMED else []
+        rest = [f"{count - NAMED} shorter losses of visual tracking"] if count > NAMED else []
         return (head, *named, *rest)

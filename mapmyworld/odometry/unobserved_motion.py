@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry.planar import between_planar, planar_exp, planar_log
+from mapmyworld.kernels.wheel_model import MEMORY, MOVES
 
 Array = NDArray[np.float64]
-_LOOK = 1.0  # s of motion that the next is compared with
-_MOVES = 0.05  # m and rad in that time, less of which shows nothing of how a robot moves
-_MEMORY = 0.95  # weight of the past in the running mean of accelerations
+GOES_ON = 1.0
+"""Seconds for which a motion is expected to go on as it was, and the next is compared with it."""
 _OPEN = np.square([1e3, 1e3, np.pi])  # m^2, m^2, rad^2: farther than maps reach, any heading
 _SUBMAP = 5.0  # m about that a submap shows around a robot
 
@@ -37,10 +37,10 @@ class UnobservedMotion:
     def add(self, seconds: float, pose: Array) -> None:
         """The pose (3,) that scans report at a time."""
         took = seconds - self._since
-        if took < _LOOK:
+        if took < GOES_ON:
             return
         moved = between_planar(self._pose, pose)
-        if self._took and max(np.hypot(*moved[:2]), abs(moved[2])) > _MOVES:
+        if self._took and max(np.hypot(*moved[:2]), abs(moved[2])) > MOVES:
             error = between_planar(self.step(took), moved)
             _learn(self._acceleration, 3.0 * error**2 / took**3)
             _learn(self._square_velocity, (moved / took) ** 2)
@@ -67,4 +67,4 @@ class UnobservedMotion:
 def _learn(mean: Array, sample: Array) -> None:
     """Lets a running mean (3,) learn; along and across count alike."""
     sample[:2] = sample[:2].mean()
-    mean[:] = _MEMORY * mean + (1.0 - _MEMORY) * sample
+    mean[:] = MEMORY * mean + (1.0 - MEMORY) * sample

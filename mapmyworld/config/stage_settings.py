@@ -39,6 +39,7 @@ FIRST_READ: Mapping[str, tuple[str, ...]] = {
         "visual.feature*",
         "visual.fast_threshold",
         "visual.inlier_sigmas",
+        "visual.closure_inliers",
         "visual.obstacle_*",  # of the local grids that nodes keep
     ),
     "recognise": (
@@ -51,7 +52,6 @@ FIRST_READ: Mapping[str, tuple[str, ...]] = {
         "graph.*_probability",
         "visual.marker*",
         "visual.place_*",
-        "visual.closure_*",
     ),
     "optimise": (
         "places.laser_spacing",

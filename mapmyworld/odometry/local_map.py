@@ -19,8 +19,6 @@ _WINDOW = 8  # keyframes adjusted together
 _NEAREST = 20  # keyframes whose points are looked for
 _KEPT = 200  # keyframes that are remembered
 Indices = NDArray[np.int64]
-_RADIANS_PER_METRE = 1.0  # a turn by this much makes views as unlike as a metre of motion
-_BUNDLE_ROUNDS = 5
 _FIXED = 12  # keyframes outside the window that hold it in place
 
 
@@ -52,7 +50,7 @@ class LocalMap:
     """Points with their words, seen by keyframes. Slots of forgotten points are used again."""
 
     def __init__(self, config: Config) -> None:
-        self._settings = config.visual
+        self._settings, self._odometry = config.visual, config.odometry
         self.keyframes: list[Keyframe] = []
         self.points = np.zeros((0, 3))
         self.words = np.zeros((0, 4), np.uint64)
@@ -65,8 +63,8 @@ class LocalMap:
             return np.zeros(0, np.int64)
         poses = np.stack([keyframe.map_from_camera for keyframe in self.keyframes])
         motion = between(map_from_camera, poses)
-        unlike = np.linalg.norm(motion[:, :3, 3], axis=1)
-        unlike += rotation_angle(motion) / _RADIANS_PER_METRE
+        unlike = np.linalg.norm(motion[:, :3, 3], axis=1) / self._odometry.keyframe_distance
+        unlike += rotation_angle(motion) / self._odometry.keyframe_angle
         nearest = np.argsort(unlike, kind="stable")[:_NEAREST]
         seen = np.zeros(len(self.points) + 1, np.bool_)  # the last one for features without point
         for k in nearest:
@@ -161,7 +159,7 @@ class LocalMap:
         bundle, ids, feature_of = self._bundle_of(frames, len(moved))
         if len(bundle.camera_of) == 0:
             return
-        adjusted, _ = adjust_bundle(bundle, rounds=_BUNDLE_ROUNDS)
+        adjusted, _ = adjust_bundle(bundle)
         for frame, pose in zip(moved, adjusted.cameras, strict=False):
             frame.map_from_camera = pose
         self.points[ids] = adjusted.points

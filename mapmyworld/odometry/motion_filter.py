@@ -16,9 +16,7 @@ from mapmyworld.types import Frame
 Array = NDArray[np.float64]
 _TRANSLATION_NOISE = 1.0  # m/s per root of a second, process noise of velocity
 _ROTATION_NOISE = 3.0  # rad/s per root of a second, process noise of turning
-_UNKNOWN = (1.0, 1.0)  # rad/s and m/s, a velocity at the start
 _GYRO = 0.02  # rad/s by which a gyroscope may be off: its bias
-_ODOMETRY = (0.1, 0.005)  # share of a recorded motion that is in doubt, and as much anyway
 _FADING = 0.3  # s in which the velocity of a blind camera falls to a third
 _NIS_LIMIT = 22.5  # squared sigmas that one in a thousand measurements exceeds (6 dimensions)
 _LEAST_STEP = 1e-3  # s that a step takes, at least
@@ -40,30 +38,22 @@ class MotionFilter:
         self.pose = np.eye(4)
         self._velocity = np.zeros(6)
         self._covariance = np.zeros((12, 12))
-        self._covariance[6:, 6:] = np.diag(np.repeat(np.square(_UNKNOWN), 3))
+        self._covariance[6:, 6:] = self._noise  # a velocity may be what a second makes of it
         self.step_covariance = np.eye(6)
         """(6, 6) of the motion that was predicted last, images not counted."""
         self.slip = np.zeros(6)
         """By how much the pose moved last although the base did not: the map was mended."""
         self._inertia = self._velocity, self._covariance[6:, 6:]
 
-    def predict(
-        self, seconds: float, turn: Array | None = None, motion: Array | None = None
-    ) -> Array:
-        """The pose (4, 4) after so long: by a recorded `motion` (4, 4), by the gyroscope's `turn`
-        (3, 3) and constant velocity, or by that alone.
-        """
+    def predict(self, seconds: float, turn: Array | None = None) -> Array:
+        """The pose (4, 4) after so long, by the gyroscope's `turn` (3, 3) and constant velocity."""
         seconds = max(seconds, _LEAST_STEP)
         noise = self._noise
-        step = se3_exp(self._velocity * seconds) if motion is None else motion
+        step = se3_exp(self._velocity * seconds)
         moving = np.eye(12)
         moving[:6, 6:] = np.eye(6) * seconds
         added = np.kron([[seconds**3 / 3, seconds**2 / 2], [seconds**2 / 2, seconds]], noise)
-        if motion is not None:
-            moving[:6, 6:] = 0.0
-            added[:6, :6] = np.diag(np.square(_ODOMETRY[0] * np.abs(se3_log(step)) + _ODOMETRY[1]))
-            added[:6, 6:] = added[6:, :6] = 0.0
-        elif turn is not None:
+        if turn is not None:
             step = step.copy()
             step[:3, :3] = turn
             self._velocity[:3] = so3_log(turn) / seconds
@@ -120,6 +110,15 @@ class MotionFilter:
     def restart(self) -> None:
         """Where the camera is now defines a new map."""
         self._covariance[:6] = self._covariance[:, :6] = 0.0
+
+
+def blind_variances(seconds: float, *, has_gyro: bool) -> Array:
+    """(6,) of a motion that no image shows: its velocity wanders and fades.
+
+    They grow with the time, at any rate of frames.
+    """
+    sigmas = _GYRO if has_gyro else _FADING * _ROTATION_NOISE, _FADING * _TRANSLATION_NOISE
+    return np.repeat(np.square(sigmas) * max(seconds, _LEAST_STEP), 3)
 
 
 def exceeds_nis(off: Array, covariance: Array) -> bool:

@@ -16,33 +16,24 @@ from mapmyworld.odometry.local_map import Expectation, Keyframe, LocalMap
 from mapmyworld.odometry.motion_filter import (
     FLOOR,
     MotionFilter,
+    blind_variances,
     covariance_of_base,
     exceeds_nis,
     gyro_rotation,
     motion_information,
 )
-from mapmyworld.odometry.visual_slips import (
-    KEYFRAME_ANGLE,
-    KEYFRAME_DISTANCE,
-    LEAST_INLIERS,
-    SteadyPath,
-)
+from mapmyworld.odometry.unobserved_motion import GOES_ON
+from mapmyworld.odometry.visual_slips import SteadyPath
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.features import extract_features
 from mapmyworld.registration.camera_pose import Sightings, inliers, ransac_pose, refine_pose
-from mapmyworld.registration.image_pairs import SEARCH_RADIUS
+from mapmyworld.registration.image_pairs import REFINED_RADIUS, SEARCH_RADIUS
 from mapmyworld.registration.views import View, make_view, match_around, match_views, sightings_of
 from mapmyworld.types import Frame, RgbdImage
 
 Array = NDArray[np.float64]
 _KEYFRAME_SHARE = 0.7  # of the last keyframe's points; fewer seen make a new one
 Indices = NDArray[np.int64]
-_NARROW = 6.0  # pixels around a refined pose in which points are looked for again
-_BLIND_SIGMAS = (0.4, 0.4)  # rad and m after a second of dead reckoning, growing as its root
-_GYRO_SIGMA = 0.05  # rad after a second by gyroscope, growing as the root
-_LEAST_STEP = 1e-3  # s that a step takes, at least
-_DEEP = 100  # features with depth from which a new local map is begun
-_RELOCALISE_AFTER = 1.0  # s of blindness after which a new local map is begun
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,12 +57,12 @@ class VisualTracker:
 
     def __init__(self, config: Config) -> None:
         self._config = config
+        self._least = config.visual.closure_inliers
         self._map = LocalMap(config)
         self._reference: Keyframe | None = None
         self._reference_inliers = 0
         self._filter = MotionFilter()  # tracker_from_base
         self._stamp_ns = 0
-        self._odometry: Array | None = None
         self._path = SteadyPath(config)
         self._seen_ns = 0
         self._frames = 0
@@ -100,13 +91,13 @@ class VisualTracker:
         if view is None or len(view) == 0:
             return self._blind(frame, predicted, how, "no image with features")
         base_from_camera = view.camera.base_from_camera
-        least = LEAST_INLIERS
-        if self._reference is None and deep_features(view) >= least:
+        can_start = deep_features(view) >= self._least
+        if self._reference is None and can_start:
             return self._start(frame, view, predicted, "first", ())
         found = self._locate(view, predicted @ base_from_camera)
         if found is None:
             blind_s = (frame.stamp_ns - self._seen_ns) * 1e-9
-            if blind_s > _RELOCALISE_AFTER and deep_features(view) > _DEEP:
+            if blind_s > GOES_ON and can_start:
                 note = f"lost for {blind_s:.1f} s: a new local map begins by {how}"
                 return self._start(frame, view, predicted, "restarted", (note,))
             return self._blind(frame, predicted, how, "too few known points in view")
@@ -119,7 +110,7 @@ class VisualTracker:
         expected = Expectation(predicted @ base_from_camera, self._expected(base_from_camera))
         pose = self._filter.correct(seen @ invert(base_from_camera), measured)
         map_from_camera = pose @ base_from_camera
-        if deep_features(view) >= least and self._is_keyframe(map_from_camera, count):
+        if can_start and self._is_keyframe(map_from_camera, count):
             keyframe = self._map.add_keyframe(map_from_camera, view, point_of, expected)
             self._filter.move_to(keyframe.map_from_camera @ invert(base_from_camera))
             self._reference, self._reference_inliers = keyframe, count
@@ -130,7 +121,7 @@ class VisualTracker:
 
     def _is_impossible(self, frame: Frame, jump: Array, measured: Array) -> bool:
         """Whether even a blind camera would be expected nearer: some picture has a double."""
-        blind = np.linalg.inv(self._blind_information(frame))
+        blind = np.diag(self._blind_variances(frame))
         return exceeds_nis(se3_log(jump), blind + measured + self._filter.pose_covariance())
 
     def _motion_known(self, view: View, predicted: Array, measured: Array) -> Array:
@@ -164,19 +155,16 @@ class VisualTracker:
         self._reference_inliers = int(np.count_nonzero(self._reference.point_of >= 0))
         self._seen_ns = frame.stamp_ns
         self._filter.restart()
-        return VisualMotion(pose, self._blind_information(frame), verdict, notes)
+        return VisualMotion(pose, np.diag(1.0 / self._blind_variances(frame)), verdict, notes)
 
     def _blind(self, frame: Frame, predicted: Array, how: str, why: str) -> VisualMotion:
-        information = self._blind_information(frame)
+        information = np.diag(1.0 / self._blind_variances(frame))
         self._filter.coast(self._seconds_to(frame))
         return VisualMotion(predicted, information, "dead reckoning", (f"{why}: by {how}",))
 
-    def _blind_information(self, frame: Frame) -> Array:
-        """(6, 6): as uncertain after a second at 30 frames as at 5."""
-        seconds = max(self._seconds_to(frame), _LEAST_STEP)
-        turn, distance = _BLIND_SIGMAS
-        sigmas = _GYRO_SIGMA if frame.imu else turn, distance
-        return np.diag(np.repeat(1.0 / np.square(sigmas) / seconds, 3))
+    def _blind_variances(self, frame: Frame) -> Array:
+        """(6,) of the motion to this frame without its image."""
+        return blind_variances(self._seconds_to(frame), has_gyro=bool(frame.imu))
 
     def _seconds_to(self, frame: Frame) -> float:
         """Since the frame before; 0 for the first one."""
@@ -187,16 +175,13 @@ class VisualTracker:
         if self._frames == 0:
             return np.eye(4), "start"
         seconds = self._seconds_to(frame)
-        if frame.odom_from_base is not None and self._odometry is not None:
-            motion = between(self._odometry, frame.odom_from_base)
-            return self._filter.predict(seconds, motion=motion), "odometry"
         if frame.imu:
             turn = gyro_rotation(frame, self._stamp_ns)
             return self._filter.predict(seconds, turn), "gyroscope"
         return self._filter.predict(seconds), "constant velocity"
 
     def _remember(self, frame: Frame) -> None:
-        self._stamp_ns, self._odometry = frame.stamp_ns, frame.odom_from_base
+        self._stamp_ns = frame.stamp_ns
         self._frames += 1
 
     def _locate(self, view: View, predicted: Array) -> tuple[Array, Array, Indices] | None:
@@ -220,10 +205,10 @@ class VisualTracker:
         information = np.eye(6)
         point_of = np.full(len(view), -1, np.int64)
         for _ in range(2):
-            sightings, matched = self._look(view, ids, pose, _NARROW)
+            sightings, matched = self._look(view, ids, pose, REFINED_RADIUS)
             pose, information = refine_pose(pose, sightings)
             agreed = inliers(pose, sightings, settings.inlier_sigmas)
-        if np.count_nonzero(agreed) < LEAST_INLIERS:
+        if np.count_nonzero(agreed) < self._least:
             return None
         point_of[matched[0][agreed]] = matched[1][agreed]
         return pose, information, point_of
@@ -241,16 +226,16 @@ class VisualTracker:
 
     def _agree(self, sightings: Sightings) -> Array | None:
         settings = self._config.visual
-        if len(sightings) < LEAST_INLIERS:
+        if len(sightings) < self._least:
             return None
         seed = self._config.seed + self._frames
         pose, count = ransac_pose(sightings, settings.inlier_sigmas, seed)
-        if count < LEAST_INLIERS // 2:
+        if count < self._least // 2:
             return None
         kept = sightings.select(inliers(pose, sightings, 2.0 * settings.inlier_sigmas))
         pose, _ = refine_pose(pose, kept)
         agreed = np.count_nonzero(inliers(pose, sightings, settings.inlier_sigmas))
-        return pose if agreed >= LEAST_INLIERS else None
+        return pose if agreed >= self._least else None
 
     def _relocate(self, view: View) -> Array | None:
         """A pose by comparing with whole keyframes, the last ones first; None if none fits."""
@@ -268,11 +253,12 @@ class VisualTracker:
 
     def _is_keyframe(self, map_from_camera: Array, count: int) -> bool:
         assert self._reference is not None
+        settings = self._config.odometry
         motion = between(self._reference.map_from_camera, map_from_camera)
         return (
             count < _KEYFRAME_SHARE * self._reference_inliers
-            or float(np.linalg.norm(motion[:3, 3])) > KEYFRAME_DISTANCE
-            or float(rotation_angle(motion)) > KEYFRAME_ANGLE
+            or float(np.linalg.norm(motion[:3, 3])) > settings.keyframe_distance
+            or float(rotation_angle(motion)) > settings.keyframe_angle
         )
 
 

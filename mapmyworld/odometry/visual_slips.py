@@ -16,9 +16,6 @@ from mapmyworld.registration.views import View
 from mapmyworld.types import Registration
 
 Array = NDArray[np.float64]
-LEAST_INLIERS = 25  # sightings that agree on a pose, at least
-KEYFRAME_DISTANCE = 0.15  # m of motion that makes a keyframe
-KEYFRAME_ANGLE = 0.2  # rad of rotation that makes a keyframe
 Known = tuple[Array, Array]
 """A motion (4, 4) and its covariance (6, 6), rotation first."""
 
@@ -68,14 +65,15 @@ class SteadyPath:
 
     def _is_small(self, slip: Array) -> bool:
         turned, moved = np.linalg.norm(slip[:3]), np.linalg.norm(slip[3:])
-        return bool(turned < KEYFRAME_ANGLE and moved < KEYFRAME_DISTANCE)
+        least = self._config.odometry
+        return bool(turned < least.keyframe_angle and moved < least.keyframe_distance)
 
     def _pair(self, view: View) -> Registration | None:
         """The motion from the image before to this one by these two alone; None if unknown."""
         if self._view is None:
             return None
         pair = register_images(self._view, view, self._config).registration
-        return pair if pair.inliers >= LEAST_INLIERS else None
+        return pair if pair.inliers >= self._config.visual.closure_inliers else None
 
 
 def normalised_residual(one: Known, other: Known) -> float:

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 SEARCH_RADIUS = 30.0  # pixels around the prediction in which a point is looked for
 _LEAST_SHARE = 0.25  # of the matches that must agree
 _LEAST_CELLS = 5  # of the lattice that agreeing matches must reach
-_RADIUS = 8.0  # pixels around a found motion's projections for more matches
+REFINED_RADIUS = 8.0  # pixels around a found motion's projections for more matches
 _LARGEST_TRANSLATION = 0.065  # m, no closure is less certain
 _LARGEST_ROTATION = 0.006  # rad, no closure is less certain
 Indices = NDArray[np.int64]
@@ -73,7 +73,7 @@ def register_images(a: View, b: View, config: Config, *, guess: Array | None = N
         pose, sightings.select(inliers(pose, sightings, 2 * settings.inlier_sigmas))
     )
     base = pose @ invert(b.camera.base_from_camera)
-    more = match_by_pose(a, b, points, base, _RADIUS)
+    more = match_by_pose(a, b, points, base, REFINED_RADIUS)
     if len(more[0]) >= found:
         mine, theirs = more
         sightings = Sightings(points[mine], b.seen[theirs], b.sigmas[theirs])

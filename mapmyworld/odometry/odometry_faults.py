@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from mapmyworld.kernels.wheel_model import MOVES
 
-_JUMP = 0.3  # rad or m by which odometry exceeds the match in a catch-up step
-
 
 class OdometryFaults:
     """Counts the steps in which odometry and scans contradict each other, by kind."""
@@ -38,6 +36,6 @@ def _fault(recorded: NDArray[np.float64], moved: NDArray[np.float64]) -> str:
         return "has the wrong sign"
     if np.abs(recorded).max() < MOVES:
         return "stalls while the robot moves"
-    if np.abs(recorded - moved).max() > _JUMP:
+    if np.abs(recorded - moved).max() > np.abs(moved).max():
         return "jumps"
     return "disagrees with the scans"

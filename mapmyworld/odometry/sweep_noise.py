@@ -20,7 +20,6 @@ from mapmyworld.types import Node, TrackedFrames
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_FEWEST = 30  # steps, below which they show nothing
 _SIGMAS_PER_MEDIAN = 1.4826
 
 
@@ -44,7 +43,10 @@ def sweep_variances(
     moved = np.zeros(len(nodes))
     is_node = frames.is_node[used]
     moved[row[is_node]] = np.minimum(around[is_node], longest)
-    steady = (around[1:-1] > MOVES) & (around[1:-1] < longest)
+    moving = around[1:-1] > MOVES
+    steady = moving & (around[1:-1] < longest)
+    if 2 * np.count_nonzero(steady) <= np.count_nonzero(moving):
+        return np.zeros((len(nodes), 3))
     return moved[:, None] * _per_metre(step, frames.stamps_ns[used], around[1:-1], steady, known)
 
 
@@ -54,8 +56,6 @@ def _per_metre(
     """(3,) variances of a sweep by its motion, for every metre from frame to frame."""
     spans = np.maximum(np.diff(stamps_ns) * 1e-9, 1e-6)
     uneven = step[1:] - step[:-1] * (spans[1:] / spans[:-1])[:, None]
-    if np.count_nonzero(steady) < _FEWEST:
-        return np.zeros(3)
     lengths = lengths[steady]
     sigmas = _SIGMAS_PER_MEDIAN * np.median(
         np.abs(uneven[steady]) / np.sqrt(lengths)[:, None], axis=0

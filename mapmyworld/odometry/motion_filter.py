@@ -19,7 +19,6 @@ _ROTATION_NOISE = 3.0  # rad/s per root of a second, process noise of turning
 _GYRO = 0.02  # rad/s by which a gyroscope may be off: its bias
 _FADING = 0.3  # s in which the velocity of a blind camera falls to a third
 _NIS_LIMIT = 22.5  # squared sigmas that one in a thousand measurements exceeds (6 dimensions)
-_LEAST_STEP = 1e-3  # s that a step takes, at least
 FLOOR = 1e-6 * np.eye(6)
 """rad^2 and m^2: no motion between two frames is known better."""
 
@@ -47,13 +46,12 @@ class MotionFilter:
 
     def predict(self, seconds: float, turn: Array | None = None) -> Array:
         """The pose (4, 4) after so long, by the gyroscope's `turn` (3, 3) and constant velocity."""
-        seconds = max(seconds, _LEAST_STEP)
         noise = self._noise
         step = se3_exp(self._velocity * seconds)
         moving = np.eye(12)
         moving[:6, 6:] = np.eye(6) * seconds
         added = np.kron([[seconds**3 / 3, seconds**2 / 2], [seconds**2 / 2, seconds]], noise)
-        if turn is not None:
+        if turn is not None and seconds > 0.0:
             step = step.copy()
             step[:3, :3] = turn
             self._velocity[:3] = so3_log(turn) / seconds
@@ -95,7 +93,7 @@ class MotionFilter:
 
     def coast(self, seconds: float) -> None:
         """A step without images was taken: nobody knows whether the camera still moves."""
-        self._velocity = self._velocity * np.exp(-max(seconds, 0.0) / _FADING)
+        self._velocity = self._velocity * np.exp(-seconds / _FADING)
 
     def move_to(self, pose: Array) -> None:
         """The pose (4, 4) that an adjustment of the map moved to; all that is known of it stays."""
@@ -118,7 +116,7 @@ def blind_variances(seconds: float, *, has_gyro: bool) -> Array:
     They grow with the time, at any rate of frames.
     """
     sigmas = _GYRO if has_gyro else _FADING * _ROTATION_NOISE, _FADING * _TRANSLATION_NOISE
-    return np.repeat(np.square(sigmas) * max(seconds, _LEAST_STEP), 3)
+    return np.asarray(np.repeat(np.square(sigmas) * seconds, 3) + FLOOR.diagonal())
 
 
 def exceeds_nis(off: Array, covariance: Array) -> bool:

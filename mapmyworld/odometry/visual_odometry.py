@@ -167,8 +167,8 @@ class VisualTracker:
         return blind_variances(self._seconds_to(frame), has_gyro=bool(frame.imu))
 
     def _seconds_to(self, frame: Frame) -> float:
-        """Since the frame before; 0 for the first one."""
-        return (frame.stamp_ns - self._stamp_ns) * 1e-9 if self._frames else 0.0
+        """Since the frame before; 0 for the first one, and where stamps step back."""
+        return max(frame.stamp_ns - self._stamp_ns, 0) * 1e-9 if self._frames else 0.0
 
     def _predict(self, frame: Frame) -> tuple[Array, str]:
         """tracker_from_base (4, 4) expected before looking, and what it is based on."""

@@ -33,7 +33,7 @@ def explains(state: Array, overlap: float, settings: Array, has_odometry: bool) 
 
     Expected is what it explained of the scans before: a match that shares a wall or two with the
     right one explains far less than those do. Without odometry no measurement has led there, and
-    a closer look has none to go by. `state` (8,) and `settings` (10,) are those of `track_scans`.
+    a closer look has none to go by. `state` (8,) and `settings` (9,) are those of `track_scans`.
     """
     missing = max(state[6] - overlap, 0.0) if has_odometry else 0.0
     return bool(overlap >= settings[6] and missing * missing <= settings[5] * state[7])
@@ -120,7 +120,7 @@ def match_keyframes(
     The scan is `rows[first:last]`, `rows` (N, 5). The ring has `key_rows` (K, P, 5), `key_counts`
     (K,), `key_origins` (K, 2), `key_poses` (K, 3), as of `remember_scan`; `which` (B,) are slots.
     The `predicted` pose (3,) has information `known`, the match `information`, (3, 3) both.
-    `max_distances` (R,) as of `align`, `settings` (10,) of `track_scans`.
+    `max_distances` (R,) as of `align`, `settings` (9,) of `track_scans`.
     """
     capacity = key_rows.shape[1]
     starts, ends = np.empty(len(key_counts), np.int64), np.empty(len(key_counts), np.int64)
@@ -151,7 +151,7 @@ def learn_matching(
     Aligned with each alone, the scan comes out at two poses; these differ by what their covariances
     indicate, times the factor. The scan is `rows[first:last]` (N, 5) at `pose` (3,); the ring has
     `key_rows` (K, P, 5), `key_counts` (K,), `key_origins` (K, 2), `key_poses` (K, 3), as of
-    `remember_scan`; `which` (B,) are slots. `max_distances` (R,) as of `align`, `settings` (10,) of
+    `remember_scan`; `which` (B,) are slots. `max_distances` (R,) as of `align`, `settings` (9,) of
     `track_scans`.
     """
     if len(which) < 2:
@@ -176,7 +176,7 @@ def learn_matching(
         for j in range(3):
             sample += apart[i] * weights[i, j] * apart[j]
     sample = min(sample / 3.0, _LARGEST) * settings[2]
-    settings[2] = max(_MEMORY * settings[2] + (1.0 - _MEMORY) * sample, settings[9])
+    settings[2] = _MEMORY * settings[2] + (1.0 - _MEMORY) * sample
 
 
 @inner_jit
@@ -218,9 +218,9 @@ def track_scans(
     (K, P, 5), `key_counts` (K,), `key_origins` (K, 2), `key_poses` (K, 3) and `keys` (2,), is that
     of `remember_scan`; a scan is aligned with keyframes `back` (M,) places, by `max_distances` (R,)
     as of `align`. `state` (8,) is the pose, the last step, mean and variance of overlaps, `wheels`
-    (15,) the model of the odometry; `settings` (10,) are residual share, sigma of a range,
+    (15,) the model of the odometry; `settings` (9,) are residual share, sigma of a range,
     correlation, share and floor of the motion model, limits of NIS and overlap, keyframe distance
-    and angle, the least correlation. Fills `out` (B, 7): pose, overlap, NIS, metres moved, weak (1
+    and angle. Fills `out` (B, 7): pose, overlap, NIS, metres moved, weak (1
     or 0); and `covariances` (B, 3, 3) of the steps.
     """  # fmt: skip
     found, predicted, pose = np.zeros(16), np.empty(3), np.empty(3)

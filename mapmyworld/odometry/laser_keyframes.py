@@ -84,7 +84,7 @@ class Keyframes:
     ) -> Match:
         """Aligns a scan with the submap, from a `guess` (3,) known to `information` (3, 3).
 
-        `max_distances` (R,) as of `align`; `settings` (10,) are those of `track_scans`, of which
+        `max_distances` (R,) as of `align`; `settings` (9,) are those of `track_scans`, of which
         the variance factor is learnt.
         """
         scans, poses = self.targets()
@@ -95,14 +95,14 @@ class Keyframes:
         )  # fmt: skip
 
     def is_new(self, match: Match, settings: Array) -> bool:
-        """Whether a scan matched so is about to join; `settings` (10,) as of `track_scans`."""
+        """Whether a scan matched so is about to join; `settings` (9,) as of `track_scans`."""
         ring = self.ring
         return bool(is_new(match.pose, match.overlap, settings[7], settings[8], ring[3], ring[4]))
 
     def learn_matching(self, scan: PreparedScan, match: Match, settings: Array) -> None:
         """Lets the variance factor learn from a scan that is about to join.
 
-        `settings` (10,) as of `track_scans`; the correlation among them changes.
+        `settings` (9,) as of `track_scans`; the correlation among them changes.
         """
         learn_matching(
             scan.rows, 0, len(scan.rows), *self.ring[:4], self._chosen(), match.pose, FINE, settings

@@ -30,11 +30,8 @@ from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedS
 from mapmyworld.types import Frame, Scan
 
 Array = NDArray[np.float64]
-_NEW_SUBMAP = 2  # scans in a row that fit nothing after which a new submap begins
-_VIEW = 1.0, 0.5  # m and rad since the last keyframe from which another view is to be expected
 _SEEN = 0.5  # share of the points seen through surfaces from which nobody can have been there
 _CARRIED = 1e-9  # that a robot does not go on as it did, but is somewhere else at once
-_INDEPENDENT = 0.1  # variance factor of matches, at least: more than all points cannot determine
 _FIRST = np.full(3, 1e-6)  # variances of the first pose, which is the origin
 _EMPTY = Scan(np.zeros((0, 2), np.float32), np.zeros(3), np.zeros(0, np.float32), 0.0, 0.0)
 
@@ -80,7 +77,6 @@ class LaserTracker:
         self._first_ns: int | None = None
         self._last_ns = self._placed_ns = 0
         """Of the last frame, and of the last one whose scan said where the robot is."""
-        self._missed = 0
         self._unmatched_steps = np.zeros(3)
         """Variances of the steps since the last scan that was matched with the same submap."""
         self.verdicts: Counter[str] = Counter()
@@ -89,7 +85,6 @@ class LaserTracker:
             matching.residual_share, matching.range_sigma, matching.correlation,
             odometry.relative_noise, odometry.absolute_noise, odometry.contradiction**2,
             odometry.least_overlap, odometry.keyframe_distance, odometry.keyframe_angle,
-            _INDEPENDENT,
         ])  # fmt: skip
 
     def track(self, frame: Frame) -> LaserMotion:
@@ -232,7 +227,6 @@ class LaserTracker:
         match, verdict = self._matched(scan, prior)
         if verdict == "lost":
             return self._unmatched(frame, scan, prior, grown, match.overlap)
-        self._missed = 0
         learn_overlap(self._state, match.overlap)
         if measured is None:
             verdict = "matched"
@@ -262,21 +256,21 @@ class LaserTracker:
     ) -> LaserMotion:
         """A scan that fits nothing: the odometry leads on, unless it is refuted.
 
-        Where it says that the view has changed, a new submap begins; and where it says that the
-        robot is where it was, but from there one would see through walls: it was carried off.
-        Without odometry the robot is expected to go on as it did, for as long as nothing else can
-        have become of it.
+        One may be anything. Where the next fits nothing either, and the odometry leads beyond what
+        is searched, a new submap begins; and where one would see through walls from where the robot
+        must be, it was carried off. Without odometry it is expected to go on as it did, for as long
+        as nothing else can have become of it.
         """
-        self._missed += 1
-        is_first = self._missed == 1
+        is_first = self._placed_ns == self._last_ns
         path, rotation = self._wheels[11:13]
-        changed = prior.has_odometry and (path > _VIEW[0] or rotation > _VIEW[1])
+        far = path > self._odometry.search_distance or rotation > self._odometry.search_angle
+        changed = prior.has_odometry and far
         refuted = False
-        if self._missed >= _NEW_SUBMAP and not frame.is_interpolated:
+        if not (is_first or frame.is_interpolated):
             if not changed:
                 refuted = self._keyframes.share_seen_through(scan, prior.pose) >= _SEEN
             if changed or refuted:
-                self._begin_submap()
+                self._keyframes.forget()
         if not prior.has_odometry:
             if refuted:
                 return self._lost(frame, prior.pose, UNKNOWN, overlap)
@@ -292,14 +286,10 @@ class LaserTracker:
 
     def _lost(self, frame: Frame, pose: Array, variances: Array, overlap: float) -> LaserMotion:
         """The first scan of a new submap, which nothing ties to the one before."""
-        self._begin_submap()
+        self._keyframes.forget()
         self._unmatched_steps = np.zeros(3)
         self._lost_ns.append(frame.stamp_ns)
         return LaserMotion(pose, np.diag(variances), "lost", overlap, is_tracking_loss=True)
-
-    def _begin_submap(self) -> None:
-        self._missed = 0
-        self._keyframes.forget()
 
     def _placed(
         self, stamp_ns: int, recorded: Array | None, predicted: Array, variances: Array,

@@ -77,7 +77,7 @@ def likeliest_match(
 ) -> Match | None:  # fmt: skip
     """The likeliest of several matches, with the odometry and without it; None where none fits.
 
-    `state` (8,) and `settings` (10,) are those of `track_scans`, `first` the match near the
+    `state` (8,) and `settings` (9,) are those of `track_scans`, `first` the match near the
     prediction.
     """
     place, view = keyframes.place(), _view_of(scan)

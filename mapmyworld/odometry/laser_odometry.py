@@ -24,8 +24,8 @@ from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.odometry.odometry_faults import OdometryFaults
 from mapmyworld.odometry.pose_hypotheses import FAULT, FEWEST, Prior, likeliest_match
+from mapmyworld.odometry.timeline import Timeline
 from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
-from mapmyworld.odometry.unobserved_motion import GOES_ON, UnobservedMotion
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
 from mapmyworld.types import Frame, Scan
 
@@ -72,11 +72,9 @@ class LaserTracker:
         self._lost_ns: list[int] = []
         self._keyframes = Keyframes(config)
         self._state = np.zeros(8)  # pose, last step, overlaps: see `track_scans`
-        self._wheels, self._unobserved = new_wheels(), UnobservedMotion()
+        self._wheels, self._time = new_wheels(), Timeline()
         self._last_odometry: Array | None = None
         self._first_ns: int | None = None
-        self._last_ns = self._placed_ns = 0
-        """Of the last frame, and of the last one whose scan said where the robot is."""
         self._unmatched_steps = np.zeros(3)
         """Variances of the steps since the last scan that was matched with the same submap."""
         self.verdicts: Counter[str] = Counter()
@@ -96,13 +94,14 @@ class LaserTracker:
         scans = prepare_scans([frame.scan or _EMPTY for frame in frames], self._matching)
         recorded = self._recorded_steps(frames)
         interpolated = np.array([frame.is_interpolated for frame in frames])
-        needs_care = interpolated | self._may_be_anywhere(frames, recorded)
+        leaps = self._time.leaps([frame.stamp_ns for frame in frames])
+        needs_care = interpolated | (leaps & np.isnan(recorded[:, 0]))
         self._keyframes.make_room(int(np.diff(scans.bounds).max(initial=0)))
         out, covariances = np.zeros((len(frames), 7)), np.zeros((len(frames), 3, 3))
         tracked: list[LaserMotion] = []
         while len(tracked) < len(frames):
             first = len(tracked)
-            if self._placed_ns != self._last_ns and np.isnan(recorded[first, 0]):
+            if not self._time.is_placed and np.isnan(recorded[first, 0]):
                 needs_care[first] = True  # where it is is as open as time since then lets it be
             # Most scans need no second look: a kernel follows them, up to one that does.
             last = track_scans(
@@ -113,9 +112,7 @@ class LaserTracker:
             for k in range(first, last):
                 tracked.append(LaserMotion(out[k, :3], covariances[k], "matched", float(out[k, 3])))
                 self._degenerate.add(frames[k].stamp_ns, float(out[k, 5]), weak=out[k, 6] > 0.0)
-                self._last_ns = self._placed_ns = self._latest(frames[k])
-                if np.isnan(recorded[k, 0]):
-                    self._unobserved.add(1e-9 * self._last_ns, out[k, :3])
+                self._time.take(frames[k].stamp_ns, out[k, :3])
             if last > first:
                 tracked[first].covariance[:] += self._taken_unmatched()
             self._faults.steps += int(np.isfinite(recorded[first:last, 0]).sum())
@@ -160,40 +157,25 @@ class LaserTracker:
         planar = matrix_to_planar(np.stack([unknown if p is None else p for p in poses]))
         return np.ascontiguousarray(between_planar(planar[:-1], planar[1:]))
 
-    def _may_be_anywhere(self, frames: Sequence[Frame], recorded: Array) -> NDArray[np.bool_]:
-        """(B,) whether without odometry that much time passed since the scan before."""
-        stamps = np.array([self._last_ns, *(frame.stamp_ns for frame in frames)])
-        waits = np.diff(np.maximum.accumulate(stamps))
-        anywhere = np.array([self._unobserved.may_have_left(s) for s in 1e-9 * waits])
-        return anywhere & np.isnan(recorded[:, 0])
-
-    def _latest(self, frame: Frame) -> int:
-        """Nanoseconds of the latest stamp so far: some logs' stamps step back."""
-        return max(self._last_ns, frame.stamp_ns)
-
     def _look_closely(
         self, frame: Frame, scan: PreparedScan, recorded: Array | None
     ) -> LaserMotion:
         """One frame that needs more than a match: the first, an empty or a contradicting one."""
         if self._first_ns is None:
             self._first_ns = frame.stamp_ns
-            self._unobserved.restart(1e-9 * frame.stamp_ns, np.zeros(3))
+            self._time.begin(frame.stamp_ns, np.zeros(3))
             tracked = LaserMotion(np.zeros(3), np.diag(_FIRST), "first", 1.0)
         else:
             tracked = self._follow(frame, scan, recorded)
-        if recorded is not None or not self._has_waited(frame):
+        if recorded is not None or self._time.goes_on(frame.stamp_ns):
             self._state[3:6] = between_planar(self._state[:3], tracked.pose)
-        self._last_ns = self._latest(frame)
         self._state[:3] = tracked.pose
         placed = tracked.verdict not in ("odometry only", "lost")
-        if placed:
-            self._placed_ns = self._last_ns
-            self._unobserved.add(1e-9 * self._last_ns, tracked.pose)
+        self._time.take(frame.stamp_ns, tracked.pose if placed else None)
         if len(scan.rows) >= FEWEST and (placed or not self._keyframes.count):
             if tracked.is_tracking_loss:
                 self._state[3:6] = 0.0
-                self._placed_ns = self._last_ns
-                self._unobserved.restart(1e-9 * self._last_ns, tracked.pose)
+                self._time.begin(frame.stamp_ns, tracked.pose)
             is_known = self._keyframes.remember(scan, tracked.pose, tracked.overlap)
             if is_known and not frame.is_interpolated:
                 anchor(self._wheels, tracked.pose)
@@ -203,12 +185,11 @@ class LaserTracker:
         before = self._reckoned()
         if recorded is not None:
             reckon(self._wheels, recorded)
-        since = 1e-9 * (self._latest(frame) - self._placed_ns)
         if recorded is None or frame.is_interpolated:  # expected to go on as it did
             step, unseen = recorded, self._unmatched_steps
             if step is None:
-                step, unseen = self._expected(frame), self._unobserved.variances(since)
-                if self._placed_ns != self._last_ns:
+                step, unseen = self._expected(frame), self._time.variances(frame.stamp_ns)
+                if not self._time.is_placed:
                     self._unmatched_steps = unseen
             predicted = compose_planar(self._state[:3], step)
             grown = motion_variances(step, 1.0, 0.05, np.ones(2))
@@ -222,7 +203,7 @@ class LaserTracker:
         measured = None if frame.is_interpolated else recorded
         fault = FAULT if measured is not None else _CARRIED if recorded is not None else 0.0
         prior = Prior(predicted, variances, fault)
-        if recorded is None and self._unobserved.may_have_left(since):
+        if recorded is None and self._time.may_have_left(frame.stamp_ns):
             return self._lost(frame, predicted, variances, 0.0)
         match, verdict = self._matched(scan, prior)
         if verdict == "lost":
@@ -239,12 +220,8 @@ class LaserTracker:
 
     def _expected(self, frame: Frame) -> Array:
         """The step (3,) to a frame without odometry: like the last one, or as long as it took."""
-        if not self._has_waited(frame):
-            return self._state[3:6]
-        return self._unobserved.step(1e-9 * (self._latest(frame) - self._last_ns))
-
-    def _has_waited(self, frame: Frame) -> bool:
-        return 1e-9 * (self._latest(frame) - self._last_ns) > GOES_ON
+        is_next = self._time.goes_on(frame.stamp_ns)
+        return self._state[3:6] if is_next else self._time.step(frame.stamp_ns)
 
     def _reckoned(self) -> Array:
         """(3,) variances of the odometry since the last keyframe."""
@@ -261,7 +238,7 @@ class LaserTracker:
         must be, it was carried off. Without odometry it is expected to go on as it did, for as long
         as nothing else can have become of it.
         """
-        is_first = self._placed_ns == self._last_ns
+        is_first = self._time.is_placed
         path, rotation = self._wheels[11:13]
         far = path > self._odometry.search_distance or rotation > self._odometry.search_angle
         changed = prior.has_odometry and far

@@ -19,7 +19,6 @@ _WINDOW = 8  # keyframes adjusted together
 _NEAREST = 20  # keyframes whose points are looked for
 _KEPT = 200  # keyframes that are remembered
 Indices = NDArray[np.int64]
-_FIXED = 12  # keyframes outside the window that hold it in place
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,7 +132,7 @@ class LocalMap:
         old.point_of[lonely] = -1
 
     def _window(self, keyframe: Keyframe) -> tuple[list[Keyframe], list[Keyframe]]:
-        """Keyframes to adjust, and those that hold them: most points in common first."""
+        """Keyframes to adjust, most points in common first, and all others that see their points."""
         seen = np.zeros(len(self.points), np.bool_)
         seen[keyframe.point_of[keyframe.point_of >= 0]] = True
         shared = [_count_seen(other, seen) for other in self.keyframes]
@@ -143,11 +142,8 @@ class LocalMap:
         moved = [self.keyframes[k] for k in sorted(close)]
         for other in moved:
             seen[other.point_of[other.point_of >= 0]] = True
-        rest = [k for k in range(len(self.keyframes)) if k not in close]
-        counts = np.array([_count_seen(self.keyframes[k], seen) for k in rest], np.int64)
-        best = np.argsort(-counts, kind="stable")[:_FIXED]
-        held = [self.keyframes[rest[k]] for k in sorted(best) if counts[k] > 0]
-        return moved, held
+        rest = [other for k, other in enumerate(self.keyframes) if k not in close]
+        return moved, [other for other in rest if _count_seen(other, seen)]
 
     def _adjust(self, keyframe: Keyframe) -> None:
         moved, held = self._window(keyframe)

@@ -108,6 +108,10 @@ class Keyframes:
             scan.rows, 0, len(scan.rows), *self.ring[:4], self._chosen(), match.pose, FINE, settings
         )
 
+    def independent_points(self, scan: PreparedScan, settings: Array) -> float:
+        """How many points of a scan err by themselves; `settings` (9,) as of `track_scans`."""
+        return len(scan.rows) / max(float(settings[2]), self._matching.correlation)
+
     def place(self) -> Place:
         """What the submap's scans saw together."""
         return Place.of(Submap.of(*self.targets()))

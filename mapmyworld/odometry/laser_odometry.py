@@ -23,7 +23,7 @@ from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, re
 from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.odometry.odometry_faults import OdometryFaults
-from mapmyworld.odometry.pose_hypotheses import FAULT, FEWEST, Prior, likeliest_match
+from mapmyworld.odometry.pose_hypotheses import FEWEST, Prior, likeliest_match
 from mapmyworld.odometry.timeline import Timeline
 from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
@@ -31,7 +31,6 @@ from mapmyworld.types import Frame, Scan
 
 Array = NDArray[np.float64]
 _SEEN = 0.5  # share of the points seen through surfaces from which nobody can have been there
-_CARRIED = 1e-9  # that a robot does not go on as it did, but is somewhere else at once
 _FIRST = np.full(3, 1e-6)  # variances of the first pose, which is the origin
 _EMPTY = Scan(np.zeros((0, 2), np.float32), np.zeros(3), np.zeros(0, np.float32), 0.0, 0.0)
 
@@ -200,14 +199,13 @@ class LaserTracker:
         if len(scan.rows) < FEWEST or not self._keyframes.count:
             verdict = "lost" if recorded is None else "odometry only"
             return LaserMotion(predicted, np.diag(grown), verdict, 0.0)
-        measured = None if frame.is_interpolated else recorded
-        fault = FAULT if measured is not None else _CARRIED if recorded is not None else 0.0
-        prior = Prior(predicted, variances, fault)
+        prior = Prior(predicted, variances, recorded is not None)
         if recorded is None and self._time.may_have_left(frame.stamp_ns):
             return self._lost(frame, predicted, variances, 0.0)
         match, verdict = self._matched(scan, prior)
         if verdict == "lost":
             return self._unmatched(frame, scan, prior, grown, match.overlap)
+        measured = None if frame.is_interpolated else recorded
         learn_overlap(self._state, match.overlap)
         if measured is None:
             verdict = "matched"

@@ -26,7 +26,6 @@ FAULT = 1e-3
 """Probability of an odometry fault in a step: it stalls, slips, catches up."""
 _LOG_ODDS = 2.5  # nats by which a point on a surface, and not beside, speaks for a pose: of
 # such points a right one has 0.75 and a wrong one 0.2, log(0.75 / 0.2) + log(0.8 / 0.25)
-_CORRELATED = 4.0  # neighbouring points of a scan that count as much as one, at least
 _WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
 
 
@@ -42,14 +41,8 @@ class Prior:
     """(3,) predicted."""
     variances: Array
     """(3,) m^2, m^2, rad^2."""
-    fault: float
-    """Probability that odometry indicates nothing; 0 where the robot is expected to go on as it
-    did, for there is none."""
-
-    @property
-    def has_odometry(self) -> bool:
-        """Whether the pose comes from odometry."""
-        return self.fault > 0.0
+    has_odometry: bool
+    """Whether the pose comes from odometry; else the robot is expected to go on as it did."""
 
     def window(self, config: OdometryConfig) -> tuple[float, float]:
         """Metres and radians to each side in which a fault is looked for, or where the robot is."""
@@ -68,7 +61,7 @@ class Prior:
         expected = -0.5 * float((apart**2 / self.variances).sum())
         if not self.has_odometry:
             return expected
-        return float(np.logaddexp(expected, np.log(self.fault * min(width / window, 1.0))))
+        return float(np.logaddexp(expected, np.log(FAULT * min(width / window, 1.0))))
 
 
 def likeliest_match(
@@ -91,7 +84,7 @@ def likeliest_match(
     if found is not None:
         starts.append(found.pose)
     plain, its_prior = place.agreement_with(view, first.pose), prior.log(first.pose, config)
-    points = len(scan.rows) / max(float(settings[2]), _CORRELATED)
+    points = keyframes.independent_points(scan, settings)
     window = np.minimum(reach, (distance, angle))
     beyond_chance = plain.evidence - needed_evidence(*window)
     if not prior.has_odometry:  # nothing but a motion that is possible leads there

@@ -132,7 +132,7 @@ class LocalMap:
         old.point_of[lonely] = -1
 
     def _window(self, keyframe: Keyframe) -> tuple[list[Keyframe], list[Keyframe]]:
-        """Keyframes to adjust, most points in common first, and all others that see their points."""
+        """Keyframes to adjust, which have most points in common, and all others that see these."""
         seen = np.zeros(len(self.points), np.bool_)
         seen[keyframe.point_of[keyframe.point_of >= 0]] = True
         shared = [_count_seen(other, seen) for other in self.keyframes]

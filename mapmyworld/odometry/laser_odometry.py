@@ -187,7 +187,8 @@ class LaserTracker:
         if recorded is None or frame.is_interpolated:  # expected to go on as it did
             step, unseen = recorded, self._unmatched_steps
             if step is None:
-                step, unseen = self._expected(frame), self._time.variances(frame.stamp_ns)
+                step = self._time.step(frame.stamp_ns, self._state[3:6])
+                unseen = self._time.variances(frame.stamp_ns)
                 if not self._time.is_placed:
                     self._unmatched_steps = unseen
             predicted = compose_planar(self._state[:3], step)
@@ -215,11 +216,6 @@ class LaserTracker:
         return self._placed(
             frame.stamp_ns, measured, predicted, variances, match, verdict, is_new=is_new
         )
-
-    def _expected(self, frame: Frame) -> Array:
-        """The step (3,) to a frame without odometry: like the last one, or as long as it took."""
-        is_next = self._time.goes_on(frame.stamp_ns)
-        return self._state[3:6] if is_next else self._time.step(frame.stamp_ns)
 
     def _reckoned(self) -> Array:
         """(3,) variances of the odometry since the last keyframe."""

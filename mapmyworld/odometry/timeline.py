@@ -43,8 +43,10 @@ class Timeline:
         """Whether the next frame comes so soon that its step is like the last."""
         return self._since(self._last_ns, stamp_ns) <= GOES_ON
 
-    def step(self, stamp_ns: int) -> Array:
-        """The motion (3,) expected to the next frame, however late it comes."""
+    def step(self, stamp_ns: int, last: Array) -> Array:
+        """The motion (3,) expected to the next frame: like the last (3,), or as long as it took."""
+        if self.goes_on(stamp_ns):
+            return last
         return self._motion.step(self._since(self._last_ns, stamp_ns))
 
     def variances(self, stamp_ns: int) -> Array:

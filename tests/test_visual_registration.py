@@ -1,4 +1,4 @@
-"""Cameras, poses from points, and bundles, against known truth and independent references."""
+"""Cameras, and poses from points, against known truth and independent references."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from mapmyworld.geometry.rigid import between, invert, se3_exp, se3_log, transform_points
-from mapmyworld.graph.bundle_adjustment import Bundle, RelativePoses, adjust_bundle
+from mapmyworld.geometry.rigid import between, se3_exp, se3_log, transform_points
 from mapmyworld.kernels.pose_refinement import move_by_tangent, solve_damped
 from mapmyworld.registration.camera_model import pixels_of_points, rays_of_pixels
 from mapmyworld.registration.camera_pose import Sightings, errors, inliers, ransac_pose, refine_pose
@@ -100,81 +99,6 @@ def test_a_motion_of_the_world_moves_the_pose_with_it() -> None:
 def test_two_points_give_no_pose() -> None:
     _, sightings = scene(1, 2, 0.0)
     assert ransac_pose(sightings, 3.0, 0)[1] == 0
-
-
-def make_bundle(seed: int, noise: float) -> tuple[Bundle, Array, Array]:
-    """Five cameras on a line that all see twelve points; start values off by centimetres."""
-    random = np.random.default_rng(seed)
-    points = np.column_stack([random.uniform(-1, 1, (12, 2)), random.uniform(2, 4, 12)])
-    cameras = se3_exp(np.column_stack([np.zeros((5, 3)), 0.2 * np.arange(5), np.zeros((5, 2))]))
-    point_of, camera_of = (
-        a.ravel() for a in np.meshgrid(np.arange(12), np.arange(5), indexing="ij")
-    )
-    local = np.einsum(
-        "mij,mj->mi", invert(cameras[camera_of]), np.column_stack([points, np.ones(12)])[point_of]
-    )[:, :3]
-    seen = np.column_stack([local[:, :2] / local[:, 2:], 1.0 / local[:, 2]])
-    sigmas = np.tile(SIGMAS, (len(seen), 1))
-    seen += noise * random.normal(size=seen.shape) * sigmas[:, [0, 0, 1]]
-    fixed = np.arange(5) == 0
-    start = cameras @ se3_exp(0.02 * random.normal(size=(5, 6)) * ~fixed[:, None])
-    rough = points + 0.03 * random.normal(size=points.shape)
-    return Bundle(start, fixed, rough, camera_of, point_of, seen, sigmas), cameras, points
-
-
-def test_a_bundle_without_noise_comes_out_exact() -> None:
-    bundle, cameras, points = make_bundle(0, 0.0)
-    adjusted, cost = adjust_bundle(bundle, rounds=30)
-    assert cost < 1e-3
-    assert np.abs(adjusted.cameras - cameras).max() < 1e-4
-    assert np.abs(adjusted.points - points).max() < 1e-3
-    assert np.array_equal(adjusted.cameras[0], cameras[0])
-
-
-def test_a_bundle_reaches_what_a_general_solver_reaches() -> None:
-    """SciPy's least squares on all unknowns at once, no Schur complement, no weights."""
-    from scipy.optimize import least_squares
-
-    bundle, cameras, _ = make_bundle(1, 1.0)
-    adjusted, cost = adjust_bundle(bundle, rounds=50, width=1e9)
-
-    def residuals(unknowns: Array) -> Array:
-        poses = bundle.cameras.copy()
-        poses[1:] = bundle.cameras[1:] @ se3_exp(unknowns[:24].reshape(4, 6))
-        points = bundle.points + unknowns[24:].reshape(-1, 3)
-        world = np.column_stack([points, np.ones(len(points))])[bundle.point_of]
-        local = np.einsum("mij,mj->mi", invert(poses[bundle.camera_of]), world)[:, :3]
-        predicted = np.column_stack([local[:, :2] / local[:, 2:], 1.0 / local[:, 2]])
-        return ((predicted - bundle.seen) / bundle.sigmas[:, [0, 0, 1]]).ravel()
-
-    solution = least_squares(residuals, np.zeros(24 + 36), method="trf")
-    assert cost == pytest.approx(2.0 * solution.cost, rel=2e-3)
-    best = bundle.cameras[1:] @ se3_exp(solution.x[:24].reshape(4, 6))
-    assert np.abs(se3_log(between(best, adjusted.cameras[1:]))).max() < 2e-3
-    assert len(cameras) == 5
-
-
-def test_measured_motions_hold_a_camera_that_sees_nothing() -> None:
-    """A camera without sightings ends where its motion to the next one says."""
-    bundle, cameras, _ = make_bundle(2, 0.5)
-    blind = bundle.camera_of != 4
-    step = between(cameras[3], cameras[4])[None]
-    motions = RelativePoses(np.array([3]), np.array([4]), step, 1e6 * np.eye(6)[None])
-    adjusted, _ = adjust_bundle(
-        Bundle(
-            bundle.cameras,
-            bundle.fixed,
-            bundle.points,
-            bundle.camera_of[blind],
-            bundle.point_of[blind],
-            bundle.seen[blind],
-            bundle.sigmas[blind],
-            motions,
-        ),
-        rounds=40,
-    )
-    error = se3_log(between(step[0], between(adjusted.cameras[3], adjusted.cameras[4])))
-    assert np.abs(error).max() < 1e-3
 
 
 @given(arrays(np.float64, 6, elements=st.floats(-2.0, 2.0)))

@@ -95,11 +95,6 @@ class MotionFilter:
         """A step without images was taken: nobody knows whether the camera still moves."""
         self._velocity = self._velocity * np.exp(-seconds / _FADING)
 
-    def move_to(self, pose: Array) -> None:
-        """The pose (4, 4) that an adjustment of the map moved to; all that is known of it stays."""
-        self.slip = self.slip + se3_log(between(self.pose, pose))
-        self.pose = pose
-
     def keep_inertia(self) -> None:
         """The map slipped, not the base: its velocity is the one predicted last."""
         self._velocity, self._covariance[6:, 6:] = self._inertia

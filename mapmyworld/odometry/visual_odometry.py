@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.rigid import between, invert, se3_adjoint, se3_log, transform_points
+from mapmyworld.geometry.rigid import between, invert, se3_log, transform_points
 from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.odometry.local_map import Expectation, Keyframe, LocalMap
+from mapmyworld.odometry.local_map import Keyframe, LocalMap
 from mapmyworld.odometry.motion_filter import (
     FLOOR,
     MotionFilter,
@@ -107,13 +107,11 @@ class VisualTracker:
         jump = between(predicted, seen @ invert(base_from_camera))
         if self._is_impossible(frame, jump, measured) and not self._path.is_matched(view):
             return self._blind(frame, predicted, how, "recognised at an impossible place")
-        expected = Expectation(predicted @ base_from_camera, self._expected(base_from_camera))
         pose = self._filter.correct(seen @ invert(base_from_camera), measured)
         map_from_camera = pose @ base_from_camera
         if can_start and self._is_keyframe(map_from_camera, count):
-            keyframe = self._map.add_keyframe(map_from_camera, view, point_of, expected)
-            self._filter.move_to(keyframe.map_from_camera @ invert(base_from_camera))
-            self._reference, self._reference_inliers = keyframe, count
+            self._reference = self._map.add_keyframe(map_from_camera, view, point_of)
+            self._reference_inliers = count
         self._seen_ns = frame.stamp_ns
         known = self._motion_known(view, predicted, measured)
         sigma = float(np.sqrt(np.linalg.eigvalsh(measured[3:, 3:])[-1]))
@@ -138,12 +136,6 @@ class VisualTracker:
                 filtered.keep_inertia()
                 return np.asarray(np.linalg.inv(steady))
         return known
-
-    def _expected(self, base_from_camera: Array) -> Array:
-        """Information (6, 6) of the predicted pose of the camera."""
-        adjoint = se3_adjoint(invert(base_from_camera))
-        covariance = adjoint @ self._filter.pose_covariance() @ adjoint.T
-        return np.asarray(np.linalg.inv(covariance + FLOOR))
 
     def _start(
         self, frame: Frame, view: View, pose: Array, verdict: str, notes: tuple[str, ...]

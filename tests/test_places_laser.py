@@ -21,7 +21,7 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.graph.solved_graph import solve
 from mapmyworld.places.laser_candidates import EVERYWHERE, candidate_pairs, untied
 from mapmyworld.places.laser_closures import compare_places
-from mapmyworld.places.laser_nodes import calm_spots, laser_nodes, spaced
+from mapmyworld.places.laser_nodes import calm_spots, laser_nodes
 from mapmyworld.places.laser_pairs import among_first_revisits, neighbour_pairs
 from mapmyworld.places.path_graph import NO_PAIRS, PathGraph
 from mapmyworld.places.wide_search import held_by, lost_pairs
@@ -227,13 +227,21 @@ def test_a_place_is_compared_from_where_the_robot_turns_evenly() -> None:
     poses = np.zeros((60, 3))
     poses[:, 0] = 0.1 * np.arange(60)
     straight = laser_nodes(np.arange(60), scan_set([]), poses)
-    spots = spaced(straight.path, 1.0)
-    assert np.array_equal(calm_spots(straight, 1.0), spots)
+    spots = calm_spots(straight, 1.0)
+    assert (straight.path[spots] // 1.0).tolist() == [0, 1, 2, 3, 4, 5]
     poses[spots[2] :, 2] = 0.03  # the turn lies between two nodes: both ends of it are uneven
     turned = laser_nodes(np.arange(60), scan_set([]), poses)
     found = calm_spots(turned, 1.0)
     assert not {spots[2] - 1, spots[2]} & set(found.tolist())
-    assert np.abs(found - spaced(turned.path, 1.0)).max() <= 2
+    assert (turned.path[found] // 1.0).tolist() == [0, 1, 2, 3, 4, 5]
+
+
+def test_no_place_is_passed_over_where_nodes_lie_as_far_apart_as_places() -> None:
+    """Key scans, a metre apart in turns of a radian: each is a place of its own."""
+    poses = np.zeros((20, 3))
+    poses[:, 0], poses[10, 2] = 1.1 * np.arange(20), 1.0
+    nodes = laser_nodes(np.arange(20), scan_set([]), poses)
+    assert calm_spots(nodes, 1.0).tolist() == list(range(20))
 
 
 def test_joined_places_are_not_compared_again() -> None:
@@ -246,8 +254,8 @@ def test_joined_places_are_not_compared_again() -> None:
         information=np.eye(6), source=ScanMatch(),
     )  # fmt: skip
     pairs = [(6, 106), (5, 120), (30, 106)]
-    assert untied(nodes, pairs, [closure]) == pairs[1:]
-    assert untied(nodes, pairs, [closure.judged(REJECTED)]) == pairs
+    assert untied(nodes, pairs, [closure], CONFIG) == pairs[1:]
+    assert untied(nodes, pairs, [closure.judged(REJECTED)], CONFIG) == pairs
     assert (
-        untied(nodes, pairs, [replace(closure, source=ImageMatch())]) == pairs
+        untied(nodes, pairs, [replace(closure, source=ImageMatch())], CONFIG) == pairs
     )  # by images: not as fine

@@ -37,7 +37,7 @@ class Shelf:
 
 @pytest.fixture
 def shelf(monkeypatch: pytest.MonkeyPatch) -> Shelf:
-    monkeypatch.setattr(stored_scans, "_BLOCK", 4)
+    monkeypatch.setattr(stored_scans, "BLOCK", 4)
     monkeypatch.setattr(stored_scans, "_HELD", 2)
     return Shelf(40)
 
@@ -71,8 +71,7 @@ def test_what_is_held_stays_when_the_shelf_lets_go(shelf: Shelf) -> None:
     assert shelf.read == before
 
 
-def test_what_was_let_go_is_read_again_alike(shelf: Shelf, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stored_scans, "_IDLE", 0)
+def test_what_was_let_go_is_read_again_alike(shelf: Shelf) -> None:
     scans, whole = stored(shelf), prepare_scans(list(shelf.all.values()), REGISTRATION)
     read = shelf.read
     scans.let_go()

@@ -127,7 +127,7 @@ def test_segments_of_a_log_change_nothing(length: int, monkeypatch: pytest.Monke
         )  # fmt: skip
 
     whole = found()
-    monkeypatch.setattr("mapmyworld.places.appearance._SEGMENT", length)
+    monkeypatch.setattr("mapmyworld.places.appearance._segment", lambda count: length)
     assert len(whole) > 15
     assert found() == whole
 

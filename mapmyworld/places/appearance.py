@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -10,11 +11,9 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_NEW_STAYS = 0.9  # probability that an unknown place is followed by another one
-_LOST = 0.1  # probability that a known place is followed by an unknown one
-_STEP_SIGMA = 1.6  # nodes by which the place advances or goes back from one node to the next
-_REACH = 6  # nodes beyond which it does not jump
-_SEGMENT = 256  # nodes that are looked at together
+NEIGHBOURS = 2
+"""Nodes to either side that show much the same, as far as a robot gets while it passes one."""
+_CHANGES = 0.1  # probability that a known place is followed by an unknown one, or the reverse
 _ALIKE = 0.6  # of the best similarity, from which another place is looked at as well
 
 
@@ -70,7 +69,9 @@ def find_candidates(
     is proposed. Places nearly as similar as the best one are proposed too, whatever the filter
     thinks: that they look alike must be known before one is believed.
     """
-    looks = _Looks(weigh_words(words, size), stamps_ns, sessions, int(gap_s * 1e9))
+    looks = _Looks(
+        weigh_words(words, size), stamps_ns, sessions, int(gap_s * 1e9), _segment(len(words))
+    )
     best: dict[tuple[int, int], Candidate] = {}
     for i, row, posterior in smoothed_places(looks):
         around = _around(posterior)
@@ -94,10 +95,12 @@ class _Looks:
     stamps_ns: NDArray[np.int64]
     sessions: NDArray[np.int64]
     gap_ns: int
+    segment: int
+    """Nodes that are looked at together: as many as there are segments, to hold least of both."""
 
     def similarities(self, first: int) -> NDArray[np.float32]:
         """(B, N) of the segment of nodes from `first` on; 0 for what is not the place again."""
-        last = min(first + _SEGMENT, len(self.stamps_ns))
+        last = min(first + self.segment, len(self.stamps_ns))
         found = (self.vectors[first:last] @ self.vectors.T).toarray().astype(np.float32)
         close = np.abs(self.stamps_ns[first:last, None] - self.stamps_ns) < self.gap_ns
         found[close & (self.sessions[first:last, None] == self.sessions)] = 0.0
@@ -115,7 +118,7 @@ def smoothed_places(
     and backwards. A place's likelihood grows with how far its similarity stands out of its row.
     Going back, each segment is run forwards once more from the state in which it began.
     """
-    firsts = range(0, len(looks.stamps_ns), _SEGMENT)
+    firsts = range(0, len(looks.stamps_ns), looks.segment)
     state = (np.zeros(len(looks.stamps_ns)), 1.0)
     begun = []
     for first in firsts:
@@ -157,10 +160,10 @@ def _forwards(
     posterior, new = np.zeros(likelihood.shape, np.float32), np.zeros(len(likelihood))
     places, at_new = state
     for i in range(len(likelihood)):
-        entered = (1.0 - _NEW_STAYS) * at_new / _allowed(likelihood[i])
-        left = _LOST * float(places.sum())
-        places = likelihood[i] * ((1.0 - _LOST) * _blurred(places) + entered)
-        at_new = float(unknown[i]) * (_NEW_STAYS * at_new + left)
+        entered = _CHANGES * at_new / _allowed(likelihood[i])
+        left = _CHANGES * float(places.sum())
+        places = likelihood[i] * ((1.0 - _CHANGES) * _blurred(places) + entered)
+        at_new = float(unknown[i]) * ((1.0 - _CHANGES) * at_new + left)
         total = float(places.sum()) + at_new
         places, at_new = places / total, at_new / total
         posterior[i], new[i] = places, at_new
@@ -172,9 +175,9 @@ def _backwards(
 ) -> tuple[Array, float]:
     """How likely the nodes from the next one on are, for each place now and for a new one."""
     places, new = likelihood * ahead, unknown * new_ahead
-    before = (1.0 - _LOST) * _blurred(places) + _LOST * new
-    entered = (1.0 - _NEW_STAYS) * float(places.sum()) / _allowed(likelihood)
-    new_before = _NEW_STAYS * new + entered
+    before = (1.0 - _CHANGES) * _blurred(places) + _CHANGES * new
+    entered = _CHANGES * float(places.sum()) / _allowed(likelihood)
+    new_before = (1.0 - _CHANGES) * new + entered
     scale = max(new_before, float(before.max()))
     return before / scale, new_before / scale
 
@@ -185,16 +188,22 @@ def _allowed(likelihood: NDArray[np.float32]) -> int:
 
 def _blurred(places: Array) -> Array:
     """The places (N,) after one step: forwards or backwards by a node or two."""
-    offsets = np.arange(-_REACH, _REACH + 1)
-    kernel = np.exp(-0.5 * (offsets / _STEP_SIGMA) ** 2)
-    blurred = np.convolve(places, kernel / kernel.sum(), mode="full")
-    return np.asarray(blurred[_REACH : _REACH + len(places)])
+    return _summed(places) / (2 * NEIGHBOURS + 1)
 
 
 def _around(posterior: NDArray[np.float32]) -> NDArray[np.float32]:
     """Probability (N,) of being at each place or at one of its neighbours."""
-    summed = np.convolve(posterior, np.ones(2 * _REACH + 1, np.float32), mode="full")
-    return np.asarray(summed[_REACH : _REACH + len(posterior)], np.float32)
+    return _summed(posterior).astype(np.float32)
+
+
+def _summed(places: Array | NDArray[np.float32]) -> Array:
+    """What each place (N,) and its neighbours hold together."""
+    summed = np.convolve(places, np.ones(2 * NEIGHBOURS + 1), mode="full")
+    return np.asarray(summed[NEIGHBOURS : NEIGHBOURS + len(places)])
+
+
+def _segment(count: int) -> int:
+    return max(math.isqrt(count), 1)
 
 
 def _distinct(order: NDArray[np.int64], most: int) -> list[int]:
@@ -208,4 +217,4 @@ def _distinct(order: NDArray[np.int64], most: int) -> list[int]:
 
 
 def _is_near(index: int, chosen: Sequence[int]) -> bool:
-    return any(abs(index - other) <= 2 for other in chosen)
+    return any(abs(index - other) <= NEIGHBOURS for other in chosen)

@@ -9,41 +9,36 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
+from mapmyworld.odometry.recorded_odometry import motion_covariance
 from mapmyworld.types import Constraint, ConstraintKind, Node
 
 Array = NDArray[np.float64]
-_TRANSLATION = 0.05  # share of the path that tracked poses may be off by
-_ROTATION = 0.03  # rad a metre of path that tracked poses may be off by
-_TURN = 0.03  # share of all rotation that tracked poses may be off by
-_BASE_TRANSLATION = 0.05  # m that a closure may be off without any drift
-_BASE_ROTATION = 0.03  # rad
 
 
 class Drift:
     """Expected error of the tracked motion between any two nodes of a session.
 
-    Grown by path and turn; but where the neighbour constraints state that they know less,
-    as those of a camera that was blind, they are believed.
+    A step's is that of wheels, or what its neighbour constraints state where that is more, as
+    after a camera was blind. Errors of heading differ from step to step; those of the distance are
+    alike, as of a wheel's radius.
     """
 
     def __init__(self, nodes: Sequence[Node], constraints: Sequence[Constraint] = ()) -> None:
         self._poses = np.stack([node.tracked_from_base for node in nodes])
         self._sessions = np.array([node.session for node in nodes])
         steps = between(self._poses[:-1], self._poses[1:])
-        self._path = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps[:, :3, 3], axis=1))])
-        self._turn = np.concatenate([[0.0], np.cumsum(rotation_angle(steps))])
-        self._stated = _stated_variances(nodes, constraints)
+        lengths = np.linalg.norm(steps[:, :3, 3], axis=1)
+        stated = np.diff(_stated_variances(nodes, constraints), axis=0)
+        by_wheels = [motion_covariance(step, planar=False).diagonal()[[0, 3]] for step in steps]
+        turned, moved = np.maximum(np.reshape(by_wheels, (-1, 2)), stated).T
+        self._up_to = np.cumsum(np.stack([lengths, np.sqrt(moved), turned]), axis=1)
+        self._up_to = np.concatenate([np.zeros((3, 1)), self._up_to], axis=1)
 
     def sigmas(self, i: int, j: int) -> tuple[float, float]:
         """Standard deviations (m, rad) of the tracked motion from node index i to j."""
-        path, turn = abs(self._path[i] - self._path[j]), abs(self._turn[i] - self._turn[j])
-        rotation = _BASE_ROTATION + _ROTATION * np.sqrt(path)
-        rotation += _TURN * np.sqrt(turn)
+        path, moved, turned = np.abs(self._up_to[:, i] - self._up_to[:, j])
         lever = min(path / 4.0, 10.0)
-        stated = np.sqrt(np.abs(self._stated[i] - self._stated[j]))
-        rotation = max(rotation, stated[0])
-        translation = _BASE_TRANSLATION + _TRANSLATION * path + rotation * lever
-        return float(max(translation, stated[1])), float(rotation)
+        return float(moved + np.sqrt(turned) * lever), float(np.sqrt(turned))
 
     def comparable(self, i: int, j: int) -> bool:
         """Whether tracking connects two nodes at all: it does within a session."""
@@ -61,10 +56,6 @@ class Drift:
         translation, rotation = self.sigmas(i, j)
         translation, rotation = np.hypot([translation, rotation], own).tolist()
         return max(metres / translation, radians / rotation), metres, radians
-
-    def tracked(self, i: int, j: int) -> Array:
-        """i_from_j (4, 4) by tracking."""
-        return between(self._poses[i], self._poses[j])
 
 
 def _stated_variances(nodes: Sequence[Node], constraints: Sequence[Constraint]) -> Array:

@@ -15,11 +15,7 @@ from mapmyworld.registration.camera_model import depth_at, rays_of_pixels
 from mapmyworld.registration.image_levels import grey_picture
 from mapmyworld.types import Features, RgbdImage
 
-_PYRAMID_LEVELS = 8  # scales at which ORB looks
-_PYRAMID_SCALE = 1.2  # between neighbouring scales
 _SURPLUS = 3  # times the wanted number is detected, so that there is something to choose from
-_CELLS = 24  # cells across the image that share the features fairly
-_ORB_PATCH = 31.0  # pixels, diameter of an ORB feature at the finest scale
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,19 +66,15 @@ def _detect(
 ) -> tuple[_Keypoints, NDArray[np.uint8]]:
     settings = config.visual
     orb = cv2.ORB_create(
-        settings.feature_count * _SURPLUS,
-        _PYRAMID_SCALE,
-        _levels(grey),
-        edgeThreshold=19,
-        fastThreshold=settings.fast_threshold,
+        settings.feature_count * _SURPLUS, edgeThreshold=19, fastThreshold=settings.fast_threshold
     )
+    orb.setNLevels(min(orb.getNLevels(), _most_levels(grey, orb.getScaleFactor())))
     return _described(orb, grey, orb.detect(grey), most)
 
 
-def _levels(grey: NDArray[np.uint8]) -> int:
-    """Scales of an image, the smallest of which still has pixels."""
-    deepest = math.log(max(1, min(grey.shape))) / math.log(_PYRAMID_SCALE)
-    return min(_PYRAMID_LEVELS, 1 + int(deepest))
+def _most_levels(grey: NDArray[np.uint8], factor: float) -> int:
+    """Scales of an image, each smaller by a factor, the smallest of which still has pixels."""
+    return 1 + int(math.log(max(1, min(grey.shape))) / math.log(factor))
 
 
 def _described(
@@ -98,24 +90,30 @@ def _described(
     rows = np.array([(k.size, k.angle, k.response, k.octave & 0xFF) for k in kept], np.float32)
     sizes, angles, strengths, octaves = np.ascontiguousarray(rows.reshape(-1, 4).T)
     keypoints = _Keypoints(
-        _centred(kept, sizes, grey.shape), sizes, angles, strengths, octaves.astype(np.int32)
+        _centred(kept, sizes.astype(np.float64) / orb.getPatchSize(), grey.shape),
+        sizes,
+        angles,
+        strengths,
+        octaves.astype(np.int32),
     )
     return keypoints, np.ascontiguousarray(descriptors, np.uint8)
 
 
 def _centred(
     kept: list[cv2.KeyPoint],
-    sizes: NDArray[np.float32],
+    scales: NDArray[np.float64],
     shape: tuple[int, ...],
 ) -> NDArray[np.float32]:
     """Positions (N, 2) with pixel centres at whole numbers, in an image of (height, width).
+
+    `scales` (N,): how much smaller than that the image is in which each was found.
 
     OpenCV's ORB multiplies the position found in a smaller image by the nominal scale. But that
     image has a whole number of pixels, and its first one has its centre half a wide pixel from the
     edge: features shift by up to 1.3 pixels, at each scale to another side.
     """
     pixels = np.asarray(cv2.KeyPoint_convert(kept), np.float32).reshape(-1, 2)
-    nominal = np.maximum(sizes.astype(np.float64) / _ORB_PATCH, 1.0)[:, None]
+    nominal = np.maximum(scales, 1.0)[:, None]
     size = np.array([shape[1], shape[0]])
     scale = size / np.rint(size / nominal)
     return np.asarray((pixels / nominal + 0.5) * scale - 0.5, np.float32)
@@ -131,13 +129,14 @@ def spread(
     """(K,) indices of at most `wanted` keypoints so that every part of the image has its share.
 
     They are at `pixels` (N, 2), as strong as their `responses` (N,). The image is cut in square
-    cells; the strongest of each cell come first, then the second strongest of each, and so on.
+    cells, one for each that is wanted; the strongest of each cell come first, then the second
+    strongest of each, and so on.
     Deterministic: ties keep the order in which they were found.
     """
     if len(pixels) <= wanted:
         return np.arange(len(pixels))
-    size = max(width, height) / _CELLS
-    cells = np.floor(pixels / size).astype(np.int64) @ np.array([1, 4 * _CELLS])
+    size = math.sqrt(width * height / wanted)
+    cells = np.floor(pixels / size).astype(np.int64) @ np.array([1, width])
     order = np.lexsort((np.arange(len(pixels)), -responses, cells))
     sorted_cells = cells[order]
     first = np.searchsorted(sorted_cells, sorted_cells)

@@ -10,17 +10,15 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between
-from mapmyworld.places.appearance import Candidate, find_candidates
+from mapmyworld.places.appearance import NEIGHBOURS, Candidate, find_candidates
 from mapmyworld.places.node_images import NodeImages
 from mapmyworld.types import ConstraintKind, ImageMatch, Poses
 
 Array = NDArray[np.float64]
 _GAP = 5.0  # s that two nodes must lie apart to be the same place again
 _CANDIDATES = 3  # places verified for each node, at most
-_SUCCESSION = 2  # nodes before each that its image is compared with
 NEAR = 1.5  # m between nodes whose images are compared for being near
 NEAR_ANGLE = 45.0  # deg between their headings, at most
-_NEAR_NODES = 2  # near nodes verified for each node, at most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +61,7 @@ def by_sequence(images: NodeImages) -> list[Proposal]:
     nodes, sessions, cameras = images.nodes, images.sessions(), images.camera_of
     found = []
     for i in range(1, len(sessions)):
-        for j in range(max(0, i - _SUCCESSION), i):
+        for j in range(max(0, i - NEIGHBOURS), i):
             if sessions[i] == sessions[j] and cameras[i] == cameras[j]:
                 before, after = nodes[images.node_of[j]], nodes[images.node_of[i]]
                 motion = between(before.tracked_from_base, after.tracked_from_base)
@@ -90,7 +88,7 @@ def by_poses(images: NodeImages, poses: Poses, already: Sequence[Proposal]) -> l
         close &= placed[:i] & (np.abs(stamps[i] - stamps[:i]) > _GAP * 1e9)
         order = np.flatnonzero(close)
         order = order[np.argsort(distance[order], kind="stable")]
-        for j in _spaced(order, _NEAR_NODES):
+        for j in _spaced(order, _CANDIDATES):
             if (int(i), j) not in tried:
                 source = ImageMatch(distance=float(distance[j]))
                 found.append(Proposal(int(i), j, ConstraintKind.PROXIMITY, source))
@@ -115,6 +113,6 @@ def _spaced(order: NDArray[np.int64], most: int) -> list[int]:
     """The first few indices of `order` that are no neighbours of each other."""
     chosen: list[int] = []
     for j in order:
-        if len(chosen) < most and all(abs(int(j) - other) > 2 for other in chosen):
+        if len(chosen) < most and all(abs(int(j) - other) > NEIGHBOURS for other in chosen):
             chosen.append(int(j))
     return chosen

@@ -17,9 +17,10 @@ FIRST_WINDOW = 15.0
 """Metres to each side, at most, of a search from poses that have drifted."""
 EVERYWHERE = np.inf
 """As far as the drift may reach: then every place there is looked at by itself."""
-_LEAST_PATH = 8.0  # m of path between two visits, below which they are one
-_NEAR = 3.0  # m between two places that see the same
-_TIED = 1.2  # m of path at both ends within which one closure says what another would
+SLACK = 1.0, 0.2
+"""Metres and radians by which solved poses may be off in any case."""
+NEAR = 3.0
+"""Metres between two places that see the same."""
 
 
 def candidate_pairs(nodes: LaserNodes, config: Config, *, optimised: bool, first: int = 0) -> Pairs:
@@ -31,15 +32,15 @@ def candidate_pairs(nodes: LaserNodes, config: Config, *, optimised: bool, first
     spacing = places.laser_spacing if optimised else places.laser_far_spacing
     spots = calm_spots(nodes, spacing)
     tree = cKDTree(nodes.poses[spots, :2])
-    widest = _NEAR + (1.0 if optimised else FIRST_WINDOW)
+    widest = NEAR + (0.0 if optimised else FIRST_WINDOW)
     pairs: Pairs = []
     for later in spots[spots >= first]:
         near = np.array(sorted(tree.query_ball_point(nodes.poses[later, :2], widest)), np.int64)
-        near = near[nodes.path[later] - nodes.path[spots[near]] > _LEAST_PATH]
+        near = near[nodes.path[later] - nodes.path[spots[near]] > 2.0 * places.laser_submap]
         near = near[nodes.session[spots[near]] == nodes.session[later]]
         apart = np.hypot(*(nodes.poses[spots[near], :2] - nodes.poses[later, :2]).T)
         drift = places.laser_drift * nodes.graph.driven(spots[near], int(later))
-        reach = _NEAR + (0.0 if optimised else 1.0) * np.minimum(drift, FIRST_WINDOW)
+        reach = NEAR + (0.0 if optimised else 1.0) * np.minimum(drift, FIRST_WINDOW)
         best = _nearest_of_revisits(
             near[apart < reach], apart[apart < reach], places.laser_revisits
         )
@@ -63,11 +64,11 @@ def drift_window(
 ) -> tuple[float, float]:
     """Metres, `widest` at most, and radians to each side that the drift between two nodes spans."""
     drifted = float(nodes.graph.driven(a, b))
-    distance = min(1.0 + config.places.laser_drift * drifted, widest)
-    return distance, min(0.2 + config.places.laser_drift_angle * drifted, np.pi)
+    distance = min(SLACK[0] + config.places.laser_drift * drifted, widest)
+    return distance, min(SLACK[1] + config.places.laser_drift_angle * drifted, np.pi)
 
 
-def untied(nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged]) -> Pairs:
+def untied(nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config) -> Pairs:
     """The pairs whose places no accepted closure by laser joins already, or nearly so."""
     row = {int(i): k for k, i in enumerate(nodes.ids)}
     tied = [c for c in closures if c.accepted and isinstance(c.source, ScanMatch)]
@@ -75,5 +76,6 @@ def untied(nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged]) -> Pairs
         return pairs
     ends = np.array([sorted((row[c.from_id], row[c.to_id])) for c in tied])
     tree = cKDTree(nodes.path[ends])
-    apart, _ = tree.query(nodes.path[np.array(pairs)], p=np.inf, distance_upper_bound=_TIED)
-    return [pair for pair, free in zip(pairs, np.isinf(apart).tolist(), strict=True) if free]
+    apart, _ = tree.query(nodes.path[np.array(pairs)], p=np.inf)
+    free = apart > config.places.laser_spacing
+    return [pair for pair, is_free in zip(pairs, free.tolist(), strict=True) if is_free]

@@ -20,6 +20,7 @@ from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_candidates import (
     EVERYWHERE,
     FIRST_WINDOW,
+    SLACK,
     candidate_pairs,
     drift_window,
     untied,
@@ -27,8 +28,8 @@ from mapmyworld.places.laser_candidates import (
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps, place_around, submap_members
 from mapmyworld.places.perceptual_aliasing import reject_aliases
-from mapmyworld.places.wide_search import BESIDE, held_by, lost_pairs
-from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
+from mapmyworld.places.wide_search import held_by, lost_pairs
+from mapmyworld.registration.place_evidence import APART, FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_matching import (
     Match,
 )
@@ -51,9 +52,6 @@ from mapmyworld.types import (
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_OPTIMISED_WINDOW = 1.0  # m to each side that is searched once the graph is optimised
-_OPTIMISED_ANGLE = 0.2  # rad, the same
-_AHEAD = 8  # places a thread that are made ready: one may take as long as many others
 _AGREEMENT = np.diag([0.02**2, 0.02**2, 0.005**2])  # m^2 and rad^2 that two maps may differ by
 
 
@@ -104,7 +102,7 @@ def find_laser_closures(
         return [(a, b) for a, b, i, j in ends if (i, j) not in known and j >= since]
 
     nodes = held_by(nodes, tied)
-    pairs = untried(untied(nodes, candidate_pairs(nodes, config, optimised=True), tied))
+    pairs = untried(untied(nodes, candidate_pairs(nodes, config, optimised=True), tied, config))
     lost = untried(lost_pairs(nodes, config))
     lost = [pair for pair in lost if pair not in set(pairs)]
     progress.stage("loop closures by laser", len(pairs) + len(lost), "pairs")
@@ -140,7 +138,7 @@ def compare_places(
             ]
             yield replace(nodes, scans=nodes.scans.hold(np.concatenate(ends))), a, rows
 
-    found = in_threads(compare, targets(), config.threads, _AHEAD)
+    found = in_threads(compare, targets(), config.threads)
     places = [k for rows in by_target.values() for k in rows]
     by_place = dict(zip(places, (c for some in found for c in some), strict=True))
     closures = [by_place[k] for k in range(len(pairs))]
@@ -159,13 +157,13 @@ def _compare(
     widest: float,
 ) -> Judged:
     guess = between_planar(nodes.poses[a], nodes.poses[b])
-    distance, angle = _OPTIMISED_WINDOW, _OPTIMISED_ANGLE
+    distance, angle = SLACK
     if not optimised:
         distance, angle = drift_window(nodes, a, b, config, widest)
     around = place_around(nodes, b, config)
     needed, centre = needed_evidence(distance, angle), guess
     if widest == EVERYWHERE:  # is the robot at this place?
-        centre, distance = np.array([0.0, 0.0, guess[2]]), BESIDE
+        centre, distance = np.array([0.0, 0.0, guess[2]]), config.places.laser_submap
     found = search_evidence(
         around.submap.points, place.grid, centre, distance, angle, FORTH * needed
     )
@@ -204,7 +202,7 @@ def _verdict(source: ScanMatch, found: Found, match: Match, needed: float) -> Ve
             "beyond": source.beyond,
         }
         return Verdict(Judge.LASER, False, Why.AMBIGUOUS_POSE, numbers)
-    if metres > 0.5 or radians > 0.15:
+    if metres > APART[0] or radians > APART[1]:
         numbers = {"metres": metres, "degrees": float(np.degrees(radians))}
         return Verdict(Judge.LASER, False, Why.NOT_CONVERGED, numbers)
     if is_degenerate(match.information) or has_open_heading(match.information):

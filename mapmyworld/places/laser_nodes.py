@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
+from mapmyworld.odometry.pose_hypotheses import FEWEST
 from mapmyworld.places.path_graph import NO_PAIRS, PathGraph
 from mapmyworld.places.stored_scans import Scans, StoredScans
 from mapmyworld.places.unseen_path import unseen_path
@@ -17,10 +18,6 @@ from mapmyworld.types import MapStore, Node, Poses
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_ASIDE = np.array([0, -1, 1, -2, 2])  # nodes from a spot, nearest first, that may stand for it
-_FEWEST = 12  # points from which a scan indicates where it was taken
-_UNKNOWN = 200.0  # m of path that a loss of tracking counts for where nothing reports the motion
-_EVEN = 0.02  # rad that turns from node to node differ by in any case
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +57,7 @@ def load_node_scans(store: MapStore, config: Config) -> NodeScans:
     known = {node.id: node for node in store.nodes()}
     ids = frames.node_ids[scans.frames]
     unseen = unseen_path(ids, store.constraints(), config.places)
-    return NodeScans([known[i] for i in ids.tolist()], scans, unseen, scans.sizes >= _FEWEST)
+    return NodeScans([known[i] for i in ids.tolist()], scans, unseen, scans.sizes >= FEWEST)
 
 
 def laser_nodes(ids: Index, scans: Scans, poses: Array) -> LaserNodes:
@@ -96,30 +93,29 @@ def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -
 
 def sessions_of(loaded: NodeScans) -> Index:
     """(N,) number of each node's session."""
-    return np.cumsum((loaded.unseen > _UNKNOWN).astype(np.int64))
+    return np.cumsum((loaded.unseen > 0.0).astype(np.int64))
 
 
 def spaced(path: Array, spacing: float) -> Index:
     """(K,) indices of nodes about every `spacing` metres of `path` (N,)."""
-    return np.unique(np.searchsorted(path, np.arange(0.0, path[-1] + spacing, spacing)).clip(
-        0, len(path) - 1))  # fmt: skip
+    _, first = np.unique(path // spacing, return_index=True)
+    return np.unique([*first, len(path) - 1])
 
 
 def calm_spots(nodes: LaserNodes, spacing: float) -> Index:
-    """(K,) nodes that see about every `spacing` metres of path.
+    """(K,) one node for every `spacing` metres of path on which one sees.
 
-    Where one turns unevenly, the calmest nearby: where a turn begins between two samples of the
-    odometry, a sweep, and so its node and every closure with it, may be turned by more than a
+    It is the one at which the robot turns most evenly: where a turn begins between two samples of
+    the odometry, a sweep, and so its node and every closure with it, may be turned by more than a
     degree, and nothing in the scans indicates it.
     """
-    spots = spaced(nodes.path, spacing)
-    near = np.clip(spots[:, None] + _ASIDE, 0, len(nodes.path) - 1)
-    uneven = np.where(nodes.sees, _unevenness(nodes), np.inf)
-    calm = near[np.arange(len(spots)), np.argmin(uneven[near], axis=1)]
-    return np.unique(calm[nodes.sees[calm]])
+    seeing = np.flatnonzero(nodes.sees)
+    section = nodes.path[seeing] // spacing
+    calmest = np.lexsort((_unevenness(nodes)[seeing], section))
+    return np.sort(seeing[calmest[np.diff(section[calmest], prepend=-1.0) > 0.0]])
 
 
 def _unevenness(nodes: LaserNodes) -> Array:
-    """(N,) rad by which the turn from each node differs from the turn to it; small ones alike."""
+    """(N,) rad by which the turn from each node differs from the turn to it."""
     turns = wrap_angle(np.diff(nodes.poses[:, 2], prepend=nodes.poses[0, 2]))
-    return np.maximum(np.abs(np.diff(turns, append=turns[-1:])), _EVEN)
+    return np.abs(np.diff(turns, append=turns[-1:]))

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mapmyworld.geometry.planar import wrap_angle
+from mapmyworld.places.stored_scans import BLOCK
 
 Index = NDArray[np.int64]
 _IN_TIME = (1, 2, 4, 8)  # scans ahead that each scan is compared with
-_GAP = 9  # scans between two that are of different visits
-_METRES_PER_RADIAN = 1.5  # how much farther a scan counts for looking elsewhere
-_BLOCK = 128  # scans whose environment are held in memory together
+_GAP = _IN_TIME[-1] + 1  # scans between two that are of different visits
 _SAME_PLACE, _SAME_HEADING = 0.5, 0.5  # m and rad within which a place is visited again
 _AROUND = tuple(itertools.product((-1, 0, 1), repeat=2))
 
@@ -57,8 +56,8 @@ def neighbour_pairs(
     found = [np.stack([every[:-ahead], every[ahead:]], axis=1) for ahead in _IN_TIME]
     asked = every if among is None else np.flatnonzero(among)
     tree = cKDTree(poses[asked, :2])
-    for start in range(0, count, _BLOCK):
-        block = cKDTree(poses[start : start + _BLOCK, :2])
+    for start in range(0, count, BLOCK):
+        block = cKDTree(poses[start : start + BLOCK, :2])
         near = block.sparse_distance_matrix(tree, radius, output_type="ndarray")
         scans, others = near["i"] + start, asked[near["j"]]
         apart = np.abs(others - scans) >= _GAP
@@ -74,7 +73,7 @@ def _nearest_of_revisits(
 ) -> Index:
     """The pairs (K, 2) kept of `scans` and `others`, which ascend scan by scan."""
     turn = np.abs(wrap_angle(poses[others, 2] - poses[scans, 2]))
-    cost = np.hypot(*(poses[others, :2] - poses[scans, :2]).T) + _METRES_PER_RADIAN * turn
+    cost = np.hypot(*(poses[others, :2] - poses[scans, :2]).T) + turn  # a radian as a metre
     anew = np.diff(scans, prepend=-1) != 0
     anew |= np.diff(others, prepend=0) > _GAP
     best = _least_of_runs(cost, anew)

@@ -28,11 +28,8 @@ from mapmyworld.types import (
     first_nodes,
 )
 
-_BRANCHES = 10  # children of a word in its tree
-_DEPTH = 4  # levels of the tree: at most branches^depth words
 _MOST_NODES = 3000  # compared with each other, evenly chosen from longer logs
 _SPACING = 0.5  # m or rad between nodes whose images are compared, with a laser
-_REMEMBERED = 600  # views kept at hand
 _TRAINING = 60_000  # descriptors that the vocabulary is learned from, at most
 
 
@@ -45,7 +42,6 @@ class NodeImages:
     def __init__(self, store: MapStore, config: Config, progress: Progress) -> None:
         """Reads features from the store where an earlier round left them, as they are asked for."""
         self._store, self._config = store, config
-        self._views: dict[int, View | None] = {}
         self._features: list[Features] = []
         nodes = _compared(store)
         every = max(1, -(-len(nodes) // _MOST_NODES))
@@ -107,13 +103,6 @@ class NodeImages:
 
     def view(self, row: int) -> View | None:
         """The view of a row, which for camera 0 is the number of its node; None without image."""
-        if row not in self._views:
-            if len(self._views) > _REMEMBERED:
-                self._views.clear()
-            self._views[row] = self._load(row)
-        return self._views[row]
-
-    def _load(self, row: int) -> View | None:
         if self._features:
             return make_view(self._features[row], self._cameras[row], self._config)
         k, node = int(self.camera_of[row]), self.nodes[self.node_of[row]]
@@ -135,12 +124,7 @@ class NodeImages:
     def _learned(self) -> Vocabulary:
         per_image = max(1, _TRAINING // max(len(self._features), 1))
         sample = [_sample(f, per_image) for f in self._features]
-        return train_vocabulary(
-            np.concatenate(sample),
-            branches=_BRANCHES,
-            depth=_DEPTH,
-            seed=self._config.seed,
-        )
+        return train_vocabulary(np.concatenate(sample), seed=self._config.seed)
 
     def words(self) -> list[NDArray[np.int32]]:
         """The words (N,) of each image."""

@@ -18,8 +18,6 @@ from mapmyworld.registration.image_pairs import ImagePair, register_images
 from mapmyworld.registration.views import View, make_view
 from mapmyworld.types import Features, ImageMessage, MapStore, RgbdImage
 
-_REMEMBERED = 100  # nodes kept at hand while pairs are compared
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NodePair:
@@ -64,7 +62,7 @@ def compare_pairs(
     """`compare_nodes` of many pairs in turn, on all cores; None where one cannot be compared."""
     known = {node.id for node in store.nodes()}
 
-    @functools.lru_cache(maxsize=_REMEMBERED)
+    @functools.lru_cache
     def seen(node_id: int) -> _Seen:
         return _seen(store, node_id, known)
 

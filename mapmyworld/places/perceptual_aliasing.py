@@ -22,10 +22,6 @@ from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_search import MARGIN, evidence_elsewhere
 from mapmyworld.types import Judge, Judged, ScanMatch, Verdict, Why
 
-_SPACING = 4.0  # m of path between places that are looked at: what a submap covers
-_SAME = 1.0  # m of path around the place that was found, whose own alternatives are known
-_REVISIT = 8.0  # m of path before the later place, of which the rest is that place itself
-
 Pairs = Sequence[tuple[int, int]]
 Look = tuple[LaserNodes, int, list[int]]
 """Nodes with the scans that are needed, a place along the path, closures to look for there."""
@@ -62,13 +58,16 @@ def _places_to_look_at(
     nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config
 ) -> dict[int, list[int]]:
     """Place along the path -> closures that it may second best."""
-    spots, path = spaced(nodes.path, _SPACING), nodes.path
+    places, path = config.places, nodes.path
+    spots, itself = spaced(path, places.laser_submap), 2.0 * places.laser_submap
     found: dict[int, list[int]] = {}
     for k, (a, b) in enumerate(pairs):
         if closures[k].accepted:
             reach, _ = drift_window(nodes, a, b, config, FIRST_WINDOW)
             apart = np.abs(path[spots] - path[a])
-            near = (apart > _SAME) & (apart <= reach) & (path[spots] < path[b] - _REVISIT)
+            near = (
+                (apart > places.laser_spacing) & (apart <= reach) & (path[spots] < path[b] - itself)
+            )
             for spot in spots[near].tolist():
                 found.setdefault(spot, []).append(k)
     return found

@@ -17,7 +17,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
-    covariance_from_planar,
+    information_from_planar,
     information_to_planar,
     invert_planar,
     planar_adjoint,
@@ -28,7 +28,7 @@ from mapmyworld.odometry.tracking_losses import UNKNOWN
 from mapmyworld.places.laser_closures import closure_information
 from mapmyworld.places.laser_nodes import Index, LaserNodes
 from mapmyworld.places.laser_submaps import match_members, submap_of
-from mapmyworld.places.whole_map import WholeMap, map_of_scans
+from mapmyworld.places.whole_map import SETTLED, WholeMap, map_of_scans
 from mapmyworld.registration.place_evidence import (
     APART,
     FORTH,
@@ -56,11 +56,6 @@ from mapmyworld.types import (
 Array = NDArray[np.float64]
 _SIZE = np.array([2.0, 2.0, 1.0])  # m, m and rad, sigmas of such a fault: slips, a robot lifted
 _WINDOW = 3.0, 2.0  # m and rad to each side in which it is looked for
-_BEFORE = 8.0  # m of path that the map before consists of
-_SAME_VIEW = 1.0  # m of path within which scans show no more than those that fitted nothing
-_SETTLED = 0.1, 0.03  # m and rad by which submaps may be off in themselves
-_OFF_PLANE = 1e-8  # rad^2 and m^2
-_MEMBERS = 9  # nodes of a submap that are aligned, at most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +82,7 @@ def refuted_odometry(
     nodes: LaserNodes, constraints: Sequence[Judged], config: Config
 ) -> list[Judged]:
     """The constraints; a refuted motion gives way to one by scans, or to a tracking loss."""
-    sections = list(_sections(nodes, constraints))
+    sections = list(_sections(nodes, constraints, config.places.laser_spacing))
     poses, start, anew = nodes.poses.copy(), 0, list[Judged]()
     refuted: dict[int, Verdict] = {}
     ends = [*(section.first for section in sections[1:]), len(nodes.ids) - 1]
@@ -126,14 +121,17 @@ def _is_motion(c: Judged) -> bool:
     return c.kind is ConstraintKind.NEIGHBOUR
 
 
-def _sections(nodes: LaserNodes, constraints: Sequence[Judged]) -> Iterator[Section]:
+def _sections(
+    nodes: LaserNodes, constraints: Sequence[Judged], spacing: float
+) -> Iterator[Section]:
+    """Those less than `spacing` metres of path apart, which show no more than one, are one."""
     row = {int(i): k for k, i in enumerate(nodes.ids)}
     section: Section | None = None
     for c in constraints:
         if not (is_unmatched(c) and {c.from_id, c.to_id} <= row.keys()):
             continue
         first, last = row[c.from_id], row[c.to_id]
-        if section and nodes.path[first] - nodes.path[section.last] > _SAME_VIEW:
+        if section and nodes.path[first] - nodes.path[section.last] > spacing:
             yield section
             section = None
         before = section or Section([], first, last)
@@ -164,8 +162,7 @@ def _refutation(
     verdict = Verdict(Judge.LASER, False, Why.REFUTED, numbers)
     if any(best.log_odds_over(other) < NATS * MARGIN for other in tried[1:]):
         return Refuted(verdict)
-    ends = (a, _few(before)), (b, _few(after))
-    match = match_members(nodes, *ends, best.pose, config)
+    match = match_members(nodes, (a, before), (b, after), best.pose, config)
     slipped = between_planar(best.pose, match.pose)
     if np.hypot(*slipped[:2]) < APART[0] and abs(slipped[2]) < APART[1]:
         return Refuted(verdict, match)
@@ -180,7 +177,7 @@ def _around(
     rows = rows[nodes.sees[rows]]
     since = nodes.path[section.first] - nodes.path[rows]
     until = nodes.path[rows] - nodes.path[section.last]
-    before = rows[(rows <= section.first) & (since <= _BEFORE)]
+    before = rows[(rows <= section.first) & (since <= 2.0 * reach)]
     return before, rows[(rows >= section.last) & (until <= reach)]
 
 
@@ -188,7 +185,7 @@ def _window(section: Section) -> tuple[float, float]:
     """Metres and radians to each side that odometry's own uncertainty covers."""
     steps = information_to_planar(np.stack([c.information for c in section.motions]))
     sigmas = np.sqrt(np.linalg.inv(steps).sum(axis=0).diagonal())
-    return _SETTLED[0] + 3.0 * float(sigmas[:2].max()), _SETTLED[1] + 3.0 * float(sigmas[2])
+    return SETTLED[0] + 3.0 * float(sigmas[:2].max()), SETTLED[1] + 3.0 * float(sigmas[2])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,10 +224,6 @@ def _candidates(known: WholeMap, place: Place, odometry: Array) -> list[_Candida
     return tried
 
 
-def _few(members: Index) -> Index:
-    return members[np.unique(np.linspace(0, len(members) - 1, _MEMBERS).astype(np.int64))]
-
-
 def _relocalised(c: Judged, match: Match, onward: Array) -> Judged:
     """The motion that brings the node after a section, `onward` (3,) from this one's end, there."""
     carry = planar_adjoint(onward)
@@ -241,5 +234,5 @@ def _relocalised(c: Judged, match: Match, onward: Array) -> Judged:
 
 
 def _measured_anew(c: Judged, motion: Array, covariance: Array, source: LaserTracking) -> Judged:
-    spatial = covariance_from_planar(covariance, off_plane=_OFF_PLANE)
-    return Judged(c.from_id, c.to_id, c.kind, motion, np.asarray(np.linalg.inv(spatial)), source)
+    information = information_from_planar(np.linalg.inv(covariance))
+    return Judged(c.from_id, c.to_id, c.kind, motion, information, source)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import compose_planar, information_to_planar
+from mapmyworld.places.laser_candidates import NEAR
 from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_nodes import LaserNodes
 from mapmyworld.places.session_joining import LossPrior, SessionPlaces, locate_session
@@ -18,7 +19,6 @@ from mapmyworld.types import Constraint, ConstraintKind, Judged, Progress
 Array = NDArray[np.float64]
 Pair = tuple[int, int, int, int]
 """First row and number of nodes of an earlier session, and of a later one."""
-_NEAR = 3.0  # m between two places that see the same
 
 
 def session_closures(
@@ -94,7 +94,7 @@ def _near_pairs(
     pairs = []
     for k in later.spots:
         apart = np.hypot(*(nodes.poses[seeing, :2] - nodes.poses[k, :2]).T)
-        if len(apart) and apart.min() < _NEAR:
+        if len(apart) and apart.min() < NEAR:
             ends = sorted((int(seeing[np.argmin(apart)]), k))
             pairs.append((ends[0], ends[1]))
     return pairs

@@ -22,16 +22,14 @@ from mapmyworld.geometry.planar import (
     compose_planar,
     invert_planar,
 )
+from mapmyworld.places.laser_candidates import SLACK
 from mapmyworld.places.laser_nodes import Index, LaserNodes, spaced
 from mapmyworld.places.laser_submaps import place_around
-from mapmyworld.places.whole_map import WholeMap, map_of_scans
+from mapmyworld.places.whole_map import SETTLED, WholeMap, map_of_scans
 from mapmyworld.registration.place_evidence import Agreement, Place
 from mapmyworld.registration.scan_search import ANOTHER, MARGIN, Submap
 
 Array = NDArray[np.float64]
-_MAPPED = 0.5  # m of path between scans that a session's map is made of
-_SETTLED = 0.2, 0.03  # m and rad by which a place may be off in a solved map, beside its drift
-_WIDEST = 1.0, 0.2  # the same, with its drift
 _CHECKED = 3  # places, those of the most evidence, that are looked for elsewhere
 _OVERLAP = 0.5  # weight of a place: what it shows, the ones beside it show as well
 _CHANGED = 0.1  # share of places that no longer look as they did, or that drift moved away
@@ -49,7 +47,7 @@ class SessionPlaces:
     @cached_property
     def whole(self) -> WholeMap:
         """In the frame of the nodes' poses."""
-        rows = self.rows[spaced(self.nodes.path[self.rows], _MAPPED)]
+        rows = self.rows[spaced(self.nodes.path[self.rows], self.config.places.laser_spacing)]
         return map_of_scans(Submap.of(self.nodes.scans.some(rows), self.nodes.poses[rows]))
 
     @cached_property
@@ -194,8 +192,8 @@ def _reports(
 def _window(off: Array, config: Config) -> tuple[float, float]:
     apart = float(np.hypot(*off[:2]))
     return (
-        min(_SETTLED[0] + config.places.laser_drift * apart, _WIDEST[0]),
-        min(_SETTLED[1] + config.places.laser_drift_angle * apart, _WIDEST[1]),
+        min(SETTLED[0] + config.places.laser_drift * apart, SLACK[0]),
+        min(SETTLED[1] + config.places.laser_drift_angle * apart, SLACK[1]),
     )
 
 

@@ -21,9 +21,9 @@ from mapmyworld.registration.scan_matching import ScanSet, prepare_scans, scan_s
 from mapmyworld.types import MapStore
 
 Index = NDArray[np.int64]
-_BLOCK = 256  # scans that are made ready together
+BLOCK = 256
+"""Scans that are made ready together."""
 _HELD = 32  # blocks that are held, about an hour of driving
-_IDLE = 8  # blocks that are held while nobody asks
 
 
 class Scans(Protocol):
@@ -48,7 +48,7 @@ class StoredScans:
         self._blocks: OrderedDict[int, ScanSet] = OrderedDict()
         found: list[int] = []
         sizes = [np.zeros(0, np.int64)]
-        for number, some in enumerate(batches(store.scans(frames), _BLOCK)):
+        for number, some in enumerate(batches(store.scans(frames), BLOCK)):
             found += [frame for frame, _ in some]
             made = prepare_scans([scan for _, scan in some], config)
             sizes.append(np.diff(made.bounds))
@@ -66,7 +66,7 @@ class StoredScans:
         bounds = np.concatenate([[0], np.cumsum(self.sizes[which])]).astype(np.int64)
         rows = np.empty((bounds[-1], 5), np.float32)
         origins = np.empty((len(which), 2))
-        edges = np.flatnonzero(np.diff(which // _BLOCK)) + 1
+        edges = np.flatnonzero(np.diff(which // BLOCK)) + 1
         for first, end in itertools.pairwise([0, *edges.tolist(), len(which)]):
             some = self.hold(which[first:end]).some(which[first:end])
             rows[bounds[first] : bounds[end]], origins[first:end] = some.rows, some.origins
@@ -74,18 +74,17 @@ class StoredScans:
 
     def hold(self, which: Index) -> HeldScans:
         """At least scans `which` (K,); they stay in memory as long as the result."""
-        return HeldScans({k: self._block(k) for k in np.unique(which // _BLOCK).tolist()})
+        return HeldScans({k: self._block(k) for k in np.unique(which // BLOCK).tolist()})
 
     def let_go(self) -> None:
-        """Holds the latest blocks only."""
-        while len(self._blocks) > _IDLE:
-            self._blocks.popitem(last=False)
+        """Holds none."""
+        self._blocks.clear()
         give_back()
 
     def _block(self, number: int) -> ScanSet:
         found = self._blocks.get(number)
         if found is None:
-            frames = self.frames[number * _BLOCK : (number + 1) * _BLOCK]
+            frames = self.frames[number * BLOCK : (number + 1) * BLOCK]
             found = prepare_scans([s for _, s in self._store.scans(frames)], self._config)
             self._keep(number, found)
         self._blocks.move_to_end(number)
@@ -105,7 +104,7 @@ class HeldScans:
 
     def some(self, which: Index) -> ScanSet:
         """Scans `which` (K,), in this order."""
-        return scan_set([self.blocks[k // _BLOCK].one(k % _BLOCK) for k in which.tolist()])
+        return scan_set([self.blocks[k // BLOCK].one(k % BLOCK) for k in which.tolist()])
 
     def hold(self, which: Index) -> HeldScans:
         """Scans `which` (K,) are held already."""

@@ -11,12 +11,11 @@ from scipy.spatial import cKDTree
 
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
+from mapmyworld.places.image_proposals import NEAR, NEAR_ANGLE
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged, Node, Poses
 
 Array = NDArray[np.float64]
-_GROUND = 1.0  # m between two nodes that stand on the same ground
-_VIEW = np.radians(30.0)  # between their headings: most of the view is shared
-_AWAY = 3.0  # m travelled and rad turned between them; what is nearer, tracking ties
+_AWAY = 2.0 * NEAR  # m travelled and rad turned between them; what is nearer, tracking ties
 _LEAST = 1.0  # m of a section that is worth a word
 _NAMED = 5  # sections that are named, the longest ones
 
@@ -64,9 +63,10 @@ def _back(placed: Array, path: Array, asked: NDArray[np.bool_]) -> NDArray[np.bo
     """(N,) those asked for that stand where an earlier node stood, and look where it looked."""
     tree, found = cKDTree(placed[:, :3, 3]), np.zeros(len(placed), np.bool_)
     for i in np.flatnonzero(asked).tolist():
-        near = np.array(tree.query_ball_point(placed[i, :3, 3], _GROUND))
+        near = np.array(tree.query_ball_point(placed[i, :3, 3], NEAR))
         near = near[path[i] - path[near] >= _AWAY]
-        found[i] = (rotation_angle(between(placed[i], placed[near])) <= _VIEW).any()
+        turned = np.degrees(rotation_angle(between(placed[i], placed[near])))
+        found[i] = (turned <= NEAR_ANGLE).any()
     return found
 
 

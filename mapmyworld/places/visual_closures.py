@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.parallel import in_threads
+from mapmyworld.places.appearance import NEIGHBOURS
 from mapmyworld.places.drift import Drift
 from mapmyworld.places.image_proposals import Proposal, by_poses, by_sequence, by_words
 from mapmyworld.places.node_images import NodeImages
@@ -30,8 +32,6 @@ from mapmyworld.types import (
 )
 
 Array = NDArray[np.float64]
-_GATE = 3.5  # sigmas of drift by which a closure may contradict tracked poses
-_NEAR_NODES = 3  # nodes to either side that share the ambiguity of one
 
 
 def find_visual_closures(
@@ -67,7 +67,7 @@ def find_visual_closures(
     if first_look:
         images.keep(store, vocabulary)
     verified = _verify(images, fresh, config, progress)
-    return _judge(images, verified, Drift(images.nodes, known))
+    return _judge(images, verified, Drift(images.nodes, known), config.odometry.contradiction)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,14 +97,20 @@ def _loaded(
     images: NodeImages, proposals: Sequence[Proposal]
 ) -> Iterator[tuple[Proposal, View, View]]:
     """Proposals with both views; the store is read on the caller's thread only."""
+    view = functools.lru_cache(images.view)
     for proposal in proposals:
-        later, earlier = images.view(proposal.index), images.view(proposal.other)
+        later, earlier = view(proposal.index), view(proposal.other)
         if later is not None and earlier is not None:
             yield proposal, later, earlier
 
 
-def _judge(images: NodeImages, verified: Sequence[_Verified], drift: Drift) -> list[Judged]:
-    """Constraints with their verdicts: geometry, drift of the tracked poses, ambiguity."""
+def _judge(
+    images: NodeImages, verified: Sequence[_Verified], drift: Drift, limit: float
+) -> list[Judged]:
+    """Constraints with their verdicts: geometry, drift of the tracked poses, ambiguity.
+
+    `limit`: sigmas of drift by which a closure may contradict tracked poses.
+    """
     aliases: dict[int, float] = defaultdict(lambda: np.inf)
     verdicts: list[Verdict] = []
     for item in verified:
@@ -114,7 +120,7 @@ def _judge(images: NodeImages, verified: Sequence[_Verified], drift: Drift) -> l
             own = item.pair.sigma_translation, item.pair.sigma_rotation
             motion = item.pair.registration.a_from_b
             sigma, metres, radians = drift.excess(j, i, motion, own)
-            if sigma > _GATE:
+            if sigma > limit:
                 numbers = {
                     "metres": metres, "degrees": float(np.degrees(radians)), "sigmas": sigma
                 }  # fmt: skip
@@ -128,7 +134,7 @@ def _judge(images: NodeImages, verified: Sequence[_Verified], drift: Drift) -> l
         i, j = _nodes_of(images, item)
         guided = item.proposal.guess is not None
         asked = verdict.accepted and not guided
-        doubt = _ambiguity((i, j), aliases, drift) if asked else None
+        doubt = _ambiguity((i, j), aliases, drift, limit) if asked else None
         ends = images.nodes[j].id, images.nodes[i].id
         constraints.append(_constraint(*ends, item, doubt or verdict))
     return _best_of_pairs(constraints)
@@ -155,7 +161,7 @@ def _worth(constraint: Judged) -> tuple[bool, int]:
 
 
 def _ambiguity(
-    nodes: tuple[int, int], aliases: Mapping[int, float], drift: Drift
+    nodes: tuple[int, int], aliases: Mapping[int, float], drift: Drift, limit: float
 ) -> Verdict | None:
     """Why this closure could be one of several; None where the tracked motion decides.
 
@@ -163,11 +169,11 @@ def _ambiguity(
     may be as large as that, a fit proves nothing.
     """
     i, j = nodes
-    around = [k + s for k in (i, j) for s in range(-_NEAR_NODES, _NEAR_NODES + 1)]
+    around = [k + s for k in (i, j) for s in range(-NEIGHBOURS, NEIGHBOURS + 1)]
     double = min((aliases[k] for k in around if k in aliases), default=np.inf)
     if not np.isfinite(double):
         return None
-    possible = _GATE * drift.sigmas(i, j)[0] if drift.comparable(i, j) else np.inf
+    possible = limit * drift.sigmas(i, j)[0] if drift.comparable(i, j) else np.inf
     if double > possible:
         return None
     numbers = {"metres": float(double), "drift": float(possible)}

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from mapmyworld.kernels.image_matching import nearest_and_votes, nearest_leaves
 
 Binary = NDArray[np.uint64]
-_ROUNDS = 8  # of k-medians at each branching; later rounds move little
-_DEPTH = 4  # levels above given words: ten thousand leaves
-_SAMPLE = 4000  # descriptors that decide on one branching, at most
+_BRANCHES = 10  # children of a word in its tree
+_DEPTH = 4  # levels of the tree: at most branches^depth words, ten thousand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +45,7 @@ class Vocabulary:
 
 
 def train_vocabulary(
-    descriptors: Binary, *, branches: int = 10, depth: int = 4, seed: int = 0
+    descriptors: Binary, *, branches: int = _BRANCHES, depth: int = _DEPTH, seed: int = 0
 ) -> Vocabulary:
     """A tree of k-medians on binary descriptors (N, 4), each bit of a centre by majority.
 
@@ -85,7 +84,7 @@ def vocabulary_of_words(words: Mapping[int, NDArray[np.uint8]], *, seed: int = 0
     """A vocabulary of given words, number -> descriptor (32,): a tree to find them by."""
     numbers = np.array(sorted(words), np.int32)
     descriptors = np.stack([words[n] for n in numbers.tolist()]).view(np.uint64).reshape(-1, 4)
-    tree = train_vocabulary(descriptors, depth=_DEPTH, seed=seed)
+    tree = train_vocabulary(descriptors, seed=seed)
     leaves = nearest_leaves(descriptors, tree.centres, tree.first_child, tree.children)
     order = np.argsort(leaves, kind="stable")
     parents, starts, counts = np.unique(leaves[order], return_index=True, return_counts=True)
@@ -104,20 +103,16 @@ def _cluster(
     descriptors: Binary, count: int, random: np.random.Generator
 ) -> tuple[list[Binary], NDArray[np.int64]]:
     """At most `count` centres and the nearest one of each descriptor; none without members."""
-    picks = random.permutation(len(descriptors))[:_SAMPLE]
-    sample = descriptors[np.sort(picks)]
-    centres = descriptors[picks[:count]].copy()
+    centres = descriptors[random.permutation(len(descriptors))[:count]]
     votes = np.zeros((len(centres), 256), np.int64)
-    labels = np.zeros(len(sample), np.int64)
-    for _ in range(_ROUNDS):
-        nearest_and_votes(sample, centres, labels, votes)
+    labels = np.zeros(len(descriptors), np.int64)
+    agreed, before = 0, -1
+    while agreed > before:
+        nearest_and_votes(descriptors, centres, labels, votes)
         bits = np.packbits(votes > 0, axis=1, bitorder="little").view(np.uint64)
         used = np.bincount(labels, minlength=len(centres)) > 0
-        moved = np.where(used[:, None], bits, centres)
-        if np.array_equal(moved, centres):
-            break
-        centres = moved
-    labels = np.zeros(len(descriptors), np.int64)
+        centres = np.where(used[:, None], bits, centres)
+        agreed, before = int(np.abs(votes).sum()), agreed
     nearest_and_votes(descriptors, centres, labels, votes)
     used_rows, labels = np.unique(labels, return_inverse=True)
     return [centres[k] for k in used_rows], labels

@@ -24,7 +24,6 @@ from mapmyworld.types import (
 Array = NDArray[np.float64]
 _ENOUGH = 20  # motions from which a share can be reported
 _SLIP_SIGMAS = 5.0  # robust sigmas beyond which wheels and images contradict each other
-_SLIP_FLOOR = (0.02, 0.02)  # m, rad: smaller contradictions are not worth a word
 _BELIEVED = 0.02  # share up to which wheels are taken as reported: it adds up to less than slips do
 
 
@@ -81,25 +80,25 @@ def check_wheels(nodes: Sequence[Node], constraints: Sequence[Judged]) -> WheelC
     """The recorded odometry of `nodes` against image pairs; None where too few were matched."""
     place = {node.id: k for k, node in enumerate(nodes)}
     seen = [
-        c
+        (c, (c.source.sigma_m, c.source.sigma_rad))
         for c in constraints
         if c.accepted and c.from_id in place and c.to_id in place
         if isinstance(c.source, ImageMatch) and c.source.steps == 1
     ]
     if len(seen) < _ENOUGH:
         return None
-    ends = np.array([(place[c.from_id], place[c.to_id]) for c in seen])
+    ends = np.array([(place[c.from_id], place[c.to_id]) for c, _ in seen])
     odometry = np.stack([node.odom_from_base for node in nodes])
     wheels = between(odometry[ends[:, 0]], odometry[ends[:, 1]])
-    images = np.stack([c.i_from_j for c in seen])
+    images = np.stack([c.i_from_j for c, _ in seen])
     moved, seen_moved = wheels[:, :3, 3], images[:, :3, 3]
     turn, seen_turn = so3_log(wheels[:, :3, :3]), so3_log(images[:, :3, :3])
     distance, turned = _ratio(moved, seen_moved), _ratio(turn, seen_turn)
     apart = np.linalg.norm(seen_moved - distance * moved, axis=1)
     twisted = np.linalg.norm(seen_turn - (1.0 if np.isnan(turned) else turned) * turn, axis=1)
     scatter = _spread(apart), _spread(twisted)
-    bad = apart > np.maximum(_SLIP_SIGMAS * scatter[0], _SLIP_FLOOR[0])
-    bad |= twisted > np.maximum(_SLIP_SIGMAS * scatter[1], _SLIP_FLOOR[1])
+    sigmas = np.hypot(scatter, [own for _, own in seen])
+    bad = (np.column_stack([apart, twisted]) > _SLIP_SIGMAS * sigmas).any(axis=1)
     slips = tuple(
         Slip(nodes[ends[k, 1]].stamp_ns, float(apart[k]), float(twisted[k]))
         for k in np.flatnonzero(bad)

@@ -26,7 +26,8 @@ from mapmyworld.registration.scan_search import (
 from mapmyworld.types import OccupancyGrid
 
 Array = NDArray[np.float64]
-_FINER = 0.2, 0.03  # m and rad about what a search of the whole map found
+SETTLED = 0.2, 0.03
+"""Metres and radians by which a place may be off in a solved map, beside its drift."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +66,7 @@ class WholeMap:
         if len(place.submap.points) == 0 or len(self.points) == 0:
             return None
         pose = search_everywhere(place.submap.points, self.grid, FORTH * self.needed)
-        return None if pose is None else self.best_about(place, pose, *_FINER)[0]
+        return None if pose is None else self.best_about(place, pose, *SETTLED)[0]
 
     def find_about(self, place: Place, pose: Array, distance: float, angle: float) -> Array | None:
         """The same (3,) of poses in a window, m and rad to each side of this one (3,)."""
@@ -73,13 +74,13 @@ class WholeMap:
             return self.find(place)
         points, least = place.submap.points, FORTH * self.needed
         found = search_about(points, self.grid, pose, distance, min(angle, np.pi), least)
-        return None if found is None else self.best_about(place, found, *_FINER)[0]
+        return None if found is None else self.best_about(place, found, *SETTLED)[0]
 
     def find_other(self, place: Place, pose: Array, least: float = 0.0) -> Array | None:
         """The best other pose (3,) than this one (3,) of a place, of more points than `least`."""
         least = max(least, FORTH * self.needed)
         other = search_elsewhere(place.submap.points, self.grid, pose, least)
-        return None if other is None else self.best_about(place, other, *_FINER)[0]
+        return None if other is None else self.best_about(place, other, *SETTLED)[0]
 
     def is_elsewhere(self, place: Place, pose: Array) -> bool | None:
         """Whether the place rather lies at another pose than at this one (3,).

@@ -10,17 +10,13 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mapmyworld.config import Config
+from mapmyworld.places.laser_candidates import NEAR
 from mapmyworld.places.laser_nodes import Index, LaserNodes, NodeScans, calm_spots, sessions_of
 from mapmyworld.places.path_graph import PathGraph
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
-_LONG = 75.0  # m of path without a closure from which two places may be far from where they seem
-_LATER, _EARLIER = 8.0, 4.0  # m of path between the places that look, and that are looked at
-_FARTHER = 1.5  # times the drift that is expected: of the few searches far off none is to miss it
 _MOST = 64  # earlier places that one is compared with, so that time grows as the path does
-BESIDE = 5.0
-"""Metres to each side within which a robot that is at an earlier place is looked for."""
 
 
 def lost_pairs(nodes: LaserNodes, config: Config) -> list[tuple[int, int]]:
@@ -29,15 +25,14 @@ def lost_pairs(nodes: LaserNodes, config: Config) -> list[tuple[int, int]]:
     The nearest place of an earlier visit need not be the true one when poses are metres off:
     so every place within reach of the drift is compared, or the nearest ones of many.
     """
-    earlier = calm_spots(nodes, _EARLIER)
+    size = config.places.laser_submap
+    earlier = calm_spots(nodes, size)
     pairs: list[tuple[int, int]] = []
-    for later in calm_spots(nodes, _LATER).tolist():
+    for later in calm_spots(nodes, 2.0 * size).tolist():
         near = earlier[(earlier < later) & (nodes.session[earlier] == nodes.session[later])]
-        drifted = nodes.graph.driven(near, later)
+        drift = config.places.laser_drift * nodes.graph.driven(near, later)
         apart = np.hypot(*(nodes.poses[near, :2] - nodes.poses[later, :2]).T)
-        worth = (drifted > _LONG) & (
-            apart < BESIDE + _FARTHER * config.places.laser_drift * drifted
-        )
+        worth = (drift > NEAR) & (apart < size + drift)
         nearest = near[worth][np.argsort(apart[worth], kind="stable")[:_MOST]]
         pairs += [(int(place), later) for place in np.sort(nearest)]
     return pairs

@@ -30,8 +30,14 @@ from mapmyworld.odometry.visual_slips import (
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.features import extract_features
 from mapmyworld.registration.camera_pose import Sightings, inliers, ransac_pose, refine_pose
-from mapmyworld.registration.image_pairs import SEARCH_RADIUS
-from mapmyworld.registration.views import View, make_view, match_around, match_views, sightings_of
+from mapmyworld.registration.views import (
+    SEARCH_RADIUS,
+    View,
+    make_view,
+    match_around,
+    match_views,
+    sightings_of,
+)
 from mapmyworld.types import Frame, RgbdImage
 
 Array = NDArray[np.float64]

@@ -13,13 +13,13 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import transform_points
 from mapmyworld.registration.camera_model import depth_at, rays_of_pixels
 from mapmyworld.registration.image_levels import grey_picture
+from mapmyworld.registration.views import ORB_PATCH
 from mapmyworld.types import Features, RgbdImage
 
 _PYRAMID_LEVELS = 8  # scales at which ORB looks
 _PYRAMID_SCALE = 1.2  # between neighbouring scales
 _SURPLUS = 3  # times the wanted number is detected, so that there is something to choose from
 _CELLS = 24  # cells across the image that share the features fairly
-_ORB_PATCH = 31.0  # pixels, diameter of an ORB feature at the finest scale
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +115,7 @@ def _centred(
     edge: features shift by up to 1.3 pixels, at each scale to another side.
     """
     pixels = np.asarray(cv2.KeyPoint_convert(kept), np.float32).reshape(-1, 2)
-    nominal = np.maximum(sizes.astype(np.float64) / _ORB_PATCH, 1.0)[:, None]
+    nominal = np.maximum(sizes.astype(np.float64) / ORB_PATCH, 1.0)[:, None]
     size = np.array([shape[1], shape[0]])
     scale = size / np.rint(size / nominal)
     return np.asarray((pixels / nominal + 0.5) * scale - 0.5, np.float32)

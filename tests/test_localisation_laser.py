@@ -18,11 +18,11 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     wrap_angle,
 )
-from mapmyworld.kernels.map_search import cast_rays, explain_points
+from mapmyworld.kernels.map_search import cast_rays
 from mapmyworld.localisation.global_localisation import GlobalLocalisation
 from mapmyworld.localisation.known_place import KnownPlace, known_place_from_grid
 from mapmyworld.localisation.laser_localisation import LaserLocaliser
-from mapmyworld.localisation.observation import Moment, thinned_points
+from mapmyworld.localisation.observation import Moment
 from mapmyworld.registration.place_evidence import Place
 from mapmyworld.registration.scan_matching import prepare_scan
 from mapmyworld.registration.scan_search import Submap
@@ -115,7 +115,7 @@ def moment_at(
 ) -> Moment:
     """What is seen from a pose, while the tracker believes another one."""
     scan = prepare_scan(cast(pose, WALLS, seed), Config().registration)
-    return Moment(seed, scan, thinned_points(scan, 80), tracked, step, shaken, motion_lost=False)
+    return Moment(seed, scan, tracked, step, shaken, motion_lost=False)
 
 
 def test_a_room_with_four_equal_corners_is_never_recognised() -> None:
@@ -195,19 +195,6 @@ def test_rays_end_at_the_first_occupied_cell() -> None:
     assert cast_rays(occupied, known, 1.5, 4.5, bearings, 20.0, hits) == 1
     assert hits[0].tolist() == [7.5, 4.5]
     assert cast_rays(occupied, known, 1.5, 4.5, bearings, 3.0, hits) == 0
-
-
-def test_points_are_explained_contradicted_or_neither() -> None:
-    """A wall at x = 5 m, free space before it, nothing known behind."""
-    cells = np.full((20, 100), -1, np.int8)
-    cells[:, :50], cells[:, 50] = 0, 100
-    distance = np.abs(np.arange(100) - 50)[None, :].repeat(20, 0).astype(np.float32) * 0.1
-    points = np.array([[5.05, 1.0], [3.0, 1.0], [8.0, 1.0], [2.0, -3.0]])
-    counts = np.zeros(3, np.int64)
-    eye = np.array([1.0, 1.0])
-    explain_points(distance, cells, np.zeros(2), 0.1, points, eye, 0.15, counts)
-    # At the wall; in free space; behind the wall; where the map indicates nothing.
-    assert counts.tolist() == [1, 2, 1]
 
 
 def test_an_empty_grid_is_refused() -> None:

@@ -220,6 +220,14 @@ def test_information_counts_points_over_the_variance_of_one() -> None:
     assert match.information[1, 1] == pytest.approx(0.0, abs=1e-6 * expected)
 
 
+def test_a_scan_that_does_not_say_how_its_beams_lie_is_prepared_as_one_that_does() -> None:
+    scan = room_scan(np.zeros(3), seed=1)
+    unsaid = prepare_scan(replace(scan, angle_increment=np.nan), CONFIG)
+    np.testing.assert_allclose(unsaid.rows, prepare_scan(scan, CONFIG).rows, atol=1e-6)
+    coarse = prepare_scan(replace(scan, angle_increment=5.0 * scan.angle_increment), CONFIG)
+    assert coarse.rows.shape != unsaid.rows.shape or not np.allclose(coarse.rows, unsaid.rows)
+
+
 def seen_from_origin(points: np.ndarray) -> Submap:
     return Submap(points, np.zeros((1, 2)), np.array([0, len(points)]))
 

@@ -17,18 +17,21 @@ FULL = 255  # likelihood of a cell that holds a surface
 
 
 @jit
-def fill_pyramid(pyramid: NDArray[np.uint8], near: int) -> None:
-    """Fills `pyramid` (L, H, W) from the surfaces in level 0.
-
-    A ring of `near` around them, and all higher levels.
-    """
-    levels, height, width = pyramid.shape
+def mark_beside(cells: NDArray[np.uint8], beside: int) -> None:
+    """Raises cells (H, W) next to surfaces to the likelihood `beside`."""
+    height, width = cells.shape
     for row in range(1, height - 1):
         for column in range(1, width - 1):
-            if pyramid[0, row, column] == FULL:
+            if cells[row, column] == FULL:
                 for r, c in ((0, 1), (1, 0), (0, -1), (-1, 0)):
-                    if pyramid[0, row + r, column + c] < near:
-                        pyramid[0, row + r, column + c] = near
+                    if cells[row + r, column + c] < beside:
+                        cells[row + r, column + c] = beside
+
+
+@jit
+def fill_pyramid(pyramid: NDArray[np.uint8]) -> None:
+    """Fills all higher levels of `pyramid` (L, H, W) from level 0."""
+    levels, height, width = pyramid.shape
     for level in range(1, levels):
         reach = 1 << (level - 1)
         below, above = pyramid[level - 1], pyramid[level]

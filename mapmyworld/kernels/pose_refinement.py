@@ -139,7 +139,6 @@ def refine(
     seen: Array,
     sigmas: Array,
     width: float,
-    rounds: int,
     information: Array,
 ) -> None:
     """Gauss-Newton on a pose (4, 4) in place, and its information (6, 6) there.
@@ -150,7 +149,7 @@ def refine(
     """
     trial, equations, gradient, tangent = pose.copy(), np.zeros((6, 6)), np.zeros(6), np.zeros(6)
     best = np.inf
-    for _ in range(rounds):
+    while True:
         cost = pose_normal_equations(trial, points, seen, sigmas, width, equations, gradient)
         if not cost < best:
             return

@@ -11,6 +11,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint, se3_exp, se3_log
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.localisation.known_images import KnownImages, Sighting
+from mapmyworld.registration.scan_search import APART
 from mapmyworld.registration.views import View
 from mapmyworld.sensing import Plan
 from mapmyworld.stages.nodes import Motion
@@ -19,11 +20,7 @@ from mapmyworld.types import Frame
 from mapmyworld.types.localisation import Estimate, State
 
 Array = NDArray[np.float64]
-_NEAR = 2  # nodes of the map that an image is compared with while the place is known
-_AGREEING = 2  # sightings in a row that must report one place
 _MISSES = 4  # images in a row that ought to be recognised and are not, before the place is lost
-_TOGETHER = (0.3, 0.15)  # m and rad within which two sightings report one place
-_BLIND = 0.4  # m of uncertainty from which odometry is no tracking
 _DRIFT = np.array([0.02, 0.02, 0.02, 0.03, 0.03, 0.03])  # rad and m a metre, beside the tracker's
 _UNKNOWN = np.diag([1.0, 1.0, 10.0, 1e6, 1e6, 1.0])  # rad^2 and m^2
 
@@ -33,15 +30,12 @@ class CameraLocaliser:
 
     def __init__(self, images: KnownImages, plan: Plan, config: Config) -> None:
         self._images, self._config = images, config
-        self._settings = config.localisation
         self._tracker = make_tracker(plan, config)
         self._pose, self._covariance = np.eye(4), _UNKNOWN
         self._tracked: Array | None = None
         self._looked_at: Array | None = None
         self._state = State.LOST
-        self._witness: Sighting | None = None
-        self._witness_tracked = np.eye(4)
-        self._agreeing = self._misses = 0
+        self._misses, self._is_found = 0, False
         self.estimates: list[Estimate] = []
         self.notes: list[str] = []
 
@@ -89,26 +83,23 @@ class CameraLocaliser:
         if self._looked_at is None:
             return True
         moved = between(self._looked_at, tracked)
-        far = float(np.linalg.norm(moved[:3, 3])) >= self._settings.step_distance
-        return far or float(rotation_angle(moved)) >= self._settings.step_angle
+        settings = self._config.odometry
+        far = float(np.linalg.norm(moved[:3, 3])) >= settings.keyframe_distance
+        return far or float(rotation_angle(moved)) >= settings.keyframe_angle
 
     def _sight(self, view: View) -> Sighting | None:
         if self._state == State.LOST:
             return self._seek(view)
-        near = self._images.near(self._pose, _NEAR)
+        near = self._images.near(self._pose)
         found = [self._images.sight(view, node, self._pose) for node in near]
         seen = [s for s in found if s is not None and self._is_plausible(s)]
         if seen:
-            self._misses, self._agreeing, self._witness = 0, 0, None
+            self._misses = 0
             for sighting in seen:
                 self._correct(sighting)
             self._state = State.RECOGNISED
             return seen[0]
         self._misses += len(near) > 0
-        if self._misses >= 2:
-            elsewhere = self._seek(view)
-            if elsewhere is not None:
-                return elsewhere
         if self._misses >= _MISSES:
             self._lose()
         return None
@@ -124,19 +115,12 @@ class CameraLocaliser:
         best = self._images.most_alike(view)
         if best is None:
             return None
-        assert self._tracked is not None
-        if self._witness is not None:
-            step = between(self._witness_tracked, self._tracked)
-            off = between(self._witness.map_from_base @ step, best.map_from_base)
-            near = float(np.linalg.norm(off[:3, 3])) < _TOGETHER[0]
-            agrees = near and float(rotation_angle(off)) < _TOGETHER[1]
-            self._agreeing = self._agreeing + 1 if agrees else 0
-        self._witness, self._witness_tracked = best, self._tracked
-        if self._agreeing < _AGREEING:
-            return None
+        agrees, self._is_found = self._is_found and self._is_plausible(best), True
         self._pose = best.map_from_base
         self._covariance = np.asarray(np.linalg.inv(best.registration.information))
-        self._state, self._misses, self._agreeing, self._witness = State.RECOGNISED, 0, 0, None
+        if not agrees:
+            return None
+        self._state, self._misses = State.RECOGNISED, 0
         return best
 
     def _correct(self, sighting: Sighting) -> None:
@@ -150,9 +134,8 @@ class CameraLocaliser:
 
     def _give_up_if_blind(self) -> None:
         sigma = np.sqrt(np.linalg.eigvalsh(self._covariance[3:5, 3:5])[-1])
-        if self._state != State.LOST and sigma > _BLIND:
+        if self._state != State.LOST and 2.0 * sigma > APART[0]:
             self._lose()
 
     def _lose(self) -> None:
-        self._state, self._misses = State.LOST, 0
-        self._agreeing, self._witness = 0, None
+        self._state, self._misses, self._is_found = State.LOST, 0, False

@@ -11,18 +11,13 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.kernels.scan_alignment import invert3
 from mapmyworld.localisation.known_place import Fit, KnownPlace
-from mapmyworld.localisation.observation import Moment, fit_at, is_explained, match_at
+from mapmyworld.localisation.observation import SEARCHED, Moment, fit_at, match_at
 from mapmyworld.localisation.recent import RecentScans
 from mapmyworld.registration.place_evidence import Place, needed_evidence
 from mapmyworld.registration.scan_matching import COARSE, Match
-from mapmyworld.registration.scan_search import NATS
+from mapmyworld.registration.scan_search import APART, NATS
 
 Array = NDArray[np.float64]
-_GROWTH = 1.5  # times the path driven since the search began after which it is tried again
-_STEPS = 0.3, 5.0  # m of path between two tries, at least and at most
-_NO_LEAP = np.array([0.5, 0.35])  # m and rad from a guess within which a match must end
-_SLACK = 1.0, 0.2  # m and rad by which dead reckoning may be off anyway
-_RECKONED = np.diag([0.1, 0.1, 0.05]) ** 2  # m^2, m^2, rad^2 of a place that was found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,8 +25,6 @@ class Discovery:
     """A place that was recognised."""
 
     match: Match
-    covariance: Array
-    """(3, 3) of the guess that the match began with."""
     fit: Fit
     supported: bool
     """Whether continuous motion from where the robot was known to be leads there as well."""
@@ -43,7 +36,7 @@ class GlobalLocalisation:
     def __init__(self, place: KnownPlace, config: Config) -> None:
         self._place, self._config = place, config
         self._recent = RecentScans(config)
-        self._begun, self._next_try, self._tries = 0.0, 0.0, 0
+        self._is_due, self._tries = True, 0
         self._reckoned: Array | None = None
         self._reckoned_path = 0.0
         self._last_match: Array | None = None
@@ -53,8 +46,8 @@ class GlobalLocalisation:
         """One more moment, whether the place is known or not."""
         if moment.motion_lost:
             self._recent.forget()
-            self._begun, self._next_try, self._reckoned = 0.0, 0.0, None
-        self._recent.add(moment)
+            self._reckoned = None
+        self._is_due |= self._recent.add(moment)
         self._since_match = compose_planar(self._since_match, moment.step)
         if self._reckoned is not None:
             self._reckoned = compose_planar(self._reckoned, moment.step)
@@ -70,8 +63,7 @@ class GlobalLocalisation:
         if reckoned is not None or moment.shaken:
             self._recent.forget()
             self._recent.add(moment)
-        self._begun = self._next_try = self._recent.path
-        self._tries, self._last_match = 0, None
+        self._is_due, self._tries, self._last_match = True, 0, None
 
     def add_match(self, moment: Moment, pose: Array) -> Discovery | None:
         """A pose (3,) by an image, where the scan and another image bear it out."""
@@ -81,19 +73,22 @@ class GlobalLocalisation:
             return None
         apart = between_planar(compose_planar(before, self._since_match), found.match.pose)
         self._since_match = np.zeros(3)
-        return found if np.hypot(apart[0], apart[1]) < _NO_LEAP[0] else None
+        return found if np.hypot(apart[0], apart[1]) < APART[0] else None
 
     def look(self, moment: Moment) -> Discovery | None:
         """What one more moment shows, where it is time to try again."""
-        path = self._recent.path
-        if moment.is_blind or path < self._next_try:
+        if moment.is_blind or not self._is_due:
             return None
-        self._next_try = path + float(np.clip((_GROWTH - 1.0) * (path - self._begun), *_STEPS))
-        self._tries += 1
+        self._is_due, self._tries = False, self._tries + 1
         place = self._recent.place(moment)
         near = self._near_reckoned(place)
         pose = self._anywhere(place) if near is None else near
         return None if pose is None else self._discovery(moment, pose, supported=near is not None)
+
+    @property
+    def path(self) -> float:
+        """Metres along which scans were kept."""
+        return self._recent.path
 
     def is_elsewhere(self, moment: Moment, pose: Array) -> bool | None:
         """Whether the last metres lie elsewhere in the map, and not at this pose (3,).
@@ -108,8 +103,8 @@ class GlobalLocalisation:
             return None
         places = self._config.places
         window = (
-            _SLACK[0] + places.laser_drift * self._reckoned_path,
-            _SLACK[1] + places.laser_drift_angle * self._reckoned_path,
+            APART[0] + places.laser_drift * self._reckoned_path,
+            APART[1] + places.laser_drift_angle * self._reckoned_path,
         )
         pose, said = self._place.whole.best_about(place, self._reckoned, *window)
         return pose if said.log_odds >= NATS * needed_evidence(*window) else None
@@ -124,11 +119,9 @@ class GlobalLocalisation:
 
     def _discovery(self, moment: Moment, guess: Array, *, supported: bool) -> Discovery | None:
         """The match from a guess, where it stays near and the map does not contradict the scan."""
-        match = match_at(self._place, moment, guess, COARSE, self._config, invert3(_RECKONED))
+        match = match_at(self._place, moment, guess, COARSE, self._config, invert3(SEARCHED))
         off = np.abs(between_planar(guess, match.pose))
-        if np.hypot(off[0], off[1]) >= _NO_LEAP[0] or off[2] >= _NO_LEAP[1]:
+        if np.hypot(off[0], off[1]) >= APART[0] or off[2] >= APART[1]:
             return None
-        fit = fit_at(self._place, moment, match.pose, self._config)
-        return (
-            Discovery(match, _RECKONED, fit, supported) if is_explained(fit, self._config) else None
-        )
+        fit = fit_at(self._place, moment, match.pose)
+        return Discovery(match, fit, supported) if fit.is_explained else None

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import scipy.sparse
@@ -19,14 +19,12 @@ from mapmyworld.places.image_proposals import NEAR, NEAR_ANGLE
 from mapmyworld.places.node_features import best_features
 from mapmyworld.places.vocabulary import Vocabulary, vocabulary_of_words
 from mapmyworld.registration.image_pairs import register_images
+from mapmyworld.registration.scan_search import APART
 from mapmyworld.registration.views import View, binary_words, make_view
 from mapmyworld.types import CameraModel, Features, MapStore, Registration, RgbdImage
 
 Array = NDArray[np.float64]
-_REMEMBERED = 300  # views of the map kept at hand
-_CANDIDATES = 3  # nodes that a view is compared with while the place is unknown
-_ONE_PLACE = 0.6  # m between two answers that report one place
-_WORTH = 0.5  # of the best similarity, from which another place is compared as well
+_CANDIDATES = 3  # nodes that a view is compared with
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +44,7 @@ class KnownImages:
     def __init__(self, store: MapStore, config: Config) -> None:
         """Reads the words of all nodes; images are not decoded."""
         self._store, self._config = store, config
-        self._views: OrderedDict[int, View] = OrderedDict()
+        self._view = lru_cache(self._read_view)
         words = store.words()
         self._vocabulary: Vocabulary | None = None
         if words:
@@ -93,10 +91,9 @@ class KnownImages:
             return []
         likeness = np.asarray(self._vectors @ vector).ravel() / length
         order = np.argsort(-likeness, kind="stable")
-        floor = max(self._config.visual.place_similarity, _WORTH * float(likeness[order[0]]))
         chosen: list[int] = []
         for k in order.tolist():
-            if likeness[k] < floor or len(chosen) == _CANDIDATES:
+            if likeness[k] < self._config.visual.place_similarity or len(chosen) == _CANDIDATES:
                 break
             if all(abs(k - other) > 2 for other in chosen):
                 chosen.append(k)
@@ -111,18 +108,18 @@ class KnownImages:
         best = max(seen, key=lambda sighting: sighting.registration.inliers)
         for other in seen:
             apart = best.map_from_base[:3, 3] - other.map_from_base[:3, 3]
-            if float(np.linalg.norm(apart)) > _ONE_PLACE:
+            if float(np.linalg.norm(apart)) > APART[0]:
                 return None
         return best
 
-    def near(self, map_from_base: Array, most: int) -> list[int]:
+    def near(self, map_from_base: Array) -> list[int]:
         """Nodes that look the same way from close to `map_from_base` (4, 4), nearest first."""
         motion = between(map_from_base, self.map_from_node)
         apart = np.linalg.norm(motion[:, :3, 3], axis=1)
         turn = rotation_angle(motion)
         close = np.flatnonzero((apart < NEAR) & (turn < np.radians(NEAR_ANGLE)))
         order = close[np.argsort(apart[close] + turn[close], kind="stable")]
-        return [int(k) for k in order[:most]]
+        return [int(k) for k in order[:_CANDIDATES]]
 
     def sight(self, view: View, node: int, guess: Array | None = None) -> Sighting | None:
         """The pose that a node's image gives a view; `guess` (4, 4) is of map_from_base."""
@@ -135,20 +132,14 @@ class KnownImages:
             return None
         return Sighting(node, self.map_from_node[node] @ found.a_from_b, found)
 
-    def _view(self, node: int) -> View | None:
-        if node in self._views:
-            self._views.move_to_end(node)
-            return self._views[node]
+    def _read_view(self, node: int) -> View | None:
         data = self._store.node_data(int(self.ids[node]))
         image = next((i for i in data.images if i.colour and i.depth), None)
         if image is None or data.features is None:
             return None
         own = features_of_camera(data.features, data.images.index(image), image.camera.width)
         features = best_features(own, image.camera, self._config)
-        self._views[node] = make_view(features, image.camera, self._config)
-        if len(self._views) > _REMEMBERED:
-            self._views.popitem(last=False)
-        return self._views[node]
+        return make_view(features, image.camera, self._config)
 
 
 def _inverse_frequencies(words: list[NDArray[np.int32]], size: int) -> Array:

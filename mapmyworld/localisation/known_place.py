@@ -9,21 +9,18 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
-from mapmyworld.config import Config
+from mapmyworld.config import Config, LocalisationConfig
 from mapmyworld.errors import MapError
-from mapmyworld.geometry.planar import matrix_to_planar, transform_points_planar, wrap_angle
-from mapmyworld.kernels.map_search import cast_rays, explain_points
+from mapmyworld.geometry.planar import matrix_to_planar, wrap_angle
+from mapmyworld.kernels.map_search import cast_rays
 from mapmyworld.places.whole_map import WholeMap, map_of_grid
+from mapmyworld.registration.place_evidence import Place
 from mapmyworld.registration.scan_matching import PreparedScan, ScanSet, prepare_scan, scan_set
+from mapmyworld.registration.scan_search import APART, MARGIN
 from mapmyworld.types import MapStore, OccupancyGrid, Scan
 
 Array = NDArray[np.float64]
-_FARTHEST = 1.0  # m from a surface beyond which the distance no longer matters
-_SPOTS = 1.0  # m between the places from which a bare grid is looked at
 _RAYS = np.arange(-np.pi, np.pi, np.radians(1.0))
-_RAY_REACH = 20.0  # m
-_METRES_PER_RADIAN = 1.0  # how much farther a scan counts for looking elsewhere
-_TURNED = 0.6  # rad of difference in heading from which a scan at the same place is kept as well
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,22 +28,27 @@ class Fit:
     """How a scan goes with the map."""
 
     agreement: float
-    """Share of the points that the map explains, among those of which it says something."""
-    coverage: float
-    """Share of all points that the map explains."""
+    """Share that agrees of the points, of the scan and of the map, that the other one knows."""
+    evidence: float
+    """Points that agree, less those that contradict."""
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether the map is a hundred times as likely to show this place as another."""
+        return self.evidence >= MARGIN
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether another place is a hundred times as likely."""
+        return self.evidence <= -MARGIN
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownPlace:
     """A map made ready for a laser."""
 
-    distance: NDArray[np.float32]
-    """(H, W) metres from a cell to the nearest occupied one, `_FARTHEST` at most."""
-    cells: NDArray[np.int8]
-    """(H, W) 100 occupied, 0 free: where a robot can stand; -1 unknown."""
-    corner: Array
-    """(2,) x, y of cell (0, 0), map frame."""
     resolution: float
+    """Metres, edge of the grid's cells."""
     whole: WholeMap
     """For searches over the whole map."""
     scans: ScanSet
@@ -54,29 +56,30 @@ class KnownPlace:
     """(S, 3) of the scans."""
     tree: cKDTree
 
-    def fit(self, points: Array, origin: Array, pose: Array, limit: float) -> Fit:
-        """How points (N, 2) of the base, seen from `origin` (2,) on it, go with the map.
+    def fit(self, seen: Place, pose: Array) -> Fit:
+        """How what is `seen` from `pose` (3,) goes with the map, each judged by the other."""
+        said = self.whole.judge(seen, pose)
+        both = np.concatenate([said.forth, said.back])
+        agree, against = int((both > 0).sum()), int((both < 0).sum())
+        return Fit(agree / max(agree + against, 1), said.evidence)
 
-        With the base at `pose` (3,).
-        """
-        counts = np.zeros(3, np.int64)
-        ends = transform_points_planar(pose, points)
-        eye = transform_points_planar(pose, origin[None])[0]
-        explain_points(
-            self.distance, self.cells, self.corner, self.resolution, ends, eye, limit, counts
-        )
-        explained, contradicted = int(counts[0]), int(counts[1])
-        return Fit(explained / max(explained + contradicted, 1), explained / max(len(points), 1))
-
-    def targets(self, pose: Array, count: int) -> NDArray[np.int64]:
+    def targets(self, pose: Array, settings: LocalisationConfig) -> NDArray[np.int64]:
         """(K,) scans taken nearest to a pose (3,), those that look the same way first."""
-        near = min(6 * count, len(self.poses))
+        near = min(6 * settings.targets, len(self.poses))
         _, found = self.tree.query(pose[:2], near)
         found = np.atleast_1d(found)
         turn = np.abs(wrap_angle(self.poses[found, 2] - pose[2]))
         apart = np.hypot(*(self.poses[found, :2] - pose[:2]).T)
-        order = np.argsort(apart + _METRES_PER_RADIAN * turn, kind="stable")
-        return np.asarray(found[order[:count]], np.int64)
+        order = np.argsort(apart / settings.spacing + turn / APART[1], kind="stable")
+        return np.asarray(found[order[: settings.targets]], np.int64)
+
+    def uncertainty(self, points: Array) -> Array:
+        """(3, 3) by how much all that is matched with the map errs: its cells' own width.
+
+        Points (N, 2) of the base that are matched.
+        """
+        position = self.resolution**2 / 12.0  # of what lies anywhere in a cell
+        return np.diag([position, position, position / np.mean(np.sum(points**2, axis=1))])
 
 
 def known_place_from_store(store: MapStore, config: Config) -> KnownPlace:
@@ -100,21 +103,9 @@ def known_place_from_grid(grid: OccupancyGrid, config: Config) -> KnownPlace:
 
 
 def _known_place(grid: OccupancyGrid, scans: ScanSet, poses: Array) -> KnownPlace:
-    cells = grid.trinary()
-    occupied = cells == 100
-    if not occupied.any() or len(scans) == 0:
+    if len(scans) == 0:
         raise MapError("the map's grid has no occupied cell beside a free one to localise with")
-    distance = distance_transform_edt(~occupied) * grid.resolution
-    return KnownPlace(
-        np.minimum(distance, _FARTHEST).astype(np.float32),
-        cells,
-        np.asarray(grid.origin, np.float64),
-        grid.resolution,
-        map_of_grid(grid),
-        scans,
-        poses,
-        cKDTree(poses[:, :2]),
-    )
+    return KnownPlace(grid.resolution, map_of_grid(grid), scans, poses, cKDTree(poses[:, :2]))
 
 
 def _spaced_scans(store: MapStore, config: Config) -> tuple[Array, list[PreparedScan]]:
@@ -137,7 +128,7 @@ def spread_out(poses: Array, candidates: NDArray[np.int64], spacing: float) -> N
     Of `candidates` (C,), indices of `poses` (N, 3); `spacing` is in metres.
     """
     cells = np.column_stack(
-        [np.floor(poses[candidates, :2] / spacing), np.floor(poses[candidates, 2] / _TURNED)]
+        [np.floor(poses[candidates, :2] / spacing), np.floor(poses[candidates, 2] / APART[1])]
     )
     return candidates[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
 
@@ -147,19 +138,19 @@ def _imagined_scans(grid: OccupancyGrid, config: Config) -> tuple[Array, list[Pr
     cells = grid.trinary()
     occupied, known, free = cells == 100, cells >= 0, cells == 0
     clear = distance_transform_edt(free) * grid.resolution
-    step = max(round(_SPOTS / grid.resolution), 1)
+    step = max(round(config.localisation.spacing / grid.resolution), 1)
     poses, scans = [], []
     hits = np.zeros((len(_RAYS), 2))
-    reach = _RAY_REACH / grid.resolution
+    range_max = config.registration.range_max
     for row in range(0, cells.shape[0], step):
         for column in range(0, cells.shape[1], step):
             spot = _clearest(clear, row, column, step)
             if spot is None:
                 continue
             y, x = spot[0] + 0.5, spot[1] + 0.5
-            count = cast_rays(occupied, known, x, y, _RAYS, reach, hits)
+            count = cast_rays(occupied, known, x, y, _RAYS, range_max / grid.resolution, hits)
             seen = np.unique(hits[:count], axis=0)
-            scan = _scan((seen - [x, y]) * grid.resolution)
+            scan = _scan((seen - [x, y]) * grid.resolution, range_max)
             prepared = prepare_scan(scan, config.registration)
             if len(prepared.rows) > 0:
                 poses.append([*(grid.origin + np.array([x, y]) * grid.resolution), 0.0])
@@ -176,9 +167,9 @@ def _clearest(clear: Array, row: int, column: int, step: int) -> tuple[int, int]
     return row + index // square.shape[1], column + index % square.shape[1]
 
 
-def _scan(points: Array) -> Scan:
+def _scan(points: Array, range_max: float) -> Scan:
     order = np.argsort(np.arctan2(points[:, 1], points[:, 0]), kind="stable")
     increment = float(_RAYS[1] - _RAYS[0])
     sorted_points = points[order].astype(np.float32)
     nothing = np.zeros(0, np.float32)
-    return Scan(sorted_points, np.zeros(3), nothing, _RAY_REACH, increment)
+    return Scan(sorted_points, np.zeros(3), nothing, range_max, increment)

@@ -24,16 +24,17 @@ from mapmyworld.kernels.scan_alignment import invert3
 from mapmyworld.localisation.global_localisation import Discovery, GlobalLocalisation
 from mapmyworld.localisation.known_place import KnownPlace
 from mapmyworld.localisation.observation import (
+    SEARCHED,
     Moment,
     fit_at,
     is_motion_lost,
     is_shaken,
     match_at,
     scan_of,
-    thinned_points,
 )
 from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
 from mapmyworld.registration.scan_matching import FINE, Match
+from mapmyworld.registration.scan_search import APART
 from mapmyworld.types import Frame
 from mapmyworld.types.localisation import Estimate, State
 
@@ -42,10 +43,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _REMEMBERED = 3000  # moments while lost that a recognition explains afterwards
-_BLIND = 0.3  # m of uncertainty from which dead reckoning is no tracking
-_PROBATION = 2.0  # m of motion after a recognition during which no doubt is allowed
-_OFF_PLANE = 1e-6  # rad^2 and m^2
-_BACKWARDS = np.diag([0.05, 0.05, 0.03]) ** 2  # m^2, m^2, rad^2 of one step back
 
 
 class LaserLocaliser:
@@ -56,14 +53,15 @@ class LaserLocaliser:
     ) -> None:
         """`images` of the same map help where scans alone are ambiguous."""
         self._place, self._images, self._config = place, images, config
-        self._settings = config.localisation
+        self._submap = config.places.laser_submap
         self._tracker = LaserTracker(config)
         self._global = GlobalLocalisation(place, config)
         self._pose, self._covariance = np.zeros(3), np.diag([1e6, 1e6, 10.0])
         self._tracked: Array | None = None
         self._state = State.LOST
         self._waiting: deque[Moment] = deque(maxlen=_REMEMBERED)
-        self._since_found = self._since_confirmed = self._since_agreed = 0.0
+        self._confirmed_at = self._agreed_at = 0.0  # m of path
+        self._is_confirmed = False
         self.estimates: list[Estimate] = []
         self.notes: list[str] = []
 
@@ -88,10 +86,8 @@ class LaserLocaliser:
         step = np.zeros(3) if self._tracked is None else between_planar(self._tracked, moved.pose)
         self._tracked = moved.pose
         scan = scan_of(frame, self._config)
-        points = thinned_points(scan, self._settings.field_points)
         motion_lost = is_motion_lost(moved, step, self._recorded_step(frame))
-        shaken = is_shaken(moved)
-        return Moment(len(self.estimates), scan, points, moved.pose, step, shaken, motion_lost)
+        return Moment(len(self.estimates), scan, moved.pose, step, is_shaken(moved), motion_lost)
 
     def _recorded_step(self, frame: Frame) -> Array | None:
         """Motion (3,) since the frame before, as recorded."""
@@ -109,56 +105,52 @@ class LaserLocaliser:
     # While the place is known
 
     def _keep(self, moment: Moment) -> tuple[State, float]:
-        distance = float(np.hypot(*moment.step[:2])) + 0.2 * abs(float(moment.step[2]))
-        self._since_found += distance
-        self._since_confirmed += distance
-        self._since_agreed += distance
         if moment.is_blind:
             return self._reckon(moment), 0.0
         match = match_at(
             self._place, moment, self._pose, FINE, self._config, invert3(self._covariance)
         )
-        fit = fit_at(self._place, moment, match.pose, self._config)
-        if fit.agreement < self._settings.agreement:
-            new = self._since_found < _PROBATION
-            return (self._lose(moment) if new else self._reckon(moment)), fit.agreement
-        if fit.coverage < self._settings.coverage:
-            return self._reckon(moment), fit.agreement
-        self._since_agreed = 0.0
-        self._correct(match)
-        if not moment.shaken and self._since_confirmed < self._settings.confirm_distance:
+        fit = fit_at(self._place, moment, match.pose)
+        if not fit.is_explained:
+            doubted = fit.is_contradicted or not self._is_confirmed
+            return (self._lose(moment) if doubted else self._reckon(moment)), fit.agreement
+        self._agreed_at = self._global.path
+        self._correct(match, moment)
+        if not moment.shaken and self._since(self._confirmed_at) < self._submap:
             return State.TRACKING, fit.agreement
-        self._since_confirmed = 0.0
+        self._confirmed_at = self._global.path
         return self._confirm(moment), fit.agreement
+
+    def _since(self, path: float) -> float:
+        """Metres from there on."""
+        return self._global.path - path
 
     def _reckon(self, moment: Moment) -> State:
         """Goes on by odometry where the map does not help, if that is certain enough."""
         sigma = np.sqrt(np.linalg.eigvalsh(self._covariance[:2, :2])[-1])
-        far = self._since_agreed > self._settings.reckon_distance
-        if moment.shaken or far or sigma > _BLIND:
+        far = self._since(self._agreed_at) > self._submap
+        if moment.shaken or far or 2.0 * sigma > APART[0]:
             return self._lose(moment)
         return State.TRACKING
 
-    def _correct(self, match: Match) -> None:
+    def _correct(self, match: Match, moment: Moment) -> None:
         """Takes over a match whose prior was the prediction."""
-        settings = self._settings
         information = match.information + invert3(self._covariance)
-        floor = np.array([settings.position_floor, settings.position_floor, settings.heading_floor])
         self._pose = match.pose
-        self._covariance = invert3(information) + np.diag(floor**2)
+        self._covariance = invert3(information) + self._place.uncertainty(moment.points)
 
     def _confirm(self, moment: Moment) -> State:
         """Whether what was seen in the last metres could lie elsewhere, and rather so."""
         elsewhere = self._global.is_elsewhere(moment, self._pose)
         if elsewhere:
             return self._lose(moment)
-        return State.TRACKING if elsewhere is None else State.RECOGNISED
+        if elsewhere is None:
+            return State.TRACKING
+        self._is_confirmed = True
+        return State.RECOGNISED
 
     def _lose(self, moment: Moment) -> State:
-        if self._since_found < _PROBATION:
-            self._global.begin(moment, None)
-        else:
-            self._global.begin(moment, self._pose)
+        self._global.begin(moment, self._pose if self._is_confirmed else None)
         self._waiting.clear()
         self._waiting.append(moment)
         return State.LOST
@@ -170,7 +162,7 @@ class LaserLocaliser:
         found = self._global.look(moment) or self._by_image(moment, frame)
         if found is None:
             return State.LOST, 0.0
-        self._take(found)
+        self._take(found, moment)
         return State.RECOGNISED, found.fit.agreement
 
     def _by_image(self, moment: Moment, frame: Frame) -> Discovery | None:
@@ -182,16 +174,17 @@ class LaserLocaliser:
             return None
         return self._global.add_match(moment, matrix_to_planar(reported.map_from_base))
 
-    def _take(self, found: Discovery) -> None:
-        self._covariance = found.covariance
-        self._correct(found.match)
-        self._since_found = _PROBATION if found.supported else 0.0
-        self._since_confirmed = self._since_agreed = 0.0
+    def _take(self, found: Discovery, moment: Moment) -> None:
+        self._covariance = SEARCHED
+        self._correct(found.match, moment)
+        self._is_confirmed = found.supported
+        self._confirmed_at = self._agreed_at = self._global.path
 
     # What is said of it
 
     def _report(self, frame: Frame, fit: float) -> None:
-        covariance = covariance_from_planar(self._covariance, off_plane=_OFF_PLANE)
+        flat = self._config.registration.range_sigma**2
+        covariance = covariance_from_planar(self._covariance, off_plane=flat)
         pose, known = planar_to_matrix(self._pose), self._state != State.LOST
         stamp, odometry = frame.stamp_ns, frame.odom_from_base
         self.estimates.append(Estimate(stamp, pose, covariance, self._state, fit, known, odometry))
@@ -199,7 +192,7 @@ class LaserLocaliser:
     def _explain_past(self, now: Moment) -> None:
         """Backwards from a recognition, as long as the scans fit: where the robot had been."""
         pose, after = self._pose, now
-        prior = invert3(_BACKWARDS)
+        prior = invert3(SEARCHED)
         while self._waiting:
             moment = self._waiting.pop()
             if moment.index == now.index:
@@ -208,8 +201,8 @@ class LaserLocaliser:
                 break  # its scan may have been taken while the robot was carried
             guess = compose_planar(pose, between_planar(after.tracked, moment.tracked))
             match = match_at(self._place, moment, guess, FINE, self._config, prior)
-            fit = fit_at(self._place, moment, match.pose, self._config)
-            if fit.agreement < self._settings.agreement:
+            fit = fit_at(self._place, moment, match.pose)
+            if not fit.is_explained:
                 break
             pose, after = match.pose, moment
             self.estimates[moment.index] = replace(

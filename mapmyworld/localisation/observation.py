@@ -11,13 +11,16 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar
 from mapmyworld.localisation.known_place import Fit, KnownPlace
 from mapmyworld.odometry.laser_odometry import LaserMotion
+from mapmyworld.odometry.pose_hypotheses import FEWEST
+from mapmyworld.registration.place_evidence import Place
 from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import Match, PreparedScan, prepare_scan
+from mapmyworld.registration.scan_search import APART, Submap
 from mapmyworld.types import Frame
 
 Array = NDArray[np.float64]
-_AGREEING = np.array([0.15, 0.15])  # m and rad between two accounts of one motion
-_FEWEST = 12  # points of a scan below which it indicates nothing
+SEARCHED = np.diag([0.1, 0.1, 0.05]) ** 2
+"""m^2, m^2, rad^2 of a pose that a search of the map, or a motion, leads to."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,8 +30,6 @@ class Moment:
     index: int
     """Of the frame in the log."""
     scan: PreparedScan
-    points: Array
-    """(N, 2) a few points of the scan, base frame."""
     tracked: Array
     """(3,) the tracker's pose."""
     step: Array
@@ -39,9 +40,14 @@ class Moment:
     """Whether it indicates nothing: odometry, if there is any, does not bear it out."""
 
     @property
+    def points(self) -> Array:
+        """(N, 2) of the scan, base frame."""
+        return self.scan.rows[:, :2].astype(np.float64)
+
+    @property
     def is_blind(self) -> bool:
         """Whether the scan shows too little to indicate anything."""
-        return len(self.scan.rows) < _FEWEST
+        return len(self.scan.rows) < FEWEST
 
 
 def is_shaken(moved: LaserMotion) -> bool:
@@ -59,7 +65,7 @@ def is_motion_lost(moved: LaserMotion, step: Array, recorded: Array | None) -> b
     if recorded is None:
         return True
     off = np.abs(between_planar(recorded, step))
-    return bool(np.hypot(off[0], off[1]) > _AGREEING[0] or off[2] > _AGREEING[1])
+    return bool(np.hypot(off[0], off[1]) > APART[0] or off[2] > APART[1])
 
 
 def scan_of(frame: Frame, config: Config) -> PreparedScan:
@@ -67,14 +73,6 @@ def scan_of(frame: Frame, config: Config) -> PreparedScan:
     if frame.scan is None:
         return PreparedScan(np.zeros((0, 5), np.float32), np.zeros(2))
     return prepare_scan(frame.scan, config.registration)
-
-
-def thinned_points(scan: PreparedScan, count: int) -> Array:
-    """At most `count` points (N, 2) of a scan, evenly chosen."""
-    rows = scan.rows
-    if len(rows) > count:
-        rows = rows[np.linspace(0, len(rows) - 1, count).astype(np.int64)]
-    return np.ascontiguousarray(rows[:, :2], np.float64)
 
 
 def match_at(
@@ -90,20 +88,15 @@ def match_at(
     With `prior_information` (3, 3) the guess pulls as a prior. `max_distances` (R,), metres, are
     those from the targets' lines, one a step.
     """
-    which = place.targets(guess, config.localisation.targets)
+    which = place.targets(guess, config.localisation)
     return match_scan(
         moment.scan, place.scans, which, place.poses, guess, config.registration,
         prior=guess, prior_information=prior_information, max_distances=max_distances,
     )  # fmt: skip
 
 
-def fit_at(place: KnownPlace, moment: Moment, pose: Array, config: Config) -> Fit:
+def fit_at(place: KnownPlace, moment: Moment, pose: Array) -> Fit:
     """How the scan goes with the place if it was taken at `pose` (3,), map_from_base."""
-    limit = config.localisation.fit_distance
-    return place.fit(moment.points, moment.scan.origin, pose, limit)
-
-
-def is_explained(fit: Fit, config: Config) -> bool:
-    """Whether the map says something of a scan, and goes with it."""
-    settings = config.localisation
-    return fit.agreement >= settings.agreement and fit.coverage >= settings.coverage
+    scan = moment.scan
+    seen = Submap(moment.points, scan.origin[None], np.array([0, len(scan.rows)]))
+    return place.fit(Place.of(seen), pose)

@@ -32,13 +32,14 @@ from mapmyworld.odometry.sweep_noise import sweep_variances
 from mapmyworld.places.laser_nodes import NodeScans, load_node_scans
 from mapmyworld.places.laser_pairs import among_first_revisits, neighbour_pairs
 from mapmyworld.places.stored_scans import Scans
-from mapmyworld.registration.joint_alignment import MAX_DISTANCES, align_in_rounds
+from mapmyworld.registration.joint_alignment import align_in_rounds
 from mapmyworld.registration.joint_covariance import (
     as_contradicted,
     carried,
     of_anchors,
     shape_covariances,
 )
+from mapmyworld.registration.scan_matching import FINE
 from mapmyworld.types import Judged, MapStore, Node, Poses, Progress, TrackedFrames
 
 Array = NDArray[np.float64]
@@ -74,7 +75,7 @@ def refine_poses(
     nodes, scans, unseen, _ = loaded or load_node_scans(store, config)
     if len(nodes) < 3:
         return None
-    progress.stage("refine", len(MAX_DISTANCES), "rounds")
+    progress.stage("refine", len(FINE), "rounds")
     rows = {int(i): row for row, i in enumerate(poses.ids)}
     solved = matrix_to_planar(np.stack([poses.map_from_node[rows[n.id]] for n in nodes]))
     sessions = _sessions(nodes, unseen)

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from mapmyworld.config.odometry_settings import OdometryConfig
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.odometry.laser_keyframes import Keyframes
-from mapmyworld.registration.place_evidence import APART, FORTH, Place, needed_evidence
+from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
 from mapmyworld.registration.scan_matching import COARSE, Match, PreparedScan
 from mapmyworld.registration.scan_search import (
+    APART,
     NATS,
     Submap,
     evidence_elsewhere,

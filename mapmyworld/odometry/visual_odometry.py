@@ -27,8 +27,15 @@ from mapmyworld.odometry.visual_slips import SteadyPath
 from mapmyworld.parallel import in_threads
 from mapmyworld.places.features import extract_features
 from mapmyworld.registration.camera_pose import Sightings, inliers, ransac_pose, refine_pose
-from mapmyworld.registration.image_pairs import REFINED_RADIUS, SEARCH_RADIUS
-from mapmyworld.registration.views import View, make_view, match_around, match_views, sightings_of
+from mapmyworld.registration.views import (
+    SEARCH_RADIUS,
+    View,
+    make_view,
+    match_around,
+    match_views,
+    pixel_sigmas,
+    sightings_of,
+)
 from mapmyworld.types import Frame, RgbdImage
 
 Array = NDArray[np.float64]
@@ -196,8 +203,9 @@ class VisualTracker:
         ids = self._map.near(pose)
         information = np.eye(6)
         point_of = np.full(len(view), -1, np.int64)
+        radius = settings.inlier_sigmas * float(pixel_sigmas(view.features).max())
         for _ in range(2):
-            sightings, matched = self._look(view, ids, pose, REFINED_RADIUS)
+            sightings, matched = self._look(view, ids, pose, radius)
             pose, information = refine_pose(pose, sightings)
             agreed = inliers(pose, sightings, settings.inlier_sigmas)
         if np.count_nonzero(agreed) < self._least:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from mapmyworld.backend.system import System, number_free
 from mapmyworld.config import Config
 from mapmyworld.places.laser_pairs import neighbour_pairs
-from mapmyworld.registration.joint_alignment import MAX_DISTANCES, align_in_rounds
-from mapmyworld.registration.scan_matching import prepare_scans
+from mapmyworld.registration.joint_alignment import align_in_rounds
+from mapmyworld.registration.scan_matching import FINE, prepare_scans
 from mapmyworld.types import Progress, Scan
 
 Array = NDArray[np.float64]
@@ -31,7 +31,7 @@ def smooth_path(
 
     The motions (K - 1, 3) between them are known to `information` (K - 1, 3, 3).
     """
-    progress.stage("refine", len(MAX_DISTANCES), "rounds")
+    progress.stage("refine", len(FINE), "rounds")
     every, settings = np.arange(len(path)), config.odometry
     system = System(True, every[:-1], every[1:], motions, information, number_free(every == 0))
 

@@ -29,11 +29,10 @@ from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, nodes_at
 from mapmyworld.places.laser_submaps import match_submaps, place_around, submap_members
 from mapmyworld.places.perceptual_aliasing import reject_aliases
 from mapmyworld.places.wide_search import held_by, lost_pairs
-from mapmyworld.registration.place_evidence import APART, FORTH, Place, needed_evidence
-from mapmyworld.registration.scan_matching import (
-    Match,
-)
+from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
+from mapmyworld.registration.scan_matching import Match
 from mapmyworld.registration.scan_search import (
+    APART,
     MARGIN,
     Found,
     search_evidence,

@@ -30,7 +30,6 @@ from mapmyworld.places.laser_nodes import Index, LaserNodes
 from mapmyworld.places.laser_submaps import match_members, submap_of
 from mapmyworld.places.whole_map import SETTLED, WholeMap, map_of_scans
 from mapmyworld.registration.place_evidence import (
-    APART,
     FORTH,
     Agreement,
     Place,
@@ -38,6 +37,7 @@ from mapmyworld.registration.place_evidence import (
 )
 from mapmyworld.registration.scan_matching import Match
 from mapmyworld.registration.scan_search import (
+    APART,
     MARGIN,
     NATS,
     evidence_elsewhere,

@@ -187,7 +187,6 @@ def _constraint(from_id: int, to_id: int, item: _Verified, verdict: Verdict) -> 
         matches=len(item.pair.agreed),
         inliers=int(registration.inliers),
         share=float(registration.overlap),
-        cells=int(item.pair.cells),
     )
     if np.isfinite(registration.residual):
         source = replace(

@@ -14,7 +14,6 @@ from mapmyworld.kernels.projection import EQUIDISTANT, PLUMB_BOB, STRAIGHT, proj
 from mapmyworld.types import CameraModel, RgbdImage
 
 Array = NDArray[np.float64]
-_FAR = 1e6  # pixels, beside every picture
 
 
 def rays_of_pixels(camera: CameraModel, pixels: NDArray[np.floating]) -> Array:
@@ -108,11 +107,11 @@ def _grid_rays(
 def depth_at(image: RgbdImage, depth: NDArray[np.float32], pixels: NDArray[np.floating]) -> Array:
     """Depths (N,) in m at pixels (N, 2) of the full image, NaN where `depth` (H, W) has none."""
     factor = image.camera.width / depth.shape[1]
-    pixels = np.clip(np.nan_to_num(pixels, nan=-_FAR), -_FAR, _FAR)
-    cells = np.round((pixels + 0.5) / factor - 0.5).astype(np.int64)
+    cells = np.round((pixels + 0.5) / factor - 0.5)
     inside = ((cells >= 0) & (cells < depth.shape[::-1])).all(axis=1)
+    columns, rows = cells[inside].astype(np.int64).T
     found = np.full(len(cells), np.nan)
-    found[inside] = depth[cells[inside, 1], cells[inside, 0]]
+    found[inside] = depth[rows, columns]
     found[~(found > 0)] = np.nan
     return found
 

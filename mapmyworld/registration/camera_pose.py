@@ -12,11 +12,8 @@ from mapmyworld.kernels.pose_refinement import refine, score_poses, squared_erro
 from mapmyworld.registration.camera_model import pose_of_rays
 
 Array = NDArray[np.float64]
-_HYPOTHESES = 512  # tried for a pose, at most
-_BATCH = 64  # hypotheses scored between two looks at whether more are needed
-_POLISHES = 4  # refinements of a hypothesis, at most
-_FEWEST = 6  # sightings that a pose is refined on
-_ROUNDS = 10  # of Gauss-Newton, at most
+LEAST_SHARE = 0.25
+"""Of the sightings that agree where a pose is right."""
 _MISS = 1e-4  # probability of having overlooked the best hypothesis at which the search ends
 
 
@@ -61,10 +58,11 @@ def ransac_pose(sightings: Sightings, limit: float, seed: int, least: int = 1) -
     """The map_from_camera (4, 4) on which most sightings agree within `limit` sigmas; how many.
 
     Each hypothesis aligns three points with their own back-projections; without three that have
-    depth the rays alone decide (P3P). The best of a batch is refined on what agrees with it, as
-    three noisy points fit few others. Fewer than `least` agreeing sightings are of no use: the
-    search ends once more would hardly have been overlooked. Where nothing fits, it is the identity
-    and 0. Draws follow from `seed`. (Chum, Matas and Kittler, "Locally optimized RANSAC", 2003.)
+    depth the rays alone decide (P3P). As many hypotheses as there are depths are scored at once,
+    and the best is refined on what agrees with it, as three noisy points fit few others. Fewer than
+    `least` agreeing sightings, or than `LEAST_SHARE` of all, are of no use: the search ends once
+    more would hardly have been overlooked. Where nothing fits, it is the identity and 0. Draws
+    follow from `seed`. (Chum, Matas and Kittler, "Locally optimized RANSAC", 2003.)
     """
     best_pose, best = np.eye(4), 0
     deep = np.flatnonzero(np.isfinite(sightings.seen[:, 2]))
@@ -74,26 +72,25 @@ def ransac_pose(sightings: Sightings, limit: float, seed: int, least: int = 1) -
         return _pose_without_depth(sightings, limit)
     random = np.random.default_rng(seed)
     local = _back_projected(sightings.seen)
-    tried = 0
-    while tried < _HYPOTHESES:
-        picks = deep[random.integers(0, len(deep), (_BATCH, 3))]
+    tried, needed = 0, _rounds_needed(max(least / len(sightings), LEAST_SHARE))
+    while tried < needed:
+        picks = deep[random.integers(0, len(deep), (len(deep), 3))]
         poses = _aligned(sightings.points[picks], local[picks])
-        tried += _BATCH
+        tried += len(picks)
         counts = np.zeros(len(poses), np.int64)
         score_poses(poses, sightings.points, sightings.seen, sightings.sigmas, float(limit), counts)
         if len(poses) and counts.max() > best:
             best = int(counts.max())
             best_pose = poses[int(counts.argmax())]
             best_pose, best = _polished(best_pose, best, sightings, limit)
-        if tried >= _rounds_needed(max(best, least) / len(sightings)):
-            break
+            needed = min(needed, _rounds_needed(best / len(sightings)))
     return best_pose, best
 
 
 def _pose_without_depth(sightings: Sightings, limit: float) -> tuple[Array, int]:
     """The pose by rays alone, and how many agree; the identity and 0 where there is none."""
     reach = limit * float(np.median(sightings.sigmas[:, 0])) if len(sightings) else 0.0
-    pose = pose_of_rays(sightings.points, sightings.seen[:, :2], reach, _HYPOTHESES)
+    pose = pose_of_rays(sightings.points, sightings.seen[:, :2], reach, _rounds_needed(LEAST_SHARE))
     if pose is None:
         return np.eye(4), 0
     return _polished(pose, int(np.count_nonzero(inliers(pose, sightings, limit))), sightings, limit)
@@ -101,16 +98,12 @@ def _pose_without_depth(sightings: Sightings, limit: float) -> tuple[Array, int]
 
 def _polished(pose: Array, count: int, sightings: Sightings, limit: float) -> tuple[Array, int]:
     """The pose refined on all within twice the limit, as long as more agree; and how many do."""
-    for _ in range(_POLISHES):
-        near = inliers(pose, sightings, 2.0 * limit)
-        if np.count_nonzero(near) < _FEWEST:
-            break
-        refined, _ = refine_pose(pose, sightings.select(near))
+    while True:
+        refined, _ = refine_pose(pose, sightings.select(inliers(pose, sightings, 2.0 * limit)))
         agreed = int(np.count_nonzero(inliers(refined, sightings, limit)))
         if agreed <= count:
-            break
+            return pose, count
         pose, count = refined, agreed
-    return pose, count
 
 
 def refine_pose(start: Array, sightings: Sightings, *, width: float = 2.0) -> tuple[Array, Array]:
@@ -120,7 +113,7 @@ def refine_pose(start: Array, sightings: Sightings, *, width: float = 2.0) -> tu
     `width` sigmas on; a step that makes things worse is taken back and ends it.
     """
     pose, information = _dense(start).copy(), np.eye(6)
-    refine(pose, sightings.points, sightings.seen, sightings.sigmas, width, _ROUNDS, information)
+    refine(pose, sightings.points, sightings.seen, sightings.sigmas, width, information)
     return pose, information
 
 
@@ -162,8 +155,7 @@ def _triangle_frames(triangles: Array) -> tuple[Array, Array]:
     return np.stack([x, y, np.cross(x, y)], axis=-1), height
 
 
-def _rounds_needed(share: float) -> float:
-    chance = share**3
-    if chance <= 0.0:
-        return np.inf
-    return float(np.log(_MISS) / np.log1p(-min(chance, 1.0 - 1e-12)))
+def _rounds_needed(share: float) -> int:
+    """Hypotheses of which one is right but for `_MISS`, where this share of sightings is."""
+    chance = min(share**3, 1.0 - _MISS)
+    return int(np.ceil(np.log(_MISS) / np.log1p(-chance)))

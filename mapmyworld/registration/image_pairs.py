@@ -9,19 +9,27 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import invert, se3_adjoint, transform_points
-from mapmyworld.registration.camera_pose import Sightings, errors, inliers, ransac_pose, refine_pose
-from mapmyworld.registration.views import View, match_around, match_views
+from mapmyworld.registration.camera_pose import (
+    LEAST_SHARE,
+    Sightings,
+    errors,
+    inliers,
+    ransac_pose,
+    refine_pose,
+)
+from mapmyworld.registration.views import (
+    SEARCH_RADIUS,
+    View,
+    match_around,
+    match_views,
+    pixel_sigmas,
+)
 from mapmyworld.types import Judge, Registration, Verdict, Why
 
 Array = NDArray[np.float64]
-SEARCH_RADIUS = 30.0  # pixels around the prediction in which a point is looked for
-_LEAST_SHARE = 0.25  # of the matches that must agree
-_LEAST_CELLS = 5  # of the lattice that agreeing matches must reach
-REFINED_RADIUS = 8.0  # pixels around a found motion's projections for more matches
-_LARGEST_TRANSLATION = 0.065  # m, no closure is less certain
-_LARGEST_ROTATION = 0.006  # rad, no closure is less certain
 Indices = NDArray[np.int64]
-_LATTICE = np.array([8, 6])  # cells over the image that indicate how widely matches are spread
+_LARGEST_TRANSLATION = 0.065  # m, no closure is less certain: three sigma are 0.2 m
+_LARGEST_ROTATION = 0.006  # rad, no closure is less certain: three sigma are a degree
 _CORRELATED = 2.0  # features of one image err alike: each is worth half of what it seems
 # What no residual shows: shutter, colour and depth at different moments, calibration (rad, m).
 _FLOOR = np.array([0.002, 0.002, 0.002, 0.003, 0.003, 0.003])
@@ -41,8 +49,6 @@ class ImagePair:
     """(M,) whether a match agrees with the motion."""
     fits: bool
     """Whether enough matches agree, however uncertain the motion that they agree on."""
-    cells: int
-    """Cells of an 8 x 6 lattice over b's image that agreeing matches reach."""
     sigma_rotation: float
     """rad, the largest axis."""
     sigma_translation: float
@@ -73,34 +79,30 @@ def register_images(a: View, b: View, config: Config, *, guess: Array | None = N
         pose, sightings.select(inliers(pose, sightings, 2 * settings.inlier_sigmas))
     )
     base = pose @ invert(b.camera.base_from_camera)
-    more = match_by_pose(a, b, points, base, REFINED_RADIUS)
+    more = match_by_pose(a, b, points, base, settings.inlier_sigmas * pixel_sigmas(a.features))
     if len(more[0]) >= found:
         mine, theirs = more
         sightings = Sightings(points[mine], b.seen[theirs], b.sigmas[theirs])
     pose, information = refine_pose(pose, sightings)
     agreed = inliers(pose, sightings, settings.inlier_sigmas)
-    if np.count_nonzero(agreed) >= 6:
+    if np.count_nonzero(agreed) >= enough:
         pose, information = refine_pose(pose, sightings.select(agreed))
         agreed = inliers(pose, sightings, settings.inlier_sigmas)
     return _judged(b, (mine, theirs, agreed), pose, information, sightings, first, config)
 
 
 def match_by_pose(
-    a: View, b: View, points: Array, a_from_b: Array, radius: float
+    a: View, b: View, points: Array, a_from_b: Array, radius: float | Array
 ) -> tuple[Indices, Indices]:
     """Features of a with depth, and partners in b near where the motion expects them, (M,) both.
 
     `points` (N, 3) of a's features are in a's base frame, `a_from_b` (4, 4) is of the bases and
-    `radius` in pixels.
+    `radius` in pixels, one for all or (N,).
     """
     deep = np.flatnonzero(np.isfinite(points[:, 2]))
     local = transform_points(invert(a_from_b @ b.camera.base_from_camera), points[deep])
-    matches = match_around(
-        b,
-        local,
-        a.words[deep],
-        radius,
-    )
+    radii = np.broadcast_to(radius, len(points))[deep]
+    matches = match_around(b, local, a.words[deep], radii)
     found = np.flatnonzero(matches >= 0)
     return deep[found], matches[found].astype(np.int64)
 
@@ -117,7 +119,6 @@ def _judged(
     settings = config.visual
     mine, theirs, agreed = matched
     count = int(np.count_nonzero(agreed))
-    cells = occupied_cells(b, theirs[agreed])
     squared = errors(pose, sightings)[agreed, 0]
     scale = max(float(np.mean(squared)) / 2.0 if count else np.inf, 1.0)
     camera_from_base = invert(b.camera.base_from_camera)
@@ -128,8 +129,8 @@ def _judged(
     sigmas = [
         float(np.sqrt(np.linalg.eigvalsh(covariance[k : k + 3, k : k + 3])[-1])) for k in (0, 3)
     ]
-    shortfall = _shortfall(count, len(mine), share, cells, config)
     agreement = {"inliers": count, "sigmas": settings.inlier_sigmas}
+    shortfall = _shortfall(count, len(mine), share, config)
     fits = Verdict(Judge.CAMERA, True, Why.IMAGES_AGREE, agreement)
     focal = float(b.camera.intrinsics[0, 0])
     residual = (
@@ -145,24 +146,17 @@ def _judged(
         share,
         residual,
     )
-    return ImagePair(
-        registration, mine, theirs, agreed, shortfall is None, cells, sigmas[0], sigmas[1]
-    )
+    return ImagePair(registration, mine, theirs, agreed, shortfall is None, *sigmas)
 
 
-def _shortfall(
-    count: int, matches: int, share: float, cells: int, config: Config
-) -> Verdict | None:
+def _shortfall(count: int, matches: int, share: float, config: Config) -> Verdict | None:
     """None when enough matches agree, else the first limit that is missed, with its value."""
     settings = config.visual
     if count < settings.closure_inliers:
         return _few(count, matches, config)
-    if share < _LEAST_SHARE:
-        numbers = {"share": share, "limit": _LEAST_SHARE}
+    if share < LEAST_SHARE:
+        numbers = {"share": share, "limit": LEAST_SHARE}
         return Verdict(Judge.CAMERA, False, Why.LOW_SHARE, numbers)
-    if cells < _LEAST_CELLS:
-        numbers = {"cells": cells, "limit": _LEAST_CELLS}
-        return Verdict(Judge.CAMERA, False, Why.FEW_CELLS, numbers)
     return None
 
 
@@ -182,13 +176,6 @@ def _uncertainty(sigmas: list[float]) -> Verdict | None:
     return None
 
 
-def occupied_cells(view: View, chosen: Indices) -> int:
-    """Cells of an 8 x 6 lattice over the image that the chosen features (M,) reach."""
-    size = np.array([view.camera.width, view.camera.height])
-    cells = np.clip(np.floor(view.features.pixels[chosen] / size * _LATTICE), 0, _LATTICE - 1)
-    return len(np.unique(cells @ [1, 100]))
-
-
 def _failed(mine: Indices, theirs: Indices, verdict: Verdict) -> ImagePair:
     nothing = Registration(np.eye(4), 1e-6 * np.eye(6), verdict)  # indicates nothing
-    return ImagePair(nothing, mine, theirs, np.zeros(len(mine), np.bool_), False, 0, np.inf, np.inf)
+    return ImagePair(nothing, mine, theirs, np.zeros(len(mine), np.bool_), False, np.inf, np.inf)

@@ -20,16 +20,12 @@ from mapmyworld.decisions import decided
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_exp
 from mapmyworld.kernels.scan_alignment import pair_systems
 from mapmyworld.parallel import run_in_chunks
-from mapmyworld.registration.scan_matching import ScanSet
+from mapmyworld.registration.scan_matching import FINE, ScanSet
 from mapmyworld.types import Progress
 
 Array = NDArray[np.float64]
 Pairs = NDArray[np.int64]
 _UPPER = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
-MAX_DISTANCES = (0.3, 0.2, 0.15, 0.12, 0.12, 0.12, 0.12, 0.12)
-"""Metres within which points are associated, round by round."""
-_ANEW = 2  # rounds after which pairs are chosen anew
-_NOTHING = 4e-4  # m of movement, root mean square, at which alignment has ended
 _OPEN = 0.01  # share of the best known direction's information up to which another is open
 FAINT = 1.0
 """Information of a pair that keeps a direction finite which its points leave open."""
@@ -61,20 +57,20 @@ def align_in_rounds(
 ) -> JointAlignment:
     """Poses (N, 3) that fit pairs of scans and the system's edges best, from poses far off on.
 
-    `pairs_at` chooses the pairs (P, 2) that are worth comparing where the poses are.
+    `pairs_at` chooses the pairs (P, 2) that are worth comparing where the poses are, in each round.
     """
     moved: tuple[float, ...] = ()
-    for max_distances in (MAX_DISTANCES[:_ANEW], MAX_DISTANCES[_ANEW:]):
+    settings = config.registration
+    for reach in FINE:
         pairs = pairs_at(poses)
-        found = align_jointly(
-            scans, system, poses, pairs, max_distances, config.registration, config.threads,
-            _NOTHING,
-        )  # fmt: skip
+        found = align_jointly(scans, system, poses, pairs, [reach], settings, config.threads)
         poses, moved = found.poses, moved + found.moved
         progress.update(len(moved))
-        steps = ", ".join(f"{step:.4f}" for step in found.moved)
-        text = f"{len(pairs)} pairs of scans, moved by {steps} m, residual {found.residual:.4f} m"
-        decided("refine", text)
+        decided(
+            "refine",
+            f"{len(pairs)} pairs of scans, moved by {moved[-1]:.4f} m, "
+            f"residual {found.residual:.4f} m",
+        )
     return replace(found, moved=moved)
 
 
@@ -86,12 +82,11 @@ def align_jointly(
     max_distances: Sequence[float],
     config: RegistrationConfig,
     threads: int,
-    enough: float = 0.0,
 ) -> JointAlignment:
     """Poses (N, 3) that fit the `pairs` (P, 2) of scans and the system's edges best.
 
     The scans are the system's first nodes. One round a reach: the distance (m) within which points
-    are associated; none after a round that moved the nodes by less than `enough` metres.
+    are associated.
     """
     systems = np.zeros((len(pairs), 12))
     moved: list[float] = []
@@ -101,8 +96,6 @@ def align_jointly(
         joint = believed_edges(every, np.ones(len(every.tails), np.bool_))
         before, poses = poses, optimised_roughly(joint, poses, steps=1)
         moved.append(_length((poses - before)[joint.free >= 0, :2]))
-        if moved[-1] < enough:
-            break
     weights = max(float(systems[:, 9].sum()), 1e-9)
     residual = float(np.sqrt(systems[:, 10].sum() / weights))
     return JointAlignment(poses, tuple(moved), residual, joint, len(pairs))

@@ -19,7 +19,6 @@ from mapmyworld.registration.joint_alignment import FAINT
 from mapmyworld.registration.scan_matching import ScanSet
 
 Array = NDArray[np.float64]
-_LEAST = 1e-2  # information that keeps an open direction finite
 
 
 def as_contradicted(joint: System, pairs: int, poses: Array) -> System:
@@ -33,7 +32,7 @@ def as_contradicted(joint: System, pairs: int, poses: Array) -> System:
     redundancy = joint.dimension * pairs - joint.size
     factor = squares / redundancy if redundancy > 0 and squares > 0.0 else 1.0
     information, stated = joint.information.copy(), joint.information[-pairs:] - FAINT * np.eye(3)
-    information[-pairs:] = stated / factor + _LEAST * np.eye(3)
+    information[-pairs:] = stated / factor + FAINT * np.eye(3)
     return replace(joint, information=information)
 
 
@@ -44,7 +43,10 @@ def shape_covariances(scans: ScanSet, residual: float) -> Array:
     squares = (slopes[:, :, None] * slopes[:, None, :]).reshape(-1, 9)
     sums = np.concatenate([np.zeros((1, 9)), np.cumsum(squares, axis=0)])
     known = np.diff(sums[scans.bounds], axis=0).reshape(-1, 3, 3)
-    return np.asarray(residual**2 * np.linalg.inv(known + _LEAST * np.eye(3)))
+    variance = residual**2
+    return np.asarray(
+        variance * np.linalg.pinv(known + variance * FAINT * np.eye(3), hermitian=True)
+    )
 
 
 def of_anchors(joint: System, own: Array, poses: Array) -> Array:

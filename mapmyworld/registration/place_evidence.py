@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry.planar import invert_planar
 from mapmyworld.registration.scan_search import (
+    APART,
     MARGIN,
     NATS,
     LikelihoodGrid,
@@ -21,8 +22,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 FORTH = 0.3
 """Share of the evidence that a search must find in the points of the later place."""
-APART = 0.6, 0.3
-"""Metres and radians between poses that are hypotheses of their own."""
 _UNSEEN = 0.25  # weight of what one view knows of another and its second best does not
 _FORTH_RATES = 0.93, 0.75
 """Share of a later place's points, of those in cells that are known, that lie on a surface of the

@@ -12,7 +12,6 @@ from mapmyworld.config import RegistrationConfig
 from mapmyworld.kernels.scan_preparation import prepare_many
 from mapmyworld.types import Scan
 
-_UNKNOWN_INCREMENT = 0.01  # rad between beams where the log does not say
 FINE = np.array([0.3, 0.2, 0.15, 0.12, 0.12, 0.12])  # m, reaches from a good guess
 COARSE = np.array([0.8, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.15, 0.12, 0.12])  # m, from a poor guess
 
@@ -87,13 +86,21 @@ def prepare_scans(scans: Sequence[Scan], config: RegistrationConfig) -> ScanSet:
     points = np.ascontiguousarray(np.concatenate([scan.points for scan in scans]), np.float32)
     bounds = np.concatenate([[0], np.cumsum([len(scan.points) for scan in scans])])
     increments = np.array([scan.angle_increment for scan in scans], np.float64)
-    increments[~np.isfinite(increments)] = _UNKNOWN_INCREMENT
+    for k in np.flatnonzero(~np.isfinite(increments)).tolist():
+        increments[k] = _increment_of(scans[k])
     settings = np.array(
         [config.range_max, config.point_spacing, config.point_count, config.line_radius]
     )
     rows, ends = np.empty((len(points), 5), np.float32), np.empty(len(bounds), np.int64)
     prepare_many(points, bounds.astype(np.int64), origins, increments, settings, rows, ends)
     return ScanSet(rows[: ends[-1]].copy(), ends, origins)
+
+
+def _increment_of(scan: Scan) -> float:
+    """Radians between most neighbouring returns, for a scan that does not say."""
+    x, y = (scan.points - scan.origin[:2]).T
+    bearings = np.sort(np.arctan2(y, x))
+    return float(np.median(np.diff(bearings))) if len(bearings) > 1 else np.pi
 
 
 def scan_set(scans: Sequence[PreparedScan]) -> ScanSet:

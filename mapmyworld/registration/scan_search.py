@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.geometry.planar import transform_points_planar
-from mapmyworld.kernels.branch_and_bound import FULL, best_shift, fill_pyramid
+from mapmyworld.kernels.branch_and_bound import FULL, best_shift, fill_pyramid, mark_beside
 from mapmyworld.kernels.rays import count_scans
 from mapmyworld.registration.scan_matching import ScanSet
 from mapmyworld.types import OccupancyGrid
@@ -21,29 +22,25 @@ Window = tuple[
 """What `best_shift` is given of grid, points and window."""
 _RESOLUTION = 0.1  # m, cells of the likelihood grid
 _LEVELS = 6  # of the pyramid: the coarsest bounds 3.2 m x 3.2 m of shifts
-_NEAR = 0.67  # likelihood of a point one cell beside a surface
-_UNSEEN = 128  # value of a cell that no beam passed: it speaks neither for a pose nor against it
+_UNSEEN = FULL - FULL // 2  # of a cell that no beam passed: it speaks for no pose and against none
+_BESIDE = FULL // 2 + _UNSEEN // 2  # of a cell beside a surface: it speaks half as much for a pose
 POINTS = 140
 """Of a scan or a submap that are scored, at most."""
-_ELSEWHERE = np.array([0.6, 0.3])  # m and rad from the best pose where a second best counts
-ANOTHER = np.array([1.0, 0.3])
-"""Metres and radians from which two poses in a whole map are two, and not one in doubt."""
+APART = 0.6, 0.3
+"""Metres and radians between poses that are hypotheses of their own."""
 NATS = 0.23
 """By which a point of a submap speaks for a pose or against it: some four points count as one."""
 MARGIN = float(np.log(100.0) / NATS)
 """Evidence, in points, by which a pose is a hundred times as likely as another."""
-_ONE_WALL = 0.9  # share of agreeing points that lie on one wall where about all do
-_WALL = 0.4  # m across a wall: two cells, and what a corner of 1.5 degrees adds over 8 m
-_DIRECTIONS = 120  # in which a wall is looked for
 _NOWHERE = np.array([0.0, 0.0, 0.0, -1.0, -1.0])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class LikelihoodGrid:
     """How likely a surface is, cell by cell, and its maxima over ever larger squares."""
 
-    pyramid: NDArray[np.uint8]
-    """(L, H, W) of L levels, 255 where there is one."""
+    cells: NDArray[np.uint8]
+    """(H, W), 255 where there is one."""
     corner: Array
     """(2,) of the first unpadded cell, in the frame of the points."""
     margin: int
@@ -51,10 +48,24 @@ class LikelihoodGrid:
     unseen: int
     """Value of a cell of which nothing is known."""
 
+    @staticmethod
+    def of(cells: NDArray[np.uint8], corner: Array, margin: int) -> LikelihoodGrid:
+        """Of cells (H, W) that hold a surface, are free or not seen, the first at `corner` (2,)."""
+        mark_beside(cells, _BESIDE)
+        return LikelihoodGrid(cells, corner, margin, _RESOLUTION, _UNSEEN)
+
+    @cached_property
+    def pyramid(self) -> NDArray[np.uint8]:
+        """(L, H, W) of L levels, the cells first; only a search needs it."""
+        pyramid = np.empty((_LEVELS, *self.cells.shape), np.uint8)
+        pyramid[0] = self.cells
+        fill_pyramid(pyramid)
+        return pyramid
+
     @property
     def bounds(self) -> tuple[Array, Array]:
         """The lower left and the upper right corner, (2,) both, m, of what is not padding."""
-        height, width = self.pyramid.shape[1:]
+        height, width = self.cells.shape
         return self.corner, self.corner + self.resolution * (
             np.array([width, height]) - 2 * self.margin
         )
@@ -105,11 +116,9 @@ def evidence_grid(submap: Submap) -> LikelihoodGrid:
     hits, passes = np.zeros((2, height, width), np.uint16)
     marks = np.zeros((height, width), np.uint8)
     count_scans(hits, passes, marks, 0, starts, ends, np.ones(len(ends), np.bool_), submap.bounds)
-    pyramid = np.zeros((_LEVELS, height, width), np.uint8)
-    pyramid[0] = np.where(passes > 0, 0, _UNSEEN)
-    pyramid[0, cells[:, 1], cells[:, 0]] = FULL
-    fill_pyramid(pyramid, round(_NEAR * FULL))
-    return LikelihoodGrid(pyramid, corner, margin, _RESOLUTION, _UNSEEN)
+    found = np.where(passes > 0, 0, _UNSEEN).astype(np.uint8)
+    found[cells[:, 1], cells[:, 0]] = FULL
+    return LikelihoodGrid.of(found, corner, margin)
 
 
 def occupancy_evidence(grid: OccupancyGrid) -> tuple[Array, LikelihoodGrid]:
@@ -119,13 +128,12 @@ def occupancy_evidence(grid: OccupancyGrid) -> tuple[Array, LikelihoodGrid]:
     middles = (np.stack([columns, rows], axis=1) + 0.5) * grid.resolution
     at = np.floor(middles / _RESOLUTION).astype(np.int64) + margin + 2
     width, height = at.max(axis=0, initial=margin) + 3 + margin
-    pyramid = np.full((_LEVELS, height, width), _UNSEEN, np.uint8)
+    known = np.full((height, width), _UNSEEN, np.uint8)
     is_hit = cells[rows, columns] == 100
-    pyramid[0, at[~is_hit, 1], at[~is_hit, 0]] = 0
-    pyramid[0, at[is_hit, 1], at[is_hit, 0]] = FULL
-    fill_pyramid(pyramid, round(_NEAR * FULL))
+    known[at[~is_hit, 1], at[~is_hit, 0]] = 0
+    known[at[is_hit, 1], at[is_hit, 0]] = FULL
     corner = np.asarray(grid.origin, np.float64) - 2.0 * _RESOLUTION
-    found = LikelihoodGrid(pyramid, corner, margin, _RESOLUTION, _UNSEEN)
+    found = LikelihoodGrid.of(known, corner, margin)
     return spread_points(grid.origin + middles[is_hit], _RESOLUTION), found
 
 
@@ -136,25 +144,20 @@ def judged_points(points: Array, grid: LikelihoodGrid, pose: Array) -> NDArray[n
     """
     at = transform_points_planar(pose, _spread(points, grid.resolution))
     column, row = np.floor((at - grid.corner) / grid.resolution).astype(np.int64).T + grid.margin
-    height, width = grid.pyramid.shape[1:]
+    height, width = grid.cells.shape
     inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
-    values = grid.pyramid[0, np.where(inside, row, 0), np.where(inside, column, 0)]
+    values = grid.cells[np.where(inside, row, 0), np.where(inside, column, 0)]
     return np.sign(np.where(inside, values, grid.unseen).astype(np.int64) - grid.unseen)
 
 
 def lie_on_a_line(points: Array, resolution: float, judged: NDArray[np.int64]) -> bool:
-    """Whether those of points (N, 2) that agree, by `judged` (P,), are about all of one wall.
+    """Whether those of points (N, 2) that agree, by `judged` (P,), spread less than a cell across.
 
     A wall fits any other, wherever along it: the points of one say nothing of the place.
     """
     agree = _spread(points, resolution)[judged > 0]
-    angles = np.linspace(0.0, np.pi, _DIRECTIONS, endpoint=False)
-    across = np.sort(agree @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)
-    needed = int(np.ceil(_ONE_WALL * len(agree)))
-    if needed < 2:
-        return True
-    widths = across[needed - 1 :] - across[: len(agree) - needed + 1]
-    return bool(widths.min() < _WALL)
+    across = np.linalg.eigvalsh(np.cov(agree.T, ddof=0))[0] if len(agree) > 2 else 0.0
+    return bool(across < resolution**2)
 
 
 def search_evidence(
@@ -188,7 +191,7 @@ def evidence_elsewhere(
     """
     window = _window(points, grid, pose, distance, angle)
     least = max(least, (2.0 * score - 1.0) * len(window[2]) - MARGIN)
-    return _best_of(window, np.concatenate([pose, _ELSEWHERE]), least)
+    return _best_of(window, np.array([*pose, *APART]), least)
 
 
 def search_about(
@@ -216,7 +219,7 @@ def search_elsewhere(
     """As of `search_everywhere`, a pose (3,) of points (N, 2), but not at `pose` (3,), nor in what
     continues it, as along a wall.
     """
-    return _best_of(_everywhere(points, grid), np.concatenate([pose, ANOTHER]), least)
+    return _best_of(_everywhere(points, grid), np.array([*pose, *APART]), least)
 
 
 def _everywhere(points: Array, grid: LikelihoodGrid) -> Window:
@@ -224,7 +227,7 @@ def _everywhere(points: Array, grid: LikelihoodGrid) -> Window:
     step = 2.0 * _step(used, grid)
     angles = np.arange(-np.pi, np.pi, step)
     side = 1 << (len(grid.pyramid) - 1)
-    rows, columns = np.nonzero(grid.pyramid[0] != grid.unseen)
+    rows, columns = np.nonzero(grid.cells != grid.unseen)
     squares = np.unique(np.stack([columns, rows], axis=1) // side, axis=0) * side - grid.margin
     guess = np.append(grid.corner + 0.5 * grid.resolution, 0.0)
     reach = max(grid.pyramid.shape)
@@ -268,7 +271,7 @@ def _step(points: Array, grid: LikelihoodGrid) -> float:
 def _best_elsewhere(window: Window, pose: Array, least: float) -> Array:
     """(4,) score and pose; zeros if no score exceeds `least`."""
     best = np.zeros(4)
-    best_shift(*window, least, np.concatenate([pose, _ELSEWHERE]), best)
+    best_shift(*window, least, np.array([*pose, *APART]), best)
     return best if best[0] > least else np.zeros(4)
 
 

@@ -16,12 +16,13 @@ from mapmyworld.registration.camera_pose import Sightings
 from mapmyworld.types import CameraModel, Features
 
 Array = NDArray[np.float64]
-_DEPTH_OUTLIER = 0.06  # 1/m by which a feature's inverse depth may be off
+SEARCH_RADIUS = 30.0
+"""Pixels around the prediction in which a point is looked for; edge of the cells of features."""
 _BITS = 64  # of 256 in which matching features may differ
 _RATIO = 0.8  # best distance to second best, at most
 _PIXEL_SIGMA = 1.0  # pixels, standard deviation of a feature at the finest scale
-_CELL = 20.0  # pixels, edge of the cells in which features are looked up
-_BASE_SIZE = 31.0  # pixels, diameter of an ORB patch at the finest scale
+ORB_PATCH = 31.0
+"""Pixels, diameter of an ORB feature at the finest scale."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,11 +64,13 @@ def make_view(features: Features, camera: CameraModel, config: Config) -> View:
     z = transform_points(invert(camera.base_from_camera), features.points)[:, 2]
     seen = np.concatenate([rays, (1.0 / z)[:, None]], axis=1)
     sigmas = np.empty((len(rays), 3))
-    sigmas[:, 0] = _PIXEL_SIGMA / focal[0] * scales(features)
+    sigmas[:, 0] = pixel_sigmas(features) / focal[0]
     sigmas[:, 1] = config.visual.depth_sigma
-    sigmas[:, 2] = _DEPTH_OUTLIER
-    columns = int(np.ceil(camera.width / _CELL))
-    starts, members = _sorted_into_cells(pixels, columns, int(np.ceil(camera.height / _CELL)))
+    sigmas[:, 2] = config.visual.inlier_sigmas * config.visual.depth_sigma
+    columns = int(np.ceil(camera.width / SEARCH_RADIUS))
+    starts, members = _sorted_into_cells(
+        pixels, columns, int(np.ceil(camera.height / SEARCH_RADIUS))
+    )
     return View(
         camera,
         features,
@@ -81,10 +84,15 @@ def make_view(features: Features, camera: CameraModel, config: Config) -> View:
     )
 
 
+def pixel_sigmas(features: Features) -> Array:
+    """(N,) standard deviations of where features lie, pixels."""
+    return _PIXEL_SIGMA * scales(features)
+
+
 def scales(features: Features) -> Array:
     """(N,) how much coarser than the finest scale each feature was found."""
     if features.descriptors.dtype == np.uint8:
-        return np.asarray(np.maximum(features.sizes / _BASE_SIZE, 1.0), np.float64)
+        return np.asarray(np.maximum(features.sizes / ORB_PATCH, 1.0), np.float64)
     return np.asarray(np.maximum(features.sizes / 4.0, 1.0), np.float64)
 
 
@@ -112,7 +120,7 @@ def match_around(
     view: View,
     camera_points: Array,
     words: NDArray[np.uint64],
-    radius: float | NDArray[np.float32],
+    radius: float | NDArray[np.floating],
 ) -> NDArray[np.int32]:
     """(P,) for each point (P, 3) in the camera's frame the feature seen near it, -1 for none.
 
@@ -133,7 +141,7 @@ def match_around(
         words,
         view.pixels,
         view.words,
-        _CELL,
+        SEARCH_RADIUS,
         view.starts,
         view.members,
         view.columns,
@@ -166,7 +174,7 @@ def _sorted_into_cells(
     pixels: Array, columns: int, rows: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Starts (cells + 1,) and members (N,) of the features sorted by cell, row after row."""
-    cells = np.clip(np.floor(pixels / _CELL).astype(np.int64), 0, [columns - 1, rows - 1])
+    cells = np.clip(np.floor(pixels / SEARCH_RADIUS).astype(np.int64), 0, [columns - 1, rows - 1])
     keys = cells[:, 1] * columns + cells[:, 0]
     members = np.argsort(keys, kind="stable").astype(np.int32)
     starts = np.searchsorted(keys[members], np.arange(columns * rows + 1)).astype(np.int32)

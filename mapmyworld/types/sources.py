@@ -88,7 +88,6 @@ class ImageMatch:
     matches: int = 0
     inliers: int = 0
     share: float = 0.0
-    cells: int = 0
     residual_px: float = 0.0
     sigma_m: float = 0.0
     sigma_rad: float = 0.0

@@ -31,7 +31,6 @@ class Why(StrEnum):
     IMAGES_AGREE = "images agree"
     FEW_INLIERS = "few matches agree"
     LOW_SHARE = "low share of matches agrees"
-    FEW_CELLS = "matches cover too little"
     UNCERTAIN_TRANSLATION = "uncertain translation"
     UNCERTAIN_ROTATION = "uncertain rotation"
     MOTION_CONTRADICTS = "contradicts the tracked motion"

@@ -48,7 +48,6 @@ _VERDICTS: Mapping[Why, str] = {
     Why.IMAGES_AGREE: "{inliers} matches agree within {sigmas:g} sigma",
     Why.FEW_INLIERS: "{inliers} of {matches} matches agree, {limit} needed",
     Why.LOW_SHARE: "{share} of the matches agree, {limit} needed",
-    Why.FEW_CELLS: "inliers cover {cells} cells of the image, {limit} needed",
     Why.UNCERTAIN_TRANSLATION: "translation uncertain: sigma {sigma:.3f} m, limit {limit:g} m",
     Why.UNCERTAIN_ROTATION: "rotation uncertain: sigma {sigma:.4f} rad, limit {limit:g} rad",
     Why.MOTION_CONTRADICTS: "perceptual aliasing: contradicts the tracked motion by {metres:.2f} m "

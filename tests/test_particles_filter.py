@@ -13,12 +13,11 @@ from plain_occupancy import SensorModel, update_occupancy_grid
 from formats.logs import open_log
 from formats.relation_files import read_relations
 from mapmyworld.config import Config, MappingConfig, ParticlesConfig
-from mapmyworld.errors import ConfigError, LogError
+from mapmyworld.errors import LogError
 from mapmyworld.evaluation import ate, relations_score
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
 from mapmyworld.kernels.wheel_model import new_wheels
 from mapmyworld.mapping.occupancy import build_grid
-from mapmyworld.particles import kernels
 from mapmyworld.particles.contradictions import Contradictions, contradictions
 from mapmyworld.particles.fastslam import run_fastslam
 from mapmyworld.particles.filter_scans import beams_from_scan
@@ -211,17 +210,15 @@ def test_in_a_corridor_the_proposal_is_as_long_as_the_motion_leaves_it() -> None
     assert sigma[1] < 0.02
 
 
-@pytest.mark.parametrize("model", ["field", "beams"])
-def test_weights_prefer_the_particle_that_is_right(model: str) -> None:
+def test_weights_prefer_the_particle_that_is_right() -> None:
     truth = np.array([1.3, 1.0, 0.1])
-    settings = replace(SETTINGS, measurement=model)
     with Workers(1) as workers:
         maps = mapped(RING, np.array([[1.0 + 0.1 * k, 1.0, 0.0] for k in range(8)]), workers)
         maps.resample(np.zeros(2, np.int64))
         x = np.stack([truth, truth + np.array([0.6, 0.5, 0.4])])
         u, tight = np.zeros(3), np.diag([0.005, 0.005, 0.002]) ** 2
         z = beams_at(RING, truth)
-        proposal = improved_proposal(x, one(u, tight), z, maps, settings, workers)
+        proposal = improved_proposal(x, one(u, tight), z, maps, SETTINGS, workers)
     assert proposal.log_weight[0] > proposal.log_weight[1] + 0.5
 
 
@@ -295,21 +292,6 @@ def test_one_contradiction_in_a_hundred_is_chance_and_five_are_not() -> None:
     assert Contradictions(20, 3).diverged
 
 
-def test_likelihoods_of_beams_do_not_depend_on_how_particles_are_split() -> None:
-    pose = np.array([1.0, 1.0, 0.0])
-    with Workers(1) as workers:
-        maps = mapped(RING, pose[None], workers)
-        maps.resample(np.zeros(7, np.int64))
-    poses = pose + np.linspace(0.0, 0.3, 7)[:, None]
-    z = beams_at(RING, pose)
-    whole, parts = np.zeros(7), np.zeros(7)
-    kernels.beam_log_likelihoods(maps.surfaces, 0, 7, z, poses, 0.08, whole)
-    for first, last in ((3, 7), (0, 3)):
-        kernels.beam_log_likelihoods(maps.surfaces, first, last, z, poses, 0.08, parts)
-    np.testing.assert_array_equal(whole, parts)
-    assert whole[0] > whole[1:].max()  # the true pose
-
-
 def test_smoothing_shares_out_what_a_loop_was_closed_with() -> None:
     """A lap and a quarter that turned 0.2 degrees a metre too much, so that its end lies aside."""
     truth = drive_round(1.25, step=0.4)
@@ -338,12 +320,6 @@ def test_loops_are_counted_once_each() -> None:
 def test_a_log_without_scans_is_refused() -> None:
     with pytest.raises(LogError, match="laser"):
         run_fastslam([Frame(0, np.eye(4), None)], Config(), Silence())
-
-
-def test_an_unknown_measurement_model_is_refused() -> None:
-    wrong = ParticlesConfig(measurement="magic")
-    with pytest.raises(ConfigError, match='magic": use "field" or "beams"'):
-        run_fastslam([], Config(particles=wrong), Silence())
 
 
 def test_scans_without_a_return_between_others_do_no_harm() -> None:

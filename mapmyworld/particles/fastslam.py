@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config, ParticlesConfig
-from mapmyworld.errors import ConfigError, LogError
+from mapmyworld.errors import LogError
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -102,9 +102,8 @@ class _Record:
 def run_fastslam(frames: Iterable[Frame], config: Config, progress: Progress) -> FastSlamResult:
     """Path and map of the most likely particle, from the scans of a log.
 
-    Raises LogError when no frame has a scan, ConfigError when there is no such measurement model.
+    Raises LogError when no frame has a scan.
     """
-    _check(config.particles.measurement)
     tracker = LaserTracker(config)
     record = _track(frames, tracker, config, progress)
     motions = record.motions(tracker.wheels, config)
@@ -123,11 +122,6 @@ def run_fastslam(frames: Iterable[Frame], config: Config, progress: Progress) ->
         notes=tracker.notes(),
         losses=tracker.losses(),
     )
-
-
-def _check(model: str) -> None:
-    if model not in ("field", "beams"):
-        raise ConfigError(f'particles.measurement is "{model}": use "field" or "beams"')
 
 
 def _track(

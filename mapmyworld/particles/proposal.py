@@ -101,12 +101,7 @@ def _mode(
         count,
         (z, predicted, prior, _MAX_DISTANCES, config.sigma, scale, mean, information, quality),
     )
-    log_z = quality[:, 1]
-    if config.measurement == "beams":
-        workers.run_maps(
-            kernels.beam_log_likelihoods, m.surfaces, count, (z, mean, 2.0 * config.sigma, log_z)
-        )
     covariance = np.asarray(np.linalg.inv(information), np.float64)
     # Laplace: the integral of exp(-cost) is exp(-minimum) times the root of |2 pi Sigma|.
     volume = 0.5 * (np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(u_covariance)[1])
-    return mean, covariance, scale * log_z - 0.5 * quality[:, 2] + volume, quality[:, 0]
+    return mean, covariance, scale * quality[:, 1] - 0.5 * quality[:, 2] + volume, quality[:, 0]

@@ -27,12 +27,6 @@ if TYPE_CHECKING:
     from mapmyworld.config import Config
     from mapmyworld.types import LogSource
 
-_LATER = (
-    "mapmyworld.exporting",
-    "cli.report",
-    "formats.grid_files",
-)  # imported while the log is tracked
-
 
 @click.command()
 @click.argument("paths", metavar="LOG...", nargs=-1, required=True, type=PATH)
@@ -186,7 +180,7 @@ def _build(
         store.put("settings", settings_that_differ(config))
         words = _given_words(config.places.vocabulary)
         log = looked_at.result()
-        result = build_map(log, store, config, progress, method=method, words=words, later=_LATER)
+        result = build_map(log, store, config, progress, method=method, words=words)
         written = [str(map_path)]
         if export:
             from mapmyworld.exporting import export_beside

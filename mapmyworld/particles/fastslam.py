@@ -17,7 +17,6 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     wrap_angle,
 )
-from mapmyworld.heap import give_back
 from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
 from mapmyworld.parallel import batches
 from mapmyworld.particles.contradictions import Contradictions, contradictions
@@ -108,7 +107,6 @@ def run_fastslam(frames: Iterable[Frame], config: Config, progress: Progress) ->
     record = _track(frames, tracker, config, progress)
     motions = record.motions(tracker.wheels, config)
     path, generations = _filtered(motions, record.beams, config, progress)
-    give_back()
     updates = _smoothed_path(path, motions, record, config, progress)
     progress.stage("particle map", float(len(updates)), "scans")
     return FastSlamResult(

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import RegistrationConfig
-from mapmyworld.heap import give_back
 from mapmyworld.parallel import batches
 from mapmyworld.registration.scan_matching import ScanSet, prepare_scans, scan_set
 from mapmyworld.types import MapStore
@@ -80,7 +79,6 @@ class StoredScans:
         """Holds the latest blocks only."""
         while len(self._blocks) > _IDLE:
             self._blocks.popitem(last=False)
-        give_back()
 
     def _block(self, number: int) -> ScanSet:
         found = self._blocks.get(number)

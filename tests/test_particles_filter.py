@@ -27,7 +27,6 @@ from mapmyworld.particles.kernels.likelihood import log_likelihood
 from mapmyworld.particles.motions import Motion, TrackedScans, motions_between
 from mapmyworld.particles.proposal import improved_proposal
 from mapmyworld.particles.smoothing import smooth_path
-from mapmyworld.particles.threads import Workers
 from mapmyworld.particles.tiles import TileMaps
 from mapmyworld.sensing import make_plan, read_frames, survey_log
 from mapmyworld.types import Frame, OccupancyGrid, Scan, Trajectory
@@ -133,44 +132,42 @@ def test_known_poses_give_the_graph_pipelines_grid() -> None:
 
 
 def test_particles_share_tiles_until_they_write() -> None:
-    with Workers(1) as workers:
-        maps = TileMaps(4, 0.05, workers)
-        pose = np.array([1.0, 1.0, 0.0])
-        maps.insert(beams_at(RING, pose), np.tile(pose, (4, 1)))
-        alone = maps.tiles_used
-        maps.resample(np.zeros(4, np.int64))
-        assert maps.tiles_used == alone // 4
-        before = [array.copy() for array in maps.surfaces[1:3]]
-        tables = maps.surfaces.tables.copy()
-        far = np.array([1.0, 8.0, 0.0])
-        maps.insert(beams_at(RING, far), np.stack([far, far, far, pose]))
-        for array, old in zip(maps.surfaces[1:3], before, strict=True):
-            kept = np.unique(tables[0][np.isin(tables[0], maps.surfaces.tables)])
-            np.testing.assert_array_equal(array[kept], old[kept])
+    maps = TileMaps(4, 0.05, 1)
+    pose = np.array([1.0, 1.0, 0.0])
+    maps.insert(beams_at(RING, pose), np.tile(pose, (4, 1)))
+    alone = maps.tiles_used
+    maps.resample(np.zeros(4, np.int64))
+    assert maps.tiles_used == alone // 4
+    before = [array.copy() for array in maps.surfaces[1:3]]
+    tables = maps.surfaces.tables.copy()
+    far = np.array([1.0, 8.0, 0.0])
+    maps.insert(beams_at(RING, far), np.stack([far, far, far, pose]))
+    for array, old in zip(maps.surfaces[1:3], before, strict=True):
+        kept = np.unique(tables[0][np.isin(tables[0], maps.surfaces.tables)])
+        np.testing.assert_array_equal(array[kept], old[kept])
 
 
 def test_one_particles_map_does_not_depend_on_the_others() -> None:
     poses = drive_round(0.5)[::10]
-    with Workers(1) as workers:
-        lone, many = TileMaps(1, 0.05, workers), TileMaps(5, 0.05, workers)
-        for k, pose in enumerate(poses):
-            z = beams_at(RING, pose)
-            lone.insert(z, pose[None])
-            others = compose_planar(pose, np.outer(np.arange(5), [0.1, -0.2, 0.3]))
-            many.insert(z, others)
-            if k % 3 == 2:
-                many.resample(np.array([0, 2, 2, 0, 4]))
-        a, b = lone.surfaces, many.surfaces
-        shift = a.base - b.base
-        for y, x in np.argwhere(a.tables[0]):
-            slot, same = a.tables[0, y, x], b.tables[0, y + shift[0], x + shift[1]]
-            np.testing.assert_array_equal(a.visits[slot], b.visits[same])
-            np.testing.assert_array_equal(a.hits[slot], b.hits[same])
-            np.testing.assert_array_equal(a.means[slot], b.means[same])
+    lone, many = TileMaps(1, 0.05, 1), TileMaps(5, 0.05, 1)
+    for k, pose in enumerate(poses):
+        z = beams_at(RING, pose)
+        lone.insert(z, pose[None])
+        others = compose_planar(pose, np.outer(np.arange(5), [0.1, -0.2, 0.3]))
+        many.insert(z, others)
+        if k % 3 == 2:
+            many.resample(np.array([0, 2, 2, 0, 4]))
+    a, b = lone.surfaces, many.surfaces
+    shift = a.base - b.base
+    for y, x in np.argwhere(a.tables[0]):
+        slot, same = a.tables[0, y, x], b.tables[0, y + shift[0], x + shift[1]]
+        np.testing.assert_array_equal(a.visits[slot], b.visits[same])
+        np.testing.assert_array_equal(a.hits[slot], b.hits[same])
+        np.testing.assert_array_equal(a.means[slot], b.means[same])
 
 
-def mapped(walls: Array, poses: Array, workers: Workers) -> TileMaps:
-    maps = TileMaps(1, 0.05, workers)
+def mapped(walls: Array, poses: Array) -> TileMaps:
+    maps = TileMaps(1, 0.05, 1)
     for pose in poses:
         maps.insert(beams_at(walls, pose), pose[None])
     return maps
@@ -186,11 +183,10 @@ def test_the_proposal_finds_the_true_pose_and_knows_how_well() -> None:
     truth = np.array([1.43, 1.08, 0.21])
     u = np.array([0.05, -0.04, 0.03])
     wide = np.diag([0.1, 0.1, 0.05]) ** 2
-    with Workers(1) as workers:
-        maps = mapped(RING, around, workers)
-        z = beams_at(RING, truth)
-        start = compose_planar(truth, np.array([-0.11, 0.09, -0.06]))
-        proposal = improved_proposal(start[None], one(u, wide), z, maps, SETTINGS, workers)
+    maps = mapped(RING, around)
+    z = beams_at(RING, truth)
+    start = compose_planar(truth, np.array([-0.11, 0.09, -0.06]))
+    proposal = improved_proposal(start[None], one(u, wide), z, maps, SETTINGS, 1)
     assert np.hypot(*(proposal.mean[0, 0] - truth)[:2]) < 0.01
     assert abs(proposal.mean[0, 0, 2] - truth[2]) < 0.005
     assert np.sqrt(proposal.covariance[0, 0].diagonal()).max() < 0.02
@@ -200,11 +196,10 @@ def test_the_proposal_finds_the_true_pose_and_knows_how_well() -> None:
 def test_in_a_corridor_the_proposal_is_as_long_as_the_motion_leaves_it() -> None:
     poses = np.array([[0.1 * k, 0.0, 0.0] for k in range(8)])
     motion = np.diag([0.2, 0.2, 0.05]) ** 2
-    with Workers(1) as workers:
-        maps = mapped(CORRIDOR, poses, workers)
-        z = beams_at(CORRIDOR, np.array([0.8, 0.0, 0.0]))
-        u = np.array([0.1, 0.0, 0.0])
-        proposal = improved_proposal(poses[-1:], one(u, motion), z, maps, SETTINGS, workers)
+    maps = mapped(CORRIDOR, poses)
+    z = beams_at(CORRIDOR, np.array([0.8, 0.0, 0.0]))
+    u = np.array([0.1, 0.0, 0.0])
+    proposal = improved_proposal(poses[-1:], one(u, motion), z, maps, SETTINGS, 1)
     sigma = np.sqrt(proposal.covariance[0, 0].diagonal())
     assert sigma[0] == pytest.approx(0.2, rel=0.3)
     assert sigma[1] < 0.02
@@ -212,13 +207,12 @@ def test_in_a_corridor_the_proposal_is_as_long_as_the_motion_leaves_it() -> None
 
 def test_weights_prefer_the_particle_that_is_right() -> None:
     truth = np.array([1.3, 1.0, 0.1])
-    with Workers(1) as workers:
-        maps = mapped(RING, np.array([[1.0 + 0.1 * k, 1.0, 0.0] for k in range(8)]), workers)
-        maps.resample(np.zeros(2, np.int64))
-        x = np.stack([truth, truth + np.array([0.6, 0.5, 0.4])])
-        u, tight = np.zeros(3), np.diag([0.005, 0.005, 0.002]) ** 2
-        z = beams_at(RING, truth)
-        proposal = improved_proposal(x, one(u, tight), z, maps, SETTINGS, workers)
+    maps = mapped(RING, np.array([[1.0 + 0.1 * k, 1.0, 0.0] for k in range(8)]))
+    maps.resample(np.zeros(2, np.int64))
+    x = np.stack([truth, truth + np.array([0.6, 0.5, 0.4])])
+    u, tight = np.zeros(3), np.diag([0.005, 0.005, 0.002]) ** 2
+    z = beams_at(RING, truth)
+    proposal = improved_proposal(x, one(u, tight), z, maps, SETTINGS, 1)
     assert proposal.log_weight[0] > proposal.log_weight[1] + 0.5
 
 
@@ -226,14 +220,13 @@ def test_where_odometry_and_tracking_differ_most_particles_take_what_the_map_con
     """A stall of 0.6 m: each particle is drawn from one of two modes, by its own map."""
     truth = np.array([1.3, 1.0, 0.1])
     tight = np.diag([0.01, 0.01, 0.005]) ** 2
-    with Workers(1) as workers:
-        maps = mapped(RING, np.array([[1.0 + 0.1 * k, 1.0, 0.0] for k in range(8)]), workers)
-        maps.resample(np.zeros(400, np.int64))
-        u = np.array([[0.6, 0.5, 0.4], [0.0, 0.0, 0.0]])
-        motion = Motion(u, np.stack([tight, tight]))
-        z = beams_at(RING, truth)
-        proposal = improved_proposal(np.tile(truth, (400, 1)), motion, z, maps, SETTINGS, workers)
-        x = proposal.sample(np.random.default_rng(3))
+    maps = mapped(RING, np.array([[1.0 + 0.1 * k, 1.0, 0.0] for k in range(8)]))
+    maps.resample(np.zeros(400, np.int64))
+    u = np.array([[0.6, 0.5, 0.4], [0.0, 0.0, 0.0]])
+    motion = Motion(u, np.stack([tight, tight]))
+    z = beams_at(RING, truth)
+    proposal = improved_proposal(np.tile(truth, (400, 1)), motion, z, maps, SETTINGS, 1)
+    x = proposal.sample(np.random.default_rng(3))
     right = np.hypot(*(x - truth)[:, :2].T) < 0.1
     expected = np.exp(proposal.log_mass[0, 1] - proposal.log_weight[0])
     assert expected > 0.6
@@ -257,8 +250,7 @@ def test_odometry_that_contradicts_the_tracked_motion_is_a_mode_of_its_own() -> 
 
 def test_what_was_never_seen_speaks_neither_for_a_pose_nor_against_it() -> None:
     """A scan of a wall that is mapped, of one in the open, and of one beyond the map."""
-    with Workers(1) as workers:
-        maps = mapped(RING, np.array([[1.0, 1.0, 0.0]]), workers)
+    maps = mapped(RING, np.array([[1.0, 1.0, 0.0]]))
     pose = np.zeros(3)
     at = [np.array([[2.0 + 0.1 * k, y] for k in range(20)]) for y in (0.0, 1.0, 50.0)]
     beams = [Beams(some, np.zeros((20, 2)), np.ones(2)) for some in at]

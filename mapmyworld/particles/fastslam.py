@@ -26,7 +26,6 @@ from mapmyworld.particles.history import FastSlamHistory, history_from_filter
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.motions import Motion, TrackedScans, motions_between
 from mapmyworld.particles.smoothing import smooth_path
-from mapmyworld.particles.threads import Workers
 from mapmyworld.types import Frame, OccupancyGrid, Progress, Scan
 
 _AT_ONCE = 64  # scans that are tracked in one go
@@ -145,11 +144,10 @@ def _filtered(
 ) -> tuple[NDArray[np.float64], list[Generation]]:
     """The best particle's path (K, 3) and all generations, one a scan; the maps are let go."""
     progress.stage("particles", float(len(scans)), "scans")
-    with Workers(config.threads) as workers:
-        particles = ParticleFilter(config.particles, workers, config.seed)
-        for k, (motion, z) in enumerate(zip([None, *motions], scans, strict=True)):
-            particles.step(motion, z)
-            progress.update(float(k + 1))
+    particles = ParticleFilter(config.particles, config.threads, config.seed)
+    for k, (motion, z) in enumerate(zip([None, *motions], scans, strict=True)):
+        particles.step(motion, z)
+        progress.update(float(k + 1))
     return particles.best_path(), particles.generations
 
 

@@ -94,7 +94,7 @@ def _mode(
     predicted = compose_planar(x, u)
     mean, information = np.zeros((count, 3)), np.zeros((count, 3, 3))
     quality = np.zeros((count, 3))
-    prior = np.linalg.inv(u_covariance)
+    prior = np.asarray(np.linalg.inv(u_covariance), np.float64)
 
     def match(first: int, last: int) -> None:
         kernels.match(

@@ -85,10 +85,9 @@ FIRST_READ_BY_PARTICLES: Mapping[str, tuple[str, ...]] = {
         "storage.*",
         "visual.obstacle_*",
         "particles.*",
-        "mapping.*",
     ),
     "fastslam": (),
-    "map": (),
+    "map": ("mapping.*",),
 }
 """The same of `--method fastslam`, whose particles carry maps of their own."""
 

@@ -4,7 +4,6 @@
     python benchmarks/fastslam_logs.py apartment hall office    # simulated, absolute error
     python benchmarks/fastslam_logs.py intel --seeds 5
     python benchmarks/fastslam_logs.py intel --particles 10 30 100 200
-    python benchmarks/fastslam_logs.py fr079 --measurement beams
     python benchmarks/fastslam_logs.py apartment --world-seed 5   # another drive
 
 Each run is a process of its own, so that time and peak memory are its own.
@@ -75,18 +74,14 @@ def simulated(world: str, folder: Path, seed: int) -> tuple[Path, Path]:
     return path, truth
 
 
-def run_once(
-    log: Path, reference: Path | None, particles: int, seed: int, threads: int, measurement: str
-) -> dict:
+def run_once(log: Path, reference: Path | None, particles: int, seed: int, threads: int) -> dict:
     """Figures of one run in this process."""
     from formats.logs import open_log
     from mapmyworld.config import Config, ParticlesConfig
     from mapmyworld.particles.fastslam import run_fastslam
     from mapmyworld.sensing import make_plan, read_frames, survey_log
 
-    settings = ParticlesConfig(
-        count=particles, count_min=min(10, particles), measurement=measurement
-    )
+    settings = ParticlesConfig(count=particles, count_min=min(10, particles))
     config = Config(particles=settings, seed=seed, threads=threads)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     cpu, wall = time.process_time(), time.monotonic()
@@ -155,18 +150,16 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--world-seed", type=int, default=0)
-    parser.add_argument("--measurement", default="field", choices=["field", "beams"])
-    parser.add_argument("--child", nargs=6, help=argparse.SUPPRESS)
+    parser.add_argument("--child", nargs=5, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.child:
-        log, reference, particles, seed, threads, measurement = arguments.child
+        log, reference, particles, seed, threads = arguments.child
         found = run_once(
             Path(log),
             Path(reference) if reference else None,
             int(particles),
             int(seed),
             int(threads),
-            measurement,
         )
         print(json.dumps(found))
         return
@@ -180,7 +173,7 @@ def main() -> None:
             for particles in arguments.particles:
                 for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds):
                     values = (log, reference or "", particles, seed, arguments.threads)
-                    print_row(child(*values, arguments.measurement))
+                    print_row(child(*values))
 
 
 def child(*values: object) -> dict:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import sys
-import threading
 import time
-from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,12 +24,6 @@ from mapmyworld.errors import MapError
 if TYPE_CHECKING:
     from mapmyworld.config import Config
     from mapmyworld.types import LogSource
-
-_LATER = (
-    "mapmyworld.exporting",
-    "cli.report",
-    "formats.grid_files",
-)  # imported while the log is tracked
 
 
 @click.command()
@@ -175,9 +167,9 @@ def _build(
 ) -> dict[str, Any]:
     started = time.monotonic()
     cpu = time.process_time()
-    looked_at = _looked_at(log)  # while the rest is imported
     from formats.database import open_store
     from formats.database.lock import only_writer
+    from formats.logs.steady import SteadyLog
     from mapmyworld.pipeline import build_map
 
     stored = storage_arguments(config)
@@ -185,8 +177,7 @@ def _build(
     with only_writer(map_path), no_empty_map(map_path), opening() as store:
         store.put("settings", settings_that_differ(config))
         words = _given_words(config.places.vocabulary)
-        log = looked_at.result()
-        result = build_map(log, store, config, progress, method=method, words=words, later=_LATER)
+        result = build_map(SteadyLog(log), store, config, progress, method=method, words=words)
         written = [str(map_path)]
         if export:
             from mapmyworld.exporting import export_beside
@@ -210,27 +201,6 @@ def _build(
             reused = bool(result.reused_stages)
             written += report_beside(store, map_path, cost, progress, continued=reused)
     return {**result.as_dict(), "files": written, **cost}
-
-
-def _looked_at(log: LogSource) -> Future[LogSource]:
-    """The log, once every byte of it was read: what it holds and its hash are known then.
-
-    By a thread that an interrupted program does not wait for.
-    """
-    from formats.logs.steady import SteadyLog
-
-    looked_at: Future[LogSource] = Future()
-
-    def look() -> None:
-        try:
-            steady = SteadyLog(log)
-            steady.content_hash()
-            looked_at.set_result(steady)
-        except BaseException as error:  # raised where the log is asked for
-            looked_at.set_exception(error)
-
-    threading.Thread(target=look, daemon=True).start()
-    return looked_at
 
 
 def _given_words(path: str) -> dict[int, Any] | None:

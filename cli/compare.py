@@ -22,7 +22,6 @@ from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
     from cli.comparing import Candidate
-    from mapmyworld.types import Trajectory
 
 _METHODS = ("graph", "fastslam", "neighbour")
 
@@ -70,11 +69,12 @@ def compare(
     mapmyworld compare drive.mcap --methods graph,fastslam,neighbour --reference truth.tum
     """
     from cli.comparing import draw_maps, figures_of, read_candidate, table_lines
+    from cli.scoring import read_any_trajectory
     from formats.relation_files import read_relations
 
     read = [path for path in (*paths, reference, relations, config_path) if path is not None]
     require_outputs([] if image is None else [image], read)
-    truth = None if reference is None else _read_path(reference)
+    truth = None if reference is None else read_any_trajectory(reference)
     known = None if relations is None else read_relations(relations)
     if methods is None:
         candidates = [read_candidate(path) for path in paths]
@@ -87,17 +87,6 @@ def compare(
         show_json({"maps": rows})
     else:
         click.echo("\n".join(table_lines(rows)))
-
-
-def _read_path(path: Path) -> Trajectory:
-    """A path from a TUM, KITTI or CSV file, or out of a map."""
-    from formats.trajectory_files import read_trajectory
-
-    if path.suffix == ".db":
-        from cli.comparing import read_candidate
-
-        return read_candidate(path).trajectory
-    return read_trajectory(path)
 
 
 def _chosen(methods: str) -> list[str]:

@@ -42,14 +42,20 @@ def load_config(config_path: Path | None, changes: Sequence[str]) -> Config:
     values: dict[str, Any] = {}
     if config_path is not None:
         values |= flatten(read_toml(config_path))
+    config = apply_settings(Config(), values | changed_values(changes))
+    _use_limits(config.limits)
+    return config
+
+
+def changed_values(changes: Sequence[str]) -> dict[str, str]:
+    """Name -> value of each `--set KEY=VALUE`, later ones winning; raises `ConfigError`."""
+    values = {}
     for change in changes:
         name, equals, value = change.partition("=")
         if not equals:
             raise ConfigError(f"--set {change}: write it as KEY=VALUE")
         values[name.strip()] = value.strip()
-    config = apply_settings(Config(), values)
-    _use_limits(config.limits)
-    return config
+    return values
 
 
 def _use_limits(config: LimitsConfig) -> None:

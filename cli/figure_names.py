@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mapmyworld.sensing.plan import moves_in_plane
-from mapmyworld.types import ConstraintKind, MapStore, Poses
+from mapmyworld.types import ConstraintKind, MapStore
 
 _NO_FIGURES = (
     "id",
@@ -38,14 +38,9 @@ def figures_of(store: MapStore) -> dict[str, float]:
             found[f"graph.constraints.{kind}.{verdict}"] = 0.0
     if poses is not None:
         from cli.inspect_graph import graph_facts, graph_problems
-        from mapmyworld.map_figures import divides_of
+        from mapmyworld.map_figures import divides_of, tracked_poses
 
-        nodes = store.nodes()
-        start = Poses(
-            np.array([node.id for node in nodes], np.int64),
-            np.array([node.tracked_from_base for node in nodes]).reshape(-1, 4, 4),
-        )
-        planar = moves_in_plane(store)
+        start, planar = tracked_poses(store.nodes()), moves_in_plane(store)
         facts = graph_facts(poses, constraints, start, planar, None, 10, divides_of(store))
         facts["problems"] = graph_problems(store.get("solve") or {})
         found |= flattened({"graph": facts})

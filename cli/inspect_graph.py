@@ -62,7 +62,7 @@ def graph(
     mapmyworld inspect graph office.db --between 3 17
     """
     from formats.database import open_store
-    from mapmyworld.map_figures import divides_of
+    from mapmyworld.map_figures import divides_of, tracked_poses
 
     require_outputs([] if image is None else [image], [map_path])
     if pair is not None:
@@ -81,7 +81,7 @@ def graph(
         relative = None if between is None or poses is None else _relative(store, *between)
     if poses is None:
         raise MapError(f"{map_path}: its graph is not solved yet: finish `mapmyworld build` first")
-    start = _start(nodes)
+    start = tracked_poses(nodes)
     shown = None if everything else worst
     facts = graph_facts(poses, constraints, start, planar, shown, worst, divides)
     facts["certainty"] = solved.get("certainty", "")
@@ -151,14 +151,6 @@ def _relative(store: Any, from_id: int, to_id: int) -> dict[str, Any]:
         "sigma_degrees": float(np.degrees(np.sqrt(np.trace(covariance[:3, :3])))),
         "covariance": covariance.tolist(),
     }
-
-
-def _start(nodes: Any) -> Poses:
-    import numpy as np
-
-    ids = np.array([node.id for node in nodes], np.int64)
-    poses = np.array([node.tracked_from_base for node in nodes]).reshape(-1, 4, 4)
-    return Poses(ids, poses)
 
 
 def graph_problems(solved: Mapping[str, Any]) -> list[str]:

@@ -92,19 +92,17 @@ def map_facts(store: MapStore) -> dict[str, Any]:
 
 
 def _grid_facts(grid: OccupancyGrid) -> dict[str, Any]:
-    cells = grid.trinary()
-    probability = grid.probabilities()
-    seen = np.isfinite(probability)
-    p = np.clip(probability[seen].astype(np.float64), 1e-9, 1.0 - 1e-9)
-    entropy = -(p * np.log2(p) + (1 - p) * np.log2(1 - p))
+    from mapmyworld.evaluation.sharpness import grid_sharpness
+
+    cells, found = grid.trinary(), grid_sharpness(grid).as_dict()
     return {
         "resolution_m": grid.resolution,
         "width": int(cells.shape[1]),
         "height": int(cells.shape[0]),
-        "free_m2": grid.area_m2(0),
-        "occupied_m2": grid.area_m2(100),
+        "free_m2": found["free_m2"],
+        "occupied_m2": found["occupied_m2"],
         "unknown_share": float((cells == -1).mean()),
-        "mean_entropy_bits": float(entropy.mean()) if len(p) else None,
+        "mean_entropy_bits": found["entropy_bits"],
     }
 
 

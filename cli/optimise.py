@@ -23,6 +23,7 @@ from cli.outputs import (
 )
 from cli.standard_streams import show_json
 from mapmyworld.errors import GraphError
+from mapmyworld.types import Poses
 
 if TYPE_CHECKING:
     from mapmyworld.config.graph_settings import GraphConfig
@@ -88,7 +89,7 @@ def optimise(
         "output": str(output),
     }
     if image is not None:
-        draw(image, solved.graph, solved.accepted)
+        draw(image, solved)
     show_json(facts) if style == "json" else click.echo("\n".join(_lines(facts)))
     for loss in losses:
         click.echo(f"mapmyworld: {path}: {loss}", err=True)
@@ -198,31 +199,15 @@ def _graph_of_map(path: Path) -> PoseGraph:
     return graph_from_constraints(ids, start, constraints, bool(plan.get("planar", False)))
 
 
-def draw(image: Path, graph: PoseGraph, accepted: Any) -> None:
-    """The graph as a picture."""
-    import numpy as np
-
+def draw(image: Path, solved: OptimisedGraph) -> None:
+    """The solved graph as a picture."""
+    from cli.optimise_map import constraints_of, matrices_of
     from formats.report.graph_picture import write_graph_picture
-    from mapmyworld.geometry.planar import planar_to_matrix
-    from mapmyworld.types import ConstraintKind, Judge, Judged, Poses, Verdict, Why
 
-    poses = planar_to_matrix(graph.map_from_node) if graph.planar else graph.map_from_node
-    nothing = np.eye(6)
-    constraints = [
-        Judged(
-            int(a),
-            int(b),
-            ConstraintKind.NEIGHBOUR if odometry else ConstraintKind.LOOP_CLOSURE,
-            nothing[:4, :4],
-            nothing,
-            verdicts=(Verdict(Judge.GRAPH, bool(good), Why.MISSES),),
-        )
-        for a, b, odometry, good in zip(
-            graph.edges.from_ids, graph.edges.to_ids, graph.edges.odometry, accepted, strict=True
-        )
-    ]
+    graph = solved.graph
     landmarks = graph.landmarks if len(graph.landmark_ids) else None
-    write_graph_picture(image, Poses(graph.ids, poses), constraints, None, landmarks)
+    poses = Poses(graph.ids, matrices_of(graph.planar, graph.map_from_node))
+    write_graph_picture(image, poses, constraints_of(solved), None, landmarks)
     note(f"drew {image}")
 
 

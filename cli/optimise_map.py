@@ -52,7 +52,7 @@ def write_map(
         if not ours:
             with store.write_stage("track", "graph"):
                 store.put("plan", {"planar": graph.planar})
-                start = _matrices(graph.planar, given.map_from_node)
+                start = matrices_of(graph.planar, given.map_from_node)
                 for node, pose in zip((graph.ids + shift).tolist(), start, strict=True):
                     store.add_node(Node(node, 0, node * 1_000_000_000, pose, pose), NodeData())
         judged = _rejudged(before, solved) if ours else constraints_of(solved, shift)
@@ -78,7 +78,8 @@ def _is_map(path: Path) -> bool:
         return isinstance(store, DatabaseStore)
 
 
-def _matrices(planar: bool, poses: np.ndarray) -> np.ndarray:
+def matrices_of(planar: bool, poses: np.ndarray) -> np.ndarray:
+    """Poses (N, 3 or 4, 4) of a graph as motions in space (N, 4, 4)."""
     return planar_to_matrix(poses) if planar else poses
 
 
@@ -87,7 +88,7 @@ def _placed(graph: PoseGraph, shift: int) -> tuple[np.ndarray, np.ndarray]:
     marks = np.tile(np.eye(4), (len(graph.landmark_ids), 1, 1))
     marks[:, : graph.landmarks.shape[1], 3] = graph.landmarks
     ids = np.concatenate([graph.ids + shift, -1 - np.arange(len(marks))])
-    return ids, np.concatenate([_matrices(graph.planar, graph.map_from_node), marks])
+    return ids, np.concatenate([matrices_of(graph.planar, graph.map_from_node), marks])
 
 
 def _rejudged(constraints: Sequence[Judged], solved: OptimisedGraph) -> tuple[Judged, ...]:
@@ -111,7 +112,7 @@ def constraints_of(solved: OptimisedGraph, shift: int = 0) -> tuple[Judged, ...]
     """Edges, priors and sightings of the solved graph, with their verdicts."""
     graph, edges = solved.graph, solved.graph.edges
     planar = graph.planar
-    motions = _matrices(planar, edges.i_from_j)
+    motions = matrices_of(planar, edges.i_from_j)
     information = information_from_planar(edges.information) if planar else edges.information
     kinds = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.NEIGHBOUR)
     made = [
@@ -139,7 +140,7 @@ def constraints_of(solved: OptimisedGraph, shift: int = 0) -> tuple[Judged, ...]
 
 def _priors(graph: PoseGraph, shift: int) -> list[Judged]:
     priors = graph.priors
-    poses = _matrices(
+    poses = matrices_of(
         graph.planar, priors.map_from_node.reshape(-1, *graph.map_from_node.shape[1:])
     )
     weights = information_from_planar(priors.information) if graph.planar else priors.information

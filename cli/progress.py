@@ -15,7 +15,6 @@ from cli.memory import peak_memory_mb
 from cli.standard_streams import own_words
 from formats.readable import readable
 from mapmyworld.decisions import decided
-from mapmyworld.heap import give_back
 
 _LINE_EVERY_S = 15.0  # between lines of progress where there is no terminal
 
@@ -72,7 +71,6 @@ class StderrProgress:
     def stage(self, name: str, total: float | None = None, unit: str = "") -> None:
         heed_wish()
         self.end()
-        give_back()
         decided("stage", f"{name} of {total:g} {unit}" if total and unit else name)
         self._name, self._total, self._unit = name, total, unit
         self._started = self._last_line = time.monotonic()

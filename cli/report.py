@@ -26,7 +26,7 @@ from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph import audit
 from mapmyworld.graph.variance import variance_factors
-from mapmyworld.map_figures import map_figures
+from mapmyworld.map_figures import map_figures, tracked_poses
 from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, OccupancyGrid, Poses
 from mapmyworld.types.wording import reason_of
 
@@ -122,9 +122,7 @@ def report_contents(
     nodes, constraints = store.nodes(), store.constraints()
     if not nodes:
         raise MapError(f"{_name(store)}: holds no nodes to report on")
-    solved = store.poses() or Poses(
-        np.array([n.id for n in nodes]), np.stack([n.tracked_from_base for n in nodes])
-    )
+    solved = store.poses() or tracked_poses(nodes)
     residuals = audit.residuals_against(constraints, solved, is_planar(solved.map_from_node))
     shown = _shown_constraints(constraints, residuals, nodes)
     path, fetched = _path(store, nodes), fetch_evidence(store, constraints, every_match=every_match)

@@ -9,6 +9,7 @@ from typing import cast
 import click
 
 from cli.arguments import PATH, format_option
+from cli.config_sources import changed_values
 from cli.outputs import require_apart, require_output_name
 from cli.progress import StderrProgress
 from cli.standard_streams import show_json
@@ -17,7 +18,7 @@ from formats.scene_mesh import SCENE_SUFFIXES, read_scene_mesh
 from formats.truth_files import truth_folder, write_truth
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings, as_toml
-from mapmyworld.errors import ConfigError, WorldError
+from mapmyworld.errors import WorldError
 from mapmyworld.simulation import WORLDS, Recording, SimulationSettings
 from mapmyworld.simulation import simulate as record
 from mapmyworld.simulation.world import Scene, World, scene_from_mesh
@@ -87,13 +88,8 @@ def simulate(
 def _settings(
     changes: tuple[str, ...], *, camera: bool, laser: bool, raw: bool
 ) -> SimulationSettings:
-    values: dict[str, str] = {}
-    for change in changes:
-        name, equals, value = change.partition("=")
-        if not equals:
-            raise ConfigError(f"--set {change}: write it as KEY=VALUE")
-        values[name.strip()] = value.strip()
-    changed = cast(SimulationSettings, apply_settings(cast(Config, SimulationSettings()), values))
+    standard = cast(Config, SimulationSettings())
+    changed = cast(SimulationSettings, apply_settings(standard, changed_values(changes)))
     body = replace(changed.camera, enabled=camera and changed.camera.enabled)
     if raw:
         body = replace(body, compressed=False)

@@ -39,7 +39,7 @@ class MapFigures:
 def map_figures(store: MapStore) -> MapFigures:
     """The figures of a map; by tracked poses where its graph is not solved."""
     nodes, constraints = store.nodes(), store.constraints()
-    poses = store.poses() or _tracked(nodes)
+    poses = store.poses() or tracked_poses(nodes)
     frames = store.tracked_frames() if nodes else None
     counts = counts_of(constraints)
     closures = [counts[kind] for kind in map(str, _CLOSURES) if kind in counts]
@@ -76,7 +76,8 @@ def components_of(
     )  # landmarks are no nodes
 
 
-def _tracked(nodes: Sequence[Node]) -> Poses:
+def tracked_poses(nodes: Sequence[Node]) -> Poses:
+    """Where tracking alone puts the nodes."""
     ids = np.array([node.id for node in nodes], np.int64)
     return Poses(ids, np.array([node.tracked_from_base for node in nodes]).reshape(-1, 4, 4))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,13 +54,11 @@ def build_map(
     *,
     method: str = "graph",
     words: Mapping[int, NDArray[np.uint8]] | None = None,
-    later: Sequence[str] = (),
 ) -> BuildResult:
     """Builds the map of a log into the store; stages done with the same inputs are not redone.
 
-    `words`: the vocabulary that `places.vocabulary` names, number -> descriptor (D,). `later`:
-    modules that the caller will use then; imported while the log is tracked. Raises `ConfigError`
-    where `places.vocabulary` names a file and no words are given.
+    `words`: the vocabulary that `places.vocabulary` names, number -> descriptor (D,). Raises
+    `ConfigError` where `places.vocabulary` names a file and no words are given.
     """
     if config.places.vocabulary and words is None:
         raise ConfigError("places.vocabulary names a file, but its words were not given")
@@ -81,7 +79,7 @@ def build_map(
         run("fastslam", lambda: finish_particles(store))
     else:
         scans = scan_loader(store, config)
-        run("track", lambda: track(log, plan(), *given, later=later))
+        run("track", lambda: track(log, plan(), *given))
         if lag := _confident_lag(
             log, plan, store, config
         ):  # reported by tracking: it is done once more

@@ -20,6 +20,7 @@ from mapmyworld.types.pose_graph import Edges, PoseGraph, Sightings, no_priors, 
 
 SIGMA = np.array([0.03, 0.03, 0.01])
 PLAIN = GraphConfig(certify=False)
+ROUND = 500  # nodes
 
 
 def lawn(rows: int = 8, length: int = 15) -> np.ndarray:
@@ -194,3 +195,44 @@ def test_what_false_closures_have_bent_does_not_stay_bent() -> None:
     assert fresh.inliers.all()
     assert 0.5 * edge_chi2(system, fresh.poses).sum() == pytest.approx(best, rel=1e-3)
     assert _afresh(question, problem.guess, problem.anchors, fresh) is fresh
+
+
+def two_rounds(pairs: np.ndarray, seed: int = 4) -> PoseGraph:
+    """A round of 500 m driven twice, a metre a step: the second is badly known by odometry."""
+    angle = 2 * np.pi * np.arange(2 * ROUND) / ROUND
+    radius = ROUND / (2 * np.pi)
+    truth = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), angle + np.pi / 2])
+    return drive(truth, pairs, seed)
+
+
+def with_strangers(graph: PoseGraph, count: int) -> PoseGraph:
+    """The graph with false closures of random nodes, places and headings."""
+    rng, edges = np.random.default_rng(7), graph.edges
+    tails = rng.integers(0, ROUND, count)
+    places = rng.uniform(-20, 20, (count, 2))
+    motions = np.column_stack([places, rng.uniform(-np.pi, np.pi, count)])
+    return graph.__class__(
+        True,
+        graph.ids,
+        graph.map_from_node,
+        edges.__class__(
+            np.concatenate([edges.from_ids, tails]),
+            np.concatenate([edges.to_ids, tails + ROUND]),
+            np.concatenate([edges.i_from_j, motions]),
+            np.concatenate([edges.information, np.tile(np.diag(SIGMA**-2.0), (count, 1, 1))]),
+            np.concatenate([edges.odometry, np.zeros(count, np.bool_)]),
+        ),
+        landmarks=graph.landmarks,
+        sightings=graph.sightings,
+        priors=graph.priors,
+    )
+
+
+SECTIONS = [(k, k + ROUND) for start in (50, 70, 90, 110) for k in range(start, start + 8)]
+
+
+def test_a_second_round_is_joined_to_the_first_among_many_false_closures() -> None:
+    graph = with_strangers(two_rounds(np.array(SECTIONS)), 300)
+    solved = optimise_robustly(graph, PLAIN)
+    true = np.arange(len(graph.edges)) < len(graph.edges) - 300
+    assert np.array_equal(solved.accepted, true)

@@ -13,12 +13,11 @@ from plain_occupancy import SensorModel, update_occupancy_grid
 from formats.logs import open_log
 from formats.relation_files import read_relations
 from mapmyworld.config import Config, MappingConfig, ParticlesConfig
-from mapmyworld.errors import ConfigError, LogError
+from mapmyworld.errors import LogError
 from mapmyworld.evaluation import ate, relations_score
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
 from mapmyworld.kernels.wheel_model import new_wheels
 from mapmyworld.mapping.occupancy import build_grid
-from mapmyworld.particles import kernels
 from mapmyworld.particles.contradictions import Contradictions, contradictions
 from mapmyworld.particles.fastslam import run_fastslam
 from mapmyworld.particles.filter_scans import beams_from_scan
@@ -28,7 +27,6 @@ from mapmyworld.particles.kernels.likelihood import log_likelihood
 from mapmyworld.particles.motions import Motion, TrackedScans, motions_between
 from mapmyworld.particles.proposal import improved_proposal
 from mapmyworld.particles.smoothing import smooth_path
-from mapmyworld.particles.threads import Workers
 from mapmyworld.particles.tiles import TileMaps
 from mapmyworld.sensing import make_plan, read_frames, survey_log
 from mapmyworld.types import Frame, OccupancyGrid, Scan, Trajectory
@@ -134,44 +132,42 @@ def test_known_poses_give_the_graph_pipelines_grid() -> None:
 
 
 def test_particles_share_tiles_until_they_write() -> None:
-    with Workers(1) as workers:
-        maps = TileMaps(4, 0.05, workers)
-        pose = np.array([1.0, 1.0, 0.0])
-        maps.insert(beams_at(RING, pose), np.tile(pose, (4, 1)))
-        alone = maps.tiles_used
-        maps.resample(np.zeros(4, np.int64))
-        assert maps.tiles_used == alone // 4
-        before = [array.copy() for array in maps.surfaces[1:3]]
-        tables = maps.surfaces.tables.copy()
-        far = np.array([1.0, 8.0, 0.0])
-        maps.insert(beams_at(RING, far), np.stack([far, far, far, pose]))
-        for array, old in zip(maps.surfaces[1:3], before, strict=True):
-            kept = np.unique(tables[0][np.isin(tables[0], maps.surfaces.tables)])
-            np.testing.assert_array_equal(array[kept], old[kept])
+    maps = TileMaps(4, 0.05, 1)
+    pose = np.array([1.0, 1.0, 0.0])
+    maps.insert(beams_at(RING, pose), np.tile(pose, (4, 1)))
+    alone = maps.tiles_used
+    maps.resample(np.zeros(4, np.int64))
+    assert maps.tiles_used == alone // 4
+    before = [array.copy() for array in maps.surfaces[1:3]]
+    tables = maps.surfaces.tables.copy()
+    far = np.array([1.0, 8.0, 0.0])
+    maps.insert(beams_at(RING, far), np.stack([far, far, far, pose]))
+    for array, old in zip(maps.surfaces[1:3], before, strict=True):
+        kept = np.unique(tables[0][np.isin(tables[0], maps.surfaces.tables)])
+        np.testing.assert_array_equal(array[kept], old[kept])
 
 
 def test_one_particles_map_does_not_depend_on_the_others() -> None:
     poses = drive_round(0.5)[::10]
-    with Workers(1) as workers:
-        lone, many = TileMaps(1, 0.05, workers), TileMaps(5, 0.05, workers)
-        for k, pose in enumerate(poses):
-            z = beams_at(RING, pose)
-            lone.insert(z, pose[None])
-            others = compose_planar(pose, np.outer(np.arange(5), [0.1, -0.2, 0.3]))
-            many.insert(z, others)
-            if k % 3 == 2:
-                many.resample(np.array([0, 2, 2, 0, 4]))
-        a, b = lone.surfaces, many.surfaces
-        shift = a.base - b.base
-        for y, x in np.argwhere(a.tables[0]):
-            slot, same = a.tables[0, y, x], b.tables[0, y + shift[0], x + shift[1]]
-            np.testing.assert_array_equal(a.visits[slot], b.visits[same])
-            np.testing.assert_array_equal(a.hits[slot], b.hits[same])
-            np.testing.assert_array_equal(a.means[slot], b.means[same])
+    lone, many = TileMaps(1, 0.05, 1), TileMaps(5, 0.05, 1)
+    for k, pose in enumerate(poses):
+        z = beams_at(RING, pose)
+        lone.insert(z, pose[None])
+        others = compose_planar(pose, np.outer(np.arange(5), [0.1, -0.2, 0.3]))
+        many.insert(z, others)
+        if k % 3 == 2:
+            many.resample(np.array([0, 2, 2, 0, 4]))
+    a, b = lone.surfaces, many.surfaces
+    shift = a.base - b.base
+    for y, x in np.argwhere(a.tables[0]):
+        slot, same = a.tables[0, y, x], b.tables[0, y + shift[0], x + shift[1]]
+        np.testing.assert_array_equal(a.visits[slot], b.visits[same])
+        np.testing.assert_array_equal(a.hits[slot], b.hits[same])
+        np.testing.assert_array_equal(a.means[slot], b.means[same])
 
 
-def mapped(walls: Array, poses: Array, workers: Workers) -> TileMaps:
-    maps = TileMaps(1, 0.05, workers)
+def mapped(walls: Array, poses: Array) -> TileMaps:
+    maps = TileMaps(1, 0.05, 1)
     for pose in poses:
         maps.insert(beams_at(walls, pose), pose[None])
     return maps
@@ -187,11 +183,10 @@ def test_the_proposal_finds_the_true_pose_and_knows_how_well() -> None:
     truth = np.array([1.43, 1.08, 0.21])
     u = np.array([0.05, -0.04, 0.03])
     wide = np.diag([0.1, 0.1, 0.05]) ** 2
-    with Workers(1) as workers:
-        maps = mapped(RING, around, workers)
-        z = beams_at(RING, truth)
-        start = compose_planar(truth, np.array([-0.11, 0.09, -0.06]))
-        proposal = improved_proposal(start[None], one(u, wide), z, maps, SETTINGS, workers)
+    maps = mapped(RING, around)
+    z = beams_at(RING, truth)
+    start = compose_planar(truth, np.array([-0.11, 0.09, -0.06]))
+    proposal = improved_proposal(start[None], one(u, wide), z, maps, SETTINGS, 1)
     assert np.hypot(*(proposal.mean[0, 0] - truth)[:2]) < 0.01
     assert abs(proposal.mean[0, 0, 2] - truth[2]) < 0.005
     assert np.sqrt(proposal.covariance[0, 0].diagonal()).max() < 0.02
@@ -201,27 +196,23 @@ def test_the_proposal_finds_the_true_pose_and_knows_how_well() -> None:
 def test_in_a_corridor_the_proposal_is_as_long_as_the_motion_leaves_it() -> None:
     poses = np.array([[0.1 * k, 0.0, 0.0] for k in range(8)])
     motion = np.diag([0.2, 0.2, 0.05]) ** 2
-    with Workers(1) as workers:
-        maps = mapped(CORRIDOR, poses, workers)
-        z = beams_at(CORRIDOR, np.array([0.8, 0.0, 0.0]))
-        u = np.array([0.1, 0.0, 0.0])
-        proposal = improved_proposal(poses[-1:], one(u, motion), z, maps, SETTINGS, workers)
+    maps = mapped(CORRIDOR, poses)
+    z = beams_at(CORRIDOR, np.array([0.8, 0.0, 0.0]))
+    u = np.array([0.1, 0.0, 0.0])
+    proposal = improved_proposal(poses[-1:], one(u, motion), z, maps, SETTINGS, 1)
     sigma = np.sqrt(proposal.covariance[0, 0].diagonal())
     assert sigma[0] == pytest.approx(0.2, rel=0.3)
     assert sigma[1] < 0.02
 
 
-@pytest.mark.parametrize("model", ["field", "beams"])
-def test_weights_prefer_the_particle_that_is_right(model: str) -> None:
+def test_weights_prefer_the_particle_that_is_right() -> None:
     truth = np.array([1.3, 1.0, 0.1])
-    settings = replace(SETTINGS, measurement=model)
-    with Workers(1) as workers:
-        maps = mapped(RING, np.array([[1.0 + 0.1 * k, 1.0, 0.0] for k in range(8)]), workers)
-        maps.resample(np.zeros(2, np.int64))
-        x = np.stack([truth, truth + np.array([0.6, 0.5, 0.4])])
-        u, tight = np.zeros(3), np.diag([0.005, 0.005, 0.002]) ** 2
-        z = beams_at(RING, truth)
-        proposal = improved_proposal(x, one(u, tight), z, maps, settings, workers)
+    maps = mapped(RING, np.array([[1.0 + 0.1 * k, 1.0, 0.0] for k in range(8)]))
+    maps.resample(np.zeros(2, np.int64))
+    x = np.stack([truth, truth + np.array([0.6, 0.5, 0.4])])
+    u, tight = np.zeros(3), np.diag([0.005, 0.005, 0.002]) ** 2
+    z = beams_at(RING, truth)
+    proposal = improved_proposal(x, one(u, tight), z, maps, SETTINGS, 1)
     assert proposal.log_weight[0] > proposal.log_weight[1] + 0.5
 
 
@@ -229,14 +220,13 @@ def test_where_odometry_and_tracking_differ_most_particles_take_what_the_map_con
     """A stall of 0.6 m: each particle is drawn from one of two modes, by its own map."""
     truth = np.array([1.3, 1.0, 0.1])
     tight = np.diag([0.01, 0.01, 0.005]) ** 2
-    with Workers(1) as workers:
-        maps = mapped(RING, np.array([[1.0 + 0.1 * k, 1.0, 0.0] for k in range(8)]), workers)
-        maps.resample(np.zeros(400, np.int64))
-        u = np.array([[0.6, 0.5, 0.4], [0.0, 0.0, 0.0]])
-        motion = Motion(u, np.stack([tight, tight]))
-        z = beams_at(RING, truth)
-        proposal = improved_proposal(np.tile(truth, (400, 1)), motion, z, maps, SETTINGS, workers)
-        x = proposal.sample(np.random.default_rng(3))
+    maps = mapped(RING, np.array([[1.0 + 0.1 * k, 1.0, 0.0] for k in range(8)]))
+    maps.resample(np.zeros(400, np.int64))
+    u = np.array([[0.6, 0.5, 0.4], [0.0, 0.0, 0.0]])
+    motion = Motion(u, np.stack([tight, tight]))
+    z = beams_at(RING, truth)
+    proposal = improved_proposal(np.tile(truth, (400, 1)), motion, z, maps, SETTINGS, 1)
+    x = proposal.sample(np.random.default_rng(3))
     right = np.hypot(*(x - truth)[:, :2].T) < 0.1
     expected = np.exp(proposal.log_mass[0, 1] - proposal.log_weight[0])
     assert expected > 0.6
@@ -260,8 +250,7 @@ def test_odometry_that_contradicts_the_tracked_motion_is_a_mode_of_its_own() -> 
 
 def test_what_was_never_seen_speaks_neither_for_a_pose_nor_against_it() -> None:
     """A scan of a wall that is mapped, of one in the open, and of one beyond the map."""
-    with Workers(1) as workers:
-        maps = mapped(RING, np.array([[1.0, 1.0, 0.0]]), workers)
+    maps = mapped(RING, np.array([[1.0, 1.0, 0.0]]))
     pose = np.zeros(3)
     at = [np.array([[2.0 + 0.1 * k, y] for k in range(20)]) for y in (0.0, 1.0, 50.0)]
     beams = [Beams(some, np.zeros((20, 2)), np.ones(2)) for some in at]
@@ -295,21 +284,6 @@ def test_one_contradiction_in_a_hundred_is_chance_and_five_are_not() -> None:
     assert Contradictions(20, 3).diverged
 
 
-def test_likelihoods_of_beams_do_not_depend_on_how_particles_are_split() -> None:
-    pose = np.array([1.0, 1.0, 0.0])
-    with Workers(1) as workers:
-        maps = mapped(RING, pose[None], workers)
-        maps.resample(np.zeros(7, np.int64))
-    poses = pose + np.linspace(0.0, 0.3, 7)[:, None]
-    z = beams_at(RING, pose)
-    whole, parts = np.zeros(7), np.zeros(7)
-    kernels.beam_log_likelihoods(maps.surfaces, 0, 7, z, poses, 0.08, whole)
-    for first, last in ((3, 7), (0, 3)):
-        kernels.beam_log_likelihoods(maps.surfaces, first, last, z, poses, 0.08, parts)
-    np.testing.assert_array_equal(whole, parts)
-    assert whole[0] > whole[1:].max()  # the true pose
-
-
 def test_smoothing_shares_out_what_a_loop_was_closed_with() -> None:
     """A lap and a quarter that turned 0.2 degrees a metre too much, so that its end lies aside."""
     truth = drive_round(1.25, step=0.4)
@@ -340,12 +314,6 @@ def test_a_log_without_scans_is_refused() -> None:
         run_fastslam([Frame(0, np.eye(4), None)], Config(), Silence())
 
 
-def test_an_unknown_measurement_model_is_refused() -> None:
-    wrong = ParticlesConfig(measurement="magic")
-    with pytest.raises(ConfigError, match='magic": use "field" or "beams"'):
-        run_fastslam([], Config(particles=wrong), Silence())
-
-
 def test_scans_without_a_return_between_others_do_no_harm() -> None:
     truth = drive_round(0.25, step=0.2)[:12]
     moments = recorded(truth, np.zeros(3))
@@ -355,12 +323,11 @@ def test_scans_without_a_return_between_others_do_no_harm() -> None:
     assert error(result.path, truth) < 0.03
 
 
-def test_one_scan_makes_a_map() -> None:
+def test_one_scan_makes_a_path() -> None:
     result = run_fastslam(
         [Frame(5, None, cast(RING, np.array([1.0, 1.0, 0.0])))], Config(), Silence()
     )
     np.testing.assert_array_equal(result.path, np.zeros((1, 3)))
-    assert np.isfinite(result.grid.log_odds).any()
 
 
 def test_the_same_bytes_for_any_number_of_threads_and_others_for_other_seeds() -> None:
@@ -371,7 +338,6 @@ def test_the_same_bytes_for_any_number_of_threads_and_others_for_other_seeds() -
     ]
     assert runs[0].path.tobytes() == runs[1].path.tobytes()
     assert runs[0].covariances.tobytes() == runs[1].covariances.tobytes()
-    assert runs[0].grid.log_odds.tobytes() == runs[1].grid.log_odds.tobytes()
     assert runs[0].path.tobytes() != runs[2].path.tobytes()
 
 
@@ -385,7 +351,7 @@ def test_a_ring_closes_whatever_odometry_says(bias: list[float], odometry: bool)
     moments = recorded(truth, np.array(bias), odometry=odometry)
     result = run_fastslam(moments, Config(particles=SETTINGS), Silence())
     assert error(result.path, truth) < 0.05
-    assert result.history.summary()["loops_reentered"] == 1
+    assert result.summary["loops_reentered"] == 1
     assert len(result.stamps_ns) == len(result.path) == len(result.covariances) == len(truth)
     assert np.linalg.eigvalsh(result.covariances).min() > -1e-12
 

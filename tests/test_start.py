@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import threading
 from pathlib import Path
-
-import pytest
-
-from mapmyworld.stages.later import imported_meanwhile
 
 ROOT = Path(__file__).parents[1]
 
@@ -63,13 +58,3 @@ def test_what_is_tracked_first_takes_no_solver(tmp_path: Path) -> None:
     script = "import sys, mapmyworld.pipeline, mapmyworld.odometry.laser_odometry\n"
     script += "print({'scipy.linalg', 'cv2', 'gtsam'} & set(sys.modules))"
     assert printed_by(script, tmp_path) == "set()"
-
-
-def test_modules_are_imported_meanwhile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "needed_later.py").write_text("import threading\nby = threading.get_ident()\n")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    with imported_meanwhile(("no_such_module", "broken")):
-        pass  # is reported where they are used
-    with imported_meanwhile(("needed_later",)):
-        pass
-    assert sys.modules.pop("needed_later").by != threading.get_ident()

@@ -24,4 +24,3 @@ class ParticlesConfig:
     weight_gain: Positive = 0.025  # power of the weights; below 1 keeps particles apart for longer
     resample_below: Share = 0.5  # share of effective particles at which the filter resamples
     kld_error: Positive = 0.15  # distance to the true posterior that sets the number of particles
-    measurement: str = "field"  # "field" = likelihood field, "beams" = beam model

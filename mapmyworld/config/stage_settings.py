@@ -9,6 +9,24 @@ from typing import Any
 from mapmyworld.config import Config
 from mapmyworld.config.settings import list_settings
 
+_TRACKED = (
+    "seed",
+    "sensing.*_tolerance",
+    "sensing.scan_offset",
+    "sensing.camera_offset",
+    "sensing.imu_offset",
+    "sensing.node_*",
+    "sensing.cloud_spacing",
+    "odometry.keyframe_*",
+    "odometry.*_noise",
+    "odometry.contradiction",
+    "odometry.least_overlap",
+    "odometry.search_*",
+    "registration.*",
+    "storage.*",
+    "visual.obstacle_*",  # of the local grids that nodes keep
+)
+"""Of following a log by either method."""
 FIRST_READ: Mapping[str, tuple[str, ...]] = {
     "plan": (
         "sensing.*_topic",
@@ -21,26 +39,12 @@ FIRST_READ: Mapping[str, tuple[str, ...]] = {
         "sensing.cloud_nearest",
     ),
     "track": (
-        "seed",
-        "sensing.*_tolerance",
-        "sensing.scan_offset",
-        "sensing.camera_offset",
-        "sensing.imu_offset",
-        "sensing.node_*",
-        "sensing.cloud_spacing",
-        "odometry.keyframe_*",
-        "odometry.*_noise",
-        "odometry.contradiction",
-        "odometry.least_overlap",
-        "odometry.search_*",
-        "registration.*",
-        "storage.*",
+        *_TRACKED,
         "visual.depth_*",
         "visual.feature*",
         "visual.fast_threshold",
         "visual.inlier_sigmas",
         "visual.closure_inliers",
-        "visual.obstacle_*",  # of the local grids that nodes keep
     ),
     "recognise": (
         "places.laser_far_spacing",
@@ -66,29 +70,14 @@ FIRST_READ: Mapping[str, tuple[str, ...]] = {
 FIRST_READ_BY_PARTICLES: Mapping[str, tuple[str, ...]] = {
     "plan": FIRST_READ["plan"],
     "track": (
-        "seed",
-        "sensing.*_tolerance",
-        "sensing.scan_offset",
-        "sensing.camera_offset",
-        "sensing.imu_offset",
-        "sensing.node_*",
-        "sensing.cloud_spacing",
-        "odometry.keyframe_*",
-        "odometry.*_noise",
-        "odometry.contradiction",
-        "odometry.least_overlap",
-        "odometry.search_*",
+        *_TRACKED,
         "odometry.refine",
         "odometry.refine_radius",
         "odometry.refine_revisits",
-        "registration.*",
-        "storage.*",
-        "visual.obstacle_*",
         "particles.*",
-        "mapping.*",
     ),
     "fastslam": (),
-    "map": (),
+    "map": ("mapping.*",),
 }
 """The same of `--method fastslam`, whose particles carry maps of their own."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,54 +27,29 @@ def recoverable(
 
     The prediction's own uncertainty counts: a closure after a long drift may miss by metres and be
     true. Where many closures look false, fitting by chance becomes likely, and a lone closure must
-    fit the better. Those that chance hardly explains may miss by more than stated. `poses`
-    (N, 3 or 4, 4), `inliers` (E,), `limit` and `scale` as of `left_out_fits`.
+    fit the better. Those that chance hardly explains may miss by more than stated.
+
+    Left out are those not of `inliers` (E,), which led to `poses` (N, 3 or 4, 4), map_from_node.
+    `limit` is in squared sigmas; `scale` is the typical group's, as in `Judgement`.
     """
     recovered = np.zeros(len(inliers), np.bool_)
-    found = left_out_fits(system, poses, inliers, limit, scale)
-    if found is not None:
-        recovered[found.candidates] = found.fits & (found.lucky <= _FALSE)
-    return recovered
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LeftOutFits:
-    """What a solution predicts of edges that were left out."""
-
-    candidates: Index
-    """(C,) their positions, best fitting first."""
-    fits: NDArray[np.bool_]
-    """(C,) whether they can be true."""
-    chance: Array
-    """(C,) of a false one to fit as well."""
-    lucky: Array
-    """(C,) how many false ones of the whole graph fit as well, expected."""
-
-
-def left_out_fits(
-    system: System, poses: Array, inliers: NDArray[np.bool_], limit: float, scale: float
-) -> LeftOutFits | None:
-    """How edges left out, those not of `inliers` (E,), fit; None where none can be judged.
-
-    They fit `poses` (N, 3 or 4, 4), map_from_node. `limit` is in squared sigmas; `scale` is the
-    typical group's, as in `Judgement`.
-    """
     part = components(len(poses), system.tails[inliers], system.heads[inliers])
     within = part[system.tails] == part[system.heads]  # nothing predicts what joins two components
     candidates = np.flatnonzero(~inliers & within)
     chi2 = edge_chi2(system, poses)[candidates]
     candidates = candidates[np.argsort(chi2, kind="stable")[:_CANDIDATES]]
     if len(candidates) == 0:
-        return None
+        return recovered
     try:
         fit, volume = innovations(system, poses, inliers, candidates)
     except NotPositiveDefiniteError:  # a landmark that is seen once has no covariance
-        return None
+        return recovered
     space = float(np.log(alternatives(system.planar, system.measured[~inliers])))
     farthest = np.full(len(fit), HEAVY * limit * allowed(scale))
     chance, most = (chance_of(f, volume, space, system.dimension) for f in (fit, farthest))
     lucky = expected_below(chance, most[fit > farthest])
-    return LeftOutFits(candidates, fit <= farthest, chance, lucky)
+    recovered[candidates] = (fit <= farthest) & (lucky <= _FALSE)
+    return recovered
 
 
 def expected_below(chance: Array, most: Array) -> Array:

@@ -19,7 +19,6 @@ from mapmyworld.geometry import Array
 from mapmyworld.graph.clusters import groups_of, judge_groups
 from mapmyworld.graph.consistency import Consistency, compare_closures
 from mapmyworld.graph.dead_reckoning import reckon
-from mapmyworld.graph.group_hypothesis import explaining
 from mapmyworld.graph.inlier_recovery import recoverable
 
 _GROUP_ROUNDS = 12  # at most, of leaving the worst groups out
@@ -159,10 +158,6 @@ def _refined(
                 system, poses, inliers, question.closures, question.groups, question.config
             )
         found = inliers | recoverable(system, poses, inliers, limit, scale)
-        if np.array_equal(found, inliers) or np.array_equal(found, before):
-            found = found | explaining(
-                system, poses, inliers, question.closures, question.groups, limit, scale
-            )
         converged = np.array_equal(found, inliers) or np.array_equal(found, before)
         if not np.array_equal(found, inliers):
             before = inliers = found

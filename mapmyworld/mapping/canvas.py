@@ -1,4 +1,4 @@
-"""Canvases on which beams are drawn: how many scans ended in each cell, and how many passed."""
+"""The canvas on which beams are drawn: how many scans ended in each cell, and how many passed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from mapmyworld.mapping.beams import Beams
 
 _MARGIN = 64  # cells by which the canvas outgrows what is needed, so that it seldom grows
 _MOST_MARKS = 255  # scans that a cell's mark indicates apart
-_MOST_COUNTED = 65535  # scans that a cell counts
 _MOST_CELLS = 400_000_000  # of the canvas; beyond, some range or pose is nonsense
 
 
@@ -40,11 +39,6 @@ class Canvas:
         self._mark = 0
         self._used = np.zeros((2, 2), np.int64)  # lattice cells, first and one beyond the last
 
-    @property
-    def area(self) -> int:
-        """Cells that were held at once, about."""
-        return int(np.prod(self._used[1] - self._used[0]))
-
     def add(self, beams: Beams) -> None:
         """Draws the beams of at most 255 scans."""
         if not len(beams.ends):
@@ -53,7 +47,7 @@ class Canvas:
         used = starts[np.diff(beams.bounds) > 0]
         low = np.floor(np.minimum(ends.min(axis=0), used.min(axis=0))).astype(np.int64)
         high = np.floor(np.maximum(ends.max(axis=0), used.max(axis=0))).astype(np.int64)
-        self._cover(low, high)
+        self._cover(low - 1, high + 1)  # with a cell of margin around
         if self._mark + len(starts) > _MOST_MARKS:
             self._marks, self._mark = np.zeros_like(self._marks), 0
         count_scans(
@@ -87,45 +81,26 @@ class Canvas:
         self._use(low, high)
 
     def _use(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> None:
-        if self.area:
+        if (self._used[1] > self._used[0]).all():
             low, high = np.minimum(low, self._used[0]), np.maximum(high, self._used[1] - 1)
         self._used = np.array([low, high + 1])
 
-    def seen(self) -> Counts | None:
-        """The part that was seen; None for nothing."""
+    def seen(self) -> Counts:
+        """The part that was seen, one cell of margin around.
+
+        Raises `NothingToDrawError` where nothing was.
+        """
         rows, columns = (
             np.flatnonzero(self._hits.any(axis=axis) | self._passes.any(axis=axis))
             for axis in (1, 0)
         )
         if not len(rows):
-            return None
-        part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        corner = self._corner + np.array([columns[0], rows[0]])
+            raise NothingToDrawError(
+                "no scan has a return in range: there is nothing to draw a grid of"
+            )
+        part = np.s_[rows[0] - 1 : rows[-1] + 2, columns[0] - 1 : columns[-1] + 2]
+        corner = self._corner + np.array([columns[0], rows[0]]) - 1
         return Counts(corner, self._hits[part], self._passes[part])
-
-
-def added_up(parts: list[Counts]) -> Counts:
-    """The counts of all parts, one cell of margin around.
-
-    They are taken out of the list, so that of a large building no more is held than must be. Raises
-    `NothingToDrawError` where there are none.
-    """
-    if not parts:
-        raise NothingToDrawError(
-            "no scan has a return in range: there is nothing to draw a grid of"
-        )
-    corner = np.min([part.corner for part in parts], axis=0) - 1
-    tops = [part.corner + part.hits.shape[::-1] for part in parts]
-    width, height = _checked_size(np.max(tops, axis=0) + 1 - corner)
-    hits, passes = np.zeros((height, width), np.uint16), np.zeros((height, width), np.uint16)
-    while parts:
-        part = parts.pop()
-        x, y = (part.corner - corner).tolist()
-        for row in range(part.hits.shape[0]):
-            place = np.s_[y + row, x : x + part.hits.shape[1]]
-            for sums, more in ((hits[place], part.hits[row]), (passes[place], part.passes[row])):
-                sums += np.minimum(more, _MOST_COUNTED - sums)
-    return Counts(corner, hits, passes)
 
 
 def _checked_size(size: NDArray[np.int64]) -> tuple[int, int]:

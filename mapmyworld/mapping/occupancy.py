@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Sequence
-from queue import SimpleQueue
-from threading import Lock
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config, MappingConfig
 from mapmyworld.mapping.beams import beams_of
-from mapmyworld.mapping.canvas import Canvas, Counts, added_up
-from mapmyworld.parallel import batches, in_threads
+from mapmyworld.mapping.canvas import Canvas, Counts
+from mapmyworld.parallel import batches
 from mapmyworld.types import OccupancyGrid, Scan
 
 Array = NDArray[np.float64]
 _TOGETHER = 128  # scans that are drawn in one go
-_CANVASES = 2  # drawn on at the same time, at most: they take memory, and share its bandwidth
-_LARGE = 4_000_000  # cells from which one canvas is drawn on and no other, to save memory
 
 
 def build_grid(scans: Iterable[tuple[Array, Scan]], config: Config) -> OccupancyGrid:
@@ -29,38 +24,10 @@ def build_grid(scans: Iterable[tuple[Array, Scan]], config: Config) -> Occupancy
     A scan sees a cell once, as occupied if one of its beams ended there; so the result does not
     depend on the order of the scans.
     """
-    count = min(config.threads or os.cpu_count() or 1, _CANVASES)
-    return _grid_of(added_up(_drawn(scans, config.mapping, count)), config.mapping)
-
-
-def _drawn(
-    scans: Iterable[tuple[Array, Scan]], settings: MappingConfig, count: int
-) -> list[Counts]:
-    """What is counted on each of `count` canvases: which scan comes on which changes nothing."""
-    free: SimpleQueue[Canvas] = SimpleQueue()
-    for _ in range(count):
-        free.put(Canvas())
-    kept: list[Counts | None] = []
-    deciding = Lock()
-
-    def give_back(canvas: Canvas) -> None:
-        with deciding:
-            if canvas.area < _LARGE or len(kept) == count - 1:
-                free.put(canvas)
-            else:
-                kept.append(canvas.seen())  # of a large building one canvas is enough to hold
-
-    def draw(some: Sequence[tuple[Array, Scan]]) -> None:
-        canvas = free.get()
-        try:
-            canvas.add(beams_of(some, settings))
-        finally:
-            give_back(canvas)
-
-    for _ in in_threads(draw, batches(scans, _TOGETHER), count):
-        pass
-    kept += [free.get_nowait().seen() for _ in range(count - len(kept))]
-    return [part for part in kept if part is not None]
+    canvas = Canvas()
+    for some in batches(scans, _TOGETHER):
+        canvas.add(beams_of(some, config.mapping))
+    return _grid_of(canvas.seen(), config.mapping)
 
 
 def _grid_of(counts: Counts, settings: MappingConfig) -> OccupancyGrid:

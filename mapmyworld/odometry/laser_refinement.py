@@ -21,7 +21,6 @@ from mapmyworld.geometry.planar import (
     planar_to_matrix,
 )
 from mapmyworld.graph.covariance import marginal_covariances
-from mapmyworld.heap import give_back
 from mapmyworld.odometry.joint_system import (
     NOTHING,
     Statements,
@@ -152,7 +151,6 @@ def _aligned(task: _Task, poses: Array, landmarks: Array, progress: Progress) ->
     shaped = _rounds(some, poses[rows], landmarks, np.zeros(len(rows), np.bool_), progress)
     if first.all():
         return shaped
-    give_back()
     moved = carry_along(poses, rows, shaped.poses, task.drift[task.chosen])
     others = replace(task, statements=NOTHING)
     later = _rounds(others, moved, landmarks[:0], first, progress)
@@ -209,7 +207,6 @@ def _rounds(
     known = np.median(own.diagonal(0, 1, 2), axis=0)
     own += diagonals(sweep_variances(task.nodes, task.frames, known, settings)[task.chosen])
     del scans
-    give_back()
     spread = marginal_covariances(as_contradicted(found.joint, found.pairs, every), every)
     anchors = np.zeros(0, np.int64)
     if spread is not None and among is None:

@@ -1,15 +1,16 @@
-"""Grid-based FastSLAM over a whole log: track, filter, smooth, draw."""
+"""Grid-based FastSLAM over a whole log: track, filter, smooth."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config, ParticlesConfig
-from mapmyworld.errors import ConfigError, LogError
+from mapmyworld.errors import LogError
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -17,18 +18,16 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     wrap_angle,
 )
-from mapmyworld.heap import give_back
 from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
 from mapmyworld.parallel import batches
 from mapmyworld.particles.contradictions import Contradictions, contradictions
 from mapmyworld.particles.filter import Generation, ParticleFilter
 from mapmyworld.particles.filter_scans import beams_from_scan
-from mapmyworld.particles.history import FastSlamHistory, history_from_filter
+from mapmyworld.particles.history import paths_of, summary_of
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.motions import Motion, TrackedScans, motions_between
 from mapmyworld.particles.smoothing import smooth_path
-from mapmyworld.particles.threads import Workers
-from mapmyworld.types import Frame, OccupancyGrid, Progress, Scan
+from mapmyworld.types import Frame, Progress, Scan
 
 _AT_ONCE = 64  # scans that are tracked in one go
 
@@ -43,8 +42,9 @@ class FastSlamResult:
     """(F, 3) map_from_base of the best particle, smoothed."""
     covariances: NDArray[np.float64]
     """(F, 3, 3) of x, y, yaw in each pose's own frame: spread of the weighted particles."""
-    grid: OccupancyGrid
-    history: FastSlamHistory
+    summary: dict[str, Any]
+    paths: dict[str, list[Any]]
+    """How the filter went, in numbers and as a picture's lines."""
     revisits: Contradictions
     """What visits to the same places report of each other in the final map."""
     times_lost: int
@@ -100,34 +100,26 @@ class _Record:
 
 
 def run_fastslam(frames: Iterable[Frame], config: Config, progress: Progress) -> FastSlamResult:
-    """Path and map of the most likely particle, from the scans of a log.
+    """Path of the most likely particle, from the scans of a log.
 
-    Raises LogError when no frame has a scan, ConfigError when there is no such measurement model.
+    Raises LogError when no frame has a scan.
     """
-    _check(config.particles.measurement)
     tracker = LaserTracker(config)
     record = _track(frames, tracker, config, progress)
     motions = record.motions(tracker.wheels, config)
     path, generations = _filtered(motions, record.beams, config, progress)
-    give_back()
     updates = _smoothed_path(path, motions, record, config, progress)
-    progress.stage("particle map", float(len(updates)), "scans")
     return FastSlamResult(
         stamps_ns=np.array(record.stamps, np.int64),
         path=_path_of_frames(updates, record),
         covariances=_covariances_of_frames(generations, record),
-        grid=_grid(updates, record, config),
-        history=history_from_filter(generations, updates, np.array(record.updates)),
+        summary=summary_of(generations, updates, np.array(record.updates)),
+        paths=paths_of(generations, updates),
         revisits=contradictions(updates, record.beams),
         times_lost=record.times_lost,
         notes=tracker.notes(),
         losses=tracker.losses(),
     )
-
-
-def _check(model: str) -> None:
-    if model not in ("field", "beams"):
-        raise ConfigError(f'particles.measurement is "{model}": use "field" or "beams"')
 
 
 def _track(
@@ -153,11 +145,10 @@ def _filtered(
 ) -> tuple[NDArray[np.float64], list[Generation]]:
     """The best particle's path (K, 3) and all generations, one a scan; the maps are let go."""
     progress.stage("particles", float(len(scans)), "scans")
-    with Workers(config.threads) as workers:
-        particles = ParticleFilter(config.particles, workers, config.seed)
-        for k, (motion, z) in enumerate(zip([None, *motions], scans, strict=True)):
-            particles.step(motion, z)
-            progress.update(float(k + 1))
+    particles = ParticleFilter(config.particles, config.threads, config.seed)
+    for k, (motion, z) in enumerate(zip([None, *motions], scans, strict=True)):
+        particles.step(motion, z)
+        progress.update(float(k + 1))
     return particles.best_path(), particles.generations
 
 
@@ -199,10 +190,3 @@ def _covariances_of_frames(
     at_updates = np.array([generation.covariance for generation in generations])
     before = np.searchsorted(record.updates, np.arange(len(record.tracked)), "right") - 1
     return np.asarray(at_updates[before])
-
-
-def _grid(updates: NDArray[np.float64], record: _Record, config: Config) -> OccupancyGrid:
-    """The occupancy grid of the updates' scans, by the inverse sensor model of all our grids."""
-    from mapmyworld.mapping.occupancy import build_grid
-
-    return build_grid(zip(updates, record.scans, strict=True), config)

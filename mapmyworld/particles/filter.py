@@ -18,7 +18,6 @@ from mapmyworld.particles.resampling import (
     low_variance_sampler,
     normalised_weights,
 )
-from mapmyworld.particles.threads import Workers
 from mapmyworld.particles.tiles import TileMaps
 
 _BIN = np.array([0.1, 0.1, np.radians(2.0)])  # m, m, rad: poses in one bin count as the same
@@ -44,7 +43,7 @@ class ParticleFilter:
     """Particles at poses x with weights w and maps m; `step` is one line of the algorithm each."""
 
     config: ParticlesConfig
-    workers: Workers
+    threads: int
     seed: int
     m: TileMaps = field(init=False)
     x: NDArray[np.float64] = field(init=False)
@@ -54,7 +53,7 @@ class ParticleFilter:
     generations: list[Generation] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.m = TileMaps(self.config.count, self.config.resolution, self.workers)
+        self.m = TileMaps(self.config.count, self.config.resolution, self.threads)
         self.x = np.zeros((self.config.count, 3))
         self.log_w = np.zeros(self.config.count)
 
@@ -63,7 +62,7 @@ class ParticleFilter:
         random = self._random()
         covariance = np.zeros((3, 3))
         if motion is not None:
-            proposal = improved_proposal(self.x, motion, z, self.m, self.config, self.workers)
+            proposal = improved_proposal(self.x, motion, z, self.m, self.config, self.threads)
             self.x = proposal.sample(random)
             self.log_w = self.log_w + self.config.weight_gain * proposal.log_weight
             covariance = _mixture_covariance(proposal, normalised_weights(self.log_w))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,71 +13,49 @@ from mapmyworld.particles.filter import Generation
 
 _KNOWN = 2.0  # m from an older place within which the robot is back there
 _AWAY = 15.0  # m of path after which a place counts as older
-_BRANCHES = 20_000  # segments kept for the picture
+_BRANCHES = 20_000  # segments of paths that are gathered,
+_SHOWN = 5000  # and kept for the picture, about
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FastSlamHistory:
-    """One entry for each of the K updates of the filter."""
-
-    frames: NDArray[np.int64]
-    """(K,) index of the frame of each update."""
-    particles: NDArray[np.int64]
-    """(K,)."""
-    effective: NDArray[np.float64]
-    """(K,) effective sample size, before resampling."""
-    resampled: NDArray[np.bool_]
-    """(K,)."""
-    loops: tuple[int, ...]
-    """Frames at which the best particle came back to a place it had left."""
-    branches: NDArray[np.float32]
-    """(S, 2, 2) map frame: short pieces of all particles' paths, also of those that died out."""
-    path: NDArray[np.float32]
-    """(K, 2) of the best particle."""
-
-    def summary(self) -> dict[str, Any]:
-        """What `inspect map` shows, as JSON values."""
-        return {
-            "updates": len(self.frames),
-            "particles_least": int(self.particles.min()),
-            "particles_most": int(self.particles.max()),
-            "effective_mean": float(np.mean(self.effective / self.particles)),
-            "effective_least": float(np.min(self.effective / self.particles)),
-            "resamplings": int(np.count_nonzero(self.resampled)),
-            "loops_reentered": len(self.loops),
-            "loop_frames": list(self.loops),
-        }
-
-    def paths(self) -> dict[str, list[Any]]:
-        """What a picture of the paths needs, as JSON values rounded to centimetres."""
-        thinned = self.branches[:: max(1, len(self.branches) // 5000)]
-        return {
-            "branches": np.round(thinned.astype(np.float64), 2).tolist(),
-            "path": np.round(self.path.astype(np.float64), 2).tolist(),
-            "loops": np.round(self._loop_places().astype(np.float64), 2).tolist(),
-        }
-
-    def _loop_places(self) -> NDArray[np.float32]:
-        """(L, 2) where the best particle came back."""
-        return self.path[np.isin(self.frames, np.array(self.loops, np.int64))]
-
-
-def history_from_filter(
+def summary_of(
     generations: Sequence[Generation], path: NDArray[np.float64], frames: NDArray[np.int64]
-) -> FastSlamHistory:
-    """The history of a filter that has run.
+) -> dict[str, Any]:
+    """What `inspect map` shows of a filter that has run, as JSON values.
 
     `path` (K, 3) is the best particle's, x, y, yaw in the map; `frames` (K,) are those of updates.
     """
-    return FastSlamHistory(
-        frames=np.asarray(frames, np.int64),
-        particles=np.array([len(g.x) for g in generations], np.int64),
-        effective=np.array([g.effective for g in generations]),
-        resampled=np.array([g.resampled for g in generations], np.bool_),
-        loops=tuple(int(frames[k]) for k in loops_reentered(path)),
-        branches=_branches(generations),
-        path=np.asarray(path[:, :2], np.float32),
-    )
+    particles = np.array([len(g.x) for g in generations], np.int64)
+    effective = np.array([g.effective for g in generations]) / particles
+    loops = [int(frames[k]) for k in loops_reentered(path)]
+    return {
+        "updates": len(generations),
+        "particles_least": int(particles.min()),
+        "particles_most": int(particles.max()),
+        "effective_mean": float(np.mean(effective)),
+        "effective_least": float(np.min(effective)),
+        "resamplings": sum(g.resampled for g in generations),
+        "loops_reentered": len(loops),
+        "loop_frames": loops,
+    }
+
+
+def paths_of(generations: Sequence[Generation], path: NDArray[np.float64]) -> dict[str, list[Any]]:
+    """What a picture of the paths needs, as JSON values rounded to centimetres.
+
+    Pieces of all particles' paths, also of those that died out; the best one's `path` (K, 3), and
+    where on it that came back to a place it had left.
+    """
+    branches = _branches(generations)
+    thinned = branches[:: max(1, len(branches) // _SHOWN)]
+    return {
+        "branches": _rounded(thinned),
+        "path": _rounded(path[:, :2]),
+        "loops": _rounded(path[loops_reentered(path), :2]),
+    }
+
+
+def _rounded(places: NDArray[np.floating]) -> list[Any]:
+    return list(np.round(places.astype(np.float64), 2).tolist())
 
 
 def loops_reentered(path: NDArray[np.float64]) -> list[int]:

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from mapmyworld.config.particles_settings import ParticlesConfig
 from mapmyworld.geometry.planar import compose_planar, wrap_angle
+from mapmyworld.parallel import run_in_chunks
 from mapmyworld.particles import kernels
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.motions import Motion
-from mapmyworld.particles.threads import Workers
 from mapmyworld.particles.tiles import TileMaps
 
 _MAX_DISTANCES = np.array([7, 6, 5, 4, 4, 4, 4, 4], np.int64)
@@ -65,11 +65,11 @@ def improved_proposal(
     z: Beams,
     m: TileMaps,
     config: ParticlesConfig,
-    workers: Workers,
+    threads: int,
 ) -> Proposal:
     """Where particles at `x` (P, 3) go after a motion that ended with the scan z."""
     modes = [
-        _mode(x, u, covariance, z, m, config, workers)
+        _mode(x, u, covariance, z, m, config, threads)
         for u, covariance in zip(motion.u, motion.covariance, strict=True)
     ]
     mean, covariance, log_mass, share = (
@@ -86,7 +86,7 @@ def _mode(
     z: Beams,
     m: TileMaps,
     config: ParticlesConfig,
-    workers: Workers,
+    threads: int,
 ) -> tuple[NDArray[np.float64], ...]:
     """One Gaussian of the motion, after the scan: mean, covariance, log mass, share."""
     count = len(x)
@@ -94,19 +94,16 @@ def _mode(
     predicted = compose_planar(x, u)
     mean, information = np.zeros((count, 3)), np.zeros((count, 3, 3))
     quality = np.zeros((count, 3))
-    prior = np.linalg.inv(u_covariance)
-    workers.run_maps(
-        kernels.match,
-        m.surfaces,
-        count,
-        (z, predicted, prior, _MAX_DISTANCES, config.sigma, scale, mean, information, quality),
-    )
-    log_z = quality[:, 1]
-    if config.measurement == "beams":
-        workers.run_maps(
-            kernels.beam_log_likelihoods, m.surfaces, count, (z, mean, 2.0 * config.sigma, log_z)
-        )
+    prior = np.asarray(np.linalg.inv(u_covariance), np.float64)
+
+    def match(first: int, last: int) -> None:
+        kernels.match(
+            m.surfaces, first, last, z, predicted, prior, _MAX_DISTANCES, config.sigma, scale,
+            mean, information, quality,
+        )  # fmt: skip
+
+    run_in_chunks(match, count, threads)
     covariance = np.asarray(np.linalg.inv(information), np.float64)
     # Laplace: the integral of exp(-cost) is exp(-minimum) times the root of |2 pi Sigma|.
     volume = 0.5 * (np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(u_covariance)[1])
-    return mean, covariance, scale * log_z - 0.5 * quality[:, 2] + volume, quality[:, 0]
+    return mean, covariance, scale * quality[:, 1] - 0.5 * quality[:, 2] + volume, quality[:, 0]

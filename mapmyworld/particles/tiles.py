@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.parallel import run_in_chunks
 from mapmyworld.particles import kernels
 from mapmyworld.particles.kernels import TILE, Beams, Surfaces
-from mapmyworld.particles.threads import Workers
 
 _EMPTY = 0  # slot of the tile in which nothing was ever observed
 _MARGIN = 4  # tiles added around what is needed when the world outgrows the tables
@@ -16,8 +16,8 @@ _MARGIN = 4  # tiles added around what is needed when the world outgrows the tab
 class TileMaps:
     """`count` maps; particles with a common past share the tiles of that past."""
 
-    def __init__(self, count: int, resolution: float, workers: Workers) -> None:
-        self._workers = workers
+    def __init__(self, count: int, resolution: float, threads: int) -> None:
+        self._threads = threads
         self._base = np.zeros(2, np.int64)
         self._resolution = resolution
         self._tables = np.zeros((count, 1, 1), np.int32)
@@ -50,15 +50,11 @@ class TileMaps:
         """Adds a scan to every particle's map at its own pose (P, 3)."""
         self._make_room(poses, _reach(beams))
         touched = np.zeros(self._tables.shape, np.bool_)
-        self._workers.run(
-            kernels.touched_tiles,
-            len(poses),
-            (self._tables, beams, poses, self._base, self._resolution, touched),
-        )
+        place = self._tables, beams, poses, self._base, self._resolution, touched
+        run_in_chunks(lambda a, b: kernels.touched_tiles(a, b, *place), len(poses), self._threads)
         self._make_own(touched)
-        self._workers.run_maps(
-            kernels.insert, self.surfaces, len(poses), (beams, poses, self._owners)
-        )
+        maps, given = self.surfaces, (beams, poses, self._owners)
+        run_in_chunks(lambda a, b: kernels.insert(maps, a, b, *given), len(poses), self._threads)
 
     def resample(self, ancestors: NDArray[np.int64]) -> None:
         """Particle k continues with the map of `ancestors[k]`, of (P,); nothing is copied."""

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import RegistrationConfig
-from mapmyworld.heap import give_back
 from mapmyworld.parallel import batches
 from mapmyworld.registration.scan_matching import ScanSet, prepare_scans, scan_set
 from mapmyworld.types import MapStore
@@ -79,7 +78,6 @@ class StoredScans:
     def let_go(self) -> None:
         """Holds none."""
         self._blocks.clear()
-        give_back()
 
     def _block(self, number: int) -> ScanSet:
         found = self._blocks.get(number)

@@ -108,15 +108,6 @@ class RecordedMotion:
 
         None where the nearest sample is further than `tolerance_ns` away.
         """
-        if self.is_sorted:
-            first = int(self.stamps_ns.searchsorted(stamp_ns, "left"))
-            end = int(self.stamps_ns.searchsorted(stamp_ns, "right"))
-            if end == first + 1:  # one sample at that very time: as nearly always
-                self._last = first
-                return np.asarray(self.poses_at(slice(first, end))[0])
-            if end == first and len(self):
-                between = self._between_samples(np.array([stamp_ns], np.int64), tolerance_ns)
-                return None if between is None else between[0]
         found = self.at_many(np.array([stamp_ns], np.int64), tolerance_ns)
         # A copy: a view would keep the whole window of samples alive with every frame.
         return None if found is None else np.array(found[0])
@@ -127,14 +118,9 @@ class RecordedMotion:
         """Poses (N, 4, 4) at stamps (N,) close to one another; None unless all are covered."""
         if not len(self.stamps_ns):
             return None
-        if self.is_sorted and len(stamps_ns) > 1:
+        if self.is_sorted and (len(stamps_ns) > 1 or not self._is_repeated(int(stamps_ns[0]))):
             return self._between_samples(stamps_ns, tolerance_ns)
-        if self.is_sorted:
-            low = int(np.searchsorted(self.stamps_ns, stamps_ns[0], "left")) - 1
-            high = int(np.searchsorted(self.stamps_ns, stamps_ns[-1], "right")) + 1
-            window = np.arange(max(low, 0), min(max(high, 1), len(self)))
-        else:
-            window = self._window(int(stamps_ns[0]))
+        window = self._window(int(stamps_ns[0]))
         stamps, poses = self.stamps_ns[window], self.poses_at(window)
         exact = np.flatnonzero(stamps == stamps_ns[0])
         if len(stamps_ns) == 1 and len(exact):
@@ -144,6 +130,11 @@ class RecordedMotion:
         order = np.argsort(stamps, kind="stable")
         stamps, poses = stamps[order], poses[order]
         return _interpolate_sorted(stamps, poses, stamps_ns, tolerance_ns)
+
+    def _is_repeated(self, stamp_ns: int) -> bool:
+        """Whether several samples of a sorted stream have this very stamp."""
+        first = int(self.stamps_ns.searchsorted(stamp_ns, "left"))
+        return first + 1 < len(self) and self.stamps_ns[first + 1] == stamp_ns
 
     def _between_samples(
         self, stamps_ns: NDArray[np.int64], tolerance_ns: int

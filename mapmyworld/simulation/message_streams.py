@@ -42,8 +42,6 @@ class Stream:
     topics: tuple[str, ...]
     schedule: Schedule
     messages: Callable[[int], Messages]
-    slow: bool = False
-    """Whether making them is worth a thread."""
 
 
 def static_messages(settings: SimulationSettings, stamp_ns: int) -> Messages:

@@ -153,7 +153,7 @@ def camera_stream(
         )
         return list(zip(topics, made, strict=True))
 
-    return Stream(topics, schedule, messages, slow=True)
+    return Stream(topics, schedule, messages)
 
 
 def _info(settings: SimulationSettings, stamp_ns: int) -> CameraInfoMessage:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Collection, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
 from mapmyworld.errors import WorldError
 from mapmyworld.geometry.planar import matrix_to_planar
+from mapmyworld.parallel import in_threads
 from mapmyworld.simulation import robot
 from mapmyworld.simulation.clocks import Schedule, make_schedule, random_of
 from mapmyworld.simulation.driver import Drive, drive_route
@@ -32,8 +31,7 @@ from mapmyworld.simulation.world import Scene, World, build_scene
 from mapmyworld.simulation.worlds import find_world
 from mapmyworld.types import Message
 
-_THREADS = 2  # that render images ahead of the recorder
-_AHEAD = 4  # images in the making at once
+_THREADS = 2  # that make messages ahead of the recorder
 _CLEARANCE_EVERY = 20  # ticks between checks that nothing is in the way
 _BODY_RAYS = 24  # directions in which room for the robot is checked
 
@@ -59,12 +57,11 @@ class Recording:
             if topics is None or topic in topics:
                 yield topic, message, self.truth.start_ns
         streams = [s for s in self.streams if topics is None or set(s.topics) & set(topics)]
-        with ThreadPoolExecutor(_THREADS) as pool:
-            for (stream, index), made in _made_ahead(_in_order(streams), pool):
-                log_time_ns = int(stream.schedule.log_times_ns[index])
-                for topic, message in made:
-                    if topics is None or topic in topics:
-                        yield topic, message, log_time_ns
+        for stream, index, made in in_threads(_made, _in_order(streams), _THREADS):
+            log_time_ns = int(stream.schedule.log_times_ns[index])
+            for topic, message in made:
+                if topics is None or topic in topics:
+                    yield topic, message, log_time_ns
 
 
 def _in_order(streams: list[Stream]) -> list[tuple[Stream, int]]:
@@ -78,16 +75,9 @@ def _in_order(streams: list[Stream]) -> list[tuple[Stream, int]]:
     return [(streams[which[k]], int(index[k])) for k in order]
 
 
-def _made_ahead(
-    order: list[tuple[Stream, int]], pool: ThreadPoolExecutor
-) -> Iterator[tuple[tuple[Stream, int], Messages]]:
-    """The messages in order, slow ones made by other threads a little before their turn."""
-    waiting: deque[Future[Messages]] = deque()
-    slow = iter([item for item in order if item[0].slow])
-    for item in order:
-        while len(waiting) < _AHEAD and (ahead := next(slow, None)) is not None:
-            waiting.append(pool.submit(ahead[0].messages, ahead[1]))
-        yield item, waiting.popleft().result() if item[0].slow else item[0].messages(item[1])
+def _made(item: tuple[Stream, int]) -> tuple[Stream, int, Messages]:
+    stream, index = item
+    return stream, index, stream.messages(index)
 
 
 def simulate(

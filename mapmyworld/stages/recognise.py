@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.decisions import decided_on
-from mapmyworld.heap import give_back
 from mapmyworld.parallel import on_one_thread
 from mapmyworld.stages.kept import has_images, has_scans
 from mapmyworld.types import Judged, MapStore, Poses, Progress
@@ -40,9 +39,7 @@ def scan_loader(store: MapStore, config: Config) -> LoadScans:
             return None
         from mapmyworld.places.laser_nodes import load_node_scans
 
-        loaded = load_node_scans(store, config)
-        give_back()
-        return loaded
+        return load_node_scans(store, config)
 
     return functools.cache(load)
 

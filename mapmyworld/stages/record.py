@@ -9,7 +9,6 @@ from typing import Any
 
 import mapmyworld
 from mapmyworld.decisions import decided
-from mapmyworld.heap import give_back
 from mapmyworld.types import MapStore
 
 
@@ -36,14 +35,12 @@ class StageRecord:
         decided("stage", f"{stage}: inputs {self._chain[:12]}, not done before")
         with self._store.write_stage(stage, self._chain):
             work()
-        give_back()
 
     def again(self, stage: str, work: Callable[[], None]) -> None:
         """Does the stage that was run last once more, from its beginning: it taught better."""
         decided("stage", f"{stage}: once more, with what it measured")
         with self._store.write_stage(stage, self._chain):
             work()
-        give_back()
 
 
 def _digest(*parts: Any) -> str:

@@ -17,7 +17,6 @@ from mapmyworld.graph.edited import Strain, contradicted, contradiction, straine
 from mapmyworld.graph.edited_constraints import apply_edits, edits_from_json, unmet
 from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.graph.solved_graph import SolvedGraph, solve
-from mapmyworld.heap import give_back
 from mapmyworld.map_figures import components_of
 from mapmyworld.parallel import on_one_thread
 from mapmyworld.sensing.plan import moves_in_plane
@@ -49,10 +48,8 @@ def solve_and_judge(
         decided("optimise", f"{new} new closures from the poses of this round")
         if new <= _FEW * sum(c.accepted for c in store.constraints() if c.kind in CLOSURES):
             break
-    give_back()
     chains = _is_refined(store, config, scans)
     solved = _solve(store, _edited(store), config, progress, chains=chains)
-    give_back()
     poses, constraints = _refined(store, solved, config, progress, scans)
     decided_on("verdict", (c for c in constraints if c.verdicts))
     store.judge(constraints)

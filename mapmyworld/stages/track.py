@@ -26,7 +26,6 @@ from mapmyworld.sensing.cloud_scans import thinned
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.sensing.synchronise import FrameCounts
 from mapmyworld.stages.judge_odometry import judge_odometry
-from mapmyworld.stages.later import imported_meanwhile, needed_after
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.trackers import Tracker, make_tracker, needs_inertial
 from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
@@ -47,12 +46,10 @@ def track(
     config: Config,
     progress: Progress,
     tracker: Tracker | None = None,
-    later: Sequence[str] = (),
     lag_s: float = 0.0,
 ) -> None:
     """Follows the robot through the log; leaves nodes, scans and neighbour constraints.
 
-    `later`: modules that will be used then, to be imported in the meantime.
     `lag_s`: by how much the odometry is known to be stamped later than the laser.
     """
     plan = plan.with_odometry_shifted(-lag_s) if lag_s else plan
@@ -61,7 +58,7 @@ def track(
     progress.stage("track", max(log.info().duration_s, 1e-9), "s")
     frames = _frames(log, plan, config, progress, counts, inertial=tracker is None)
     tracker = tracker or make_tracker(plan, config)
-    with algebra_on_one_thread(), imported_meanwhile((*needed_after(plan), *later)):
+    with algebra_on_one_thread():
         _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
     writer.finish()
     refuted = judge_odometry(store, config)

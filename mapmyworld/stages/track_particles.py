@@ -37,8 +37,8 @@ def track_particles(
     tracked = store.tracked_frames()
     spread = result.covariances[: len(tracked.stamps_ns)][tracked.is_node]
     store.put("particle_spread", spread.reshape(-1, 9).tolist())
-    store.put("particles", result.history.summary())
-    store.put("particle_paths", result.history.paths())
+    store.put("particles", result.summary)
+    store.put("particle_paths", result.paths)
 
 
 @on_one_thread

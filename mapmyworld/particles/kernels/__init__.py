@@ -1,7 +1,6 @@
 """Numba kernels of the particle filter; each treats particles or poses one by one."""
 
 from mapmyworld.particles.kernels.insertion import insert, touched_tiles
-from mapmyworld.particles.kernels.likelihood import beam_log_likelihoods
 from mapmyworld.particles.kernels.matching import match
 from mapmyworld.particles.kernels.surface_tiles import TILE, Beams, Surfaces
 
@@ -9,7 +8,6 @@ __all__ = [
     "TILE",
     "Beams",
     "Surfaces",
-    "beam_log_likelihoods",
     "insert",
     "match",
     "touched_tiles",

@@ -8,7 +8,6 @@ import sqlite3
 import subprocess
 import sys
 import threading
-import zlib
 from contextlib import closing
 from pathlib import Path
 
@@ -18,7 +17,6 @@ import rtabmap_decoder as decode
 from database_samples import fill, node, sample_constraints, sample_poses, scan
 
 from formats.database import open_store
-from formats.database.blobs import stored_stream
 from mapmyworld.errors import MapError
 from mapmyworld.types import NodeData
 
@@ -245,14 +243,6 @@ def test_one_nodes_data_are_found_by_key(tmp_path: Path) -> None:
         assert plan[0].startswith("SEARCH")
         assert index in plan[0]
     sqlite.close()
-
-
-@pytest.mark.parametrize("size", [0, 1, 65_535, 65_536, 200_000])
-def test_a_stored_stream_is_one_of_zlibs(size: int) -> None:
-    data = np.random.default_rng(size).bytes(size)
-    decoder = zlib.decompressobj()
-    assert decoder.decompress(stored_stream(data)) == data
-    assert decoder.eof
 
 
 def test_a_map_of_an_earlier_format_is_refused_unless_it_is_replaced(tmp_path: Path) -> None:

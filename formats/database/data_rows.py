@@ -5,7 +5,7 @@ Imported when data are touched: what only looks at the graph needs no image code
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any
@@ -24,11 +24,11 @@ from formats.database.calibration import (
 from formats.database.cells import local_cells
 from formats.database.depth_cells import depth_cells
 from formats.database.node_rows import StorageOptions
-from formats.database.scan_blobs import cloud_to_columns, columns_to_observation, scans_to_columns
+from formats.database.scan_blobs import cloud_to_columns, columns_to_observation, scan_to_columns
 from formats.nested_text import json_from_text
 from formats.picture_files import is_16_bit_png
 from mapmyworld.errors import MapError
-from mapmyworld.types import CameraModel, ImageMessage, NodeData, RgbdImage, Scan
+from mapmyworld.types import CameraModel, ImageMessage, NodeData, RgbdImage
 
 INSERT_DATA = (
     "INSERT INTO Data (id, image, depth, calibration, scan, scan_info, ground_cells,"
@@ -41,25 +41,20 @@ _SIXTEEN_BITS = frozenset({"16UC1", "MONO16", "Z16"})
 _NO_CELLS: Row = (None, None, None, 0.0, 0.0, 0.0, 0.0)
 
 
-def data_item(
+def data_row(
     node_id: int, data: NodeData, options: StorageOptions, *, with_cells: bool
 ) -> Row | None:
-    """What `data_rows` makes RTAB-Map's row of a node's data of; None where there are none."""
+    """RTAB-Map's row of a node's data; None where there are none."""
     images = data.images if options.store_images else ()
     if not images and data.scan is None and data.cloud is None:
         return None
-    scan: tuple[Any, Any] = (data.scan, None)
-    if data.scan is None and data.cloud is not None:
+    scan: tuple[bytes | None, bytes | None] = (None, None)
+    if data.scan is not None:
+        scan = scan_to_columns(data.scan)
+    elif data.cloud is not None:
         scan = cloud_to_columns(data.cloud)
     cells = _cell_columns(data, options) if with_cells else _NO_CELLS
     return (node_id, *_image_columns(images, options), *scan, *cells)
-
-
-def data_rows(items: Sequence[Row]) -> Iterator[Row]:
-    """RTAB-Map's rows of items, whose planar scans become columns all at once."""
-    columns = scans_to_columns([item[4] for item in items if isinstance(item[4], Scan)])
-    for item in items:
-        yield (*item[:4], *next(columns), *item[6:]) if isinstance(item[4], Scan) else item
 
 
 def _image_columns(

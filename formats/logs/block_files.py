@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
@@ -9,8 +10,10 @@ from typing import BinaryIO
 
 from formats.logs.channels import Block, Channel, Index, Record
 from formats.logs.clock_steps import ClockStep, ClockSteps
-from formats.logs.files import open_binary
+from formats.logs.files import UnpackedFile
 from formats.logs.time_order import in_time_order
+
+_WINDOW_BYTES = 1 << 20
 
 
 class DamagedBlockError(Exception):
@@ -39,6 +42,28 @@ def borne_out(
         0, f"{path}: the index points to places without a chunk: chunks were read one by one"
     )
     return scanned
+
+
+def next_place(
+    stream: BinaryIO,
+    position: int,
+    size: int,
+    pattern: re.Pattern[bytes],
+    fits: Callable[[int, bytes], bool],
+) -> int:
+    """Where the next record can be, at or after `position`; the file's size where none can.
+
+    Its beginning is found by `pattern`, and `fits` judges its place and its first 128 bytes.
+    """
+    while position < size:
+        stream.seek(position)
+        window = stream.read(_WINDOW_BYTES + 128)
+        for found in pattern.finditer(window):
+            at = found.start()
+            if at < _WINDOW_BYTES and fits(position + at, window[at : at + 128]):
+                return position + at
+        position += _WINDOW_BYTES
+    return size
 
 
 def _note_nameless(index: Index, path: Path) -> None:
@@ -87,9 +112,9 @@ class BlockFile:
     """A Container over one file of blocks: a ROS 1 bag or an MCAP file."""
 
     def __init__(
-        self, path: Path, name: str, read_index: IndexReader, read_block: BlockReader
+        self, file: UnpackedFile, name: str, read_index: IndexReader, read_block: BlockReader
     ) -> None:
-        self.path = path
+        self._file, self.path = file, file.path
         self.name = name
         self._read_index, self._read_block = read_index, read_block
         self._index: Index | None = None
@@ -102,9 +127,10 @@ class BlockFile:
     def index(self) -> Index:
         """Blocks and channels; read from the file's summary, or by looking through all of it."""
         if self._index is None:
-            with open_binary(self.path) as stream:
+            with self._file.open() as stream:
                 self._index = self._read_index(stream, self.path)
             _note_nameless(self._index, self.path)
+            self._index.problems[:0] = self._file.problems()
         return self._index
 
     def files(self) -> tuple[Path, ...]:
@@ -129,7 +155,7 @@ class BlockFile:
         losses: list[str] = []
         self._losses = losses
         found = _Found()
-        with open_binary(self.path) as stream:
+        with self._file.open() as stream:
 
             def read(block: Block) -> list[Record]:
                 check = block.offset not in self._checked  # once is enough for one log

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -33,6 +34,9 @@ class Channel:
 Payload = bytes | memoryview
 Record = tuple[int, Channel, Payload]
 """Log time in nanoseconds, channel, payload."""
+
+Found = tuple[int, int, Payload]
+"""The same with the channel's id in the file."""
 
 # Smaller ones are copied, for what is kept of a view keeps the whole chunk: scans, not pictures.
 _COPY_BYTES = 1 << 14
@@ -67,6 +71,15 @@ class Index:
     details: list[tuple[str, str]] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
     """What was found damaged while the index was made."""
+
+    def add(self, messages: Sequence[Found], offset: int, length: int, bare: bool = False) -> None:
+        """A block by the messages found in it; none where there are none."""
+        if messages:
+            times = [time for time, _, _ in messages]
+            counts = Counter(key for _, key, _ in messages)
+            self.counts = dict(Counter(self.counts) + counts)
+            keys = frozenset(counts)
+            self.blocks.append(Block(offset, length, min(times), max(times), keys, bare))
 
     def span_ns(self, channel: int | None = None) -> tuple[int, int]:
         """First and last log time, of the blocks in which a channel speaks."""

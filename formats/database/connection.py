@@ -164,23 +164,22 @@ def _suggestion(message: str) -> str:
 
 def keeps_write_ahead_log(path: Path) -> bool:
     """Whether the file's header asks for a -wal file, which merely reading it would create."""
-    with path.open("rb") as file:
-        return file.read(20)[18:20] == b"\2\2"
+    return _header(path)[18:20] == b"\2\2"
 
 
 def says_ours(path: Path) -> bool:
     """Whether the file's header bears our mark; raises `MapError` where it cannot be read."""
-    try:
-        with path.open("rb") as file:
-            return int.from_bytes(file.read(72)[68:], "big") == APPLICATION_ID
-    except OSError as error:
-        raise MapError(f"{path}: cannot be read: {error.strerror or error}") from None
+    return int.from_bytes(_header(path)[68:72], "big") == APPLICATION_ID
 
 
 def is_sqlite(path: Path) -> bool:
     """Whether the file begins as SQLite files do; raises `MapError` where it cannot be read."""
+    return _header(path).startswith(SQLITE_MAGIC)
+
+
+def _header(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
-            return file.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC
+            return file.read(72)
     except OSError as error:
         raise MapError(f"{path}: cannot be read: {error.strerror or error}") from None

@@ -67,7 +67,7 @@ def one_line(error: Exception) -> str:
 
 
 class SqliteBag:
-    """A Container over one .db3 file."""
+    """One .db3 file."""
 
     def __init__(self, file: UnpackedFile, name: str = "rosbag2 (sqlite3)") -> None:
         self._file, self.path = file, file.path

@@ -147,17 +147,6 @@ class RtabmapStore(Opened):
         seen = feature_rows.features_from_rows(rows, what)
         return NodeData(data.scan, data.images, data.cloud, seen)
 
-    def contents(self) -> dict[int, dict[str, int]]:
-        """What each node keeps; from the row's header alone, no blob is read."""
-        query = (
-            "SELECT id, typeof(image) = 'blob', typeof(depth) = 'blob', typeof(scan) = 'blob'"
-            " FROM Data ORDER BY id"
-        )
-        names = ("images", "depth", "scan")
-        known = {node.id for node in self.nodes()}
-        found = self._db.rows(query)
-        return {row[0]: dict(zip(names, row[1:], strict=True)) for row in found if row[0] in known}
-
     def words(self) -> dict[int, NDArray[Any]]:
         return feature_rows.read_words(self._db)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import math
 from dataclasses import dataclass
@@ -28,7 +27,7 @@ INSERT_NODE = (
     "INSERT INTO Node (id, map_id, weight, stamp, pose, ground_truth_pose, velocity, label,"
     " gps, env_sensors) VALUES (?,?,?,?,?,?,?,?,?,?)"
 )
-INSERT_OWN = "INSERT INTO mapmyworld_nodes VALUES (?,?,?,?,?,?,?,?,?,?,?)"
+INSERT_OWN = "INSERT INTO mapmyworld_nodes VALUES (?,?,?,?,?,?,?,?,?,?)"
 SELECT_OWN = (
     "SELECT own.id, own.session, own.stamp_ns, own.odom_from_base, own.tracked_from_base,"
     " own.weight, own.ground_truth, theirs.gps, theirs.env_sensors"
@@ -93,9 +92,6 @@ def wants_cells(node: Node, last: Node | None, options: StorageOptions) -> bool:
 def own_row(node: Node, data: NodeData) -> Row:
     """Our row: double precision, and what RTAB-Map's columns have no place for."""
     truth = None if node.ground_truth is None else _doubles(node.ground_truth)
-    images = sum(image.colour is not None for image in data.images)
-    depths = sum(image.depth is not None for image in data.images)
-    contents = _contents(images, depths, data.scan is not None, data.cloud is not None)
     rest = None if data.scan is None else scan_without_points(data.scan)
     both = data.scan is not None and data.cloud is not None
     return (
@@ -106,17 +102,10 @@ def own_row(node: Node, data: NodeData) -> Row:
         _doubles(node.tracked_from_base),
         node.weight,
         truth,
-        contents,
         rest,
         json.dumps([_stamp(image, node) for image in data.images]) if data.images else None,
         matrix_to_blob(data.cloud[None]) if both and data.cloud is not None else None,
     )
-
-
-@functools.cache
-def _contents(images: int, depths: int, scan: bool, cloud: bool) -> str:
-    """How much of what a node keeps."""
-    return json.dumps({"images": images, "depth": depths, "scan": int(scan), "cloud": int(cloud)})
 
 
 def _stamp(image: RgbdImage, node: Node) -> int:

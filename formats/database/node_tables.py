@@ -14,7 +14,6 @@ from formats.database.connection import Connection
 from formats.database.node_rows import StorageOptions
 from formats.database.scan_blobs import scan_to_blob
 from formats.database.transactions import Transactions
-from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
 from mapmyworld.types import Features, Node, NodeData, Scan, TrackedFrames
 from mapmyworld.types.frames import nodes_as_frames
@@ -82,17 +81,6 @@ class NodeTables(Transactions):
         seen = feature_rows.features_from_rows(found, what)
         return NodeData(data.scan, data.images, data.cloud, seen)
 
-    def contents(self) -> dict[int, dict[str, int]]:
-        """What each node keeps: counts of images, depth, scan, cloud; no blob is read.
-
-        Raises `MapError` where that is damaged.
-        """
-        found = self._db.rows("SELECT id, contents FROM mapmyworld_nodes ORDER BY id")
-        try:
-            return {int(node_id): dict(json_from_text(text)) for node_id, text in found}
-        except (ValueError, TypeError) as error:
-            raise MapError(f"{self.path}: damaged contents of a node ({error})") from None
-
     def set_features(self, node_id: int, features: Features) -> None:
         self._begin()
         self._db.run("DELETE FROM Feature WHERE node_id = ?", (node_id,))
@@ -114,10 +102,6 @@ class NodeTables(Transactions):
 
     def scans(self, frames: Sequence[int] | NDArray[np.int64]) -> Iterator[tuple[int, Scan]]:
         yield from frame_rows.read_scans(self._db, frames)
-
-    def scan_count(self) -> int:
-        """How many frames have a scan."""
-        return int(self._db.row("SELECT COUNT(*) FROM mapmyworld_scans")[0])
 
     def set_tracked_frames(self, frames: TrackedFrames) -> None:
         self._begin()

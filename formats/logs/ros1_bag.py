@@ -9,7 +9,12 @@ from struct import Struct
 from typing import BinaryIO
 
 from formats.limits import limits
-from formats.logs.block_files import BlockFile, DamagedBlockError, borne_out, next_place
+from formats.logs.block_files import (
+    BlockFile,
+    DamagedBlockError,
+    borne_out,
+    next_place,
+)
 from formats.logs.channels import Block, Channel, Index, Record
 from formats.logs.compression import (
     MAX_DEFINITION_BYTES,
@@ -63,7 +68,7 @@ def read_index(stream: BinaryIO, path: Path) -> Index:
     size = os.fstat(stream.fileno()).st_size
     try:
         index = _indexed(stream, size)
-    except (DamagedBlockError, EOFError) as error:
+    except DamagedBlockError as error:
         index = _scanned(stream, path, size)
         index.problems.insert(0, f"{path}: no usable index ({error}): chunks were read one by one")
         return index
@@ -80,14 +85,14 @@ def _record(stream: BinaryIO, size: int) -> tuple[Fields, int, int]:
     start = stream.tell()
     head = stream.read(4)
     if len(head) < 4:
-        raise EOFError("the file ends")
+        raise DamagedBlockError("the file ends in it")
     (length,) = U32(head)
     if length > min(MAX_HEADER_BYTES, size - start):
         raise DamagedBlockError(f"record header at byte {start} claims {length} bytes")
     fields = parse_fields(stream.read(length))
     tail = stream.read(4)
     if len(tail) < 4:
-        raise EOFError("the file ends")
+        raise DamagedBlockError("the file ends in it")
     return fields, start + 8 + length, int(U32(tail)[0])
 
 
@@ -119,7 +124,7 @@ def _is_chunk(stream: BinaryIO, place: int, size: int) -> bool:
     stream.seek(place)
     try:
         return operation(_record(stream, size)[0]) == OP_CHUNK
-    except (DamagedBlockError, EOFError):
+    except DamagedBlockError:
         return False
 
 
@@ -158,10 +163,7 @@ def read_block(
 
 def _chunk_data(stream: BinaryIO, size: int, *, cut: bool) -> tuple[bytes, bool]:
     """Decompressed bytes of the chunk at the stream's position, and whether they are all."""
-    try:
-        fields, _, length = _record(stream, size)
-    except EOFError as error:
-        raise DamagedBlockError("the file ends in it") from error
+    fields, _, length = _record(stream, size)
     if operation(fields) != OP_CHUNK or length > limits().chunk_bytes:
         raise DamagedBlockError("there is no chunk")
     data = stream.read(length)
@@ -179,19 +181,12 @@ def _scanned(stream: BinaryIO, path: Path, size: int) -> Index:
     index = Index(details=[("index", "none, rebuilt")])
     position = len(MAGIC)
     while position < size:
-        stream.seek(position)
         try:
             position = _scan_record(stream, position, size, index)
-        except EOFError:
-            index.problems.append(
-                f"{path}: the file ends in the record at byte {position}; "
-                f"{sum(index.counts.values())} message(s) before that were kept"
-            )
-            break
         except DamagedBlockError as error:
             following = next_place(stream, position + 1, size, _CHUNK_HEAD, _is_chunk_head)
             index.problems.append(
-                f"{path}: damaged at byte {position} ({error}): "
+                f"{path}: damaged or cut at byte {position} ({error}): "
                 f"{following - position} bytes skipped"
             )
             position = following
@@ -201,6 +196,7 @@ def _scanned(stream: BinaryIO, path: Path, size: int) -> Index:
 
 def _scan_record(stream: BinaryIO, position: int, size: int, index: Index) -> int:
     """Takes in the record at `position` and gives the position after it."""
+    stream.seek(position)
     fields, start, length = _record(stream, size)
     op = operation(fields)
     after = start + length
@@ -210,10 +206,10 @@ def _scan_record(stream: BinaryIO, position: int, size: int, index: Index) -> in
         records = chunk_records(data, index.channels, to_the_end=whole)
         index.add(records, position, 0 if whole else length)
         if not whole:
-            raise EOFError("the file ends in a chunk")
+            raise DamagedBlockError("the file ends in a chunk")
         return after
     if after > size:
-        raise EOFError("the file ends in a record")
+        raise DamagedBlockError("the file ends in a record")
     if length > (MAX_DEFINITION_BYTES if op == OP_CONNECTION else limits().chunk_bytes):
         raise DamagedBlockError(f"a record claims {length} bytes")
     if op == OP_CONNECTION:

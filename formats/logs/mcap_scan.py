@@ -60,9 +60,7 @@ class _Scan:
             try:
                 position = self._record(position)
             except DamagedBlockError as error:
-                following = next_place(
-                    self.stream, position + 1, self.size, _CANDIDATE, self._credible
-                )
+                following = self._following(position)
                 self.index.problems.append(
                     f"{self.path}: damaged or cut at byte {position} ({error}): "
                     f"{following - position} bytes skipped"
@@ -94,7 +92,9 @@ class _Scan:
             raise DamagedBlockError(f"opcode {opcode} is unknown")
         if after > self.size:
             raise DamagedBlockError("it ends within a record")
-        if not self._plausible(after):
+        # Damage behind a message is none of its own, unless it holds another record.
+        whole = self._plausible(after) or (opcode == MESSAGE and self._following(position) >= after)
+        if not whole:
             raise DamagedBlockError("no record follows where one should")
         self.has_ended |= opcode == DATA_END
         if opcode == MESSAGE:
@@ -162,6 +162,7 @@ class _Scan:
             raise DamagedBlockError("a message outside the chunks, or after the data")
         if after - position < HEAD_BYTES + MESSAGE_HEAD.size:
             raise DamagedBlockError("a message is shorter than its head")
+        self.stream.seek(position + HEAD_BYTES)
         key, _, time, _ = MESSAGE_HEAD.unpack(self.stream.read(MESSAGE_HEAD.size))
         if not self.bare or position != self.bare_end or after - self.bare_start > _RUN_BYTES:
             self._close_run()
@@ -187,6 +188,10 @@ class _Scan:
             return True
         opcode, length = record_head(head)
         return (0 < opcode <= DATA_END or opcode >= 0x80) and length < 1 << 40
+
+    def _following(self, position: int) -> int:
+        """Where the next chunk, message or end of data can be, or the file's size."""
+        return next_place(self.stream, position + 1, self.size, _CANDIDATE, self._credible)
 
     def _credible(self, position: int, data: bytes) -> bool:
         """Whether a chunk, a message or the end of data can begin so."""

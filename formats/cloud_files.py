@@ -34,7 +34,7 @@ def read_cloud(path: Path) -> PointCloud:
 
 
 def cloud_table(cloud: PointCloud, *, packed_colour: bool = False) -> NDArray[np.void]:
-    """One record a point."""
+    """One record (N,) a point."""
     points = np.asarray(cloud.points, np.float32).reshape(-1, 3)
     columns: list[tuple[str, str, NDArray[np.generic]]] = [
         (name, "<f4", points[:, i]) for i, name in enumerate("xyz")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mapmyworld.errors import LogError
+from mapmyworld.errors import MapMyWorldError
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +32,10 @@ def set_limits(new: Limits) -> None:
     _InForce.limits = new
 
 
-def check_unpacked(size: int, path: object) -> None:
-    """Raises `LogError` where a compressed file unpacks to more than it may."""
+def check_unpacked(size: int, path: object, error: type[MapMyWorldError]) -> None:
+    """Raises `error` where a compressed file unpacks to more than it may."""
     if size > limits().unpacked_bytes:
-        raise LogError(
+        raise error(
             f"{path}: unpacks to more than {limits().unpacked_bytes >> 30} GB: if that is right, "
             "set limits.unpacked_gb higher"
         )

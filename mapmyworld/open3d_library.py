@@ -11,7 +11,7 @@ PACKAGES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0 libgomp1"
 
 
 def import_open3d(wanted: str) -> Any:
-    """The library; where it does not load, raises what to install for what was wanted, and why."""
+    """The library; raises `MissingDependencyError` where it does not load: what to install."""
     try:
         import open3d
     except (ImportError, OSError) as error:

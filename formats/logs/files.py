@@ -82,7 +82,7 @@ class UnpackedFile:
             blocks = _unpacked_zstd if self.path.suffix == ".zstd" else _unpacked
             try:
                 for block in blocks(packed):
-                    check_unpacked(copy.tell() + len(block), self.path)
+                    check_unpacked(copy.tell() + len(block), self.path, LogError)
                     copy.write(block)
             except DECOMPRESSION_ERRORS as error:
                 self.damage = str(error)

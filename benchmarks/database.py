@@ -198,7 +198,7 @@ def questions(path: Path, count: int, megabytes: int) -> None:
             store.set_poses(Poses(np.arange(1, count + 1), np.tile(np.eye(4), (count, 1, 1))))
     started = time.monotonic()
     with open_store(path, read_only=True) as store:
-        store.nodes(), store.constraints(), store.poses(), store.contents(), store.grid()
+        store.nodes(), store.constraints(), store.poses(), store.grid()
         graph = time.monotonic() - started
         started = time.monotonic()
         store.node_data(count // 2)

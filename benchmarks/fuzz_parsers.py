@@ -9,7 +9,6 @@ or a warning is a finding, which Atheris writes down and stops at. The options a
 
 from __future__ import annotations
 
-import importlib
 import os
 import shutil
 import subprocess
@@ -42,8 +41,7 @@ with atheris.instrument_imports(include=["formats", "mapmyworld", "rosbags"]):
     from formats.mesh_files import read_mesh
     from formats.nested_text import read_toml
     from formats.relation_files import read_relations
-    from formats.scene_claims import check_claims
-    from formats.scene_reading import arrays_of_mesh
+    from formats.scene_mesh import read_scene_mesh
     from formats.trajectory_files import read_trajectory
     from formats.truth_files import read_loop_pairs
     from formats.vocabulary_files import read_vocabulary
@@ -137,12 +135,6 @@ def _decode(channel: Channel, body: bytes) -> None:
         message.pixels()
 
 
-def _world(path: Path) -> None:
-    """Here in this process, which Open3D may end; in the program a process of its own."""
-    check_claims(path)
-    arrays_of_mesh(importlib.import_module("open3d"), path)
-
-
 def _map(path: Path) -> None:
     with open_store(path, read_only=True) as store:
         for node in store.nodes()[:20]:
@@ -176,8 +168,8 @@ KINDS: dict[str, tuple[str, Callable[[Path], object], bytes]] = {
     "loops": (".txt", read_loop_pairs, b""),
     "vocabulary": (".txt", read_vocabulary, b""),
     "cloud": (".ply", read_cloud, b"ply\n"),
-    "obj": (".obj", _world, b""),
-    "glb": (".glb", _world, b"glTF"),
+    "obj": (".obj", read_scene_mesh, b""),
+    "glb": (".glb", read_scene_mesh, b"glTF"),
     "mesh": (".ply", read_mesh, b"ply\n"),
     "pcd": (".pcd", read_cloud, b"# .PCD v0.7"),
     "relations": (".relations", read_relations, b""),
@@ -223,8 +215,6 @@ def main() -> None:
         sys.exit(f"usage: fuzz_parsers.py KIND ...; KIND is one of {', '.join(KINDS)}")
     kind = sys.argv.pop(1)
     ending, read, magic = KINDS[kind]
-    if read is _world:
-        importlib.import_module("open3d")  # before warnings are errors
     path = FOLDER / f"case{ending}"
     folders = [Path(word) for word in sys.argv[1:] if not word.startswith("-")]
     if folders and folders[0].is_dir() and not any(folders[0].iterdir()):

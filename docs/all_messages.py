@@ -53,7 +53,6 @@ BY_WORDS = {
     "the file is empty": "copy it again, or record anew",
     "list no images": "correct the paths in rgb.txt and depth.txt, or copy the folder again",
     "damaged SQLite file": "copy it again, or repair it (see above)",
-    "damaged zstd file": "copy it again",
     "no camera_matrix": "correct the calibration that is named",
     "is a database, but neither": "give a map of `mapmyworld` or RTAB-Map",
     "is a folder, not a map": "give the map's file",

@@ -33,8 +33,8 @@ def read_cloud(path: Path) -> PointCloud:
     return _cloud_of(fields, path)
 
 
-def _table(cloud: PointCloud, *, packed_colour: bool) -> NDArray[np.void]:
-    """One record a point."""
+def cloud_table(cloud: PointCloud, *, packed_colour: bool = False) -> NDArray[np.void]:
+    """One record (N,) a point."""
     points = np.asarray(cloud.points, np.float32).reshape(-1, 3)
     columns: list[tuple[str, str, NDArray[np.generic]]] = [
         (name, "<f4", points[:, i]) for i, name in enumerate("xyz")
@@ -55,12 +55,12 @@ def _table(cloud: PointCloud, *, packed_colour: bool) -> NDArray[np.void]:
 
 
 def _ply(cloud: PointCloud) -> bytes:
-    table = _table(cloud, packed_colour=False)
+    table = cloud_table(cloud)
     return ply_header([("vertex", table)]) + table.tobytes()
 
 
 def _pcd(cloud: PointCloud) -> bytes:
-    table = _table(cloud, packed_colour=True)
+    table = cloud_table(cloud, packed_colour=True)
     names = table.dtype.names or ()
     kinds = [table.dtype[name] for name in names]
     head = [

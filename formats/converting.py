@@ -57,9 +57,6 @@ def convert_log(
 
     Raises LogError where nothing is selected or the output cannot be written.
     """
-    recorded = _recorded(log)
-    if recorded is not None:
-        recorded.find_clock_step()
     info = log.info()
     topics = {topic.topic for topic in info.topics}
     _check_topics(selection, topics)

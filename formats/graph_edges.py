@@ -48,26 +48,14 @@ def _edges_of(tag: str, table: Table, planar: bool, problems: list[str]) -> Edge
 
 def _sound(problems: list[str], tag: str, lines: Index, information: Array) -> NDArray[np.bool_]:
     """Which matrices (R, d, d) are positive definite; the others are reported."""
-    sums, diagonal = np.add.reduce(np.abs(information), axis=2), information.diagonal(0, 1, 2)
-    least = 1e-14 * np.maximum.reduce(sums, axis=1)
-    good = np.minimum.reduce(2.0 * diagonal - sums, axis=1) > least  # the diagonal rules: no doubt
-    if not good.all():
-        good = _positive(information, least)
+    least = 1e-14 * np.abs(information).sum(axis=2).max(axis=1, initial=0.0)
+    good = np.linalg.eigvalsh(information)[:, 0] > least
     if not good.all():
         problems.append(
             f"{np.count_nonzero(~good)} {tag} whose information is not positive definite "
             f"(line {listed(lines[~good])})"
         )
     return np.asarray(good)
-
-
-def _positive(information: Array, least: Array) -> NDArray[np.bool_]:
-    """Which matrices (R, d, d) have no eigenvalue up to `least` (R,)."""
-    try:  # a fraction of what eigenvalues cost
-        np.linalg.cholesky(information - least[:, None, None] * np.eye(information.shape[1]))
-    except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.eigvalsh(information)[:, 0] > least)
-    return least > 0.0
 
 
 def sightings_of(tables: Tables, planar: bool, problems: list[str]) -> Sightings:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from formats.cloud_files import cloud_table
 from formats.ply import colours, parse_header, ply_header, positions, read_vertices, read_whole
 from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
-from mapmyworld.types import Mesh
+from mapmyworld.types import Mesh, PointCloud
 
 _FACE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 
@@ -22,24 +22,11 @@ def write_mesh(path: Path, mesh: Mesh) -> None:
     """
     if path.suffix.lower() != ".ply":
         raise MapError(f"{path}: a mesh is written as .ply: give a name that ends in .ply")
-    vertices = _vertices(mesh)
+    vertices = cloud_table(PointCloud(mesh.vertices, mesh.colours))
     faces = np.empty(len(mesh.triangles), _FACE)
     faces["count"], faces["corners"] = 3, mesh.triangles
     head = ply_header([("vertex", vertices)], len(faces))
     write_whole(path, head + vertices.tobytes() + faces.tobytes())
-
-
-def _vertices(mesh: Mesh) -> NDArray[np.void]:
-    fields = [(name, "<f4") for name in "xyz"]
-    if mesh.colours is not None:
-        fields += [(name, "u1") for name in ("red", "green", "blue")]
-    table = np.zeros(len(mesh.vertices), fields)
-    for i, name in enumerate("xyz"):
-        table[name] = mesh.vertices[:, i]
-    if mesh.colours is not None:
-        for i, name in enumerate(("red", "green", "blue")):
-            table[name] = mesh.colours[:, i]
-    return table
 
 
 def read_mesh(path: Path) -> Mesh:

@@ -60,6 +60,14 @@ def is_16_bit_png(data: bytes) -> bool:
     return data[:4] == _PNG and len(data) > 25 and data[24] == 16 and data[25] == 0
 
 
+def is_grey(data: bytes) -> bool:
+    """Whether a PNG or JPEG file holds one channel, by its head."""
+    if data[:4] == _PNG:
+        return len(data) > 25 and data[25] == 0
+    frame = jpeg_frame(data)
+    return frame is not None and frame[2] == 1
+
+
 def claims_too_much(data: bytes) -> bool:
     """Whether a file claims a size that would fill the memory, or no size at all.
 

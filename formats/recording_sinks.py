@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
@@ -20,6 +20,7 @@ from rosbags.interfaces import (
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
+from rosbags.rosbag2.metadata import dump_qos_v8
 
 import mapmyworld
 from formats.logs.channels import Channel
@@ -42,34 +43,6 @@ LATCHED = Qos(
     _FOREVER,
     avoid_ros_namespace_conventions=False,
 )
-# The same as rosbag2 writes it into MCAP's channel metadata.
-_LATCHED_TEXT = (
-    "- history: 1\n  depth: 1\n  reliability: 1\n  durability: 1\n"
-    "  deadline:\n    sec: 2147483647\n    nsec: 4294967295\n"
-    "  lifespan:\n    sec: 2147483647\n    nsec: 4294967295\n"
-    "  liveliness: 1\n"
-    "  liveliness_lease_duration:\n    sec: 2147483647\n    nsec: 4294967295\n"
-    "  avoid_ros_namespace_conventions: false"
-)
-
-
-class Sink(Protocol):
-    """A container that messages are written to."""
-
-    encoding: str
-    """Of the messages it takes: "cdr" or "ros1"."""
-
-    def add(self, channel: Channel) -> Handle:
-        """Makes a topic known; what it gives stands for the topic in `write`."""
-
-    def write(self, handle: Handle, log_time_ns: int, data: bytes) -> None:
-        """One serialised message."""
-
-    def close(self) -> None:
-        """Finishes the file: it can be read from now on."""
-
-    def abort(self) -> None:
-        """Removes what was written."""
 
 
 def _part_of(path: Path) -> Path:
@@ -108,6 +81,7 @@ class McapSink:
         self._sequences: dict[int, int] = {}
 
     def add(self, channel: Channel) -> Handle:
+        """Makes a topic known; what it gives stands for the topic in `write`."""
         name = channel.type_name
         if channel.encoding == "ros1":
             name = name.replace("/msg/", "/")
@@ -119,7 +93,7 @@ class McapSink:
             metadata |= {"md5sum": channel.digest} if channel.digest else {}
             metadata |= {"latching": "1"} if channel.latching else {}
         elif channel.latching:
-            metadata.setdefault("offered_qos_profiles", _LATCHED_TEXT)
+            metadata.setdefault("offered_qos_profiles", dump_qos_v8([LATCHED]))
         return self._writer.register_channel(
             channel.topic, channel.encoding, self._schemas.get(key, 0), metadata
         )
@@ -229,3 +203,7 @@ class Rosbag2Sink:
         with suppress(OSError):
             self._writer.abort()
         shutil.rmtree(self._folder, ignore_errors=True)
+
+
+Sink = McapSink | Ros1Sink | Rosbag2Sink
+"""A container that messages are written to; it takes those of its `encoding`."""

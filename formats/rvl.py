@@ -1,18 +1,21 @@
 """RVL: fast lossless compression of 16-bit depth images.
 
 Wilson, "Fast lossless depth image compression" (2017): runs of zeros and of valid pixels, the
-latter as zigzag differences, all numbers in groups of three bits per nibble.
+latter as zigzag differences, all numbers in groups of three bits per nibble. Imported where such an
+image is: to open a log takes no numba.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.kernels import compiled
+from mapmyworld.kernels.compiling import jit
 
 
-def _encode(pixels, out):  # type: ignore[no-untyped-def]
+def _encode(pixels: Any, out: Any) -> Any:
     """Fills `out` (uint32 words); returns the words used. Loops are numba's to compile."""
     words, word, nibbles = 0, np.uint32(0), 0
     previous, i, n = np.int64(0), 0, len(pixels)
@@ -50,7 +53,7 @@ def _encode(pixels, out):  # type: ignore[no-untyped-def]
     return words
 
 
-def _decode(words, pixels):  # type: ignore[no-untyped-def]
+def _decode(words: Any, pixels: Any) -> bool:
     """Fills `pixels`; returns whether the words held exactly so many."""
     at, i, n, total = 0, np.int64(0), len(pixels), 8 * len(words)
     # `pending`: valid pixels of the last run; 1 at first, as an image may begin with one.
@@ -87,8 +90,8 @@ def _decode(words, pixels):  # type: ignore[no-untyped-def]
 
 
 # Called, not decorated, so that the type checker sees them.
-_encode_words = compiled(_encode)
-_decode_words = compiled(_decode)
+_encode_words = jit(_encode)
+_decode_words = jit(_decode)
 
 
 def rvl_encode(depth: NDArray[np.uint16]) -> bytes:

@@ -1,58 +1,104 @@
-"""A user's own world: a mesh from PLY, OBJ, GLB and whatever else Open3D reads."""
+"""A user's own world: a mesh from PLY, OBJ, GLB and whatever else trimesh reads."""
 
 from __future__ import annotations
 
-import io
-import subprocess
-import sys
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.scene_claims import check_claims
-from formats.scene_reading import NOT_THERE
 from mapmyworld.errors import MapError
-from mapmyworld.open3d_library import missing_open3d
 from mapmyworld.types import Mesh
 
 SCENE_SUFFIXES = (".ply", ".obj", ".glb", ".gltf", ".stl", ".off")
 _FARTHEST = 10_000.0  # m from the origin, where a robot could drive
 _Y_UP = (".glb", ".gltf")  # formats whose standard says that y points up
+_GREY = 180  # of meshes without colours
 
 
 def read_scene_mesh(path: Path) -> Mesh:
     """The mesh with z up and a colour at each vertex, textures sampled; metres are assumed.
 
-    Raises `MapError` where the file is no mesh, `MissingDependencyError` without Open3D.
+    Raises `MapError` where the file is no mesh.
     """
     if not path.is_file():
         raise MapError(f"{path}: there is no such file")
-    check_claims(path)
-    arrays = _arrays(path)
-    vertices, triangles = arrays["vertices"], arrays["triangles"]
-    named = 0 <= triangles.min(initial=0) <= triangles.max(initial=0) < len(vertices)
-    if len(triangles) == 0 or not named or not np.isfinite(vertices).all():
+    vertices, triangles, colours = _arrays(path)
+    if len(triangles) == 0 or not np.isfinite(vertices).all():
         raise MapError(f"{path}: holds no triangles that could be a world")
     if np.abs(vertices).max() > _FARTHEST:
         raise MapError(f"{path}: reaches beyond {_FARTHEST:.0f} m: export the mesh in metres")
     if path.suffix.lower() in _Y_UP:
         vertices = vertices @ np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
-    return Mesh(vertices.astype(np.float32), triangles, arrays["colours"])
+    return Mesh(vertices.astype(np.float32), triangles, colours)
 
 
-def _arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """What Open3D reads of the file; it ends whole processes over some damaged ones."""
-    task = f"import sys; sys.path[:] = {sys.path!r}\n"
-    task += "from formats.scene_reading import give_mesh; give_mesh(sys.argv[1])"
-    command = [sys.executable, "-c", task, str(path.resolve())]
-    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
-    if done.returncode == NOT_THERE:
-        raise missing_open3d(f"reading {path.name}", done.stdout.decode("utf-8", "replace"))
+class _Beside:
+    """The parts of a world that lie in its folder, as trimesh asks for them by their names."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._folder = path, path.parent.resolve()
+        self.refusal: MapError | None = None
+        """Of the last name that is none of a file there: trimesh goes on without it."""
+
+    def get(self, name: str) -> bytes:
+        """The bytes of a file; FileNotFoundError where there is none."""
+        try:
+            file = (self._folder / name.strip().replace("\\", "/")).resolve()
+            stands, is_file = file.exists(), file.is_file()
+        except (OSError, ValueError, RuntimeError):  # too long, a zero byte, links in a ring
+            raise self._refused(f"names {name!r}, which is no name of a file") from None
+        if not file.is_relative_to(self._folder):
+            raise self._refused(f"names {name}, outside its folder: copy that file beside it")
+        if stands and not is_file:
+            raise self._refused(f"names {name}, which is no file: a folder, a device or a pipe")
+        return file.read_bytes()
+
+    __getitem__ = get
+
+    def _refused(self, why: str) -> MapError:
+        self.refusal = MapError(f"{self._path}: {why}")
+        return self.refusal
+
+
+def _arrays(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.uint8]]:
+    """Vertices (V, 3), triangles (T, 3) and colours (V, 3) of all that the file holds."""
+    import trimesh
+
+    trimesh.util.log.setLevel("CRITICAL")  # what is wrong with a file is said here
+    beside, kind = _Beside(path), path.suffix.lower()[1:]
     try:
-        with np.load(io.BytesIO(done.stdout)) as found:
-            return dict(found)
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
-        raise MapError(f"{path}: holds no triangles that could be a world") from None
+        with path.open("rb") as stream, np.errstate(all="ignore"):
+            scene = trimesh.load_scene(stream, kind, resolver=beside, process=False)
+            solids = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh)]
+            counts = np.cumsum([0, *(len(solid.vertices) for solid in solids)])
+            vertices = [np.asarray(solid.vertices, np.float64) for solid in solids]
+            corners = [_corners(solid) + n for solid, n in zip(solids, counts, strict=False)]
+            colours = [_colours(solid) for solid in solids]
+            if not solids:
+                raise ValueError("no mesh")
+    except Exception as error:  # a damaged file may end in any of Python's errors
+        raise beside.refusal or MapError(
+            f"{path}: holds no triangles that could be a world ({error})"
+        ) from None
+    if beside.refusal is not None:
+        raise beside.refusal
+    triangles = np.concatenate(corners).astype(np.int32)
+    return np.concatenate(vertices), triangles, np.concatenate(colours)
+
+
+def _corners(solid: Any) -> NDArray[np.int64]:
+    """Triangles (T, 3) by the numbers of their corners; ValueError for one that does not exist."""
+    faces = np.asarray(solid.faces, np.int64)
+    if not 0 <= faces.min(initial=0) <= faces.max(initial=0) < len(solid.vertices):
+        raise ValueError("corners that do not exist")
+    return faces
+
+
+def _colours(solid: Any) -> NDArray[np.uint8]:
+    """(V, 3) of the vertices' own colours or of the texture under them, else grey."""
+    if not solid.visual.defined:
+        return np.full((len(solid.vertices), 3), _GREY, np.uint8)
+    found = solid.visual.to_color() if solid.visual.kind == "texture" else solid.visual
+    return np.asarray(found.vertex_colors[:, :3], np.uint8)

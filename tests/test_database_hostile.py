@@ -208,7 +208,6 @@ def read_all(path: Path) -> None:
         list(store.scans(range(9)))
         for node in store.nodes():
             store.node_data(node.id)
-        store.contents()
         store.get("plan")
         list(store.constraints())
         store.poses()
@@ -234,7 +233,6 @@ def read_all(path: Path) -> None:
         ("Feature", "pos_y", -math.inf),
         ("Feature", "response", 1e300),
         ("mapmyworld_keys", "value", "[" * 100_000),
-        ("mapmyworld_nodes", "contents", "[" * 100_000),
         ("mapmyworld_nodes", "stamp_ns", "noon"),
         ("mapmyworld_constraints", "from_id", b"bytes"),
         ("mapmyworld_constraints", "i_from_j", np.full((4, 4), 1e300).tobytes()),

@@ -21,7 +21,6 @@ PASSED_ON = {
     "formats/database/log_source.py": 1,
     "formats/database/image_blobs.py": 1,
     "formats/graph_reading.py": 2,
-    "formats/logs/packed.py": 1,
     "formats/grid_files.py": 1,
     "formats/ply.py": 1,
     "formats/trajectory_files.py": 1,

@@ -13,7 +13,7 @@ from messages_in_memory import MemoryLog
 from room_drive import Drive, drive
 from test_localisation_commands import later
 
-from formats.database import connection, open_store
+from formats.database import open_store
 from mapmyworld.api import Silent, build
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar
@@ -191,12 +191,8 @@ def test_twice_the_same_grid_is_twice_as_sure_up_to_the_limit() -> None:
     assert np.allclose(total.probabilities(), [[clamp, 1.0 - clamp]])
 
 
-@pytest.mark.parametrize("limit", range(60_000, 80_000, 2_500))
-def test_nodes_with_features_and_much_data_are_stored(
-    limit: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As sessions with images are merged: rows wait to be written together, and must keep order."""
-    monkeypatch.setattr(connection, "_QUEUE_BYTES", limit)
+def test_nodes_with_features_and_much_data_are_stored(tmp_path: Path) -> None:
+    """As sessions with images are merged."""
     with open_store(tmp_path / "map.db", create=True) as store, store.write_stage("track", ""):
         for number in range(1, 8):
             data = NodeData(scan=scan(number), features=features(number, words=False))

@@ -64,9 +64,11 @@ def test_every_export_but_the_mesh_is_written(machine: BareMachine, what: str) -
 
 def test_a_mesh_says_what_to_install(machine: BareMachine) -> None:
     reported = machine.run("export", "mesh", "map.db", "-o", "mesh.ply", "-q", code=2)
+    (line,) = reported.splitlines()
+    assert f"`apt-get install {PACKAGES}`" in line
+
+
+def test_a_mesh_of_ones_own_is_driven_through(machine: BareMachine) -> None:
     (machine.folder / "room.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     world = ("simulate", "--world", "room.obj", "--route", "start:0,0,0 1,0")
-    reported += machine.run(*world, "-o", "room.mcap", "-q", code=2)
-    lines = reported.splitlines()
-    assert len(lines) == 2
-    assert all(f"`apt-get install {PACKAGES}`" in line for line in lines)
+    machine.run(*world, "-o", "room.mcap", "-q")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,6 @@ _SWAP = np.ix_(SWAP_ROTATION_TRANSLATION, SWAP_ROTATION_TRANSLATION)
 # OpenCV's depth numbers; type = depth + 8 * (channels - 1).
 _DEPTHS = ("u1", "i1", "<u2", "<i2", "<i4", "<f4", "<f8")
 _TRAILER = struct.Struct("<3i")
-_STORED_HEAD = struct.Struct("<BHH")  # whether it is the last, length, its complement
 MAX_MATRIX_BYTES = 1 << 30
 # zlib cannot expand more than 1032 times; a claim beyond it is a lie.
 _MAX_EXPANSION = 1040
@@ -31,8 +29,7 @@ _COMPRESSION = 6  # zlib's default, as RTAB-Map's writer uses
 # Level for what comes with every node: the default takes up to six times as long, saves a ninth.
 # igzip takes a quarter of it, but gives other bytes from run to run: its tables begin as they lie.
 FAST = 1
-STORED = 0  # as it is: for what hardly shrinks, or is too short to set a compressor up for
-_BLOCK = 0xFFFF  # bytes of a stored block of deflate, at most
+STORED = 0  # as it is: for what hardly shrinks
 
 
 def matrix_to_blob(matrix: NDArray[np.generic], level: int = _COMPRESSION) -> bytes | None:
@@ -43,19 +40,7 @@ def matrix_to_blob(matrix: NDArray[np.generic], level: int = _COMPRESSION) -> by
     channels = matrix.shape[2] if matrix.ndim == 3 else 1
     depth = _DEPTHS.index(np.dtype(matrix.dtype).newbyteorder("<").str.lstrip("|"))
     data = np.ascontiguousarray(matrix).tobytes()
-    stream = stored_stream(data) if level == STORED else zlib.compress(data, level)
-    return stream + _TRAILER.pack(rows, cols, depth + 8 * (channels - 1))
-
-
-def stored_stream(data: bytes) -> bytes:
-    """A zlib stream of uncompressed blocks (RFC 1950 and 1951, 3.2.4)."""
-    parts = [b"\x78\x01"]
-    for at in range(0, max(len(data), 1), _BLOCK):
-        block = data[at : at + _BLOCK]
-        last = at + _BLOCK >= len(data)
-        parts += [_STORED_HEAD.pack(last, len(block), len(block) ^ 0xFFFF), block]
-    parts.append(zlib.adler32(data).to_bytes(4, "big"))
-    return b"".join(parts)
+    return zlib.compress(data, level) + _TRAILER.pack(rows, cols, depth + 8 * (channels - 1))
 
 
 def blob_to_matrix(blob: bytes | None, what: str) -> NDArray[np.generic] | None:
@@ -117,40 +102,13 @@ def blob_to_pose(blob: bytes | None, what: str) -> NDArray[np.float64] | None:
     return None if not poses[0, :3].any() else orthonormal(poses)[0]
 
 
-def blobs_to_poses(blobs: Sequence[Any]) -> NDArray[np.float64]:
-    """Motions (N, 4, 4) of many blobs at once; NaN for those that `blob_to_pose` has to judge."""
-    fit = np.array([isinstance(blob, bytes) and len(blob) == 48 for blob in blobs], np.bool_)
-    poses = np.full((len(blobs), 4, 4), np.nan)
-    joined = b"".join(blob for blob, good in zip(blobs, fit, strict=True) if good)
-    poses[fit] = matrices_from_floats(np.frombuffer(joined, "<f4").reshape(-1, 12))
-    good = (np.abs(poses) <= FARTHEST).all(axis=(1, 2)) & poses[:, :3].any(axis=(1, 2))
-    poses[~good] = np.nan
-    poses[good] = orthonormal(poses[good])
-    return poses
-
-
-def stacked_doubles(blobs: Sequence[Any], side: int) -> NDArray[np.float64] | None:
-    """Square matrices (N, K, K) of N blobs, K = `side`; None where one is damaged or beyond sense.
-
-    Together they take half of the memory that they would take one by one.
-    """
-    if not all(isinstance(blob, bytes) and len(blob) == 8 * side * side for blob in blobs):
-        return None
-    found = np.frombuffer(b"".join(blobs), "<f8").reshape(-1, side, side)
-    return found if (np.abs(found) <= _most(side)).all() else None
-
-
 def doubles(blob: Any, side: int) -> NDArray[np.float64]:
     """A square matrix (K, K), K = `side`; `ValueError` where it is damaged or beyond sense."""
     found = np.frombuffer(blob, "<f8").reshape(side, side)
-    if not (np.abs(found) <= _most(side)).all():
+    most = FARTHEST if side == 4 else LARGEST  # those of side 4 are motions
+    if not (np.abs(found) <= most).all():
         raise ValueError("a value that is not finite, or out of range")
     return found
-
-
-def _most(side: int) -> float:
-    """The largest number that a matrix of this size may hold; those of side 4 are motions."""
-    return FARTHEST if side == 4 else LARGEST
 
 
 def matrices_from_floats(rows: NDArray[np.float32]) -> NDArray[np.float64]:

@@ -60,66 +60,45 @@ def _stored_distortion(camera: CameraModel) -> NDArray[np.float64]:
 
 def blob_to_cameras(blob: bytes | None, what: str) -> tuple[CameraModel, ...]:
     """The cameras of a blob, left to right; of a stereo pair, the left one."""
-    if blob is None or len(blob) == 0:
-        return ()
-    cameras, at = [], 0
-    while at < len(blob):
-        camera, at = _read_any(blob, at, what)
-        cameras.append(camera)
-    return tuple(cameras)
+    return tuple(camera for camera, _ in blob_to_eyes(blob, what))
 
 
-def is_stereo(blob: bytes | None) -> bool:
-    """Whether `Data.depth` holds the right image of a pair."""
-    return blob is not None and len(blob) >= 16 and struct.unpack_from("<4i", blob)[3] == 1
+def blob_to_eyes(blob: bytes | None, what: str) -> tuple[tuple[CameraModel, float | None], ...]:
+    """The cameras of a blob, with focal length times baseline [pixel metres] of stereo pairs.
 
-
-def stereo_scales(blob: bytes, what: str) -> tuple[float, ...]:
-    """Focal length times baseline [pixel metres] of each pair; 0 where the file does not say.
-
-    The blob is one of which `is_stereo` holds and that `blob_to_cameras` can read.
+    That is 0 where the file does not say, and None of a camera alone: of a pair, `Data.depth` holds
+    the right image.
     """
-    scales, at = [], 0
-    while at < len(blob):
-        *_, n_r, n_t, n_e, n_f, left, right = _STEREO.unpack_from(blob, at)
-        first = at + _STEREO.size + 8 * (n_r + n_t + n_e + n_f)
-        at = first + left + right
-        near, far = (_projection(blob, start, what) for start in (first, first + left))
-        # RTAB-Map's baseline: left Tx / left fx - right Tx / right fx, with Tx = P[0, 3].
-        if near[0, 0] > 0 and far[0, 0] > 0:
-            baseline = near[0, 3] / near[0, 0] - far[0, 3] / far[0, 0]
-            scales.append(max(0.0, float(near[0, 0] * baseline)))
-        else:
-            scales.append(0.0)
-    return tuple(scales)
+    eyes, at = list[tuple[CameraModel, float | None]](), 0
+    while blob is not None and at < len(blob):
+        camera, scale, at = _read_any(blob, at, what)
+        eyes.append((camera, scale))
+    return tuple(eyes)
 
 
-def _projection(blob: bytes, at: int, what: str) -> NDArray[np.float64]:
-    """P (3, 4) of the mono record at `at`; zeros where it has none."""
-    _read_mono(blob, at, what)  # judges its sizes
-    *_, n_k, n_d, n_r, n_p, _ = _MONO.unpack_from(blob, at)
-    start = at + _MONO.size + 8 * (n_k + n_d + n_r)
-    if not n_p:
-        return np.zeros((3, 4))
-    return np.frombuffer(blob, "<f8", n_p, start).reshape(3, 4)
-
-
-def _read_any(blob: bytes, at: int, what: str) -> tuple[CameraModel, int]:
+def _read_any(blob: bytes, at: int, what: str) -> tuple[CameraModel, float | None, int]:
     if len(blob) - at < _STEREO.size:
         raise MapError(f"{what}: the calibration ends within a record")
     if struct.unpack_from("<i", blob, at + 12)[0] == 0:
-        return _read_mono(blob, at, what)
+        camera, _, end = _read_mono(blob, at, what)
+        return camera, None, end
     *_, n_r, n_t, n_e, n_f, left, right = _STEREO.unpack_from(blob, at)
     if min(n_r, n_t, n_e, n_f, left, right) < 0 or max(n_r, n_t, n_e, n_f) > 9:
         raise MapError(f"{what}: a stereo calibration with impossible sizes")
     start = at + _STEREO.size + 8 * (n_r + n_t + n_e + n_f)
-    camera, end = _read_mono(blob, start, what)
-    if end != start + left or end + right > len(blob):
+    camera, near, middle = _read_mono(blob, start, what)
+    _, far, end = _read_mono(blob, middle, what)
+    if middle != start + left or end != middle + right:
         raise MapError(f"{what}: the calibration's sizes do not add up")
-    return camera, end + right
+    if not (near[0, 0] > 0 and far[0, 0] > 0):
+        return camera, 0.0, end
+    # RTAB-Map's baseline: left Tx / left fx - right Tx / right fx, with Tx = P[0, 3].
+    baseline = near[0, 3] / near[0, 0] - far[0, 3] / far[0, 0]
+    return camera, max(0.0, float(near[0, 0] * baseline)), end
 
 
-def _read_mono(blob: bytes, at: int, what: str) -> tuple[CameraModel, int]:
+def _read_mono(blob: bytes, at: int, what: str) -> tuple[CameraModel, NDArray[np.float64], int]:
+    """The camera, its P (3, 4), zeros where there is none, and where its record ends."""
     if len(blob) - at < _MONO.size:
         raise MapError(f"{what}: the calibration ends within a record")
     *_, width, height, n_k, n_d, n_r, n_p, n_l = _MONO.unpack_from(blob, at)
@@ -140,7 +119,7 @@ def _read_mono(blob: bytes, at: int, what: str) -> tuple[CameraModel, int]:
     focal = np.diagonal(camera.intrinsics)[:2]
     if not (np.isfinite(doubles).all() and (focal > _LEAST_FOCAL).all()):
         raise MapError(f"{what}: a calibration with focal lengths of {focal} pixels")
-    return camera, end
+    return camera, p.reshape(3, 4) if len(p) else np.zeros((3, 4)), end
 
 
 def _camera(

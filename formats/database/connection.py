@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,10 +24,6 @@ _MOVED = "SQLITE_READONLY_DBMOVED"  # its extended code, as sqlite3 names it
 _EPOCH = "1970-01-01 00:00:00"
 _LAST_SECOND = 253402300799  # 9999-12-31 23:59:59 UTC
 _TRIGGERS = "SELECT name, sql FROM sqlite_master WHERE type = 'trigger'"
-_QUEUE_BYTES = 4 << 20  # of rows that wait to be written together
-_CHUNK = 512  # rows that are made something of together
-_ROW_BYTES = 1024  # of a row apart from its blobs, roughly
-Rows = Callable[[Sequence[Any]], Iterable[Sequence[Any]]]
 
 
 class Connection:
@@ -39,8 +35,6 @@ class Connection:
         self.writable = writable
         self.entered = _EPOCH
         """The text that `time_enter` gets, UTC."""
-        self._queue: dict[tuple[str, Rows], list[Any]] = {}
-        self._queued = 0
         mode = "rwc" if writable else "ro&immutable=1" if frozen else "ro"
         with self._explained():
             self._sqlite = self._connect(mode)
@@ -89,57 +83,30 @@ class Connection:
 
     def rows(self, sql: str, parameters: Sequence[Any] = ()) -> list[Any]:
         """All rows of a query."""
-        with self._ready():
+        with self._explained():
             return self._sqlite.execute(sql, parameters).fetchall()
 
     def row(self, sql: str, parameters: Sequence[Any] = ()) -> Any:
         """The first row of a query; None without one."""
-        with self._ready():
+        with self._explained():
             return self._sqlite.execute(sql, parameters).fetchone()
 
     def iterate(self, sql: str) -> Iterator[Any]:
         """Rows of a query, as they are asked for."""
-        with self._ready():
-            yield from self._sqlite.execute(sql)
-
-    def in_chunks(self, sql: str, parameters: Sequence[Any] = ()) -> Iterator[list[Any]]:
-        """Rows of a query, some hundreds at a time, so that few are held at once."""
-        with self._ready():
-            cursor = self._sqlite.execute(sql, parameters)
-            while some := cursor.fetchmany(_CHUNK):
-                yield some
+        with self._explained():
+            cursor = self._sqlite.execute(sql)
+            while (row := cursor.fetchone()) is not None:
+                yield row
 
     def run(self, sql: str, parameters: Sequence[Any] = ()) -> None:
         """One statement; `MapError` reports a file that cannot be written."""
-        with self._ready():
+        with self._explained():
             self._sqlite.execute(sql, parameters)
 
     def run_many(self, sql: str, rows: Iterable[Sequence[Any]]) -> None:
         """One statement for each row."""
-        with self._ready():
-            self._sqlite.executemany(sql, rows)
-
-    def later(self, sql: str, items: Sequence[Any], rows: Rows = list) -> None:
-        """Rows to be written with others of their kind; any other statement finds them there.
-
-        `rows` makes them of the items, of all that have come at once. Statements run in the order
-        in which their first item came.
-        """
-        self._queue.setdefault((sql, rows), []).extend(items)
-        for item in items:
-            self._queued += _ROW_BYTES
-            if type(item) is tuple:
-                for value in item:
-                    if type(value) is bytes:
-                        self._queued += len(value)
-        if self._queued > _QUEUE_BYTES:
-            self._write_queue()
-
-    def _write_queue(self) -> None:
-        queue, self._queue, self._queued = self._queue, {}, 0
         with self._explained():
-            for (sql, rows), items in queue.items():
-                self._sqlite.executemany(sql, rows(items))
+            self._sqlite.executemany(sql, rows)
 
     def begin(self) -> None:
         """Opens a transaction unless one is open."""
@@ -159,14 +126,6 @@ class Connection:
     def close(self) -> None:
         """Gives the file back."""
         self._sqlite.close()
-
-    @contextmanager
-    def _ready(self) -> Iterator[None]:
-        """What waited is written first."""
-        if self._queue:
-            self._write_queue()
-        with self._explained():
-            yield
 
     @contextmanager
     def _explained(self) -> Iterator[None]:
@@ -205,23 +164,22 @@ def _suggestion(message: str) -> str:
 
 def keeps_write_ahead_log(path: Path) -> bool:
     """Whether the file's header asks for a -wal file, which merely reading it would create."""
-    with path.open("rb") as file:
-        return file.read(20)[18:20] == b"\2\2"
+    return _header(path)[18:20] == b"\2\2"
 
 
 def says_ours(path: Path) -> bool:
     """Whether the file's header bears our mark; raises `MapError` where it cannot be read."""
-    try:
-        with path.open("rb") as file:
-            return int.from_bytes(file.read(72)[68:], "big") == APPLICATION_ID
-    except OSError as error:
-        raise MapError(f"{path}: cannot be read: {error.strerror or error}") from None
+    return int.from_bytes(_header(path)[68:72], "big") == APPLICATION_ID
 
 
 def is_sqlite(path: Path) -> bool:
     """Whether the file begins as SQLite files do; raises `MapError` where it cannot be read."""
+    return _header(path).startswith(SQLITE_MAGIC)
+
+
+def _header(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
-            return file.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC
+            return file.read(72)
     except OSError as error:
         raise MapError(f"{path}: cannot be read: {error.strerror or error}") from None

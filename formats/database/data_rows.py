@@ -5,7 +5,7 @@ Imported when data are touched: what only looks at the graph needs no image code
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any
@@ -16,19 +16,17 @@ from numpy.typing import NDArray
 from formats.database import image_blobs
 from formats.database.blobs import FAST, blob_to_matrix, matrix_to_blob
 from formats.database.calibration import (
-    blob_to_cameras,
+    blob_to_eyes,
     cameras_to_blob,
-    is_stereo,
-    stereo_scales,
 )
 from formats.database.cells import local_cells
 from formats.database.depth_cells import depth_cells
 from formats.database.node_rows import StorageOptions
-from formats.database.scan_blobs import cloud_to_columns, columns_to_observation, scans_to_columns
+from formats.database.scan_blobs import cloud_to_columns, columns_to_observation, scan_to_columns
 from formats.nested_text import json_from_text
-from formats.picture_files import is_16_bit_png
+from formats.picture_files import is_16_bit_png, is_grey
 from mapmyworld.errors import MapError
-from mapmyworld.types import CameraModel, ImageMessage, NodeData, RgbdImage, Scan
+from mapmyworld.types import CameraModel, ImageMessage, NodeData, RgbdImage
 
 INSERT_DATA = (
     "INSERT INTO Data (id, image, depth, calibration, scan, scan_info, ground_cells,"
@@ -41,25 +39,20 @@ _SIXTEEN_BITS = frozenset({"16UC1", "MONO16", "Z16"})
 _NO_CELLS: Row = (None, None, None, 0.0, 0.0, 0.0, 0.0)
 
 
-def data_item(
+def data_row(
     node_id: int, data: NodeData, options: StorageOptions, *, with_cells: bool
 ) -> Row | None:
-    """What `data_rows` makes RTAB-Map's row of a node's data of; None where there are none."""
+    """RTAB-Map's row of a node's data; None where there are none."""
     images = data.images if options.store_images else ()
     if not images and data.scan is None and data.cloud is None:
         return None
-    scan: tuple[Any, Any] = (data.scan, None)
-    if data.scan is None and data.cloud is not None:
+    scan: tuple[bytes | None, bytes | None] = (None, None)
+    if data.scan is not None:
+        scan = scan_to_columns(data.scan)
+    elif data.cloud is not None:
         scan = cloud_to_columns(data.cloud)
     cells = _cell_columns(data, options) if with_cells else _NO_CELLS
     return (node_id, *_image_columns(images, options), *scan, *cells)
-
-
-def data_rows(items: Sequence[Row]) -> Iterator[Row]:
-    """RTAB-Map's rows of items, whose planar scans become columns all at once."""
-    columns = scans_to_columns([item[4] for item in items if isinstance(item[4], Scan)])
-    for item in items:
-        yield (*item[:4], *next(columns), *item[6:]) if isinstance(item[4], Scan) else item
 
 
 def _image_columns(
@@ -138,17 +131,13 @@ def node_data(row: Row, own: Row | None, stamp_ns: int, what: str) -> NodeData:
     rest, stamps, both = own or (None, None, None)
     if any(value is not None and not isinstance(value, bytes) for value in (*row, rest, both)):
         raise MapError(f"{what}: a column of its data is not a blob")
-    cameras = blob_to_cameras(calibration, f"{what}'s calibration")
+    eyes = blob_to_eyes(calibration, f"{what}'s calibration")
     planar, cloud = columns_to_observation(scan, scan_info, rest, f"{what}'s scan")
     if both is not None:
         matrix = blob_to_matrix(both, f"{what}'s cloud")
         cloud = None if matrix is None else np.asarray(matrix, np.float32).reshape(-1, 3)
-    times = _times(stamps, what) if stamps else [stamp_ns] * max(len(cameras), 1)
-    if calibration is not None and is_stereo(calibration):
-        images = _stereo_images(image, depth, calibration, cameras, times, what)
-    else:
-        images = _images(image, depth, cameras, times, what)
-    return NodeData(planar, images, cloud)
+    times = _times(stamps, what) if stamps else [stamp_ns] * max(len(eyes), 1)
+    return NodeData(planar, _images(image, depth, eyes, times, what), cloud)
 
 
 def _times(stamps: object, what: str) -> list[int]:
@@ -165,38 +154,25 @@ def _times(stamps: object, what: str) -> list[int]:
 def _images(
     image: bytes | None,
     depth: bytes | None,
-    cameras: tuple[CameraModel, ...],
+    eyes: tuple[tuple[CameraModel, float | None], ...],
     stamps: list[int],
     what: str,
 ) -> tuple[RgbdImage, ...]:
-    """One a camera; without a calibration there is nothing that the pixels could mean."""
-    count = len(cameras)
-    colours = _strips(image, count, stamps, f"{what}'s image", image_blobs.decode_picture, "rgb8")
-    depths = _strips(depth, count, stamps, f"{what}'s depth", image_blobs.decode_depth, "32FC1")
-    return tuple(
-        RgbdImage(camera, colour, deep)
-        for camera, colour, deep in zip(cameras, colours, depths, strict=True)
-    )
+    """One a camera; without a calibration there is nothing that the pixels could mean.
 
-
-def _stereo_images(
-    image: bytes | None,
-    right: bytes | None,
-    calibration: bytes,
-    cameras: tuple[CameraModel, ...],
-    stamps: list[int],
-    what: str,
-) -> tuple[RgbdImage, ...]:
-    """Left images; depth is worked out from both when it is asked for."""
-    found = _images(image, None, cameras, stamps, what)
-    scales = stereo_scales(calibration, f"{what}'s calibration")
-    rights = _strips(
-        right, len(cameras), stamps, f"{what}'s right image", image_blobs.decode_picture, "rgb8"
-    )
-    return tuple(
-        RgbdImage(left.camera, left.colour, _stereo_depth(left.colour, other, scale, what))
-        for left, other, scale in zip(found, rights, scales, strict=True)
-    )
+    Of a stereo pair, depth is worked out from both images when it is asked for.
+    """
+    cameras, scales = [camera for camera, _ in eyes], [scale for _, scale in eyes]
+    picture = image_blobs.decode_picture
+    colours = _strips(image, len(eyes), stamps, f"{what}'s image", picture, "rgb8")
+    if scales[:1] in ([], [None]):
+        deep = image_blobs.decode_depth
+        depths = _strips(depth, len(eyes), stamps, f"{what}'s depth", deep, "32FC1")
+    else:
+        rights = _strips(depth, len(eyes), stamps, f"{what}'s right image", picture, "rgb8")
+        pairs = zip(colours, rights, scales, strict=True)
+        depths = [_stereo_depth(left, right, scale or 0.0, what) for left, right, scale in pairs]
+    return tuple(map(RgbdImage, cameras, colours, depths))
 
 
 def _stereo_depth(
@@ -226,7 +202,7 @@ def _strips(
     if data is None or len(data) <= 4 or count == 0:
         return [None] * count
     width, height = image_blobs.image_size(data, what)
-    if encoding == "rgb8" and image_blobs.is_grey(data, what):
+    if encoding == "rgb8" and is_grey(data):
         encoding = "mono8"
     strip = width // count
     # What one camera asks for is at hand for the others.

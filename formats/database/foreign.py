@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from formats.database import feature_rows
 from formats.database import foreign_graph as graph
-from formats.database.blobs import blob_to_matrix, blob_to_pose, blobs_to_poses
+from formats.database.blobs import blob_to_matrix, blob_to_pose
 from formats.database.connection import Connection
 from formats.database.environment_rows import blob_to_gps, blob_to_readings, nanoseconds
 from formats.database.opened import Opened
-from formats.database.read_only import ReadOnly
 from formats.database.results import text_to_parameters
 from mapmyworld.errors import MapError
 from mapmyworld.types import (
@@ -35,7 +34,7 @@ _INVALID_WEIGHT = -9  # merged into another node, or deleted
 _LOG_ODDS = {100: 3.0, 0: -3.0}
 
 
-class RtabmapStore(ReadOnly, Opened):
+class RtabmapStore(Opened):
     """The reading half of a MapStore, from RTAB-Map's own tables."""
 
     def __init__(self, connection: Connection) -> None:
@@ -68,6 +67,17 @@ class RtabmapStore(ReadOnly, Opened):
             )
         return numbers
 
+    def _refuse(self, *_given: Any, **_named: Any) -> NoReturn:
+        """Instead of the writing half of a MapStore."""
+        raise MapError(
+            f"{self.path}: is a database of RTAB-Map's and is never changed: write the result to"
+            " another file with -o, or build a map of it with `mapmyworld build`"
+        )
+
+    write_stage = extend_stage = put = add_node = add_scan = set_tracked_frames = _refuse
+    add_constraints = judge = set_features = set_words = set_poses = set_frame_poses = _refuse
+    set_grid = set_parameters = set_cloud = set_mesh = _refuse
+
     # What only our own builds keep
 
     def stage_done(self, stage: str, inputs: str | None) -> bool:
@@ -87,19 +97,16 @@ class RtabmapStore(ReadOnly, Opened):
             late = ("ground_truth_pose", "gps", "env_sensors")
             others = ", ".join(c if self._has("Node", c) else "NULL" for c in late)
             query = f"SELECT id, map_id, weight, stamp, pose, {others} FROM Node ORDER BY id"
-            rows = self._db.rows(query)
-            poses = blobs_to_poses([row[4] for row in rows])
-            found = (self._node(row, pose) for row, pose in zip(rows, poses, strict=True))
+            found = map(self._node, self._db.rows(query))
             self._nodes = tuple(node for node in found if node is not None)
         return self._nodes
 
-    def _node(self, row: tuple[Any, ...], pose: NDArray[np.float64] | None) -> Node | None:
+    def _node(self, row: tuple[Any, ...]) -> Node | None:
         node_id, session, weight, stamp, pose_blob, truth_blob, gps_blob, readings_blob = row
         if weight == _INVALID_WEIGHT or node_id <= 0:
             return None
         try:
-            if pose is None or np.isnan(pose[0, 0]):
-                pose = blob_to_pose(pose_blob, f"node {node_id}'s pose")
+            pose = blob_to_pose(pose_blob, f"node {node_id}'s pose")
             truth = blob_to_pose(truth_blob, f"node {node_id}'s ground truth")
             moment = nanoseconds(stamp)
             gps = blob_to_gps(gps_blob, f"node {node_id}'s gps")
@@ -139,17 +146,6 @@ class RtabmapStore(ReadOnly, Opened):
         rows = self._db.rows(feature_rows.SELECT_FEATURES, (node_id,))
         seen = feature_rows.features_from_rows(rows, what)
         return NodeData(data.scan, data.images, data.cloud, seen)
-
-    def contents(self) -> dict[int, dict[str, int]]:
-        """What each node keeps; from the row's header alone, no blob is read."""
-        query = (
-            "SELECT id, typeof(image) = 'blob', typeof(depth) = 'blob', typeof(scan) = 'blob'"
-            " FROM Data ORDER BY id"
-        )
-        names = ("images", "depth", "scan")
-        known = {node.id for node in self.nodes()}
-        found = self._db.rows(query)
-        return {row[0]: dict(zip(names, row[1:], strict=True)) for row in found if row[0] in known}
 
     def words(self) -> dict[int, NDArray[Any]]:
         return feature_rows.read_words(self._db)

@@ -6,13 +6,11 @@ from collections.abc import Sequence, Set
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from formats.database.blobs import (
     blob_to_information,
     blob_to_matrix,
     blob_to_pose,
-    blobs_to_poses,
     matrices_from_floats,
     orthonormal,
 )
@@ -36,15 +34,14 @@ def constraints_from_links(
     """
     found: dict[tuple[int, int, int], Judged] = {}
     problems: list[str] = []
-    motions = blobs_to_poses([row[4] for row in rows])
-    for row, motion in zip(rows, motions, strict=True):
+    for row in rows:
         if row[2] == _GRAVITY:
             continue  # an orientation, which our graph takes from the imu
         key = _key(row)
         if key in found:
             continue
         try:
-            constraint = _constraint(row, motion, nodes)
+            constraint = _constraint(row, nodes)
         except MapError as error:
             problems.append(str(error))
             continue
@@ -62,16 +59,15 @@ def _key(row: tuple[Any, ...]) -> tuple[int, int, int]:
     return (to_id, from_id, number) if 0 < to_id < from_id else (from_id, to_id, number)
 
 
-def _constraint(
-    row: tuple[Any, ...], motion: NDArray[np.float64], nodes: Set[int]
-) -> Judged | None:
+def _constraint(row: tuple[Any, ...], nodes: Set[int]) -> Judged | None:
     """A row's constraint, turned forward; None for a link of merged-away nodes."""
     from_id, to_id, number, information, transform = row
     what = f"link {from_id} to {to_id} of type {number}"
     kind = KINDS.get(number)
     if kind is None:
         raise MapError(f"{what}: an unknown type, left out")
-    if np.isnan(motion[0, 0]) and blob_to_pose(transform, what) is None:
+    motion = blob_to_pose(transform, what)
+    if motion is None:
         return None  # RTAB-Map's "null link": its node was merged into another
     _check_ends(from_id, to_id, kind, nodes, what)
     matrix = blob_to_information(information, what)

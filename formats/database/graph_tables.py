@@ -33,11 +33,11 @@ class GraphTables(Transactions):
             self._known |= made
         rank = self._current_rank()
         rows = [(number, rank, c) for number, c in made.items()]
-        self._db.later(links.INSERT_CONSTRAINT, rows, links.constraint_rows)
+        self._db.run_many(links.INSERT_CONSTRAINT, links.constraint_rows(rows))
         self._add_verdicts(
             [(number, verdict) for number, c in made.items() for verdict in c.verdicts]
         )
-        self._db.later(links.INSERT_LINK, constraints, links.link_rows)
+        self._db.run_many(links.INSERT_LINK, links.link_rows(constraints))
         self._commit()
 
     def judge(self, constraints: Sequence[Judged]) -> None:
@@ -63,7 +63,7 @@ class GraphTables(Transactions):
     def _add_verdicts(self, numbered: Sequence[tuple[int, Verdict]]) -> None:
         rank = self._current_rank()
         rows = [(number, rank, verdict) for number, verdict in numbered]
-        self._db.later(links.INSERT_VERDICT, rows, links.verdict_rows)
+        self._db.run_many(links.INSERT_VERDICT, links.verdict_rows(rows))
 
     def _in_force(self) -> dict[int, Judged]:
         """Id -> constraint, of those that no better measurement took the place of."""
@@ -71,9 +71,8 @@ class GraphTables(Transactions):
             verdicts = links.verdicts_from_rows(self._db.rows(links.SELECT_VERDICTS))
             self._known = {
                 row[-1]: c
-                for rows in self._db.in_chunks(links.SELECT_CONSTRAINTS)
-                for row, c in zip(rows, links.constraints_from_rows(rows, verdicts), strict=True)
-                if not c.is_superseded
+                for row in self._db.iterate(links.SELECT_CONSTRAINTS)
+                if not (c := links.constraint_from_row(row, verdicts)).is_superseded
             }
         return self._known
 

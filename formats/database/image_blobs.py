@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.limits import limits
-from formats.picture_files import decoded_file, jpeg_frame
-from formats.rvl import rvl_decode, rvl_encode
+from formats.picture_files import decoded_file, picture_size
 from mapmyworld.errors import MapError
 
 JPEG_MAGIC = b"\xff\xd8\xff"
-PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 _RVL_MAGIC = b"DEPTHRVL"
 _MAX_MILLIMETRES = 65535
 _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
@@ -25,31 +23,11 @@ def image_size(data: bytes, what: str) -> tuple[int, int]:
 
     Raises `MapError` where they are not; `what` names the image.
     """
-    if data.startswith(PNG_MAGIC) and len(data) >= 24:
-        width, height = struct.unpack_from(">2I", data, 16)
-    elif data.startswith(_RVL_MAGIC) and len(data) >= 16:
-        width, height = struct.unpack_from("<2I", data, 8)
-    elif data.startswith(JPEG_MAGIC):
-        width, height, _ = _jpeg_frame(data, what)
-    else:
-        raise MapError(f"{what}: neither a JPEG nor a PNG image (begins with {data[:8].hex()})")
-    if width == 0 or height == 0 or width * height > limits().image_pixels:
+    is_rvl = data.startswith(_RVL_MAGIC) and len(data) >= 16
+    width, height = struct.unpack_from("<2I", data, 8) if is_rvl else picture_size(data)
+    if not 0 < width * height <= limits().image_pixels:
         raise MapError(f"{what}: an image of {width} x {height} pixels is refused")
     return width, height
-
-
-def is_grey(data: bytes, what: str) -> bool:
-    """Whether a JPEG or PNG file holds one channel, by its header."""
-    if data.startswith(PNG_MAGIC):
-        return len(data) > 25 and data[25] == 0
-    return data.startswith(JPEG_MAGIC) and _jpeg_frame(data, what)[2] == 1
-
-
-def _jpeg_frame(data: bytes, what: str) -> tuple[int, int, int]:
-    frame = jpeg_frame(data)
-    if frame is None:
-        raise MapError(f"{what}: a JPEG image without a size")
-    return frame
 
 
 def decode_picture(data: bytes, what: str) -> NDArray[np.uint8]:
@@ -85,6 +63,8 @@ def encode_depth(metres: NDArray[np.generic], codec: str) -> bytes:
     pixels = millimetres.astype(np.uint16)
     if codec == "png":
         return _encode(".png", pixels, _FAST_PNG)
+    from formats.rvl import rvl_encode
+
     height, width = pixels.shape
     return _RVL_MAGIC + struct.pack("<2I", width, height) + rvl_encode(pixels)
 
@@ -93,6 +73,8 @@ def decode_depth(data: bytes, what: str) -> NDArray[np.float32]:
     """Depth (H, W) in metres, 0 = none; raises `MapError` where it is damaged."""
     width, height = image_size(data, what)
     if data.startswith(_RVL_MAGIC):
+        from formats.rvl import rvl_decode
+
         try:
             return rvl_decode(data[16:], height, width).astype(np.float32) * np.float32(1e-3)
         except ValueError as error:

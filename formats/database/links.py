@@ -10,9 +10,8 @@ from dataclasses import asdict, fields
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from formats.database.blobs import doubles, information_to_blob, pose_to_blob, stacked_doubles
+from formats.database.blobs import doubles, information_to_blob, pose_to_blob
 from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import invert
@@ -131,34 +130,9 @@ def _verdict(
         ) from None
 
 
-def constraints_from_rows(
-    rows: Sequence[Row], verdicts: Mapping[int, tuple[Verdict, ...]]
-) -> Iterator[Judged]:
-    """The constraints of rows of `SELECT_CONSTRAINTS`, with their verdicts."""
-    transforms = stacked_doubles([row[3] for row in rows], 4)
-    informations = stacked_doubles([row[4] for row in rows], 6)
-    if transforms is None or informations is None:
-        yield from (constraint_from_row(row, verdicts) for row in rows)
-        return
-    for row, transform, information in zip(rows, transforms, informations, strict=True):
-        yield _constraint(row, transform, information, verdicts)
-
-
 def constraint_from_row(row: Row, verdicts: Mapping[int, tuple[Verdict, ...]]) -> Judged:
     """The constraint of a row of `SELECT_CONSTRAINTS`; raises `MapError` where it is damaged."""
-    try:
-        return _constraint(row, doubles(row[3], 4), doubles(row[4], 6), verdicts)
-    except (ValueError, TypeError) as error:
-        raise MapError(f"constraint {row[0]} to {row[1]}: a damaged row ({error})") from None
-
-
-def _constraint(
-    row: Row,
-    transform: NDArray[np.float64],
-    information: NDArray[np.float64],
-    verdicts: Mapping[int, tuple[Verdict, ...]],
-) -> Judged:
-    from_id, to_id, kind, _, _, source, figures, constraint_id = row
+    from_id, to_id, kind, transform, information, source, figures, constraint_id = row
     try:
         if not (isinstance(from_id, int) and isinstance(to_id, int)):
             raise TypeError("an id that is no whole number")
@@ -166,8 +140,8 @@ def _constraint(
             from_id,
             to_id,
             ConstraintKind(kind),
-            transform,
-            information,
+            doubles(transform, 4),
+            doubles(information, 6),
             _source(source, figures),
             verdicts.get(constraint_id, ()),
         )

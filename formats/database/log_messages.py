@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -157,15 +157,7 @@ def _camera_messages(moment: Moment, number: int, image: RgbdImage) -> Iterator[
 
 
 def _picture(topic: str, moment: Moment, picture: ImageMessage, frame: str) -> RawMessage:
-    message = ImageMessage(
-        picture.stamp_ns,
-        frame,
-        picture.encoding,
-        picture.width,
-        picture.height,
-        picture.pixels,
-        picture.encoded,
-    )
+    message = replace(picture, frame_id=frame)
     kind = MessageKind.IMAGE
     return RawMessage(topic, kind, moment.stamp_ns, picture.stamp_ns, lambda: message)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
@@ -49,56 +50,34 @@ class DatabaseLog:
             raise LogError(f"{store.path}: holds no nodes, so there is nothing to build from")
         self._losses: list[str] = []
         self._hash: str | None = None
+        self._topics: tuple[TopicInfo, ...] | None = None
 
     def info(self) -> LogInfo:
-        counts: dict[str, tuple[MessageKind, int]] = {}
-        for raw in self._first_messages():
-            counts[raw.topic] = (raw.kind, self._count(raw))
-        topics = tuple(
-            TopicInfo(topic, TYPES[kind], kind, _ENCODING, count)
-            for topic, (kind, count) in counts.items()
-        )
+        if self._topics is None:
+            self._topics = self._counted()
         path = self._store.path
         foreign = isinstance(self._store, RtabmapStore)
         return LogInfo(
             paths=(str(path),),
             container="RTAB-Map database" if foreign else "map of mapmyworld",
             size_bytes=path.stat().st_size,
-            message_count=sum(topic.count for topic in topics),
+            message_count=sum(topic.count for topic in self._topics),
             start_ns=self._moments[0].stamp_ns,
             end_ns=self._moments[-1].stamp_ns,
-            topics=topics,
+            topics=self._topics,
             problems=self._store.problems,
         )
 
-    def _first_messages(self) -> Iterator[RawMessage]:
-        """One message of each topic, from the first node that has it."""
-        seen: set[str] = set()
+    def _counted(self) -> tuple[TopicInfo, ...]:
+        """By looking at every message once; none is decoded."""
+        counts, kinds = Counter[str](), dict[str, MessageKind]()
         for raw in self.messages():
-            if raw.topic not in seen:
-                seen.add(raw.topic)
-                yield raw
-            if raw.stamp_ns is not None and raw.stamp_ns > self._moments[0].stamp_ns + 10**10:
-                return
-
-    def _count(self, raw: RawMessage) -> int:
-        """How many of its topic there are, where the tables indicate without reading blobs."""
-        if raw.kind is MessageKind.TRANSFORMS:
-            return 1
-        if raw.kind is MessageKind.ODOMETRY:
-            return len(self._moments)
-        if raw.kind is MessageKind.LASER_SCAN and isinstance(self._store, DatabaseStore):
-            return self._store.scan_count()
-        key = {MessageKind.LASER_SCAN: "scan", MessageKind.POINT_CLOUD: "cloud"}.get(raw.kind)
-        if raw.kind is MessageKind.POSE:
-            return sum(m.is_node and m.node.ground_truth is not None for m in self._moments)
-        nodes = [moment.node for moment in self._moments if moment.is_node]
-        if raw.kind is MessageKind.GPS:
-            return sum(node.gps is not None for node in nodes)
-        if raw.kind is MessageKind.READING:
-            return sum(raw.topic.endswith(f"/{r.quantity}") for n in nodes for r in n.readings)
-        contents = self._store.contents().values()
-        return sum(int(bool(kept.get(key or "images", 0))) for kept in contents)
+            counts[raw.topic] += 1
+            kinds[raw.topic] = raw.kind
+        return tuple(
+            TopicInfo(topic, TYPES[kinds[topic]], kinds[topic], _ENCODING, count)
+            for topic, count in counts.items()
+        )
 
     def content_hash(self) -> str:
         if self._hash is None:
@@ -119,7 +98,11 @@ class DatabaseLog:
     def _data(self, moment: Moment) -> NodeData:
         """What was sensed at a moment; a damaged part is a loss, not an end."""
         try:
-            data = self._store.node_data(moment.node.id) if moment.is_node else NodeData()
+            data = (
+                self._store.node_data(moment.node.id, features=False)
+                if moment.is_node
+                else NodeData()
+            )
             kept = dict(self._store.scans([moment.index]))
         except MapError as error:
             self._losses.append(f"{error}: left out")

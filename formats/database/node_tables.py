@@ -14,7 +14,6 @@ from formats.database.connection import Connection
 from formats.database.node_rows import StorageOptions
 from formats.database.scan_blobs import scan_to_blob
 from formats.database.transactions import Transactions
-from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
 from mapmyworld.types import Features, Node, NodeData, Scan, TrackedFrames
 from mapmyworld.types.frames import nodes_as_frames
@@ -46,24 +45,22 @@ class NodeTables(Transactions):
         if not self._previous:
             self._db.set_clock(node.stamp_ns)
         before = self._previous.get(node.session)
-        self._db.later(rows.INSERT_NODE, [(node, before)], rows.node_rows)
-        self._db.later(rows.INSERT_OWN, [rows.own_row(node, data)])
+        self._db.run(rows.INSERT_NODE, rows.node_row(node, before))
+        self._db.run(rows.INSERT_OWN, rows.own_row(node, data))
         with_cells = rows.wants_cells(node, self._last_with_cells, self._options)
         self._last_with_cells = node if with_cells else self._last_with_cells
-        item = data_rows.data_item(node.id, data, self._options, with_cells=with_cells)
-        if item is not None:
-            self._db.later(data_rows.INSERT_DATA, [item], data_rows.data_rows)
+        row = data_rows.data_row(node.id, data, self._options, with_cells=with_cells)
+        if row is not None:
+            self._db.run(data_rows.INSERT_DATA, row)
         if data.features is not None:
-            # At once: put off, they might come before the next node that has some, whose they are.
-            for statement, written in self._feature_statements(node.id, data.features):
-                self._db.run_many(statement, written)
+            self._write_features(node.id, data.features)
         self._previous[node.session] = node
         self._commit("nodes")
 
     def nodes(self) -> tuple[Node, ...]:
         if self._nodes is None:
-            found = self._db.in_chunks(f"{rows.SELECT_OWN} ORDER BY own.id")
-            self._nodes = tuple(n for some in found for n in rows.nodes_from_own_rows(some))
+            found = self._db.iterate(f"{rows.SELECT_OWN} ORDER BY own.id")
+            self._nodes = tuple(map(rows.node_from_own_row, found))
         return self._nodes
 
     def node_data(self, node_id: int, *, features: bool = True) -> NodeData:
@@ -84,45 +81,27 @@ class NodeTables(Transactions):
         seen = feature_rows.features_from_rows(found, what)
         return NodeData(data.scan, data.images, data.cloud, seen)
 
-    def contents(self) -> dict[int, dict[str, int]]:
-        """What each node keeps: counts of images, depth, scan, cloud; no blob is read.
-
-        Raises `MapError` where that is damaged.
-        """
-        found = self._db.rows("SELECT id, contents FROM mapmyworld_nodes ORDER BY id")
-        try:
-            return {int(node_id): dict(json_from_text(text)) for node_id, text in found}
-        except (ValueError, TypeError) as error:
-            raise MapError(f"{self.path}: damaged contents of a node ({error})") from None
-
     def set_features(self, node_id: int, features: Features) -> None:
         self._begin()
         self._db.run("DELETE FROM Feature WHERE node_id = ?", (node_id,))
-        for statement, written in self._feature_statements(node_id, features):
-            self._db.run_many(statement, written)
+        self._write_features(node_id, features)
         self._commit()
 
-    def _feature_statements(
-        self, node_id: int, features: Features
-    ) -> Iterator[tuple[str, list[rows.Row]]]:
-        count = (node_id, self._current_rank(), len(features.pixels))
-        yield _INSERT_COUNT, [count]
-        yield feature_rows.INSERT_FEATURE, list(feature_rows.feature_rows(node_id, features))
+    def _write_features(self, node_id: int, features: Features) -> None:
+        self._db.run(_INSERT_COUNT, (node_id, self._current_rank(), len(features.pixels)))
+        written = feature_rows.feature_rows(node_id, features)
+        self._db.run_many(feature_rows.INSERT_FEATURE, written)
 
     # Every tracked frame
 
     def add_scan(self, frame: int, scan: Scan) -> None:
         """The scan of the tracked frame with this index."""
         self._begin()
-        self._db.later(frame_rows.INSERT_SCAN, [(frame, scan_to_blob(scan))])
+        self._db.run(frame_rows.INSERT_SCAN, (frame, scan_to_blob(scan)))
         self._commit("scans")
 
     def scans(self, frames: Sequence[int] | NDArray[np.int64]) -> Iterator[tuple[int, Scan]]:
         yield from frame_rows.read_scans(self._db, frames)
-
-    def scan_count(self) -> int:
-        """How many frames have a scan."""
-        return int(self._db.row("SELECT COUNT(*) FROM mapmyworld_scans")[0])
 
     def set_tracked_frames(self, frames: TrackedFrames) -> None:
         self._begin()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import struct
-from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,13 @@ from formats.database.blobs import (
     pose_to_blob,
 )
 from mapmyworld.errors import MapError
-from mapmyworld.geometry.planar import matrix_to_planar, transform_points_planar
+from mapmyworld.geometry.planar import (
+    invert_planar,
+    matrix_to_planar,
+    planar_to_matrix,
+    transform_points_planar,
+    wrap_angle,
+)
 from mapmyworld.geometry.rigid import transform_points
 from mapmyworld.types import Scan
 
@@ -65,39 +70,17 @@ def scan_without_points(scan: Scan) -> bytes:
     return _head(scan, 0) + np.asarray(scan.missing, "<f4").tobytes()
 
 
-def scans_to_columns(scans: Sequence[Scan]) -> Iterator[tuple[bytes | None, bytes]]:
-    """`Data.scan` and `Data.scan_info` of planar scans."""
-    if not scans:
-        return
-    origins = np.array([scan.origin for scan in scans], np.float64)
-    cos, sin = np.cos(origins[:, 2]), np.sin(origins[:, 2])
-    counts = [len(scan.points) for scan in scans]
-    of = np.repeat(np.arange(len(scans)), counts)
-    away = np.concatenate([scan.points for scan in scans]).astype(np.float64) - origins[of, :2]
-    x, y = away[:, 0] * cos[of] + away[:, 1] * sin[of], away[:, 1] * cos[of] - away[:, 0] * sin[of]
-    points, bearings = np.stack([x, y], axis=-1).astype(np.float32), np.arctan2(y, x)
-    ends = np.cumsum(counts).tolist()
-    for scan, count, end, (x0, y0, yaw), c, s in zip(
-        scans, counts, ends, origins.tolist(), cos.tolist(), sin.tolist(), strict=True
-    ):
-        mount = (c, -s, 0.0, x0, s, c, 0.0, y0, 0.0, 0.0, 1.0, 0.0)
-        own = slice(end - count, end)
-        head = _planar_head(scan, *_widest(bearings[own], scan.missing, yaw), count)
-        # Measured points hardly shrink: packing saves a fifteenth and is a tenth of all writing.
-        blob = matrix_to_blob(points[None, own], STORED)
-        yield blob, np.array([*head, *mount], "<f4").tobytes()
-
-
-def _widest(
-    bearings: NDArray[np.float64], missing: NDArray[np.float32], yaw: float
-) -> tuple[float, float]:
-    """The least and the greatest bearing about the lidar, of points and of `missing` beams."""
-    found = [bearings] if len(bearings) else []
-    if len(missing):
-        found.append(np.mod(missing - (yaw - math.pi), 2 * math.pi) - math.pi)
-    if not found:
-        return 0.0, 0.0
-    return min(float(a.min()) for a in found), max(float(a.max()) for a in found)
+def scan_to_columns(scan: Scan) -> tuple[bytes | None, bytes]:
+    """`Data.scan` and `Data.scan_info` of a planar scan."""
+    points = transform_points_planar(invert_planar(scan.origin), scan.points)
+    missing = wrap_angle(scan.missing.astype(np.float64) - scan.origin[2])
+    bearings = np.concatenate([np.arctan2(points[:, 1], points[:, 0]), missing])
+    low, high = (bearings.min(), bearings.max()) if len(bearings) else (0.0, 0.0)
+    mount = np.frombuffer(pose_to_blob(planar_to_matrix(scan.origin)), "<f4")
+    head = _planar_head(scan, float(low), float(high), len(points))
+    # Measured points hardly shrink: packing saves a fifteenth and is a tenth of all writing.
+    blob = matrix_to_blob(points.astype(np.float32)[None], STORED)
+    return blob, np.concatenate([head, mount]).astype("<f4").tobytes()
 
 
 def _planar_head(

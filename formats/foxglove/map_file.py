@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import heapq
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -57,20 +60,12 @@ def write_foxglove(path: Path, shown: FoxgloveMap, data: Iterable[NodeData]) -> 
     with LogWriter(path, overwrite=True) as writer:
         assert isinstance(writer.sink, McapSink)
         sink = FoxgloveSink(writer.sink)
-        for time_ns, topic, message in map_events(shown):
-            sink.write(topic, message, time_ns)
-        transforms = tf_events(shown)
-        waiting = next(transforms, None)
-        for (node, pose, covariance), item in zip(shown.nodes, data, strict=True):
-            while waiting is not None and waiting[0] <= node.stamp_ns:
-                sink.write(waiting[1], waiting[2], waiting[0])
-                waiting = next(transforms, None)
-            writer.write("/map/pose", _pose(node.stamp_ns, pose, covariance), node.stamp_ns)
-            for time_ns, topic, message in image_events(node.stamp_ns, item, shown.base_frame):
+        moving = heapq.merge(tf_events(shown), node_events(shown, data), key=itemgetter(0))
+        for time_ns, topic, message in chain(map_events(shown), moving):
+            if isinstance(message, PoseMessage):
+                writer.write(topic, message, time_ns)
+            else:
                 sink.write(topic, message, time_ns)
-        while waiting is not None:
-            sink.write(waiting[1], waiting[2], waiting[0])
-            waiting = next(transforms, None)
     return [path, write_layout(path)]
 
 
@@ -139,6 +134,13 @@ def _pose(stamp_ns: int, pose: Floats, covariance: Floats | None) -> PoseMessage
         turn[:3, 3:] = turn[3:, :3] = pose[:3, :3]
         ros = turn @ covariance @ turn.T
     return PoseMessage(stamp_ns, MAP, pose, ros)
+
+
+def node_events(shown: FoxgloveMap, data: Iterable[NodeData]) -> Iterator[Event]:
+    """Each node's pose and images, as `data` comes."""
+    for (node, pose, covariance), item in zip(shown.nodes, data, strict=True):
+        yield node.stamp_ns, "/map/pose", _pose(node.stamp_ns, pose, covariance)
+        yield from image_events(node.stamp_ns, item, shown.base_frame)
 
 
 def image_events(stamp_ns: int, data: NodeData, base_frame: str) -> Iterator[Event]:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
 from formats.logs.channels import Block, Channel, Index, Record
-from formats.logs.clock_steps import ClockStep, ClockSteps
-from formats.logs.files import open_binary
+from formats.logs.clock_steps import ClockStep, step_in
+from formats.logs.files import UnpackedFile
 from formats.logs.time_order import in_time_order
+
+_WINDOW_BYTES = 1 << 20
 
 
 class DamagedBlockError(Exception):
@@ -39,6 +43,28 @@ def borne_out(
         0, f"{path}: the index points to places without a chunk: chunks were read one by one"
     )
     return scanned
+
+
+def next_place(
+    stream: BinaryIO,
+    position: int,
+    size: int,
+    pattern: re.Pattern[bytes],
+    fits: Callable[[int, bytes], bool],
+) -> int:
+    """Where the next record can be, at or after `position`; the file's size where none can.
+
+    Its beginning is found by `pattern`, and `fits` judges its place and its first 128 bytes.
+    """
+    while position < size:
+        stream.seek(position)
+        window = stream.read(_WINDOW_BYTES + 128)
+        for found in pattern.finditer(window):
+            at = found.start()
+            if at < _WINDOW_BYTES and fits(position + at, window[at : at + 128]):
+                return position + at
+        position += _WINDOW_BYTES
+    return size
 
 
 def _note_nameless(index: Index, path: Path) -> None:
@@ -84,28 +110,39 @@ class _Found:
 
 
 class BlockFile:
-    """A Container over one file of blocks: a ROS 1 bag or an MCAP file."""
+    """One file of blocks: a ROS 1 bag or an MCAP file."""
 
     def __init__(
-        self, path: Path, name: str, read_index: IndexReader, read_block: BlockReader
+        self, file: UnpackedFile, name: str, read_index: IndexReader, read_block: BlockReader
     ) -> None:
-        self.path = path
+        self._file, self.path = file, file.path
         self.name = name
         self._read_index, self._read_block = read_index, read_block
         self._index: Index | None = None
         self._losses: list[str] = []
         self._checked: set[int] = set()
-        self._clock = ClockSteps()
         self.clock_step: ClockStep | None = None
-        """Where the clock was set back; known once the file was read."""
+        """Where the clock was set back; known with the index."""
 
     def index(self) -> Index:
         """Blocks and channels; read from the file's summary, or by looking through all of it."""
         if self._index is None:
-            with open_binary(self.path) as stream:
-                self._index = self._read_index(stream, self.path)
+            with self._file.open() as stream:
+                self._index = index = self._read_index(stream, self.path)
+                self.clock_step = step_in(index.blocks, partial(self._sound, stream, index))
             _note_nameless(self._index, self.path)
+            self._index.problems[:0] = self._file.problems()
+            if self.clock_step is not None:
+                self.clock_step.report(self.path, index.problems)
+                index.blocks[:] = map(self.clock_step.moved, index.blocks)
         return self._index
+
+    def _sound(self, stream: BinaryIO, index: Index, block: Block) -> list[Record]:
+        """A block's records; none of a damaged one, which is reported when it is read."""
+        try:
+            return self._read_block(stream, block, index.channels, True)
+        except DamagedBlockError:
+            return []
 
     def files(self) -> tuple[Path, ...]:
         """The file itself."""
@@ -129,15 +166,13 @@ class BlockFile:
         losses: list[str] = []
         self._losses = losses
         found = _Found()
-        with open_binary(self.path) as stream:
+        with self._file.open() as stream:
 
             def read(block: Block) -> list[Record]:
                 check = block.offset not in self._checked  # once is enough for one log
                 try:
                     records = self._read_block(stream, block, wanted, check)
                     self._checked.add(block.offset)
-                    if check:
-                        self._clock.add(block.offset, records)
                     if self.clock_step is not None:
                         records = self.clock_step.mended(block, records)
                     found.add(block, records)
@@ -150,15 +185,5 @@ class BlockFile:
                     return []
 
             yield from in_time_order(blocks, read)
-        if self.clock_step is None:
-            self._mend(self._clock.found())
         if not losses:
             losses += found.contradictions(self.path, index, wanted)
-
-    def _mend(self, step: ClockStep | None) -> None:
-        """From now on the log is as if its clock had not been set back."""
-        if step is None:
-            return
-        self.clock_step, index = step, self.index()
-        index.blocks[:] = [step.moved(block) for block in index.blocks]
-        step.report(self.path, index.problems)

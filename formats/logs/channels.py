@@ -1,14 +1,10 @@
-"""What every container of serialised messages gives: channels, and records on them."""
+"""What containers of serialised messages give: channels, and records on them."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
-
-if TYPE_CHECKING:
-    from formats.logs.clock_steps import ClockStep
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,6 +29,9 @@ class Channel:
 Payload = bytes | memoryview
 Record = tuple[int, Channel, Payload]
 """Log time in nanoseconds, channel, payload."""
+
+Found = tuple[int, int, Payload]
+"""The same with the channel's id in the file."""
 
 # Smaller ones are copied, for what is kept of a view keeps the whole chunk: scans, not pictures.
 _COPY_BYTES = 1 << 14
@@ -68,6 +67,15 @@ class Index:
     problems: list[str] = field(default_factory=list)
     """What was found damaged while the index was made."""
 
+    def add(self, messages: Sequence[Found], offset: int, length: int, bare: bool = False) -> None:
+        """A block by the messages found in it; none where there are none."""
+        if messages:
+            times = [time for time, _, _ in messages]
+            counts = Counter(key for _, key, _ in messages)
+            self.counts = dict(Counter(self.counts) + counts)
+            keys = frozenset(counts)
+            self.blocks.append(Block(offset, length, min(times), max(times), keys, bare))
+
     def span_ns(self, channel: int | None = None) -> tuple[int, int]:
         """First and last log time, of the blocks in which a channel speaks."""
         spans = [
@@ -76,33 +84,6 @@ class Index:
             if channel is None or block.channels is None or channel in block.channels
         ]
         return min((s for s, _ in spans), default=0), max((e for _, e in spans), default=0)
-
-
-class Container(Protocol):
-    """A file, or folder, of serialised messages."""
-
-    @property
-    def name(self) -> str:
-        """Of the format, for people."""
-
-    def index(self) -> Index:
-        """Channels, counts and times, read once.
-
-        Raises `LogError` where there are none to be read.
-        """
-
-    def files(self) -> tuple[Path, ...]:
-        """The files that hold the bytes, in order."""
-
-    def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
-        """Records in log-time order, ties in file order."""
-
-    def losses(self) -> tuple[str, ...]:
-        """What could not be read so far, for people."""
-
-    @property
-    def clock_step(self) -> ClockStep | None:
-        """Where the clock was set back while recording; known once all was read."""
 
 
 def normalised_type(name: str) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,24 @@ class ClockSteps:
             return None
         places = {channel: place for channel, (place, _) in once.items()}
         return ClockStep(int(np.median(backs)), places)
+
+
+def step_in(blocks: Iterable[Block], read: Callable[[Block], list[Record]]) -> ClockStep | None:
+    """The one time at which the clock was set back while these blocks were written, if it was.
+
+    It shows in blocks that begin before those in front of them end, and within one alone: those
+    are read.
+    """
+    ordered = sorted(blocks, key=lambda block: block.offset)
+    near = {block for pair in pairwise(ordered) if _is_late(*pair) for block in pair}
+    steps = ClockSteps()
+    for block in ordered if len(ordered) == 1 else sorted(near, key=lambda block: block.offset):
+        steps.add(block.offset, read(block))
+    return steps.found()
+
+
+def _is_late(before: Block, after: Block) -> bool:
+    return before.end_ns - after.start_ns > LEAST_STEP_NS
 
 
 def _steps(runs: dict[int, _Run]) -> list[tuple[Place, int]]:

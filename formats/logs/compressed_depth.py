@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.limits import limits
-from formats.picture_files import decoded_file, picture_size
-from formats.rvl import rvl_decode
+from formats.picture_files import decoded_file
 from mapmyworld.errors import LogError
 
 _HEADER = struct.Struct("<iff")
@@ -42,9 +41,6 @@ def decode_compressed_depth(data: bytes, encoding: str, described: str) -> NDArr
 def _decode_png(data: bytes) -> NDArray[np.uint16]:
     import cv2
 
-    width, height = picture_size(data)
-    if width * height > limits().image_pixels:
-        raise LogError(f"a depth image claims {width} x {height} pixels")
     cells = decoded_file(data, cv2.IMREAD_UNCHANGED)
     if cells is None or cells.ndim != 2:
         raise LogError(f"a compressedDepth image of {len(data)} bytes cannot be decoded")
@@ -53,6 +49,8 @@ def _decode_png(data: bytes) -> NDArray[np.uint16]:
 
 def decode_rvl(data: bytes) -> NDArray[np.uint16]:
     """Depth (H, W) of a size and the RVL words behind it; LogError where these are damaged."""
+    from formats.rvl import rvl_decode
+
     if len(data) < _RVL_SIZE.size:
         raise LogError("an RVL depth image is cut")
     width, height = _RVL_SIZE.unpack_from(data)

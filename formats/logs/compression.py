@@ -33,7 +33,7 @@ def _decompress(data: Buffer, compression: str, size: int) -> bytes:
     if compression in {"", "none"}:
         return bytes(data)
     if compression == "zstd":
-        return _unzstd(data, size) if size else b""
+        return _unzstd(data, size)
     if compression == "lz4":
         return _bounded(lz4.frame.LZ4FrameDecompressor, data, size)
     if compression == "bz2":
@@ -84,15 +84,8 @@ def _as_far_as_it_goes(reader: zstandard.ZstdDecompressionReader, size: int) -> 
 
 
 def _unzstd(data: Buffer, size: int) -> bytes:
-    if zstandard.frame_content_size(data) > size:  # zstd would take the frame's word for it
-        return _across_frames(data, size)
-    # A decompressor of one's own each time: they must not be shared by threads.
-    plain = bytes(zstandard.ZstdDecompressor().decompress(data, max_output_size=size))
-    return plain if len(plain) == size else _across_frames(data, size)
-
-
-def _across_frames(data: Buffer, size: int) -> bytes:
     """At most `size` + 1 bytes of frames that stand one after the other."""
+    # A decompressor of one's own each time: they must not be shared by threads.
     decompressor = zstandard.ZstdDecompressor()
     with decompressor.stream_reader(data, read_across_frames=True) as reader:
         return bytes(reader.read(size + 1))

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from struct import Struct
-from types import SimpleNamespace
 from typing import Any
 
-from formats.bounds import LATEST_NS
 from formats.logs import foxglove_decoders, ros_decoders
 from formats.logs.channels import Channel, Payload
+from formats.logs.message_fields import field
 from formats.logs.message_parsers import Parse, RosParser, parser_of
 from mapmyworld.errors import LogError
 from mapmyworld.types import Message, MessageKind, TextMessage, TransformsMessage
@@ -20,8 +18,6 @@ from mapmyworld.types import Message, MessageKind, TextMessage, TransformsMessag
 Peek = Callable[[Payload], int | None]
 _LITTLE = Struct("<II").unpack_from
 _BIG = Struct(">II").unpack_from
-_STAMP = re.compile(rb'"timestamp"\s*:\s*\{\s*"sec"\s*:\s*(\d+)\s*,\s*"nsec"\s*:\s*(\d+)\s*\}')
-_HEAD_BYTES = 4096  # of a JSON message, in which its time stamp is looked for first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,21 +89,19 @@ def _stamp_reader(
     at = parse.stamp_at() if isinstance(parse, RosParser) else None
     if at is not None:
         return partial(_header_stamp, at, channel.encoding == "ros1")
-    quick = None
-    if not channel.type_name.endswith("FrameTransforms"):
-        quick = {"protobuf": _protobuf_stamp, "json": _json_stamp}.get(channel.encoding)
-    return partial(_stamp, quick, decode)
+    return partial(_parsed_stamp, parse, decode)
 
 
-def _stamp(
-    quick: Peek | None, decode: Callable[[Payload, int], Message], data: Payload
+def _parsed_stamp(
+    parse: Parse, decode: Callable[[Payload, int], Message], data: Payload
 ) -> int | None:
-    found = None if quick is None else quick(data)
-    if found is not None:
-        return found
+    """Of the message's own field, before pixels and points are made of the others."""
     try:
+        value = parse(data)
+        if field(value, "timestamp") is not None:
+            return foxglove_decoders.stamp_of(value)
         return decode(data, 0).stamp_ns
-    except LogError:
+    except Exception:  # damaged; decoding will say so
         return None
 
 
@@ -116,24 +110,3 @@ def _header_stamp(at: int, is_ros1: bool, data: Payload) -> int | None:
         return None
     seconds, nanoseconds = (_LITTLE if is_ros1 or data[1] else _BIG)(data, at)
     return int(seconds) * 1_000_000_000 + int(nanoseconds)
-
-
-def _json_stamp(data: Payload) -> int | None:
-    """The first time stamp, where it is written as Foxglove's own tools write it."""
-    found = _STAMP.search(data, 0, _HEAD_BYTES)
-    if found is None:
-        return None
-    return min(int(found.group(1)) * 1_000_000_000 + int(found.group(2)), LATEST_NS)
-
-
-def _protobuf_stamp(data: Payload) -> int | None:
-    """The time stamp, where it comes first (field 1, as in all these types)."""
-    if len(data) < 2 or data[0] != 0x0A or data[1] > 0x7F or data[1] + 2 > len(data):
-        return None
-    from google.protobuf.timestamp_pb2 import Timestamp
-
-    try:
-        time = Timestamp.FromString(bytes(data[2 : 2 + data[1]]))
-    except Exception:  # damaged; decoding will say so
-        return None
-    return foxglove_decoders.stamp_of(SimpleNamespace(timestamp=time))

@@ -10,16 +10,19 @@ import os
 import tempfile
 import weakref
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO, cast
+
+import zstandard
 
 from formats.limits import check_unpacked
 from mapmyworld.errors import LogError
 
 _READ_BYTES = 1 << 20
+_ZSTD_BYTES = 1 << 12  # read at once: they may unpack to thirty thousand times as much
 # What a decompressor raises at damage: cut streams, bad checksums, bad blocks.
-DECOMPRESSION_ERRORS = (EOFError, OSError, ValueError, zlib.error)
+DECOMPRESSION_ERRORS = (EOFError, OSError, ValueError, zlib.error, zstandard.ZstdError)
 
 
 def open_binary(path: Path) -> BinaryIO:
@@ -55,25 +58,52 @@ class UnpackedFile:
         """What was wrong with the rest of a compressed file, once it was unpacked."""
         self._copy: Path | None = None
 
-    def open(self) -> BinaryIO:
-        """The plain bytes from the beginning, as far as they can be unpacked."""
-        if self.path.suffix not in {".bz2", ".gz"}:
-            return open_binary(self.path)
+    def plain(self) -> Path:
+        """Where its plain bytes stand, as far as they can be unpacked."""
+        if self.path.suffix not in {".bz2", ".gz", ".zstd"}:
+            return self.path
         if self._copy is None:
             self._copy = self._unpack()
-        return self._copy.open("rb")
+        return self._copy
+
+    def problems(self) -> list[str]:
+        """What is missing of it, for people."""
+        cut = f"{self.path}: the packed file is cut or damaged: unpacked as far as it goes"
+        return [cut] if self.damage else []
+
+    def open(self) -> BinaryIO:
+        """The plain bytes from the beginning."""
+        return open_binary(self.plain())
 
     def _unpack(self) -> Path:
         handle, name = tempfile.mkstemp(prefix="mapmyworld-")
         weakref.finalize(self, Path.unlink, Path(name), missing_ok=True)
         with os.fdopen(handle, "wb") as copy, open_binary(self.path) as packed:
+            blocks = _unpacked_zstd if self.path.suffix == ".zstd" else _unpacked
             try:
-                while block := cast(io.BufferedReader, packed).read1(_READ_BYTES):
+                for block in blocks(packed):
                     check_unpacked(copy.tell() + len(block), self.path, LogError)
                     copy.write(block)
             except DECOMPRESSION_ERRORS as error:
                 self.damage = str(error)
         return Path(name)
+
+
+def _unpacked(stream: BinaryIO) -> Iterator[bytes]:
+    while block := cast(io.BufferedReader, stream).read1(_READ_BYTES):
+        yield block
+
+
+def _unpacked_zstd(packed: BinaryIO) -> Iterator[bytes]:
+    """Of all frames; raises EOFError where the file ends within one."""
+    frame = None
+    while block := packed.read(_ZSTD_BYTES):
+        while block:
+            frame = frame or zstandard.ZstdDecompressor().decompressobj()
+            yield frame.decompress(block)
+            block, frame = (frame.unused_data, None) if frame.eof else (b"", frame)
+    if frame is not None:
+        raise EOFError("it is cut")
 
 
 def hash_files(paths: Iterable[Path]) -> str:

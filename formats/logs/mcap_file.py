@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from struct import Struct
 from typing import BinaryIO
@@ -11,7 +12,7 @@ from mcap.records import ChunkIndex, Header, Statistics
 
 from formats.logs.block_files import BlockFile, DamagedBlockError, borne_out
 from formats.logs.channels import Block, Channel, Index, Record
-from formats.logs.files import begins_about_as
+from formats.logs.files import UnpackedFile, begins_about_as
 from formats.logs.mcap_chunks import chunk_beginning, chunk_data
 from formats.logs.mcap_records import (
     CHUNK,
@@ -34,9 +35,9 @@ _FOOTER = Struct("<QQI")
 _MAX_SUMMARY_BYTES = 1 << 29
 
 
-def open_mcap(path: Path) -> BlockFile:
+def open_mcap(file: UnpackedFile, name: str = "MCAP") -> BlockFile:
     """An MCAP file as a container of records."""
-    return BlockFile(path, "MCAP", read_index, read_block)
+    return BlockFile(file, name, read_index, read_block)
 
 
 class _NoSummaryError(Exception):
@@ -50,7 +51,7 @@ def read_index(stream: BinaryIO, path: Path) -> Index:
     """
     if not begins_about_as(stream.read(len(MAGIC)), MAGIC):
         raise LogError(f"{path}: not an MCAP file: its first bytes are not MCAP's")
-    size = path.stat().st_size
+    size = os.fstat(stream.fileno()).st_size
     try:
         index = _from_summary(stream, size)
         index = borne_out(
@@ -160,11 +161,12 @@ def read_block(
 ) -> list[Record]:
     """The block's wanted records, its checksum checked where `check`."""
     stream.seek(block.offset)
+    ignored = Definitions()
     if block.bare:
-        messages = chunk_messages(stream.read(block.length), wanted, to_the_end=False)
+        messages = chunk_messages(stream.read(block.length), ignored, to_the_end=False)
     elif block.length:  # the file ends in this chunk
         content = stream.read(HEAD_BYTES + block.length)[HEAD_BYTES:]
-        messages = chunk_messages(chunk_beginning(content), wanted, to_the_end=False)
+        messages = chunk_messages(chunk_beginning(content), ignored, to_the_end=False)
     else:
-        messages = chunk_messages(chunk_data(stream, check), wanted)
-    return [(time, wanted[key], data) for time, key, data in messages]
+        messages = chunk_messages(chunk_data(stream, check), ignored)
+    return [(time, wanted[key], data) for time, key, data in messages if key in wanted]

@@ -5,7 +5,6 @@ Format: https://mcap.dev/spec
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from struct import Struct
@@ -15,7 +14,7 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 
 from formats.logs.block_files import DamagedBlockError
-from formats.logs.channels import Channel, Payload, normalised_type, payload
+from formats.logs.channels import Channel, Found, normalised_type, payload
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
@@ -25,8 +24,7 @@ ATTACHMENT, ATTACHMENT_INDEX, STATISTICS, METADATA, METADATA_INDEX, SUMMARY_OFFS
 HEAD_BYTES = 9  # opcode and length
 FOOTER_BYTES = HEAD_BYTES + 20 + len(MAGIC)
 _HEAD = Struct("<BQ").unpack_from
-_MESSAGE_HEAD = Struct("<BQHIQ").unpack_from
-_MESSAGE_BYTES = HEAD_BYTES + 22
+MESSAGE_HEAD = Struct("<HIQQ")  # channel, sequence, log time, publish time
 _NO_SCHEMA = records.Schema(0, b"", "", "")
 Parsed = TypeVar("Parsed", bound=records.McapRecord)
 
@@ -116,22 +114,18 @@ class Definitions:
 
 
 def chunk_messages(
-    data: bytes,
-    wanted: Mapping[int, object] | None,
-    definitions: Definitions | None = None,
-    *,
-    to_the_end: bool = True,
-) -> list[tuple[int, int, Payload]]:
-    """Messages of decompressed records as (log time, channel id, payload), in file order.
+    data: bytes, definitions: Definitions, *, to_the_end: bool = True
+) -> list[Found]:
+    """Messages of decompressed records, in file order.
 
-    `wanted` None means all. Definitions met on the way go into `definitions`. Where `to_the_end`
-    is False, damage ends the list instead of raising DamagedBlockError.
+    Definitions met on the way go into `definitions`. Where `to_the_end` is False, damage ends the
+    list instead of raising DamagedBlockError.
     """
-    messages: list[tuple[int, int, Payload]] = []
-    position, end = 0, len(data)
+    messages = list[Found]()
+    position = 0
     try:
-        while position < end:
-            position = _next_record(data, position, end, wanted, definitions, messages)
+        while position < len(data):
+            position = _next_record(data, position, definitions, messages)
     except DamagedBlockError:
         if to_the_end:
             raise
@@ -139,29 +133,22 @@ def chunk_messages(
 
 
 def _next_record(
-    data: bytes,
-    position: int,
-    end: int,
-    wanted: Mapping[int, object] | None,
-    definitions: Definitions | None,
-    messages: list[tuple[int, int, Payload]],
+    data: bytes, position: int, definitions: Definitions, messages: list[Found]
 ) -> int:
-    if data[position] == MESSAGE and position + _MESSAGE_BYTES <= end:
-        _, length, key, _, time = _MESSAGE_HEAD(data, position)
-        after: int = position + HEAD_BYTES + length
-        if after > end or length < 22:
-            raise DamagedBlockError("a message is cut")
-        if wanted is None or key in wanted:
-            messages.append((time, key, payload(data, position + _MESSAGE_BYTES, after)))
-        return after
-    if position + HEAD_BYTES > end:
+    start = position + HEAD_BYTES
+    if start > len(data):
         raise DamagedBlockError("a record is cut")
     opcode, length = _HEAD(data, position)
-    after = position + HEAD_BYTES + length
-    if after > end or (opcode not in {SCHEMA, CHANNEL} and opcode < 0x80):
+    after: int = start + length
+    if after > len(data) or (opcode not in {SCHEMA, CHANNEL, MESSAGE} and opcode < 0x80):
         raise DamagedBlockError("a record is cut or unknown")
-    if definitions is not None:
-        definitions.take(opcode, data[position + HEAD_BYTES : after])
+    if opcode == MESSAGE:
+        if length < MESSAGE_HEAD.size:
+            raise DamagedBlockError("a message is cut")
+        key, _, time, _ = MESSAGE_HEAD.unpack_from(data, start)
+        messages.append((time, key, payload(data, start + MESSAGE_HEAD.size, after)))
+    else:
+        definitions.take(opcode, data[start:after])
     return after
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from struct import Struct
 from typing import BinaryIO
 
 from formats.limits import limits
-from formats.logs.block_files import DamagedBlockError
-from formats.logs.channels import Block, Index, Payload
+from formats.logs.block_files import DamagedBlockError, next_place
+from formats.logs.channels import Found, Index
 from formats.logs.compression import MAX_DEFINITION_BYTES
 from formats.logs.mcap_chunks import chunk_beginning, chunk_data
 from formats.logs.mcap_records import (
@@ -19,6 +18,7 @@ from formats.logs.mcap_records import (
     HEAD_BYTES,
     MAGIC,
     MESSAGE,
+    MESSAGE_HEAD,
     SCHEMA,
     Definitions,
     chunk_messages,
@@ -26,9 +26,7 @@ from formats.logs.mcap_records import (
     record_head,
 )
 
-_MESSAGE_HEAD = Struct("<HIQ")
 _RUN_BYTES = 1 << 20  # bare messages gathered into one block
-_WINDOW_BYTES = 1 << 20
 _DAY_NS = 86_400_000_000_000
 _COMPRESSIONS = {"", "none", "lz4", "zstd"}
 # A chunk, message or end-of-data record whose length is below 2^40.
@@ -53,7 +51,7 @@ class _Scan:
         # part of one whose checksum looks like the rest, or an index, laid out alike.
         self.chunked = False
         self.unchecked: set[int] = set()  # channels that only the summary names
-        self.bare: list[tuple[int, int, Payload]] = []
+        self.bare: list[Found] = []
         self.bare_start = self.bare_end = 0
 
     def run(self) -> Index:
@@ -62,7 +60,7 @@ class _Scan:
             try:
                 position = self._record(position)
             except DamagedBlockError as error:
-                following = self._next_record(position + 1)
+                following = self._following(position)
                 self.index.problems.append(
                     f"{self.path}: damaged or cut at byte {position} ({error}): "
                     f"{following - position} bytes skipped"
@@ -94,7 +92,9 @@ class _Scan:
             raise DamagedBlockError(f"opcode {opcode} is unknown")
         if after > self.size:
             raise DamagedBlockError("it ends within a record")
-        if not self._plausible(after) and not self._stands_alone(position, after):
+        # Damage behind a message is none of its own, unless it holds another record.
+        whole = self._plausible(after) or (opcode == MESSAGE and self._following(position) >= after)
+        if not whole:
             raise DamagedBlockError("no record follows where one should")
         self.has_ended |= opcode == DATA_END
         if opcode == MESSAGE:
@@ -133,7 +133,7 @@ class _Scan:
             self._cut_chunk(position)
             return self.size
         try:
-            messages = chunk_messages(chunk_data(self.stream), None, self.definitions)
+            messages = chunk_messages(chunk_data(self.stream), self.definitions)
         except DamagedBlockError as error:
             if not self._plausible(after):
                 raise
@@ -143,15 +143,15 @@ class _Scan:
                 f"lost {lost_s:.2f} s of recording"
             )
             return after
-        self._add(messages, position, 0)
+        self.index.add(messages, position, 0)
         return after
 
     def _cut_chunk(self, position: int) -> None:
         """Keeps the messages of the last chunk that a cut file still has."""
         content = self.stream.read(min(self.size - position, limits().chunk_bytes))[HEAD_BYTES:]
         plain = chunk_beginning(content)
-        messages = chunk_messages(plain, None, self.definitions, to_the_end=False)
-        self._add(messages, position, len(content))
+        messages = chunk_messages(plain, self.definitions, to_the_end=False)
+        self.index.add(messages, position, len(content))
         self.index.problems.append(
             f"{self.path}: the file ends within the chunk at byte {position}, "
             f"of which {len(messages)} message(s) could be had"
@@ -160,46 +160,21 @@ class _Scan:
     def _message(self, position: int, after: int) -> None:
         if self.has_ended or self.chunked:
             raise DamagedBlockError("a message outside the chunks, or after the data")
-        if after - position < HEAD_BYTES + _MESSAGE_HEAD.size:
+        if after - position < HEAD_BYTES + MESSAGE_HEAD.size:
             raise DamagedBlockError("a message is shorter than its head")
-        key, _, time = _MESSAGE_HEAD.unpack(self.stream.read(_MESSAGE_HEAD.size))
+        self.stream.seek(position + HEAD_BYTES)
+        key, _, time, _ = MESSAGE_HEAD.unpack(self.stream.read(MESSAGE_HEAD.size))
         if not self.bare or position != self.bare_end or after - self.bare_start > _RUN_BYTES:
             self._close_run()
             self.bare_start = position
         self.bare.append((time, key, b""))
+        self.latest_ns = time
         self.bare_end = after
 
     def _close_run(self) -> None:
         if self.bare:
-            self._add(self.bare, self.bare_start, self.bare_end - self.bare_start, bare=True)
+            self.index.add(self.bare, self.bare_start, self.bare_end - self.bare_start, bare=True)
             self.bare = []
-
-    def _add(
-        self,
-        messages: list[tuple[int, int, Payload]],
-        offset: int,
-        length: int,
-        *,
-        bare: bool = False,
-    ) -> None:
-        if not messages:
-            return
-        for _, key, _ in messages:
-            self.index.counts[key] = self.index.counts.get(key, 0) + 1
-        times = [message[0] for message in messages]
-        self.latest_ns = max(times)
-        keys = frozenset(message[1] for message in messages)
-        self.index.blocks.append(Block(offset, length, min(times), max(times), keys, bare))
-
-    def _stands_alone(self, position: int, after: int) -> bool:
-        """Whether a message is sound although what follows is not: it holds no other record."""
-        here = self.stream.tell()
-        self.stream.seek(position)
-        data = self.stream.read(128)
-        sound = record_head(data)[0] == MESSAGE and self._credible(position, data, followed=False)
-        alone = sound and self._next_record(position + 1) >= after
-        self.stream.seek(here)
-        return alone
 
     def _plausible(self, position: int) -> bool:
         """Whether a record, the closing magic or the end of the file stands here."""
@@ -214,20 +189,14 @@ class _Scan:
         opcode, length = record_head(head)
         return (0 < opcode <= DATA_END or opcode >= 0x80) and length < 1 << 40
 
-    def _next_record(self, position: int) -> int:
+    def _following(self, position: int) -> int:
         """Where the next chunk, message or end of data can be, or the file's size."""
-        while position < self.size:
-            self.stream.seek(position)
-            window = self.stream.read(_WINDOW_BYTES + 128)
-            for found in _CANDIDATE.finditer(window):
-                if found.start() < _WINDOW_BYTES and self._credible(
-                    position + found.start(), window[found.start() : found.start() + 128]
-                ):
-                    return position + found.start()
-            position += _WINDOW_BYTES
-        return self.size
+        return next_place(self.stream, position + 1, self.size, _CANDIDATE, self._credible)
 
-    def _credible(self, position: int, data: bytes, *, followed: bool = True) -> bool:
+    def _credible(self, position: int, data: bytes) -> bool:
+        """Whether a chunk, a message or the end of data can begin so."""
+        if len(data) < HEAD_BYTES:
+            return False
         opcode, length = record_head(data)
         after = position + HEAD_BYTES + length
         if after > self.size:
@@ -240,12 +209,8 @@ class _Scan:
             return head.compression in _COMPRESSIONS and head.data_at + head.data_bytes == length
         if opcode == DATA_END:
             return length == 4 and self._plausible(after)
-        if self.chunked or length < 22 or len(data) < HEAD_BYTES + 14:
+        if self.chunked or min(length, len(data) - HEAD_BYTES) < MESSAGE_HEAD.size:
             return False
-        key, _, time = _MESSAGE_HEAD.unpack_from(data, HEAD_BYTES)
-        near = abs(time - self._latest()) < _DAY_NS
-        sound = key in self.definitions.channels and near
-        return sound and (not followed or self._plausible(after))
-
-    def _latest(self) -> int:
-        return self.bare[-1][0] if self.bare else self.latest_ns
+        key, _, time, _ = MESSAGE_HEAD.unpack_from(data, HEAD_BYTES)
+        near = abs(time - self.latest_ns) < _DAY_NS
+        return key in self.definitions.channels and near and self._plausible(after)

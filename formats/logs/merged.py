@@ -60,11 +60,5 @@ class MergedLog:
         streams = [s.mended_records(topics) for s in self.sources if isinstance(s, RecordedLog)]
         return heapq.merge(*streams, key=lambda pair: pair[0][0])
 
-    def find_clock_step(self) -> None:
-        """Of each part."""
-        for source in self.sources:
-            if isinstance(source, RecordedLog):
-                source.find_clock_step()
-
     def losses(self) -> tuple[str, ...]:
         return (*self.problems, *(loss for source in self.sources for loss in source.losses()))

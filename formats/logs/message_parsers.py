@@ -40,22 +40,18 @@ def _parse_json(data: Payload) -> Any:
 
 
 def _protobuf_parser(channel: Channel) -> Parse:
-    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+    from google.protobuf import (
+        descriptor_database,
+        descriptor_pb2,
+        descriptor_pool,
+        message_factory,
+    )
 
     files = descriptor_pb2.FileDescriptorSet.FromString(channel.schema)
-    pool = descriptor_pool.DescriptorPool()
-    waiting = {file.name: file for file in files.file}
-
-    def add(name: str) -> None:
-        file = waiting.pop(name, None)
-        if file is None:
-            return
-        for needed in file.dependency:
-            add(needed)
-        pool.Add(file)
-
-    for name in list(waiting):
-        add(name)
+    known = descriptor_database.DescriptorDatabase()
+    for file in files.file:
+        known.Add(file)
+    pool = descriptor_pool.DescriptorPool(known)
     made = message_factory.GetMessageClass(pool.FindMessageTypeByName(channel.type_name))
     return lambda data: made.FromString(bytes(data))
 

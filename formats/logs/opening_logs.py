@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import cast
 
 from formats.logs.carmen import MARKS, CarmenLog
-from formats.logs.files import DECOMPRESSION_ERRORS, begins_about_as, open_binary
+from formats.logs.files import DECOMPRESSION_ERRORS, UnpackedFile, begins_about_as, open_binary
 from formats.logs.mcap_file import open_mcap
 from formats.logs.mcap_records import MAGIC as MCAP_MAGIC
 from formats.logs.merged import MergedLog
 from formats.logs.one_session import require_one_session
-from formats.logs.packed import PackedBag
 from formats.logs.recorded_log import RecordedLog
 from formats.logs.ros1_bag import open_ros1_bag
 from formats.logs.rosbag2 import (
@@ -210,12 +209,21 @@ _CREATED = re.compile(rb"CREATE TABLE \"?'?(\w+)")
 def _open_sqlite(path: Path) -> LogSource:
     tables = tables_of(path)
     if {"topics", "messages"} <= tables:
-        return RecordedLog(SqliteBag(path))
+        return RecordedLog(SqliteBag(UnpackedFile(path)))
     if "Node" in tables:
         module = importlib.import_module("formats.database.log_source")
         source: LogSource = module.open_database_log(path)
         return source
     raise LogError(f"{path}: an SQLite file that is neither a rosbag2 nor an RTAB-Map database")
+
+
+def _open_packed(path: Path) -> LogSource:
+    file = UnpackedFile(path)
+    with file.open() as stream:
+        is_mcap = stream.read(len(MCAP_MAGIC)) == MCAP_MAGIC
+    if is_mcap:
+        return RecordedLog(open_mcap(file, "MCAP, packed with zstd"))
+    return RecordedLog(SqliteBag(file, "rosbag2 (sqlite3), packed with zstd"))
 
 
 def tables_of(path: Path) -> Set[str]:
@@ -259,19 +267,19 @@ _READERS = (
         says="a ROS 1 .bag",
         endings=(".bag",),
         fits=lambda start, _: begins_about_as(start, b"#ROSBAG V"),
-        opener=lambda path: RecordedLog(open_ros1_bag(path)),
+        opener=lambda path: RecordedLog(open_ros1_bag(UnpackedFile(path))),
     ),
     _Reader(
         says="an .mcap",
         endings=(".mcap",),
         fits=lambda start, _: begins_about_as(start, MCAP_MAGIC),
-        opener=lambda path: RecordedLog(open_mcap(path)),
+        opener=lambda path: RecordedLog(open_mcap(UnpackedFile(path))),
     ),
     _Reader(
         says="a .db3.zstd/.mcap.zstd",  # rosbag2 compressed the file as a whole
         endings=(".db3.zstd", ".mcap.zstd"),
         fits=lambda start, path: start.startswith(ZSTD_MAGIC) and path.suffix == ".zstd",
-        opener=lambda path: RecordedLog(PackedBag(path)),
+        opener=_open_packed,
     ),
     # Last, because its marks may stand anywhere in the start.
     _Reader(

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import os
+import re
 from pathlib import Path
 from struct import Struct
 from typing import BinaryIO
 
 from formats.limits import limits
-from formats.logs.block_files import BlockFile, DamagedBlockError, borne_out
-from formats.logs.channels import Block, Channel, Index, Payload, Record
+from formats.logs.block_files import (
+    BlockFile,
+    DamagedBlockError,
+    borne_out,
+    next_place,
+)
+from formats.logs.channels import Block, Channel, Index, Record
 from formats.logs.compression import (
     MAX_DEFINITION_BYTES,
     decompress,
     decompress_beginning,
 )
-from formats.logs.files import begins_about_as
+from formats.logs.files import UnpackedFile, begins_about_as
 from formats.logs.ros1_records import (
     MAGIC,
     MAX_HEADER_BYTES,
@@ -33,18 +40,18 @@ from formats.logs.ros1_records import (
     operation,
     parse_connection,
     parse_fields,
-    with_channels,
 )
 from mapmyworld.errors import LogError
 
 _PAIR = Struct("<II")
-_SEARCH_BYTES = 1 << 20
+# The length of a header of at most 96 bytes, that of its first field, and the kind of a chunk.
+_CHUNK_HEAD = re.compile(rb"(?=[\x0d-\x60]\0\0\0[\x04-\x40]\0\0\0.{0,64}?op=\x05)", re.DOTALL)
 _OLD_VERSIONS = {b"V1.0", b"V1.1", b"V1.2", b"V1.3"}
 
 
-def open_ros1_bag(path: Path) -> BlockFile:
+def open_ros1_bag(file: UnpackedFile) -> BlockFile:
     """A ROS 1 bag as a container of records."""
-    return BlockFile(path, "ROS 1 bag", read_index, read_block)
+    return BlockFile(file, "ROS 1 bag", read_index, read_block)
 
 
 def read_index(stream: BinaryIO, path: Path) -> Index:
@@ -58,10 +65,10 @@ def read_index(stream: BinaryIO, path: Path) -> Index:
             f"{path}: not a ROS 1 bag of version 2.0: if it is an older bag, "
             "`rosbag migrate` converts it"
         )
-    size = path.stat().st_size
+    size = os.fstat(stream.fileno()).st_size
     try:
         index = _indexed(stream, size)
-    except (DamagedBlockError, EOFError) as error:
+    except DamagedBlockError as error:
         index = _scanned(stream, path, size)
         index.problems.insert(0, f"{path}: no usable index ({error}): chunks were read one by one")
         return index
@@ -78,14 +85,14 @@ def _record(stream: BinaryIO, size: int) -> tuple[Fields, int, int]:
     start = stream.tell()
     head = stream.read(4)
     if len(head) < 4:
-        raise EOFError("the file ends")
+        raise DamagedBlockError("the file ends in it")
     (length,) = U32(head)
     if length > min(MAX_HEADER_BYTES, size - start):
         raise DamagedBlockError(f"record header at byte {start} claims {length} bytes")
     fields = parse_fields(stream.read(length))
     tail = stream.read(4)
     if len(tail) < 4:
-        raise EOFError("the file ends")
+        raise DamagedBlockError("the file ends in it")
     return fields, start + 8 + length, int(U32(tail)[0])
 
 
@@ -117,7 +124,7 @@ def _is_chunk(stream: BinaryIO, place: int, size: int) -> bool:
     stream.seek(place)
     try:
         return operation(_record(stream, size)[0]) == OP_CHUNK
-    except (DamagedBlockError, EOFError):
+    except DamagedBlockError:
         return False
 
 
@@ -147,18 +154,16 @@ def read_block(
     """The chunk's wanted records; bags have no checksums to check."""
     stream.seek(block.offset)
     if block.bare:
-        records = chunk_records(stream.read(block.length), wanted, to_the_end=False)
-        return with_channels(records, wanted)
-    data, whole = _chunk_data(stream, 1 << 62, cut=block.length > 0)
-    return with_channels(chunk_records(data, wanted, to_the_end=whole), wanted)
+        records = chunk_records(stream.read(block.length), {}, to_the_end=False)
+    else:
+        data, whole = _chunk_data(stream, 1 << 62, cut=block.length > 0)
+        records = chunk_records(data, {}, to_the_end=whole)
+    return [(time, wanted[key], data) for time, key, data in records if key in wanted]
 
 
 def _chunk_data(stream: BinaryIO, size: int, *, cut: bool) -> tuple[bytes, bool]:
     """Decompressed bytes of the chunk at the stream's position, and whether they are all."""
-    try:
-        fields, _, length = _record(stream, size)
-    except EOFError as error:
-        raise DamagedBlockError("the file ends in it") from error
+    fields, _, length = _record(stream, size)
     if operation(fields) != OP_CHUNK or length > limits().chunk_bytes:
         raise DamagedBlockError("there is no chunk")
     data = stream.read(length)
@@ -176,19 +181,12 @@ def _scanned(stream: BinaryIO, path: Path, size: int) -> Index:
     index = Index(details=[("index", "none, rebuilt")])
     position = len(MAGIC)
     while position < size:
-        stream.seek(position)
         try:
             position = _scan_record(stream, position, size, index)
-        except EOFError:
-            index.problems.append(
-                f"{path}: the file ends in the record at byte {position}; "
-                f"{sum(index.counts.values())} message(s) before that were kept"
-            )
-            break
         except DamagedBlockError as error:
-            following = _next_chunk(stream, position + 1, size)
+            following = next_place(stream, position + 1, size, _CHUNK_HEAD, _is_chunk_head)
             index.problems.append(
-                f"{path}: damaged at byte {position} ({error}): "
+                f"{path}: damaged or cut at byte {position} ({error}): "
                 f"{following - position} bytes skipped"
             )
             position = following
@@ -198,19 +196,20 @@ def _scanned(stream: BinaryIO, path: Path, size: int) -> Index:
 
 def _scan_record(stream: BinaryIO, position: int, size: int, index: Index) -> int:
     """Takes in the record at `position` and gives the position after it."""
+    stream.seek(position)
     fields, start, length = _record(stream, size)
     op = operation(fields)
     after = start + length
     if op == OP_CHUNK:
         stream.seek(position)
         data, whole = _chunk_data(stream, size, cut=True)
-        records = chunk_records(data, {}, index.channels, to_the_end=whole)
-        _add_block(index, records, Block(position, 0 if whole else length, 0, 0, None))
+        records = chunk_records(data, index.channels, to_the_end=whole)
+        index.add(records, position, 0 if whole else length)
         if not whole:
-            raise EOFError("the file ends in a chunk")
+            raise DamagedBlockError("the file ends in a chunk")
         return after
     if after > size:
-        raise EOFError("the file ends in a record")
+        raise DamagedBlockError("the file ends in a record")
     if length > (MAX_DEFINITION_BYTES if op == OP_CONNECTION else limits().chunk_bytes):
         raise DamagedBlockError(f"a record claims {length} bytes")
     if op == OP_CONNECTION:
@@ -219,48 +218,16 @@ def _scan_record(stream: BinaryIO, position: int, size: int, index: Index) -> in
     elif op == OP_MESSAGE:
         stream.seek(position)
         data = stream.read(after - position)
-        records = chunk_records(data, {}, index.channels)
-        _add_block(index, records, Block(position, after - position, 0, 0, None, bare=True))
+        index.add(chunk_records(data, index.channels), position, after - position, bare=True)
     elif op not in {OP_BAG_HEADER, OP_INDEX, OP_CHUNK_INFO}:
         raise DamagedBlockError("there is no record")
     return after
 
 
-def _add_block(index: Index, records: list[tuple[int, int, Payload]], block: Block) -> None:
-    if not records:
-        return
-    for _, key, _ in records:
-        index.counts[key] = index.counts.get(key, 0) + 1
-    times = [record[0] for record in records]
-    keys = frozenset(record[1] for record in records)
-    index.blocks.append(Block(block.offset, block.length, min(times), max(times), keys, block.bare))
-
-
-def _next_chunk(stream: BinaryIO, position: int, size: int) -> int:
-    """Where the next chunk starts, at or after `position`; the file's size where none does."""
-    while position < size:
-        stream.seek(position)
-        window = stream.read(_SEARCH_BYTES + 128)
-        at = window.find(b"op=\x05")
-        while 0 <= at < _SEARCH_BYTES + 64:
-            start = _chunk_start(window, at)
-            if start is not None:
-                return position + start
-            at = window.find(b"op=\x05", at + 1)
-        position += _SEARCH_BYTES
-    return size
-
-
-def _chunk_start(window: bytes, at: int) -> int | None:
-    """The start of the chunk header in which `op=` stands at `at`; None where it is no header."""
-    for start in range(max(at - 64, 0), max(at - 7, 0)):
-        (length,) = U32(window, start)
-        if not at + 4 - start - 4 <= length <= 96:
-            continue
-        try:
-            fields = parse_fields(window[start + 4 : start + 4 + length])
-        except DamagedBlockError:
-            continue
-        if operation(fields) == OP_CHUNK and b"compression" in fields and b"size" in fields:
-            return start
-    return None
+def _is_chunk_head(_position: int, data: bytes) -> bool:
+    (length,) = U32(data)
+    try:
+        fields = parse_fields(data[4 : 4 + length])
+    except DamagedBlockError:
+        return False
+    return operation(fields) == OP_CHUNK and b"compression" in fields and b"size" in fields

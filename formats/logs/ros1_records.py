@@ -8,7 +8,7 @@ from __future__ import annotations
 from struct import Struct
 
 from formats.logs.block_files import DamagedBlockError
-from formats.logs.channels import Channel, Payload, Record, normalised_type, payload
+from formats.logs.channels import Channel, Found, normalised_type, payload
 
 MAGIC = b"#ROSBAG V2.0\n"
 OP_MESSAGE, OP_BAG_HEADER, OP_INDEX, OP_CHUNK, OP_CHUNK_INFO, OP_CONNECTION = 2, 3, 4, 5, 6, 7
@@ -86,49 +86,19 @@ def parse_connection(fields: Fields, data: bytes) -> tuple[int, Channel]:
     return field_u32(fields, b"conn"), channel
 
 
-class _Layout:
-    """Where op, conn and time stand in message headers of one length, as one writer lays them."""
-
-    __slots__ = ("connection_at", "gaps", "time_at")
-
-    def __init__(self, header: bytes) -> None:
-        at, position = {}, 0
-        while position < len(header):
-            (length,) = U32(header, position)
-            name, _, value = header[position + 4 : position + 4 + length].partition(b"=")
-            at[name] = position + 4 + len(name) + 1, len(value)
-            position += 4 + length
-        self.connection_at, self.time_at = at[b"conn"][0], at[b"time"][0]
-        changing = sorted((start, start + size) for start, size in (at[b"conn"], at[b"time"]))
-        edges = [0, *(edge for pair in changing for edge in pair), len(header)]
-        # What stands between the two values must be the same for the layout to apply.
-        self.gaps = tuple(
-            (start, end, header[start:end])
-            for start, end in zip(edges[::2], edges[1::2], strict=True)
-            if end > start
-        )
-
-
-_layouts: dict[int, _Layout] = {}
-
-
 def chunk_records(
-    data: bytes,
-    wanted: dict[int, Channel],
-    connections: dict[int, Channel] | None = None,
-    *,
-    to_the_end: bool = True,
-) -> list[tuple[int, int, Payload]]:
-    """Messages of a decompressed chunk as (log time, connection, payload), in file order.
+    data: bytes, connections: dict[int, Channel], *, to_the_end: bool = True
+) -> list[Found]:
+    """Messages of a decompressed chunk, in file order.
 
     Connections found on the way go into `connections`. Where `to_the_end` is False, damage ends
     the list instead of raising DamagedBlockError.
     """
-    records: list[tuple[int, int, Payload]] = []
-    position, end = 0, len(data)
+    records = list[Found]()
+    position = 0
     try:
-        while position < end:
-            position = _next_record(data, position, end, wanted, connections, records)
+        while position < len(data):
+            position = _next_record(data, position, connections, records)
     except DamagedBlockError:
         if to_the_end:
             raise
@@ -136,48 +106,25 @@ def chunk_records(
 
 
 def _next_record(
-    data: bytes,
-    position: int,
-    end: int,
-    wanted: dict[int, Channel],
-    connections: dict[int, Channel] | None,
-    records: list[tuple[int, int, Payload]],
+    data: bytes, position: int, connections: dict[int, Channel], records: list[Found]
 ) -> int:
-    if position + 8 > end:
-        raise DamagedBlockError("a record is cut")
-    (size,) = U32(data, position)
-    body = position + 4 + size
-    if body + 4 > end:
-        raise DamagedBlockError("a record is cut")
-    (length,) = U32(data, body)
-    after: int = body + 4 + length
-    if after > end:
-        raise DamagedBlockError("a record is cut")
-    header = data[position + 4 : body]
-    layout = _layouts.get(size)
-    if layout is not None and all(header[a:b] == same for a, b, same in layout.gaps):
-        (connection,) = U32(header, layout.connection_at)
-        if connection in wanted or connections is not None:
-            seconds, nanoseconds = _TIME(header, layout.time_at)
-            time = seconds * 1_000_000_000 + nanoseconds
-            records.append((time, connection, payload(data, body + 4, after)))
-        return after
-    fields = parse_fields(header)
+    header, body = _sized_part(data, position)
+    start, after = _sized_part(data, body)
+    fields = parse_fields(data[header:body])
     op = operation(fields)
     if op == OP_MESSAGE:
         connection, time = field_u32(fields, b"conn"), field_time(fields, b"time")
-        if connection in wanted or connections is not None:
-            records.append((time, connection, payload(data, body + 4, after)))
-        if len(fields) == 3:
-            _layouts[size] = _Layout(header)
-    elif op == OP_CONNECTION and connections is not None:
-        key, channel = parse_connection(fields, data[body + 4 : after])
+        records.append((time, connection, payload(data, start, after)))
+    elif op == OP_CONNECTION:
+        key, channel = parse_connection(fields, data[start:after])
         connections[key] = channel
     return after
 
 
-def with_channels(
-    records: list[tuple[int, int, Payload]], channels: dict[int, Channel]
-) -> list[Record]:
-    """The records of known, wanted channels."""
-    return [(time, channels[key], data) for time, key, data in records if key in channels]
+def _sized_part(data: bytes, position: int) -> tuple[int, int]:
+    """Where the bytes begin and end whose number stands at `position`."""
+    start = position + 4
+    end = start + int(U32(data, position)[0]) if start <= len(data) else start
+    if end > len(data):
+        raise DamagedBlockError("a record is cut")
+    return start, end

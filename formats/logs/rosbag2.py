@@ -17,6 +17,7 @@ from formats.logs.block_files import DamagedBlockError
 from formats.logs.channels import Block, Channel, Index, Record, normalised_type
 from formats.logs.clock_steps import ClockStep
 from formats.logs.compression import decompress, decompress_beginning
+from formats.logs.files import UnpackedFile
 from formats.logs.mcap_records import is_transient_local
 from formats.logs.rosbag2_clock import IS_TIMED, NO_STEP, RowClock, read_clock
 from formats.logs.rosbag2_salvage import Salvage, salvage
@@ -66,12 +67,11 @@ def one_line(error: Exception) -> str:
 
 
 class SqliteBag:
-    """A Container over one .db3 file."""
+    """One .db3 file."""
 
-    name = "rosbag2 (sqlite3)"
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, file: UnpackedFile, name: str = "rosbag2 (sqlite3)") -> None:
+        self._file, self.path = file, file.path
+        self.name = name
         self._index: Index | None = None
         self._clock = NO_STEP
         self._salvage: Salvage | None = None
@@ -100,6 +100,7 @@ class SqliteBag:
                     self._clock.step.report(self.path, index.problems)
             except (*SQLITE_ERRORS, ValueError) as error:
                 self._index = self._salvaged_index(error)
+            self._index.problems[:0] = self._file.problems()
         return self._index
 
     def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
@@ -143,7 +144,7 @@ class SqliteBag:
                 yield time, key, cell
         except SQLITE_ERRORS as error:
             where = f"{self.path}: damaged after {last_ns * 1e-9:.2f} s ({one_line(error)})"
-            self._salvage = salvage(self.path)
+            self._salvage = salvage(self._file.plain())
             self.index().problems.append(
                 f"{where}: {self._salvage.reported}"
             )  # for later passes too
@@ -165,13 +166,14 @@ class SqliteBag:
     def _salvaged_index(self, error: Exception) -> Index:
         """The index of what is found page by page; LogError where that is nothing."""
         try:
-            found = salvage(self.path)
+            found = salvage(self._file.plain())
         except (OSError, ValueError):
             found = None
         if found is None or not found.messages or not found.topics:
             raise LogError(
                 f"{self.path}: damaged or no rosbag2 database ({one_line(error)}): "
-                "try `sqlite3 FILE .recover`"
+                "try `sqlite3 FILE .recover`",
+                problems=self._file.problems(),
             ) from error
         index, self._salvage = Index(), found
         index.problems.append(f"{self.path}: damaged ({one_line(error)}): {found.reported}")
@@ -183,7 +185,7 @@ class SqliteBag:
         return index
 
     def _connect(self) -> sqlite3.Connection:
-        return connect_read_only(self.path)
+        return connect_read_only(self._file.plain())
 
 
 def _plain(data: object) -> bytes:

@@ -45,21 +45,20 @@ def in_time_order(
     while pending or heap:
         while pending and (not heap or pending[0].start_ns <= heap[0][0]):
             block = pending.popleft()
-            records = sorted_records(read(block))
+            records = sorted(read(block), key=_TIME)
             if records:
                 heapq.heappush(heap, (records[0][0], block.offset, 0, _Open(block, records)))
                 _drop_the_last(heap, open_bytes)
         if not heap:
             continue
-        _, offset, first, opened = heapq.heappop(heap)
+        _, offset, number, opened = heapq.heappop(heap)
         if opened.records is None:
-            opened.records = sorted_records(read(opened.block))
+            opened.records = sorted(read(opened.block), key=_TIME)
             _drop_the_last(heap, open_bytes - opened.size)
-        records = opened.records
-        last = _run_length(first, offset, records, heap, pending)
-        yield from records[first:last] if last - first < len(records) else records
-        if last < len(records):
-            heapq.heappush(heap, (records[last][0], offset, last, opened))
+        yield opened.records[number]
+        if number + 1 < len(opened.records):
+            after = opened.records[number + 1][0]
+            heapq.heappush(heap, (after, offset, number + 1, opened))
 
 
 def _drop_the_last(heap: list[_Entry], open_bytes: int) -> None:
@@ -71,31 +70,3 @@ def _drop_the_last(heap: list[_Entry], open_bytes: int) -> None:
         kept += entry[3].size
         if kept > open_bytes // 2:
             entry[3].records = None
-
-
-def _run_length(
-    first: int, offset: int, records: list[Record], heap: list[_Entry], pending: deque[Block]
-) -> int:
-    """The number of the first record that must wait for another block; one at least goes now."""
-    others = heap[0][:2] if heap else None
-    start = pending[0].start_ns if pending else None
-    last_ns = records[-1][0]
-    if (start is None or last_ns < start) and (others is None or (last_ns, offset) < others):
-        return len(records)
-    last = first + 1
-    while last < len(records):
-        time = records[last][0]
-        if (start is not None and time >= start) or (others and (time, offset) > others):
-            break
-        last += 1
-    return last
-
-
-def sorted_records(records: list[Record]) -> list[Record]:
-    """Records by time, stably; the same list where it is in order already."""
-    previous = -1
-    for record in records:
-        if record[0] < previous:
-            return sorted(records, key=_TIME)
-        previous = record[0]
-    return records

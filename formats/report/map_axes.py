@@ -6,15 +6,16 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from formats.constraint_kinds import COLOURS, REJECTED
+from formats.report.contents import ShownConstraint
 from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
-from mapmyworld.types import ConstraintKind, OccupancyGrid
+from mapmyworld.types import ConstraintKind, Judged, OccupancyGrid
 
 Floats = NDArray[np.floating[Any]]
 ENDINGS = (".png", ".svg", ".pdf")
@@ -29,19 +30,6 @@ _PLAIN: dict[Any, Any] = {
     "font.size": 8,
     "text.parse_math": False,  # names of files are what they are
 }
-
-
-class Tie(Protocol):
-    """A constraint, as far as it is drawn."""
-
-    @property
-    def from_id(self) -> int: ...
-    @property
-    def to_id(self) -> int: ...
-    @property
-    def kind(self) -> ConstraintKind: ...
-    @property
-    def accepted(self) -> bool: ...
 
 
 @contextmanager
@@ -130,7 +118,9 @@ def draw_rings(axes: Any, places: Floats, colour: str, label: str) -> None:
         axes.plot(places[:, 0], places[:, 1], "o", label=label, **look)
 
 
-def draw_graph(axes: Any, place: Mapping[int, Floats], constraints: Iterable[Tie]) -> None:
+def draw_graph(
+    axes: Any, place: Mapping[int, Floats], constraints: Iterable[Judged | ShownConstraint]
+) -> None:
     """Lines between nodes at their places (2,), by kind; what was rejected lies below, dotted."""
     drawn: dict[ConstraintKind | None, list[tuple[Floats, Floats]]] = {}
     for c in constraints:

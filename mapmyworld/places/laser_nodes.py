@@ -105,13 +105,14 @@ def spaced(path: Array, spacing: float) -> Index:
 def calm_spots(nodes: LaserNodes, spacing: float) -> Index:
     """(K,) one node for every `spacing` metres of path on which one sees.
 
-    It is the one at which the robot turns most evenly: where a turn begins between two samples of
-    the odometry, a sweep, and so its node and every closure with it, may be turned by more than a
-    degree, and nothing in the scans indicates it.
+    It is the one of the first half of them at which the robot turns most evenly: where a turn
+    begins between two samples of the odometry, a sweep, and so its node and every closure with it,
+    may be turned by more than a degree, and nothing in the scans indicates it.
     """
     seeing = np.flatnonzero(nodes.sees)
-    section = nodes.path[seeing] // spacing
-    calmest = np.lexsort((_unevenness(nodes)[seeing], section))
+    half = nodes.path[seeing] // (0.5 * spacing)
+    section = half // 2
+    calmest = np.lexsort((_unevenness(nodes)[seeing], half))
     return np.sort(seeing[calmest[np.diff(section[calmest], prepend=-1.0) > 0.0]])
 
 

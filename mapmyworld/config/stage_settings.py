@@ -48,6 +48,7 @@ FIRST_READ: Mapping[str, tuple[str, ...]] = {
     ),
     "recognise": (
         "places.laser_far_spacing",
+        "places.laser_spacing",
         "places.laser_submap",
         "places.laser_drift*",
         "places.laser_revisits",
@@ -58,7 +59,6 @@ FIRST_READ: Mapping[str, tuple[str, ...]] = {
         "visual.place_*",
     ),
     "optimise": (
-        "places.laser_spacing",
         "odometry.refine*",
         "graph.groups",
         "graph.covariances",

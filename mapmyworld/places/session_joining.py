@@ -27,7 +27,7 @@ from mapmyworld.places.laser_nodes import Index, LaserNodes, spaced
 from mapmyworld.places.laser_submaps import place_around
 from mapmyworld.places.whole_map import SETTLED, WholeMap, map_of_scans
 from mapmyworld.registration.place_evidence import Agreement, Place
-from mapmyworld.registration.scan_search import APART, MARGIN, Submap
+from mapmyworld.registration.scan_search import ANOTHER, MARGIN, Submap
 
 Array = NDArray[np.float64]
 _CHECKED = 3  # places, those of the most evidence, that are looked for elsewhere
@@ -47,7 +47,8 @@ class SessionPlaces:
     @cached_property
     def whole(self) -> WholeMap:
         """In the frame of the nodes' poses."""
-        rows = self.rows[spaced(self.nodes.path[self.rows], self.config.places.laser_spacing)]
+        spacing = 0.5 * self.config.places.laser_spacing
+        rows = self.rows[spaced(self.nodes.path[self.rows], spacing)]
         return map_of_scans(Submap.of(self.nodes.scans.some(rows), self.nodes.poses[rows]))
 
     @cached_property
@@ -221,7 +222,7 @@ def _is_ambiguous(
 def _is_same(move: Array, other: Array, at: Array) -> bool:
     """Whether two relative poses bring a pose of the later session to the same place."""
     apart = between_planar(compose_planar(move, at), compose_planar(other, at))
-    return bool(np.hypot(*apart[:2]) < APART[0] and abs(apart[2]) < APART[1])
+    return bool(np.hypot(*apart[:2]) < ANOTHER[0] and abs(apart[2]) < ANOTHER[1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,6 +28,8 @@ POINTS = 140
 """Of a scan or a submap that are scored, at most."""
 APART = 0.6, 0.3
 """Metres and radians between poses that are hypotheses of their own."""
+ANOTHER = 1.0, 0.3
+"""Metres and radians from which two poses in a whole map are two, and not one in doubt."""
 NATS = 0.23
 """By which a point of a submap speaks for a pose or against it: some four points count as one."""
 MARGIN = float(np.log(100.0) / NATS)
@@ -219,7 +221,7 @@ def search_elsewhere(
     """As of `search_everywhere`, a pose (3,) of points (N, 2), but not at `pose` (3,), nor in what
     continues it, as along a wall.
     """
-    return _best_of(_everywhere(points, grid), np.array([*pose, *APART]), least)
+    return _best_of(_everywhere(points, grid), np.array([*pose, *ANOTHER]), least)
 
 
 def _everywhere(points: Array, grid: LikelihoodGrid) -> Window:

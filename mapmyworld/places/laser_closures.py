@@ -93,8 +93,8 @@ def find_laser_closures(
     """
     if len(loaded.nodes) < 2:
         return []
-    nodes = nodes_at(loaded, poses)
-    known = {(c.from_id, c.to_id) for c in store.constraints()}
+    nodes, constraints = nodes_at(loaded, poses), store.constraints()
+    known = {(c.from_id, c.to_id) for c in constraints}
 
     def untried(pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
         ends = [(a, b, int(nodes.ids[a]), int(nodes.ids[b])) for a, b in pairs]
@@ -102,7 +102,7 @@ def find_laser_closures(
 
     nodes = held_by(nodes, tied)
     pairs = untried(untied(nodes, candidate_pairs(nodes, config, optimised=True), tied, config))
-    lost = untried(lost_pairs(nodes, store.constraints(), config))
+    lost = untried(lost_pairs(nodes, constraints, config))
     lost = [pair for pair in lost if pair not in set(pairs)]
     progress.stage("loop closures by laser", len(pairs) + len(lost), "pairs")
     near = compare_places(nodes, pairs, config, optimised=True)

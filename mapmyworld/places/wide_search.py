@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
@@ -42,7 +43,7 @@ def lost_pairs(
         apart = np.hypot(*(nodes.poses[near, :2] - nodes.poses[later, :2]).T)
         reach = np.maximum(drift, _SIGMAS * stated.sigmas(near, later))
         worth = near[(drift > NEAR) & (apart < size + reach)]
-        pairs += [(int(place), later) for place in worth[:: len(worth) // _MOST + 1]]
+        pairs += [(int(k), later) for k in worth[:: max(math.ceil(len(worth) / _MOST), 1)]]
     return pairs
 
 

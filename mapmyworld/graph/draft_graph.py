@@ -67,7 +67,7 @@ def solve_draft(
     solved = solve(
         list(starts), np.stack(list(starts.values())), [*composed, *closures], planar, quick
     )
-    poses = followed(nodes, kept, solved.poses)
+    poses = followed(nodes, kept, chain_shares(nodes, kept, motions), solved.poses)
     return Draft(poses, solved.constraints[len(composed) :])
 
 
@@ -144,8 +144,32 @@ def _reached(order: Sequence[Constraint], first: Index) -> Array:
     return reached
 
 
-def followed(nodes: Sequence[Node], kept: NDArray[np.bool_], solved: Poses) -> Poses:
-    """All nodes: those left out share what solving moved those `kept` (N,) before and after."""
+def chain_shares(
+    nodes: Sequence[Node], kept: NDArray[np.bool_], motions: Sequence[Constraint]
+) -> Array:
+    """(N,) share of its chain's uncertainty that lies before each node, 0 where a chain begins.
+
+    A motion counts by how far off it leaves the chain's ends as seen from each other: a turn of
+    which little is known swings all that lies beyond it.
+    """
+    rows = np.searchsorted([node.id for node in nodes], [c.to_id for c in motions])
+    spread = np.linalg.inv(np.reshape([c.information for c in motions], (-1, 6, 6)))
+    turned, moved = (np.linalg.eigvalsh(spread[:, k : k + 3, k : k + 3])[:, -1] for k in (0, 3))
+    ends, passed = np.flatnonzero(kept), np.cumsum(kept)
+    after = passed[rows] - kept[rows]
+    at = np.stack([node.tracked_from_base[:3, 3] for node in nodes])
+    levers = [np.sum((at[rows] - at[ends[end]]) ** 2, axis=1) for end in (after - 1, after)]
+    varies = np.bincount(rows, moved + turned * np.mean(levers, axis=0), len(nodes))
+    up_to = np.cumsum(varies)
+    begins = up_to[ends][passed - 1]
+    whole = np.append(up_to[ends], up_to[-1])[passed] - begins
+    return np.asarray((up_to - begins) / np.where(whole > 0.0, whole, 1.0))
+
+
+def followed(nodes: Sequence[Node], kept: NDArray[np.bool_], shares: Array, solved: Poses) -> Poses:
+    """All nodes: those left out take their `shares` (N,) in what solving moved those `kept` (N,)
+    before and after.
+    """
     ids = np.array([node.id for node in nodes], np.int64)
     before = np.flatnonzero(kept)[np.cumsum(kept) - 1]
     tracked = np.stack([node.tracked_from_base for node in nodes])
@@ -156,7 +180,7 @@ def followed(nodes: Sequence[Node], kept: NDArray[np.bool_], solved: Poses) -> P
         kept,
     )
     held = [nodes[k] for k in np.flatnonzero(kept).tolist()]
-    poses = pose_every_frame(held, solved, moments)
+    poses = pose_every_frame(held, solved, moments, shares=shares)
     others = solved.ids < 0
     return Poses(
         np.concatenate([ids, solved.ids[others]]),

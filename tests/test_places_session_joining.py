@@ -148,10 +148,10 @@ def test_a_relative_pose_is_as_likely_whichever_session_is_called_the_earlier() 
     move = locate_session(one, other)
     assert move is not None
     spot = other.sought[0]
-    there = judge_pose(one, other, move, spot)
+    there = judge_pose(one, other, move, nodes.poses[spot])
     about = compose_planar(move, nodes.poses[spot])
     same = int(one.rows[np.argmin(np.hypot(*(nodes.poses[one.rows] - about).T[:2]))])
-    again = judge_pose(other, one, invert_planar(move), same)
+    again = judge_pose(other, one, invert_planar(move), nodes.poses[same])
     assert again.log_odds == pytest.approx(there.log_odds, rel=0.05)
     assert set(again.later) == set(there.earlier)
 

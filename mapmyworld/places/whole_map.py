@@ -16,8 +16,8 @@ from mapmyworld.registration.scan_search import (
     Submap,
     evidence_grid,
     judged_points,
-    lie_on_a_line,
     occupancy_evidence,
+    scored_points,
     search_about,
     search_elsewhere,
     search_everywhere,
@@ -55,11 +55,11 @@ class WholeMap:
         seen = transform_points_planar(back, self.points)
         low, high = place.grid.bounds
         near = seen[((seen >= low) & (seen < high)).all(axis=1)]
-        forth = judged_points(place.submap.points, self.grid, pose)
         return Agreement(
-            forth, judged_points(near, place.grid, np.zeros(3)),
-            lie_on_a_line(place.submap.points, self.grid.resolution, forth),
-        )  # fmt: skip
+            judged_points(place.submap.points, self.grid, pose),
+            judged_points(near, place.grid, np.zeros(3)),
+            scored_points(place.submap.points, self.grid.resolution),
+        )
 
     def find(self, place: Place) -> Array | None:
         """The pose (3,) at which the map explains a place best; None where that may be chance."""

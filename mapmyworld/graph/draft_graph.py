@@ -156,7 +156,7 @@ def chain_shares(
     spread = np.linalg.inv(np.reshape([c.information for c in motions], (-1, 6, 6)))
     turned, moved = (np.linalg.eigvalsh(spread[:, k : k + 3, k : k + 3])[:, -1] for k in (0, 3))
     ends, passed = np.flatnonzero(kept), np.cumsum(kept)
-    after = passed[rows] - kept[rows]
+    after: Index = passed[rows] - kept[rows]
     at = np.stack([node.tracked_from_base[:3, 3] for node in nodes])
     levers = [np.sum((at[rows] - at[ends[end]]) ** 2, axis=1) for end in (after - 1, after)]
     varies = np.bincount(rows, moved + turned * np.mean(levers, axis=0), len(nodes))

@@ -206,7 +206,7 @@ def _reports(
     for k, place in other.places.items():
         window = _window(other.nodes.poses[k] - about, other.config)
         guess = compose_planar(move, other.nodes.poses[k])
-        reports[k] = known.whole.best_about(place, guess, *window)[1]
+        reports[k] = known.whole.report(place, guess, *window)
     return reports
 
 

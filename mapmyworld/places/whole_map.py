@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from mapmyworld.registration.scan_search import (
     search_about,
     search_elsewhere,
     search_everywhere,
+    seen_from_one_side,
     spread_points,
 )
 from mapmyworld.types import OccupancyGrid
@@ -95,6 +96,12 @@ class WholeMap:
         if here.beyond(there) >= MARGIN:
             return False
         return True if there.beyond(here) >= MARGIN else None
+
+    def report(self, place: Place, pose: Array, distance: float, angle: float) -> Agreement:
+        """What agrees at the best pose in a window about one (3,), seen from the same side."""
+        pose, found = self.best_about(place, pose, distance, angle)
+        same = seen_from_one_side(found.points, place.grid, self.grid, pose)
+        return replace(found, forth=np.where((found.forth > 0) & ~same, 0, found.forth))
 
     def best_about(
         self, place: Place, pose: Array, distance: float, angle: float

@@ -119,13 +119,13 @@ class Agreement:
         new = self.points[mine]
         if lie_on_a_line(new[~continue_walls(new, self.points[shared])]):
             return 0
-        back = np.count_nonzero(self.back > 0) - np.count_nonzero(other.back > 0)
-        return int(np.count_nonzero(mine)) + max(back, 0)
+        back = int(np.count_nonzero(self.back > 0)) - int(np.count_nonzero(other.back > 0))
+        return len(new) + max(back, 0)
 
     @property
     def contradictions(self) -> int:
         """Points of either place that lie where beams of the other one passed."""
-        return np.count_nonzero(self.forth < 0) + np.count_nonzero(self.back < 0)
+        return int(np.count_nonzero(self.forth < 0) + np.count_nonzero(self.back < 0))
 
 
 def _log_odds(judged: Index, rates: tuple[float, float]) -> float:

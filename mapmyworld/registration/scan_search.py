@@ -25,6 +25,8 @@ _LEVELS = 6  # of the pyramid: the coarsest bounds 3.2 m x 3.2 m of shifts
 _UNSEEN = FULL - FULL // 2  # of a cell that no beam passed: it speaks for no pose and against none
 _BESIDE = FULL // 2 + _UNSEEN // 2  # of a cell beside a surface: it speaks half as much for a pose
 _WALL = 5.0 * _RESOLUTION  # m around a point that show which way its wall goes
+_BEFORE = np.stack(np.meshgrid(*2 * [np.arange(-3.0, 4.0)]), axis=-1).reshape(-1, 2)
+"""Cells around a surface that reach past those beside it, (K, 2)."""
 POINTS = 140
 """Of a scan or a submap that are scored, at most."""
 APART = 0.6, 0.3
@@ -146,11 +148,31 @@ def judged_points(points: Array, grid: LikelihoodGrid, pose: Array) -> NDArray[n
     Of points one to a cell, `POINTS` at most, the same whatever the pose.
     """
     at = transform_points_planar(pose, scored_points(points, grid.resolution))
-    column, row = np.floor((at - grid.corner) / grid.resolution).astype(np.int64).T + grid.margin
+    return np.sign(_values(grid, at) - grid.unseen)
+
+
+def seen_from_one_side(
+    points: Array, own: LikelihoodGrid, other: LikelihoodGrid, pose: Array
+) -> NDArray[np.bool_]:
+    """(N,) whether beams of both grids passed before points (N, 2), which are of their `own` one.
+
+    The other grid's frame has them at `pose` (3,). What one saw from inside and the other one from
+    outside are two surfaces.
+    """
+    around = points[:, None] + own.resolution * _BEFORE
+    seen = _values(own, around) < own.unseen
+    seen &= _values(other, transform_points_planar(pose, around)) < other.unseen
+    return np.asarray(seen.any(axis=1))
+
+
+def _values(grid: LikelihoodGrid, points: Array) -> NDArray[np.int64]:
+    """(...) of the cells in which points (..., 2) of the grid's frame lie."""
+    cells = np.floor((points - grid.corner) / grid.resolution).astype(np.int64) + grid.margin
+    column, row = cells[..., 0], cells[..., 1]
     height, width = grid.cells.shape
     inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
     values = grid.cells[np.where(inside, row, 0), np.where(inside, column, 0)]
-    return np.sign(np.where(inside, values, grid.unseen).astype(np.int64) - grid.unseen)
+    return np.where(inside, values, grid.unseen).astype(np.int64)
 
 
 def lie_on_a_line(points: Array) -> bool:

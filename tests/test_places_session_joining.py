@@ -26,7 +26,7 @@ from mapmyworld.places.session_joining import (
     judge_pose,
     locate_session,
 )
-from mapmyworld.places.whole_map import map_of_scans
+from mapmyworld.places.whole_map import SETTLED, map_of_scans
 from mapmyworld.places.wide_search import joined_sessions
 from mapmyworld.registration.place_evidence import Agreement, Place
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
@@ -96,6 +96,13 @@ def test_a_bare_hall_is_the_same_after_half_a_turn(path: Array) -> None:
     assert located(HALL, AND_BACK, path) is None
 
 
+def test_the_two_ends_of_a_bare_hall_may_be_one() -> None:
+    """Each drive has one end wall in sight: what both poses know are the walls along the hall."""
+    one = np.stack([np.linspace(-3.0, 3.0, 81), np.ones(81), np.zeros(81)], axis=-1)
+    opposite = one[::-1] + [0.3, 0.0, np.pi]
+    assert located(HALL, one, opposite) is None
+
+
 def test_half_a_turn_is_none_where_the_loss_was_too_short_for_it() -> None:
     """Of two poses that look alike one lies 6 m and half a turn from where the path ended."""
     nodes, _ = carried(HALL, AND_BACK, STRAIGHT)
@@ -106,6 +113,16 @@ def test_half_a_turn_is_none_where_the_loss_was_too_short_for_it() -> None:
         assert (move is not None) == is_found
         if move is not None:
             assert (miss(move, HALL, AND_BACK, STRAIGHT) < [0.1, 0.02]).all()
+
+
+def test_a_pose_that_the_loss_rules_out_hides_none_that_it_allows() -> None:
+    """Half a turn away the place fits as well, in a corner of the window but too far off."""
+    later = STRAIGHT - STRAIGHT[0] + [-2.2, -1.5, 0.0]
+    nodes, _ = carried(HALL, AND_BACK, later)
+    prior = LossPrior(nodes.poses[len(AND_BACK)], np.array([1.4, 1.4, 25.0]), 4.0)
+    move = located(HALL, AND_BACK, later, prior=prior)
+    assert move is not None
+    assert (miss(move, HALL, AND_BACK, later) < [0.1, 0.02]).all()
 
 
 def test_a_pillar_in_the_hall_leaves_one_pose() -> None:
@@ -140,6 +157,23 @@ def test_what_lies_beside_a_map_does_not_join_it() -> None:
     maps = [SessionPlaces(n, np.arange(len(n.ids)), CONFIG) for n in (one, other)]
     assert locate_session(*maps) is None
     assert locate_session(*reversed(maps)) is None
+
+
+def test_a_corner_seen_from_its_other_side_is_another_one() -> None:
+    """The corner of a block that one robot goes round, and that of a room as large."""
+    along = np.arange(0.05, 6.0, 0.05)
+    corner = np.concatenate(
+        [np.stack([along, 0.0 * along], axis=-1), np.stack([0.0 * along, along], axis=-1)]
+    )
+    inside, outside = (
+        Submap(corner, np.array([[at, at]]), np.array([0, len(corner)])) for at in (2.0, -2.0)
+    )
+    whole = map_of_scans(inside)
+    same, other = (whole.report(Place.of(s), np.zeros(3), *SETTLED) for s in (inside, outside))
+    assert same.known > 0.9
+    assert same.log_odds > 20.0
+    assert other.known < 0.1
+    assert other.log_odds == 0.0
 
 
 def test_a_relative_pose_is_as_likely_whichever_session_is_called_the_earlier() -> None:

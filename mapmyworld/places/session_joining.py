@@ -167,22 +167,22 @@ def locate_session(
 def _move_by_place(
     earlier: SessionPlaces, later: SessionPlaces, spot: int, prior: LossPrior | None
 ) -> Array | None:
-    """The later frame (3,) in the earlier one at which the place around `spot` fits best, of those
-    that the loss allows.
+    """The later frame (3,) in the earlier one at which the place around `spot` fits best, of the
+    two best ones that which the loss allows.
     """
     place, at = later.places[spot], later.nodes.poses[spot]
     if prior is None:
         pose = earlier.whole.find(place)
-    else:
-        pose = earlier.whole.find_about(place, at, *prior.window(at))
-    if pose is None:
-        return None
-    move, back = compose_planar(pose, invert_planar(at)), invert_planar(at)
-    if prior is None or prior.allows(move):
-        return move
-    other = earlier.whole.find_other(place, pose)
-    move = move if other is None else compose_planar(other, back)
-    return move if prior.allows(move) else None
+        return None if pose is None else compose_planar(pose, invert_planar(at))
+    pose = earlier.whole.find_about(place, at, *prior.window(at))
+    for _ in range(2):
+        if pose is None:
+            return None
+        move = compose_planar(pose, invert_planar(at))
+        if prior.allows(move):
+            return move
+        pose = earlier.whole.find_other(place, pose)
+    return None
 
 
 def judge_pose(

@@ -99,7 +99,7 @@ def test_a_bare_hall_is_the_same_after_half_a_turn(path: Array) -> None:
 def test_the_two_ends_of_a_bare_hall_may_be_one() -> None:
     """Each drive has one end wall in sight: what both poses know are the walls along the hall."""
     one = np.stack([np.linspace(-3.0, 3.0, 81), np.ones(81), np.zeros(81)], axis=-1)
-    opposite = one[::-1] + [0.3, 0.0, np.pi]
+    opposite = one[::-1] + np.array([0.3, 0.0, np.pi])
     assert located(HALL, one, opposite) is None
 
 
@@ -117,7 +117,7 @@ def test_half_a_turn_is_none_where_the_loss_was_too_short_for_it() -> None:
 
 def test_a_pose_that_the_loss_rules_out_hides_none_that_it_allows() -> None:
     """Half a turn away the place fits as well, in a corner of the window but too far off."""
-    later = STRAIGHT - STRAIGHT[0] + [-2.2, -1.5, 0.0]
+    later = STRAIGHT[:31] + np.array([0.8, -2.5, 0.0])
     nodes, _ = carried(HALL, AND_BACK, later)
     prior = LossPrior(nodes.poses[len(AND_BACK)], np.array([1.4, 1.4, 25.0]), 4.0)
     move = located(HALL, AND_BACK, later, prior=prior)

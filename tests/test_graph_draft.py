@@ -20,7 +20,7 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.graph.chains import solve_by_chains
 from mapmyworld.graph.draft_graph import landmark_guesses, solve_draft
 from mapmyworld.graph.solved_graph import solve
-from mapmyworld.types import ConstraintKind, Judged, Node
+from mapmyworld.types import ConstraintKind, Judged, LaserTracking, Node
 
 SIGMAS = np.array([0.01, 0.01, 0.004])
 
@@ -75,10 +75,10 @@ def test_a_draft_is_the_solution_but_for_its_linearisation() -> None:
     [((1.0, 1.0, 2.0), (0.9, 0.3, 0.4)), ((0.01, 0.01, 1.0), (0.0, 0.0, 0.6))],
     ids=["unseen motion", "unseen turn"],
 )
-def test_what_solving_moved_lies_where_the_motions_err(
+def test_what_solving_moved_lies_where_nothing_measured_the_motion(
     sigmas: tuple[float, ...], error: tuple[float, ...]
 ) -> None:
-    """A round on which one motion is as good as unknown: it takes the whole correction."""
+    """A round with one motion, after a blind one, that is as good as unknown: it is corrected."""
     angle = np.linspace(0.0, 2.0 * np.pi, 61)
     truth = np.stack([4 * np.cos(angle), 4 * np.sin(angle), angle + np.pi / 2], axis=-1)
     steps = between_planar(truth[:-1], truth[1:])
@@ -93,6 +93,7 @@ def test_what_solving_moved_lies_where_the_motions_err(
         Judged(
             k + 1, k + 2, ConstraintKind.NEIGHBOUR, planar_to_matrix(step),
             information_from_planar(np.diag(sigma**-2.0)),
+            LaserTracking("lost" if k == 44 else "matched", 0.0),
         )
         for k, (step, sigma) in enumerate(zip(steps, spread, strict=True))
     ]  # fmt: skip

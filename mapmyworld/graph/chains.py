@@ -17,13 +17,7 @@ from mapmyworld.backend.residuals import chi_squared_quantile
 from mapmyworld.config import GraphConfig
 from mapmyworld.geometry.rigid import between, se3_adjoint
 from mapmyworld.graph.constraint_system import stated_system
-from mapmyworld.graph.draft_graph import (
-    are_motions,
-    chain_shares,
-    composed_motions,
-    followed,
-    kept_nodes,
-)
+from mapmyworld.graph.draft_graph import are_motions, composed_motions, followed, kept_nodes
 from mapmyworld.graph.graph_verdicts import judged
 from mapmyworld.graph.robust import RobustSolution
 from mapmyworld.graph.solved_graph import SolvedGraph, solve
@@ -60,10 +54,9 @@ def solve_by_chains(
     composed = composed_motions(motions, set(ids[kept].tolist()))
     guess = np.stack(list(starts.values()))
     solved = solve(list(starts), guess, [*composed, *asked], planar, config)
-    shares = chain_shares(nodes, kept, motions)
-    poses = followed(nodes, kept, shares, solved.poses)
+    poses = followed(nodes, kept, solved.poses)
     if solved.poses.covariances is not None:
-        spread = _bridged(poses.map_from_node, kept, shares, solved.poses, composed)
+        spread = _bridged(poses.map_from_node, kept, solved.poses, composed)
         poses = replace(poses, covariances=spread)
     own = iter(_judged_motions(motions, ids, poses, planar, config))
     rest = iter(solved.constraints[len(composed) :])
@@ -77,15 +70,15 @@ def solve_by_chains(
 
 
 def _bridged(
-    map_from_node: Array, kept: NDArray[np.bool_], shares: Array, solved: Poses,
-    composed: Sequence[Constraint],
-) -> Array:  # fmt: skip
+    map_from_node: Array, kept: NDArray[np.bool_], solved: Poses, composed: Sequence[Constraint]
+) -> Array:
     """Covariances (N, 6, 6) of all nodes and landmarks, each in its own frame."""
     assert solved.covariances is not None
     rows, size = np.flatnonzero(kept), int(kept.sum())
     before = np.cumsum(kept) - 1
     after = np.minimum(before + 1, size - 1)
-    share = shares[:, None, None]
+    place = np.arange(len(kept)) - rows[before]
+    share = (place / np.maximum(rows[after] - rows[before], 1))[:, None, None]
     motion = np.zeros((size, 6, 6))
     row_of = {int(i): k for k, i in enumerate(solved.ids[:size])}
     for c in composed:

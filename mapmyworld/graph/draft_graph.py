@@ -67,7 +67,7 @@ def solve_draft(
     solved = solve(
         list(starts), np.stack(list(starts.values())), [*composed, *closures], planar, quick
     )
-    poses = followed(nodes, kept, chain_shares(nodes, kept, motions), solved.poses)
+    poses = followed(nodes, kept, solved.poses)
     return Draft(poses, solved.constraints[len(composed) :])
 
 
@@ -81,12 +81,14 @@ def are_motions(constraints: Sequence[Judged], known: set[int]) -> list[bool]:
 def kept_nodes(
     nodes: Sequence[Node], motions: Sequence[Constraint], closures: Sequence[Constraint]
 ) -> NDArray[np.bool_]:
-    """(N,) the first node of each session, ends of closures and of losses, and where no one motion
-    goes on.
+    """(N,) the first node of each session, ends of closures, of losses and of motions that nothing
+    measured, up to the first scan that fits again, and where no one motion goes on.
     """
     ids = np.array([node.id for node in nodes], np.int64)
     tied = [i for c in closures for i in (c.from_id, c.to_id)]
-    tied += [i for c in motions if c.interrupts_tracking for i in (c.from_id, c.to_id)]
+    unobserved = {c.to_id for c in motions if c.is_unobserved}
+    alone = [c.interrupts_tracking or c.is_unobserved or c.from_id in unobserved for c in motions]
+    tied += [i for c, own in zip(motions, alone, strict=True) if own for i in (c.from_id, c.to_id)]
     arrivals = np.array([c.to_id for c in motions], np.int64)
     departures = np.array([c.from_id for c in motions], np.int64)
     through = np.ones(len(ids), np.bool_)
@@ -144,32 +146,8 @@ def _reached(order: Sequence[Constraint], first: Index) -> Array:
     return reached
 
 
-def chain_shares(
-    nodes: Sequence[Node], kept: NDArray[np.bool_], motions: Sequence[Constraint]
-) -> Array:
-    """(N,) share of its chain's uncertainty that lies before each node, 0 where a chain begins.
-
-    A motion counts by how far off it leaves the chain's ends as seen from each other: a turn of
-    which little is known swings all that lies beyond it.
-    """
-    rows = np.searchsorted([node.id for node in nodes], [c.to_id for c in motions])
-    spread = np.linalg.inv(np.reshape([c.information for c in motions], (-1, 6, 6)))
-    turned, moved = (np.linalg.eigvalsh(spread[:, k : k + 3, k : k + 3])[:, -1] for k in (0, 3))
-    ends, passed = np.flatnonzero(kept), np.cumsum(kept)
-    after: Index = passed[rows] - kept[rows]
-    at = np.stack([node.tracked_from_base[:3, 3] for node in nodes])
-    levers = [np.sum((at[rows] - at[ends[end]]) ** 2, axis=1) for end in (after - 1, after)]
-    varies = np.bincount(rows, moved + turned * np.mean(levers, axis=0), len(nodes))
-    up_to = np.cumsum(varies)
-    begins = up_to[ends][passed - 1]
-    whole = np.append(up_to[ends], up_to[-1])[passed] - begins
-    return np.asarray((up_to - begins) / np.where(whole > 0.0, whole, 1.0))
-
-
-def followed(nodes: Sequence[Node], kept: NDArray[np.bool_], shares: Array, solved: Poses) -> Poses:
-    """All nodes: those left out take their `shares` (N,) in what solving moved those `kept` (N,)
-    before and after.
-    """
+def followed(nodes: Sequence[Node], kept: NDArray[np.bool_], solved: Poses) -> Poses:
+    """All nodes: those left out share what solving moved those `kept` (N,) before and after."""
     ids = np.array([node.id for node in nodes], np.int64)
     before = np.flatnonzero(kept)[np.cumsum(kept) - 1]
     tracked = np.stack([node.tracked_from_base for node in nodes])
@@ -180,7 +158,7 @@ def followed(nodes: Sequence[Node], kept: NDArray[np.bool_], shares: Array, solv
         kept,
     )
     held = [nodes[k] for k in np.flatnonzero(kept).tolist()]
-    poses = pose_every_frame(held, solved, moments, shares=shares)
+    poses = pose_every_frame(held, solved, moments)
     others = solved.ids < 0
     return Poses(
         np.concatenate([ids, solved.ids[others]]),

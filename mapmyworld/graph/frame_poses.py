@@ -18,13 +18,12 @@ def pose_every_frame(
     poses: Poses,
     frames: TrackedFrames,
     constraints: Iterable[Constraint] = (),
-    shares: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """`map_from_frame` (F, 4, 4): frames between two nodes share out what solving moved them.
 
-    A frame follows its node at first and the next node at last, by its place among the frames
-    between them, so that the path has no steps, or by `shares` (F,). Frames after the last node of
-    a session, or before one of the `constraints` across which tracking was lost, follow it alone.
+    A frame follows its node at first and the next node at last, in proportion to its place among
+    the frames between them, so that the path has no steps. Frames after the last node of a session,
+    or before one of the `constraints` across which tracking was lost, follow it alone.
     """
     row_of_id = {int(i): row for row, i in enumerate(poses.ids)}
     solved = np.stack([poses.map_from_node[row_of_id[node.id]] for node in nodes])
@@ -38,8 +37,7 @@ def pose_every_frame(
     lost = {c.to_id for c in constraints if c.interrupts_tracking}
     goes_on = (after > here) & (sessions[after] == sessions[here])
     goes_on &= ~np.array([node.id in lost for node in nodes])[after]
-    shares = _share_of_path(here, len(nodes)) if shares is None else shares
-    share = np.where(goes_on, shares, 0.0)
+    share = np.where(goes_on, _share_of_path(here, len(nodes)), 0.0)
     step = invert(between(tracked[:-1], tracked[1:]))
     result = np.empty((len(here), 4, 4))
     for first in range(0, len(here), _BLOCK):

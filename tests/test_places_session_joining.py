@@ -169,7 +169,7 @@ def test_a_corner_seen_from_its_other_side_is_another_one() -> None:
         Submap(corner, np.array([[at, at]]), np.array([0, len(corner)])) for at in (2.0, -2.0)
     )
     whole = map_of_scans(inside)
-    same, other = (whole.report(Place.of(s), np.zeros(3), *SETTLED) for s in (inside, outside))
+    same, other = (whole.report(Place.of(s), np.zeros(3), *SETTLED)[1] for s in (inside, outside))
     assert same.known > 0.9
     assert same.log_odds > 20.0
     assert other.known < 0.1
@@ -188,6 +188,22 @@ def test_a_relative_pose_is_as_likely_whichever_session_is_called_the_earlier() 
     again = judge_pose(other, one, invert_planar(move), nodes.poses[same])
     assert again.log_odds == pytest.approx(there.log_odds, rel=0.05)
     assert set(again.later) == set(there.earlier)
+
+
+def test_a_pose_is_another_one_where_places_lie_elsewhere() -> None:
+    """A little apart, both are moved to the same poses by what the sessions may have drifted."""
+    nodes, _ = carried(WALLS, AND_BACK, STRAIGHT)
+    one, other = (SessionPlaces(nodes, np.flatnonzero(nodes.session == k), CONFIG) for k in (0, 1))
+    about = nodes.poses[other.sought[0]]
+    move = locate_session(one, other)
+    assert move is not None
+    best, beside, behind = (
+        judge_pose(one, other, compose_planar(move, off), about)
+        for off in ([0.0, 0.0, 0.0], [0.05, 0.1, 0.01], [1.5, 0.0, 0.0])
+    )
+    assert best.is_same(beside)
+    assert best.refutes(behind) > 20.0
+    assert not best.is_same(behind)
 
 
 def test_odds_weigh_a_miss_more_than_a_hit() -> None:

@@ -88,6 +88,10 @@ class Hypothesis:
     """Node -> what the place there and the earlier session's map report of each other."""
     earlier: dict[int, Agreement]
     """The same of the earlier session's places in the later one's map."""
+    poses: dict[int, Array]
+    """Node -> the pose (3,) in the earlier session's map at which its place in the later one fits
+    best, within what both drifted.
+    """
 
     @property
     def log_odds(self) -> float:
@@ -96,6 +100,11 @@ class Hypothesis:
         Both sessions report of what they share, so that each counts half.
         """
         return 0.5 * (_log_odds(self.later.values()) + _log_odds(self.earlier.values()))
+
+    def is_same(self, other: Hypothesis) -> bool:
+        """Whether places that speak for both relative poses lie at one pose, whichever is taken."""
+        speak = [k for k in self.later if min(self.later[k].log_odds, other.later[k].log_odds) > 0]
+        return bool(speak) and all(_are_one(self.poses[k], other.poses[k]) for k in speak)
 
     def refutes(self, other: Hypothesis) -> float:
         """Points by which all places contradict another pose more than this one."""
@@ -158,7 +167,7 @@ def locate_session(
         return None
     possible = needed - NATS * MARGIN
     for other in chain(tried, _elsewhere(earlier, later, best, prior)):
-        if other is not best and other.log_odds > possible and best.refutes(other) < MARGIN:
+        if other.log_odds > possible and not best.is_same(other) and best.refutes(other) < MARGIN:
             decided("join", f"session as well at {other.move.round(2)}")
             return None
     return best.move
@@ -193,15 +202,19 @@ def judge_pose(
     Every place may be off by what the sessions drifted since the one that was found.
     """
     there, back = compose_planar(move, about), invert_planar(move)
+    found = _reports(earlier, later, move, about)
     return Hypothesis(
-        move, _reports(earlier, later, move, about), _reports(later, earlier, back, there)
+        move,
+        {k: agreement for k, (_, agreement) in found.items()},
+        {k: agreement for k, (_, agreement) in _reports(later, earlier, back, there).items()},
+        {k: pose for k, (pose, _) in found.items()},
     )
 
 
 def _reports(
     known: SessionPlaces, other: SessionPlaces, move: Array, about: Array
-) -> dict[int, Agreement]:
-    """Of each place of a session in a map, `about` (3,) being a pose where both agree."""
+) -> dict[int, tuple[Array, Agreement]]:
+    """Pose (3,) and report of each place of a session in a map, which agree at `about` (3,)."""
     reports = {}
     for k, place in other.places.items():
         window = _window(other.nodes.poses[k] - about, other.config)
@@ -248,7 +261,11 @@ def _other_moves(
 
 def _is_same(move: Array, other: Array, at: Array) -> bool:
     """Whether two relative poses bring a pose of the later session to the same place."""
-    apart = between_planar(compose_planar(move, at), compose_planar(other, at))
+    return _are_one(compose_planar(move, at), compose_planar(other, at))
+
+
+def _are_one(pose: Array, other: Array) -> bool:
+    apart = between_planar(pose, other)
     return bool(np.hypot(*apart[:2]) < ANOTHER[0] and abs(apart[2]) < ANOTHER[1])
 
 

@@ -97,11 +97,15 @@ class WholeMap:
             return False
         return True if there.beyond(here) >= MARGIN else None
 
-    def report(self, place: Place, pose: Array, distance: float, angle: float) -> Agreement:
-        """What agrees at the best pose in a window about one (3,), seen from the same side."""
+    def report(
+        self, place: Place, pose: Array, distance: float, angle: float
+    ) -> tuple[Array, Agreement]:
+        """The best pose (3,) in a window about one (3,), and what agrees there, seen from the same
+        side.
+        """
         pose, found = self.best_about(place, pose, distance, angle)
         same = seen_from_one_side(found.points, place.grid, self.grid, pose)
-        return replace(found, forth=np.where((found.forth > 0) & ~same, 0, found.forth))
+        return pose, replace(found, forth=np.where((found.forth > 0) & ~same, 0, found.forth))
 
     def best_about(
         self, place: Place, pose: Array, distance: float, angle: float

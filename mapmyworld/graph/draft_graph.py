@@ -86,8 +86,8 @@ def kept_nodes(
     """
     ids = np.array([node.id for node in nodes], np.int64)
     tied = [i for c in closures for i in (c.from_id, c.to_id)]
-    unobserved = {c.to_id for c in motions if c.is_unobserved}
-    alone = [c.interrupts_tracking or c.is_unobserved or c.from_id in unobserved for c in motions]
+    blind = {c.to_id for c in motions if c.is_unobserved and not c.is_tracking_loss}
+    alone = [c.interrupts_tracking or bool({c.from_id, c.to_id} & blind) for c in motions]
     tied += [i for c, own in zip(motions, alone, strict=True) if own for i in (c.from_id, c.to_id)]
     arrivals = np.array([c.to_id for c in motions], np.int64)
     departures = np.array([c.from_id for c in motions], np.int64)

@@ -306,7 +306,9 @@ def _best_elsewhere(window: Window, pose: Array, least: float) -> Array:
 
 
 def scored_points(points: Array, spacing: float) -> Array:
-    """Points one to a cell, so that what was seen twice does not count twice; `POINTS` at most."""
+    """Of points (N, 2) one to a cell, so that what was seen twice counts once, (P, 2); `POINTS` at
+    most.
+    """
     apart = spread_points(points, spacing)
     few = np.linspace(0, len(apart) - 1, min(POINTS, len(apart))).astype(np.int64)
     return np.ascontiguousarray(apart[few], np.float64)

@@ -273,7 +273,7 @@ class LaserTracker:
         if recorded is not None:
             found = innovation(predicted, match.pose, match.information, variances)
             if is_new or verdict != "matched":
-                learn(self._wheels, found, variances, self._odometry.relative_noise)
+                learn(self._wheels, found, variances, self._odometry.relative_noise, weak)
                 anchor(self._wheels, match.pose)
             self._faults.steps += 1
             if found[6] > self._odometry.contradiction**2:

@@ -13,7 +13,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import evenly_along, invert, transform_points
 from mapmyworld.kernels.surfaces import compare_with_depth, surface_normals
 from mapmyworld.mapping.voxel_map import VoxelMap
-from mapmyworld.parallel import done_behind, in_threads
+from mapmyworld.parallel import in_threads
 from mapmyworld.registration.camera_model import bending, depth_grid_points, grid_rays
 from mapmyworld.registration.image_levels import colours_at
 from mapmyworld.types import NodeData, PointCloud, RgbdImage
@@ -45,9 +45,8 @@ def build_cloud(items: Iterable[Posed], config: Config) -> PointCloud:
         voxels.add(view.points[kept], view.colours[kept], view.normals[kept])
 
     views = in_threads(lambda make: make(), _views(items, config), config.threads)
-    with done_behind(add, 1) as hand_over:  # while the next nodes are read
-        for seen in _with_neighbours(views):
-            hand_over(seen)
+    for _ in in_threads(add, _with_neighbours(views), 1, 2):
+        pass  # one thread adds up while the next nodes are read
     return voxels.to_cloud(settings.cloud_views, _AROUND)
 
 

@@ -99,9 +99,9 @@ def _without_motion(
 
 
 def moved_between_knots(points: Array, places: Array, moved: Array) -> Array:
-    """Points (N, 3) moved by the motion (K, 4, 4) at places (N,), counted in knots, along it.
+    """Points (N, 3) moved by the motion at their places (N,), counted in knots, (N, 3).
 
-    Between two knots they move in straight lines.
+    `moved` (K, 4, 4) is the motion at the knots; between two they move in straight lines.
     """
     places = np.clip(places, 0.0, len(moved) - 1)
     lower = np.minimum(places.astype(np.int64), len(moved) - 2)

@@ -106,7 +106,6 @@ def test_admin_and_info_have_one_row_each(written: decode.Decoder) -> None:
     assert info["parameters"]
     parameters = written.parameters()
     assert parameters["RGBD/CreateOccupancyGrid"] == "true"
-    assert float(parameters["Grid/CellSize"]) == 0.05
     nodes = written.rows("Node")
     assert all(row["time_enter"] >= info["time_enter"] for row in [*nodes, *written.rows("Word")])
     assert nodes[0]["time_enter"] == "2011-05-10 12:40:29"  # the log's start, in UTC
@@ -170,25 +169,6 @@ def test_scans_lie_in_the_lidars_frame(written: decode.Decoder) -> None:
         lifted = np.column_stack([points[0], np.zeros(len(points[0])), np.ones(len(points[0]))])
         in_base = lifted @ info["mount"].T
         np.testing.assert_allclose(in_base[:, :2], original.points, atol=2e-6)
-
-
-def test_local_cells_are_one_row_of_centres(written: decode.Decoder) -> None:
-    row = written.rows("Data")[0]
-    assert row["cell_size"] == 0.05
-    assert row["ground_cells"] is None
-    origin = scan(1).origin
-    np.testing.assert_allclose([row["view_point_x"], row["view_point_y"]], origin[:2])
-    empty, obstacle = decode.matrix(row["empty_cells"]), decode.matrix(row["obstacle_cells"])
-    for cells in (empty, obstacle):
-        assert cells.dtype == np.float32
-        assert cells.shape[0] == 1
-        assert cells.shape[2] == 2
-    returns = scan(1).points
-    near = returns[np.linalg.norm(returns - origin[:2], axis=1) < 4.9]
-    gaps = np.abs(near[:, None] - obstacle[0][None]).max(axis=2).min(axis=1)
-    assert gaps.max() <= 0.051  # every return within reach lies in an occupied cell, or next to it
-    assert not {tuple(c) for c in empty[0].tolist()} & {tuple(c) for c in obstacle[0].tolist()}
-    assert np.linalg.norm(empty[0] - origin[:2], axis=1).max() < 5.1
 
 
 def test_accepted_constraints_are_links_both_ways(written: decode.Decoder) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -33,8 +32,6 @@ class NodeTables(Transactions):
         self._options = options
         self._nodes: tuple[Node, ...] | None = None
         self._previous: dict[int, Node] = {}
-        self._last_with_cells: Node | None = None
-        self._arrivals: list[float] = []
         self._restore_session()
 
     def add_node(self, node: Node, data: NodeData) -> None:
@@ -47,9 +44,7 @@ class NodeTables(Transactions):
         before = self._previous.get(node.session)
         self._db.run(rows.INSERT_NODE, rows.node_row(node, before))
         self._db.run(rows.INSERT_OWN, rows.own_row(node, data))
-        with_cells = rows.wants_cells(node, self._last_with_cells, self._options)
-        self._last_with_cells = node if with_cells else self._last_with_cells
-        row = data_rows.data_row(node.id, data, self._options, with_cells=with_cells)
+        row = data_rows.data_row(node.id, data, self._options)
         if row is not None:
             self._db.run(data_rows.INSERT_DATA, row)
         if data.features is not None:
@@ -116,8 +111,6 @@ class NodeTables(Transactions):
         last = "(SELECT MAX(id) FROM mapmyworld_nodes GROUP BY session)"
         found = self._db.rows(f"{rows.SELECT_OWN} WHERE own.id IN {last}")
         self._previous = {row[1]: rows.node_from_own_row(row) for row in found}
-        self._last_with_cells = None
-        self._arrivals = [time.perf_counter()]
         first = self._db.row("SELECT id, stamp_ns FROM mapmyworld_nodes ORDER BY id LIMIT 1")
         if first is not None:
             if not isinstance(first[1], int):

@@ -379,24 +379,6 @@ def test_3d_and_planar_scan_of_one_node_are_both_kept(tmp_path: Path) -> None:
     np.testing.assert_array_equal(kept.cloud, cloud)
 
 
-def test_statistics_indicate_what_each_node_showed(written: decode.Decoder) -> None:
-    rows = written.rows("Statistics")
-    assert [row["id"] for row in rows] == [1, 2, 3]
-    reported = []
-    for row in rows:
-        pairs = [part.rsplit(":", 1) for part in decode.text(row["data"]).rstrip(";").split(";")]
-        reported.append({name: float(value) for name, value in pairs})
-        assert row["wm_state"] is None
-    assert reported[0]["Loop/Accepted_hypothesis_id/"] == 0
-    assert reported[2]["Loop/Accepted_hypothesis_id/"] == 1  # 1 to 3, found at the later of the two
-    assert reported[2]["Loop/RejectedHypothesis/"] == 0
-    assert reported[2]["Proximity/Space_last_detection_id/"] == 1
-    assert reported[2]["Keypoint/Dictionary_size/words"] == 20
-    walked = np.linalg.norm((np.linalg.inv(pose(1001)) @ pose(1002))[:3, 3])
-    assert reported[1]["Memory/Distance_travelled/m"] == pytest.approx(walked, rel=1e-5)
-    assert reported[1]["Loop/MapToBase_x/m"] == pytest.approx(pose(202)[0, 3], rel=1e-5)
-
-
 def test_parameters_indicate_of_the_sensors(written: decode.Decoder, tmp_path: Path) -> None:
     """Odometry of the sample leaves the plane and has a laser; this one does neither."""
     reported = written.parameters()

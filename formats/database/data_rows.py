@@ -99,7 +99,7 @@ def _side_by_side(images: list[NDArray[np.generic] | None], what: str) -> NDArra
 def node_data(row: Row, own: Row | None, stamp_ns: int, what: str) -> NodeData:
     """The data of a row of `SELECT_DATA`.
 
-    `own`: scan_rest, image_stamps, cloud and the depth count of our own table, None in a file
+    `own`: scan_rest, image_stamps and cloud of our own table, None in a file
     of RTAB-Map's.
 
     Raises `MapError` where they are damaged; `what` names the node.

@@ -18,10 +18,7 @@ from mapmyworld.types import Features, Node, NodeData, Scan, TrackedFrames
 from mapmyworld.types.frames import nodes_as_frames
 
 # The stage that first wrote features keeps them: a later one only adds words.
-_INSERT_COUNT = (
-    "INSERT INTO mapmyworld_features VALUES (?,?,?)"
-    " ON CONFLICT (node_id) DO UPDATE SET count = excluded.count"
-)
+_INSERT_STAGE = "INSERT OR IGNORE INTO mapmyworld_features VALUES (?,?)"
 
 
 class NodeTables(Transactions):
@@ -83,7 +80,7 @@ class NodeTables(Transactions):
         self._commit()
 
     def _write_features(self, node_id: int, features: Features) -> None:
-        self._db.run(_INSERT_COUNT, (node_id, self._current_rank(), len(features.pixels)))
+        self._db.run(_INSERT_STAGE, (node_id, self._current_rank()))
         written = feature_rows.feature_rows(node_id, features)
         self._db.run_many(feature_rows.INSERT_FEATURE, written)
 

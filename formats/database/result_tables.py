@@ -18,15 +18,12 @@ from mapmyworld.types import Mesh, OccupancyGrid, PointCloud, Poses
 class ResultTables(Transactions):
     """In double precision in our own tables, and in RTAB-Map's."""
 
-    _solved_anew: bool
-
     def set_poses(self, poses: Poses) -> None:
         self._begin()
         self._write("poses ids", poses.ids)
         self._write("poses map_from_node", poses.map_from_node)
         self._write("poses covariances", poses.covariances)
         results.write_poses(self._db, poses)
-        self._solved_anew = True
         self._commit()
 
     def poses(self) -> Poses | None:

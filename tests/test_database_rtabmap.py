@@ -33,7 +33,7 @@ from database_samples import (
 from formats.database import open_store
 from formats.database.connection import APPLICATION_ID
 from formats.database.image_blobs import encode_picture
-from mapmyworld.types import ConstraintKind, Mesh, NodeData, PointCloud, RgbdImage
+from mapmyworld.types import ConstraintKind, NodeData, RgbdImage
 
 # RTAB-Map's order of a tangent (translation first) in ours (rotation first).
 SWAP = [3, 4, 5, 0, 1, 2]
@@ -231,7 +231,6 @@ def test_solved_poses_and_grid_are_those_of_the_map(written: decode.Decoder) -> 
     np.testing.assert_array_equal(cells[:, :, 0], grid().trinary())
     corner = (admin["opt_map_x_min"], admin["opt_map_y_min"], admin["opt_map_resolution"])
     assert corner == (-1.25, 3.5, 0.05)
-    assert decode.picture(admin["preview_image"]).shape == (30, 20)
 
 
 def test_no_label_is_empty_and_sessions_start_with_one(tmp_path: Path) -> None:
@@ -398,27 +397,4 @@ def test_parameters_indicate_of_the_sensors(written: decode.Decoder, tmp_path: P
     assert reported["Rtabmap/ImagesAlreadyRectified"] == "false"
     assert reported["Kp/MaxFeatures"] == "600"
     assert reported["Odd/Value"] == "a b.c:d"
-    decoder.close()
-
-
-def test_cloud_and_mesh_in_the_map(tmp_path: Path) -> None:
-    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
-    colours = np.array([[255, 2, 3], [4, 5, 6], [7, 8, 9], [10, 11, 12]], np.uint8)
-    triangles = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
-    with open_store(tmp_path / "map.db", create=True) as store:
-        store.set_mesh(Mesh(points, triangles, colours))
-    decoder = decode.Decoder(tmp_path / "map.db")
-    admin = decoder.only("Admin")
-    cloud = decode.matrix(admin["opt_cloud"])
-    assert cloud.shape == (1, 4, 4)
-    np.testing.assert_array_equal(cloud[0, :, :3], points)
-    bits = np.ascontiguousarray(cloud[0, :, 3]).view("<u4")
-    assert [f"{value:06x}" for value in bits] == ["ff0203", "040506", "070809", "0a0b0c"]
-    assert admin["opt_polygons_size"] == 3
-    assert decode.matrix(admin["opt_polygons"]).ravel().tolist() == [2, 0, 1, 2, 0, 2, 3]
-    decoder.close()
-    with open_store(tmp_path / "map.db") as store:
-        store.set_cloud(PointCloud(points))
-    decoder = decode.Decoder(tmp_path / "map.db")
-    assert decode.matrix(decoder.only("Admin")["opt_cloud"]).shape == (1, 4, 3)
     decoder.close()

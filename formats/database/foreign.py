@@ -14,7 +14,6 @@ from formats.database.blobs import blob_to_matrix, blob_to_pose
 from formats.database.connection import Connection
 from formats.database.environment_rows import blob_to_gps, blob_to_readings, nanoseconds
 from formats.database.opened import Opened
-from formats.database.results import text_to_parameters
 from mapmyworld.errors import MapError
 from mapmyworld.types import (
     Judged,
@@ -74,7 +73,7 @@ class RtabmapStore(Opened):
 
     write_stage = extend_stage = put = add_node = add_scan = set_tracked_frames = _refuse
     add_constraints = judge = set_features = set_words = set_poses = set_frame_poses = _refuse
-    set_grid = set_parameters = set_cloud = set_mesh = _refuse
+    set_grid = set_parameters = _refuse
 
     # What only our own builds keep
 
@@ -196,8 +195,3 @@ class RtabmapStore(Opened):
         for value, figure in _LOG_ODDS.items():
             log_odds[cells == value] = figure
         return OccupancyGrid(log_odds, float(row[3]), np.array(row[1:3], np.float64))
-
-    def parameters(self) -> dict[str, str]:
-        """How RTAB-Map was set, by its own names."""
-        newest = self._db.row("SELECT parameters FROM Info ORDER BY time_enter DESC LIMIT 1")
-        return text_to_parameters(newest[0]) if newest else {}

@@ -45,9 +45,7 @@ def clear_from(db: Connection, rank: int) -> bool:
         db.run("UPDATE Admin SET opt_ids = NULL, opt_poses = NULL, opt_last_localization = NULL")
     db.run(
         "UPDATE Admin SET opt_map = NULL, opt_map_x_min = NULL, opt_map_y_min = NULL,"
-        " opt_map_resolution = NULL, preview_image = NULL, opt_cloud = NULL,"
-        " opt_polygons_size = NULL, opt_polygons = NULL, opt_tex_coords = NULL,"
-        " opt_tex_materials = NULL"
+        " opt_map_resolution = NULL"
     )
     return bool(judged[0])
 

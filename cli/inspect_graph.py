@@ -101,11 +101,9 @@ def graph(
 
 
 def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:
-    """Both images with their matches, and below them the words that they have in common."""
-    import numpy as np
-
+    """Both images with their matches."""
     from formats.database import open_store
-    from formats.report.match_picture import match_picture, words_picture
+    from formats.report.match_picture import match_picture
     from formats.report.picture_file import write_picture
     from mapmyworld.config import Config
     from mapmyworld.places.node_pairs import compare_nodes
@@ -122,10 +120,7 @@ def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:
         matches.agreed,
         reason,
     )
-    words, count = words_picture(
-        found.picture_a, found.features_a, found.picture_b, found.features_b
-    )
-    write_picture(path, np.vstack([picture, words]) if count else picture)
+    write_picture(path, picture)
     verdict = "fits" if registration.converged else "does not fit"
     click.echo(f"{pair[0]} and {pair[1]}: {verdict}: {reason}")
     note(f"drew {path}")

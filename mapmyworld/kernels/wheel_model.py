@@ -78,8 +78,9 @@ def learn(wheels: Array, found: Array, variances: Array, share: float, is_open: 
         return
     moved = np.array([wheels[11], 0.0, wheels[12]])
     stated = motion_variances(moved, share, 0.0, np.ones(2))
-    _learn_noise(wheels, 0, 0.5 * (found[0] * found[0] + found[1] * found[1]) / stated[0])
-    _learn_noise(wheels, 1, found[2] * found[2] / stated[2])
+    weight = min(1.0, _OUTLIER / max(found[6], 1e-9))  # a fault: as the largest that is none
+    _learn_noise(wheels, 0, 0.5 * (found[0] * found[0] + found[1] * found[1]) / stated[0] * weight)
+    _learn_noise(wheels, 1, found[2] * found[2] / stated[2] * weight)
     if found[6] < _OUTLIER:
         if not is_open:
             _learn_systematic(wheels, 0, found, variances, 0, wheels[13])

@@ -172,8 +172,8 @@ def graph_facts(
     were stated, as verdicts have them.
     """
     from mapmyworld.graph import audit
-    from mapmyworld.graph.variance import calibrated, normalised_residuals
-    from mapmyworld.map_figures import components_of
+    from mapmyworld.graph.variance import normalised_residuals
+    from mapmyworld.map_figures import calibrated, components_of
 
     residuals = audit.residuals_against(constraints, poses, planar)
     known = [m for m in residuals if m is not None]

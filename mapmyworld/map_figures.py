@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry.planar import covariance_from_planar
 from mapmyworld.graph.audit import connected_components_of, counts_of
-from mapmyworld.graph.variance import calibrated
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged, MapStore, Node, Poses
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
@@ -68,6 +67,14 @@ def divides_of(store: MapStore) -> frozenset[int]:
 def calibrated_constraints(store: MapStore) -> tuple[Judged, ...]:
     """The constraints of a map, with the covariances that its solution found them to have."""
     return calibrated(store.constraints(), variance_factors_of(store))
+
+
+def calibrated(constraints: Sequence[Judged], factors: Mapping[str, float]) -> tuple[Judged, ...]:
+    """The constraints with covariances scaled by their kinds' factors, 1 of those left out."""
+    return tuple(
+        replace(c, information=c.information / factors[c.kind]) if c.kind in factors else c
+        for c in constraints
+    )
 
 
 def variance_factors_of(store: MapStore) -> dict[str, float]:

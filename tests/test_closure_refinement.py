@@ -107,3 +107,14 @@ def test_a_closure_that_nothing_measures_from_the_final_poses_is_rejected() -> N
     (judged,) = refine_closures([true], Poses(poses.ids, matrices, None), CONFIG, scans)
     assert not judged.accepted
     assert "contradicts the refined poses by 9.00 m" in reason_of(judged)
+
+
+def test_a_closure_that_misses_the_final_poses_again_is_rejected() -> None:
+    """Both visits' scans lie 0.2 m apart where the solution has them: what they measure stays off."""
+    scans, poses = visits(0.0)
+    matrices = poses.map_from_node.copy()
+    matrices[B - 10 :] = planar_to_matrix(np.array([0.2, 0.0, 0.0])) @ matrices[B - 10 :]
+    true = closure(np.zeros(3), ConstraintKind.LOOP_CLOSURE, ScanMatch(score=0.8))
+    (judged,) = refine_closures([true], Poses(poses.ids, matrices, None), CONFIG, scans)
+    assert not judged.accepted
+    assert "contradicts the refined poses by 0.20 m" in reason_of(judged)

@@ -16,8 +16,13 @@ from mapmyworld.geometry.rigid import between, se3_exp, se3_log
 from mapmyworld.graph.canonical_graph import graph_from_constraints
 from mapmyworld.graph.covariance import relative_pose
 from mapmyworld.graph.solved_graph import solve
-from mapmyworld.graph.variance import calibrated, normalised_residuals, variance_factors
-from mapmyworld.map_figures import calibrated_constraints, scan_noise_of, variance_factors_of
+from mapmyworld.graph.variance import normalised_residuals, variance_factors
+from mapmyworld.map_figures import (
+    calibrated,
+    calibrated_constraints,
+    scan_noise_of,
+    variance_factors_of,
+)
 from mapmyworld.memory_log import MemoryLog
 from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import build_map

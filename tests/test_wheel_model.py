@@ -18,7 +18,7 @@ def _seen(wheels: NDArray[np.float64], rotation: float) -> None:
     anchor(wheels, np.zeros(3))
     reckon(wheels, np.array([STEP[0], 0.0, rotation]))
     variances = reckoned_variances(wheels, SHARE, FLOOR)
-    learn(wheels, innovation(wheels[8:11], STEP, SEEN, variances), variances, SHARE)
+    learn(wheels, innovation(wheels[8:11], STEP, SEEN, variances), variances, SHARE, False)
 
 
 def test_wheels_that_slip_teach_no_more_than_the_largest_error() -> None:

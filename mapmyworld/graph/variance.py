@@ -13,7 +13,7 @@ their redundancy.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import count
 
@@ -28,8 +28,6 @@ from mapmyworld.graph.constraint_system import StatedSystem, stated_system
 from mapmyworld.graph.draft_graph import are_motions, composed_motions, kept_nodes
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged, Node, Poses
 
-Factors = Mapping[str, float]
-"""Kind -> the variance of its constraints over the stated one; 1 of kinds left out."""
 _SCALED = frozenset({ConstraintKind.NEIGHBOUR}) | CLOSURES  # what a person stated holds as stated
 _LEAST = 3.0  # redundancy of a component, below which its residuals indicate nothing
 _SETTLED = 0.1  # relative change of factors from which another estimate is not worth its time
@@ -78,14 +76,6 @@ def _next(factor: float, chi2: float, redundancy: float) -> float:
     """
     found = factor * chi2 / redundancy if redundancy > 0.0 else 1.0
     return float(max(found, _ROUNDING) ** (redundancy / (redundancy + 1.0)))
-
-
-def calibrated(constraints: Sequence[Judged], factors: Factors) -> tuple[Judged, ...]:
-    """The constraints with covariances that are scaled by the factors of their kinds."""
-    return tuple(
-        replace(c, information=c.information / factors[c.kind]) if c.kind in factors else c
-        for c in constraints
-    )
 
 
 def _between_ends(

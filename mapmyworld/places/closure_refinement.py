@@ -37,7 +37,7 @@ from mapmyworld.types import (
     Why,
 )
 
-_METRES, _RADIANS = 0.4, np.radians(3.0)  # by which no true closure misses the final poses
+_METRES, _RADIANS = 0.1, np.radians(0.75)  # by which no true closure misses the final poses
 
 
 def refine_closures(
@@ -45,14 +45,13 @@ def refine_closures(
 ) -> tuple[Judged, ...]:
     """The constraints; accepted laser closures that miss the refined poses are measured anew.
 
-    The new measurements stand behind all others. What misses the poses still is rejected. Half of
-    what makes a closure false is a miss.
+    The new measurements stand behind all others. What misses the poses still is rejected.
     """
     nodes = nodes_at(loaded, poses)
     row = {int(i): k for k, i in enumerate(nodes.ids)}
     result, anew = list(constraints), []
     for k, c in enumerate(constraints):
-        if _is_by_laser(c) and not _fits(c, nodes, row, 0.25):
+        if _is_by_laser(c) and not _fits(c, nodes, row):
             verdict, measured = _reviewed(c, nodes, row, config)
             result[k] = c.judged(verdict)
             anew += measured
@@ -65,9 +64,9 @@ def _is_by_laser(constraint: Judged) -> bool:
     return constraint.accepted and constraint.kind in CLOSURES and by_laser
 
 
-def _fits(c: Constraint, nodes: LaserNodes, row: dict[int, int], share: float) -> bool:
+def _fits(c: Constraint, nodes: LaserNodes, row: dict[int, int]) -> bool:
     miss = _miss(matrix_to_planar(c.i_from_j), nodes, row[c.from_id], row[c.to_id])
-    return bool(np.hypot(*miss[:2]) <= share * _METRES and abs(miss[2]) <= share * _RADIANS)
+    return bool(np.hypot(*miss[:2]) <= _METRES and abs(miss[2]) <= _RADIANS)
 
 
 def _miss(measured: NDArray[np.float64], nodes: LaserNodes, a: int, b: int) -> NDArray[np.float64]:
@@ -97,7 +96,7 @@ def _reviewed(
         source=replace(c.source, overlap=overlap, residual=residual),
         verdicts=(Verdict(Judge.ALIGNMENT, True, Why.MEASURED_ANEW, numbers),),
     )
-    if not _fits(anew, nodes, row, 1.0):
+    if not _fits(anew, nodes, row):
         return _refusal(c, nodes, a, b), []
     return Verdict(Judge.ALIGNMENT, False, Why.MEASURED_ANEW, numbers), [anew]
 

@@ -110,7 +110,7 @@ def test_a_closure_that_nothing_measures_from_the_final_poses_is_rejected() -> N
 
 
 def test_a_closure_that_misses_the_final_poses_again_is_rejected() -> None:
-    """Both visits' scans lie 0.2 m apart where the solution has them: what they measure stays off."""
+    """Where the solution has both visits 0.2 m apart, what their scans measure stays off."""
     scans, poses = visits(0.0)
     matrices = poses.map_from_node.copy()
     matrices[B - 10 :] = planar_to_matrix(np.array([0.2, 0.0, 0.0])) @ matrices[B - 10 :]

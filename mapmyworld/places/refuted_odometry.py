@@ -7,8 +7,9 @@ shows it is that the place afterwards lies in what was seen before, but at anoth
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,6 @@ from mapmyworld.registration.scan_search import (
     APART,
     MARGIN,
     NATS,
-    evidence_elsewhere,
     search_about,
 )
 from mapmyworld.types import (
@@ -79,10 +79,14 @@ class Refuted:
 
 
 def refuted_odometry(
-    nodes: LaserNodes, constraints: Sequence[Judged], config: Config
+    nodes: LaserNodes, constraints: Sequence[Judged], unobserved: Collection[int], config: Config
 ) -> list[Judged]:
-    """The constraints; a refuted motion gives way to one by scans, or to a tracking loss."""
-    sections = list(_sections(nodes, constraints, config.places.laser_spacing))
+    """The constraints; a refuted motion gives way to one by scans, or to a tracking loss.
+
+    `unobserved`: nodes to which the motion goes that the scans did not observe.
+    """
+    unseen = [c for c in constraints if _is_motion(c) and c.to_id in unobserved]
+    sections = list(_sections(nodes, unseen, config.places.laser_spacing))
     poses, start, anew = nodes.poses.copy(), 0, list[Judged]()
     refuted: dict[int, Verdict] = {}
     ends = [*(section.first for section in sections[1:]), len(nodes.ids) - 1]
@@ -110,25 +114,16 @@ def refuted_odometry(
     return [*judged, *anew]
 
 
-def is_unmatched(c: Judged) -> bool:
-    """Whether scans fitted nothing on the way, so that odometry alone reports the motion."""
-    return (
-        _is_motion(c) and isinstance(c.source, LaserTracking) and c.source.state == "odometry only"
-    )
-
-
 def _is_motion(c: Judged) -> bool:
     return c.kind is ConstraintKind.NEIGHBOUR
 
 
-def _sections(
-    nodes: LaserNodes, constraints: Sequence[Judged], spacing: float
-) -> Iterator[Section]:
+def _sections(nodes: LaserNodes, motions: Sequence[Judged], spacing: float) -> Iterator[Section]:
     """Those less than `spacing` metres of path apart, which show no more than one, are one."""
     row = {int(i): k for k, i in enumerate(nodes.ids)}
     section: Section | None = None
-    for c in constraints:
-        if not (is_unmatched(c) and {c.from_id, c.to_id} <= row.keys()):
+    for c in motions:
+        if not {c.from_id, c.to_id} <= row.keys():
             continue
         first, last = row[c.from_id], row[c.to_id]
         if section and nodes.path[first] - nodes.path[section.last] > spacing:
@@ -160,7 +155,7 @@ def _refutation(
     numbers = {"metres": float(np.hypot(*apart[:2])), "degrees": float(np.degrees(abs(apart[2])))}
     numbers |= {"log_odds": best.log_odds, "limit": expected}
     verdict = Verdict(Judge.LASER, False, Why.REFUTED, numbers)
-    if any(best.log_odds_over(other) < NATS * MARGIN for other in tried[1:]):
+    if any(best.log_odds_over(o) < NATS * MARGIN for o in tried if best.is_another(o)):
         return Refuted(verdict)
     match = match_members(nodes, (a, before), (b, after), best.pose, config)
     slipped = between_planar(best.pose, match.pose)
@@ -201,27 +196,33 @@ class _Candidate:
         """Nats for this pose, and against a place never seen."""
         return self.agreement.log_odds + self.prior
 
+    def is_another(self, other: _Candidate) -> bool:
+        """Whether both are poses of their own."""
+        apart = between_planar(self.pose, other.pose)
+        return bool(np.hypot(*apart[:2]) >= APART[0] or abs(apart[2]) >= APART[1])
+
     def log_odds_over(self, other: _Candidate) -> float:
         """Nats for this pose, and against another one."""
         return NATS * self.agreement.beyond(other.agreement) + self.prior - other.prior
 
 
 def _candidates(known: WholeMap, place: Place, odometry: Array) -> list[_Candidate]:
-    """Where the place may lie, about where odometry has it: the likeliest and another."""
-    least = FORTH * needed_evidence(*_WINDOW)
-    points, grid = place.submap.points, known.grid
-    pose = search_about(points, grid, odometry, *_WINDOW, least)
-    if pose is None:
-        return []
-    other = evidence_elsewhere(points, grid, pose, *_WINDOW, least)
+    """Where the place may lie, about where odometry has it, the likeliest first.
+
+    A search counts what agrees, and most of that lies where the place is wholly inside of what is
+    known: one for each part of the window, so that what is known less of has its candidate as well.
+    """
+    distance, angle = _WINDOW
+    least = FORTH * needed_evidence(distance, angle)
     tried = []
-    for one in (pose, other):
-        if one is not None:
-            apart = between_planar(odometry, one) / _SIZE
-            tried.append(_Candidate(one, known.judge(place, one), -0.5 * float(apart @ apart)))
-    if len(tried) > 1 and tried[0].log_odds_over(tried[1]) < 0.0:
-        tried.reverse()
-    return tried
+    for offset in product((-2.0 / 3.0, 0.0, 2.0 / 3.0), repeat=2):
+        guess = odometry + distance * np.array([*offset, 0.0])
+        pose = search_about(place.submap.points, known.grid, guess, distance / 3.0, angle, least)
+        if pose is not None:
+            apart = between_planar(odometry, pose) / _SIZE
+            agreement = known.judge(place, pose)
+            tried.append(_Candidate(pose, agreement, -0.5 * float(apart @ apart)))
+    return sorted(tried, key=lambda one: -one.log_odds)
 
 
 def _relocalised(c: Judged, match: Match, onward: Array) -> Judged:

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from mapmyworld.config import Config
 from mapmyworld.odometry.tracking_losses import named_moments
-from mapmyworld.odometry.unobserved_motion import GOES_ON
 from mapmyworld.parallel import on_one_thread
 from mapmyworld.types import Judged, LaserTracking, MapStore, Why
 
@@ -20,7 +17,7 @@ def judge_odometry(store: MapStore, config: Config) -> list[str]:
     from mapmyworld.places.refuted_odometry import refuted_odometry
 
     constraints = store.constraints()
-    unobserved = {c.to_id for c in constraints if is_unmatched(c)} | _after_gaps(store)
+    unobserved = {c.to_id for c in constraints if _is_unobserved(c)}
     if not unobserved:
         return []
     nodes = nodes_at(load_node_scans(store, config), None)
@@ -29,21 +26,10 @@ def judge_odometry(store: MapStore, config: Config) -> list[str]:
     return _notes(store, judged)
 
 
-def is_unmatched(c: Judged) -> bool:
-    """Whether scans fitted nothing on the way, so that odometry alone reports the motion."""
-    return isinstance(c.source, LaserTracking) and c.source.state == "odometry only"
-
-
-def _after_gaps(store: MapStore) -> set[int]:
-    """Nodes before which the log has no scan for longer than it usually has none."""
-    frames = store.tracked_frames()
-    took = 1e-9 * np.diff(frames.stamps_ns)
-    if not len(took):
-        return set()
-    gaps = np.flatnonzero(took > max(GOES_ON, 3.0 * float(np.quantile(took, 0.95))))
-    ids = np.sort(frames.node_ids[frames.is_node])
-    after = np.searchsorted(ids, frames.node_ids[gaps], side="right")
-    return set(ids[after[after < len(ids)]].tolist())
+def _is_unobserved(c: Judged) -> bool:
+    """Whether scans fitted nothing on the way, or there are none."""
+    by = c.source
+    return isinstance(by, LaserTracking) and (by.state == "odometry only" or by.after_gap)
 
 
 def _notes(store: MapStore, judged: Sequence[Judged]) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 from mapmyworld.config import SensingConfig
 from mapmyworld.geometry.rigid import between, se3_adjoint
 from mapmyworld.geometry.rotations import rotation_angle
+from mapmyworld.kernels.wheel_model import MEMORY
+from mapmyworld.odometry.unobserved_motion import GOES_ON
 from mapmyworld.types import ConstraintKind, Frame, Judged, LaserTracking, Node, Source
 
 _ROUNDING = 1e-6  # share of the distance, so that ten steps of a centimetre are ten
+_GAP = 10.0  # times as long as it usually takes to the next frame is unusual
 _PATIENCE = 1.5  # times the distance that a due node waits for a frame with an image
 
 
@@ -47,6 +50,8 @@ class NodeSelector:
         self.config, self.wants_images = config, wants_images
         self._last: Node | None = None
         self._since: list[Motion] = []
+        self._before_ns: int | None = None
+        self._usual = 0.0  # s from frame to frame
 
     @property
     def last(self) -> Node | None:
@@ -62,7 +67,8 @@ class NodeSelector:
         self._since.append(motion)
         pose, last = motion.tracked_from_base, self._last
         moved = np.eye(4) if last is None else between(last.tracked_from_base, pose)
-        anew = motion.is_tracking_loss or motion.fits_nothing
+        after_gap = self._is_gap(frame.stamp_ns)
+        anew = motion.is_tracking_loss or motion.fits_nothing or after_gap
         if last is not None and not anew and not self._is_due(frame, moved):
             return None, None, moved
         odometry = pose if frame.odom_from_base is None else frame.odom_from_base
@@ -76,9 +82,20 @@ class NodeSelector:
             gps=frame.gps,
             readings=frame.readings,
         )
-        constraint = None if last is None else self._neighbour(last, node, moved)
+        constraint = None if last is None else self._neighbour(last, node, moved, after_gap)
         self._last, self._since = node, []
         return node, constraint, np.eye(4)
+
+    def _is_gap(self, stamp_ns: int) -> bool:
+        """Whether the log has no frame for unusually long before this one."""
+        before, self._before_ns = self._before_ns, stamp_ns
+        if before is None:
+            return False
+        took, usual = 1e-9 * (stamp_ns - before), self._usual
+        is_gap = took > max(GOES_ON, _GAP * usual)
+        if not is_gap:
+            self._usual = took if usual == 0.0 else MEMORY * usual + (1.0 - MEMORY) * took
+        return is_gap
 
     def _is_due(self, frame: Frame, moved: NDArray[np.float64]) -> bool:
         x, y, z = moved[:3, 3].tolist()
@@ -98,7 +115,12 @@ class NodeSelector:
         covariances = np.stack([motion.covariance for motion in self._since])
         return np.asarray((adjoint @ covariances @ adjoint.transpose(0, 2, 1)).sum(axis=0))
 
-    def _neighbour(self, last: Node, node: Node, moved: NDArray[np.float64]) -> Judged:
+    def _neighbour(
+        self, last: Node, node: Node, moved: NDArray[np.float64], after_gap: bool
+    ) -> Judged:
+        source = max(self._since, key=_uncertainty).source
+        if isinstance(source, LaserTracking) and after_gap:
+            source = replace(source, after_gap=True)
         covariance = self._covariance(node.tracked_from_base) + 1e-12 * np.eye(6)
         return Judged(
             from_id=last.id,
@@ -106,5 +128,5 @@ class NodeSelector:
             kind=ConstraintKind.NEIGHBOUR,
             i_from_j=moved,
             information=np.asarray(np.linalg.inv(covariance)),
-            source=max(self._since, key=_uncertainty).source,
+            source=source,
         )

@@ -42,6 +42,8 @@ class LaserTracking:
     overlap: float
     lost: bool = False
     """Whether the scans before do not say where the robot is."""
+    after_gap: bool = False
+    """Whether the log has no scan for unusually long before, whatever became of the robot."""
 
 
 @dataclass(frozen=True, slots=True)

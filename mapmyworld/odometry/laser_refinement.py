@@ -71,7 +71,8 @@ def refine_poses(
     that are not aligned themselves keep their place between those that are. Scans on
     different ones of these `session`s (N,) are not compared: nothing shows how these lie.
     """
-    nodes, scans, unseen, _ = loaded or load_node_scans(store, config)
+    loaded = loaded or load_node_scans(store, config)
+    nodes, scans, unseen = loaded.nodes, loaded.scans, loaded.unseen
     if len(nodes) < 3:
         return None
     progress.stage("refine", len(FINE), "rounds")

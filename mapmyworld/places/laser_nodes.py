@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
 from mapmyworld.odometry.pose_hypotheses import FEWEST
-from mapmyworld.places.path_graph import NO_PAIRS, PathGraph
+from mapmyworld.places.path_drift import PathDrift, motion_errors
 from mapmyworld.places.stored_scans import Scans, StoredScans
 from mapmyworld.places.unseen_path import unseen_path
 from mapmyworld.types import MapStore, Node, Poses
@@ -31,8 +31,8 @@ class LaserNodes:
     """(N, 3)."""
     path: Array
     """(N,) metres driven, rotation and tracking losses counted as well."""
-    graph: PathGraph
-    """The path, and the closures that hold it."""
+    drift: PathDrift
+    """Along the path, and what closures leave of it."""
     sees: NDArray[np.bool_]
     """(N,) whether the scan has points enough to say where it was taken."""
     session: Index
@@ -44,6 +44,8 @@ class NodeScans(NamedTuple):
 
     nodes: list[Node]
     scans: Scans
+    errs: Array
+    """(N, 2) m^2 and rad^2 that the motion to each node may err by."""
     unseen: Array
     """(N,) metres of path that tracking losses right before each node count for."""
     sees: NDArray[np.bool_]
@@ -56,11 +58,13 @@ def load_node_scans(store: MapStore, config: Config) -> NodeScans:
     scans = StoredScans(store, np.flatnonzero(frames.is_node), config.registration)
     known = {node.id: node for node in store.nodes()}
     ids = frames.node_ids[scans.frames]
-    unseen = unseen_path(ids, store.constraints(), config.places)
-    return NodeScans([known[i] for i in ids.tolist()], scans, unseen, scans.sizes >= FEWEST)
+    constraints = store.constraints()
+    errs, unseen = motion_errors(ids, constraints), unseen_path(ids, constraints, config.places)
+    nodes = [known[i] for i in ids.tolist()]
+    return NodeScans(nodes, scans, errs, unseen, scans.sizes >= FEWEST)
 
 
-def laser_nodes(ids: Index, scans: Scans, poses: Array) -> LaserNodes:
+def laser_nodes(ids: Index, scans: Scans, poses: Array, errs: Array) -> LaserNodes:
     """Nodes `ids` (N,) that all see, with the length of path up to each; nothing holds them.
 
     `poses` (N, 3) are map_from_base.
@@ -70,7 +74,7 @@ def laser_nodes(ids: Index, scans: Scans, poses: Array) -> LaserNodes:
     path = np.concatenate([[0.0], np.cumsum(lengths)])
     sees = np.ones(len(ids), np.bool_)
     session = np.zeros(len(ids), np.int64)
-    return LaserNodes(ids, scans, poses, path, PathGraph(path, NO_PAIRS), sees, session)
+    return LaserNodes(ids, scans, poses, path, PathDrift(path, poses, errs), sees, session)
 
 
 def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -> LaserNodes:
@@ -82,12 +86,12 @@ def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -
     else:
         row = {int(i): k for k, i in enumerate(poses.ids)}
         matrices = poses.map_from_node[[row[int(i)] for i in ids]]
-    found = laser_nodes(ids, loaded.scans, matrix_to_planar(matrices))
+    found = laser_nodes(ids, loaded.scans, matrix_to_planar(matrices), loaded.errs[: len(ids)])
     unseen = loaded.unseen[: len(ids)]
     path, session = found.path + np.cumsum(unseen), sessions_of(loaded)[: len(ids)]
     return replace(
-        found, path=path, graph=PathGraph(path, NO_PAIRS), sees=loaded.sees[: len(ids)],
-        session=session,
+        found, path=path, drift=PathDrift(path, found.poses, loaded.errs[: len(ids)]),
+        sees=loaded.sees[: len(ids)], session=session,
     )  # fmt: skip
 
 

@@ -1,23 +1,31 @@
-"""How far one drives from node to node, by the path and the closures that shorten it."""
+"""How far poses may have drifted along a path, and how closures shorten the way."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
+from mapmyworld.geometry.planar import information_to_planar
+from mapmyworld.types import ConstraintKind, Judged
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 NO_PAIRS = np.zeros((0, 2), np.int64)
+_SIGMAS = 2.0  # where one place in twenty may be farther off
 
 
-class PathGraph:
+class PathDrift:
     """Nodes along a path, some of which closures join: what drifts is the shortest way between."""
 
-    def __init__(self, path: Array, closed: Index) -> None:
-        """`path` (N,) is metres driven up to each node, `closed` (C, 2) nodes at one place."""
-        self._path = path
+    def __init__(self, path: Array, poses: Array, errs: Array, closed: Index = NO_PAIRS) -> None:
+        """`path` (N,) is metres driven up to each of the nodes at `poses` (N, 3), `closed` (C, 2)
+        nodes at one place. `errs` (N, 2), m^2 and rad^2, is what the motion to each may err by.
+        """
+        self._path, self._poses, self._errs = path, poses, errs
         self._tied, ends = np.unique(closed, return_inverse=True)
         ends = ends.reshape(-1, 2)
         size = len(self._tied)
@@ -26,6 +34,26 @@ class PathGraph:
         self._place = np.asarray(place, np.int64)
         self._ways = _ways(self._place, np.diff(path[self._tied]), count) if size else None
         self._from: dict[int, Array] = {}
+        (moved, turned), (x, y) = errs.T, poses[:, :2].T
+        each = [turned, turned * x, turned * y, turned * (x * x + y * y), moved]
+        self._up_to = np.cumsum(each, axis=1)
+
+    def held_by(self, closed: Index) -> PathDrift:
+        """The same path, with closures (C, 2) that join nodes."""
+        return PathDrift(self._path, self._poses, self._errs, closed)
+
+    def reach(self, a: Index | int, b: int) -> tuple[Array, Array]:
+        """(...) metres and radians by which node b may lie off, as seen from nodes `a` (...).
+
+        What a motion errs in heading counts by its distance from b. Closures shorten the way, and
+        the drift by as much.
+        """
+        (x, y), first, last = self._poses[b, :2], np.minimum(a, b), np.maximum(a, b)
+        turned, by_x, by_y, squared, moved = self._up_to[:, last] - self._up_to[:, first]
+        swung = turned * (x * x + y * y) - 2.0 * (x * by_x + y * by_y) + squared
+        way = np.maximum(self._path[last] - self._path[first], 1e-9)
+        shorter = _SIGMAS * self.driven(a, b) / way
+        return shorter * np.sqrt(np.maximum(swung, 0.0) + moved), shorter * np.sqrt(turned)
 
     def driven(self, a: Index | int, b: int) -> Array:
         """Metres (...) of the shortest way from nodes `a` (...) to node `b`, indices both."""
@@ -49,6 +77,17 @@ class PathGraph:
         if place not in self._from:
             self._from[place] = dijkstra(self._ways, directed=False, indices=place)
         return self._from[place]
+
+
+def motion_errors(ids: Index, constraints: Iterable[Judged]) -> Array:
+    """(N, 2) m^2 and rad^2 that the motions to each of ascending nodes (N,) may err by."""
+    steps = [c for c in constraints if c.kind is ConstraintKind.NEIGHBOUR and c.accepted]
+    rows = np.searchsorted(ids, [c.to_id for c in steps])
+    stated = np.reshape([c.information for c in steps], (-1, 6, 6))
+    known = np.linalg.inv(information_to_planar(stated))
+    errs = np.zeros((len(ids) + 1, 2))
+    np.add.at(errs, rows, np.stack([known[:, 0, 0] + known[:, 1, 1], known[:, 2, 2]], axis=1))
+    return errs[:-1]
 
 
 def _ways(place: Index, lengths: Array, count: int) -> csr_array:

@@ -87,7 +87,10 @@ class LaserLocaliser:
         self._tracked = moved.pose
         scan = scan_of(frame, self._config)
         motion_lost = is_motion_lost(moved, step, self._recorded_step(frame))
-        return Moment(len(self.estimates), scan, moved.pose, step, is_shaken(moved), motion_lost)
+        return Moment(
+            len(self.estimates), scan, moved.pose, step, moved.covariance, is_shaken(moved),
+            motion_lost,
+        )  # fmt: skip
 
     def _recorded_step(self, frame: Frame) -> Array | None:
         """Motion (3,) since the frame before, as recorded."""

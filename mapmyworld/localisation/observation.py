@@ -34,6 +34,8 @@ class Moment:
     """(3,) the tracker's pose."""
     step: Array
     """(3,) motion since the moment before."""
+    covariance: Array
+    """(3, 3) of that motion, in this moment's base."""
     shaken: bool
     """Whether that motion is doubtful: the scan did not go with the ones before."""
     motion_lost: bool

@@ -59,7 +59,7 @@ def load_node_scans(store: MapStore, config: Config) -> NodeScans:
     known = {node.id: node for node in store.nodes()}
     ids = frames.node_ids[scans.frames]
     constraints = store.constraints()
-    errs, unseen = motion_errors(ids, constraints), unseen_path(ids, constraints, config.places)
+    errs, unseen = motion_errors(ids, constraints), unseen_path(ids, constraints)
     nodes = [known[i] for i in ids.tolist()]
     return NodeScans(nodes, scans, errs, unseen, scans.sizes >= FEWEST)
 

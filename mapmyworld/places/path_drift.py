@@ -15,7 +15,7 @@ from mapmyworld.types import ConstraintKind, Judged
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 NO_PAIRS = np.zeros((0, 2), np.int64)
-_SIGMAS = 2.0  # where one place in twenty may be farther off
+SIGMAS = 3.0  # of what is stated: as far as drift is searched
 
 
 class PathDrift:
@@ -52,7 +52,7 @@ class PathDrift:
         turned, by_x, by_y, squared, moved = self._up_to[:, last] - self._up_to[:, first]
         swung = turned * (x * x + y * y) - 2.0 * (x * by_x + y * by_y) + squared
         way = np.maximum(self._path[last] - self._path[first], 1e-9)
-        shorter = _SIGMAS * self.driven(a, b) / way
+        shorter = SIGMAS * self.driven(a, b) / way
         return shorter * np.sqrt(np.maximum(swung, 0.0) + moved), shorter * np.sqrt(turned)
 
     def driven(self, a: Index | int, b: int) -> Array:

@@ -23,7 +23,7 @@ from mapmyworld.places.laser_candidates import EVERYWHERE, candidate_pairs, unti
 from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_nodes import calm_spots, laser_nodes
 from mapmyworld.places.laser_pairs import among_first_revisits, neighbour_pairs
-from mapmyworld.places.path_drift import PathDrift, motion_errors
+from mapmyworld.places.path_drift import PathDrift, stated_variances
 from mapmyworld.places.wide_search import held_by, lost_pairs
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.types import ConstraintKind, ImageMatch, Judged, ScanMatch, Why
@@ -36,9 +36,9 @@ def drifting(
     count: int, *, at: int = 0, metres: float = 0.0, radians: float = 0.0
 ) -> NDArray[np.float64]:
     """(N, 2) m^2 and rad^2 of motions to nodes: 1 cm and 0.1 degrees, and more to one of them."""
-    errs = np.full((count, 2), np.square([0.01, 0.002]))
-    errs[at] += np.square([metres, radians])
-    return errs
+    variances = np.full((count, 2), np.square([0.01, 0.002]))
+    variances[at] += np.square([metres, radians])
+    return variances
 
 
 def two_visits() -> NDArray[np.float64]:
@@ -58,8 +58,8 @@ def closures(
     scans = scan_set(
         [prepare_scan(cast(p, walls, k), CONFIG.registration) for k, p in enumerate(two_visits())]
     )
-    errs = drifting(len(believed), at=98, metres=0.3, radians=0.02)
-    nodes = laser_nodes(np.arange(len(believed), dtype=np.int64), scans, believed, errs)
+    variances = drifting(len(believed), at=98, metres=0.3, radians=0.02)
+    nodes = laser_nodes(np.arange(len(believed), dtype=np.int64), scans, believed, variances)
     pairs = candidate_pairs(nodes, CONFIG, optimised=optimised)
     return compare_places(nodes, pairs, replace(CONFIG, threads=threads), optimised=optimised)
 
@@ -107,8 +107,8 @@ def second_drive_along_it(
     scans = scan_set(
         [prepare_scan(cast(p, walls, k), CONFIG.registration) for k, p in enumerate(truth)]
     )
-    errs = drifting(len(truth), at=81, metres=2.0, radians=0.1)
-    nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, believed, errs)
+    variances = drifting(len(truth), at=81, metres=2.0, radians=0.1)
+    nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, believed, variances)
     nodes = replace(nodes, path=nodes.path + 150.0 * (np.arange(len(truth)) >= 81))
     nodes = held_by(nodes, [])
     pairs = candidate_pairs(nodes, CONFIG, optimised=False)
@@ -176,7 +176,7 @@ def test_a_drive_that_comes_back_after_500_m_of_drift_is_closed() -> None:
         [prepare_scan(cast(p, WALLS, k), CONFIG.registration) for k, p in enumerate(truth)]
     )
     ids = np.arange(len(truth), dtype=np.int64)
-    nodes = laser_nodes(ids, scans, believed, motion_errors(ids, drive(believed)))
+    nodes = laser_nodes(ids, scans, believed, stated_variances(ids, drive(believed)))
     nodes = replace(nodes, path=nodes.path + 500.0 * (np.arange(len(truth)) >= 98))
     nodes = held_by(nodes, [])
     pairs = lost_pairs(nodes, CONFIG)
@@ -212,8 +212,8 @@ def test_places_are_looked_for_as_far_as_the_neighbour_constraints_state() -> No
     ids = np.arange(len(truth), dtype=np.int64)
 
     def pairs(constraints: list[Judged]) -> list[tuple[int, int]]:
-        errs = motion_errors(ids, constraints)
-        return lost_pairs(laser_nodes(ids, scan_set([]), believed, errs), CONFIG)
+        variances = stated_variances(ids, constraints)
+        return lost_pairs(laser_nodes(ids, scan_set([]), believed, variances), CONFIG)
 
     assert pairs(known) == []
     found = pairs(lost)
@@ -236,10 +236,10 @@ def test_where_closures_hold_the_drive_nothing_is_lost() -> None:
     scans = scan_set(
         [prepare_scan(cast(truth[0], WALLS, 0), CONFIG.registration) for _ in range(len(truth))]
     )
-    errs = drifting(len(truth)) + np.square([0.3, 0.05])
-    nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, truth, errs)
+    variances = drifting(len(truth)) + np.square([0.3, 0.05])
+    nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, truth, variances)
     path = np.linspace(0.0, 600.0, len(truth))
-    nodes = replace(nodes, path=path, drift=PathDrift(path, truth, errs))
+    nodes = replace(nodes, path=path, drift=PathDrift(path, truth, variances))
     closed = [
         Judged(
             from_id=k, to_id=k + 98, kind=ConstraintKind.LOOP_CLOSURE,

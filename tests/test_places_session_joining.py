@@ -58,7 +58,8 @@ def carried(walls: Array, *paths: Array) -> tuple[LaserNodes, NodeScans]:
     nodes = [Node(k + 1, 0, k, p, p) for k, p in enumerate(planar_to_matrix(believed))]
     lost = np.zeros(len(truth))
     lost[np.cumsum([len(path) for path in paths])[:-1]] = LENGTH
-    loaded = NodeScans(nodes, scan_set(scans), lost, np.ones(len(truth), np.bool_))
+    variances, sees = np.zeros((len(truth), 2)), np.ones(len(truth), np.bool_)
+    loaded = NodeScans(nodes, scan_set(scans), variances, lost, sees)
     return nodes_at(loaded, None), loaded
 
 

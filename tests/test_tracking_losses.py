@@ -24,7 +24,7 @@ from mapmyworld.places.laser_candidates import candidate_pairs
 from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, calm_spots, nodes_at
 from mapmyworld.places.laser_submaps import submap_members
-from mapmyworld.places.path_drift import motion_errors
+from mapmyworld.places.path_drift import stated_variances
 from mapmyworld.places.session_closures import session_closures
 from mapmyworld.places.unseen_path import unseen_path
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
@@ -242,8 +242,8 @@ def two_rooms(lost: Array | None) -> LaserNodes:
         Node(int(i), 0, int(i), p, p) for i, p in zip(ids, planar_to_matrix(believed), strict=True)
     ]
     losses = [] if lost is None else [neighbour(42, lost, lost=True)]
-    errs, unseen = motion_errors(ids, losses), unseen_path(ids, losses)
-    return nodes_at(NodeScans(nodes, scans, errs, unseen, np.ones(len(ids), np.bool_)), None)
+    variances, unseen = stated_variances(ids, losses), unseen_path(ids, losses)
+    return nodes_at(NodeScans(nodes, scans, variances, unseen, np.ones(len(ids), np.bool_)), None)
 
 
 def test_no_submap_spans_a_loss() -> None:

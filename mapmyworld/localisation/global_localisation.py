@@ -8,12 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.planar import (
-    between_planar,
-    compose_planar,
-    invert_planar,
-    planar_adjoint,
-)
+from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.kernels.scan_alignment import invert3
 from mapmyworld.localisation.known_place import Fit, KnownPlace
 from mapmyworld.localisation.observation import SEARCHED, Moment, fit_at, match_at
@@ -56,9 +51,7 @@ class GlobalLocalisation:
         self._is_due |= self._recent.add(moment)
         self._since_match = compose_planar(self._since_match, moment.step)
         if self._reckoned is not None:
-            self._reckoned = compose_planar(self._reckoned, moment.step)
-            back = planar_adjoint(invert_planar(moment.step))
-            self._covariance = back @ self._covariance @ back.T + moment.covariance
+            self._reckoned, self._covariance = moment.moved(self._reckoned, self._covariance)
 
     def begin(self, moment: Moment, reckoned: Array | None) -> None:
         """The place is lost; `reckoned` (3,) is where the robot was thought to be, if anywhere.

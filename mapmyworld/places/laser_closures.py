@@ -87,8 +87,8 @@ def find_laser_closures(
 ) -> list[Judged]:
     """Every pair of places that was compared from optimised poses, with its verdict.
 
-    The search reaches only a little, where the kind is `proximity`; and as far as the settings let
-    it where nothing was recognised for long. Places that `tied` closures join are not compared
+    The search reaches only a little, where the kind is `proximity`; and as far as tracking may be
+    off where nothing was recognised for long. Places that `tied` closures join are not compared
     again, nor are nodes with ids before `since` with each other.
     """
     if len(loaded.nodes) < 2:

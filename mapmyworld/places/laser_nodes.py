@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
 from mapmyworld.odometry.pose_hypotheses import FEWEST
-from mapmyworld.places.path_drift import PathDrift, motion_errors
+from mapmyworld.places.path_drift import PathDrift, stated_variances
 from mapmyworld.places.stored_scans import Scans, StoredScans
 from mapmyworld.places.unseen_path import unseen_path
 from mapmyworld.types import MapStore, Node, Poses
@@ -44,8 +44,8 @@ class NodeScans(NamedTuple):
 
     nodes: list[Node]
     scans: Scans
-    errs: Array
-    """(N, 2) m^2 and rad^2 that the motion to each node may err by."""
+    variances: Array
+    """(N, 2) m^2 and rad^2 of the motion to each node, as stated."""
     unseen: Array
     """(N,) metres of path that tracking losses right before each node count for."""
     sees: NDArray[np.bool_]
@@ -59,12 +59,12 @@ def load_node_scans(store: MapStore, config: Config) -> NodeScans:
     known = {node.id: node for node in store.nodes()}
     ids = frames.node_ids[scans.frames]
     constraints = store.constraints()
-    errs, unseen = motion_errors(ids, constraints), unseen_path(ids, constraints)
+    variances, unseen = stated_variances(ids, constraints), unseen_path(ids, constraints)
     nodes = [known[i] for i in ids.tolist()]
-    return NodeScans(nodes, scans, errs, unseen, scans.sizes >= FEWEST)
+    return NodeScans(nodes, scans, variances, unseen, scans.sizes >= FEWEST)
 
 
-def laser_nodes(ids: Index, scans: Scans, poses: Array, errs: Array) -> LaserNodes:
+def laser_nodes(ids: Index, scans: Scans, poses: Array, variances: Array) -> LaserNodes:
     """Nodes `ids` (N,) that all see, with the length of path up to each; nothing holds them.
 
     `poses` (N, 3) are map_from_base.
@@ -74,7 +74,7 @@ def laser_nodes(ids: Index, scans: Scans, poses: Array, errs: Array) -> LaserNod
     path = np.concatenate([[0.0], np.cumsum(lengths)])
     sees = np.ones(len(ids), np.bool_)
     session = np.zeros(len(ids), np.int64)
-    return LaserNodes(ids, scans, poses, path, PathDrift(path, poses, errs), sees, session)
+    return LaserNodes(ids, scans, poses, path, PathDrift(path, poses, variances), sees, session)
 
 
 def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -> LaserNodes:
@@ -86,11 +86,11 @@ def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -
     else:
         row = {int(i): k for k, i in enumerate(poses.ids)}
         matrices = poses.map_from_node[[row[int(i)] for i in ids]]
-    found = laser_nodes(ids, loaded.scans, matrix_to_planar(matrices), loaded.errs[: len(ids)])
+    found = laser_nodes(ids, loaded.scans, matrix_to_planar(matrices), loaded.variances[: len(ids)])
     unseen = loaded.unseen[: len(ids)]
     path, session = found.path + np.cumsum(unseen), sessions_of(loaded)[: len(ids)]
     return replace(
-        found, path=path, drift=PathDrift(path, found.poses, loaded.errs[: len(ids)]),
+        found, path=path, drift=PathDrift(path, found.poses, loaded.variances[: len(ids)]),
         sees=loaded.sees[: len(ids)], session=session,
     )  # fmt: skip
 

@@ -21,11 +21,13 @@ SIGMAS = 3.0  # of what is stated: as far as drift is searched
 class PathDrift:
     """Nodes along a path, some of which closures join: what drifts is the shortest way between."""
 
-    def __init__(self, path: Array, poses: Array, errs: Array, closed: Index = NO_PAIRS) -> None:
+    def __init__(
+        self, path: Array, poses: Array, variances: Array, closed: Index = NO_PAIRS
+    ) -> None:
         """`path` (N,) is metres driven up to each of the nodes at `poses` (N, 3), `closed` (C, 2)
-        nodes at one place. `errs` (N, 2), m^2 and rad^2, is what the motion to each may err by.
+        nodes at one place. `variances` (N, 2), m^2 and rad^2, are those of the motion to each.
         """
-        self._path, self._poses, self._errs = path, poses, errs
+        self._path, self._poses, self._variances = path, poses, variances
         self._tied, ends = np.unique(closed, return_inverse=True)
         ends = ends.reshape(-1, 2)
         size = len(self._tied)
@@ -34,13 +36,13 @@ class PathDrift:
         self._place = np.asarray(place, np.int64)
         self._ways = _ways(self._place, np.diff(path[self._tied]), count) if size else None
         self._from: dict[int, Array] = {}
-        (moved, turned), (x, y) = errs.T, poses[:, :2].T
+        (moved, turned), (x, y) = variances.T, poses[:, :2].T
         each = [turned, turned * x, turned * y, turned * (x * x + y * y), moved]
         self._up_to = np.cumsum(each, axis=1)
 
     def held_by(self, closed: Index) -> PathDrift:
         """The same path, with closures (C, 2) that join nodes."""
-        return PathDrift(self._path, self._poses, self._errs, closed)
+        return PathDrift(self._path, self._poses, self._variances, closed)
 
     def reach(self, a: Index | int, b: int) -> tuple[Array, Array]:
         """(...) metres and radians by which node b may lie off, as seen from nodes `a` (...).
@@ -79,15 +81,15 @@ class PathDrift:
         return self._from[place]
 
 
-def motion_errors(ids: Index, constraints: Iterable[Judged]) -> Array:
-    """(N, 2) m^2 and rad^2 that the motions to each of ascending nodes (N,) may err by."""
+def stated_variances(ids: Index, constraints: Iterable[Judged]) -> Array:
+    """(N, 2) m^2 and rad^2 of the motions to each of ascending nodes (N,), as stated."""
     steps = [c for c in constraints if c.kind is ConstraintKind.NEIGHBOUR and c.accepted]
     rows = np.searchsorted(ids, [c.to_id for c in steps])
     stated = np.reshape([c.information for c in steps], (-1, 6, 6))
     known = np.linalg.inv(information_to_planar(stated))
-    errs = np.zeros((len(ids) + 1, 2))
-    np.add.at(errs, rows, np.stack([known[:, 0, 0] + known[:, 1, 1], known[:, 2, 2]], axis=1))
-    return errs[:-1]
+    variances = np.zeros((len(ids) + 1, 2))
+    np.add.at(variances, rows, np.stack([known[:, 0, 0] + known[:, 1, 1], known[:, 2, 2]], axis=1))
+    return variances[:-1]
 
 
 def _ways(place: Index, lengths: Array, count: int) -> csr_array:

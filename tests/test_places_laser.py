@@ -253,7 +253,8 @@ def test_where_closures_hold_the_drive_nothing_is_lost() -> None:
     assert held.driven(0, 98) == 0.0
     assert lost_pairs(held_by(nodes, []), CONFIG)
     pairs = lost_pairs(held_by(nodes, closed), CONFIG)
-    assert all(held.driven(a, b) > 75.0 for a, b in pairs)
+    # Three sigmas of eleven motions, of 4.1 m each, are 3 m.
+    assert all(held.driven(a, b) > 45.0 for a, b in pairs)
     assert not any(abs(b - 98 - a) < 15 for a, b in pairs if b >= 98)
 
 

@@ -13,6 +13,7 @@ from mapmyworld.kernels.scan_alignment import invert3
 from mapmyworld.localisation.known_place import Fit, KnownPlace
 from mapmyworld.localisation.observation import SEARCHED, Moment, fit_at, match_at
 from mapmyworld.localisation.recent import RecentScans
+from mapmyworld.places.laser_candidates import FIRST_WINDOW
 from mapmyworld.places.path_drift import SIGMAS
 from mapmyworld.registration.place_evidence import Place, needed_evidence
 from mapmyworld.registration.scan_matching import COARSE, Match
@@ -103,7 +104,8 @@ class GlobalLocalisation:
         if self._reckoned is None:
             return None
         x, y, yaw = np.diag(self._covariance)
-        window = APART[0] + SIGMAS * float(np.sqrt(x + y)), APART[1] + SIGMAS * float(np.sqrt(yaw))
+        metres = min(APART[0] + SIGMAS * float(np.sqrt(x + y)), FIRST_WINDOW)
+        window = metres, min(APART[1] + SIGMAS * float(np.sqrt(yaw)), np.pi)
         pose, said = self._place.whole.best_about(place, self._reckoned, *window)
         return pose if said.log_odds >= NATS * needed_evidence(*window) else None
 

@@ -52,7 +52,7 @@ def held_by(nodes: LaserNodes, constraints: Iterable[Judged]) -> LaserNodes:
 def joined_sessions(loaded: NodeScans, constraints: Iterable[Judged]) -> Index:
     """(N,) number of each node's session, those as one that accepted closures join."""
     ids = np.array([node.id for node in loaded.nodes], np.int64)
-    return _joined(ids, sessions_of(loaded), _closures(constraints))
+    return _joined(ids, sessions_of(loaded.variances), _closures(constraints))
 
 
 def _closures(constraints: Iterable[Judged]) -> list[Judged]:

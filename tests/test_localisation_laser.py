@@ -115,7 +115,7 @@ def moment_at(
 ) -> Moment:
     """What is seen from a pose, while the tracker believes another one."""
     scan = prepare_scan(cast(pose, WALLS, seed), Config().registration)
-    return Moment(seed, scan, tracked, step, shaken, motion_lost=False)
+    return Moment(seed, scan, tracked, step, np.zeros((3, 3)), shaken, motion_lost=False)
 
 
 def test_a_room_with_four_equal_corners_is_never_recognised() -> None:

@@ -87,8 +87,8 @@ def find_laser_closures(
 ) -> list[Judged]:
     """Every pair of places that was compared from optimised poses, with its verdict.
 
-    The search reaches only a little, where the kind is `proximity`; and as far as the settings let
-    it where nothing was recognised for long. Places that `tied` closures join are not compared
+    The search reaches only a little, where the kind is `proximity`; and as far as tracking may be
+    off where nothing was recognised for long. Places that `tied` closures join are not compared
     again, nor are nodes with ids before `since` with each other.
     """
     if len(loaded.nodes) < 2:
@@ -102,7 +102,7 @@ def find_laser_closures(
 
     nodes = held_by(nodes, tied)
     pairs = untried(untied(nodes, candidate_pairs(nodes, config, optimised=True), tied, config))
-    lost = untried(lost_pairs(nodes, constraints, config))
+    lost = untried(lost_pairs(nodes, config))
     lost = [pair for pair in lost if pair not in set(pairs)]
     progress.stage("loop closures by laser", len(pairs) + len(lost), "pairs")
     near = compare_places(nodes, pairs, config, optimised=True)
@@ -158,7 +158,7 @@ def _compare(
     guess = between_planar(nodes.poses[a], nodes.poses[b])
     distance, angle = SLACK
     if not optimised:
-        distance, angle = drift_window(nodes, a, b, config, widest)
+        distance, angle = drift_window(nodes, a, b, widest)
     around = place_around(nodes, b, config)
     needed, centre = needed_evidence(distance, angle), guess
     if widest == EVERYWHERE:  # is the robot at this place?

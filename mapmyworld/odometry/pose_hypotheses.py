@@ -25,6 +25,8 @@ FEWEST = 12
 """Points of a scan below which it is not matched."""
 FAULT = 1e-3
 """Probability of an odometry fault in a step: it stalls, slips, catches up."""
+FAULT_SIZE: Array = np.array([2.0, 2.0, 1.0])
+"""m, m and rad, sigmas of a fault that goes unobserved: slips, a robot lifted."""
 _LOG_ODDS = 2.5  # nats by which a point on a surface, and not beside, speaks for a pose: of
 # such points a right one has 0.75 and a wrong one 0.2, log(0.75 / 0.2) + log(0.8 / 0.25)
 _WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable

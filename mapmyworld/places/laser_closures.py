@@ -102,11 +102,12 @@ def find_laser_closures(
 
     nodes = held_by(nodes, tied)
     pairs = untried(untied(nodes, candidate_pairs(nodes, config, optimised=True), tied, config))
-    lost = untried(lost_pairs(nodes, config))
+    wide = replace(nodes, drift=nodes.drift.with_faults())
+    lost = untried(lost_pairs(wide, config))
     lost = [pair for pair in lost if pair not in set(pairs)]
     progress.stage("loop closures by laser", len(pairs) + len(lost), "pairs")
     near = compare_places(nodes, pairs, config, optimised=True)
-    return near + compare_places(nodes, lost, config, optimised=False, widest=EVERYWHERE)
+    return near + compare_places(wide, lost, config, optimised=False, widest=EVERYWHERE)
 
 
 def compare_places(

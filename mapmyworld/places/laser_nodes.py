@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
 from mapmyworld.odometry.pose_hypotheses import FEWEST
-from mapmyworld.places.path_drift import PathDrift, stated_variances
+from mapmyworld.odometry.unobserved_motion import FARTHEST
+from mapmyworld.places.path_drift import PathDrift, fault_variances, stated_variances
 from mapmyworld.places.stored_scans import Scans, StoredScans
 from mapmyworld.types import MapStore, Node, Poses
 
@@ -29,7 +30,8 @@ class LaserNodes:
     poses: Array
     """(N, 3)."""
     path: Array
-    """(N,) metres driven, rotation and tracking losses counted as well."""
+    """(N,) metres driven, rotation counted as well; more than maps reach where tracking was lost or
+    no scan confirms the odometry, so that no submap spans such a motion."""
     drift: PathDrift
     """Along the path, and what closures leave of it."""
     sees: NDArray[np.bool_]
@@ -47,6 +49,8 @@ class NodeScans(NamedTuple):
     """(N, 2) m^2 and rad^2 of the motion to each node, as stated; infinite for tracking losses."""
     sees: NDArray[np.bool_]
     """(N,) whether the scan has points enough to say where it was taken."""
+    faults: Array
+    """(N, 2) what a fault would add to the variances, where no scan confirms the odometry."""
 
 
 def load_node_scans(store: MapStore, config: Config) -> NodeScans:
@@ -56,20 +60,27 @@ def load_node_scans(store: MapStore, config: Config) -> NodeScans:
     known = {node.id: node for node in store.nodes()}
     ids = frames.node_ids[scans.frames]
     nodes = [known[i] for i in ids.tolist()]
-    variances = stated_variances(ids, store.constraints())
-    return NodeScans(nodes, scans, variances, scans.sizes >= FEWEST)
+    constraints = store.constraints()
+    return NodeScans(
+        nodes, scans, stated_variances(ids, constraints), scans.sizes >= FEWEST,
+        fault_variances(ids, constraints),
+    )  # fmt: skip
 
 
-def laser_nodes(ids: Index, scans: Scans, poses: Array, variances: Array) -> LaserNodes:
+def laser_nodes(
+    ids: Index, scans: Scans, poses: Array, variances: Array, faults: Array
+) -> LaserNodes:
     """Nodes `ids` (N,) that all see, with the length of path up to each; nothing holds them.
 
     `poses` (N, 3) are map_from_base.
     """
     steps = between_planar(poses[:-1], poses[1:])
     lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.2 * np.abs(steps[:, 2])
-    drift = PathDrift(np.concatenate([[0.0], np.cumsum(lengths)]), poses, variances)
+    path = np.concatenate([[0.0], np.cumsum(lengths)])
+    drift = PathDrift(path, poses, variances, faults=faults)
     sees = np.ones(len(ids), np.bool_)
-    return LaserNodes(ids, scans, poses, drift.path, drift, sees, sessions_of(variances))
+    apart = drift.path + FARTHEST * np.cumsum(faults.any(axis=1))
+    return LaserNodes(ids, scans, poses, apart, drift, sees, sessions_of(variances))
 
 
 def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -> LaserNodes:
@@ -81,7 +92,10 @@ def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -
     else:
         row = {int(i): k for k, i in enumerate(poses.ids)}
         matrices = poses.map_from_node[[row[int(i)] for i in ids]]
-    found = laser_nodes(ids, loaded.scans, matrix_to_planar(matrices), loaded.variances[: len(ids)])
+    some = slice(0, len(ids))
+    found = laser_nodes(
+        ids, loaded.scans, matrix_to_planar(matrices), loaded.variances[some], loaded.faults[some]
+    )
     return replace(found, sees=loaded.sees[: len(ids)])
 
 

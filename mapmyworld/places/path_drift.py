@@ -10,6 +10,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from mapmyworld.geometry.planar import information_to_planar
+from mapmyworld.odometry.pose_hypotheses import FAULT_SIZE
 from mapmyworld.odometry.unobserved_motion import FARTHEST
 from mapmyworld.types import ConstraintKind, Judged
 
@@ -27,13 +28,19 @@ class PathDrift:
     """
 
     def __init__(
-        self, tracked: Array, poses: Array, variances: Array, closed: Index = NO_PAIRS
+        self,
+        tracked: Array,
+        poses: Array,
+        variances: Array,
+        closed: Index = NO_PAIRS,
+        faults: Array | None = None,
     ) -> None:
         """`tracked` (N,) is metres of path up to each of the nodes at `poses` (N, 3), `closed` (C,
         2) nodes at one place. `variances` (N, 2), m^2 and rad^2, are those of the motion to each,
-        infinite where tracking was lost.
+        infinite where tracking was lost, and `faults` what a fault adds where nothing confirms it.
         """
-        self._tracked, self._poses, self._variances = tracked, poses, variances
+        self.tracked, self._poses, self._variances = tracked, poses, variances
+        self._closed, self._faults = closed, faults
         lost = np.isinf(variances).any(axis=1)
         self.path = tracked + FARTHEST * np.cumsum(lost)
         self._tied, ends = np.unique(closed, return_inverse=True)
@@ -50,7 +57,17 @@ class PathDrift:
 
     def held_by(self, closed: Index) -> PathDrift:
         """The same path, with closures (C, 2) that join nodes."""
-        return PathDrift(self._tracked, self._poses, self._variances, closed)
+        return PathDrift(self.tracked, self._poses, self._variances, closed, self._faults)
+
+    def with_faults(self) -> PathDrift:
+        """The same, with a fault wherever no scan confirms odometry and no closure spans it."""
+        if self._faults is None:
+            return self
+        first, last = np.sort(self._closed, axis=1).T
+        rows = np.arange(len(self._faults))
+        spanned = np.searchsorted(np.sort(first), rows) > np.searchsorted(np.sort(last), rows)
+        variances = self._variances + np.where(spanned[:, None], 0.0, self._faults)
+        return PathDrift(self.tracked, self._poses, variances, self._closed)
 
     def reach(self, a: Index | int, b: int) -> tuple[Array, Array]:
         """(...) metres and radians by which node b may lie off, as seen from nodes `a` (...).
@@ -61,7 +78,7 @@ class PathDrift:
         (x, y), first, last = self._poses[b, :2], np.minimum(a, b), np.maximum(a, b)
         turned, by_x, by_y, squared, moved = self._up_to[:, last] - self._up_to[:, first]
         swung = turned * (x * x + y * y) - 2.0 * (x * by_x + y * by_y) + squared
-        way = np.maximum(self._tracked[last] - self._tracked[first], 1e-9)
+        way = np.maximum(self.tracked[last] - self.tracked[first], 1e-9)
         shorter = SIGMAS * self.driven(a, b) / way
         return shorter * np.sqrt(np.maximum(swung, 0.0) + moved), shorter * np.sqrt(turned)
 
@@ -90,7 +107,7 @@ class PathDrift:
 
 
 def stated_variances(ids: Index, constraints: Sequence[Judged]) -> Array:
-    """(N, 2) m^2 and rad^2 of the motions to each of ascending nodes (N,), as stated.
+    """(N, 2) m^2 and rad^2 of the motions to each of ascending nodes (N,), as they were measured.
 
     Infinite where tracking was lost.
     """
@@ -101,6 +118,15 @@ def stated_variances(ids: Index, constraints: Sequence[Judged]) -> Array:
     variances = np.zeros((len(ids) + 1, 2))
     np.add.at(variances, rows, np.stack([known[:, 0, 0] + known[:, 1, 1], known[:, 2, 2]], axis=1))
     variances[np.searchsorted(ids, [c.to_id for c in constraints if c.is_tracking_loss])] = np.inf
+    return variances[:-1] - fault_variances(ids, constraints)
+
+
+def fault_variances(ids: Index, constraints: Sequence[Judged]) -> Array:
+    """(N, 2) m^2 and rad^2 that a fault of the odometry adds, where no scan confirms it."""
+    variances = np.zeros((len(ids) + 1, 2))
+    doubted = [c.to_id for c in constraints if c.accepted and c.is_unconfirmed]
+    x, y, yaw = np.square(FAULT_SIZE)
+    variances[np.searchsorted(ids, doubted)] = x + y, yaw
     return variances[:-1]
 
 

@@ -24,7 +24,7 @@ from mapmyworld.geometry.planar import (
     planar_adjoint,
     planar_to_matrix,
 )
-from mapmyworld.odometry.pose_hypotheses import FAULT
+from mapmyworld.odometry.pose_hypotheses import FAULT, FAULT_SIZE
 from mapmyworld.odometry.tracking_losses import UNKNOWN
 from mapmyworld.places.laser_closures import closure_information
 from mapmyworld.places.laser_nodes import Index, LaserNodes
@@ -49,12 +49,12 @@ from mapmyworld.types import (
     Judge,
     Judged,
     LaserTracking,
+    Source,
     Verdict,
     Why,
 )
 
 Array = NDArray[np.float64]
-_SIZE = np.array([2.0, 2.0, 1.0])  # m, m and rad, sigmas of such a fault: slips, a robot lifted
 _WINDOW = 3.0, 2.0  # m and rad to each side in which it is looked for
 
 
@@ -78,10 +78,20 @@ class Refuted:
     """Of the node after, in the frame of the one before; None where two poses are as likely."""
 
 
+_UNCONFIRMED = Refuted(
+    Verdict(
+        Judge.LASER, False, Why.UNCONFIRMED,
+        {"metres": float(FAULT_SIZE[0]), "degrees": float(np.degrees(FAULT_SIZE[2]))},
+    )
+)  # fmt: skip
+
+
 def refuted_odometry(
     nodes: LaserNodes, constraints: Sequence[Judged], unobserved: Collection[int], config: Config
 ) -> list[Judged]:
     """The constraints; a refuted motion gives way to one by scans, or to a tracking loss.
+
+    One that nothing confirms either keeps its measure, and is as uncertain as a fault is large.
 
     `unobserved`: nodes to which the motion goes that the scans did not observe.
     """
@@ -96,6 +106,9 @@ def refuted_odometry(
             continue
         first = section.motions[0]
         refuted[first.to_id] = found.verdict
+        if found.verdict.why is Why.UNCONFIRMED:
+            anew.append(_unconfirmed(first))
+            continue
         if found.match is None:
             start = section.last
             lost = LaserTracking("lost", 0.0, lost=True)
@@ -149,7 +162,7 @@ def _refutation(
     expected = max(there.log_odds, 0.0) - float(np.log(FAULT))
     tried = _candidates(known, place, odometry)
     if not tried or tried[0].log_odds - expected <= NATS * needed_evidence(*_WINDOW):
-        return None
+        return None if there.log_odds > NATS * needed_evidence(*_window(section)) else _UNCONFIRMED
     best = tried[0]
     apart = between_planar(odometry, best.pose)
     numbers = {"metres": float(np.hypot(*apart[:2])), "degrees": float(np.degrees(abs(apart[2])))}
@@ -219,7 +232,7 @@ def _candidates(known: WholeMap, place: Place, odometry: Array) -> list[_Candida
         guess = odometry + distance * np.array([*offset, 0.0])
         pose = search_about(place.submap.points, known.grid, guess, distance / 3.0, angle, least)
         if pose is not None:
-            apart = between_planar(odometry, pose) / _SIZE
+            apart = between_planar(odometry, pose) / FAULT_SIZE
             agreement = known.judge(place, pose)
             tried.append(_Candidate(pose, agreement, -0.5 * float(apart @ apart)))
     return sorted(tried, key=lambda one: -one.log_odds)
@@ -234,6 +247,15 @@ def _relocalised(c: Judged, match: Match, onward: Array) -> Judged:
     return _measured_anew(c, motion, covariance, source)
 
 
-def _measured_anew(c: Judged, motion: Array, covariance: Array, source: LaserTracking) -> Judged:
+def _unconfirmed(c: Judged) -> Judged:
+    """The same motion, of which a fault is possible."""
+    assert isinstance(c.source, LaserTracking)
+    covariance = np.linalg.inv(information_to_planar(c.information)) + np.diag(
+        np.square(FAULT_SIZE)
+    )
+    return _measured_anew(c, c.i_from_j, covariance, replace(c.source, unconfirmed=True))
+
+
+def _measured_anew(c: Judged, motion: Array, covariance: Array, source: Source) -> Judged:
     information = information_from_planar(np.linalg.inv(covariance))
     return Judged(c.from_id, c.to_id, c.kind, motion, information, source)

@@ -83,7 +83,7 @@ def closures_by_laser(
 
     if len(loaded.nodes) < 2:
         return []
-    path = nodes_at(loaded, None).path
+    path = nodes_at(loaded, None).drift.tracked
     count = max(1, round(float(path[-1]) / _SECTION))
     edges = np.searchsorted(path, np.linspace(0.0, path[-1], count + 1)[1:-1])
     found: list[Judged] = []

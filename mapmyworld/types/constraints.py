@@ -85,6 +85,11 @@ class Constraint:
         return isinstance(self.source, LaserTracking) and self.source.state == LOST
 
     @property
+    def is_unconfirmed(self) -> bool:
+        """Whether it is odometry that no scan afterwards confirms."""
+        return isinstance(self.source, LaserTracking) and self.source.unconfirmed
+
+    @property
     def interrupts_tracking(self) -> bool:
         """Whether the poses before and after it do not follow each other as they were tracked."""
         return self.is_tracking_loss or self.is_relocalised

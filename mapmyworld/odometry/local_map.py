@@ -74,7 +74,7 @@ class LocalMap:
         self._sightings[slots], self._known[slots] = 1, known[fresh]
         keyframe.point_of[fresh] = slots
         self.keyframes.append(keyframe)
-        self._forget_unconfirmed()
+        self._forget_doubted()
         if len(self.keyframes) > _KEPT:
             self._forget(self.keyframes.pop(0))
         return keyframe
@@ -102,7 +102,7 @@ class LocalMap:
         ids = keyframe.point_of[keyframe.point_of >= 0]
         np.subtract.at(self._sightings, ids, 1)
 
-    def _forget_unconfirmed(self) -> None:
+    def _forget_doubted(self) -> None:
         """Points of the keyframe before the last two that no other keyframe has seen since."""
         if len(self.keyframes) < 4:
             return

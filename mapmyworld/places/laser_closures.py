@@ -102,11 +102,12 @@ def find_laser_closures(
 
     nodes = held_by(nodes, tied)
     pairs = untried(untied(nodes, candidate_pairs(nodes, config, optimised=True), tied, config))
-    wide = replace(nodes, drift=nodes.drift.with_faults())
-    lost = untried(lost_pairs(wide, config))
-    lost = [pair for pair in lost if pair not in set(pairs)]
-    progress.stage("loop closures by laser", len(pairs) + len(lost), "pairs")
+    progress.stage("loop closures by laser", len(pairs), "pairs")
     near = compare_places(nodes, pairs, config, optimised=True)
+    held = held_by(nodes, [*tied, *near])
+    wide = replace(held, drift=held.drift.with_faults())
+    lost = [pair for pair in untried(lost_pairs(wide, config)) if pair not in set(pairs)]
+    progress.stage("wide search by laser", len(lost), "pairs")
     return near + compare_places(wide, lost, config, optimised=False, widest=EVERYWHERE)
 
 

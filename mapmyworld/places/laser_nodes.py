@@ -31,7 +31,7 @@ class LaserNodes:
     """(N, 3)."""
     path: Array
     """(N,) metres driven, rotation counted as well; more than maps reach where tracking was lost or
-    no scan confirms the odometry, so that no submap spans such a motion."""
+    scans put the odometry in doubt, so that no submap spans such a motion."""
     drift: PathDrift
     """Along the path, and what closures leave of it."""
     sees: NDArray[np.bool_]
@@ -50,7 +50,7 @@ class NodeScans(NamedTuple):
     sees: NDArray[np.bool_]
     """(N,) whether the scan has points enough to say where it was taken."""
     faults: Array
-    """(N, 2) what a fault would add to the variances, where no scan confirms the odometry."""
+    """(N, 2) what a fault would add to the variances, where scans put the odometry in doubt."""
 
 
 def load_node_scans(store: MapStore, config: Config) -> NodeScans:

@@ -37,7 +37,7 @@ class PathDrift:
     ) -> None:
         """`tracked` (N,) is metres of path up to each of the nodes at `poses` (N, 3), `closed` (C,
         2) nodes at one place. `variances` (N, 2), m^2 and rad^2, are those of the motion to each,
-        infinite where tracking was lost, and `faults` what a fault adds where nothing confirms it.
+        infinite where tracking was lost, and `faults` what a fault adds where odometry is in doubt.
         """
         self.tracked, self._poses, self._variances = tracked, poses, variances
         self._closed, self._faults = closed, faults
@@ -60,7 +60,7 @@ class PathDrift:
         return PathDrift(self.tracked, self._poses, self._variances, closed, self._faults)
 
     def with_faults(self) -> PathDrift:
-        """The same, with a fault wherever no scan confirms odometry and no closure spans it."""
+        """The same, with a fault wherever odometry is in doubt and no closure spans it."""
         if self._faults is None:
             return self
         first, last = np.sort(self._closed, axis=1).T
@@ -122,9 +122,9 @@ def stated_variances(ids: Index, constraints: Sequence[Judged]) -> Array:
 
 
 def fault_variances(ids: Index, constraints: Sequence[Judged]) -> Array:
-    """(N, 2) m^2 and rad^2 that a fault of the odometry adds, where no scan confirms it."""
+    """(N, 2) m^2 and rad^2 that a fault of the odometry adds, where scans put it in doubt."""
     variances = np.zeros((len(ids) + 1, 2))
-    doubted = [c.to_id for c in constraints if c.accepted and c.is_unconfirmed]
+    doubted = [c.to_id for c in constraints if c.accepted and c.is_doubted]
     x, y, yaw = np.square(FAULT_SIZE)
     variances[np.searchsorted(ids, doubted)] = x + y, yaw
     return variances[:-1]

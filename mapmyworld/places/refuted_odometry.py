@@ -55,6 +55,7 @@ from mapmyworld.types import (
 )
 
 Array = NDArray[np.float64]
+_FAULT = -float(np.log(FAULT))  # nats against one
 _WINDOW = 3.0, 2.0  # m and rad to each side in which it is looked for
 
 
@@ -78,20 +79,12 @@ class Refuted:
     """Of the node after, in the frame of the one before; None where two poses are as likely."""
 
 
-_UNCONFIRMED = Refuted(
-    Verdict(
-        Judge.LASER, False, Why.UNCONFIRMED,
-        {"metres": float(FAULT_SIZE[0]), "degrees": float(np.degrees(FAULT_SIZE[2]))},
-    )
-)  # fmt: skip
-
-
 def refuted_odometry(
     nodes: LaserNodes, constraints: Sequence[Judged], unobserved: Collection[int], config: Config
 ) -> list[Judged]:
     """The constraints; a refuted motion gives way to one by scans, or to a tracking loss.
 
-    One that nothing confirms either keeps its measure, and is as uncertain as a fault is large.
+    One that is in doubt keeps its measure, and is as uncertain as a fault is large.
 
     `unobserved`: nodes to which the motion goes that the scans did not observe.
     """
@@ -106,8 +99,8 @@ def refuted_odometry(
             continue
         first = section.motions[0]
         refuted[first.to_id] = found.verdict
-        if found.verdict.why is Why.UNCONFIRMED:
-            anew.append(_unconfirmed(first))
+        if found.verdict.why is Why.DOUBTED:
+            anew.append(_doubted(first))
             continue
         if found.match is None:
             start = section.last
@@ -158,16 +151,15 @@ def _refutation(
     a, b = section.first, section.last
     known, place = map_of_scans(submap_of(nodes, before, a)), Place.of(submap_of(nodes, after, b))
     odometry = between_planar(nodes.poses[a], nodes.poses[b])
-    there = known.best_about(place, odometry, *_window(section))[1]
-    expected = max(there.log_odds, 0.0) - float(np.log(FAULT))
+    there = _Candidate(odometry, known.best_about(place, odometry, *_window(section))[1], 0.0)
     tried = _candidates(known, place, odometry)
-    if not tried or tried[0].log_odds - expected <= NATS * needed_evidence(*_WINDOW):
-        return None if there.log_odds > NATS * needed_evidence(*_window(section)) else _UNCONFIRMED
+    if not tried:
+        return None
     best = tried[0]
-    apart = between_planar(odometry, best.pose)
-    numbers = {"metres": float(np.hypot(*apart[:2])), "degrees": float(np.degrees(abs(apart[2])))}
-    numbers |= {"log_odds": best.log_odds, "limit": expected}
-    verdict = Verdict(Judge.LASER, False, Why.REFUTED, numbers)
+    if best.log_odds <= max(there.log_odds, 0.0) + _FAULT + NATS * needed_evidence(*_WINDOW):
+        likelier = [one for one in tried if one.log_odds_over(there) >= NATS * MARGIN]
+        return Refuted(likelier[0].verdict(Why.DOUBTED, odometry)) if likelier else None
+    verdict = best.verdict(Why.REFUTED, odometry)
     if any(best.log_odds_over(o) < NATS * MARGIN for o in tried if best.is_another(o)):
         return Refuted(verdict)
     match = match_members(nodes, (a, before), (b, after), best.pose, config)
@@ -209,6 +201,12 @@ class _Candidate:
         """Nats for this pose, and against a place never seen."""
         return self.agreement.log_odds + self.prior
 
+    def verdict(self, why: Why, odometry: Array) -> Verdict:
+        """Of odometry (3,) in favour of this pose."""
+        apart = between_planar(odometry, self.pose)
+        metres, degrees = float(np.hypot(*apart[:2])), float(np.degrees(abs(apart[2])))
+        return Verdict(Judge.LASER, False, why, {"metres": metres, "degrees": degrees})
+
     def is_another(self, other: _Candidate) -> bool:
         """Whether both are poses of their own."""
         apart = between_planar(self.pose, other.pose)
@@ -247,13 +245,13 @@ def _relocalised(c: Judged, match: Match, onward: Array) -> Judged:
     return _measured_anew(c, motion, covariance, source)
 
 
-def _unconfirmed(c: Judged) -> Judged:
-    """The same motion, of which a fault is possible."""
+def _doubted(c: Judged) -> Judged:
+    """The same motion, which may be a fault."""
     assert isinstance(c.source, LaserTracking)
     covariance = np.linalg.inv(information_to_planar(c.information)) + np.diag(
         np.square(FAULT_SIZE)
     )
-    return _measured_anew(c, c.i_from_j, covariance, replace(c.source, unconfirmed=True))
+    return _measured_anew(c, c.i_from_j, covariance, replace(c.source, doubted=True))
 
 
 def _measured_anew(c: Judged, motion: Array, covariance: Array, source: Source) -> Judged:

@@ -85,9 +85,9 @@ class Constraint:
         return isinstance(self.source, LaserTracking) and self.source.state == LOST
 
     @property
-    def is_unconfirmed(self) -> bool:
-        """Whether it is odometry that no scan afterwards confirms."""
-        return isinstance(self.source, LaserTracking) and self.source.unconfirmed
+    def is_doubted(self) -> bool:
+        """Whether it is odometry that scans afterwards put in doubt."""
+        return isinstance(self.source, LaserTracking) and self.source.doubted
 
     @property
     def interrupts_tracking(self) -> bool:

@@ -44,8 +44,8 @@ class LaserTracking:
     """Whether the scans before do not say where the robot is."""
     after_gap: bool = False
     """Whether the log has no scan for unusually long before, whatever became of the robot."""
-    unconfirmed: bool = False
-    """Whether it is odometry that no scan afterwards confirms."""
+    doubted: bool = False
+    """Whether it is odometry that scans afterwards put in doubt."""
 
 
 @dataclass(frozen=True, slots=True)

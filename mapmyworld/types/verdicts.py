@@ -38,7 +38,7 @@ class Why(StrEnum):
     MARKER_CORNERS = "corners of a marker"
     CORRECTED = "corrected by images"
     REFUTED = "refuted by scans"
-    UNCONFIRMED = "confirmed by no scan"
+    DOUBTED = "doubted by scans"
     ACCEPTED_BY_HAND = "accepted by hand"
     REJECTED_BY_HAND = "rejected by hand"
     UNUSABLE = "cannot be used"
@@ -52,7 +52,7 @@ class Why(StrEnum):
 
 
 SUPERSEDING = frozenset(
-    {Why.CORRECTED, Why.REFUTED, Why.UNCONFIRMED, Why.MEASURED_ANEW, Why.CARRIED_OVER}
+    {Why.CORRECTED, Why.REFUTED, Why.DOUBTED, Why.MEASURED_ANEW, Why.CARRIED_OVER}
 )
 """Grounds on which a constraint gives way to another of the same, which is kept as well."""
 

@@ -58,8 +58,8 @@ _VERDICTS: Mapping[Why, str] = {
     Why.CORRECTED: "corrected by images",
     Why.REFUTED: "odometry fault: scans place the robot {metres:.2f} m and {degrees:.0f} deg from "
     "where odometry does",
-    Why.UNCONFIRMED: "no scan confirms the odometry: a fault may be of {metres:g} m and "
-    "{degrees:.0f} deg",
+    Why.DOUBTED: "odometry in doubt: scans fit better {metres:.2f} m and {degrees:.0f} deg from "
+    "where it places the robot",
     Why.ACCEPTED_BY_HAND: "by hand: accepted: {note}",
     Why.REJECTED_BY_HAND: "by hand: rejected: {note}",
     Why.UNUSABLE: "cannot be used: {note}",

@@ -47,7 +47,7 @@ def visits(moved: float) -> tuple[NodeScans, Poses]:
     made = prepare_scans(seen, CONFIG.registration)
     ids = np.arange(1, len(TRUTH) + 1)
     scans = scan_set([made.one(k) for k in range(len(made))])
-    loaded = NodeScans(nodes, scans, np.zeros(len(nodes)), np.ones(len(nodes), np.bool_))
+    loaded = NodeScans(nodes, scans, np.zeros((len(nodes), 2)), np.ones(len(nodes), np.bool_))
     return loaded, Poses(ids, poses, None)
 
 

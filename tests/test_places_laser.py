@@ -23,13 +23,22 @@ from mapmyworld.places.laser_candidates import EVERYWHERE, candidate_pairs, unti
 from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_nodes import calm_spots, laser_nodes
 from mapmyworld.places.laser_pairs import among_first_revisits, neighbour_pairs
-from mapmyworld.places.path_graph import NO_PAIRS, PathGraph
+from mapmyworld.places.path_drift import PathDrift, stated_variances
 from mapmyworld.places.wide_search import held_by, lost_pairs
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.types import ConstraintKind, ImageMatch, Judged, ScanMatch, Why
 from mapmyworld.types.wording import reason_of
 
 CONFIG = Config()
+
+
+def drifting(
+    count: int, *, at: int = 0, metres: float = 0.0, radians: float = 0.0
+) -> NDArray[np.float64]:
+    """(N, 2) m^2 and rad^2 of motions to nodes: 1 cm and 0.1 degrees, and more to one of them."""
+    variances = np.full((count, 2), np.square([0.01, 0.002]))
+    variances[at] += np.square([metres, radians])
+    return variances
 
 
 def two_visits() -> NDArray[np.float64]:
@@ -49,7 +58,8 @@ def closures(
     scans = scan_set(
         [prepare_scan(cast(p, walls, k), CONFIG.registration) for k, p in enumerate(two_visits())]
     )
-    nodes = laser_nodes(np.arange(len(believed), dtype=np.int64), scans, believed)
+    variances = drifting(len(believed), at=98, metres=0.3, radians=0.02)
+    nodes = laser_nodes(np.arange(len(believed), dtype=np.int64), scans, believed, variances)
     pairs = candidate_pairs(nodes, CONFIG, optimised=optimised)
     return compare_places(nodes, pairs, replace(CONFIG, threads=threads), optimised=optimised)
 
@@ -97,7 +107,8 @@ def second_drive_along_it(
     scans = scan_set(
         [prepare_scan(cast(p, walls, k), CONFIG.registration) for k, p in enumerate(truth)]
     )
-    nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, believed)
+    variances = drifting(len(truth), at=81, metres=2.0, radians=0.1)
+    nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, believed, variances)
     nodes = replace(nodes, path=nodes.path + 150.0 * (np.arange(len(truth)) >= 81))
     nodes = held_by(nodes, [])
     pairs = candidate_pairs(nodes, CONFIG, optimised=False)
@@ -164,10 +175,11 @@ def test_a_drive_that_comes_back_after_500_m_of_drift_is_closed() -> None:
     scans = scan_set(
         [prepare_scan(cast(p, WALLS, k), CONFIG.registration) for k, p in enumerate(truth)]
     )
-    nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, believed)
+    ids = np.arange(len(truth), dtype=np.int64)
+    nodes = laser_nodes(ids, scans, believed, stated_variances(ids, drive(believed)))
     nodes = replace(nodes, path=nodes.path + 500.0 * (np.arange(len(truth)) >= 98))
     nodes = held_by(nodes, [])
-    pairs = lost_pairs(nodes, drive(believed), CONFIG)
+    pairs = lost_pairs(nodes, CONFIG)
     assert pairs
     tried = compare_places(nodes, pairs, CONFIG, optimised=False, widest=EVERYWHERE)
     solved = solve(nodes.ids, planar_to_matrix(believed), [*drive(believed), *tried], True)
@@ -195,22 +207,57 @@ def test_places_are_looked_for_as_far_as_the_neighbour_constraints_state() -> No
     truth = two_visits()
     believed = truth.copy()
     believed[98:] = compose_planar([14.0, -11.0, np.radians(60.0)], truth[98:])
-    nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scan_set([]), believed)
-    nodes = held_by(replace(nodes, path=nodes.path + 100.0 * (np.arange(len(truth)) >= 98)), [])
     lost = drive(believed)
     known = [replace(c, information=lost[0].information) for c in lost]
-    assert lost_pairs(nodes, known, CONFIG) == []
-    found = lost_pairs(nodes, lost, CONFIG)
+    ids = np.arange(len(truth), dtype=np.int64)
+
+    def pairs(constraints: list[Judged]) -> list[tuple[int, int]]:
+        variances = stated_variances(ids, constraints)
+        return lost_pairs(laser_nodes(ids, scan_set([]), believed, variances), CONFIG)
+
+    assert pairs(known) == []
+    found = pairs(lost)
     assert found
     assert all(a < 98 <= b for a, b in found)
 
 
+def test_chance_grows_with_the_places_that_are_looked_at_and_not_with_the_reach() -> None:
+    """Drift of a kilometre is searched at 64 places, as one of 40 m is: chance gives as much."""
+    truth = two_visits()
+    scans = scan_set(
+        [prepare_scan(cast(p, WALLS, k), CONFIG.registration) for k, p in enumerate(truth)]
+    )
+    limits = []
+    for metres in (30.0, 300.0):
+        variances = drifting(len(truth), at=98, metres=metres, radians=0.1)
+        nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, truth, variances)
+        (found,) = compare_places(nodes, [(20, 118)], CONFIG, optimised=False, widest=EVERYWHERE)
+        assert found.accepted
+        limits.append(found.verdicts[-1].numbers["limit"])
+    assert limits[0] == limits[1]
+
+
 def test_a_closure_holds_what_it_joins_and_not_the_path_before() -> None:
     """One between 60 and 70 m says nothing of how far 90 m is from the start."""
-    graph = PathGraph(np.arange(101.0), np.array([[60, 70], [62, 70], [10, 10]]))
+    path = PathDrift(np.arange(101.0), np.zeros((101, 3)), drifting(101))
+    graph = path.held_by(np.array([[60, 70], [62, 70], [10, 10]]))
     assert graph.driven(0, 90) == 80.0
     assert graph.driven(np.array([60, 65, 0, 95]), 71).tolist() == [1.0, 4.0, 61.0, 24.0]
-    assert PathGraph(np.arange(101.0), NO_PAIRS).driven(0, 90) == 90.0
+    assert path.driven(0, 90) == 90.0
+    assert graph.reach(0, 90)[1] == pytest.approx(8.0 / 9.0 * path.reach(0, 90)[1])
+
+
+def test_what_was_lost_between_joined_sessions_is_no_drift() -> None:
+    """Their closure at 60 and 70 m says how they lie; what drifts is the 30 m beside it."""
+    lost = drifting(101, at=65, metres=np.inf)
+    path = PathDrift(np.arange(101.0), np.zeros((101, 3)), lost)
+    assert path.driven(60, 70) == 1010.0
+    tracked = drifting(101)
+    tracked[65] = 0.0
+    whole = PathDrift(np.arange(101.0), np.zeros((101, 3)), tracked)
+    joined = path.held_by(np.array([[60, 70]]))
+    assert joined.driven(45, 85) == 30.0
+    assert joined.reach(45, 85) == pytest.approx(0.75 * np.array(whole.reach(45, 85)))
 
 
 def test_where_closures_hold_the_drive_nothing_is_lost() -> None:
@@ -218,8 +265,10 @@ def test_where_closures_hold_the_drive_nothing_is_lost() -> None:
     scans = scan_set(
         [prepare_scan(cast(truth[0], WALLS, 0), CONFIG.registration) for _ in range(len(truth))]
     )
-    nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, truth)
-    nodes = replace(nodes, path=np.linspace(0.0, 600.0, len(truth)))
+    variances = drifting(len(truth)) + np.square([0.3, 0.05])
+    nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, truth, variances)
+    path = np.linspace(0.0, 600.0, len(truth))
+    nodes = replace(nodes, path=path, drift=PathDrift(path, truth, variances))
     closed = [
         Judged(
             from_id=k, to_id=k + 98, kind=ConstraintKind.LOOP_CLOSURE,
@@ -227,13 +276,14 @@ def test_where_closures_hold_the_drive_nothing_is_lost() -> None:
         )
         for k in range(0, 49, 4)
     ]  # fmt: skip
-    assert held_by(nodes, []).graph.driven(0, 146) == nodes.path[146]
-    held = held_by(nodes, closed).graph
+    assert held_by(nodes, []).drift.driven(0, 146) == nodes.path[146]
+    held = held_by(nodes, closed).drift
     assert held.driven(46, 144) < 20.0
     assert held.driven(0, 98) == 0.0
-    assert lost_pairs(held_by(nodes, []), [], CONFIG)
-    pairs = lost_pairs(held_by(nodes, closed), closed, CONFIG)
-    assert all(held.driven(a, b) > 75.0 for a, b in pairs)
+    assert lost_pairs(held_by(nodes, []), CONFIG)
+    pairs = lost_pairs(held_by(nodes, closed), CONFIG)
+    # Three sigmas of eleven motions, of 4.1 m each, are 3 m.
+    assert all(held.driven(a, b) > 45.0 for a, b in pairs)
     assert not any(abs(b - 98 - a) < 15 for a, b in pairs if b >= 98)
 
 
@@ -241,11 +291,11 @@ def test_a_place_is_compared_from_where_the_robot_turns_evenly() -> None:
     """A sweep in which a turn began stands for nothing; its neighbours see the same place."""
     poses = np.zeros((60, 3))
     poses[:, 0] = 0.1 * np.arange(60)
-    straight = laser_nodes(np.arange(60), scan_set([]), poses)
+    straight = laser_nodes(np.arange(60), scan_set([]), poses, drifting(60))
     spots = calm_spots(straight, 1.0)
     assert (straight.path[spots] // 1.0).tolist() == [0, 1, 2, 3, 4, 5]
     poses[spots[2] :, 2] = 0.03  # the turn lies between two nodes: both ends of it are uneven
-    turned = laser_nodes(np.arange(60), scan_set([]), poses)
+    turned = laser_nodes(np.arange(60), scan_set([]), poses, drifting(60))
     found = calm_spots(turned, 1.0)
     assert not {spots[2] - 1, spots[2]} & set(found.tolist())
     assert (turned.path[found] // 1.0).tolist() == [0, 1, 2, 3, 4, 5]
@@ -255,7 +305,7 @@ def test_no_place_is_passed_over_where_nodes_lie_as_far_apart_as_places() -> Non
     """Key scans, a metre apart in turns of a radian: each is a place of its own."""
     poses = np.zeros((20, 3))
     poses[:, 0], poses[10, 2] = 1.1 * np.arange(20), 1.0
-    nodes = laser_nodes(np.arange(20), scan_set([]), poses)
+    nodes = laser_nodes(np.arange(20), scan_set([]), poses, drifting(20))
     assert calm_spots(nodes, 1.0).tolist() == list(range(20))
 
 
@@ -263,7 +313,7 @@ def test_joined_places_are_not_compared_again() -> None:
     """A closure between rows 5 and 105 says what one between rows 6 and 106 would."""
     poses = np.zeros((200, 3))
     poses[:, 0] = 0.2 * np.arange(200)
-    nodes = laser_nodes(np.arange(200), scan_set([]), poses)
+    nodes = laser_nodes(np.arange(200), scan_set([]), poses, drifting(200))
     closure = Judged(
         from_id=5, to_id=105, kind=ConstraintKind.LOOP_CLOSURE, i_from_j=np.eye(4),
         information=np.eye(6), source=ScanMatch(),

@@ -36,7 +36,6 @@ from mapmyworld.types import ConstraintKind, Judged, Node
 CONFIG = Config()
 Array = NDArray[np.float64]
 HALL = np.array([[-5, -3, 5, -3], [5, -3, 5, 3], [5, 3, -5, 3], [-5, 3, -5, -3]], np.float64)
-LENGTH = 750.0  # m of path that a loss counts for after which any heading is open
 STRAIGHT = np.stack([np.linspace(-3.0, -1.0, 41), np.full(41, 1.0), np.zeros(41)], axis=-1)
 TURNING = np.column_stack([np.tile(STRAIGHT[-1, :2], (20, 1)), np.linspace(0.15, 3.1, 20)])
 AND_BACK = np.concatenate([STRAIGHT, TURNING, compose_planar([-4.0, 2.0, np.pi], STRAIGHT)])
@@ -56,9 +55,9 @@ def carried(walls: Array, *paths: Array) -> tuple[LaserNodes, NodeScans]:
     )
     scans = [prepare_scan(cast(p, walls, k), CONFIG.registration) for k, p in enumerate(truth)]
     nodes = [Node(k + 1, 0, k, p, p) for k, p in enumerate(planar_to_matrix(believed))]
-    lost = np.zeros(len(truth))
-    lost[np.cumsum([len(path) for path in paths])[:-1]] = LENGTH
-    loaded = NodeScans(nodes, scan_set(scans), lost, np.ones(len(truth), np.bool_))
+    variances = np.zeros((len(truth), 2))
+    variances[np.cumsum([len(path) for path in paths])[:-1]] = np.inf
+    loaded = NodeScans(nodes, scan_set(scans), variances, np.ones(len(truth), np.bool_))
     return nodes_at(loaded, None), loaded
 
 

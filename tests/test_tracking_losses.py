@@ -22,10 +22,16 @@ from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
 from mapmyworld.odometry.unobserved_motion import UnobservedMotion
 from mapmyworld.places.laser_candidates import candidate_pairs
 from mapmyworld.places.laser_closures import compare_places
-from mapmyworld.places.laser_nodes import LaserNodes, NodeScans, calm_spots, nodes_at
+from mapmyworld.places.laser_nodes import (
+    LaserNodes,
+    NodeScans,
+    calm_spots,
+    nodes_at,
+    sessions_of,
+)
 from mapmyworld.places.laser_submaps import submap_members
+from mapmyworld.places.path_drift import stated_variances
 from mapmyworld.places.session_closures import session_closures
-from mapmyworld.places.unseen_path import unseen_path
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.trackers import LaserFollower
@@ -216,8 +222,7 @@ def neighbour(to_id: int, sigmas: Array, *, lost: bool) -> Judged:
     )  # fmt: skip
 
 
-def test_a_loss_is_as_much_path_as_takes_a_drift_of_half_a_turn() -> None:
-    """At 0.004 rad/m that are 785 m."""
+def test_a_loss_is_unknown_motion() -> None:
     constraints = [
         neighbour(5, np.full(3, 1.0), lost=True),
         neighbour(6, np.full(3, 9.0), lost=False),
@@ -225,8 +230,9 @@ def test_a_loss_is_as_much_path_as_takes_a_drift_of_half_a_turn() -> None:
         neighbour(11, np.full(3, 9.0), lost=True),
     ]
     # Node 5 has no scan: what was lost before it was lost before the next one.
-    added = unseen_path(np.array([1, 2, 3, 4, 6, 7, 8, 9]), constraints, CONFIG.places)
-    assert added == pytest.approx([0, 0, 0, 0, 785.4, 0, 0, 785.4], abs=0.1)
+    variances = stated_variances(np.array([1, 2, 3, 4, 6, 7, 8, 9]), constraints)
+    assert np.isinf(variances).all(axis=1).tolist() == [k in (4, 7) for k in range(8)]
+    assert sessions_of(variances).tolist() == [0, 0, 0, 0, 1, 1, 1, 2]
 
 
 def two_rooms(lost: Array | None) -> LaserNodes:
@@ -242,8 +248,8 @@ def two_rooms(lost: Array | None) -> LaserNodes:
         Node(int(i), 0, int(i), p, p) for i, p in zip(ids, planar_to_matrix(believed), strict=True)
     ]
     losses = [] if lost is None else [neighbour(42, lost, lost=True)]
-    unseen = unseen_path(ids, losses, CONFIG.places)
-    return nodes_at(NodeScans(nodes, scans, unseen, np.ones(len(ids), np.bool_)), None)
+    loaded = NodeScans(nodes, scans, stated_variances(ids, losses), np.ones(len(ids), np.bool_))
+    return nodes_at(loaded, None)
 
 
 def test_no_submap_spans_a_loss() -> None:

@@ -28,7 +28,7 @@ from mapmyworld.odometry.joint_system import (
     step_covariances,
 )
 from mapmyworld.odometry.sweep_noise import sweep_variances
-from mapmyworld.places.laser_nodes import NodeScans, load_node_scans
+from mapmyworld.places.laser_nodes import NodeScans, load_node_scans, sessions_of
 from mapmyworld.places.laser_pairs import among_first_revisits, neighbour_pairs
 from mapmyworld.places.stored_scans import Scans
 from mapmyworld.registration.joint_alignment import align_in_rounds
@@ -73,13 +73,14 @@ def refine_poses(
     that are not aligned themselves keep their place between those that are. Scans on
     different ones of these `session`s (N,) are not compared: nothing shows how these lie.
     """
-    nodes, scans, unseen, _ = loaded or load_node_scans(store, config)
+    loaded = loaded or load_node_scans(store, config)
+    nodes, scans = loaded.nodes, loaded.scans
     if len(nodes) < 3:
         return None
     progress.stage("refine", len(FINE), "rounds")
     rows = {int(i): row for row, i in enumerate(poses.ids)}
     solved = matrix_to_planar(np.stack([poses.map_from_node[rows[n.id]] for n in nodes]))
-    sessions = _sessions(nodes, unseen)
+    sessions = _sessions(nodes, sessions_of(loaded.variances))
     statements = Statements.of(nodes, constraints)
     chosen = np.concatenate([spaced_nodes(solved[a:b], config) + a for a, b in sessions])
     chosen = np.union1d(chosen, statements.concerns(nodes))
@@ -219,11 +220,10 @@ def _rounds(
     return _Aligned(every[:count], every[count:-1], found.moved, residual, spread, own, anchors)
 
 
-def _sessions(nodes: Sequence[Node], unseen: Array) -> list[tuple[int, int]]:
+def _sessions(nodes: Sequence[Node], tracked: Index) -> list[tuple[int, int]]:
     """First node and one past the last of sections without a loss; carrying stays within."""
-    sessions = np.array([node.session for node in nodes])
-    anew = np.diff(sessions, prepend=sessions[0]) != 0
-    edges = [0, *np.flatnonzero(anew | (unseen > 0.0)).tolist(), len(nodes)]
+    both = np.stack([[node.session for node in nodes], tracked])
+    edges = [0, *(np.flatnonzero(np.diff(both).any(axis=0)) + 1).tolist(), len(nodes)]
     return list(itertools.pairwise(edges))
 
 

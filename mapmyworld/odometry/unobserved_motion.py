@@ -16,7 +16,9 @@ from mapmyworld.kernels.wheel_model import MEMORY, MOVES
 Array = NDArray[np.float64]
 GOES_ON = 1.0
 """Seconds for which a motion is expected to go on as it was, and the next is compared with it."""
-_OPEN = np.square([1e3, 1e3, np.pi])  # m^2, m^2, rad^2: farther than maps reach, any heading
+FARTHEST = 1e3
+"""Metres: farther than maps reach."""
+_OPEN = np.square([FARTHEST, FARTHEST, np.pi])  # m^2, m^2, rad^2; any heading
 _SUBMAP = 5.0  # m about that a submap shows around a robot
 
 

@@ -16,7 +16,9 @@ Pairs = list[tuple[int, int]]
 FIRST_WINDOW = 15.0
 """Metres to each side, at most, of a search from poses that have drifted."""
 EVERYWHERE = np.inf
-"""As far as the drift may reach: then every place there is looked at by itself."""
+"""As far as the drift may reach: then places all over that are looked at, each by itself."""
+MOST = 64
+"""Of these places, so that time grows as the path does."""
 SLACK = 1.0, 0.2
 """Metres and radians by which solved poses may be off in any case."""
 NEAR = 3.0
@@ -39,7 +41,7 @@ def candidate_pairs(nodes: LaserNodes, config: Config, *, optimised: bool, first
         near = near[nodes.path[later] - nodes.path[spots[near]] > 2.0 * places.laser_submap]
         near = near[nodes.session[spots[near]] == nodes.session[later]]
         apart = np.hypot(*(nodes.poses[spots[near], :2] - nodes.poses[later, :2]).T)
-        drift = places.laser_drift * nodes.graph.driven(spots[near], int(later))
+        drift, _ = nodes.drift.reach(spots[near], int(later))
         reach = NEAR + (0.0 if optimised else 1.0) * np.minimum(drift, FIRST_WINDOW)
         best = _nearest_of_revisits(
             near[apart < reach], apart[apart < reach], places.laser_revisits
@@ -59,13 +61,10 @@ def _nearest_of_revisits(near: Index, apart: NDArray[np.float64], most: int) -> 
     return sorted(near[best[chosen]].tolist())
 
 
-def drift_window(
-    nodes: LaserNodes, a: int, b: int, config: Config, widest: float
-) -> tuple[float, float]:
+def drift_window(nodes: LaserNodes, a: int, b: int, widest: float) -> tuple[float, float]:
     """Metres, `widest` at most, and radians to each side that the drift between two nodes spans."""
-    drifted = float(nodes.graph.driven(a, b))
-    distance = min(SLACK[0] + config.places.laser_drift * drifted, widest)
-    return distance, min(SLACK[1] + config.places.laser_drift_angle * drifted, np.pi)
+    metres, radians = nodes.drift.reach(a, b)
+    return min(SLACK[0] + float(metres), widest), min(SLACK[1] + float(radians), np.pi)
 
 
 def untied(nodes: LaserNodes, pairs: Pairs, closures: Sequence[Judged], config: Config) -> Pairs:

@@ -20,6 +20,7 @@ from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_candidates import (
     EVERYWHERE,
     FIRST_WINDOW,
+    MOST,
     SLACK,
     candidate_pairs,
     drift_window,
@@ -87,8 +88,8 @@ def find_laser_closures(
 ) -> list[Judged]:
     """Every pair of places that was compared from optimised poses, with its verdict.
 
-    The search reaches only a little, where the kind is `proximity`; and as far as the settings let
-    it where nothing was recognised for long. Places that `tied` closures join are not compared
+    The search reaches only a little, where the kind is `proximity`; and as far as tracking may be
+    off where nothing was recognised for long. Places that `tied` closures join are not compared
     again, nor are nodes with ids before `since` with each other.
     """
     if len(loaded.nodes) < 2:
@@ -102,7 +103,7 @@ def find_laser_closures(
 
     nodes = held_by(nodes, tied)
     pairs = untried(untied(nodes, candidate_pairs(nodes, config, optimised=True), tied, config))
-    lost = untried(lost_pairs(nodes, constraints, config))
+    lost = untried(lost_pairs(nodes, config))
     lost = [pair for pair in lost if pair not in set(pairs)]
     progress.stage("loop closures by laser", len(pairs) + len(lost), "pairs")
     near = compare_places(nodes, pairs, config, optimised=True)
@@ -158,11 +159,13 @@ def _compare(
     guess = between_planar(nodes.poses[a], nodes.poses[b])
     distance, angle = SLACK
     if not optimised:
-        distance, angle = drift_window(nodes, a, b, config, widest)
+        distance, angle = drift_window(nodes, a, b, widest)
     around = place_around(nodes, b, config)
-    needed, centre = needed_evidence(distance, angle), guess
+    searched, centre = distance, guess
     if widest == EVERYWHERE:  # is the robot at this place?
         centre, distance = np.array([0.0, 0.0, guess[2]]), config.places.laser_submap
+        searched = min(searched, np.sqrt(MOST) * distance)
+    needed = needed_evidence(searched, angle)
     found = search_evidence(
         around.submap.points, place.grid, centre, distance, angle, FORTH * needed
     )

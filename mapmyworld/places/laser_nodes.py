@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
 from mapmyworld.odometry.pose_hypotheses import FEWEST
-from mapmyworld.places.path_graph import NO_PAIRS, PathGraph
+from mapmyworld.places.path_drift import PathDrift, stated_variances
 from mapmyworld.places.stored_scans import Scans, StoredScans
-from mapmyworld.places.unseen_path import unseen_path
 from mapmyworld.types import MapStore, Node, Poses
 
 Array = NDArray[np.float64]
@@ -31,8 +30,8 @@ class LaserNodes:
     """(N, 3)."""
     path: Array
     """(N,) metres driven, rotation and tracking losses counted as well."""
-    graph: PathGraph
-    """The path, and the closures that hold it."""
+    drift: PathDrift
+    """Along the path, and what closures leave of it."""
     sees: NDArray[np.bool_]
     """(N,) whether the scan has points enough to say where it was taken."""
     session: Index
@@ -44,8 +43,8 @@ class NodeScans(NamedTuple):
 
     nodes: list[Node]
     scans: Scans
-    unseen: Array
-    """(N,) metres of path that tracking losses right before each node count for."""
+    variances: Array
+    """(N, 2) m^2 and rad^2 of the motion to each node, as stated; infinite for tracking losses."""
     sees: NDArray[np.bool_]
     """(N,) whether the scan has points enough to say where it was taken."""
 
@@ -56,21 +55,21 @@ def load_node_scans(store: MapStore, config: Config) -> NodeScans:
     scans = StoredScans(store, np.flatnonzero(frames.is_node), config.registration)
     known = {node.id: node for node in store.nodes()}
     ids = frames.node_ids[scans.frames]
-    unseen = unseen_path(ids, store.constraints(), config.places)
-    return NodeScans([known[i] for i in ids.tolist()], scans, unseen, scans.sizes >= FEWEST)
+    nodes = [known[i] for i in ids.tolist()]
+    variances = stated_variances(ids, store.constraints())
+    return NodeScans(nodes, scans, variances, scans.sizes >= FEWEST)
 
 
-def laser_nodes(ids: Index, scans: Scans, poses: Array) -> LaserNodes:
+def laser_nodes(ids: Index, scans: Scans, poses: Array, variances: Array) -> LaserNodes:
     """Nodes `ids` (N,) that all see, with the length of path up to each; nothing holds them.
 
     `poses` (N, 3) are map_from_base.
     """
     steps = between_planar(poses[:-1], poses[1:])
     lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.2 * np.abs(steps[:, 2])
-    path = np.concatenate([[0.0], np.cumsum(lengths)])
+    drift = PathDrift(np.concatenate([[0.0], np.cumsum(lengths)]), poses, variances)
     sees = np.ones(len(ids), np.bool_)
-    session = np.zeros(len(ids), np.int64)
-    return LaserNodes(ids, scans, poses, path, PathGraph(path, NO_PAIRS), sees, session)
+    return LaserNodes(ids, scans, poses, drift.path, drift, sees, sessions_of(variances))
 
 
 def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -> LaserNodes:
@@ -82,18 +81,13 @@ def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -
     else:
         row = {int(i): k for k, i in enumerate(poses.ids)}
         matrices = poses.map_from_node[[row[int(i)] for i in ids]]
-    found = laser_nodes(ids, loaded.scans, matrix_to_planar(matrices))
-    unseen = loaded.unseen[: len(ids)]
-    path, session = found.path + np.cumsum(unseen), sessions_of(loaded)[: len(ids)]
-    return replace(
-        found, path=path, graph=PathGraph(path, NO_PAIRS), sees=loaded.sees[: len(ids)],
-        session=session,
-    )  # fmt: skip
+    found = laser_nodes(ids, loaded.scans, matrix_to_planar(matrices), loaded.variances[: len(ids)])
+    return replace(found, sees=loaded.sees[: len(ids)])
 
 
-def sessions_of(loaded: NodeScans) -> Index:
-    """(N,) number of each node's session."""
-    return np.cumsum((loaded.unseen > 0.0).astype(np.int64))
+def sessions_of(variances: Array) -> Index:
+    """(N,) number of each node's session, from the variances (N, 2) of the motions to nodes."""
+    return np.cumsum(np.isinf(variances).any(axis=1).astype(np.int64))
 
 
 def spaced(path: Array, spacing: float) -> Index:

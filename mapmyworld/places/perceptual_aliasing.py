@@ -63,7 +63,7 @@ def _places_to_look_at(
     found: dict[int, list[int]] = {}
     for k, (a, b) in enumerate(pairs):
         if closures[k].accepted:
-            reach, _ = drift_window(nodes, a, b, config, FIRST_WINDOW)
+            reach, _ = drift_window(nodes, a, b, FIRST_WINDOW)
             apart = np.abs(path[spots] - path[a])
             near = (
                 (apart > places.laser_spacing) & (apart <= reach) & (path[spots] < path[b] - itself)
@@ -83,7 +83,7 @@ def _second_best(
     """
     a, b = pair
     found = compose_planar(nodes.poses[a], matrix_to_planar(closure.i_from_j))
-    distance, angle = drift_window(nodes, a, b, config, FIRST_WINDOW)
+    distance, angle = drift_window(nodes, a, b, FIRST_WINDOW)
     here, there = between_planar(nodes.poses[spot], found), place_around(nodes, b, config)
     needed = needed_evidence(distance, angle)
     points = there.submap.points

@@ -67,6 +67,16 @@ class SessionPlaces:
         """The nodes of those places that are looked for: about every whole submap."""
         return self._apart(self.spots, 2.0)
 
+    def window(self, spot: int, about: Array) -> tuple[float, float]:
+        """Metres and radians by which a place may be off, as seen from a pose (3,)."""
+        off = self.nodes.poses[self.rows, :2] - about[:2]
+        nearest = int(self.rows[np.argmin(np.hypot(off[:, 0], off[:, 1]))])
+        metres, radians = self.nodes.drift.reach(nearest, spot)
+        return (
+            min(SETTLED[0] + float(metres), SLACK[0]),
+            min(SETTLED[1] + float(radians), SLACK[1]),
+        )
+
     def _apart(self, among: list[int], size: float) -> list[int]:
         """Those of these nodes that lie so many halves of a submap from all chosen before."""
         poses, apart = self.nodes.poses, size * self.config.places.laser_submap
@@ -217,18 +227,10 @@ def _reports(
     """Pose (3,) and report of each place of a session in a map, which agree at `about` (3,)."""
     reports = {}
     for k, place in other.places.items():
-        window = _window(other.nodes.poses[k] - about, other.config)
+        window = other.window(k, about)
         guess = compose_planar(move, other.nodes.poses[k])
         reports[k] = known.whole.report(place, guess, *window)
     return reports
-
-
-def _window(off: Array, config: Config) -> tuple[float, float]:
-    apart = float(np.hypot(*off[:2]))
-    return (
-        min(SETTLED[0] + config.places.laser_drift * apart, SLACK[0]),
-        min(SETTLED[1] + config.places.laser_drift_angle * apart, SLACK[1]),
-    )
 
 
 def _elsewhere(

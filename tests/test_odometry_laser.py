@@ -130,8 +130,8 @@ def test_a_blinded_laser_leaves_it_to_the_odometry() -> None:
     assert {moment.verdict for moment in tracked[40:50]} == {"odometry only"}
     assert errors(tracked, truth)[0] < 0.1
     assert any("could not be matched" in note for note in tracker.notes())
-    seen, blind = tracked[30].information, tracked[45].information
-    assert np.linalg.det(blind) < np.linalg.det(seen)
+    seen, blind = tracked[30].covariance, tracked[45].covariance
+    assert np.linalg.det(blind) > np.linalg.det(seen)
 
 
 @pytest.mark.parametrize("empty", [1, 5])
@@ -166,8 +166,8 @@ def test_a_corridor_is_reported_with_its_section() -> None:
     truth = np.stack([np.linspace(0, 6, 100), np.zeros(100), np.zeros(100)], axis=-1)
     scans = [cast(pose, walls, seed) for seed, pose in enumerate(truth)]
     tracked, tracker = follow(scans, truth)
-    along = sum(np.linalg.inv(moment.information)[0, 0] for moment in tracked[1:])
-    across = sum(np.linalg.inv(moment.information)[1, 1] for moment in tracked[1:])
+    along = sum(moment.covariance[0, 0] for moment in tracked[1:])
+    across = sum(moment.covariance[1, 1] for moment in tracked[1:])
     assert along > 20.0 * across
     assert abs(tracked[-1].pose[0] - 6.0) < 3.0 * np.sqrt(along)
     assert any("position along it relies on odometry" in note for note in tracker.notes())

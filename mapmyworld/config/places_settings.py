@@ -15,6 +15,4 @@ class PlacesConfig:
     laser_spacing: Step = 1.0  # m of path between two scans that look for known places nearby
     laser_far_spacing: Step = 2.0  # m of path between two scans that look as far as drift goes
     laser_submap: Positive = 5.0  # m of path to each side that a submap covers
-    laser_drift: Positive = 0.04  # m per m of path by which the tracked pose may be off
-    laser_drift_angle: Positive = 0.004  # rad per m of path by which the tracked pose may be off
     laser_revisits: Whole = 3  # earlier revisits that each scan is compared with, at most

@@ -49,7 +49,6 @@ FIRST_READ: Mapping[str, tuple[str, ...]] = {
         "places.laser_far_spacing",
         "places.laser_spacing",
         "places.laser_submap",
-        "places.laser_drift*",
         "places.laser_revisits",
         "graph.tolerance",
         "graph.robust",

@@ -13,6 +13,8 @@ from mapmyworld.kernels.scan_alignment import invert3
 from mapmyworld.localisation.known_place import Fit, KnownPlace
 from mapmyworld.localisation.observation import SEARCHED, Moment, fit_at, match_at
 from mapmyworld.localisation.recent import RecentScans
+from mapmyworld.places.laser_candidates import FIRST_WINDOW
+from mapmyworld.places.path_drift import SIGMAS
 from mapmyworld.registration.place_evidence import Place, needed_evidence
 from mapmyworld.registration.scan_matching import COARSE, Match
 from mapmyworld.registration.scan_search import APART, NATS
@@ -38,7 +40,7 @@ class GlobalLocalisation:
         self._recent = RecentScans(config)
         self._is_due, self._tries = True, 0
         self._reckoned: Array | None = None
-        self._reckoned_path = 0.0
+        self._covariance = np.zeros((3, 3))  # of the reckoned pose, in the robot's frame
         self._last_match: Array | None = None
         self._since_match = np.zeros(3)
 
@@ -50,8 +52,7 @@ class GlobalLocalisation:
         self._is_due |= self._recent.add(moment)
         self._since_match = compose_planar(self._since_match, moment.step)
         if self._reckoned is not None:
-            self._reckoned = compose_planar(self._reckoned, moment.step)
-            self._reckoned_path += float(np.hypot(*moment.step[:2]))
+            self._reckoned, self._covariance = moment.moved(self._reckoned, self._covariance)
 
     def begin(self, moment: Moment, reckoned: Array | None) -> None:
         """The place is lost; `reckoned` (3,) is where the robot was thought to be, if anywhere.
@@ -59,7 +60,8 @@ class GlobalLocalisation:
         What was seen before speaks for that pose however far the robot was carried since: it is
         forgotten then, and so is what lies beyond a doubtful motion.
         """
-        self._reckoned, self._reckoned_path = None if moment.motion_lost else reckoned, 0.0
+        self._reckoned = None if moment.motion_lost else reckoned
+        self._covariance = np.zeros((3, 3))
         if reckoned is not None or moment.shaken:
             self._recent.forget()
             self._recent.add(moment)
@@ -101,11 +103,9 @@ class GlobalLocalisation:
         """Where continuous motion leads, if the map goes with that."""
         if self._reckoned is None:
             return None
-        places = self._config.places
-        window = (
-            APART[0] + places.laser_drift * self._reckoned_path,
-            APART[1] + places.laser_drift_angle * self._reckoned_path,
-        )
+        x, y, yaw = np.diag(self._covariance)
+        metres = min(APART[0] + SIGMAS * float(np.sqrt(x + y)), FIRST_WINDOW)
+        window = metres, min(APART[1] + SIGMAS * float(np.sqrt(yaw)), np.pi)
         pose, said = self._place.whole.best_about(place, self._reckoned, *window)
         return pose if said.log_odds >= NATS * needed_evidence(*window) else None
 

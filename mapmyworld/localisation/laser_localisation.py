@@ -16,7 +16,6 @@ from mapmyworld.geometry.planar import (
     compose_planar,
     covariance_from_planar,
     matrix_to_planar,
-    planar_adjoint,
     planar_to_matrix,
 )
 from mapmyworld.geometry.rigid import between
@@ -71,7 +70,7 @@ class LaserLocaliser:
             moved = self._tracker.track(frame)
             moment = self._moment(frame, moved)
             self._global.follow(moment)
-            self._predict(moment.step, invert3(moved.information))
+            self._pose, self._covariance = moment.moved(self._pose, self._covariance)
             if self._state == State.LOST:
                 self._state, fit = self._seek(moment, frame)
             else:
@@ -87,7 +86,10 @@ class LaserLocaliser:
         self._tracked = moved.pose
         scan = scan_of(frame, self._config)
         motion_lost = is_motion_lost(moved, step, self._recorded_step(frame))
-        return Moment(len(self.estimates), scan, moved.pose, step, is_shaken(moved), motion_lost)
+        return Moment(
+            len(self.estimates), scan, moved.pose, step, moved.covariance, is_shaken(moved),
+            motion_lost,
+        )  # fmt: skip
 
     def _recorded_step(self, frame: Frame) -> Array | None:
         """Motion (3,) since the frame before, as recorded."""
@@ -95,12 +97,6 @@ class LaserLocaliser:
         if before is None or frame.odom_from_base is None:
             return None
         return matrix_to_planar(between(before, frame.odom_from_base))
-
-    def _predict(self, step: Array, covariance: Array) -> None:
-        """The pose after a motion; its uncertainty is carried into the new frame and grows."""
-        self._pose = compose_planar(self._pose, step)
-        adjoint = planar_adjoint(between_planar(step, np.zeros(3)))
-        self._covariance = adjoint @ self._covariance @ adjoint.T + covariance
 
     # While the place is known
 

@@ -8,7 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.planar import between_planar
+from mapmyworld.geometry.planar import (
+    between_planar,
+    compose_planar,
+    invert_planar,
+    planar_adjoint,
+)
 from mapmyworld.localisation.known_place import Fit, KnownPlace
 from mapmyworld.odometry.laser_odometry import LaserMotion
 from mapmyworld.odometry.pose_hypotheses import FEWEST
@@ -34,6 +39,8 @@ class Moment:
     """(3,) the tracker's pose."""
     step: Array
     """(3,) motion since the moment before."""
+    covariance: Array
+    """(3, 3) of that motion, in this moment's base."""
     shaken: bool
     """Whether that motion is doubtful: the scan did not go with the ones before."""
     motion_lost: bool
@@ -48,6 +55,11 @@ class Moment:
     def is_blind(self) -> bool:
         """Whether the scan shows too little to indicate anything."""
         return len(self.scan.rows) < FEWEST
+
+    def moved(self, pose: Array, covariance: Array) -> tuple[Array, Array]:
+        """Where the motion leads from a pose (3,), and how sure that is, (3, 3) in this base."""
+        back = planar_adjoint(invert_planar(self.step))
+        return compose_planar(pose, self.step), back @ covariance @ back.T + self.covariance
 
 
 def is_shaken(moved: LaserMotion) -> bool:

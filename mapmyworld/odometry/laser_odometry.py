@@ -55,11 +55,6 @@ class LaserMotion:
     is_open: bool = False
     """Whether later scans decide if tracking is lost here: no odometry, and nothing that fits."""
 
-    @property
-    def information(self) -> Array:
-        """(3, 3), the covariance's inverse."""
-        return np.asarray(np.linalg.inv(self.covariance))
-
 
 class LaserTracker:
     """Follows the robot from scan to scan in bounded memory."""

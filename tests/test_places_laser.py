@@ -222,7 +222,7 @@ def test_places_are_looked_for_as_far_as_the_neighbour_constraints_state() -> No
 
 
 def test_chance_grows_with_the_places_that_are_looked_at_and_not_with_the_reach() -> None:
-    """Drift of a kilometre is searched at 64 places, as one of 40 m is: chance gives as much."""
+    """Drift of a kilometre is searched at so many places, as one of 60 m is: chance is alike."""
     truth = two_visits()
     scans = scan_set(
         [prepare_scan(cast(p, WALLS, k), CONFIG.registration) for k, p in enumerate(truth)]

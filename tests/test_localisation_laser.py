@@ -118,6 +118,15 @@ def moment_at(
     return Moment(seed, scan, tracked, step, np.zeros((3, 3)), shaken, motion_lost=False)
 
 
+def test_a_motion_swings_the_position_by_what_the_heading_errs() -> None:
+    """2 m on, then a quarter turn: what lay across lies along the robot."""
+    step = np.array([2.0, 0.0, np.pi / 2.0])
+    moment = replace(moment_at(np.zeros(3), np.zeros(3), step, 0), covariance=0.01 * np.eye(3))
+    pose, covariance = moment.moved(np.array([1.0, 1.0, 0.0]), np.diag([0.0, 0.0, 0.04]))
+    assert pose == pytest.approx([3.0, 1.0, np.pi / 2.0])
+    assert np.diag(covariance) == pytest.approx([0.04 * 2.0**2 + 0.01, 0.01, 0.05])
+
+
 def test_a_room_with_four_equal_corners_is_never_recognised() -> None:
     """Every pose has three others that see the same: to claim one would be to guess."""
     around = tour([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])

@@ -221,6 +221,22 @@ def test_places_are_looked_for_as_far_as_the_neighbour_constraints_state() -> No
     assert all(a < 98 <= b for a, b in found)
 
 
+def test_chance_grows_with_the_places_that_are_looked_at_and_not_with_the_reach() -> None:
+    """Drift of a kilometre is searched at so many places, as one of 60 m is: chance is alike."""
+    truth = two_visits()
+    scans = scan_set(
+        [prepare_scan(cast(p, WALLS, k), CONFIG.registration) for k, p in enumerate(truth)]
+    )
+    limits = []
+    for metres in (30.0, 300.0):
+        variances = drifting(len(truth), at=98, metres=metres, radians=0.1)
+        nodes = laser_nodes(np.arange(len(truth), dtype=np.int64), scans, truth, variances)
+        (found,) = compare_places(nodes, [(20, 118)], CONFIG, optimised=False, widest=EVERYWHERE)
+        assert found.accepted
+        limits.append(found.verdicts[-1].numbers["limit"])
+    assert limits[0] == limits[1]
+
+
 def test_a_closure_holds_what_it_joins_and_not_the_path_before() -> None:
     """One between 60 and 70 m says nothing of how far 90 m is from the start."""
     path = PathDrift(np.arange(101.0), np.zeros((101, 3)), drifting(101))
@@ -229,6 +245,19 @@ def test_a_closure_holds_what_it_joins_and_not_the_path_before() -> None:
     assert graph.driven(np.array([60, 65, 0, 95]), 71).tolist() == [1.0, 4.0, 61.0, 24.0]
     assert path.driven(0, 90) == 90.0
     assert graph.reach(0, 90)[1] == pytest.approx(8.0 / 9.0 * path.reach(0, 90)[1])
+
+
+def test_what_was_lost_between_joined_sessions_is_no_drift() -> None:
+    """Their closure at 60 and 70 m says how they lie; what drifts is the 30 m beside it."""
+    lost = drifting(101, at=65, metres=np.inf)
+    path = PathDrift(np.arange(101.0), np.zeros((101, 3)), lost)
+    assert path.driven(60, 70) == 1010.0
+    tracked = drifting(101)
+    tracked[65] = 0.0
+    whole = PathDrift(np.arange(101.0), np.zeros((101, 3)), tracked)
+    joined = path.held_by(np.array([[60, 70]]))
+    assert joined.driven(45, 85) == 30.0
+    assert joined.reach(45, 85) == pytest.approx(0.75 * np.array(whole.reach(45, 85)))
 
 
 def test_where_closures_hold_the_drive_nothing_is_lost() -> None:

@@ -20,10 +20,11 @@ from mapmyworld.geometry.planar import between_planar, matrix_to_planar
 from mapmyworld.mapping.added_grid import added_grid
 from mapmyworld.memory_map import MemoryMap
 from mapmyworld.sessions import extend_map, load_session_map, merge_maps
+from mapmyworld.sessions.joining import session_places
 from mapmyworld.sessions.skeleton import skeleton_of
 from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve_and_judge import solve_and_judge
-from mapmyworld.types import ConstraintKind, MapStore, NodeData, OccupancyGrid
+from mapmyworld.types import ConstraintKind, Judged, MapStore, NodeData, OccupancyGrid
 from mapmyworld.types.wording import reason_of
 
 DRIVES: dict[str, Drive] = {
@@ -87,6 +88,22 @@ def worst_error(store: MapStore, names: Sequence[str]) -> float:
 
 
 @pytest.mark.slow
+def test_a_session_is_known_as_surely_as_its_closures_hold_it(maps: dict[str, MapStore]) -> None:
+    """Not by the path alone: what a closure joins has not drifted apart."""
+    store = merged(maps, ["one"])
+    ids = [node.id for node in store.nodes()]
+    closure = Judged(ids[0], ids[-1], ConstraintKind.LOOP_CLOSURE, np.eye(4), np.eye(6))
+
+    def reach() -> float:
+        nodes = session_places(load_session_map("one", store), Config()).nodes
+        metres, _ = nodes.drift.reach(0, len(nodes.ids) - 1)
+        return float(metres)
+
+    assert reach() > 0.0
+    store.add_constraints([closure])
+    assert reach() == 0.0
+
+
 def test_three_logs_at_once_give_the_same_map_in_any_order(maps: dict[str, MapStore]) -> None:
     orders = list(itertools.permutations(DRIVES))[::2]
     found = {content(merged(maps, order)) for order in orders}

@@ -57,7 +57,7 @@ class Moment:
         return len(self.scan.rows) < FEWEST
 
     def moved(self, pose: Array, covariance: Array) -> tuple[Array, Array]:
-        """Where the motion leads from a pose (3,), and how sure that is, (3, 3) in this base."""
+        """Where the motion leads from a pose (3,), and its covariance (3, 3), in this base."""
         back = planar_adjoint(invert_planar(self.step))
         return compose_planar(pose, self.step), back @ covariance @ back.T + self.covariance
 

@@ -16,7 +16,9 @@ Pairs = list[tuple[int, int]]
 FIRST_WINDOW = 15.0
 """Metres to each side, at most, of a search from poses that have drifted."""
 EVERYWHERE = np.inf
-"""As far as the drift may reach: then every place there is looked at by itself."""
+"""As far as the drift may reach: then places all over that are looked at, each by itself."""
+MOST = 128
+"""Of these places, so that time grows as the path does."""
 SLACK = 1.0, 0.2
 """Metres and radians by which solved poses may be off in any case."""
 NEAR = 3.0

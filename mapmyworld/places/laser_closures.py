@@ -20,6 +20,7 @@ from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_candidates import (
     EVERYWHERE,
     FIRST_WINDOW,
+    MOST,
     SLACK,
     candidate_pairs,
     drift_window,
@@ -162,9 +163,11 @@ def _compare(
     if not optimised:
         distance, angle = drift_window(nodes, a, b, widest)
     around = place_around(nodes, b, config)
-    needed, centre = needed_evidence(distance, angle), guess
+    searched, centre = distance, guess
     if widest == EVERYWHERE:  # is the robot at this place?
         centre, distance = np.array([0.0, 0.0, guess[2]]), config.places.laser_submap
+        searched = min(searched, np.sqrt(MOST) * distance)
+    needed = needed_evidence(searched, angle)
     found = search_evidence(
         around.submap.points, place.grid, centre, distance, angle, FORTH * needed
     )

@@ -12,13 +12,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mapmyworld.config import Config
-from mapmyworld.places.laser_candidates import NEAR
+from mapmyworld.places.laser_candidates import MOST, NEAR
 from mapmyworld.places.laser_nodes import Index, LaserNodes, NodeScans, calm_spots, sessions_of
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged
 
 Array = NDArray[np.float64]
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
-_MOST = 64  # earlier places that one is compared with, so that time grows as the path does
 
 
 def lost_pairs(nodes: LaserNodes, config: Config) -> list[tuple[int, int]]:
@@ -35,7 +34,7 @@ def lost_pairs(nodes: LaserNodes, config: Config) -> list[tuple[int, int]]:
         drift, _ = nodes.drift.reach(near, later)
         apart = np.hypot(*(nodes.poses[near, :2] - nodes.poses[later, :2]).T)
         worth = near[(drift > NEAR) & (apart < size + drift)]
-        pairs += [(int(k), later) for k in worth[:: max(math.ceil(len(worth) / _MOST), 1)]]
+        pairs += [(int(k), later) for k in worth[:: max(math.ceil(len(worth) / MOST), 1)]]
     return pairs
 
 

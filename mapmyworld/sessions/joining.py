@@ -9,6 +9,7 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.places.laser_nodes import load_node_scans, nodes_at
 from mapmyworld.places.session_joining import Joint, SessionPlaces, find_joints, locate_session
+from mapmyworld.places.wide_search import held_by
 from mapmyworld.sessions import joining_by_images as by_images
 from mapmyworld.sessions.session_maps import SessionMap
 from mapmyworld.stages.kept import has_scans
@@ -49,5 +50,6 @@ def _has_laser(session_map: SessionMap) -> bool:
 
 def session_places(session_map: SessionMap, config: Config) -> SessionPlaces:
     """What a session's laser saw, at its final poses."""
-    nodes = nodes_at(load_node_scans(session_map.store, config), session_map.store.poses())
-    return SessionPlaces(nodes, np.arange(len(nodes.ids)), config)
+    store = session_map.store
+    nodes = nodes_at(load_node_scans(store, config), store.poses())
+    return SessionPlaces(held_by(nodes, store.constraints()), np.arange(len(nodes.ids)), config)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -111,14 +110,14 @@ def closures_between_sessions(
     """
     from mapmyworld.places.laser_nodes import nodes_at
     from mapmyworld.places.session_closures import Pair, session_closures
-    from mapmyworld.places.wide_search import joined_sessions
+    from mapmyworld.places.wide_search import held_by, joined_sessions
     from mapmyworld.stages.solve_draft import solve_draft_of
 
     stored, ties, apart = store.constraints(), list[Judged](), set[Pair]()
     losses = [c for c in stored if c.is_tracking_loss]
-    while (session := joined_sessions(loaded, [*found, *ties])).any():
+    while joined_sessions(loaded, [*found, *ties]).any():
         draft = solve_draft_of(store, config, [*stored, *found, *ties])
-        nodes = replace(nodes_at(loaded, draft.poses), session=session)
+        nodes = held_by(nodes_at(loaded, draft.poses), [*found, *ties])
         joining = session_closures(nodes, losses, config, progress, apart)
         if not joining:
             break

@@ -104,12 +104,16 @@ def find_laser_closures(
     nodes = held_by(nodes, tied)
     pairs = untried(untied(nodes, candidate_pairs(nodes, config, optimised=True), tied, config))
     progress.stage("loop closures by laser", len(pairs), "pairs")
-    near = compare_places(nodes, pairs, config, optimised=True)
-    held = held_by(nodes, [*tied, *near])
-    wide = replace(held, drift=held.drift.with_faults())
-    lost = [pair for pair in untried(lost_pairs(wide, config)) if pair not in set(pairs)]
-    progress.stage("wide search by laser", len(lost), "pairs")
-    return near + compare_places(wide, lost, config, optimised=False, widest=EVERYWHERE)
+    found = compare_places(nodes, pairs, config, optimised=True)
+    for may_be_fault in (False, True):
+        wide = held_by(nodes, [*tied, *found])
+        if may_be_fault:
+            wide = replace(wide, drift=wide.drift.with_faults())
+        known |= {(c.from_id, c.to_id) for c in found}
+        lost = untried(lost_pairs(wide, config))
+        progress.stage("wide search by laser", len(lost), "pairs")
+        found += compare_places(wide, lost, config, optimised=False, widest=EVERYWHERE)
+    return found
 
 
 def compare_places(

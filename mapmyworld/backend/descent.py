@@ -7,7 +7,7 @@ from typing import Any
 
 import gtsam
 
-from mapmyworld.backend.block_matrix import metis_order_of
+from mapmyworld.backend.block_matrix import colamd_order_of
 from mapmyworld.backend.factors import FactorGraph, elimination_order, factor_graph, poses_of
 from mapmyworld.backend.system import Fit, System, fit_of
 from mapmyworld.geometry import Array
@@ -37,7 +37,7 @@ def descend(system: System, start: Fit, tolerance: float, steps: int) -> Descent
     if system.size == 0 or start.cost < _NOTHING:
         return Descent(start, 0, True)
     graph = factor_graph(system, start.poses)
-    order = metis_order_of(len(system.free), system.tails, system.heads)
+    order = colamd_order_of(len(system.free), system.tails, system.heads)
     free = order[system.free[order] >= 0].tolist()
     values, taken = optimised(graph, free, tolerance, steps)
     fit = fit_of(system, poses_of(system, values, start.poses))
@@ -65,7 +65,7 @@ def optimised(
 
 
 def _parameters(tolerance: float, steps: int) -> Any:
-    """Gtsam's parameters of a descent; elimination in METIS's order."""
+    """Gtsam's parameters of a descent."""
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setMaxIterations(steps)
     parameters.setRelativeErrorTol(tolerance)

@@ -38,7 +38,6 @@ with atheris.instrument_imports(include=["formats", "mapmyworld", "rosbags"]):
     from formats.logs.channels import Channel
     from formats.logs.decoding import decoder_for
     from formats.logs.definitions import standard_store
-    from formats.mesh_files import read_mesh
     from formats.nested_text import read_toml
     from formats.relation_files import read_relations
     from formats.scene_mesh import read_scene_mesh
@@ -170,7 +169,7 @@ KINDS: dict[str, tuple[str, Callable[[Path], object], bytes]] = {
     "cloud": (".ply", read_cloud, b"ply\n"),
     "obj": (".obj", read_scene_mesh, b""),
     "glb": (".glb", read_scene_mesh, b"glTF"),
-    "mesh": (".ply", read_mesh, b"ply\n"),
+    "mesh": (".ply", read_scene_mesh, b"ply\n"),
     "pcd": (".pcd", read_cloud, b"# .PCD v0.7"),
     "relations": (".relations", read_relations, b""),
     "message": (".message", _message, b""),

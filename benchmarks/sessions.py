@@ -164,9 +164,16 @@ def halls(bench: Bench) -> None:
 
 
 def strangers(bench: Bench) -> None:
-    """One map of each place; how many pairs there were and which joined, in one row or more."""
-    names = {n: half_maps(bench, n)[k % 2] for k, n in enumerate(HALVES)}
-    names |= {f"hall-{seed}": hall_maps(bench, seed)[seed % 2] for seed in HALLS}
+    for first in (0, 1):
+        strange_pairs(bench, first)
+
+
+def strange_pairs(bench: Bench, first: int) -> None:
+    """One of the two maps of each place, every other place's `first` or the other one; how many
+    pairs there were and which joined, in one row or more.
+    """
+    names = {n: half_maps(bench, n)[(k + first) % 2] for k, n in enumerate(HALVES)}
+    names |= {f"hall-{seed}": hall_maps(bench, seed)[(seed + first) % 2] for seed in HALLS}
     known: dict[str, SessionPlaces] = {}
     for name, path in names.items():
         with open_store(path, read_only=True) as store:
@@ -183,7 +190,7 @@ def strangers(bench: Bench) -> None:
             false += 1
             row(f"{a} and {b}", False, "apart", "join", "", 0.0)
     spent = time.process_time() - begun
-    row(f"strangers, {count} pairs, {false} joined", False, "apart", "apart", "", spent)
+    row(f"strangers, {count} pairs, {false} joined", first == 1, "apart", "apart", "", spent)
 
 
 def held(session: SessionPlaces) -> SessionPlaces:

@@ -33,7 +33,8 @@ from mapmyworld.evaluation.trajectory_error import ate
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.graph.variance import variance_factors
+from mapmyworld.graph.variance import normalised_residuals
+from mapmyworld.map_figures import calibrated_constraints
 from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import build_map
 from mapmyworld.types import CLOSURES, MapStore, Trajectory
@@ -80,19 +81,17 @@ def main() -> None:
     config = apply_settings(Config(), dict(s.split("=", 1) for s in arguments.set))
     print(
         f"{'log':<23}{'error m':>9}{'closures':>12}{'false':>6}{'recall':>8}"
-        f"{'nbr':>6}{'loop':>6}{'prox':>6}{'CPU s':>8}{'x real':>8}{'MB':>6}  losses"
+        f"{'nbr':>6}{'loop':>6}{'CPU s':>8}{'x real':>8}{'MB':>6}  losses"
     )
     for name in arguments.logs:
         path = arguments.data / LOGS[name] if name in LOGS else Path(name)
         name = path.name.split(".")[0] if name not in LOGS else name
         row = run(path, config, arguments.method, arguments.grid, name)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-        n = [
-            row.normalised.get(k, float("nan")) for k in ("neighbour", "loop_closure", "proximity")
-        ]
+        n = [row.normalised.get(k, float("nan")) for k in ("neighbour", "loop_closure")]
         print(
             f"{name:<23}{row.error:9.4f}{row.accepted:6d}/{row.tried:<5d}{row.false:6d}"
-            f"{row.recall:8.1%}{n[0]:6.2f}{n[1]:6.2f}{n[2]:6.2f}{row.cpu_s:8.1f}"
+            f"{row.recall:8.1%}{n[0]:6.2f}{n[1]:6.2f}{row.cpu_s:8.1f}"
             f"{row.realtime:8.0f}{peak:6d}  {'; '.join(row.losses)[:120]}",
             flush=True,
         )
@@ -119,7 +118,7 @@ def run(path: Path, config: Config, method: str, pictures: Path | None, name: st
         len(closures),
         _false(store, reference),
         _recall(store, reference),
-        variance_factors(store.constraints(), solved, planar=True),
+        normalised_residuals(calibrated_constraints(store), solved, planar=True),
         cpu_s,
         result.duration_s / max(cpu_s, 1e-9),
     )

@@ -10,7 +10,7 @@ import click
 from cli.arguments import PATH, FiniteRange
 from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import require_apart, require_output_name
-from cli.standard_streams import own_words
+from cli.progress import StderrProgress
 
 
 @click.command()
@@ -63,10 +63,9 @@ def convert(
     require_apart(output, logs)
     log = open_log(logs)
     selection = Selection(frozenset(topics) or None, start, duration)
-    report = None if quiet or not sys.stderr.isatty() else _show
-    result = convert_log(log, output, selection, compress, overwrite=overwrite, report=report)
-    if report:
-        click.echo("\r\x1b[K", nl=False, file=own_words(sys.stderr))
+    progress = StderrProgress(quiet=quiet)
+    result = convert_log(log, output, selection, compress, overwrite=overwrite, progress=progress)
+    progress.finish()
     for line in result.losses:
         click.echo(f"mapmyworld: {line}", err=True)
     if not quiet:
@@ -74,11 +73,3 @@ def convert(
         click.echo(f"{output}: {result.messages} messages, {seconds} of recording", err=True)
     if result.losses:
         sys.exit(EXIT_PARTIAL)
-
-
-def _show(messages: int, log_s: float, rate: float) -> None:
-    click.echo(
-        f"\r\x1b[Kconvert {messages} messages, {log_s:.0f} s, {rate:.0f}x real time",
-        nl=False,
-        file=own_words(sys.stderr),
-    )

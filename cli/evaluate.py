@@ -214,14 +214,14 @@ def loops(map_path: Path, reference: Path, style: str) -> None:
 @click.option("--reference", type=PATH, help="True trajectory, a TUM file or a MAP.")
 @format_option
 def cloud(cloud: Path, mesh: Path, est: Path | None, reference: Path | None, style: str) -> None:
-    """Metres of CLOUD's points from the surfaces of MESH. CLOUD is .ply or .pcd, MESH .ply.
+    """Metres of CLOUD's points from the surfaces of MESH. CLOUD is .ply or .pcd, MESH .ply or .glb.
 
     \b
     mapmyworld evaluate cloud map.ply log.mcap.truth/mesh.ply
     """
     from cli.scoring import read_any_trajectory, to_reference
     from formats.cloud_files import read_cloud
-    from formats.mesh_files import read_mesh
+    from formats.scene_mesh import read_scene_mesh
     from mapmyworld.evaluation import cloud_score
     from mapmyworld.geometry.rigid import transform_points
     from mapmyworld.types import PointCloud
@@ -232,7 +232,7 @@ def cloud(cloud: Path, mesh: Path, est: Path | None, reference: Path | None, sty
     if est is not None and reference is not None:
         motion = to_reference(read_any_trajectory(est), read_any_trajectory(reference))
         points = PointCloud(transform_points(motion, points.points).astype("float32"))
-    score = cloud_score(points, read_mesh(mesh))
+    score = cloud_score(points, read_scene_mesh(mesh))
     if style == "json":
         show_json(score.as_dict())
     else:

@@ -12,7 +12,7 @@ import click
 from cli.arguments import FiniteRange, map_argument
 from cli.config_sources import config_options, load_config
 from cli.exit_codes import EXIT_CHECK_FAILED
-from cli.export_options import open_map, output_option, output_or, save_option, show_written
+from cli.export_options import open_map, output_option, output_or, show_written
 from cli.outputs import require_utf8
 
 if TYPE_CHECKING:
@@ -84,14 +84,12 @@ def _verify(path: Path, made: Any, mode: Any) -> None:
 @output_option("FILE", "A .ply or .pcd file.  [default: the map's name with .ply]")
 @click.option("--voxel", type=FiniteRange(min=0.001), metavar="M", help="Voxel size [m].")
 @click.option("--max-range", type=FiniteRange(min=0.1), metavar="M", help="Maximum depth [m].")
-@save_option
 @config_options
 def cloud(
     map_path: Path,
     output: Path | None,
     voxel: float | None,
     max_range: float | None,
-    save_in_map: bool,
     config_path: Path | None,
     changes: tuple[str, ...],
 ) -> None:
@@ -101,15 +99,12 @@ def cloud(
     mapmyworld export cloud
     mapmyworld export cloud office.db -o office.pcd --voxel 0.05
     """
-    from formats.cloud_files import read_cloud
     from mapmyworld.exporting import export_cloud, export_scan_cloud
 
     config = _for_cloud(load_config(config_path, changes), voxel, max_range)
     path = output_or(map_path, output, lambda: map_path.with_suffix(".ply"))
-    with open_map(map_path, path, read_only=not save_in_map) as store:
+    with open_map(map_path, path) as store:
         written = export_cloud(store, path, config) or export_scan_cloud(store, path, config)
-        if save_in_map:
-            store.set_cloud(read_cloud(path))
         show_written(written, store)
 
 
@@ -125,12 +120,10 @@ def _for_cloud(config: Config, voxel: float | None, max_range: float | None) -> 
 @click.command()
 @map_argument
 @output_option("FILE", "A .ply file.  [default: the map's name with _mesh.ply]")
-@save_option
 @config_options
 def mesh(
     map_path: Path,
     output: Path | None,
-    save_in_map: bool,
     config_path: Path | None,
     changes: tuple[str, ...],
 ) -> None:
@@ -146,9 +139,7 @@ def mesh(
 
     config = load_config(config_path, changes)
     path = output_or(map_path, output, lambda: map_path.with_name(map_path.stem + "_mesh.ply"))
-    with open_map(map_path, path, read_only=not save_in_map) as store:
+    with open_map(map_path, path) as store:
         made = build_mesh(nodes_with_poses(store), config)
         write_mesh(path, made)
-        if save_in_map:
-            store.set_mesh(made)
         show_written([path], store)

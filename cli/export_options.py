@@ -23,16 +23,7 @@ def output_option(metavar: str, text: str) -> Callable[[F], F]:
     return click.option("-o", "--output", metavar=metavar, type=PATH, help=text)
 
 
-def save_option(command: F) -> F:
-    """Adds --save-in-map to a command."""
-    return click.option(
-        "--save-in-map", is_flag=True, help="Also into MAP, for RTAB-Map's viewer to show."
-    )(command)
-
-
-def open_map(
-    map_path: Path, *outputs: Path, read_only: bool = True, logs: Sequence[Path] = ()
-) -> Any:
+def open_map(map_path: Path, *outputs: Path, logs: Sequence[Path] = ()) -> Any:
     """The map of a file, as a store; raises `MapError` where it is none.
 
     Refuses outputs that would replace the map or the logs, or any other recording.
@@ -43,7 +34,7 @@ def open_map(
     for path in outputs:
         require_no_recording(path)
 
-    return open_store(map_path, read_only=read_only)
+    return open_store(map_path, read_only=True)
 
 
 def output_or(map_path: Path, output: Path | None, beside: Callable[[], Path]) -> Path:

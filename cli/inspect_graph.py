@@ -62,7 +62,7 @@ def graph(
     mapmyworld inspect graph office.db --between 3 17
     """
     from formats.database import open_store
-    from mapmyworld.map_figures import divides_of, tracked_poses
+    from mapmyworld.map_figures import divides_of, tracked_poses, variance_factors_of
 
     require_outputs([] if image is None else [image], [map_path])
     if pair is not None:
@@ -73,6 +73,7 @@ def graph(
 
     with open_store(map_path, read_only=True) as store:
         poses, constraints = store.poses(), store.constraints()
+        factors = variance_factors_of(store)
         grid = store.grid() if image is not None else None
         nodes = store.nodes()
         planar = moves_in_plane(store)
@@ -83,7 +84,7 @@ def graph(
         raise MapError(f"{map_path}: its graph is not solved yet: finish `mapmyworld build` first")
     start = tracked_poses(nodes)
     shown = None if everything else worst
-    facts = graph_facts(poses, constraints, start, planar, shown, worst, divides)
+    facts = graph_facts(poses, constraints, start, planar, shown, worst, divides, factors)
     facts["certainty"] = solved.get("certainty", "")
     facts["problems"] = graph_problems(solved)
     if relative is not None:
@@ -100,11 +101,9 @@ def graph(
 
 
 def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:
-    """Both images with their matches, and below them the words that they have in common."""
-    import numpy as np
-
+    """Both images with their matches."""
     from formats.database import open_store
-    from formats.report.match_picture import match_picture, words_picture
+    from formats.report.match_picture import match_picture
     from formats.report.picture_file import write_picture
     from mapmyworld.config import Config
     from mapmyworld.places.node_pairs import compare_nodes
@@ -121,10 +120,7 @@ def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:
         matches.agreed,
         reason,
     )
-    words, count = words_picture(
-        found.picture_a, found.features_a, found.picture_b, found.features_b
-    )
-    write_picture(path, np.vstack([picture, words]) if count else picture)
+    write_picture(path, picture)
     verdict = "fits" if registration.converged else "does not fit"
     click.echo(f"{pair[0]} and {pair[1]}: {verdict}: {reason}")
     note(f"drew {path}")
@@ -137,8 +133,9 @@ def _relative(store: Any, from_id: int, to_id: int) -> dict[str, Any]:
     from mapmyworld.exporting import graph_of
     from mapmyworld.geometry.rotations import rotation_angle, rotation_to_roll_pitch_yaw
     from mapmyworld.graph.covariance import relative_pose
+    from mapmyworld.map_figures import scan_noise_of
 
-    motion, covariance = relative_pose(graph_of(store), from_id, to_id)
+    motion, covariance = relative_pose(graph_of(store), from_id, to_id, scan_noise_of(store))
     in_from = motion[:3, :3] @ covariance[3:, 3:] @ motion[:3, :3].T  # along the axes of xyz
     return {
         "from": from_id,
@@ -167,17 +164,23 @@ def graph_facts(
     rejected_shown: int | None,
     worst: int,
     divides: Collection[int] = (),
+    factors: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
-    """Everything that `inspect graph` shows; `divides` as in `mapmyworld.map_figures`."""
+    """Everything that `inspect graph` shows; `divides` as in `mapmyworld.map_figures`.
+
+    Normalised residuals are those of covariances scaled by these `factors`, all others those that
+    were stated, as verdicts have them.
+    """
     from mapmyworld.graph import audit
-    from mapmyworld.graph.variance import variance_factors
+    from mapmyworld.graph.variance import calibrated, normalised_residuals
     from mapmyworld.map_figures import components_of
 
     residuals = audit.residuals_against(constraints, poses, planar)
     known = [m for m in residuals if m is not None]
     accepted = sorted((m for m in known if m.constraint.accepted), key=lambda m: -m.sigmas)
     rejected = [(c, m) for c, m in zip(constraints, residuals, strict=True) if not c.accepted]
-    factors = variance_factors(constraints, poses, planar)
+    scaled = factors or {}
+    residual = normalised_residuals(calibrated(constraints, scaled), poses, planar)
     corrections = audit.corrections_of(residuals, start)
     return {
         "nodes": int((poses.ids > 0).sum()),
@@ -187,8 +190,11 @@ def graph_facts(
             {"first": first, "last": last, "nodes": count}
             for first, last, count in components_of(constraints, poses, divides)
         ],
-        "overconfidence": factors,
-        "overconfident": [kind for kind, f in factors.items() if audit.is_overconfident(f)],
+        "variance_factors": scaled,
+        "overconfidence": residual,
+        "overconfident": [
+            kind for kind, r in residual.items() if audit.is_overconfident(r, scaled.get(kind, 1.0))
+        ],
         "uncertainty": audit.uncertainty_of(poses),
         "worst": [_shown(m.constraint, m) for m in accepted[:worst]],
         "corrections": [
@@ -240,19 +246,24 @@ def _uncertainty_line(facts: dict[str, Any]) -> str:
 
 def _kind_lines(facts: dict[str, Any]) -> list[str]:
     """A line each kind of constraint, and a warning for each that claims too much."""
-    lines = [f"{'constraints':<14}{'tried':>8}{'accepted':>10}{'rejected':>10}{'residual':>10}"]
+    titles = ("tried", "accepted", "rejected", "variance", "residual")
+    lines = [f"{'constraints':<14}" + "".join(f"{title:>10}" for title in titles)]
     for kind, row in facts["constraints"].items():
-        factor = facts["overconfidence"].get(kind)
-        residual = "" if factor is None else f"{factor:.2f}"
+        counts = "".join(f"{row[title]:>10}" for title in titles[:3])
+        factor, residual = facts["variance_factors"].get(kind), facts["overconfidence"].get(kind)
+        shown = "" if factor is None else f"{factor:.2g}"
         lines.append(
-            f"{kind:<14}{row['tried']:>8}{row['accepted']:>10}{row['rejected']:>10}{residual:>10}"
+            f"{kind:<14}{counts}{shown:>10}" + ("" if residual is None else f"{residual:>10.2f}")
         )
-    lines.append(
-        "normalised residual (1 = consistent with the stated covariance), of accepted constraints"
-    )
+    lines += [
+        "variance factor of the stated covariances, as what contradicts them in this map says",
+        "normalised residual (1 = consistent with the stated covariance) of accepted constraints, "
+        "times its variance factor",
+    ]
     return lines + [
-        f"warning: {kind} constraints are over-confident: normalised residual "
-        f"{facts['overconfidence'][kind]:.1f}"
+        f"warning: {kind} constraints were stated over-confident: variance factor "
+        f"{facts['variance_factors'].get(kind, 1.0):.2g}, normalised residual "
+        f"{facts['overconfidence'][kind]:.2f}"
         for kind in facts["overconfident"]
     ]
 

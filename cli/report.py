@@ -25,8 +25,8 @@ from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph import audit
-from mapmyworld.graph.variance import variance_factors
-from mapmyworld.map_figures import map_figures, tracked_poses
+from mapmyworld.graph.variance import normalised_residuals
+from mapmyworld.map_figures import calibrated_constraints, map_figures, tracked_poses
 from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, OccupancyGrid, Poses
 from mapmyworld.types.wording import reason_of
 
@@ -150,7 +150,9 @@ def report_contents(
         diagnosis=_diagnosis(store),
         settings=[tuple(row) for row in store.get("settings") or ()],
         reproduce=_reproduce(store),
-        overconfidence=variance_factors(constraints, solved, is_planar(solved.map_from_node)),
+        overconfidence=normalised_residuals(
+            calibrated_constraints(store), solved, is_planar(solved.map_from_node)
+        ),
         timing=timing,
     )
 

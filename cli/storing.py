@@ -40,12 +40,7 @@ def _is_empty_map(path: Path) -> bool:
 
 def storage_arguments(config: Config) -> dict[str, Any]:
     """Arguments of `formats.database.open_store` for a map built with this configuration."""
-    visual = config.visual
-    heights = {
-        "obstacle_lowest": visual.obstacle_lowest,
-        "obstacle_highest": visual.obstacle_highest,
-    }
-    return {**asdict(config.storage), **heights, "parameters": rtabmap_parameters(config)}
+    return {**asdict(config.storage), "parameters": rtabmap_parameters(config)}
 
 
 def rtabmap_parameters(config: Config) -> dict[str, str]:
@@ -53,9 +48,9 @@ def rtabmap_parameters(config: Config) -> dict[str, str]:
     visual = config.visual
     return {
         "Grid/3D": "false",
+        "Grid/CellSize": str(config.mapping.resolution),
         "Grid/MaxGroundHeight": str(visual.obstacle_lowest),
         "Grid/MaxObstacleHeight": str(visual.obstacle_highest),
-        "Grid/RangeMax": str(config.storage.local_cell_range),
         "Kp/MaxFeatures": str(visual.place_features),
         "Mem/ImageCompressionFormat": ".png" if config.storage.image_codec == "png" else ".jpg",
         "Optimizer/Strategy": "2",  # GTSAM

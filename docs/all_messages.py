@@ -140,7 +140,6 @@ SUGGESTIONS = {
     "formats/logs/decoding": "the message is left out; check the driver, or use the standard type",
     "formats/logs/image_pixels": "the image is left out; check the driver",
     "formats/logs/tum_rgbd": "the lines are left out; correct them, or copy the folder again",
-    "formats/mesh_files": "write the mesh again (`mapmyworld export mesh`), as binary PLY",
     "formats/ply": "write the file again, as binary PLY",
     "formats/cloud_files": "write the cloud again (`mapmyworld export cloud`)",
     "formats/recording_files": "give another place or name, or `--overwrite`",

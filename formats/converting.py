@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -16,8 +15,7 @@ from formats.recording_files import LogWriter
 from formats.transcoding import Transcoder, transcoder_for
 from mapmyworld.errors import LogError
 from mapmyworld.types import LogSource, MessageKind, RawMessage
-
-_REPORT_S = 0.2  # between two reports of progress
+from mapmyworld.types.seams import Progress
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,10 +38,6 @@ class Conversion:
     """What is missing in it, and what it states as fact though it had to be assumed."""
 
 
-Report = Callable[[int, float, float], None]
-"""Reported messages, seconds of log and the real-time factor."""
-
-
 def convert_log(
     log: LogSource,
     output: Path,
@@ -51,7 +45,7 @@ def convert_log(
     compression: str | None = None,
     *,
     overwrite: bool = False,
-    report: Report | None = None,
+    progress: Progress | None = None,
 ) -> Conversion:
     """Writes the selected messages of `log`, in its order and with its log times, to `output`.
 
@@ -64,7 +58,9 @@ def convert_log(
         raise LogError(f"{output}: is the log itself: name another output")
     first_ns = info.start_ns + round(selection.start_s * 1e9)
     end_ns = None if selection.duration_s is None else first_ns + round(selection.duration_s * 1e9)
-    clock = _Clock(report)
+    clock = _Clock()
+    if progress is not None:
+        progress.stage("convert", _selected_s(selection, info.duration_s), "s")
     with LogWriter(output, compression=compression, overwrite=overwrite) as writer:
         copier, latched = Copier(writer), 0
         for time_ns, topic, write in copier.writes(log, selection.topics):
@@ -74,6 +70,8 @@ def convert_log(
                 latched += time_ns < first_ns
                 write(max(time_ns, first_ns))
                 clock.tick(max(time_ns, first_ns))
+                if progress is not None:
+                    progress.update(clock.span_s)
         if clock.messages == latched:
             raise LogError(
                 f"nothing to write: no message of the selection in {', '.join(info.paths)}",
@@ -81,6 +79,12 @@ def convert_log(
             )
     doubts = (doubt for topic, doubt in info.doubts if topic in (selection.topics or topics))
     return Conversion(clock.messages, clock.span_s, (*log.losses(), *doubts, *copier.losses()))
+
+
+def _selected_s(selection: Selection, log_s: float) -> float:
+    """Seconds of a log of this length that are wanted."""
+    rest = max(log_s - selection.start_s, 0.0)
+    return rest if selection.duration_s is None else min(rest, selection.duration_s)
 
 
 def _is_latched(topic: str) -> bool:
@@ -97,24 +101,17 @@ def _check_topics(selection: Selection, known: set[str]) -> None:
 
 
 class _Clock:
-    """Counts messages and the time they span, and reports now and then."""
+    """Counts messages and the time they span."""
 
-    def __init__(self, report: Report | None) -> None:
+    def __init__(self) -> None:
         self.messages, self.span_s = 0, 0.0
-        self._report, self._first_ns = report, 0
-        self._began = self._reported = time.monotonic()
+        self._first_ns = 0
 
     def tick(self, time_ns: int) -> None:
         if self.messages == 0:
             self._first_ns = time_ns
         self.messages += 1
         self.span_s = (time_ns - self._first_ns) * 1e-9
-        if self._report is None:
-            return
-        now = time.monotonic()
-        if now - self._reported > _REPORT_S:
-            self._reported = now
-            self._report(self.messages, self.span_s, self.span_s / (now - self._began))
 
 
 class Copier:

@@ -27,8 +27,6 @@ class PlyHeader:
     text_format: bool
     vertex_count: int
     vertex_type: np.dtype[np.void]
-    face_count: int
-    """Faces, each a list of int32 indices counted by a byte; 0 without."""
     start: int
     """Byte at which the vertices begin."""
 
@@ -51,7 +49,7 @@ def read_vertices(path: Path) -> NDArray[np.void]:
     Raises `MapError` where the file ends early.
     """
     data = read_whole(path)
-    head = parse_header(data, path)
+    head = _parse_header(data, path)
     try:
         if head.text_format:
             return _text_vertices(data, head)
@@ -100,7 +98,7 @@ def colours(vertices: NDArray[np.void]) -> NDArray[np.uint8] | None:
     return np.asarray(np.nan_to_num(values).clip(0, 255), np.uint8)
 
 
-def parse_header(data: bytes, path: Path) -> PlyHeader:
+def _parse_header(data: bytes, path: Path) -> PlyHeader:
     """The header of a file whose first element is the vertices; MapError for any other."""
     end = data.find(b"end_header", 0, _MAX_HEADER)
     if not data.startswith(b"ply") or end < 0:
@@ -130,4 +128,4 @@ def _parse_lines(lines: list[list[str]], start: int) -> PlyHeader:
     if next(iter(counts), "") != "vertex" or min(counts.values()) < 0:
         raise ValueError("the first element is not the vertices, or one has fewer than none")
     dtype = np.dtype(fields["vertex"])
-    return PlyHeader(kind == "ascii", counts["vertex"], dtype, counts.get("face", 0), start)
+    return PlyHeader(kind == "ascii", counts["vertex"], dtype, start)

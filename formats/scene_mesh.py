@@ -1,4 +1,4 @@
-"""A user's own world: a mesh from PLY, OBJ, GLB and whatever else trimesh reads."""
+"""A mesh from PLY, OBJ, GLB and whatever else trimesh reads: a world, or true surfaces."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def read_scene_mesh(path: Path) -> Mesh:
         raise MapError(f"{path}: there is no such file")
     vertices, triangles, colours = _arrays(path)
     if len(triangles) == 0 or not np.isfinite(vertices).all():
-        raise MapError(f"{path}: holds no triangles that could be a world")
+        raise MapError(f"{path}: holds no triangles that could be surfaces")
     if np.abs(vertices).max() > _FARTHEST:
         raise MapError(f"{path}: reaches beyond {_FARTHEST:.0f} m: export the mesh in metres")
     if path.suffix.lower() in _Y_UP:
@@ -80,7 +80,7 @@ def _arrays(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray
                 raise ValueError("no mesh")
     except Exception as error:  # a damaged file may end in any of Python's errors
         raise beside.refusal or MapError(
-            f"{path}: holds no triangles that could be a world ({error})"
+            f"{path}: holds no triangles that could be surfaces ({error})"
         ) from None
     if beside.refusal is not None:
         raise beside.refusal

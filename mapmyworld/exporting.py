@@ -199,13 +199,13 @@ def node_items(store: MapStore) -> Iterator[tuple[Node, NodeData, Array]]:
 
 
 def graph_of(store: MapStore) -> PoseGraph:
-    """The solved graph with its accepted constraints."""
+    """The solved graph: accepted constraints with the covariances that the solution found."""
     from mapmyworld.graph.canonical_graph import graph_from_constraints
+    from mapmyworld.map_figures import calibrated_constraints
 
-    poses = solved_poses(store)
-    return graph_from_constraints(
-        poses.ids, poses.map_from_node, store.constraints(), is_planar(poses.map_from_node)
-    )
+    poses, constraints = solved_poses(store), calibrated_constraints(store)
+    planar = is_planar(poses.map_from_node)
+    return graph_from_constraints(poses.ids, poses.map_from_node, constraints, planar)
 
 
 def is_planar(poses: Array) -> bool:

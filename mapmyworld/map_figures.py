@@ -9,7 +9,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry.planar import covariance_from_planar
 from mapmyworld.graph.audit import connected_components_of, counts_of
+from mapmyworld.graph.variance import calibrated
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged, MapStore, Node, Poses
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
@@ -61,6 +63,22 @@ def map_figures(store: MapStore) -> MapFigures:
 def divides_of(store: MapStore) -> frozenset[int]:
     """Nodes of which nothing indicates how they lie to the node before: tracking was lost there."""
     return frozenset((store.get("solve") or {}).get("divides", ()))
+
+
+def calibrated_constraints(store: MapStore) -> tuple[Judged, ...]:
+    """The constraints of a map, with the covariances that its solution found them to have."""
+    return calibrated(store.constraints(), variance_factors_of(store))
+
+
+def variance_factors_of(store: MapStore) -> dict[str, float]:
+    """The factors of `mapmyworld.graph.variance` that were estimated on a map as it was solved."""
+    return dict((store.get("solve") or {}).get("variance_factors", {}))
+
+
+def scan_noise_of(store: MapStore) -> NDArray[np.float64] | None:
+    """(6, 6) covariance of a node by its own scan's noise, rotation first; None without scans."""
+    variances = (store.get("solve") or {}).get("scan_noise")
+    return covariance_from_planar(np.diag(variances)) if variances else None
 
 
 def components_of(

@@ -5,13 +5,11 @@ from __future__ import annotations
 import functools
 import itertools
 import os
-import threading
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager
-from queue import Full, Queue
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
@@ -31,82 +29,16 @@ def batches(items: Iterable[In], size: int) -> Iterator[list[In]]:
         yield some
 
 
-def made_ahead(items: Iterable[In], count: int = 32) -> Generator[In, None, None]:
+def made_ahead(items: Iterable[In], count: int = 32) -> Iterator[In]:
     """The items in order, made by another thread up to `count` ahead of their use.
 
     An error that making them raises comes where its item would have come.
     """
-    ready: Queue[tuple[In, None] | tuple[None, BaseException | None]] = Queue(count)
-    stop = threading.Event()
-
-    def make() -> None:
-        error: BaseException | None = None
-        try:
-            for item in items:
-                _put(ready, (item, None), stop)
-                if stop.is_set():
-                    return
-        except BaseException as raised:  # handed over to the thread that waits
-            error = raised
-        _put(ready, (None, error), stop)
-
-    maker = threading.Thread(target=make, daemon=True)
-    maker.start()
-    try:
-        while True:
-            item, error = ready.get()
-            if error is not None:
-                raise error
-            if item is None:
-                return
-            yield item
-    finally:
-        stop.set()
-        maker.join()
-
-
-@contextmanager
-def done_behind(work: Callable[[In], None], count: int = 4) -> Iterator[Callable[[In], None]]:
-    """Gives a function that has `work` done on another thread, item by item in order.
-
-    Up to `count` items wait. An error of `work` is raised at the next item, or at the end.
-    """
-    waiting: Queue[In | None] = Queue(count)
-    failed: list[BaseException] = []
-    stop = threading.Event()
-
-    def do() -> None:
-        try:
-            while (item := waiting.get()) is not None:
-                work(item)
-        except BaseException as raised:  # handed over to the thread that waits
-            failed.append(raised)
-            stop.set()
-
-    def hand_over(item: In) -> None:
-        _put(waiting, item, stop)
-        if failed:
-            raise failed[0]
-
-    worker = threading.Thread(target=do, daemon=True)
-    worker.start()
-    try:
-        yield hand_over
-    finally:
-        _put(waiting, None, stop)
-        worker.join()
-    if failed:
-        raise failed[0]
-
-
-def _put(queue: Queue[In], item: In, stop: threading.Event) -> None:
-    """Waits for room in the queue, but not for ever where nobody listens any more."""
-    while not stop.is_set():
-        try:
-            queue.put(item, timeout=0.1)
-        except Full:
-            continue
-        return
+    left, end = iter(items), object()
+    for item in in_threads(lambda _: next(left, end), itertools.count(), 1, count):
+        if item is end:
+            return
+        yield cast(In, item)
 
 
 def in_threads(

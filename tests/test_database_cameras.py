@@ -1,4 +1,4 @@
-"""Cameras of RTAB-Map's databases: stereo pairs, several side by side, old calibrations."""
+"""Cameras of RTAB-Map's databases: stereo pairs, several side by side."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from foreign_database import add_nodes, floats, insert, mono, rtabmap_file, stereo
+from foreign_database import add_nodes, insert, mono, rtabmap_file, stereo
 from numpy.typing import NDArray
 
 from formats.database import open_store
 from formats.database.image_blobs import decode_picture, encode_depth, encode_picture
 from formats.database.log_source import open_database_log
-from mapmyworld.errors import MapError
 
 
 def test_a_pair_without_a_baseline_has_no_depth(tmp_path: Path) -> None:
@@ -51,51 +50,6 @@ def test_a_stereo_pair_gives_depth(tmp_path: Path, colour: bool) -> None:
     assert np.mean(depth[:, 40:] > 0) > 0.8
     raw = {m.topic: m for m in open_database_log(tmp_path / "r.db").messages()}
     assert "/camera/depth/image" in raw
-
-
-@pytest.mark.parametrize("cameras", [1, 2])
-def test_calibrations_from_before_0_18(tmp_path: Path, cameras: int) -> None:
-    """18 floats a camera: fx fy cx cy width height, then base_from_camera."""
-    mount = (0, 0, 1, 0.3, -1, 0, 0, 0, 0, -1, 0, 0.9)
-    record = floats(61, 62, 31, 23, 64, 48, *mount)
-    with rtabmap_file(tmp_path / "r.db", "0.17.6") as sqlite:
-        add_nodes(sqlite, 1)
-        picture = encode_picture(np.zeros((48, 64 * cameras, 3), np.uint8), "png", 0)
-        insert(sqlite, "Data", id=1, image=picture, calibration=record * cameras)
-    with open_store(tmp_path / "r.db") as store:
-        images = store.node_data(1).images
-    assert len(images) == cameras
-    for image in images:
-        assert np.diag(image.camera.intrinsics).tolist() == [61, 62, 1]
-        assert image.camera.intrinsics[:2, 2].tolist() == [31, 23]
-        assert (image.camera.width, image.camera.height) == (64, 48)
-        np.testing.assert_allclose(image.camera.base_from_camera[:3, 3], [0.3, 0, 0.9], atol=1e-7)
-
-
-def test_a_stereo_calibration_from_before_0_18(tmp_path: Path) -> None:
-    """19 floats, the baseline behind cy: wide enough for a disparity of 6 pixels at 2 m."""
-    record = floats(60, 60, 80, 48, 0.2, 160, 96, 0, 0, 1, 0, -1, 0, 0, 0, 0, -1, 0, 0)
-    texture = np.random.default_rng(6).integers(0, 255, (96, 166), np.uint8)
-    with rtabmap_file(tmp_path / "r.db", "0.16.0") as sqlite:
-        add_nodes(sqlite, 1)
-        files = [encode_picture(texture[:, at : at + 160], "png", 0) for at in (0, 6)]
-        insert(sqlite, "Data", id=1, image=files[0], depth=files[1], calibration=record)
-    with open_store(tmp_path / "r.db") as store:
-        (image,) = store.node_data(1).images
-    assert image.depth is not None
-    assert np.median(np.asarray(image.depth.pixels())[:, 40:]) == pytest.approx(2.0, abs=0.02)
-
-
-def test_an_old_calibration_of_the_wrong_length_is_refused(tmp_path: Path) -> None:
-    with rtabmap_file(tmp_path / "r.db", "0.17.0") as sqlite:
-        add_nodes(sqlite, 1)
-        insert(sqlite, "Data", id=1, calibration=floats(*range(17)))
-    with (
-        open_store(tmp_path / "r.db") as store,
-        pytest.raises(MapError, match=r"node 1.*rtabmap-reprocess") as caught,
-    ):
-        store.node_data(1)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("codec", ["rvl", "png", "float"])

@@ -233,7 +233,12 @@ def test_scan_formats_organised_with_nan(
 
 @pytest.mark.parametrize(
     ("version", "words"),
-    [("0.11.8", "rtabmap-reprocess"), ("", "does not say"), ("banana", "does not say")],
+    [
+        ("0.11.8", "rtabmap-reprocess"),
+        ("0.17.6", "rtabmap-reprocess"),
+        ("", "does not say"),
+        ("banana", "does not say"),
+    ],
 )
 def test_versions_that_cannot_be_read(tmp_path: Path, version: str, words: str) -> None:
     with rtabmap_file(tmp_path / "r.db", version) as sqlite:

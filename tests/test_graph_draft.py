@@ -20,7 +20,7 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.graph.chains import solve_by_chains
 from mapmyworld.graph.draft_graph import landmark_guesses, solve_draft
 from mapmyworld.graph.solved_graph import solve
-from mapmyworld.types import ConstraintKind, Judged, Node
+from mapmyworld.types import ConstraintKind, Judged, LaserTracking, Node
 
 SIGMAS = np.array([0.01, 0.01, 0.004])
 
@@ -68,6 +68,43 @@ def test_a_draft_is_the_solution_but_for_its_linearisation() -> None:
     ends = [i for c in true for i in (c.from_id - 1, c.to_id - 1)]
     assert missed[ends].max() < 0.02 * drifted
     assert missed.max() < 0.1 * drifted  # between two ends, their movements are shared out
+
+
+@pytest.mark.parametrize(
+    ("sigmas", "error"),
+    [((1.0, 1.0, 2.0), (0.9, 0.3, 0.4)), ((0.01, 0.01, 1.0), (0.0, 0.0, 0.6))],
+    ids=["unseen motion", "unseen turn"],
+)
+def test_what_solving_moved_lies_where_nothing_measured_the_motion(
+    sigmas: tuple[float, ...], error: tuple[float, ...]
+) -> None:
+    """A round with one motion, after a blind one, that is as good as unknown: it is corrected."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 61)
+    truth = np.stack([4 * np.cos(angle), 4 * np.sin(angle), angle + np.pi / 2], axis=-1)
+    steps = between_planar(truth[:-1], truth[1:])
+    steps[45] = compose_planar(steps[45], error)
+    spread = np.tile(SIGMAS / 10.0, (60, 1))
+    spread[45] = sigmas
+    tracked = [truth[0]]
+    for step in steps:
+        tracked.append(compose_planar(tracked[-1], step))
+    nodes = [Node(k + 1, 0, k, p, p) for k, p in enumerate(planar_to_matrix(np.stack(tracked)))]
+    motions = [
+        Judged(
+            k + 1, k + 2, ConstraintKind.NEIGHBOUR, planar_to_matrix(step),
+            information_from_planar(np.diag(sigma**-2.0)),
+            LaserTracking("lost" if k == 44 else "matched", 0.0),
+        )
+        for k, (step, sigma) in enumerate(zip(steps, spread, strict=True))
+    ]  # fmt: skip
+    closed = [*motions, closure(truth, 0, 60)]
+    for solved in (
+        solve_draft(nodes, {}, closed, True, GraphConfig()).poses,
+        solve_by_chains(nodes, {}, closed, True, GraphConfig()).poses,
+    ):
+        miss = between_planar(truth, matrix_to_planar(solved.map_from_node))
+        assert np.hypot(*miss[:, :2].T).max() < 0.02
+        assert np.abs(miss[:, 2]).max() < 0.01
 
 
 def test_what_is_tied_by_motion_alone_keeps_its_place() -> None:

@@ -37,9 +37,9 @@ def values_of(value: ast.expr) -> list[ast.expr]:
 
 
 def test_no_kernel_assigns_an_array_to_a_slice() -> None:
-    """It would compile the text of a shape error, for five seconds; `assign` does not."""
+    """It would compile the text of a shape error, for five seconds; number by number does not."""
     found = list(kernels())
-    assert len(found) > 100
+    assert len(found) > 50
     assert {path.name: copied_slices(f) for path, f in found if copied_slices(f)} == {}
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from mapmyworld.parallel import batches, done_behind, in_threads, made_ahead
+from mapmyworld.parallel import batches, in_threads, made_ahead
 
 
 def counting(to: int, fail_at: int = -1) -> Iterator[int]:
@@ -45,30 +45,16 @@ def test_work_of_many_threads_comes_in_order(threads: int) -> None:
     assert list(in_threads(lambda i: i * i, range(40), threads)) == [i * i for i in range(40)]
 
 
-def test_work_behind_is_done_in_order() -> None:
-    done: list[int] = []
-    with done_behind(done.append, 2) as hand_over:
-        for item in range(50):
-            hand_over(item)
-    assert done == list(range(50))
-
-
-def test_an_error_of_work_behind_reaches_who_hands_over() -> None:
-    done: list[int] = []
-
-    def work(item: int) -> None:
+def test_an_error_of_work_comes_where_its_result_would_have_come() -> None:
+    def work(item: int) -> int:
         if item == 7:
             raise ValueError("seven")
-        done.append(item)
+        return item
 
-    def hand_all_over() -> None:
-        with done_behind(work, 2) as hand_over:
-            for item in range(50):
-                hand_over(item)
-
+    results = in_threads(work, range(50), 2)
+    assert [next(results) for _ in range(7)] == list(range(7))
     with pytest.raises(ValueError, match="seven"):
-        hand_all_over()
-    assert done == list(range(7))
+        next(results)
 
 
 def test_batches_hold_every_item_once() -> None:

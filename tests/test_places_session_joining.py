@@ -26,7 +26,7 @@ from mapmyworld.places.session_joining import (
     judge_pose,
     locate_session,
 )
-from mapmyworld.places.whole_map import map_of_scans
+from mapmyworld.places.whole_map import SETTLED, map_of_scans
 from mapmyworld.places.wide_search import joined_sessions
 from mapmyworld.registration.place_evidence import Agreement, Place
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
@@ -96,6 +96,13 @@ def test_a_bare_hall_is_the_same_after_half_a_turn(path: Array) -> None:
     assert located(HALL, AND_BACK, path) is None
 
 
+def test_the_two_ends_of_a_bare_hall_may_be_one() -> None:
+    """Each drive has one end wall in sight: what both poses know are the walls along the hall."""
+    one = np.stack([np.linspace(-3.0, 3.0, 81), np.ones(81), np.zeros(81)], axis=-1)
+    opposite = one[::-1] + np.array([0.3, 0.0, np.pi])
+    assert located(HALL, one, opposite) is None
+
+
 def test_half_a_turn_is_none_where_the_loss_was_too_short_for_it() -> None:
     """Of two poses that look alike one lies 6 m and half a turn from where the path ended."""
     nodes, _ = carried(HALL, AND_BACK, STRAIGHT)
@@ -106,6 +113,16 @@ def test_half_a_turn_is_none_where_the_loss_was_too_short_for_it() -> None:
         assert (move is not None) == is_found
         if move is not None:
             assert (miss(move, HALL, AND_BACK, STRAIGHT) < [0.1, 0.02]).all()
+
+
+def test_a_pose_that_the_loss_rules_out_hides_none_that_it_allows() -> None:
+    """Half a turn away the place fits as well, in a corner of the window but too far off."""
+    later = STRAIGHT[:31] + np.array([0.8, -2.5, 0.0])
+    nodes, _ = carried(HALL, AND_BACK, later)
+    prior = LossPrior(nodes.poses[len(AND_BACK)], np.array([1.4, 1.4, 25.0]), 4.0)
+    move = located(HALL, AND_BACK, later, prior=prior)
+    assert move is not None
+    assert (miss(move, HALL, AND_BACK, later) < [0.1, 0.02]).all()
 
 
 def test_a_pillar_in_the_hall_leaves_one_pose() -> None:
@@ -142,18 +159,51 @@ def test_what_lies_beside_a_map_does_not_join_it() -> None:
     assert locate_session(*reversed(maps)) is None
 
 
+def test_a_corner_seen_from_its_other_side_is_another_one() -> None:
+    """The corner of a block that one robot goes round, and that of a room as large."""
+    along = np.arange(0.05, 6.0, 0.05)
+    corner = np.concatenate(
+        [np.stack([along, 0.0 * along], axis=-1), np.stack([0.0 * along, along], axis=-1)]
+    )
+    inside, outside = (
+        Submap(corner, np.array([[at, at]]), np.array([0, len(corner)])) for at in (2.0, -2.0)
+    )
+    whole = map_of_scans(inside)
+    same, other = (whole.report(Place.of(s), np.zeros(3), *SETTLED)[1] for s in (inside, outside))
+    assert same.known > 0.9
+    assert same.log_odds > 20.0
+    assert other.known < 0.1
+    assert other.log_odds == 0.0
+
+
 def test_a_relative_pose_is_as_likely_whichever_session_is_called_the_earlier() -> None:
     nodes, _ = carried(WALLS, AND_BACK, STRAIGHT)
     one, other = (SessionPlaces(nodes, np.flatnonzero(nodes.session == k), CONFIG) for k in (0, 1))
     move = locate_session(one, other)
     assert move is not None
     spot = other.sought[0]
-    there = judge_pose(one, other, move, spot)
+    there = judge_pose(one, other, move, nodes.poses[spot])
     about = compose_planar(move, nodes.poses[spot])
     same = int(one.rows[np.argmin(np.hypot(*(nodes.poses[one.rows] - about).T[:2]))])
-    again = judge_pose(other, one, invert_planar(move), same)
+    again = judge_pose(other, one, invert_planar(move), nodes.poses[same])
     assert again.log_odds == pytest.approx(there.log_odds, rel=0.05)
     assert set(again.later) == set(there.earlier)
+
+
+def test_a_pose_is_another_one_where_places_lie_elsewhere() -> None:
+    """A little apart, both are moved to the same poses by what the sessions may have drifted."""
+    nodes, _ = carried(WALLS, AND_BACK, STRAIGHT)
+    one, other = (SessionPlaces(nodes, np.flatnonzero(nodes.session == k), CONFIG) for k in (0, 1))
+    about = nodes.poses[other.sought[0]]
+    move = locate_session(one, other)
+    assert move is not None
+    best, beside, behind = (
+        judge_pose(one, other, compose_planar(move, off), about)
+        for off in ([0.0, 0.0, 0.0], [0.05, 0.1, 0.01], [1.5, 0.0, 0.0])
+    )
+    assert best.is_same(beside)
+    assert best.refutes(behind) > 20.0
+    assert not best.is_same(behind)
 
 
 def test_odds_weigh_a_miss_more_than_a_hit() -> None:

@@ -33,7 +33,7 @@ UNSEEN = {
     },
     "recognise": {"visual.marker_length"},
 }  # fmt: skip
-BY_STORE = ("storage.", "visual.obstacle_")
+BY_STORE = ("storage.",)
 
 
 def first_readers(read: Mapping[str, set[str]], stages: tuple[str, ...]) -> dict[str, str]:

@@ -212,7 +212,7 @@ def neighbour(to_id: int, sigmas: Array, *, lost: bool) -> Judged:
     covariance = np.diag([1e-6, 1e-6, sigmas[2], sigmas[0], sigmas[1], 1e-6]) ** 2
     return Judged(
         to_id - 1, to_id, ConstraintKind.NEIGHBOUR, np.eye(4), np.linalg.inv(covariance),
-        LaserTracking("lost", 0.0, lost),
+        LaserTracking("lost" if lost else "matched", 0.0, lost),
     )  # fmt: skip
 
 

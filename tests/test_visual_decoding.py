@@ -87,7 +87,6 @@ def test_voxels_hold_the_means_of_their_points(seed: int, count: int) -> None:
 
 
 def test_many_voxels_are_all_kept() -> None:
-    """More than there is room for at first, so that the table must grow."""
     grid = np.stack(np.meshgrid(*[np.arange(60)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     points = np.asarray((grid + 0.5) * 0.1, np.float64)
     zeros = np.zeros((len(points), 3))
@@ -95,22 +94,6 @@ def test_many_voxels_are_all_kept() -> None:
     voxels.add(points, zeros.astype(np.uint8), zeros.astype(np.float32))
     voxels.add(points, zeros.astype(np.uint8), zeros.astype(np.float32))
     assert np.allclose(voxels.to_cloud(2).points, points, atol=0.1 / 500)
-
-
-def test_a_voxel_full_of_points_keeps_the_mean_of_the_first() -> None:
-    """White points enough to fill 16 bits, then as many black ones that come too late."""
-    points = np.full((400, 3), 0.013)
-    normal = np.array([0.6, 0.0, -0.8], np.float32)
-    voxels = VoxelMap(0.02)
-    for grey in (255, 0):
-        colours = np.full((400, 3), grey, np.uint8)
-        voxels.add(points, colours, np.tile(normal, (400, 1)))
-    cloud = voxels.to_cloud()
-    assert cloud.colours is not None
-    assert cloud.normals is not None
-    assert cloud.colours[0].tolist() == [255, 255, 255]
-    assert np.allclose(cloud.points[0], 0.013, atol=0.02 / 500)
-    assert np.allclose(cloud.normals[0], normal, atol=0.01)
 
 
 @pytest.mark.parametrize(("length", "width", "sound"), [(None, 64, 1), (90, 64, 0), (None, 32, 0)])

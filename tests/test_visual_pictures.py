@@ -7,7 +7,7 @@ import pytest
 from memory_store import MemoryStore
 from visual_rooms import HEIGHT, WIDTH, Room, planar_pose
 
-from formats.report.match_picture import features_picture, match_picture, words_picture
+from formats.report.match_picture import features_picture, match_picture
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError
 from mapmyworld.places.node_pairs import NodePair, compare_nodes
@@ -45,11 +45,6 @@ def test_the_original_picture_is_not_drawn_upon(pair: NodePair) -> None:
     before = pair.picture_a.copy()
     features_picture(pair.picture_a, pair.features_a)
     assert np.array_equal(pair.picture_a, before)
-
-
-def test_features_without_words_have_none_in_common(pair: NodePair) -> None:
-    _, common = words_picture(pair.picture_a, pair.features_a, pair.picture_b, pair.features_b)
-    assert common == 0
 
 
 def test_a_node_without_an_image_cannot_be_compared() -> None:

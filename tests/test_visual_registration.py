@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import between, se3_exp, se3_log, transform_points
-from mapmyworld.kernels.pose_refinement import move_by_tangent, solve_damped
 from mapmyworld.registration.camera_model import pixels_of_points, rays_of_pixels
 from mapmyworld.registration.camera_pose import Sightings, errors, inliers, ransac_pose, refine_pose
 from mapmyworld.types import CameraModel
@@ -31,7 +29,6 @@ SIGMAS = (0.002, 0.01, 0.05)
     ],
 )
 def test_pixels_become_rays_and_rays_the_same_pixels(model: str, distortion: list[float]) -> None:
-    """OpenCV inverts the distortion, our own formulas apply it: two sources must agree."""
     camera = CameraModel(640, 480, K, model, np.array(distortion), np.eye(4))
     u, v = np.meshgrid(np.linspace(80, 560, 9), np.linspace(60, 420, 7))
     pixels = np.column_stack([u.ravel(), v.ravel()])
@@ -99,24 +96,6 @@ def test_a_motion_of_the_world_moves_the_pose_with_it() -> None:
 def test_two_points_give_no_pose() -> None:
     _, sightings = scene(1, 2, 0.0)
     assert ransac_pose(sightings, 3.0, 0)[1] == 0
-
-
-@given(arrays(np.float64, 6, elements=st.floats(-2.0, 2.0)))
-def test_a_pose_moves_by_a_tangent_as_geometry_says(tangent: np.ndarray) -> None:
-    pose = se3_exp([0.3, -0.2, 1.1, 2.0, -1.0, 0.5])
-    moved = pose.copy()
-    move_by_tangent(moved, tangent)
-    assert np.allclose(moved, pose @ se3_exp(tangent), atol=1e-7)
-
-
-@given(st.integers(0, 1000))
-def test_damped_equations_are_solved(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    root = random.standard_normal((6, 8))
-    matrix, right, found = root @ root.T + np.eye(6), random.standard_normal(6), np.zeros(6)
-    solve_damped(matrix, right, found)
-    damped = matrix + np.diag(1e-6 * np.diag(matrix) + 1e-9)
-    assert np.allclose(damped @ found, -right, atol=1e-9)
 
 
 def test_what_is_too_few_for_use_is_not_searched_for() -> None:

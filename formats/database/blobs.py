@@ -160,11 +160,3 @@ def blob_to_information(blob: bytes, what: str) -> NDArray[np.float64]:
     if not np.isfinite(matrix).all():
         raise MapError(f"{what}: an information matrix that is not finite")
     return np.asarray(matrix[_SWAP], np.float64)
-
-
-def text_to_blob(text: str) -> bytes:
-    """A compressed row of characters, closed by a NUL."""
-    characters = np.frombuffer(text.encode() + b"\0", np.int8)
-    blob = matrix_to_blob(characters[None], STORED)
-    assert blob is not None  # the NUL is always there
-    return blob

@@ -22,25 +22,17 @@ _LEAST_FOCAL = 0.1  # pixels
 
 def cameras_to_blob(cameras: tuple[CameraModel, ...]) -> bytes | None:
     """The records of cameras whose images stand side by side; None for none."""
-    return b"".join(camera_record(camera) for camera in cameras) or None
+    return b"".join(_camera_record(camera) for camera in cameras) or None
 
 
-def camera_record(camera: CameraModel, shift: float = 0.0) -> bytes:
-    """The mono record of a camera; `shift` [pixel metres] is that of a right one, P[0, 3]."""
+def _camera_record(camera: CameraModel) -> bytes:
     distortion = _stored_distortion(camera)
-    projection = np.column_stack([camera.intrinsics, [shift, 0.0, 0.0]])
+    projection = np.column_stack([camera.intrinsics, np.zeros(3)])
     sizes = (9, len(distortion), 9, 12, 12)
     head = _MONO.pack(*_VERSION, 0, camera.width, camera.height, *sizes)
     doubles = [camera.intrinsics.ravel(), distortion, np.eye(3).ravel(), projection.ravel()]
     mount = pose_to_blob(camera.base_from_camera)
     return head + np.concatenate(doubles).astype("<f8").tobytes() + mount
-
-
-def stereo_record(left: CameraModel, baseline: float) -> bytes:
-    """The record of a rectified pair whose right camera stands `baseline` metres to the right."""
-    records = camera_record(left), camera_record(left, -float(left.intrinsics[0, 0]) * baseline)
-    head = _STEREO.pack(*_VERSION, 1, 0, 0, 0, 0, *(len(record) for record in records))
-    return head + b"".join(records)
 
 
 def _stored_distortion(camera: CameraModel) -> NDArray[np.float64]:

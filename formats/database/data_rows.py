@@ -14,13 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.database import image_blobs
-from formats.database.blobs import FAST, blob_to_matrix, matrix_to_blob
+from formats.database.blobs import blob_to_matrix
 from formats.database.calibration import (
     blob_to_eyes,
     cameras_to_blob,
 )
-from formats.database.cells import local_cells
-from formats.database.depth_cells import depth_cells
 from formats.database.node_rows import StorageOptions
 from formats.database.scan_blobs import cloud_to_columns, columns_to_observation, scan_to_columns
 from formats.nested_text import json_from_text
@@ -29,19 +27,14 @@ from mapmyworld.errors import MapError
 from mapmyworld.types import CameraModel, ImageMessage, NodeData, RgbdImage
 
 INSERT_DATA = (
-    "INSERT INTO Data (id, image, depth, calibration, scan, scan_info, ground_cells,"
-    " obstacle_cells, empty_cells, cell_size, view_point_x, view_point_y, view_point_z)"
-    " VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?)"
+    "INSERT INTO Data (id, image, depth, calibration, scan, scan_info) VALUES (?,?,?,?,?,?)"
 )
 SELECT_DATA = "SELECT image, depth, calibration, scan, scan_info FROM Data WHERE id = ?"
 Row = tuple[Any, ...]
 _SIXTEEN_BITS = frozenset({"16UC1", "MONO16", "Z16"})
-_NO_CELLS: Row = (None, None, None, 0.0, 0.0, 0.0, 0.0)
 
 
-def data_row(
-    node_id: int, data: NodeData, options: StorageOptions, *, with_cells: bool
-) -> Row | None:
+def data_row(node_id: int, data: NodeData, options: StorageOptions) -> Row | None:
     """RTAB-Map's row of a node's data; None where there are none."""
     images = data.images if options.store_images else ()
     if not images and data.scan is None and data.cloud is None:
@@ -51,8 +44,7 @@ def data_row(
         scan = scan_to_columns(data.scan)
     elif data.cloud is not None:
         scan = cloud_to_columns(data.cloud)
-    cells = _cell_columns(data, options) if with_cells else _NO_CELLS
-    return (node_id, *_image_columns(images, options), *scan, *cells)
+    return (node_id, *_image_columns(images, options), *scan)
 
 
 def _image_columns(
@@ -104,25 +96,10 @@ def _side_by_side(images: list[NDArray[np.generic] | None], what: str) -> NDArra
     return np.concatenate([black if image is None else image for image in images], axis=1)
 
 
-def _cell_columns(data: NodeData, options: StorageOptions) -> Row:
-    """Ground, obstacle and empty cells, their size and the view point: by scan, else by depth."""
-    if data.scan is not None:
-        empty, obstacle = local_cells(data.scan, options.local_cell_size, options.local_cell_range)
-        ground, view = empty[:, :0], (*(float(value) for value in data.scan.origin[:2]), 0.0)
-    elif any(i.depth is not None and not i.camera.is_carried for i in data.images):
-        ground, obstacle = depth_cells(data.images, options)
-        mount = data.images[0].camera.base_from_camera
-        empty, view = ground[:, :0], tuple(float(value) for value in mount[:3, 3])
-    else:
-        return _NO_CELLS
-    blobs = (matrix_to_blob(cells, FAST) for cells in (ground, obstacle, empty))
-    return (*blobs, options.local_cell_size, *view)
-
-
 def node_data(row: Row, own: Row | None, stamp_ns: int, what: str) -> NodeData:
     """The data of a row of `SELECT_DATA`.
 
-    `own`: scan_rest, image_stamps, cloud and the depth count of our own table, None in a file
+    `own`: scan_rest, image_stamps and cloud of our own table, None in a file
     of RTAB-Map's.
 
     Raises `MapError` where they are damaged; `what` names the node.

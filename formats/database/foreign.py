@@ -14,7 +14,6 @@ from formats.database.blobs import blob_to_matrix, blob_to_pose
 from formats.database.connection import Connection
 from formats.database.environment_rows import blob_to_gps, blob_to_readings, nanoseconds
 from formats.database.opened import Opened
-from formats.database.results import text_to_parameters
 from mapmyworld.errors import MapError
 from mapmyworld.types import (
     Judged,
@@ -27,8 +26,7 @@ from mapmyworld.types import (
 )
 from mapmyworld.types.frames import nodes_as_frames
 
-_OLDEST = (0, 13, 0)
-_NEW_CALIBRATION = (0, 18, 0)
+_OLDEST = (0, 18, 0)  # of the layout in which calibrations and scans are kept since
 _INVALID_WEIGHT = -9  # merged into another node, or deleted
 # Log-odds that stand for the three values of a stored grid: beyond its thresholds.
 _LOG_ODDS = {100: 3.0, 0: -3.0}
@@ -41,7 +39,7 @@ class RtabmapStore(Opened):
         super().__init__(connection)
         self._problems: list[str] = []
         self._columns = {name: connection.columns(name) for name in ("Node", "Data", "Admin")}
-        self._numbers = self._checked_version()
+        self._check_version()
         self._nodes: tuple[Node, ...] | None = None
 
     @property
@@ -49,7 +47,7 @@ class RtabmapStore(Opened):
         """What was left out so far, one line each."""
         return tuple(self._problems)
 
-    def _checked_version(self) -> tuple[int, ...]:
+    def _check_version(self) -> None:
         if "id" not in self._columns["Node"] or "version" not in self._columns["Admin"]:
             raise MapError(f"{self.path}: is a database, but neither a map nor RTAB-Map's")
         found = self._db.rows("SELECT version FROM Admin")
@@ -65,7 +63,6 @@ class RtabmapStore(Opened):
                 f"{self.path}: was written by RTAB-Map {version}, whose format is too old:"
                 ' convert it with `rtabmap-reprocess --Db/TargetVersion "" old.db new.db`'
             )
-        return numbers
 
     def _refuse(self, *_given: Any, **_named: Any) -> NoReturn:
         """Instead of the writing half of a MapStore."""
@@ -76,7 +73,7 @@ class RtabmapStore(Opened):
 
     write_stage = extend_stage = put = add_node = add_scan = set_tracked_frames = _refuse
     add_constraints = judge = set_features = set_words = set_poses = set_frame_poses = _refuse
-    set_grid = set_parameters = set_cloud = set_mesh = _refuse
+    set_grid = set_parameters = _refuse
 
     # What only our own builds keep
 
@@ -131,16 +128,12 @@ class RtabmapStore(Opened):
         if stamp is None:
             raise MapError(f"{self.path}: there is no node {node_id}")
         what = f"{self.path}: node {node_id}"
-        from formats.database.calibration_old import modernised
         from formats.database.data_rows import node_data
 
         wanted = ("image", "depth", "calibration", "scan", "scan_info")
         found = ", ".join(c if self._has("Data", c) else "NULL" for c in wanted)
         row = self._db.row(f"SELECT {found} FROM Data WHERE id = ?", (node_id,))
-        columns = list(row or (None,) * 5)
-        if self._numbers < _NEW_CALIBRATION:
-            columns[2] = modernised(columns[2], f"{what}'s calibration")
-        data = node_data(tuple(columns), None, nanoseconds(stamp[0]), what)
+        data = node_data(row or (None,) * 5, None, nanoseconds(stamp[0]), what)
         if not features:
             return data
         rows = self._db.rows(feature_rows.SELECT_FEATURES, (node_id,))
@@ -202,8 +195,3 @@ class RtabmapStore(Opened):
         for value, figure in _LOG_ODDS.items():
             log_odds[cells == value] = figure
         return OccupancyGrid(log_odds, float(row[3]), np.array(row[1:3], np.float64))
-
-    def parameters(self) -> dict[str, str]:
-        """How RTAB-Map was set, by its own names."""
-        newest = self._db.row("SELECT parameters FROM Info ORDER BY time_enter DESC LIMIT 1")
-        return text_to_parameters(newest[0]) if newest else {}

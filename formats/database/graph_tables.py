@@ -20,7 +20,6 @@ class GraphTables(Transactions):
         super().__init__(connection)
         self._known: dict[int, Judged] | None = None
         self._next_id: int | None = None
-        self._solved_anew = False
 
     def add_constraints(self, constraints: Sequence[Judged]) -> None:
         self._begin()
@@ -54,7 +53,6 @@ class GraphTables(Transactions):
         self._known = {k: c for k, c in judged.items() if not c.is_superseded}
         self.add_constraints(constraints[len(known) :])
         self._rewrite_links()
-        self._solved_anew = True
         self._commit()
 
     def constraints(self) -> tuple[Judged, ...]:

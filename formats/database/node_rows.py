@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,7 +33,6 @@ SELECT_OWN = (
     " FROM mapmyworld_nodes AS own JOIN Node AS theirs ON theirs.id = own.id"
 )
 Row = tuple[Any, ...]
-_CELLS_TURN = 0.5  # rad of rotation after which a node has a local grid in any case
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +43,6 @@ class StorageOptions:
     image_quality: int = 95
     depth_codec: str = "rvl"
     store_images: bool = True
-    local_cells: bool = True
-    local_cell_size: float = 0.05
-    local_cell_range: float = 5.0
-    local_cell_spacing: float = 1.0
-    obstacle_lowest: float = 0.08
-    obstacle_highest: float = 1.5
 
 
 def node_row(node: Node, before: Node | None) -> Row:
@@ -71,22 +63,6 @@ def _velocity(node: Node, before: Node | None) -> bytes | None:
     turn = rotation_to_roll_pitch_yaw(motion[:3, :3])
     seconds = (node.stamp_ns - before.stamp_ns) * 1e-9
     return (np.concatenate([motion[:3, 3], turn]) / seconds).astype("<f4").tobytes()
-
-
-def wants_cells(node: Node, last: Node | None, options: StorageOptions) -> bool:
-    """Whether a node gets a local grid; `last` had one. Nodes stand too close for each to.
-
-    A map of RTAB-Map's, at 1 Hz, has one every 0.4 m; with their reach of metres fewer do.
-    """
-    if not options.local_cells:
-        return False
-    if last is None or last.session != node.session:
-        return True
-    a, b = last.odom_from_base, node.odom_from_base
-    if math.dist(a[:3, 3], b[:3, 3]) >= options.local_cell_spacing:
-        return True
-    # The trace of the rotation between them is 1 + 2 cos(angle).
-    return float(np.vdot(a[:3, :3], b[:3, :3])) <= 1.0 + 2.0 * math.cos(_CELLS_TURN)
 
 
 def own_row(node: Node, data: NodeData) -> Row:

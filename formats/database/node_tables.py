@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -19,10 +18,7 @@ from mapmyworld.types import Features, Node, NodeData, Scan, TrackedFrames
 from mapmyworld.types.frames import nodes_as_frames
 
 # The stage that first wrote features keeps them: a later one only adds words.
-_INSERT_COUNT = (
-    "INSERT INTO mapmyworld_features VALUES (?,?,?)"
-    " ON CONFLICT (node_id) DO UPDATE SET count = excluded.count"
-)
+_INSERT_STAGE = "INSERT OR IGNORE INTO mapmyworld_features VALUES (?,?)"
 
 
 class NodeTables(Transactions):
@@ -33,8 +29,6 @@ class NodeTables(Transactions):
         self._options = options
         self._nodes: tuple[Node, ...] | None = None
         self._previous: dict[int, Node] = {}
-        self._last_with_cells: Node | None = None
-        self._arrivals: list[float] = []
         self._restore_session()
 
     def add_node(self, node: Node, data: NodeData) -> None:
@@ -47,9 +41,7 @@ class NodeTables(Transactions):
         before = self._previous.get(node.session)
         self._db.run(rows.INSERT_NODE, rows.node_row(node, before))
         self._db.run(rows.INSERT_OWN, rows.own_row(node, data))
-        with_cells = rows.wants_cells(node, self._last_with_cells, self._options)
-        self._last_with_cells = node if with_cells else self._last_with_cells
-        row = data_rows.data_row(node.id, data, self._options, with_cells=with_cells)
+        row = data_rows.data_row(node.id, data, self._options)
         if row is not None:
             self._db.run(data_rows.INSERT_DATA, row)
         if data.features is not None:
@@ -88,7 +80,7 @@ class NodeTables(Transactions):
         self._commit()
 
     def _write_features(self, node_id: int, features: Features) -> None:
-        self._db.run(_INSERT_COUNT, (node_id, self._current_rank(), len(features.pixels)))
+        self._db.run(_INSERT_STAGE, (node_id, self._current_rank()))
         written = feature_rows.feature_rows(node_id, features)
         self._db.run_many(feature_rows.INSERT_FEATURE, written)
 
@@ -116,8 +108,6 @@ class NodeTables(Transactions):
         last = "(SELECT MAX(id) FROM mapmyworld_nodes GROUP BY session)"
         found = self._db.rows(f"{rows.SELECT_OWN} WHERE own.id IN {last}")
         self._previous = {row[1]: rows.node_from_own_row(row) for row in found}
-        self._last_with_cells = None
-        self._arrivals = [time.perf_counter()]
         first = self._db.row("SELECT id, stamp_ns FROM mapmyworld_nodes ORDER BY id LIMIT 1")
         if first is not None:
             if not isinstance(first[1], int):

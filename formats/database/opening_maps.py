@@ -55,7 +55,7 @@ def open_store(
     if not exists:
         if not create:
             raise MapError(f"{path}: no such map (make one with `mapmyworld build LOG -o {path}`)")
-        return DatabaseStore(_created(path, settings, parameters or {}), settings)
+        return DatabaseStore(_created(path, parameters or {}), settings)
     if not is_sqlite(path):
         raise MapError(f"{path}: is not a map (no SQLite database): give another file")
     if not _is_ours(path, replaced=create and overwrite):
@@ -63,7 +63,7 @@ def open_store(
     if create and overwrite:
         path.unlink()
         _beside(path, "journal").unlink(missing_ok=True)
-        return DatabaseStore(_created(path, settings, parameters or {}), settings)
+        return DatabaseStore(_created(path, parameters or {}), settings)
     store = DatabaseStore(Connection(path, writable=not read_only), settings)
     if parameters and not read_only:
         store.set_parameters(parameters)
@@ -134,7 +134,7 @@ def _foreign(path: Path, *, create: bool) -> RtabmapStore:
     return store
 
 
-def _created(path: Path, options: StorageOptions, parameters: Mapping[str, str]) -> Connection:
+def _created(path: Path, parameters: Mapping[str, str]) -> Connection:
     """A map without nodes. Admin and Info have their one row each before any node comes."""
     if not path.absolute().parent.is_dir():
         raise MapError(f"{path}: its folder does not exist")
@@ -145,7 +145,7 @@ def _created(path: Path, options: StorageOptions, parameters: Mapping[str, str])
         connection.run(statement)
     connection.run("INSERT INTO mapmyworld_format VALUES (?)", (schema.FORMAT,))
     connection.run("INSERT INTO Admin (version) VALUES (?)", (schema.RTABMAP_VERSION,))
-    reported = _PARAMETERS | {"Grid/CellSize": str(options.local_cell_size)} | dict(parameters)
+    reported = _PARAMETERS | dict(parameters)
     connection.run(
         "INSERT INTO Info (STM_size, last_sign_added, process_mem_used, database_mem_used,"
         " dictionary_size, parameters) VALUES (0, 0, 0, 0, 0, ?)",

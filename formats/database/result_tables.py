@@ -12,13 +12,11 @@ from formats.database import results
 from formats.database.arrays import check_lengths
 from formats.database.transactions import Transactions
 from mapmyworld.errors import MapError
-from mapmyworld.types import Mesh, OccupancyGrid, PointCloud, Poses
+from mapmyworld.types import OccupancyGrid, Poses
 
 
 class ResultTables(Transactions):
     """In double precision in our own tables, and in RTAB-Map's."""
-
-    _solved_anew: bool
 
     def set_poses(self, poses: Poses) -> None:
         self._begin()
@@ -26,7 +24,6 @@ class ResultTables(Transactions):
         self._write("poses map_from_node", poses.map_from_node)
         self._write("poses covariances", poses.covariances)
         results.write_poses(self._db, poses)
-        self._solved_anew = True
         self._commit()
 
     def poses(self) -> Poses | None:
@@ -76,20 +73,4 @@ class ResultTables(Transactions):
         """Adds to how the map was made, in RTAB-Map's parameter names."""
         self._begin()
         results.write_parameters(self._db, parameters)
-        self._commit()
-
-    def parameters(self) -> dict[str, str]:
-        """How the map was made, in RTAB-Map's parameter names."""
-        return results.read_parameters(self._db)
-
-    def set_cloud(self, cloud: PointCloud) -> None:
-        """The cloud that RTAB-Map's viewer shows of the map as a whole."""
-        self._begin()
-        results.write_cloud(self._db, cloud)
-        self._commit()
-
-    def set_mesh(self, mesh: Mesh) -> None:
-        """The mesh that RTAB-Map's viewer shows of the map as a whole."""
-        self._begin()
-        results.write_mesh(self._db, mesh)
         self._commit()

@@ -9,15 +9,13 @@ from contextlib import closing
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from formats.database.blobs import matrix_to_blob, pose_to_blob
 from formats.database.calibration import blob_to_cameras
 from formats.database.connection import Connection, uri_of
 from mapmyworld.errors import MapError
-from mapmyworld.types import Mesh, OccupancyGrid, PointCloud, Poses
+from mapmyworld.types import OccupancyGrid, Poses
 
-_PREVIEW_SIDE = 320  # pixels, at most
 _FLAT = 1e-6  # m, and sine of tilt, up to which motion is planar
 
 
@@ -36,63 +34,18 @@ def write_poses(db: Connection, poses: Poses) -> None:
 
 
 def write_grid(db: Connection, grid: OccupancyGrid) -> None:
-    """`opt_map` and a picture of it for file managers."""
-    from formats.database.image_blobs import encode_picture
-
-    cells = grid.trinary()
+    """`opt_map` and where it lies."""
     corner = [float(value) for value in grid.origin]
     db.run(
         "UPDATE Admin SET opt_map = ?, opt_map_x_min = ?, opt_map_y_min = ?,"
-        " opt_map_resolution = ?, preview_image = ?, time_enter = ?",
+        " opt_map_resolution = ?, time_enter = ?",
         (
-            matrix_to_blob(cells),
+            matrix_to_blob(grid.trinary()),
             *corner,
             grid.resolution,
-            encode_picture(_preview(cells), "jpeg", 90),
             db.entered,
         ),
     )
-
-
-def write_cloud(db: Connection, cloud: PointCloud) -> None:
-    """`opt_cloud`: x, y, z and, where there are colours, a float whose bits are 0x00RRGGBB."""
-    blob = _cloud_blob(cloud.points, cloud.colours)
-    db.run(
-        "UPDATE Admin SET opt_cloud = ?, opt_polygons_size = NULL, opt_polygons = NULL,"
-        " time_enter = ?",
-        (blob, db.entered),
-    )
-
-
-def write_mesh(db: Connection, mesh: Mesh) -> None:
-    """`opt_cloud` as vertices; `opt_polygons`: of the one material, how many, then indices."""
-    polygons = np.concatenate([[len(mesh.triangles)], mesh.triangles.ravel()]).astype(np.int32)
-    db.run(
-        "UPDATE Admin SET opt_cloud = ?, opt_polygons_size = 3, opt_polygons = ?, time_enter = ?",
-        (_cloud_blob(mesh.vertices, mesh.colours), matrix_to_blob(polygons[None]), db.entered),
-    )
-
-
-def _cloud_blob(points: NDArray[np.float32], colours: NDArray[np.uint8] | None) -> bytes | None:
-    columns = np.asarray(points, np.float32)
-    if colours is not None:
-        red, green, blue = colours.astype(np.uint32).T
-        packed = (red << 16 | green << 8 | blue).view(np.float32)
-        columns = np.column_stack([columns, packed])
-    return matrix_to_blob(columns[None])
-
-
-def _preview(cells: NDArray[np.int8]) -> NDArray[np.uint8]:
-    """Grey pixels, y upwards; walls survive the shrinking because the darkest cell wins."""
-    grey = np.full(cells.shape, 205, np.uint8)
-    grey[cells == 0], grey[cells == 100] = 254, 0
-    height, width = cells.shape[0], cells.shape[1]
-    step = max(1, -(-max(height, width) // _PREVIEW_SIDE))
-    rows, cols = -(-height // step) * step, -(-width // step) * step
-    padded = np.full((rows, cols), 205, np.uint8)
-    padded[:height, :width] = grey
-    blocks = padded.reshape(rows // step, step, cols // step, step)
-    return np.ascontiguousarray(blocks.min(axis=(1, 3))[::-1])
 
 
 def parameters_to_text(parameters: Mapping[str, str]) -> str:

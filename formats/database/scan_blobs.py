@@ -130,15 +130,11 @@ def _scan_info(info: bytes | None, what: str) -> tuple[NDArray[np.float32], NDAr
     """The seven leading figures, and base_from_lidar (4, 4)."""
     if info is None or len(info) == 0:
         return np.zeros(7, np.float32), np.eye(4)
-    if len(info) % 4 or len(info) // 4 not in (14, 15, _SCAN_INFO_FLOATS):
+    if len(info) != 4 * _SCAN_INFO_FLOATS:
         raise MapError(f"{what}: scan_info takes 76 bytes, not {len(info)}")
     floats = np.frombuffer(info, "<f4")
     mount = blob_to_pose(floats[-12:].tobytes(), what)
-    values = np.zeros(7, np.float32)
-    if len(floats) == _SCAN_INFO_FLOATS:
-        values[:] = floats[:7]
-    else:  # before 0.18: most points, range, and from 0.16.1 the format
-        values[2], values[0] = floats[1], floats[2] if len(floats) == 15 else 0.0
+    values = floats[:7]
     if not np.isfinite(values).all():
         raise MapError(f"{what}: scan_info that is not finite")
     return values, np.eye(4) if mount is None else mount

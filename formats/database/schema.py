@@ -12,7 +12,7 @@ from collections.abc import Mapping
 # release since, and in distributions that ship 0.20 or 0.21.
 RTABMAP_VERSION = "0.20.0"
 # Of our own tables; a file with another number was written by another mapmyworld.
-FORMAT = 4
+FORMAT = 5
 
 _RTABMAP_TABLES: Mapping[str, str] = {
     "Node": "id INTEGER NOT NULL, map_id INTEGER NOT NULL, weight INTEGER, stamp FLOAT, pose BLOB,"
@@ -55,8 +55,7 @@ _OWN_TABLES: Mapping[str, str] = {
     " stamp_ns INTEGER NOT NULL, odom_from_base BLOB NOT NULL, tracked_from_base BLOB NOT NULL,"
     " weight INTEGER NOT NULL, ground_truth BLOB, scan_rest BLOB,"
     " image_stamps TEXT, cloud BLOB",
-    "mapmyworld_features": "node_id INTEGER PRIMARY KEY, rank INTEGER NOT NULL,"
-    " count INTEGER NOT NULL",
+    "mapmyworld_features": "node_id INTEGER PRIMARY KEY, rank INTEGER NOT NULL",
     "mapmyworld_scans": "frame INTEGER PRIMARY KEY, scan BLOB NOT NULL",
     "mapmyworld_constraints": "id INTEGER PRIMARY KEY, rank INTEGER NOT NULL,"
     " from_id INTEGER NOT NULL, to_id INTEGER NOT NULL, kind TEXT NOT NULL,"

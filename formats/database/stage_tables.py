@@ -8,7 +8,6 @@ from mapmyworld.types.seams import STAGE_RANKS
 
 _TRACK, _RECOGNISE, _OPTIMISE = (STAGE_RANKS[name] for name in ("track", "recognise", "optimise"))
 _NODE_TABLES = (
-    "Statistics",
     "GlobalDescriptor",
     "Feature",
     "Data",
@@ -43,13 +42,10 @@ def clear_from(db: Connection, rank: int) -> bool:
     if rank <= _RECOGNISE:
         _clear_words(db, rank)
     if rank <= _OPTIMISE:
-        db.run("DELETE FROM Statistics")
         db.run("UPDATE Admin SET opt_ids = NULL, opt_poses = NULL, opt_last_localization = NULL")
     db.run(
         "UPDATE Admin SET opt_map = NULL, opt_map_x_min = NULL, opt_map_y_min = NULL,"
-        " opt_map_resolution = NULL, preview_image = NULL, opt_cloud = NULL,"
-        " opt_polygons_size = NULL, opt_polygons = NULL, opt_tex_coords = NULL,"
-        " opt_tex_materials = NULL"
+        " opt_map_resolution = NULL"
     )
     return bool(judged[0])
 

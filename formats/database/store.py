@@ -13,7 +13,6 @@ from formats.database.arrays import check_lengths
 from formats.database.connection import Connection
 from formats.database.graph_tables import GraphTables
 from formats.database.node_rows import StorageOptions
-from formats.database.node_statistics import INSERT_STATISTICS, statistics_rows
 from formats.database.node_tables import NodeTables
 from formats.database.result_tables import ResultTables
 from formats.database.stage_tables import clear_from, rank_of
@@ -65,7 +64,8 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
         try:
             yield
             self._begin()
-            self._note_for_rtabmap(rank)
+            if rank == STAGE_RANKS["track"]:
+                results.write_parameters(self._db, results.sensor_parameters(self._db))
             self._compact = True
             record = "INSERT OR REPLACE INTO mapmyworld_stages VALUES (?,?,?)"
             self._db.run(record, (stage, rank, inputs))
@@ -73,27 +73,9 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
             self._rank = None
             self._db.commit()
 
-    def _note_for_rtabmap(self, rank: int) -> None:
-        """At the end of a stage, what follows from it under RTAB-Map's names."""
-        if rank == STAGE_RANKS["track"]:
-            results.write_parameters(self._db, results.sensor_parameters(self._db))
-        if rank >= STAGE_RANKS["recognise"] and self._solved_anew:
-            self._solved_anew = False
-            self._write_statistics()
-
     def frame_poses(self) -> NDArray[np.float64] | None:
         """(N, 4, 4) map_from_frame of all tracked frames; None before they are known."""
         poses = super().frame_poses()
         if poses is not None:
             check_lengths(self._db, "frame poses", poses, self.tracked_frames().stamps_ns)
         return poses
-
-    def _write_statistics(self) -> None:
-        poses = self.poses()
-        if poses is None:
-            return
-        counts = dict(self._db.rows("SELECT node_id, count FROM mapmyworld_features"))
-        (words,) = self._db.row("SELECT COUNT(*) FROM Word")
-        figures = statistics_rows(self.nodes(), self.constraints(), poses, counts, words)
-        self._db.run("DELETE FROM Statistics")
-        self._db.run_many(INSERT_STATISTICS, figures)

@@ -1,4 +1,4 @@
-"""Pictures of what the eyes of the map saw: features, words in common, matches of a pair."""
+"""Pictures of what the eyes of the map saw: features, and matches of a pair."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ _FEATURE = (255, 200, 0)  # RGB: features with depth
 _SHALLOW = (150, 150, 150)  # without depth
 _AGREED = (0, 200, 80)  # matches that agree with the motion
 _OUTLIER = (230, 60, 50)
-_WORD = (70, 150, 255)
 _GAP = 8  # pixels between two pictures side by side
 _BAR = 28  # pixels of the line of text below
 
@@ -28,24 +27,6 @@ def features_picture(picture: Picture, features: Features) -> Picture:
     for k in range(len(features.pixels)):
         _mark(canvas, features, k, _FEATURE if deep[k] else _SHALLOW)
     return with_caption(canvas, f"{len(deep)} features, {int(deep.sum())} with depth")
-
-
-def words_picture(
-    picture_a: Picture, a: Features, picture_b: Picture, b: Features
-) -> tuple[Picture, int]:
-    """Two images side by side, marking the features whose words both hold; how many words.
-
-    Pictures are grey (H, W) or colour (H, W, 3), their result (K, L, 3), all RGB.
-    """
-    if a.words is None or b.words is None:
-        return side_by_side(as_rgb(picture_a), as_rgb(picture_b))[0], 0
-    common = np.intersect1d(a.words[a.words > 0], b.words[b.words > 0])
-    canvas_a, canvas_b = as_rgb(picture_a), as_rgb(picture_b)
-    for canvas, features, words in ((canvas_a, a, a.words), (canvas_b, b, b.words)):
-        for k in range(len(words)):
-            _mark(canvas, features, k, _WORD if words[k] in common else _SHALLOW)
-    both, _ = side_by_side(canvas_a, canvas_b)
-    return with_caption(both, f"{len(common)} visual words in common"), len(common)
 
 
 def match_picture(

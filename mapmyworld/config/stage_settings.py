@@ -24,7 +24,6 @@ _TRACKED = (
     "odometry.search_*",
     "registration.*",
     "storage.*",
-    "visual.obstacle_*",  # of the local grids that nodes keep
 )
 """Of following a log by either method."""
 FIRST_READ: Mapping[str, tuple[str, ...]] = {
@@ -64,7 +63,7 @@ FIRST_READ: Mapping[str, tuple[str, ...]] = {
         "graph.covariances",
         "graph.certify",
     ),
-    "map": ("mapping.*", "visual.grid_*"),
+    "map": ("mapping.*", "visual.grid_*", "visual.obstacle_*"),
 }
 """Of a build by the graph. What no stage names changes no map: threads, limits, exports."""
 FIRST_READ_BY_PARTICLES: Mapping[str, tuple[str, ...]] = {

@@ -20,6 +20,8 @@ def cloud_distances(cloud: PointCloud, mesh: Mesh) -> NDArray[np.float64]:
 
     Candidates come from samples spread over the triangles; the distance to each is exact.
     """
+    from trimesh.triangles import closest_point  # a second of a start, which few commands need
+
     corners = mesh.vertices[mesh.triangles].astype(np.float64)
     samples, owners = _samples(corners)
     tree = cKDTree(samples)
@@ -30,8 +32,8 @@ def cloud_distances(cloud: PointCloud, mesh: Mesh) -> NDArray[np.float64]:
         near = tree.query(points, k=count)[1].reshape(len(points), -1)
         best = np.full(len(points), np.inf)
         for column in range(near.shape[1]):
-            triangle = corners[owners[near[:, column]]]
-            best = np.minimum(best, point_triangle_distance(points, triangle))
+            nearest = closest_point(corners[owners[near[:, column]]], points)
+            best = np.minimum(best, np.linalg.norm(points - nearest, axis=1))
         found[start : start + len(points)] = best
     return found
 
@@ -59,29 +61,3 @@ def _samples(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray
         points.append(a + u[inside, None] * (b - a) + v[inside, None] * (c - a))
         owners.append(np.full(int(inside.sum()), index, np.int64))
     return np.concatenate(points), np.concatenate(owners)
-
-
-def point_triangle_distance(
-    points: NDArray[np.float64], triangles: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(N,) distances of points (N, 3) to triangles (N, 3, 3), row by row."""
-    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
-    normal = np.cross(b - a, c - a)
-    size = np.einsum("ij,ij->i", normal, normal)
-    safe = np.maximum(size, 1e-24)
-    to = points - a
-    v = np.einsum("ij,ij->i", np.cross(to, c - a), normal) / safe
-    w = np.einsum("ij,ij->i", np.cross(b - a, to), normal) / safe
-    inside = (v >= 0.0) & (w >= 0.0) & (v + w <= 1.0) & (size > 1e-24)
-    above = np.abs(np.einsum("ij,ij->i", to, normal)) / np.sqrt(safe)
-    at_edge = np.minimum.reduce([_to_edge(points, *ends) for ends in ((a, b), (b, c), (c, a))])
-    return np.asarray(np.where(inside, above, at_edge))
-
-
-def _to_edge(
-    points: NDArray[np.float64], start: NDArray[np.float64], end: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    way = end - start
-    length = np.maximum(np.einsum("ij,ij->i", way, way), 1e-24)
-    share = np.clip(np.einsum("ij,ij->i", points - start, way) / length, 0.0, 1.0)
-    return np.asarray(np.linalg.norm(points - start - share[:, None] * way, axis=1))

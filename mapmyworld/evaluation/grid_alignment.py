@@ -9,33 +9,30 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 from scipy.spatial import cKDTree
 
-from mapmyworld.evaluation.rigid_alignment import rigid_alignment
-from mapmyworld.geometry.planar import transform_points_planar
+from mapmyworld.geometry.planar import transform_points_planar, wrap_angle
 
 _COARSE = 0.2  # m, cell of the search over all rotations and shifts
 _TURNS = 180  # rotations tried, over the full circle
-_CANDIDATES = 4  # best rotations that are refined
+_CANDIDATES = 4  # best rotations that are compared
 _MOST_CELLS = 512  # along an edge of the coarse picture; larger maps get larger cells
-_ROUNDS = 40  # of refinement
-_REACH = (1.0, 0.5, 0.25, 0.15)  # m within which walls are paired, ever closer
 _NEAR = 0.05  # m of distance that halves, roughly, how well a wall fits another
-_FIRST_STEP, _LAST_STEP = 0.04, 0.002  # m of the last search
+_LAST_STEP = 0.002  # m of the search by steps
 
 
 def align_cells(points: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
     """`reference_from_points` (3,) that lays points (N, 2) best on those of the reference (M, 2).
 
-    All in metres. As they lie, and the best rotations and shifts of a search by correlation, are
-    refined by iterated closest points; the best of all is then moved by ever smaller steps.
+    All in metres. As they lie, or by the rotation and shift of a search by correlation that fit
+    best; then moved by ever smaller steps as long as walls come nearer to walls.
     """
-    tree = cKDTree(reference)
-    starts = [np.zeros(3), *_correlated(points, reference)]
-    tried = [np.zeros(3), *(_refined(points, reference, tree, start) for start in starts)]
+    tree, size = cKDTree(reference), float(np.hypot(*np.ptp(points, axis=0)))
 
     def fit(motion: NDArray[np.float64]) -> float:
         return _fit(points, reference, tree, motion)
 
-    return _climbed(max(tried, key=fit), fit, float(np.hypot(*np.ptp(points, axis=0))))
+    starts = [np.zeros(3), *_correlated(points, reference)]
+    motion = _climbed(max(starts, key=fit), fit, size)
+    return np.append(motion[:2], wrap_angle(motion[2]))
 
 
 def _fit(
@@ -57,7 +54,7 @@ def _climbed(
     motion: NDArray[np.float64], fit: Callable[[NDArray[np.float64]], float], size: float
 ) -> NDArray[np.float64]:
     """The motion after steps along each direction as long as they help."""
-    best, step = fit(motion), _FIRST_STEP
+    best, step = fit(motion), _COARSE
     while step >= _LAST_STEP:
         moves = np.diag([step, step, 2.0 * step / max(size, 1.0)])
         tried = [motion + sign * move for move in moves for sign in (1.0, -1.0)]
@@ -66,30 +63,6 @@ def _climbed(
             best, motion = max(values), tried[int(np.argmax(values))]
         else:
             step /= 2.0
-    return motion
-
-
-def _refined(
-    points: NDArray[np.float64],
-    reference: NDArray[np.float64],
-    tree: cKDTree,
-    start: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    motion = start
-    for reach in _REACH:
-        for _ in range(_ROUNDS):
-            moved = transform_points_planar(motion, points)
-            distance, nearest = tree.query(moved, distance_upper_bound=reach)
-            paired = np.isfinite(distance)
-            if paired.sum() < 3:
-                break
-            matrix = rigid_alignment(reference[nearest[paired]], points[paired])
-            yaw = np.arctan2(matrix[1, 0], matrix[0, 0])
-            step = np.array([matrix[0, 2], matrix[1, 2], yaw])
-            done = np.abs(step - motion).max() < 1e-6
-            motion = step
-            if done:
-                break
     return motion
 
 

@@ -9,26 +9,13 @@ from mapmyworld.geometry import Array
 
 _SMALL_ANGLE = 1e-9  # rad, below which the series replaces the quotient
 
-# Entries of a rotation, row by row: 2 (a + b) beside the diagonal, 1 - 2 (a + b) on it, with the
-# products a and +-b of a quaternion's numbers at these places of the sixteen.
-_FIRST = np.array([5, 1, 2, 1, 0, 6, 2, 6, 0])
-_SECOND = np.array([10, 11, 7, 11, 10, 3, 7, 3, 5])
-_SIGNS = np.array([1.0, -1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0])
-_SCALES = np.array([-2.0, 2.0, 2.0, 2.0, -2.0, 2.0, 2.0, 2.0, -2.0])
-_UNIT = np.eye(3).ravel()
-
 
 def quaternion_to_rotation(quaternion_xyzw: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3) of quaternions (..., 4) as x, y, z, w; normalised first."""
     q = np.asarray(quaternion_xyzw, np.float64)
     q = q / np.sqrt(np.add.reduce(q * q, axis=-1, keepdims=True))
-    products = (q[..., :, None] * q[..., None, :]).reshape(*q.shape[:-1], 16)
-    found = products.take(_SECOND, axis=-1)
-    found *= _SIGNS
-    found += products.take(_FIRST, axis=-1)
-    found *= _SCALES
-    found += _UNIT
-    return np.asarray(found).reshape(*q.shape[:-1], 3, 3)
+    k = skew(q[..., :3])
+    return np.asarray(np.eye(3) + 2.0 * (q[..., 3, None, None] * k + k @ k))
 
 
 def rotation_to_quaternion(rotation: ArrayLike) -> Array:

@@ -80,9 +80,9 @@ def counts_of(constraints: Sequence[Judged]) -> dict[str, dict[str, int]]:
     return result
 
 
-def is_overconfident(factor: float) -> bool:
-    """Whether a factor of `variance_factors` is worth a warning."""
-    return factor > _OVERCONFIDENT
+def is_overconfident(residual: float, factor: float) -> bool:
+    """Whether a kind stated too much, by its normalised residual after its variance factor."""
+    return bool(residual * np.sqrt(factor) > _OVERCONFIDENT)
 
 
 def corrections_of(

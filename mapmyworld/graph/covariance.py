@@ -14,7 +14,7 @@ from mapmyworld.backend.system import System, chosen_edges
 from mapmyworld.errors import GraphError
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, covariance_from_planar, planar_to_matrix
-from mapmyworld.geometry.rigid import between
+from mapmyworld.geometry.rigid import between, invert, se3_adjoint
 from mapmyworld.graph.problem import Problem, problem_of
 from mapmyworld.types.pose_graph import PoseGraph
 
@@ -55,9 +55,12 @@ def graph_covariances(graph: PoseGraph, accepted: NDArray[np.bool_]) -> Array | 
     return None if found is None else spatial_covariances(graph.planar, np.delete(found, count, 0))
 
 
-def relative_pose(graph: PoseGraph, from_id: int, to_id: int) -> tuple[Array, Array]:
+def relative_pose(
+    graph: PoseGraph, from_id: int, to_id: int, own: Array | None = None
+) -> tuple[Array, Array]:
     """i_from_j (4, 4) of a solved graph, and its covariance (6, 6) in to's frame.
 
+    The graph shows how scans lie to each other: each node errs by its `own` noise (6, 6) as well.
     Raises `GraphError` for nodes that the graph lacks, does not link or leaves undetermined.
     """
     problem = problem_of(graph)
@@ -77,7 +80,11 @@ def relative_pose(graph: PoseGraph, from_id: int, to_id: int) -> tuple[Array, Ar
     step = between_planar if graph.planar else between
     motion = step(poses[at[0]], poses[at[1]])
     whole = planar_to_matrix(motion) if graph.planar else motion
-    return whole, spatial_covariances(graph.planar, covariance)[0]
+    spread = spatial_covariances(graph.planar, covariance)[0]
+    if own is not None:
+        carry = se3_adjoint(invert(whole))
+        spread = spread + own + carry @ own @ carry.T
+    return whole, spread
 
 
 def _span(ids: Index) -> str:

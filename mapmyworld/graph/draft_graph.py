@@ -81,12 +81,14 @@ def are_motions(constraints: Sequence[Judged], known: set[int]) -> list[bool]:
 def kept_nodes(
     nodes: Sequence[Node], motions: Sequence[Constraint], closures: Sequence[Constraint]
 ) -> NDArray[np.bool_]:
-    """(N,) the first node of each session, ends of closures and of losses, and where no one motion
-    goes on.
+    """(N,) the first node of each session, ends of closures, of losses and of motions that nothing
+    measured, up to the first scan that fits again, and where no one motion goes on.
     """
     ids = np.array([node.id for node in nodes], np.int64)
     tied = [i for c in closures for i in (c.from_id, c.to_id)]
-    tied += [i for c in motions if c.interrupts_tracking for i in (c.from_id, c.to_id)]
+    blind = {c.to_id for c in motions if c.is_unobserved and not c.is_tracking_loss}
+    alone = [c.interrupts_tracking or bool({c.from_id, c.to_id} & blind) for c in motions]
+    tied += [i for c, own in zip(motions, alone, strict=True) if own for i in (c.from_id, c.to_id)]
     arrivals = np.array([c.to_id for c in motions], np.int64)
     departures = np.array([c.from_id for c in motions], np.int64)
     through = np.ones(len(ids), np.bool_)

@@ -95,25 +95,3 @@ def cast_planar_rays(
             else:
                 row += step_y
                 next_y += per_y
-
-
-@jit
-def mark_passed_cells(
-    cells: NDArray[np.float32],
-    eye: NDArray[np.float64],
-    angles: NDArray[np.float64],
-    reach: NDArray[np.float64],
-    value: float,
-) -> None:
-    """Sets the cells (H, W) that rays from `eye` (2,) pass, sampled at half a cell.
-
-    Each of the N rays by its angle and its `reach`, both (N,); all in units of cells.
-    """
-    height, width = cells.shape
-    for i in range(len(angles)):
-        dx, dy = 0.5 * np.cos(angles[i]), 0.5 * np.sin(angles[i])
-        for step in range(int(2.0 * reach[i])):
-            column = int(np.floor(eye[0] + step * dx))
-            row = int(np.floor(eye[1] + step * dy))
-            if 0 <= column < width and 0 <= row < height:
-                cells[row, column] = value

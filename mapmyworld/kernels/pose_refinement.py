@@ -10,32 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.kernels.assignment import assign
-from mapmyworld.kernels.compiling import inner_jit, jit
+from mapmyworld.kernels.compiling import jit
 
 Array = NDArray[np.float64]
-BEHIND = 1e12  # squared error of a point behind the camera
-
-
-@jit
-def squared_errors(pose: Array, points: Array, seen: Array, sigmas: Array, errors: Array) -> None:
-    """Fills `errors` (N, 2), squared, in units of sigma: image position, inverse depth (0 without).
-
-    Of points (N, 3), map frame, from map_from_camera (4, 4); `seen`, `sigmas` (N, 3).
-    """
-    for i in range(len(points)):
-        dx, dy, dz = points[i, 0] - pose[0, 3], points[i, 1] - pose[1, 3], points[i, 2] - pose[2, 3]
-        z = pose[0, 2] * dx + pose[1, 2] * dy + pose[2, 2] * dz
-        if z < 1e-3:
-            errors[i, 0] = errors[i, 1] = BEHIND
-            continue
-        x = (pose[0, 0] * dx + pose[1, 0] * dy + pose[2, 0] * dz) / z - seen[i, 0]
-        y = (pose[0, 1] * dx + pose[1, 1] * dy + pose[2, 1] * dz) / z - seen[i, 1]
-        errors[i, 0] = (x * x + y * y) / (sigmas[i, 0] * sigmas[i, 0])
-        errors[i, 1] = 0.0
-        if not np.isnan(seen[i, 2]):
-            q = (1.0 / z - seen[i, 2]) / sigmas[i, 1]
-            errors[i, 1] = q * q
 
 
 @jit
@@ -65,7 +42,7 @@ def score_poses(
             counts[k] += 1
 
 
-@inner_jit
+@jit
 def pose_normal_equations(
     pose: Array,
     points: Array,
@@ -130,98 +107,3 @@ def pose_normal_equations(
         for n in range(m):
             information[m, n] = information[n, m]
     return cost
-
-
-@jit
-def refine(
-    pose: Array,
-    points: Array,
-    seen: Array,
-    sigmas: Array,
-    width: float,
-    information: Array,
-) -> None:
-    """Gauss-Newton on a pose (4, 4) in place, and its information (6, 6) there.
-
-    It sees points (N, 3), map frame, as `seen`, with `sigmas`, (N, 3) both. A step that does not
-    lower the robust cost is taken back and ends it, as does one that lowers it by less than a
-    ten-thousandth.
-    """
-    trial, equations, gradient, tangent = pose.copy(), np.zeros((6, 6)), np.zeros(6), np.zeros(6)
-    best = np.inf
-    while True:
-        cost = pose_normal_equations(trial, points, seen, sigmas, width, equations, gradient)
-        if not cost < best:
-            return
-        assign(pose, trial)
-        assign(information, equations)
-        if best - cost < 1e-4 * cost:
-            return
-        best = cost
-        solve_damped(equations, gradient, tangent)
-        move_by_tangent(trial, tangent)
-
-
-@jit
-def solve_damped(matrix: Array, right: Array, found: Array) -> None:
-    """Fills `found` (6,), which a symmetric matrix (6, 6), a little damped, takes to -right (6,).
-
-    By Cholesky's factors.
-    """
-    n = len(right)
-    lower = np.zeros((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= lower[i, k] * lower[j, k]
-            if i == j:
-                lower[i, i] = np.sqrt(max(total + 1e-6 * matrix[i, i] + 1e-9, 1e-12))
-            else:
-                lower[i, j] = total / lower[j, j]
-    for i in range(n):
-        total = -right[i]
-        for k in range(i):
-            total -= lower[i, k] * found[k]
-        found[i] = total / lower[i, i]
-    for i in range(n - 1, -1, -1):
-        total = found[i]
-        for k in range(i + 1, n):
-            total -= lower[k, i] * found[k]
-        found[i] = total / lower[i, i]
-
-
-@jit
-def move_by_tangent(pose: Array, tangent: Array) -> None:
-    """`pose @ se3_exp(tangent)` (4, 4) in place; the tangent (6,) has its rotation first."""
-    x, y, z = tangent[0], tangent[1], tangent[2]
-    squared = x * x + y * y + z * z
-    if squared < 1e-16:
-        first, second, third = 1.0, 0.5, 1.0 / 6.0
-    else:
-        angle = np.sqrt(squared)
-        first, second = np.sin(angle) / angle, (1.0 - np.cos(angle)) / squared
-        third = (1.0 - first) / squared
-        if angle < 1e-4:
-            second, third = 0.5, 1.0 / 6.0
-    turn, shift = np.zeros((3, 3)), np.zeros((3, 3))  # first what is skew of them
-    turn[0, 1], turn[0, 2], turn[1, 2] = -z, y, -x
-    turn[1, 0], turn[2, 0], turn[2, 1] = z, -y, x
-    for i in range(3):
-        for j in range(3):
-            square = tangent[i] * tangent[j] - (squared if i == j else 0.0)
-            shift[i, j] = second * turn[i, j] + third * square
-            turn[i, j] = first * turn[i, j] + second * square
-        turn[i, i] += 1.0
-        shift[i, i] += 1.0
-    moved = np.zeros((3, 4))
-    for i in range(3):
-        for j in range(3):
-            moved[i, j] = (
-                pose[i, 0] * turn[0, j] + pose[i, 1] * turn[1, j] + pose[i, 2] * turn[2, j]
-            )
-        moved[i, 3] = pose[i, 3]
-        for j in range(3):
-            step = shift[j, 0] * tangent[3] + shift[j, 1] * tangent[4] + shift[j, 2] * tangent[5]
-            moved[i, 3] += pose[i, j] * step
-    assign(pose, moved)

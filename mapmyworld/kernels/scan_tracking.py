@@ -274,6 +274,6 @@ def track_scans(
             key_rows, key_counts, key_origins, key_poses, keys,
         ):  # fmt: skip
             if has_odometry:
-                learn(wheels, innovations, variances, settings[3])
+                learn(wheels, innovations, variances, settings[3], out[k, 6] > 0.0)
             anchor(wheels, pose)
     return len(bounds) - 1

@@ -67,19 +67,23 @@ def reckoned_variances(wheels: Array, share: float, floor: float) -> Array:
 
 
 @jit
-def learn(wheels: Array, found: Array, variances: Array, share: float) -> None:
+def learn(wheels: Array, found: Array, variances: Array, share: float, is_open: bool) -> None:
     """Lets a model (15,) learn from one innovation (7,) of a prediction of these variances (3,).
 
     All of it counts as the odometry's: what the match errs by makes its prior no more certain.
+    Where the match `is_open` along walls, it shows no scale: what it has there is the noise of its
+    normals.
     """
     if wheels[11] < MOVES and wheels[12] < MOVES:
         return
     moved = np.array([wheels[11], 0.0, wheels[12]])
     stated = motion_variances(moved, share, 0.0, np.ones(2))
-    _learn_noise(wheels, 0, 0.5 * (found[0] * found[0] + found[1] * found[1]) / stated[0])
-    _learn_noise(wheels, 1, found[2] * found[2] / stated[2])
+    weight = min(1.0, _OUTLIER / max(found[6], 1e-9))  # a fault: as the largest that is none
+    _learn_noise(wheels, 0, 0.5 * (found[0] * found[0] + found[1] * found[1]) / stated[0] * weight)
+    _learn_noise(wheels, 1, found[2] * found[2] / stated[2] * weight)
     if found[6] < _OUTLIER:
-        _learn_systematic(wheels, 0, found, variances, 0, wheels[13])
+        if not is_open:
+            _learn_systematic(wheels, 0, found, variances, 0, wheels[13])
         _learn_systematic(wheels, 1, found, variances, 2, wheels[13])
         _learn_systematic(wheels, 2, found, variances, 2, wheels[14])
 

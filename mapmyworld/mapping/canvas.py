@@ -37,7 +37,6 @@ class Canvas:
         self._passes = np.zeros((0, 0), np.uint16)
         self._marks = np.zeros((0, 0), np.uint8)
         self._mark = 0
-        self._used = np.zeros((2, 2), np.int64)  # lattice cells, first and one beyond the last
 
     def add(self, beams: Beams) -> None:
         """Draws the beams of at most 255 scans."""
@@ -59,31 +58,18 @@ class Canvas:
     def _cover(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> None:
         """Grows the canvas until it holds the lattice cells `low` to `high`."""
         size = np.array(self._hits.shape[::-1], np.int64)
-        if size.all() and (low >= self._corner).all() and (high < self._corner + size).all():
-            self._use(low, high)
+        if not size.all():
+            self._corner = low
+        lacks = np.maximum(self._corner - low, 0), np.maximum(high + 1 - self._corner - size, 0)
+        if not np.any(lacks):
             return
         margin = _MARGIN + size // 4
-        corner, top = low - _MARGIN, high + _MARGIN + 1
-        if size.all():
-            old_top = self._corner + size
-            corner = np.where(low < self._corner, low - margin, self._corner)
-            top = np.where(high >= old_top, high + margin + 1, old_top)
-        width, height = _checked_size(top - corner)
-        (x0, y0), (x1, y1) = (self._used - corner).tolist()
-        old = self._used - self._corner
-        for name in ("_hits", "_passes", "_marks"):
-            held = getattr(self, name)
-            grown = np.zeros((height, width), held.dtype)
-            if size.all():  # what nothing was drawn on takes no memory, and is left so
-                grown[y0:y1, x0:x1] = held[old[0, 1] : old[1, 1], old[0, 0] : old[1, 0]]
-            setattr(self, name, grown)
-        self._corner = corner
-        self._use(low, high)
-
-    def _use(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> None:
-        if (self._used[1] > self._used[0]).all():
-            low, high = np.minimum(low, self._used[0]), np.maximum(high, self._used[1] - 1)
-        self._used = np.array([low, high + 1])
+        left, right = (np.where(lack > 0, lack + margin, 0) for lack in lacks)
+        _check_size(left + size + right)
+        around = list(zip(left[::-1].tolist(), right[::-1].tolist(), strict=True))
+        self._corner = self._corner - left
+        self._hits, self._passes = np.pad(self._hits, around), np.pad(self._passes, around)
+        self._marks = np.pad(self._marks, around)
 
     def seen(self) -> Counts:
         """The part that was seen, one cell of margin around.
@@ -103,12 +89,11 @@ class Canvas:
         return Counts(corner, self._hits[part], self._passes[part])
 
 
-def _checked_size(size: NDArray[np.int64]) -> tuple[int, int]:
-    """Width and height of a canvas, unless they are nonsense."""
+def _check_size(size: NDArray[np.int64]) -> None:
+    """Refuses a canvas of nonsense."""
     width, height = size.tolist()
     if width * height > _MOST_CELLS:
         raise MapError(
             f"the grid would be {width} x {height} cells: raise mapping.resolution or lower "
             "mapping.range_max"
         )
-    return width, height

@@ -11,10 +11,14 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import evenly_along, invert, transform_points
-from mapmyworld.kernels.surfaces import compare_with_depth, surface_normals
 from mapmyworld.mapping.voxel_map import VoxelMap
-from mapmyworld.parallel import done_behind, in_threads
-from mapmyworld.registration.camera_model import bending, depth_grid_points, grid_rays
+from mapmyworld.parallel import in_threads
+from mapmyworld.registration.camera_model import (
+    depth_at,
+    depth_grid_points,
+    grid_rays,
+    pixels_of_points,
+)
 from mapmyworld.registration.image_levels import colours_at
 from mapmyworld.types import NodeData, PointCloud, RgbdImage
 
@@ -45,9 +49,8 @@ def build_cloud(items: Iterable[Posed], config: Config) -> PointCloud:
         voxels.add(view.points[kept], view.colours[kept], view.normals[kept])
 
     views = in_threads(lambda make: make(), _views(items, config), config.threads)
-    with done_behind(add, 1) as hand_over:  # while the next nodes are read
-        for seen in _with_neighbours(views):
-            hand_over(seen)
+    for _ in in_threads(add, _with_neighbours(views), 1, 2):
+        pass  # one thread adds up while the next nodes are read
     return voxels.to_cloud(settings.cloud_views, _AROUND)
 
 
@@ -131,9 +134,17 @@ def organised_normals(
     rim and beside missing depth the normal and the cosine are 0; across a jump in depth the surface
     seems slanted, so its cosine is small.
     """
-    normals = np.zeros_like(points)
-    cosines = np.zeros(points.shape[:2], np.float32)
-    surface_normals(np.ascontiguousarray(points, np.float32), normals, cosines)
+    normals, cosines = np.zeros_like(points), np.zeros(points.shape[:2], np.float32)
+    inner, z = points[1:-1, 1:-1], points[..., 2]
+    down, across = points[2:, 1:-1] - points[:-2, 1:-1], points[1:-1, 2:] - points[1:-1, :-2]
+    crossed = np.cross(down, across)
+    length, distance = np.linalg.norm(crossed, axis=-1), np.linalg.norm(inner, axis=-1)
+    rim = z[1:-1, :-2], z[1:-1, 2:], z[:-2, 1:-1], z[2:, 1:-1], inner[..., 2]
+    known = (np.minimum.reduce(rim) > 0.0) & (length > 1e-12)
+    unit = crossed[known] / length[known, None]
+    cosine = -np.einsum("nc,nc->n", unit, inner[known]) / distance[known]
+    normals[1:-1, 1:-1][known] = np.where(cosine < 0.0, -1.0, 1.0)[:, None] * unit
+    cosines[1:-1, 1:-1][known] = np.abs(cosine)
     return normals, cosines
 
 
@@ -153,23 +164,13 @@ def _with_neighbours(
 
 def _agreeing(view: _View, others: list[_View], share: float) -> NDArray[np.bool_]:
     """Mask (N,) of the points that no other view looks through, unless another one sees them."""
-    seen = np.zeros(len(view.points), np.int32)
-    pierced = np.zeros(len(view.points), np.int32)
+    seen, pierced = np.zeros(len(view.points), np.int64), np.zeros(len(view.points), np.int64)
     for other in others:
         if other.image is None:
             continue
-        camera = other.image.camera
-        bent, distortion = bending(camera)
-        compare_with_depth(
-            view.points,
-            np.ascontiguousarray(invert(other.map_from_camera)),
-            np.ascontiguousarray(camera.intrinsics),
-            bent,
-            distortion,
-            other.depth,
-            camera.width / other.depth.shape[1],
-            share,
-            seen,
-            pierced,
-        )
+        local = transform_points(invert(other.map_from_camera), view.points)
+        pixels = pixels_of_points(other.image.camera, local)
+        beyond = depth_at(other.image, other.depth, pixels) / local[:, 2] - 1.0
+        seen += np.abs(beyond) < share
+        pierced += beyond > share
     return np.asarray((pierced == 0) | (seen > pierced))

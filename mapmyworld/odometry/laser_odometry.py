@@ -23,7 +23,7 @@ from mapmyworld.kernels.wheel_model import anchor, learn, new_wheels, reckon, re
 from mapmyworld.odometry.degeneracy import DegenerateSections
 from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.odometry.odometry_faults import OdometryFaults
-from mapmyworld.odometry.pose_hypotheses import FEWEST, Prior, likeliest_match
+from mapmyworld.odometry.pose_hypotheses import FEWEST, WEAK_PRIOR, Prior, likeliest_match
 from mapmyworld.odometry.timeline import Timeline
 from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
@@ -273,7 +273,7 @@ class LaserTracker:
         if recorded is not None:
             found = innovation(predicted, match.pose, match.information, variances)
             if is_new or verdict != "matched":
-                learn(self._wheels, found, variances, self._odometry.relative_noise)
+                learn(self._wheels, found, variances, self._odometry.relative_noise, weak)
                 anchor(self._wheels, match.pose)
             self._faults.steps += 1
             if found[6] > self._odometry.contradiction**2:
@@ -303,12 +303,15 @@ class LaserTracker:
         good = explains(self._state, first.overlap, self._settings, prior.has_odometry)
         if good and found[6] <= self._odometry.contradiction**2:
             return first, "matched"
+        contradicts = found[6] > self._odometry.contradiction**2
+        if contradicts:  # what contradicts a prediction is not drawn to it either
+            first = self._keyframes.match(scan, first.pose, WEAK_PRIOR, COARSE, self._settings)
         best = likeliest_match(
             scan, self._keyframes, self._state, prior, first, self._odometry, self._settings
         )
         if best is None:
             return first, "lost"
-        return best, "matched" if best is first else "odometry ignored"
+        return best, "matched" if best is first and not contradicts else "odometry ignored"
 
 
 _NOTES = {

@@ -54,6 +54,8 @@ class Refinement:
     """Root mean square movement in each round, metres."""
     residual: float
     """Root mean square distance between points and other scans' lines, metres."""
+    scan_noise: tuple[float, ...]
+    """(3,) m^2, m^2, rad^2: the median of the scans' own noise in x, y, yaw of the robot."""
 
 
 def refine_poses(
@@ -100,7 +102,8 @@ def refine_poses(
         spread = np.array(spread)
         spread[where] = covariance_from_planar(_spread_of_all(every, chosen, found))
     refined = Poses(poses.ids, matrices, spread)
-    return Refinement(refined, found.moved, found.residual)
+    noise = np.median(found.own.diagonal(0, 1, 2), axis=0)
+    return Refinement(refined, found.moved, found.residual, tuple(noise.tolist()))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,7 +27,7 @@ FAULT = 1e-3
 """Probability of an odometry fault in a step: it stalls, slips, catches up."""
 _LOG_ODDS = 2.5  # nats by which a point on a surface, and not beside, speaks for a pose: of
 # such points a right one has 0.75 and a wrong one 0.2, log(0.75 / 0.2) + log(0.8 / 0.25)
-_WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
+WEAK_PRIOR = np.diag([0.04, 0.04, 0.04])  # 5 m and 5 rad: keeps a corridor solvable
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +92,7 @@ def likeliest_match(
         beyond_chance += its_prior / NATS
     fits = beyond_chance >= 0.0 and _has_points(first, scan)
     best, most = (first, 0.0) if fits else (None, 0.0)
-    for match in (keyframes.match(scan, s, _WEAK_PRIOR, COARSE, settings) for s in starts):
+    for match in (keyframes.match(scan, s, WEAK_PRIOR, COARSE, settings) for s in starts):
         other = place.agreement_with(view, match.pose)
         if other.evidence < needed or not _has_points(match, scan):
             continue

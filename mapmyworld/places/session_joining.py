@@ -8,9 +8,10 @@ hall after half a turn, leave the sessions apart.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ from mapmyworld.places.laser_nodes import Index, LaserNodes, spaced
 from mapmyworld.places.laser_submaps import place_around
 from mapmyworld.places.whole_map import SETTLED, WholeMap, map_of_scans
 from mapmyworld.registration.place_evidence import Agreement, Place
-from mapmyworld.registration.scan_search import ANOTHER, MARGIN, Submap
+from mapmyworld.registration.scan_search import ANOTHER, MARGIN, NATS, Submap
 
 Array = NDArray[np.float64]
 _CHECKED = 3  # places, those of the most evidence, that are looked for elsewhere
@@ -87,6 +88,10 @@ class Hypothesis:
     """Node -> what the place there and the earlier session's map report of each other."""
     earlier: dict[int, Agreement]
     """The same of the earlier session's places in the later one's map."""
+    poses: dict[int, Array]
+    """Node -> the pose (3,) in the earlier session's map at which its place in the later one fits
+    best, within what both drifted.
+    """
 
     @property
     def log_odds(self) -> float:
@@ -96,10 +101,15 @@ class Hypothesis:
         """
         return 0.5 * (_log_odds(self.later.values()) + _log_odds(self.earlier.values()))
 
-    def beyond(self, other: Hypothesis) -> float:
-        """Points by which all places speak for this pose rather than for another one."""
-        later = [one.beyond(other.later[k]) for k, one in self.later.items()]
-        earlier = [one.beyond(other.earlier[k]) for k, one in self.earlier.items()]
+    def is_same(self, other: Hypothesis) -> bool:
+        """Whether places that speak for both relative poses lie at one pose, whichever is taken."""
+        speak = [k for k in self.later if min(self.later[k].log_odds, other.later[k].log_odds) > 0]
+        return bool(speak) and all(_are_one(self.poses[k], other.poses[k]) for k in speak)
+
+    def refutes(self, other: Hypothesis) -> float:
+        """Points by which all places contradict another pose more than this one."""
+        later = [one.refutes(other.later[k]) for k, one in self.later.items()]
+        earlier = [one.refutes(other.earlier[k]) for k, one in self.earlier.items()]
         return 0.5 * (_together(later) + _together(earlier))
 
 
@@ -145,48 +155,71 @@ def locate_session(
     tried: list[Hypothesis] = []
     needed = earlier.whole.needed_odds(len(later.sought))
     for spot in later.sought:
-        place, at = later.places[spot], later.nodes.poses[spot]
-        if prior is None:
-            pose = earlier.whole.find(place)
-        else:
-            pose = earlier.whole.find_about(place, at, *prior.window(at))
-        if pose is None:
+        at = later.nodes.poses[spot]
+        move = _move_by_place(earlier, later, spot, prior)
+        if move is None or any(_is_same(move, other.move, at) for other in tried):
             continue
-        move = compose_planar(pose, invert_planar(at))
-        if prior is not None and not prior.allows(move):
-            continue
-        if any(_is_same(move, other.move, at) for other in tried):
-            continue
-        tried.append(judge_pose(earlier, later, move, spot))
+        tried.append(judge_pose(earlier, later, move, at))
         odds = tried[-1].log_odds
         decided("join", f"session at {move.round(2)}: log odds {odds:.0f}, needed {needed:.0f}")
     best = max(tried, key=lambda one: one.log_odds, default=None)
     if best is None or best.log_odds < needed:
         return None
-    return None if _is_ambiguous(earlier, later, best, tried, prior) else best.move
+    possible = needed - NATS * MARGIN
+    for other in chain(tried, _elsewhere(earlier, later, best, prior)):
+        if other.log_odds > possible and not best.is_same(other) and best.refutes(other) < MARGIN:
+            decided("join", f"session as well at {other.move.round(2)}")
+            return None
+    return best.move
 
 
-def judge_pose(earlier: SessionPlaces, later: SessionPlaces, move: Array, spot: int) -> Hypothesis:
-    """Odds of the later frame (3,) in the earlier one, found from the place around `spot`.
+def _move_by_place(
+    earlier: SessionPlaces, later: SessionPlaces, spot: int, prior: LossPrior | None
+) -> Array | None:
+    """The later frame (3,) in the earlier one at which the place around `spot` fits best, of the
+    two best ones that which the loss allows.
+    """
+    place, at = later.places[spot], later.nodes.poses[spot]
+    if prior is None:
+        pose = earlier.whole.find(place)
+        return None if pose is None else compose_planar(pose, invert_planar(at))
+    pose = earlier.whole.find_about(place, at, *prior.window(at))
+    for _ in range(2):
+        if pose is None:
+            return None
+        move = compose_planar(pose, invert_planar(at))
+        if prior.allows(move):
+            return move
+        pose = earlier.whole.find_other(place, pose)
+    return None
+
+
+def judge_pose(
+    earlier: SessionPlaces, later: SessionPlaces, move: Array, about: Array
+) -> Hypothesis:
+    """Odds of the later frame (3,) in the earlier one, found from a place at `about` (3,) in it.
 
     Every place may be off by what the sessions drifted since the one that was found.
     """
-    about = later.nodes.poses[spot]
     there, back = compose_planar(move, about), invert_planar(move)
+    found = _reports(earlier, later, move, about)
     return Hypothesis(
-        move, _reports(earlier, later, move, about), _reports(later, earlier, back, there)
+        move,
+        {k: agreement for k, (_, agreement) in found.items()},
+        {k: agreement for k, (_, agreement) in _reports(later, earlier, back, there).items()},
+        {k: pose for k, (pose, _) in found.items()},
     )
 
 
 def _reports(
     known: SessionPlaces, other: SessionPlaces, move: Array, about: Array
-) -> dict[int, Agreement]:
-    """Of each place of a session in a map, `about` (3,) being a pose where both agree."""
+) -> dict[int, tuple[Array, Agreement]]:
+    """Pose (3,) and report of each place of a session in a map, which agree at `about` (3,)."""
     reports = {}
     for k, place in other.places.items():
         window = _window(other.nodes.poses[k] - about, other.config)
         guess = compose_planar(move, other.nodes.poses[k])
-        reports[k] = known.whole.best_about(place, guess, *window)[1]
+        reports[k] = known.whole.report(place, guess, *window)
     return reports
 
 
@@ -198,30 +231,41 @@ def _window(off: Array, config: Config) -> tuple[float, float]:
     )
 
 
-def _is_ambiguous(
-    earlier: SessionPlaces, later: SessionPlaces, best: Hypothesis, tried: list[Hypothesis],
-    prior: LossPrior | None,
-) -> bool:  # fmt: skip
-    """Whether another relative pose is more than a hundredth as likely."""
-    if any(best.beyond(other) < MARGIN for other in tried if other is not best):
-        return True
-    strongest = sorted(best.later, key=lambda k: -best.later[k].log_odds)[:_CHECKED]
-    for k in strongest:
-        here = compose_planar(best.move, later.nodes.poses[k])
-        pose = earlier.whole.find_other(later.places[k], here)
-        if pose is None:
-            continue
-        move = compose_planar(pose, invert_planar(later.nodes.poses[k]))
-        if prior is not None and not prior.allows(move):
-            continue
-        if best.beyond(judge_pose(earlier, later, move, k)) < MARGIN:
-            return True
-    return False
+def _elsewhere(
+    earlier: SessionPlaces, later: SessionPlaces, best: Hypothesis, prior: LossPrior | None
+) -> Iterator[Hypothesis]:
+    """Other relative poses, at which places of either session fit the other one as well."""
+    for move, about in chain(
+        _other_moves(earlier, later, best.move, best.later),
+        (
+            (invert_planar(back), compose_planar(back, there))
+            for back, there in _other_moves(later, earlier, invert_planar(best.move), best.earlier)
+        ),
+    ):
+        if prior is None or prior.allows(move):
+            yield judge_pose(earlier, later, move, about)
+
+
+def _other_moves(
+    known: SessionPlaces, other: SessionPlaces, move: Array, reports: dict[int, Agreement]
+) -> Iterator[tuple[Array, Array]]:
+    """Frames (3,) of a session in that of a known one, but for `move` (3,), and the poses (3,) of
+    the places that fit there.
+    """
+    for k in sorted(reports, key=lambda k: -reports[k].log_odds)[:_CHECKED]:
+        at = other.nodes.poses[k]
+        pose = known.whole.find_other(other.places[k], compose_planar(move, at))
+        if pose is not None:
+            yield compose_planar(pose, invert_planar(at)), at
 
 
 def _is_same(move: Array, other: Array, at: Array) -> bool:
     """Whether two relative poses bring a pose of the later session to the same place."""
-    apart = between_planar(compose_planar(move, at), compose_planar(other, at))
+    return _are_one(compose_planar(move, at), compose_planar(other, at))
+
+
+def _are_one(pose: Array, other: Array) -> bool:
+    apart = between_planar(pose, other)
     return bool(np.hypot(*apart[:2]) < ANOTHER[0] and abs(apart[2]) < ANOTHER[1])
 
 

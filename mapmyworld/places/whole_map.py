@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,12 @@ from mapmyworld.registration.scan_search import (
     Submap,
     evidence_grid,
     judged_points,
-    lie_on_a_line,
     occupancy_evidence,
+    scored_points,
     search_about,
     search_elsewhere,
     search_everywhere,
+    seen_from_one_side,
     spread_points,
 )
 from mapmyworld.types import OccupancyGrid
@@ -55,11 +56,11 @@ class WholeMap:
         seen = transform_points_planar(back, self.points)
         low, high = place.grid.bounds
         near = seen[((seen >= low) & (seen < high)).all(axis=1)]
-        forth = judged_points(place.submap.points, self.grid, pose)
         return Agreement(
-            forth, judged_points(near, place.grid, np.zeros(3)),
-            lie_on_a_line(place.submap.points, self.grid.resolution, forth),
-        )  # fmt: skip
+            judged_points(place.submap.points, self.grid, pose),
+            judged_points(near, place.grid, np.zeros(3)),
+            scored_points(place.submap.points, self.grid.resolution),
+        )
 
     def find(self, place: Place) -> Array | None:
         """The pose (3,) at which the map explains a place best; None where that may be chance."""
@@ -95,6 +96,16 @@ class WholeMap:
         if here.beyond(there) >= MARGIN:
             return False
         return True if there.beyond(here) >= MARGIN else None
+
+    def report(
+        self, place: Place, pose: Array, distance: float, angle: float
+    ) -> tuple[Array, Agreement]:
+        """The best pose (3,) in a window about one (3,), and what agrees there, seen from the same
+        side.
+        """
+        pose, found = self.best_about(place, pose, distance, angle)
+        same = seen_from_one_side(found.points, place.grid, self.grid, pose)
+        return pose, replace(found, forth=np.where((found.forth > 0) & ~same, 0, found.forth))
 
     def best_about(
         self, place: Place, pose: Array, distance: float, angle: float

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry.rigid import invert, make_transform
 from mapmyworld.geometry.rotations import so3_exp
-from mapmyworld.kernels.projection import EQUIDISTANT, PLUMB_BOB, STRAIGHT, project_points
 from mapmyworld.types import CameraModel, RgbdImage
 
 Array = NDArray[np.float64]
@@ -34,20 +33,22 @@ def pixels_of_points(camera: CameraModel, points: NDArray[np.floating]) -> Array
 
     Points at or behind the camera's plane give NaN.
     """
-    pixels = np.empty((len(points), 2))
-    bent, distortion = bending(camera)
-    plain: Array = np.ascontiguousarray(points, np.float64)
-    project_points(plain, np.ascontiguousarray(camera.intrinsics), bent, distortion, pixels)
-    return pixels
-
-
-def bending(camera: CameraModel) -> tuple[int, Array]:
-    """Which formulas of `kernels.projection` bend the rays, and their coefficients (12,)."""
-    coefficients = np.zeros(12)
+    pixels = np.full((len(points), 2), np.nan)
+    before = np.asarray(points)[:, 2] > 1e-6
+    if not before.any():
+        return pixels
+    plain: Array = np.asarray(points, np.float64)[before]
+    rays, still = plain / plain[:, 2:], np.zeros(3)
+    k = np.asarray(camera.intrinsics, np.float64)
     if not _is_distorted(camera):
-        return STRAIGHT, coefficients
-    coefficients[: min(len(camera.distortion), 12)] = camera.distortion[:12]
-    return EQUIDISTANT if camera.distortion_model == "equidistant" else PLUMB_BOB, coefficients
+        pixels[before] = rays[:, :2] * [k[0, 0], k[1, 1]] + k[:2, 2]
+    elif camera.distortion_model == "equidistant":
+        bent, _ = cv2.fisheye.projectPoints(rays[:, None], still, still, k, camera.distortion[:4])
+        pixels[before] = bent[:, 0]
+    else:
+        bent, _ = cv2.projectPoints(rays, still, still, k, camera.distortion)
+        pixels[before] = bent[:, 0]
+    return pixels
 
 
 def pose_of_rays(points: Array, rays: Array, limit: float, rounds: int) -> Array | None:

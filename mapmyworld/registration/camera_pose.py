@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry.rigid import make_transform
-from mapmyworld.kernels.pose_refinement import refine, score_poses, squared_errors
+from mapmyworld.geometry.rigid import make_transform, se3_exp
+from mapmyworld.kernels.pose_refinement import pose_normal_equations, score_poses
 from mapmyworld.registration.camera_model import pose_of_rays
 
 Array = NDArray[np.float64]
 LEAST_SHARE = 0.25
 """Of the sightings that agree where a pose is right."""
+_BEHIND = 1e12  # squared error of a point behind the camera
 _MISS = 1e-4  # probability of having overlooked the best hypothesis at which the search ends
 
 
@@ -42,9 +43,13 @@ def errors(pose: Array, sightings: Sightings) -> Array:
 
     From map_from_camera (4, 4).
     """
-    found = np.empty((len(sightings), 2))
-    squared_errors(_dense(pose), sightings.points, sightings.seen, sightings.sigmas, found)
-    return found
+    local = (sightings.points - pose[:3, 3]) @ pose[:3, :3]
+    before = local[:, 2] > 1e-3
+    inverse = 1.0 / np.where(before, local[:, 2], 1.0)
+    away = (local[:, :2] * inverse[:, None] - sightings.seen[:, :2]) / sightings.sigmas[:, :1]
+    deeper = (inverse - sightings.seen[:, 2]) / sightings.sigmas[:, 1]
+    squared = np.stack([(away**2).sum(axis=1), np.nan_to_num(deeper) ** 2], axis=1)
+    return np.where(before[:, None], squared, _BEHIND)
 
 
 def inliers(pose: Array, sightings: Sightings, limit: float) -> NDArray[np.bool_]:
@@ -112,13 +117,19 @@ def refine_pose(start: Array, sightings: Sightings, *, width: float = 2.0) -> tu
     Near `start` (4, 4). Gauss-Newton on reprojection and inverse depth with Huber's weights from
     `width` sigmas on; a step that makes things worse is taken back and ends it.
     """
-    pose, information = _dense(start).copy(), np.eye(6)
-    refine(pose, sightings.points, sightings.seen, sightings.sigmas, width, information)
-    return pose, information
-
-
-def _dense(pose: Array) -> Array:
-    return np.ascontiguousarray(pose, np.float64)
+    pose = trial = np.ascontiguousarray(start, np.float64)
+    seen, information, best = (sightings.seen, sightings.sigmas), np.eye(6), np.inf
+    while True:
+        equations, gradient = np.zeros((6, 6)), np.zeros(6)
+        cost = pose_normal_equations(trial, sightings.points, *seen, width, equations, gradient)
+        if not cost < best:
+            return pose, information
+        pose, information = trial, equations
+        if best - cost < 1e-4 * cost:
+            return pose, information
+        best = cost
+        damping = np.diag(1e-6 * equations.diagonal() + 1e-9)
+        trial = trial @ se3_exp(np.linalg.solve(equations + damping, -gradient))
 
 
 def _back_projected(seen: Array) -> Array:

@@ -2,7 +2,9 @@
 
 Points of a scan err together: its whole shape is turned and shifted a little against the robot, and
 every pair that it is in follows. So what pairs measure, taken by how much they contradict each
-other, indicates how these shapes lie, and each scan's own noise comes on top of it, once.
+other, indicates how these shapes lie, and each scan's own noise comes on top of it, once. What is
+left of a scan's errors, as those behind it see it and those ahead, is common to its pairs as well:
+all of them measure once, or a long path would be known as well as pairs are many.
 """
 
 from __future__ import annotations
@@ -24,14 +26,18 @@ Array = NDArray[np.float64]
 def as_contradicted(joint: System, pairs: int, poses: Array) -> System:
     """The system with the last `pairs` of its edges as certain as they agree at `poses` (N, 3).
 
-    By one variance component: their squared sigmas over their redundancy.
+    By one variance component: their squared sigmas over their redundancy, times how many pairs
+    there are a scan. Directions that their points leave open are no measurements.
     """
     if pairs == 0:
         return joint
     squares = float(edge_chi2(joint, poses)[-pairs:].sum())
-    redundancy = joint.dimension * pairs - joint.size
-    factor = squares / redundancy if redundancy > 0 and squares > 0.0 else 1.0
     information, stated = joint.information.copy(), joint.information[-pairs:] - FAINT * np.eye(3)
+    measured = np.einsum("pij,pji->", stated, np.linalg.inv(joint.information[-pairs:]))
+    redundancy = float(measured) - joint.size
+    factor = squares / redundancy if redundancy > 0 and squares > 0.0 else 1.0
+    scans = np.unique(np.concatenate([joint.tails[-pairs:], joint.heads[-pairs:]]))
+    factor *= max(1.0, pairs / max(1, int(np.count_nonzero(joint.free[scans] >= 0))))
     information[-pairs:] = stated / factor + FAINT * np.eye(3)
     return replace(joint, information=information)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,10 @@ from mapmyworld.registration.scan_search import (
     NATS,
     LikelihoodGrid,
     Submap,
+    continue_walls,
     evidence_grid,
     judged_points,
+    lie_on_a_line,
 )
 
 Array = NDArray[np.float64]
@@ -59,8 +61,13 @@ class Agreement:
     """(P,) of the later place's points."""
     back: Index
     """(Q,) of the earlier place's points."""
-    is_one_wall: bool = False
-    """Whether the later place's points that agree are about all of one wall."""
+    points: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    """(P, 2) of the later place, in its frame, where it matters which walls they are of."""
+
+    @property
+    def is_one_wall(self) -> bool:
+        """Whether the later place's points that agree are about all of one wall."""
+        return len(self.points) > 0 and lie_on_a_line(self.points[self.forth > 0])
 
     @property
     def evidence(self) -> float:
@@ -93,6 +100,32 @@ class Agreement:
         apart = (self.forth - second_best.forth) * np.where(known, 1.0, _UNSEEN)
         back = _weighed(self.back) - _weighed(second_best.back)
         return float(apart.sum() + back)
+
+    def refutes(self, other: Agreement) -> float:
+        """Points by which all that is known speaks for this and against another pose of the same
+        later place.
+
+        Contradictions count in full. What agrees at one of the poses and is unseen at the other
+        counts a quarter, and nothing where it only closes a room: walls that go on, and one more.
+        """
+        known = (self.forth != 0) & (other.forth != 0)
+        agree = np.count_nonzero(self.forth[known] > 0) - np.count_nonzero(other.forth[known] > 0)
+        alone = self._alone(other) - other._alone(self)
+        return float(agree + other.contradictions - self.contradictions + _UNSEEN * alone)
+
+    def _alone(self, other: Agreement) -> int:
+        """Points that agree at this pose alone; none where they only close a room."""
+        mine, shared = ((self.forth > 0) & seen for seen in (other.forth == 0, other.forth != 0))
+        new = self.points[mine]
+        if lie_on_a_line(new[~continue_walls(new, self.points[shared])]):
+            return 0
+        back = int(np.count_nonzero(self.back > 0)) - int(np.count_nonzero(other.back > 0))
+        return len(new) + max(back, 0)
+
+    @property
+    def contradictions(self) -> int:
+        """Points of either place that lie where beams of the other one passed."""
+        return int(np.count_nonzero(self.forth < 0) + np.count_nonzero(self.back < 0))
 
 
 def _log_odds(judged: Index, rates: tuple[float, float]) -> float:

@@ -24,6 +24,9 @@ _RESOLUTION = 0.1  # m, cells of the likelihood grid
 _LEVELS = 6  # of the pyramid: the coarsest bounds 3.2 m x 3.2 m of shifts
 _UNSEEN = FULL - FULL // 2  # of a cell that no beam passed: it speaks for no pose and against none
 _BESIDE = FULL // 2 + _UNSEEN // 2  # of a cell beside a surface: it speaks half as much for a pose
+_WALL = 5.0 * _RESOLUTION  # m around a point that show which way its wall goes
+_BEFORE = np.stack(np.meshgrid(*2 * [np.arange(-3.0, 4.0)]), axis=-1).reshape(-1, 2)
+"""Cells around a surface that reach past those beside it, (K, 2)."""
 POINTS = 140
 """Of a scan or a submap that are scored, at most."""
 APART = 0.6, 0.3
@@ -144,22 +147,47 @@ def judged_points(points: Array, grid: LikelihoodGrid, pose: Array) -> NDArray[n
 
     Of points one to a cell, `POINTS` at most, the same whatever the pose.
     """
-    at = transform_points_planar(pose, _spread(points, grid.resolution))
-    column, row = np.floor((at - grid.corner) / grid.resolution).astype(np.int64).T + grid.margin
+    at = transform_points_planar(pose, scored_points(points, grid.resolution))
+    return np.sign(_values(grid, at) - grid.unseen)
+
+
+def seen_from_one_side(
+    points: Array, own: LikelihoodGrid, other: LikelihoodGrid, pose: Array
+) -> NDArray[np.bool_]:
+    """(N,) whether beams of both grids passed before points (N, 2), which are of their `own` one.
+
+    The other grid's frame has them at `pose` (3,). What one saw from inside and the other one from
+    outside are two surfaces.
+    """
+    around = points[:, None] + own.resolution * _BEFORE
+    seen = _values(own, around) < own.unseen
+    seen &= _values(other, transform_points_planar(pose, around)) < other.unseen
+    return np.asarray(seen.any(axis=1))
+
+
+def _values(grid: LikelihoodGrid, points: Array) -> NDArray[np.int64]:
+    """(...) of the cells in which points (..., 2) of the grid's frame lie."""
+    cells = np.floor((points - grid.corner) / grid.resolution).astype(np.int64) + grid.margin
+    column, row = cells[..., 0], cells[..., 1]
     height, width = grid.cells.shape
     inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
     values = grid.cells[np.where(inside, row, 0), np.where(inside, column, 0)]
-    return np.sign(np.where(inside, values, grid.unseen).astype(np.int64) - grid.unseen)
+    return np.where(inside, values, grid.unseen).astype(np.int64)
 
 
-def lie_on_a_line(points: Array, resolution: float, judged: NDArray[np.int64]) -> bool:
-    """Whether those of points (N, 2) that agree, by `judged` (P,), spread less than a cell across.
+def lie_on_a_line(points: Array) -> bool:
+    """Whether points (N, 2) spread less than a cell across: then they are about all of one wall."""
+    across = np.linalg.eigvalsh(np.cov(points.T, ddof=0))[0] if len(points) > 2 else 0.0
+    return bool(across < _RESOLUTION**2)
 
-    A wall fits any other, wherever along it: the points of one say nothing of the place.
-    """
-    agree = _spread(points, resolution)[judged > 0]
-    across = np.linalg.eigvalsh(np.cov(agree.T, ddof=0))[0] if len(agree) > 2 else 0.0
-    return bool(across < resolution**2)
+
+def continue_walls(points: Array, walls: Array) -> NDArray[np.bool_]:
+    """(N,) whether points (N, 2) lie where a straight wall of some other points (W, 2) goes on."""
+    apart = walls[:, None] - walls
+    beside = np.hypot(*apart.T) < _WALL
+    _, axes = np.linalg.eigh(np.einsum("ijk,ijl,ij->ikl", apart, apart, beside))
+    off = np.einsum("nwk,wk->nw", points[:, None] - walls, axes[:, :, 0])
+    return np.asarray((np.abs(off) < _RESOLUTION).any(axis=1))
 
 
 def search_evidence(
@@ -225,7 +253,7 @@ def search_elsewhere(
 
 
 def _everywhere(points: Array, grid: LikelihoodGrid) -> Window:
-    used = _spread(points, grid.resolution)
+    used = scored_points(points, grid.resolution)
     step = 2.0 * _step(used, grid)
     angles = np.arange(-np.pi, np.pi, step)
     side = 1 << (len(grid.pyramid) - 1)
@@ -250,7 +278,7 @@ def _window(
     points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float
 ) -> Window:
     """The window about a guess in which the points are looked for."""
-    used = _spread(points, grid.resolution)
+    used = scored_points(points, grid.resolution)
     step = _step(used, grid)
     count = int(np.ceil(angle / step))
     angles = np.arange(-count, count + 1, dtype=np.float64) * step
@@ -277,8 +305,10 @@ def _best_elsewhere(window: Window, pose: Array, least: float) -> Array:
     return best if best[0] > least else np.zeros(4)
 
 
-def _spread(points: Array, spacing: float) -> Array:
-    """Points one to a cell, so that what was seen twice does not count twice; not too many."""
+def scored_points(points: Array, spacing: float) -> Array:
+    """Of points (N, 2) one to a cell, so that what was seen twice counts once, (P, 2); `POINTS` at
+    most.
+    """
     apart = spread_points(points, spacing)
     few = np.linspace(0, len(apart) - 1, min(POINTS, len(apart))).astype(np.int64)
     return np.ascontiguousarray(apart[few], np.float64)

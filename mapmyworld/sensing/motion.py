@@ -119,37 +119,35 @@ class RecordedMotion:
         if not len(self.stamps_ns):
             return None
         if self.is_sorted and (len(stamps_ns) > 1 or not self._is_repeated(int(stamps_ns[0]))):
-            return self._between_samples(stamps_ns, tolerance_ns)
+            return self._between(stamps_ns, None, tolerance_ns)
         window = self._window(int(stamps_ns[0]))
-        stamps, poses = self.stamps_ns[window], self.poses_at(window)
-        exact = np.flatnonzero(stamps == stamps_ns[0])
+        exact = window[self.stamps_ns[window] == stamps_ns[0]]
         if len(stamps_ns) == 1 and len(exact):
-            nearest = exact[np.argmin(np.abs(window[exact] - self._last))]
-            self._last = int(window[nearest])
-            return np.asarray(poses[nearest][None])
-        order = np.argsort(stamps, kind="stable")
-        stamps, poses = stamps[order], poses[order]
-        return _interpolate_sorted(stamps, poses, stamps_ns, tolerance_ns)
+            self._last = int(exact[np.argmin(np.abs(exact - self._last))])
+            return self.poses_at(slice(self._last, self._last + 1))
+        in_time = window[np.argsort(self.stamps_ns[window], kind="stable")]
+        return self._between(stamps_ns, in_time, tolerance_ns)
 
     def _is_repeated(self, stamp_ns: int) -> bool:
         """Whether several samples of a sorted stream have this very stamp."""
         first = int(self.stamps_ns.searchsorted(stamp_ns, "left"))
         return first + 1 < len(self) and self.stamps_ns[first + 1] == stamp_ns
 
-    def _between_samples(
-        self, stamps_ns: NDArray[np.int64], tolerance_ns: int
+    def _between(
+        self, wanted: NDArray[np.int64], samples: NDArray[np.int64] | None, tolerance_ns: int
     ) -> NDArray[np.float64] | None:
-        """As `_interpolate_sorted` of all samples, compiled: every sweep and image asks."""
-        from mapmyworld.kernels.recorded_motion import FOUND, NOT_COVERED, interpolate_poses
-
-        poses = np.zeros((len(stamps_ns), 4, 4))
-        verdict = interpolate_poses(self.stamps_ns, self._values, stamps_ns, tolerance_ns, poses)
-        if verdict == FOUND:
-            return poses
-        if verdict == NOT_COVERED:
+        """Poses (N, 4, 4) at stamps `wanted` (N,) between samples (K,) in time, or all of them."""
+        stamps = self.stamps_ns if samples is None else self.stamps_ns[samples]
+        after = np.minimum(stamps.searchsorted(wanted), len(stamps) - 1)
+        before = np.maximum(np.where(stamps[after] > wanted, after - 1, after), 0)
+        distance = np.minimum(np.abs(stamps[before] - wanted), np.abs(stamps[after] - wanted))
+        if np.any(distance > tolerance_ns):
             return None
-        everything = self.poses_at(slice(None))
-        return _interpolate_sorted(self.stamps_ns, everything, stamps_ns, tolerance_ns)
+        share = (wanted - stamps[before]) / np.maximum(stamps[after] - stamps[before], 1)
+        if samples is not None:
+            before, after = samples[before], samples[after]
+        share = np.clip(share, 0.0, 1.0)
+        return interpolate(self.poses_at(before), self.poses_at(after), share)
 
     def poses_at(self, indices: NDArray[np.int64] | slice) -> NDArray[np.float64]:
         """Poses (N, 4, 4) of samples `indices` (N,), counted in the order of the log."""
@@ -183,20 +181,3 @@ class RecordedMotion:
             centre = low + int(np.argmin(np.abs(near - stamp_ns)))
         self._last = centre
         return np.arange(max(centre - _NEARBY, 0), min(centre + _NEARBY + 1, len(self)))
-
-
-def _interpolate_sorted(
-    stamps: NDArray[np.int64],
-    poses: NDArray[np.float64],
-    wanted: NDArray[np.int64],
-    tolerance_ns: int,
-) -> NDArray[np.float64] | None:
-    after = np.clip(np.searchsorted(stamps, wanted, "left"), 0, len(stamps) - 1)
-    before = np.maximum(np.where(stamps[after] > wanted, after - 1, after), 0)
-    after = np.where(wanted > stamps[-1], len(stamps) - 1, after)
-    distance = np.minimum(np.abs(stamps[before] - wanted), np.abs(stamps[after] - wanted))
-    if np.any(distance > tolerance_ns):
-        return None
-    span = (stamps[after] - stamps[before]).astype(np.float64)
-    fraction = (wanted - stamps[before]) / np.maximum(span, 1.0)
-    return interpolate(poses[before], poses[after], np.clip(fraction, 0.0, 1.0))

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from mapmyworld.errors import LogError
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
-from mapmyworld.geometry.rigid import between
-from mapmyworld.kernels.recorded_motion import move_beams, sort_beams
+from mapmyworld.geometry.rigid import between, transform_points
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.types import LaserScanMessage, Scan
 
@@ -76,16 +75,15 @@ def _sorted_beams(
     """Points (M, 3) of the beams that came back, numbers (M,) of these, and of those with nothing:
     infinite, beyond the maximum, or zero.
     """
-    count = len(message.ranges)
-    points = np.empty((count, 3))
-    returned, empty = np.empty(count, np.int64), np.empty(count, np.int64)
-    found, nothing = sort_beams(
-        np.array(message.ranges, np.float32),
-        max(0.0, message.range_min),  # 0 where the limit is no number
-        message.range_max if message.range_max > 0 else np.inf,
-        beams.directions, np.ascontiguousarray(origin), points, returned, empty,
-    )  # fmt: skip
-    return points[:found], returned[:found], empty[:nothing]
+    ranges = np.asarray(message.ranges, np.float32)
+    low = np.float32(max(0.0, message.range_min))  # 0 where the limit is no number
+    high = np.float32(message.range_max if message.range_max > 0 else np.inf)
+    with np.errstate(invalid="ignore"):
+        valid = np.isfinite(ranges) & (ranges > low) & (ranges < high)
+        empty = ~valid & ((ranges >= high) | np.isposinf(ranges) | (ranges == 0.0))
+    returned = np.flatnonzero(valid)
+    points = ranges[returned, None] * beams.directions[returned] + origin
+    return points, returned, np.flatnonzero(empty)
 
 
 def _without_motion(
@@ -96,6 +94,17 @@ def _without_motion(
     poses = motion.at_many(message.stamp_ns + (np.arange(_KNOTS) * step_ns).astype(np.int64))
     if poses is None:
         return points
-    knots_a_beam = message.time_increment * 1e9 / step_ns
-    move_beams(points, beams, knots_a_beam, between(poses[0], poses))
-    return points
+    places = beams.astype(np.float64) * (message.time_increment * 1e9 / step_ns)
+    return moved_between_knots(points, places, between(poses[0], poses))
+
+
+def moved_between_knots(points: Array, places: Array, moved: Array) -> Array:
+    """Points (N, 3) moved by the motion at their places (N,), counted in knots, (N, 3).
+
+    `moved` (K, 4, 4) is the motion at the knots; between two they move in straight lines.
+    """
+    places = np.clip(places, 0.0, len(moved) - 1)
+    lower = np.minimum(places.astype(np.int64), len(moved) - 2)
+    share, each = (places - lower)[:, None], np.arange(len(points))
+    at_knots = transform_points(moved, points)
+    return np.asarray((1.0 - share) * at_knots[lower, each] + share * at_knots[lower + 1, each])

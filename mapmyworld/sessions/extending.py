@@ -208,7 +208,8 @@ def _write(
         known = [line for line in solved.get("losses", ()) if line not in counted_anew]
         losses = list(dict.fromkeys((*known, *laid.losses)))
         divides = [*solved.get("divides", ()), *laid.divides]
-        note_solution(store, laid.certainty, losses, solved.get("notes", ()), divides)
+        notes, noise = solved.get("notes", ()), solved.get("scan_noise", ())
+        note_solution(store, laid.certainty, losses, notes, divides, noise)
     with store.extend_stage("map", inputs):
         _draw(store, session_map, fresh, config, progress)
 

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import itertools
-from collections import defaultdict
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.planar import information_from_planar, matrix_to_planar, wrap_angle
+from mapmyworld.geometry.planar import information_from_planar, matrix_to_planar
 from mapmyworld.geometry.rigid import between
+from mapmyworld.localisation.known_place import spread_out
 from mapmyworld.memory_map import MemoryMap
 from mapmyworld.sessions.session_maps import SessionMap
 from mapmyworld.types import ConstraintKind, Judged, Node, NodeData
 from mapmyworld.types.frames import nodes_as_frames
 
-_TURNED = 0.6  # rad of difference in heading from which a node at the same place is left as well
-_AROUND = tuple(itertools.product((-1, 0, 1), repeat=2))
 _HELD = information_from_planar(np.diag([1e6, 1e6, 1e8]))  # 1 mm and 0.1 mrad
 _RIGID = information_from_planar(np.diag([1e8, 1e8, 1e10]))  # 0.1 mm and 0.01 mrad a step
 
@@ -32,8 +29,7 @@ def skeleton_of(base: SessionMap, config: Config) -> SessionMap:
     poses = base.store.frame_poses()
     assert poses is not None
     at_nodes = np.flatnonzero(frames.is_node)
-    planar = matrix_to_planar(poses[at_nodes])
-    chosen = at_nodes[_spread_out(planar, config.localisation.spacing)]
+    chosen = spread_out(matrix_to_planar(poses), at_nodes, config.localisation.spacing)
     known = {node.id: node for node in base.nodes}
     store, nodes = MemoryMap(), []
     with store.write_stage("plan", ""):
@@ -49,21 +45,6 @@ def skeleton_of(base: SessionMap, config: Config) -> SessionMap:
         store.add_constraints(_ties(nodes))
     solved = np.array([node.tracked_from_base for node in nodes]).reshape(-1, 4, 4)
     return SessionMap(base.name, store, tuple(nodes), solved, base.planar)
-
-
-def _spread_out(poses: NDArray[np.float64], spacing: float) -> list[int]:
-    """Indices of poses (N, 3), in their order, none of which lies near an earlier one's."""
-    chosen: list[int] = []
-    taken: dict[tuple[int, int], list[int]] = defaultdict(list)
-    cells = np.floor(poses[:, :2] / spacing).astype(np.int64)
-    for k, (column, row) in enumerate(cells.tolist()):
-        around = [i for c, r in _AROUND for i in taken[column + c, row + r]]
-        apart = np.hypot(*(poses[around, :2] - poses[k, :2]).T)
-        turn = np.abs(wrap_angle(poses[around, 2] - poses[k, 2]))
-        if not np.any((apart < spacing) & (turn < _TURNED)):
-            chosen.append(k)
-            taken[column, row].append(k)
-    return chosen
 
 
 def _ties(nodes: list[Node]) -> list[Judged]:

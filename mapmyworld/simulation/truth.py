@@ -9,17 +9,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry.planar import between_planar, planar_to_matrix, wrap_angle
-from mapmyworld.kernels.planar_rays import mark_passed_cells
+from mapmyworld.config import MappingConfig
+from mapmyworld.geometry.planar import (
+    between_planar,
+    compose_planar,
+    planar_to_matrix,
+    wrap_angle,
+)
+from mapmyworld.mapping.beams import beams_of
+from mapmyworld.mapping.canvas import Canvas
 from mapmyworld.simulation import robot
 from mapmyworld.simulation.driver import TICK, Drive
 from mapmyworld.simulation.floor_plan import Plan
 from mapmyworld.simulation.robot_settings import SimulationSettings
 from mapmyworld.simulation.world import Scene
-from mapmyworld.types import Mesh, OccupancyGrid, Trajectory
+from mapmyworld.types import Mesh, OccupancyGrid, Scan, Trajectory
 
 _RESOLUTION = 0.05  # m, of the true grid
 _LOG_ODDS = 4.0  # of a cell that is known for certain
+_HAIR = 1e-4  # m
 _VIEW_SPACING = 0.5  # m between the places from which the perfect laser looks
 _VIEW_BEAMS = 2880  # beams of the perfect laser, all around
 _NODE_SPACING = 0.5  # m between the places that are compared for loops
@@ -85,43 +93,37 @@ class Truth:
 
 
 def _perfect_grid(truth: Truth) -> OccupancyGrid:
+    """Cells that beams of the perfect laser ended in, and those that they only passed."""
     mount = robot.base_from_laser(truth.settings)[:2, 3]
     poses = truth.drive.poses[_spaced(truth.drive.poses, _VIEW_SPACING, np.inf)]
-    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    eyes = poses[:, :2] + np.stack(
-        [cos * mount[0] - sin * mount[1], sin * mount[0] + cos * mount[1]], 1
+    places = compose_planar(poses, [*mount, 0.0])
+    places[:, 2] = 0.0
+    settings = MappingConfig(
+        resolution=_RESOLUTION,
+        range_max=truth.settings.laser.range_max,
+        missing_range=truth.settings.laser.range_max,
     )
-    low, shape = _lattice(truth.plan, eyes, truth.settings.laser.range_max)
-    cells = np.full(shape, np.nan, np.float32)
+    canvas = Canvas()
+    for place in places:
+        canvas.add(beams_of([(place, _perfect_sweep(truth, place))], settings))
+    seen = canvas.seen()
+    cells = np.where(seen.passes > 0, np.float32(-_LOG_ODDS), np.float32(np.nan))
+    cells[seen.hits > 0] = _LOG_ODDS
+    return OccupancyGrid(cells, _RESOLUTION, np.round(seen.corner * _RESOLUTION, 9))
+
+
+def _perfect_sweep(truth: Truth, place: NDArray[np.float64]) -> Scan:
+    """All round from a place (3,), in its frame."""
     angles = 2.0 * np.pi * np.arange(_VIEW_BEAMS) / _VIEW_BEAMS
-    struck = []
-    for eye in eyes:
-        rays = np.column_stack([np.broadcast_to(eye, (len(angles), 2)), angles])
-        ranges, _ = truth.plan.cast(rays)
-        reach = np.minimum(ranges, truth.settings.laser.range_max)
-        mark_passed_cells(
-            cells, (eye - low) / _RESOLUTION, angles, reach / _RESOLUTION - 0.5, -_LOG_ODDS
-        )
-        met = ranges <= truth.settings.laser.range_max
-        way = np.stack([np.cos(angles[met]), np.sin(angles[met])], axis=1)
-        # A hair's breadth inside what was met, so that a wall on a cell's edge is in that cell.
-        struck.append(eye + way * (ranges[met, None] + 1e-4))
-    index = np.floor((np.concatenate(struck) - low) / _RESOLUTION).astype(np.int64)
-    inside = ((index >= 0) & (index < shape[::-1])).all(axis=1)
-    cells[index[inside, 1], index[inside, 0]] = _LOG_ODDS
-    return OccupancyGrid(cells, _RESOLUTION, low)
-
-
-def _lattice(
-    plan: Plan, eyes: NDArray[np.float64], range_max: float
-) -> tuple[NDArray[np.float64], tuple[int, int]]:
-    """Lower-left corner and shape that hold all that can be seen, on multiples of a cell."""
-    ends = np.concatenate([plan.segments.reshape(-1, 2), eyes])
-    low = np.maximum(ends.min(0), eyes.min(0) - range_max) - 2 * _RESOLUTION
-    high = np.minimum(ends.max(0), eyes.max(0) + range_max) + 2 * _RESOLUTION
-    low = np.floor(low / _RESOLUTION) * _RESOLUTION
-    width, height = np.ceil((high - low) / _RESOLUTION).astype(np.int64)
-    return low, (int(height), int(width))
+    ranges, _ = truth.plan.cast(np.column_stack([np.tile(place[:2], (_VIEW_BEAMS, 1)), angles]))
+    met = ranges <= truth.settings.laser.range_max
+    along = np.stack([np.cos(angles[met]), np.sin(angles[met])], axis=1)
+    # A hair's breadth inside what was met, so that a wall on a cell's edge is in that cell.
+    points = along * (ranges[met, None] + _HAIR)
+    return Scan(
+        points.astype(np.float32), np.zeros(3), angles[~met].astype(np.float32),
+        truth.settings.laser.range_max, 2.0 * np.pi / _VIEW_BEAMS,
+    )  # fmt: skip
 
 
 def _spaced(poses: NDArray[np.float64], distance: float, turn: float) -> NDArray[np.int64]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from mapmyworld.graph.edited import Strain, contradicted, contradiction, straine
 from mapmyworld.graph.edited_constraints import apply_edits, edits_from_json, unmet
 from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.graph.solved_graph import SolvedGraph, solve
+from mapmyworld.graph.variance import variance_factors
 from mapmyworld.map_figures import components_of
 from mapmyworld.parallel import on_one_thread
 from mapmyworld.sensing.plan import moves_in_plane
@@ -50,7 +52,7 @@ def solve_and_judge(
             break
     chains = _is_refined(store, config, scans)
     solved = _solve(store, _edited(store), config, progress, chains=chains)
-    poses, constraints = _refined(store, solved, config, progress, scans)
+    poses, constraints, noise = _refined(store, solved, config, progress, scans)
     decided_on("verdict", (c for c in constraints if c.verdicts))
     store.judge(constraints)
     poses, levelled = levelled_poses(store, poses, constraints, config)
@@ -63,7 +65,7 @@ def solve_and_judge(
     wanted = [edit for edit in _edits(store) if edit.action is EditAction.ACCEPT]
     others = unmet(constraints, wanted)
     others += _contradictions(store, config, progress, scans, solved, poses)
-    note_solution(store, solved.certainty, others, notes, _divides(scans))
+    note_solution(store, solved.certainty, others, notes, _divides(scans), noise)
 
 
 def note_solution(
@@ -72,26 +74,39 @@ def note_solution(
     losses: Sequence[str],
     notes: Sequence[str],
     divides: Sequence[int],
+    scan_noise: Sequence[float],
 ) -> None:
-    """What is known of the solution in the store; its components are counted here."""
-    poses = store.poses()
+    """What is known of the solution in the store; its components are counted here, and by how much
+    its constraints contradict each other.
+    """
+    poses, constraints = store.poses(), store.constraints()
     assert poses is not None
-    parted = _component_losses(store.constraints(), poses, divides)
-    reported = {"certainty": certainty, "losses": [*parted, *losses], "notes": list(notes)}
+    parted = _component_losses(constraints, poses, divides)
+    factors = {}
+    if scan_noise:  # else constraints state this as well
+        factors = variance_factors(store.nodes(), constraints, poses, planar=True)
+    reported: dict[str, Any] = {
+        "certainty": certainty,
+        "losses": [*parted, *losses],
+        "notes": list(notes),
+        "variance_factors": factors,
+        "scan_noise": list(scan_noise),
+    }
     reported |= {"parted": parted} if parted else {}
     store.put("solve", reported | ({"divides": list(divides)} if divides else {}))
 
 
 def _refined(
     store: MapStore, solved: SolvedGraph, config: Config, progress: Progress, scans: LoadScans
-) -> tuple[Poses, tuple[Judged, ...]]:
-    """Poses after all laser scans have been aligned with each other, and closures judged by them.
+) -> tuple[Poses, tuple[Judged, ...], tuple[float, ...]]:
+    """Poses after all laser scans have been aligned with each other, closures judged by them, and
+    the variances of a scan's own noise.
 
-    Without a laser they stay as they were solved.
+    Without a laser they stay as they were solved, and no scan has any.
     """
     loaded = scans()
     if loaded is None or not _is_refined(store, config, scans):
-        return solved.poses, solved.constraints
+        return solved.poses, solved.constraints, ()
     from mapmyworld.odometry.laser_refinement import refine_poses
     from mapmyworld.places.closure_refinement import refine_closures
     from mapmyworld.places.wide_search import joined_sessions
@@ -101,8 +116,9 @@ def _refined(
         store, solved.poses, solved.constraints, config, progress, loaded, session
     )
     if refined is None:
-        return solved.poses, solved.constraints
-    return refined.poses, refine_closures(solved.constraints, refined.poses, config, loaded)
+        return solved.poses, solved.constraints, ()
+    constraints = refine_closures(solved.constraints, refined.poses, config, loaded)
+    return refined.poses, constraints, refined.scan_noise
 
 
 def _divides(scans: LoadScans) -> list[int]:

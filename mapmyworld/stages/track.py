@@ -17,7 +17,7 @@ from mapmyworld.odometry.gravity_direction import GravityDirection
 from mapmyworld.parallel import (
     algebra_on_one_thread,
     batches,
-    done_behind,
+    in_threads,
     made_ahead,
     on_one_thread,
 )
@@ -117,9 +117,8 @@ def _frames(
 
 def _follow(tracker: Tracker, frames: Iterator[Frame], writer: _Writer) -> None:
     ahead = itertools.chain.from_iterable(made_ahead(batches(frames, _TOGETHER), _AHEAD))
-    with done_behind(writer.add_all, _AHEAD) as write:
-        for some in batches(tracker.follow(ahead), _TOGETHER):
-            write(some)
+    for _ in in_threads(writer.add_all, batches(tracker.follow(ahead), _TOGETHER), 1, _AHEAD):
+        pass  # one thread writes what another has followed
 
 
 @on_one_thread

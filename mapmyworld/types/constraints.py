@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.types.sources import GIVEN, RELOCALISED, LaserTracking, Person, Source
+from mapmyworld.types.sources import GIVEN, LOST, RELOCALISED, LaserTracking, Person, Source
 from mapmyworld.types.verdicts import SUPERSEDING, Judge, Verdict
 
 
@@ -78,6 +78,11 @@ class Constraint:
     def is_relocalised(self) -> bool:
         """Whether the place afterwards measured the motion, and not tracking."""
         return isinstance(self.source, LaserTracking) and self.source.state == RELOCALISED
+
+    @property
+    def is_unobserved(self) -> bool:
+        """Whether neither scans nor odometry measured the motion."""
+        return isinstance(self.source, LaserTracking) and self.source.state == LOST
 
     @property
     def interrupts_tracking(self) -> bool:

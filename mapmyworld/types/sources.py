@@ -28,6 +28,8 @@ class CorrectedOdometry:
     turn_share: float
 
 
+LOST = "lost"
+"""State of a motion that neither scans nor odometry measured."""
 RELOCALISED = "relocalised"
 """State of a motion that the place afterwards measured, where odometry was refuted."""
 

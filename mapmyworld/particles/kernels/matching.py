@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.kernels.assignment import assign
 from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.particles.kernels.likelihood import log_likelihood
 from mapmyworld.particles.kernels.surface_tiles import PLANAR, nearest, turned
@@ -149,7 +148,8 @@ def match(
     for particle in range(first, last):
         mean = predicted[particle]
         _turn_information(prior, mean[2], P)
-        assign(pose, mean)
+        for i in range(3):  # number by number: an assignment of slices takes seconds to compile
+            pose[i] = mean[i]
         share = 0.0
         for iteration in range(max_distances.shape[0]):
             H[:], g[:] = 0.0, 0.0
@@ -167,8 +167,10 @@ def match(
             small = abs(step[0]) + abs(step[1]) < STEP and abs(step[2]) < TURN
             if small and max_distances[iteration] == max_distances[-1]:
                 break
-        assign(poses[particle], pose)
-        assign(informations[particle], H)
+        for i in range(3):
+            poses[particle, i] = pose[i]
+            for j in range(3):
+                informations[particle, i, j] = H[i, j]
         quality[particle, 0] = share
         quality[particle, 1] = log_likelihood(maps, particle, beams, pose, max_distances[-1], sigma)
         quality[particle, 2] = _deviation(pose, mean, P, gap)

@@ -1,4 +1,4 @@
-"""Compiled look-ups of recorded motion, against plain numpy."""
+"""Look-ups of recorded motion, against one sample at a time."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, strategies
 
 from mapmyworld.geometry.rigid import between, interpolate, invert, se3_exp, transform_points
-from mapmyworld.kernels.recorded_motion import move_beams, sort_beams
 from mapmyworld.sensing.motion import RecordedMotion
+from mapmyworld.sensing.sweeps import moved_between_knots
 
 seeds = strategies.integers(0, 2**32 - 1)
 
@@ -47,38 +47,9 @@ def test_beams_move_in_straight_lines_between_knots(knots: int) -> None:
     moved = between(path[0], path)
     points, beams = random.normal(size=(50, 3)), np.arange(50)
     step = (knots - 1) / 49
-    found = points.copy()
-    move_beams(found, beams, step, moved)
+    found = moved_between_knots(points, beams * step, moved)
     for i, point in enumerate(points):
         lower = min(int(i * step), knots - 2)
         share = i * step - lower
         a, b = (transform_points(moved[k], point[None])[0] for k in (lower, lower + 1))
         np.testing.assert_allclose(found[i], (1 - share) * a + share * b, atol=1e-12)
-
-
-_RANGES = strategies.sampled_from([np.nan, np.inf, -np.inf, 0.0, -1.0, 0.1, 0.5, 2.0, 10.0, 11.0])
-
-
-@given(
-    strategies.lists(_RANGES, max_size=12),
-    strategies.sampled_from([0.0, 0.1]),
-    strategies.sampled_from([10.0, np.inf]),
-)
-def test_beams_are_sorted_as_numpy_sorts_them(
-    given_ranges: list[float], least: float, most: float
-) -> None:
-    ranges = np.array(given_ranges, np.float32)
-    count = len(ranges)
-    directions, origin = (
-        np.linspace(-1.0, 1.0, 3 * count).reshape(-1, 3),
-        np.array([0.3, -2.0, 0.0]),
-    )
-    points, returned, empty = np.empty((count, 3)), np.empty(count, int), np.empty(count, int)
-    found, nothing = sort_beams(ranges, least, most, directions, origin, points, returned, empty)
-    with np.errstate(invalid="ignore"):
-        valid = np.isfinite(ranges) & (ranges > least) & (ranges < most)
-        missing = ~valid & ((ranges >= most) | np.isposinf(ranges) | (ranges == 0.0))
-    np.testing.assert_array_equal(returned[:found], np.flatnonzero(valid))
-    np.testing.assert_array_equal(empty[:nothing], np.flatnonzero(missing))
-    expected = ranges[valid, None] * directions[valid] + origin
-    np.testing.assert_array_equal(points[:found], expected)

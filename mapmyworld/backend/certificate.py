@@ -134,8 +134,8 @@ def _curvature(relaxation: Relaxation, x: Array, multiplied: Array) -> Factorise
     bases, less = tangent_bases(x), _less(relaxation, multiplied)
     laid = less.matrix
     rows = np.repeat(np.arange(nodes), np.diff(laid.indptr))
-    flat = bases.reshape(*bases.shape[:2], -1)
-    left = (bases[rows] @ laid.data[:, None]).reshape(len(rows), *flat.shape[1:])
+    flat, stacked = bases.reshape(*bases.shape[:2], -1), bases.reshape(nodes, -1, size + 1)
+    left = (stacked[rows] @ laid.data).reshape(len(rows), *flat.shape[1:])
     blocks = left @ np.swapaxes(flat[laid.indices], 1, 2)
     # Landmarks have no rotation; the first node of every component does not move.
     firm = np.zeros(flat.shape[:2])

@@ -26,7 +26,6 @@ from mapmyworld.backend.information import Factorised, NotPositiveDefiniteError
 from mapmyworld.backend.system import Fit, System
 from mapmyworld.geometry import Array
 
-_STEPS = 6  # of Newton's method at most, from the solution to the relaxation's minimum
 _SLACK = (1e-4, 1e-2, 0.1)  # shares of the cost that eta may take off the bound
 _EXACT = 1e-4  # of these, up to which the relaxation's minimum counts as its global one
 _PROVEN = 0.02  # gap up to which the bound alone is called a proof
@@ -100,23 +99,19 @@ def _less(relaxation: Relaxation, multiplied: Array) -> Blocks:
 def _multipliers_at_minimum(relaxation: Relaxation, x: Array) -> Array | None:
     """L (N, d, d) at the relaxation's minimum near X; None where there is none nearby.
 
-    By Newton's steps, all with the second derivatives at X itself: it lies near.
+    One step of Newton's method leads near enough to it: more change no verdict.
     """
     pulled = multiplied_out(relaxation.matrix, x)
-    found, curvature = multipliers(relaxation, x, pulled), None
-    for _ in range(_STEPS):
-        cost = float(np.vdot(pulled, x))
-        if abs(cost - float(found.trace(0, 1, 2).sum())) <= _EXACT * cost:
-            break
-        try:
-            curvature = curvature or _curvature(relaxation, x, found)
-        except NotPositiveDefiniteError:
-            return None
-        slope = _gradient(relaxation, x, pulled, found)
-        x = moved(x, curvature.solve(-slope.ravel()).reshape(slope.shape))
-        pulled = multiplied_out(relaxation.matrix, x)
-        found = multipliers(relaxation, x, pulled)
-    return found
+    found, cost = multipliers(relaxation, x, pulled), float(np.vdot(pulled, x))
+    if abs(cost - float(found.trace(0, 1, 2).sum())) <= _EXACT * cost:
+        return found
+    try:
+        curvature = _curvature(relaxation, x, found)
+    except NotPositiveDefiniteError:
+        return None
+    slope = _gradient(relaxation, x, pulled, found)
+    x = moved(x, curvature.solve(-slope.ravel()).reshape(slope.shape))
+    return multipliers(relaxation, x, multiplied_out(relaxation.matrix, x))
 
 
 def _gradient(relaxation: Relaxation, x: Array, pulled: Array, multiplied: Array) -> Array:

@@ -99,19 +99,31 @@ def _less(relaxation: Relaxation, multiplied: Array) -> Blocks:
 def _multipliers_at_minimum(relaxation: Relaxation, x: Array) -> Array | None:
     """L (N, d, d) at the relaxation's minimum near X; None where there is none nearby.
 
-    One step of Newton's method leads near enough to it: more change no verdict.
+    One step of Newton's method leads to its rotations, near enough: more change no verdict. Where
+    translations are the best for these, the trace of L is the relaxation's cost.
     """
     pulled = multiplied_out(relaxation.matrix, x)
     found, cost = multipliers(relaxation, x, pulled), float(np.vdot(pulled, x))
     if abs(cost - float(found.trace(0, 1, 2).sum())) <= _EXACT * cost:
         return found
+    slope = _gradient(relaxation, x, pulled, found)
     try:
-        curvature = _curvature(relaxation, x, found)
+        step = _curvature(relaxation, x, found).solve(-slope.ravel())
+        x = _with_translations(relaxation, moved(x, step.reshape(slope.shape)))
     except NotPositiveDefiniteError:
         return None
-    slope = _gradient(relaxation, x, pulled, found)
-    x = moved(x, curvature.solve(-slope.ravel()).reshape(slope.shape))
     return multipliers(relaxation, x, multiplied_out(relaxation.matrix, x))
+
+
+def _with_translations(relaxation: Relaxation, x: Array) -> Array:
+    """X (N, d, d + 1) with the translations that cost least for its rotations."""
+    whole, found = relaxation.matrix, x.copy()
+    alone = whole.with_blocks(whole.matrix.data[:, :1, :1])
+    firm = np.zeros((len(x), 1))
+    firm[relaxation.anchors] = alone.matrix.data.max()
+    slope = multiplied_out(whole, x)[:, :, 0]
+    found[:, :, 0] -= alone.plus(diagonals(firm)).factorised(np.arange(len(x))).solve(slope)
+    return found
 
 
 def _gradient(relaxation: Relaxation, x: Array, pulled: Array, multiplied: Array) -> Array:

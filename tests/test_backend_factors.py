@@ -15,12 +15,12 @@ from mapmyworld.backend.block_matrix import edge_blocks
 from mapmyworld.backend.descent import descend, solved
 from mapmyworld.backend.factors import factor_graph, poses_of
 from mapmyworld.backend.information import information_of
-from mapmyworld.backend.landmarks import POINT, POLAR, sighting_derivatives, sighting_residuals
+from mapmyworld.backend.landmarks import POINT, POLAR, sighting_residuals
 from mapmyworld.backend.residuals import edge_residuals, retract
 from mapmyworld.backend.starts import nearest_rotations
-from mapmyworld.backend.system import fit_of, number_free
+from mapmyworld.backend.system import System, fit_of, number_free
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.planar import between_planar, planar_exp, planar_to_matrix
+from mapmyworld.geometry.planar import between_planar, planar_exp
 from mapmyworld.geometry.rigid import between, se3_exp
 from tests.test_graph_covariance import random_system
 
@@ -110,34 +110,43 @@ def test_more_factors_and_variables_may_be_added() -> None:
     assert np.allclose(values.atVector(bias), 1.0)
 
 
-@pytest.mark.parametrize("kind", [POINT, POLAR])
-@pytest.mark.parametrize("planar", [True, False])
-def test_errors_of_sightings_have_these_slopes(planar: bool, kind: int) -> None:
-    if kind == POLAR and not planar:
-        return
+@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize(("planar", "kind"), [(True, POINT), (True, POLAR), (False, POINT)])
+def test_factors_of_sightings_have_their_errors_and_slopes(
+    planar: bool, kind: int, held: bool
+) -> None:
     rng = np.random.default_rng(1)
-    node, size = planar_exp(rng.normal(size=3)), 2 if planar else 3
-    node = node if planar else planar_to_matrix(node)
-    point, seen = rng.normal(size=size), rng.normal(size=size)
-    error, by_node, by_point = sighting_derivatives(planar, node, point, seen, kind)
-    head = np.append(point, 0.0) if planar else planar_to_matrix(np.zeros(3))
-    measured = np.append(seen, 0.0) if planar else planar_to_matrix(np.zeros(3))
-    if not planar:
-        head[:3, 3], measured[:3, 3] = point, seen
-    given = node[None], head[None], measured[None], np.array([kind])
+    size, freedom = (2, 3) if planar else (3, 6)
     places = slice(0, 2) if planar else slice(3, 6)
-    assert np.allclose(sighting_residuals(planar, *given)[0, places], error)
+    node = planar_exp(rng.normal(size=3)) if planar else se3_exp(rng.normal(size=6))
+    head, measured = np.zeros((2, 3)) if planar else np.stack([np.eye(4)] * 2)
+    point = rng.normal(size=size)
+    _placed(planar, head, point)
+    _placed(planar, measured, rng.normal(size=size))
 
-    def moved(step: Array) -> Array:
-        pose = retract(planar, node[None], step[None])[0]
-        return sighting_derivatives(planar, pose, point, seen, kind)[0]
+    def error(step: np.ndarray) -> np.ndarray:
+        """Of the sighting once the node and the point have moved."""
+        there = head.copy()
+        _placed(planar, there, point + step[freedom:])
+        moved = retract(planar, node[None], step[None, :freedom])
+        given = moved, there[None], measured[None], np.array([kind])
+        return sighting_residuals(planar, *given)[0, places]
 
-    freedom = 3 if planar else 6
-    assert np.allclose(approx_fprime(np.zeros(freedom), moved, 1e-7), by_node, atol=1e-5)
-    by_place = approx_fprime(
-        point, lambda p: sighting_derivatives(planar, node, p, seen, kind)[0], 1e-7
-    )
-    assert np.allclose(by_place, by_point, atol=1e-5)
+    free = number_free(np.array([held, False]))
+    ends = np.array([0]), np.array([1])
+    weights = np.eye(freedom)[None]
+    system = System(planar, *ends, measured[None], weights, free, np.array([kind]))
+    graph = factor_graph(system, np.stack([node, head]))
+    derivatives, less = graph.factors.linearize(graph.values).jacobian()
+    still = np.zeros(freedom + size)
+    assert np.allclose(error(still), -less)
+    slopes = approx_fprime(still, error, 1e-7)
+    assert np.allclose(slopes[:, freedom if held else 0 :], derivatives, atol=1e-5)
+
+
+def _placed(planar: bool, pose: np.ndarray, point: np.ndarray) -> None:
+    """Moves a pose (3,) or (4, 4) to a point (2,) or (3,)."""
+    pose[np.s_[:2] if planar else np.s_[:3, 3]] = point
 
 
 @settings(max_examples=30)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.sparse import csc_array
 
-from mapmyworld.backend.factors import factors_of, values_of
+from mapmyworld.backend.factors import factor_graph
 from mapmyworld.backend.information import (
     Factorised,
     NotPositiveDefiniteError,
@@ -74,9 +74,8 @@ def random_system(planar: bool, count: int, extra: int, seed: int) -> tuple[Syst
 def rows_of(system: System, poses: np.ndarray, k: int) -> np.ndarray:
     """The derivative (d, n) of an edge's residual in sigmas by the tangents of all free nodes."""
     one = chosen_edges(system, np.array([k]))
-    variables = Variables.of(values_of(system, poses))
-    linear = factors_of(one, poses).linearize(values_of(system, poses))
-    return variables.jacobian(linear)[0].toarray()
+    variables, part = Variables.of(factor_graph(system, poses).values), factor_graph(one, poses)
+    return variables.jacobian(part.factors.linearize(part.values))[0].toarray()
 
 
 def dense_information(system: System, poses: np.ndarray) -> np.ndarray:

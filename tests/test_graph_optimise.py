@@ -211,6 +211,8 @@ def test_victoria_park_is_found_from_dead_reckoning(data):
     assert solved.converged
     freedom = 3 * len(graph.edges) + 2 * len(graph.sightings) - 3 * len(graph) + 3 - 2 * 151
     assert 0.2 < 2 * solved.cost / freedom < 2.0
+    assert solved.cost == pytest.approx(3092.0611, rel=1e-7)
+    assert "certified (gap 1.6 %)" in solved.certainty
 
 
 def test_parts_are_solved_each_with_an_anchor_of_its_own():

@@ -1,6 +1,6 @@
 """Sparse symmetric matrices whose blocks are nodes, summed over edges.
 
-Nodes are numbered in the order of their elimination, so that nothing is sorted again: METIS's,
+Nodes are numbered in the order of their elimination, so that nothing is sorted again: COLAMD's,
 which the start, the descent and the proof of one graph share.
 """
 
@@ -79,8 +79,8 @@ def diagonals(numbers: Array) -> Array:
     return np.asarray(numbers[:, :, None] * np.eye(numbers.shape[1]))
 
 
-def metis_order_of(count: int, tails: Index, heads: Index) -> Index:
-    """All nodes (N,) in the order in which METIS eliminates them; those without an edge first.
+def colamd_order_of(count: int, tails: Index, heads: Index) -> Index:
+    """All nodes (N,) in the order in which COLAMD eliminates them; those without an edge first.
 
     Edges join `tails` and `heads` (E,).
     """
@@ -96,7 +96,7 @@ def place_in(order: Index) -> Index:
 
 @lru_cache(maxsize=1)
 def _ordered(count: int, from_nodes: bytes, to_nodes: bytes) -> Index:
-    """METIS's order, kept of the last graph: its start, descent and proof ask one by one."""
+    """COLAMD's order, kept of the last graph: its start, descent and proof ask one by one."""
     tails, heads = np.frombuffer(from_nodes, np.int64), np.frombuffer(to_nodes, np.int64)
     links = gtsam.SymbolicFactorGraph()
     apart = tails != heads
@@ -104,7 +104,7 @@ def _ordered(count: int, from_nodes: bytes, to_nodes: bytes) -> Index:
         links.push_factor(tail, head)
     linked = np.zeros(0, np.int64)
     if links.size():
-        order = gtsam.Ordering.MetisSymbolicFactorGraph(links)
+        order = gtsam.Ordering.ColamdSymbolicFactorGraph(links)
         linked = np.array([order.at(k) for k in range(order.size())], np.int64)
     alone = np.ones(count, np.bool_)
     alone[linked] = False

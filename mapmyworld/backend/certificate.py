@@ -22,11 +22,10 @@ from mapmyworld.backend.convex_relaxation import (
     relaxation_poses,
     tangent_bases,
 )
-from mapmyworld.backend.information import NotPositiveDefiniteError
+from mapmyworld.backend.information import Factorised, NotPositiveDefiniteError
 from mapmyworld.backend.system import Fit, System
 from mapmyworld.geometry import Array
 
-_STEPS = 6  # of Newton's method at most, from the solution to the relaxation's minimum
 _SLACK = (1e-4, 1e-2, 0.1)  # shares of the cost that eta may take off the bound
 _EXACT = 1e-4  # of these, up to which the relaxation's minimum counts as its global one
 _PROVEN = 0.02  # gap up to which the bound alone is called a proof
@@ -98,47 +97,59 @@ def _less(relaxation: Relaxation, multiplied: Array) -> Blocks:
 
 
 def _multipliers_at_minimum(relaxation: Relaxation, x: Array) -> Array | None:
-    """L (N, d, d) at the relaxation's minimum near X, by Newton's steps; None where these fail."""
+    """L (N, d, d) at the relaxation's minimum near X; None where there is none nearby.
+
+    One step of Newton's method leads to its rotations, near enough: more change no verdict. Where
+    translations are the best for these, the trace of L is the relaxation's cost.
+    """
     pulled = multiplied_out(relaxation.matrix, x)
-    cost = float(np.vdot(pulled, x))
-    for _ in range(_STEPS):
-        found = multipliers(relaxation, x, pulled)
-        if abs(cost - float(found.trace(0, 1, 2).sum())) <= _EXACT * cost:
-            return found
-        step = _newton_step(relaxation, x, pulled, found)
-        if step is None:
-            return None
-        x = moved(x, step)
-        pulled = multiplied_out(relaxation.matrix, x)
-        cost = float(np.vdot(pulled, x))
-    return multipliers(relaxation, x, pulled)
+    found, cost = multipliers(relaxation, x, pulled), float(np.vdot(pulled, x))
+    if abs(cost - float(found.trace(0, 1, 2).sum())) <= _EXACT * cost:
+        return found
+    slope = _gradient(relaxation, x, pulled, found)
+    try:
+        step = _curvature(relaxation, x, found).solve(-slope.ravel())
+        x = _with_translations(relaxation, moved(x, step.reshape(slope.shape)))
+    except NotPositiveDefiniteError:
+        return None
+    return multipliers(relaxation, x, multiplied_out(relaxation.matrix, x))
 
 
-def _newton_step(
-    relaxation: Relaxation, x: Array, pulled: Array, multiplied: Array
-) -> Array | None:
-    """Newton's step (N, m) along the tangents; None where there is no minimum nearby."""
-    nodes, size = x.shape[:2]
-    bases, less = tangent_bases(x), _less(relaxation, multiplied)
+def _with_translations(relaxation: Relaxation, x: Array) -> Array:
+    """X (N, d, d + 1) with the translations that cost least for its rotations."""
+    whole, found = relaxation.matrix, x.copy()
+    alone = whole.with_blocks(whole.matrix.data[:, :1, :1])
+    firm = np.zeros((len(x), 1))
+    firm[relaxation.anchors] = alone.matrix.data.max()
+    slope = multiplied_out(whole, x)[:, :, 0]
+    found[:, :, 0] -= alone.plus(diagonals(firm)).factorised(np.arange(len(x))).solve(slope)
+    return found
+
+
+def _gradient(relaxation: Relaxation, x: Array, pulled: Array, multiplied: Array) -> Array:
+    """(N, m) how the cost grows along the tangents; nothing where anchors would move."""
     slope = pulled.copy()
     slope[:, :, 1:] -= x[:, :, 1:] @ multiplied
-    gradient = np.einsum("nkxp,nxp->nk", bases, slope)
+    gradient = np.einsum("nkxp,nxp->nk", tangent_bases(x), slope)
+    gradient[relaxation.anchors] = 0.0
+    return np.asarray(gradient)
+
+
+def _curvature(relaxation: Relaxation, x: Array, multiplied: Array) -> Factorised:
+    """Second derivatives of the cost along the tangents; raises `NotPositiveDefiniteError`."""
+    nodes, size = x.shape[:2]
+    bases, less = tangent_bases(x), _less(relaxation, multiplied)
     laid = less.matrix
     rows = np.repeat(np.arange(nodes), np.diff(laid.indptr))
-    flat = bases.reshape(*bases.shape[:2], -1)
-    left = (bases[rows] @ laid.data[:, None]).reshape(len(rows), *flat.shape[1:])
+    flat, stacked = bases.reshape(*bases.shape[:2], -1), bases.reshape(nodes, -1, size + 1)
+    left = (stacked[rows] @ laid.data).reshape(len(rows), *flat.shape[1:])
     blocks = left @ np.swapaxes(flat[laid.indices], 1, 2)
     # Landmarks have no rotation; the first node of every component does not move.
-    firm = np.zeros(gradient.shape)
+    firm = np.zeros(flat.shape[:2])
     firm[relaxation.anchors] = firm[relaxation.points, : bases.shape[1] - size] = np.abs(
         blocks
     ).max()
-    gradient[relaxation.anchors] = 0.0
-    try:
-        found = less.with_blocks(blocks).plus(diagonals(firm)).factorised(np.arange(nodes))
-    except NotPositiveDefiniteError:
-        return None
-    return found.solve(-gradient.ravel()).reshape(gradient.shape)
+    return less.with_blocks(blocks).plus(diagonals(firm)).factorised(np.arange(nodes))
 
 
 def certainty_of(

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mapmyworld.backend.block_matrix import Blocks, edge_blocks, metis_order_of, place_in
+from mapmyworld.backend.block_matrix import Blocks, colamd_order_of, edge_blocks, place_in
 from mapmyworld.backend.connected_components import Index, first_nodes
 from mapmyworld.backend.landmarks import POINT, POLAR
 from mapmyworld.backend.system import System, chosen_edges
@@ -57,7 +57,7 @@ def relaxation_of(system: System, residuals: Array, *, equal: bool = False) -> R
     if system.kinds is not None:
         weights = np.where((system.kinds == POINT)[:, None, None], 0.0, weights)
     anchors = np.flatnonzero(first_nodes(count, tails, heads) == np.arange(count))
-    order = metis_order_of(count, tails, heads)
+    order = colamd_order_of(count, tails, heads)
     place = place_in(order)
     matrix = _laid(replace(system, tails=place[tails], heads=place[heads]), weights, tau)
     return Relaxation(matrix, order, place[anchors], place[points])

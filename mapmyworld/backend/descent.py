@@ -7,7 +7,7 @@ from typing import Any
 
 import gtsam
 
-from mapmyworld.backend.block_matrix import metis_order_of
+from mapmyworld.backend.block_matrix import colamd_order_of
 from mapmyworld.backend.factors import FactorGraph, elimination_order, factor_graph, poses_of
 from mapmyworld.backend.system import Fit, System, fit_of
 from mapmyworld.geometry import Array
@@ -36,13 +36,17 @@ def descend(system: System, start: Fit, tolerance: float, steps: int) -> Descent
     """The nearby minimum: steps end where one gains less than `tolerance` of the cost."""
     if system.size == 0 or start.cost < _NOTHING:
         return Descent(start, 0, True)
-    graph = factor_graph(system, start.poses)
-    order = metis_order_of(len(system.free), system.tails, system.heads)
+    order = colamd_order_of(len(system.free), system.tails, system.heads)
     free = order[system.free[order] >= 0].tolist()
-    values, taken = optimised(graph, free, tolerance, steps)
-    fit = fit_of(system, poses_of(system, values, start.poses))
-    if not fit.chi2 <= start.chi2:  # rounding at the minimum
-        fit = start
+    fit, taken = start, 0
+    while taken < steps:
+        graph, before = factor_graph(system, fit.poses), fit
+        values, more = optimised(graph, free, tolerance, steps - taken)
+        found = fit_of(system, poses_of(system, values, before.poses))
+        fit, taken = (found if found.chi2 <= before.chi2 else before), taken + more
+        exact = system.kinds is None  # else sightings were linear about the poses before
+        if exact or fit.chi2 >= (1.0 - tolerance) * before.chi2:
+            break
     return Descent(fit, taken, taken < steps)
 
 
@@ -65,7 +69,7 @@ def optimised(
 
 
 def _parameters(tolerance: float, steps: int) -> Any:
-    """Gtsam's parameters of a descent; elimination in METIS's order."""
+    """Gtsam's parameters of a descent."""
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setMaxIterations(steps)
     parameters.setRelativeErrorTol(tolerance)

@@ -6,14 +6,14 @@ residual. So nothing has to hold it with a weight, and every factor counts as it
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import gtsam
 import numpy as np
 
-from mapmyworld.backend.landmarks import POINT, sighting_derivatives
+from mapmyworld.backend.landmarks import POLAR, sighting_derivatives, sighting_residuals
 from mapmyworld.backend.system import System, chosen_edges, moving_edges
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import compose_planar, invert_planar, planar_adjoint
@@ -59,25 +59,26 @@ def factor_graph(system: System, poses: Array) -> FactorGraph:
 
     These start at `poses` (N, 3 or 4, 4), map_from_node.
     """
-    return FactorGraph(factors_of(system, poses), values_of(system, poses))
+    values = _values(system, poses)
+    return FactorGraph(_factors(system, poses, values), values)
 
 
-def factors_of(system: System, poses: Array) -> Any:
+def _factors(system: System, poses: Array, values: Any) -> Any:
     """Gtsam's graph of the edges that have a free end, in their order.
 
-    `poses` (N, 3 or 4, 4) are map_from_node of all nodes.
+    `poses` (N, 3 or 4, 4) are map_from_node of all nodes, `values` gtsam's of the free ones.
     """
     system = _from_held_nodes(chosen_edges(system, moving_edges(system)))
     factors = gtsam.NonlinearFactorGraph()
     kinds = np.zeros(len(system.tails), np.int64) if system.kinds is None else system.kinds
     make = _Maker.of(system.planar)
     tails, heads, starts = system.tails, system.heads, _targets(system, poses)
-    stays = system.free[tails] < 0
+    stays, sightings = system.free[tails] < 0, _sightings(system, poses, values)
     rows = zip(tails.tolist(), heads.tolist(), system.measured, system.information,
                kinds.tolist(), stays.tolist(), starts, strict=True)  # fmt: skip
     for tail, head, measured, information, kind, held, start in rows:
         if kind:
-            factors.add(make.sighting(tail, head, measured, information, kind, held, poses))
+            factors.add(next(sightings))
         elif held:
             factors.add(make.prior(head, make.pose(start), make.noise(information)))
         else:
@@ -126,57 +127,48 @@ class _Maker:
 
     @staticmethod
     def noise(information: Array) -> Any:
-        return gtsam.noiseModel.Gaussian.Information(information, False)
-
-    def sighting(
-        self, tail: int, head: int, measured: Array, information: Array, kind: int, held: bool,
-        poses: Array,
-    ) -> Any:  # fmt: skip
-        """The factor of a landmark at `head`, as seen from the node at `tail`."""
-        shift = slice(0, 2) if self.planar else slice(3, 6)
-        seen = measured[:2] if self.planar else measured[:3, 3]
-        noise = self.noise(np.ascontiguousarray(information[shift, shift]))
-        if kind == POINT or held:
-            keys = [head] if held else [tail, head]
-            node = poses[tail] if held else None
-            return gtsam.CustomFactor(noise, keys, _Seen(self.planar, seen, kind, node))
-        bearing = gtsam.Rot2(float(seen[0]))
-        return gtsam.BearingRangeFactor2D(tail, head, bearing, float(seen[1]), noise)
+        return gtsam.noiseModel.Gaussian.Information(information)
 
 
-@dataclass(frozen=True, slots=True)
-class _Seen:
-    """The error of a sighting that gtsam has no factor for: a position in the node's frame, or
-    anything seen from a node that stays.
+def _sightings(system: System, poses: Array, values: Any) -> Iterator[Any]:
+    """The factors of a system's sightings, in their order.
+
+    gtsam has none for a position, nor for what a node sees that stays: these are linear about
+    `poses` (N, 3 or 4, 4), where their errors and derivatives are those of the sighting. `values`
+    are gtsam's of the free nodes.
     """
-
-    planar: bool
-    measured: Array
-    kind: int
-    node: Array | None
-    """The pose of the node, if it stays."""
-
-    def __call__(self, factor: Any, values: Any, jacobians: Any) -> Array:
-        *_, head = factor.keys()
-        pose = self._pose(values, factor.keys()[0]) if self.node is None else self.node
-        point = values.atPoint2(head) if self.planar else values.atPoint3(head)
-        error, by_node, by_point = sighting_derivatives(
-            self.planar, pose, point, self.measured, self.kind
-        )
-        if jacobians is not None:
-            if self.node is None:
-                jacobians[0] = by_node
-            jacobians[-1] = by_point
-        return error
-
-    def _pose(self, values: Any, key: int) -> Array:
-        if not self.planar:
-            return np.asarray(values.atPose3(key).matrix())
-        pose = values.atPose2(key)
-        return np.array([pose.x(), pose.y(), pose.theta()])
+    if system.kinds is None:
+        return
+    planar, kinds = system.planar, system.kinds[system.kinds > 0]
+    system = chosen_edges(system, system.kinds > 0)
+    ends = poses[system.tails], poses[system.heads]
+    shift, unit = (slice(0, 2), _UNIT[2]) if planar else (slice(3, 6), _UNIT[3])
+    root = _roots(system.information[:, shift, shift])
+    errors = sighting_residuals(planar, *ends, system.measured, kinds)[:, shift, None]
+    by_node, by_point = sighting_derivatives(planar, *ends, kinds)
+    rows = zip(system.tails.tolist(), system.heads.tolist(), system.free[system.tails] < 0,
+               kinds == POLAR, system.measured, system.information[:, shift, shift],
+               root @ by_node, root @ by_point, -(root @ errors), strict=True)  # fmt: skip
+    for tail, head, held, polar, measured, information, node, point, right in rows:
+        if polar and not held:
+            bearing, noise = gtsam.Rot2(measured[0]), _Maker.noise(information)
+            yield gtsam.BearingRangeFactor2D(tail, head, bearing, measured[1], noise)
+        else:
+            known = (head, point) if held else (tail, node, head, point)
+            yield gtsam.LinearContainerFactor(gtsam.JacobianFactor(*known, right, unit), values)
 
 
-def values_of(system: System, poses: Array) -> Any:
+_UNIT = {size: gtsam.noiseModel.Unit.Create(size) for size in (2, 3)}
+
+
+def _roots(information: Array) -> Array:
+    """Matrices W (K, d, d) of which each `W' W` is the information, (K, d, d) too."""
+    values, axes = np.linalg.eigh(information)
+    roots = np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(roots[:, :, None] * np.swapaxes(axes, 1, 2))
+
+
+def _values(system: System, poses: Array) -> Any:
     """Gtsam's values of all free nodes. `poses` (N, 3 or 4, 4), map_from_node, are of all nodes."""
     values, is_point = gtsam.Values(), system.points
     free = system.free >= 0

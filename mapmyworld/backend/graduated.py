@@ -7,14 +7,12 @@ start again: on manhattan with half of the closures false it takes ten times as 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import diags_array
 
 from mapmyworld.backend.connected_components import Index
-from mapmyworld.backend.factors import factors_of, values_of
+from mapmyworld.backend.factors import factor_graph
 from mapmyworld.backend.information import Factorised, Variables
 from mapmyworld.backend.residuals import retract
 from mapmyworld.backend.system import System, believed_edges, edge_chi2, moving_edges
@@ -37,15 +35,15 @@ def graduate(
     `trusted` and `tried` (E,) masks of edges.
     """
     part, fixed = believed_edges(system, tried), trusted[tried]
-    factors, poses = factors_of(part, start), start
-    order = Variables.of(values_of(part, start)).elimination(factors)
+    graph, poses = factor_graph(part, start), start
+    order = Variables.of(graph.values).elimination(graph.factors)
     for _ in range(3):
-        poses = _stepped(part, factors, order, poses, np.ones(len(fixed)))
+        poses = _stepped(part, order, poses, np.ones(len(fixed)))
     chi2 = edge_chi2(part, poses)
     control = first_control(chi2[~fixed], limit)
     for _ in range(_ROUNDS):
         weights = np.where(fixed, 1.0, truncated_weights(chi2, limit, control))
-        poses = _stepped(part, factors, order, poses, weights)
+        poses = _stepped(part, order, poses, weights)
         chi2 = edge_chi2(part, poses)
         decided = (weights < 1e-3) | (weights > 1.0 - 1e-3)
         if decided.all() and control > 1.0:
@@ -56,10 +54,11 @@ def graduate(
     return poses, inliers
 
 
-def _stepped(part: System, factors: Any, order: Index, poses: Array, weights: Array) -> Array:
+def _stepped(part: System, order: Index, poses: Array, weights: Array) -> Array:
     """Poses after one Gauss-Newton step of edges that count by their weights (E,)."""
-    values, d = values_of(part, poses), part.dimension
-    jacobian, right = Variables.of(values).jacobian(factors.linearize(values))
+    graph, d = factor_graph(part, poses), part.dimension
+    linear = graph.factors.linearize(graph.values)
+    jacobian, right = Variables.of(graph.values).jacobian(linear)
     kinds = np.zeros(len(weights), np.int64) if part.kinds is None else part.kinds
     rows = np.where(kinds > 0, 2 if part.planar else 3, d)[moving_edges(part)]
     roots = np.sqrt(np.repeat(weights[moving_edges(part)], rows))

@@ -41,24 +41,21 @@ def sighting_residuals(
 
 
 def sighting_derivatives(
-    planar: bool, node: Array, point: Array, measured: Array, kind: int
-) -> tuple[Array, Array, Array]:
-    """The error (d,) of one sighting, its derivatives by the node (d, m) and by the point (d, d).
+    planar: bool, tails: Array, heads: Array, kinds: Index
+) -> tuple[Array, Array]:
+    """How residuals of sightings change: with their nodes (K, d, m), with the landmarks (K, d, d).
 
-    `node` is map_from_node (3,) or (4, 4), `point` (d,) lies in the map, `measured` (d,) is its
-    position in the node's frame or its bearing and range; d = 2, m = 3 in the plane, else 3 and 6.
+    `tails`, `heads` (K, 3 or 4, 4) and `kinds` (K,) as of `sighting_residuals`; d = 2 and m = 3 in
+    the plane, else 3 and 6.
     """
-    turn = planar_to_matrix(node)[:2, :2] if planar else node[:3, :3]
-    local = turn.T @ (point - (node[:2] if planar else node[:3, 3]))
+    local, still = _local(planar, tails, heads), -np.eye(2 if planar else 3)
+    turns = (planar_to_matrix(tails)[:, :2, :2] if planar else tails[:, :3, :3]).swapaxes(1, 2)
+    steady = np.tile(still, (len(local), 1, 1))
     if not planar:
-        return local - measured, np.hstack([skew(local), -np.eye(3)]), turn.T
-    by_node = np.array([[-1.0, 0.0, local[1]], [0.0, -1.0, -local[0]]])
-    if kind != POLAR:
-        return local - measured, by_node, turn.T
-    change = _polar_change(local[None])[0]
-    polar = np.array([np.arctan2(local[1], local[0]), np.hypot(*local)]) - measured
-    polar[0] = wrap_angle(polar[0])
-    return polar, change @ by_node, change @ turn.T
+        return np.concatenate([skew(local), steady], axis=2), turns
+    by_node = np.concatenate([steady, (local[:, ::-1] * [1.0, -1.0])[:, :, None]], axis=2)
+    change = np.where((kinds == POLAR)[:, None, None], _polar_change(local), np.eye(2))
+    return change @ by_node, change @ turns
 
 
 def _local(planar: bool, tails: Array, heads: Array) -> Array:

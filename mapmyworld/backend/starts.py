@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
-from mapmyworld.backend.block_matrix import diagonals, edge_blocks, metis_order_of, place_in
+from mapmyworld.backend.block_matrix import colamd_order_of, diagonals, edge_blocks, place_in
 from mapmyworld.backend.connected_components import Index
 from mapmyworld.backend.system import System
 from mapmyworld.geometry import Array
@@ -190,7 +190,7 @@ def solve_weighted(
     `held` (A, d, K) is of `anchors` (A,); `right` (N, d, K) is changed. Where d is 1, its axis may
     be absent from `held`, `right` and X'.
     """
-    order = metis_order_of(len(right), tails, heads)
+    order = colamd_order_of(len(right), tails, heads)
     alike, place = weights[:, None, None] * np.eye(turns.shape[1]), place_in(order)
     matrix = edge_blocks(len(right), place[tails], place[heads], turns, alike)
     anchor = _ANCHOR * float(weights.max(initial=1.0))

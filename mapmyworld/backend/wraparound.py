@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mapmyworld.backend.block_matrix import Blocks, metis_order_of, place_in
+from mapmyworld.backend.block_matrix import Blocks, colamd_order_of, place_in
 from mapmyworld.backend.connected_components import Index
 from mapmyworld.backend.information import Factorised
 from mapmyworld.backend.starts import with_places
@@ -92,7 +92,7 @@ def _at(edge: int, weights: Array) -> Array:
 
 def _headings(system: System, weights: Array) -> Factorised:
     """The equations of all headings; those of nodes that stay are held."""
-    order = metis_order_of(len(system.free), system.tails, system.heads)
+    order = colamd_order_of(len(system.free), system.tails, system.heads)
     place, moves = place_in(order), system.free >= 0
     ends, inside = (system.tails, system.heads), moves[system.tails] & moves[system.heads]
     rows = np.concatenate([*ends, ends[0][inside], ends[1][inside]])

@@ -21,6 +21,7 @@ from mapmyworld.types.pose_graph import PoseGraph
 
 _PARTS = 25  # at most, of equal length
 _SHORTEST = 100  # nodes of a part at least
+_ROUGH = 0.1  # of the cost: a step that gains less ends a part, as the next one needs no more
 
 
 def grown_start(graph: PoseGraph, system: System, chain: Array) -> Array:
@@ -49,7 +50,7 @@ def grown_start(graph: PoseGraph, system: System, chain: Array) -> Array:
         used = inside & known[system.heads]
         free = number_free(~known | (system.free < 0))
         part = replace(chosen_edges(system, used), free=free)
-        poses = optimised_roughly(part, poses)
+        poses = optimised_roughly(part, poses, _ROUGH)
         nodes, places = poses[: count + 1], poses[count + 1 :]
     return np.concatenate([nodes, places])
 

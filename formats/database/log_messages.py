@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +35,6 @@ TYPES = {
     MessageKind.CAMERA_INFO: "sensor_msgs/msg/CameraInfo",
     MessageKind.IMAGE: "sensor_msgs/msg/Image",
     MessageKind.GPS: "sensor_msgs/msg/NavSatFix",
-    MessageKind.READING: "reading",
     MessageKind.LASER_SCAN: "sensor_msgs/msg/LaserScan",
     MessageKind.POINT_CLOUD: "sensor_msgs/msg/PointCloud2",
 }
@@ -68,8 +66,9 @@ def messages_at(
     yield _raw("/odom", MessageKind.ODOMETRY, moment, lambda: _odometry(moment))
     if moment.is_node and moment.node.ground_truth is not None:
         yield _raw("/ground_truth", MessageKind.POSE, moment, lambda: _truth(moment))
-    if moment.is_node:
-        yield from _environment(moment)
+    fix = moment.node.gps
+    if moment.is_node and fix is not None:
+        yield _raw("/gps/fix", MessageKind.GPS, moment, lambda: fix)
     for number, image in enumerate(data.images):
         yield from _camera_messages(moment, number, image)
     scan, cloud = data.scan, data.cloud
@@ -122,20 +121,6 @@ def _truth(moment: Moment) -> PoseMessage:
     truth = moment.node.ground_truth
     assert truth is not None
     return PoseMessage(moment.stamp_ns, "world", truth, np.zeros((6, 6)))
-
-
-def _environment(moment: Moment) -> Iterator[RawMessage]:
-    """The fix and the readings that the node keeps."""
-    fix = moment.node.gps
-    if fix is not None:
-        yield _raw("/gps/fix", MessageKind.GPS, moment, partial(_kept, fix))
-    for reading in moment.node.readings:
-        topic = f"/readings/{reading.quantity}"
-        yield _raw(topic, MessageKind.READING, moment, partial(_kept, reading))
-
-
-def _kept(message: Message) -> Message:
-    return message
 
 
 def _camera_frame(number: int) -> str:

@@ -115,13 +115,12 @@ def _draw(data: NodeData, path: Path) -> None:
     colour = data.images[0].colour if data.images else None
     if colour is None:
         raise MapError(f"{path}: this node has no image to draw")
-    from formats.report.match_picture import as_rgb, features_picture
-    from formats.report.picture_file import write_picture
+    from formats.report.match_picture import write_features_picture
     from mapmyworld.places.camera_features import features_of_camera
 
     picture = np.asarray(colour.pixels(), np.uint8)
     seen = data.features and features_of_camera(data.features, 0, picture.shape[1])
-    write_picture(path, as_rgb(picture) if seen is None else features_picture(picture, seen))
+    write_features_picture(path, picture, seen)
     note(f"drew {path}")
 
 

@@ -134,7 +134,10 @@ def _camera_messages(moment: Moment, number: int, image: RgbdImage) -> Iterator[
     stamp = image.colour or image.depth
     at = moment.stamp_ns if stamp is None else stamp.stamp_ns
     yield _raw(
-        f"{space}/rgb/camera_info", MessageKind.CAMERA_INFO, moment, lambda: _info(model, at, frame)
+        f"{space}/rgb/camera_info",
+        MessageKind.CAMERA_INFO,
+        moment,
+        lambda: camera_info(model, at, frame),
     )
     for kind, picture in (("rgb", image.colour), ("depth", image.depth)):
         if picture is not None:
@@ -147,7 +150,8 @@ def _picture(topic: str, moment: Moment, picture: ImageMessage, frame: str) -> R
     return RawMessage(topic, kind, moment.stamp_ns, picture.stamp_ns, lambda: message)
 
 
-def _info(model: CameraModel, stamp_ns: int, frame: str) -> CameraInfoMessage:
+def camera_info(model: CameraModel, stamp_ns: int, frame: str) -> CameraInfoMessage:
+    """A camera's intrinsics and distortion; its images are as the lens made them."""
     projection = np.column_stack([model.intrinsics, np.zeros(3)])
     return CameraInfoMessage(
         stamp_ns,

@@ -11,10 +11,10 @@ import click
 from cli.arguments import PATH, FiniteRange, format_option, map_argument
 from cli.checking import KEYS, Sources, few_relations_note, measure
 from cli.completing import keys_from
-from cli.exit_codes import EXIT_CHECK_FAILED, EXIT_PARTIAL
+from cli.exit_codes import EXIT_CHECK_FAILED
 from cli.gates import BETTER, WHOLE, judged, no_worse, read_requirements, require_known, wholeness
 from cli.outputs import require_apart
-from cli.standard_streams import own_words, show_json, shown
+from cli.standard_streams import end_partial, own_words, show_json, shown
 from formats.check_results import Verdict, junit_xml, markdown
 from formats.readable import readable
 from mapmyworld.errors import ConfigError, MapError
@@ -90,10 +90,11 @@ def check(
     _show(verdicts, style)
     if not all(verdict.passed for verdict in verdicts):
         sys.exit(EXIT_CHECK_FAILED)
-    if few := few_relations_note(sources):
-        click.echo(f"mapmyworld: {few}", err=True)
-        if not allow_partial:
-            sys.exit(EXIT_PARTIAL)
+    few = few_relations_note(sources)
+    if not allow_partial:
+        end_partial(few)
+    for line in few:
+        click.echo(f"mapmyworld: {line}", err=True)
 
 
 def _verdicts(

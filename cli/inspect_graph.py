@@ -12,7 +12,7 @@ import click
 from cli.arguments import PATH, format_option, map_argument
 from cli.manners import note
 from cli.outputs import require_outputs
-from cli.standard_streams import show_json
+from cli.standard_streams import show_result
 from mapmyworld.errors import MapError
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.types import OF_ONE_NODE, ConstraintKind, Judged, Poses
@@ -94,10 +94,7 @@ def graph(
 
         write_graph_picture(image, poses, constraints, grid)
         note(f"drew {image}")
-    if style == "json":
-        show_json(facts)
-    else:
-        click.echo("\n".join(_lines(facts)))
+    show_result(style, facts, _lines(facts))
 
 
 def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from cli.arguments import PATH, default_map, format_option
 from cli.manners import note
 from cli.outputs import require_outputs
-from cli.standard_streams import show_json
+from cli.standard_streams import show_result
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.types import Judged, MapStore, Node, NodeData
@@ -47,10 +47,7 @@ def node(arguments: tuple[str, ...], image_path: Path | None, style: str) -> Non
         facts = _facts(store, found, data)
         if image_path is not None:
             _draw(data, image_path)
-    if style == "json":
-        show_json(facts)
-    else:
-        click.echo("\n".join(_lines(facts)))
+    show_result(style, facts, _lines(facts))
 
 
 def _split(arguments: tuple[str, ...]) -> tuple[Path, int]:

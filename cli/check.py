@@ -17,7 +17,7 @@ from cli.outputs import require_apart
 from cli.standard_streams import end_partial, own_words, show_json, shown
 from formats.check_results import Verdict, junit_xml, markdown
 from formats.readable import readable
-from mapmyworld.errors import ConfigError, MapError
+from mapmyworld.errors import ConfigError
 
 
 @click.command()
@@ -85,8 +85,9 @@ def check(
     if not texts and baseline is None:
         raise ConfigError("nothing is required: give --require 'KEY OP VALUE' or --baseline OLD")
     verdicts = _verdicts(sources, texts, baseline, tolerance, allow_partial)
-    _write(junit, junit_xml(shown(map_path.name), verdicts))
-    _write(comment, markdown(shown(map_path.name), verdicts))
+    for path, form in ((junit, junit_xml), (comment, markdown)):
+        if path is not None:
+            path.write_text(form(shown(map_path.name), verdicts), encoding="utf-8")
     _show(verdicts, style)
     if not all(verdict.passed for verdict in verdicts):
         sys.exit(EXIT_CHECK_FAILED)
@@ -144,15 +145,6 @@ def _comparable(sources: Sources) -> dict[str, float]:
         except ConfigError:
             continue  # a map without a grid has no unknown cells to compare
     return found
-
-
-def _write(path: Path | None, text: str) -> None:
-    if path is None:
-        return
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise MapError(f"{path}: cannot be written ({error.strerror})") from None
 
 
 def _show(verdicts: Sequence[Verdict], style: str) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.ply import colours, ply_header, positions, read_vertices, read_whole
-from formats.whole_files import write_whole
+from formats.ply import colours, ply_header, positions, read_vertices
+from formats.whole_files import read_whole, write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.types import PointCloud
 

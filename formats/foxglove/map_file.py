@@ -20,6 +20,7 @@ from formats.foxglove import foxglove_messages as fox
 from formats.foxglove.layout import layout
 from formats.foxglove.sink import FoxgloveSink
 from formats.recording_files import LogWriter
+from formats.whole_files import write_whole
 from mapmyworld.types import (
     ConstraintKind,
     Judged,
@@ -70,7 +71,7 @@ def write_foxglove(path: Path, shown: FoxgloveMap, data: Iterable[NodeData]) -> 
 def write_layout(path: Path) -> Path:
     """The panels that show the map, for Foxglove's "import layout"."""
     beside = path.with_suffix(".layout.json")
-    beside.write_text(json.dumps(layout(), indent=1) + "\n", encoding="utf-8")
+    write_whole(beside, json.dumps(layout(), indent=1) + "\n")
     return beside
 
 

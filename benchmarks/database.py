@@ -76,7 +76,7 @@ def share(log: Path) -> None:
     spent: dict[str, float] = {}
     for name in ("add_node", "add_scan", "add_constraints", "judge", "close",
                  "set_poses", "set_grid", "set_tracked_frames", "set_frame_poses", "set_features",
-                 "set_words", "_note_for_rtabmap"):  # fmt: skip
+                 "set_words"):  # fmt: skip
         timed(DatabaseStore, name, spent)
     started = time.process_time()
     with tempfile.TemporaryDirectory() as folder:

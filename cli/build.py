@@ -17,7 +17,7 @@ from cli.memory import memory_limit, peak_memory_mb
 from cli.outputs import forget_products, require_map_place
 from cli.progress import StderrProgress, rate_text
 from cli.repeating import given_options, repeat_and_compare
-from cli.standard_streams import show_json
+from cli.standard_streams import show_result
 from cli.storing import no_empty_map, storage_arguments
 from mapmyworld.errors import MapError
 
@@ -117,10 +117,7 @@ def build(
         same_options = [*given_options(config_path, changes), "--method", method]
         same_options += ["--no-export"] if no_export else []
         repeat_and_compare(paths, map_path, summary["files"], same_options)
-    if style == "json":
-        show_json(summary)
-    else:
-        click.echo("\n".join(_summary_lines(summary)))
+    show_result(style, summary, _summary_lines(summary))
     if summary["losses"]:
         if style == "text":
             click.echo("partial map; lost or assumed:", err=True)
@@ -148,10 +145,7 @@ def _show_plan(log: LogSource, config: Config, style: str) -> None:
 
     survey = survey_log(log)
     plan = make_plan(survey, config.sensing)
-    if style == "json":
-        show_json(plan_json(plan))
-    else:
-        click.echo("\n".join(plan_lines(plan)))
+    show_result(style, plan_json(plan), plan_lines(plan))
     if plan.losses or survey.losses or log.info().problems:
         sys.exit(EXIT_PARTIAL)
 

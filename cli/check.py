@@ -11,13 +11,13 @@ import click
 from cli.arguments import PATH, FiniteRange, format_option, map_argument
 from cli.checking import KEYS, Sources, few_relations_note, measure
 from cli.completing import keys_from
-from cli.exit_codes import EXIT_CHECK_FAILED, EXIT_PARTIAL
+from cli.exit_codes import EXIT_CHECK_FAILED
 from cli.gates import BETTER, WHOLE, judged, no_worse, read_requirements, require_known, wholeness
 from cli.outputs import require_apart
-from cli.standard_streams import own_words, show_json, shown
+from cli.standard_streams import end_partial, own_words, show_json, shown
 from formats.check_results import Verdict, junit_xml, markdown
 from formats.readable import readable
-from mapmyworld.errors import ConfigError, MapError
+from mapmyworld.errors import ConfigError
 
 
 @click.command()
@@ -85,15 +85,17 @@ def check(
     if not texts and baseline is None:
         raise ConfigError("nothing is required: give --require 'KEY OP VALUE' or --baseline OLD")
     verdicts = _verdicts(sources, texts, baseline, tolerance, allow_partial)
-    _write(junit, junit_xml(shown(map_path.name), verdicts))
-    _write(comment, markdown(shown(map_path.name), verdicts))
+    for path, form in ((junit, junit_xml), (comment, markdown)):
+        if path is not None:
+            path.write_text(form(shown(map_path.name), verdicts), encoding="utf-8")
     _show(verdicts, style)
     if not all(verdict.passed for verdict in verdicts):
         sys.exit(EXIT_CHECK_FAILED)
-    if few := few_relations_note(sources):
-        click.echo(f"mapmyworld: {few}", err=True)
-        if not allow_partial:
-            sys.exit(EXIT_PARTIAL)
+    few = few_relations_note(sources)
+    if not allow_partial:
+        end_partial(few)
+    for line in few:
+        click.echo(f"mapmyworld: {line}", err=True)
 
 
 def _verdicts(
@@ -143,15 +145,6 @@ def _comparable(sources: Sources) -> dict[str, float]:
         except ConfigError:
             continue  # a map without a grid has no unknown cells to compare
     return found
-
-
-def _write(path: Path | None, text: str) -> None:
-    if path is None:
-        return
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise MapError(f"{path}: cannot be written ({error.strerror})") from None
 
 
 def _show(verdicts: Sequence[Verdict], style: str) -> None:

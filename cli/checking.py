@@ -165,12 +165,12 @@ KEYS: dict[str, Key] = {
 }
 
 
-def few_relations_note(sources: Sources) -> str:
-    """That few of the relations given are of the map's time; empty where most are."""
+def few_relations_note(sources: Sources) -> list[str]:
+    """That few of the relations given are of the map's time; nothing where most are."""
     from formats.database import open_store
 
     if sources.relations is None:
-        return ""
+        return []
     with open_store(sources.map_path, read_only=True) as store:
         return few_relations(Facts(store, sources).related)
 

@@ -17,7 +17,7 @@ from cli.manners import note
 from cli.outputs import require_outputs
 from cli.repeating import given_options
 from cli.spelling import british
-from cli.standard_streams import show_json
+from cli.standard_streams import show_result
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
@@ -83,10 +83,7 @@ def compare(
     rows = [figures_of(c, candidates[0], truth, known) for c in candidates]
     if image is not None:
         draw_maps(image, candidates, rows)
-    if style == "json":
-        show_json({"maps": rows})
-    else:
-        click.echo("\n".join(table_lines(rows)))
+    show_result(style, {"maps": rows}, table_lines(rows))
 
 
 def _chosen(methods: str) -> list[str]:

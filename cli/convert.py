@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import click
 
 from cli.arguments import PATH, FiniteRange
-from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import require_apart, require_output_name
 from cli.progress import StderrProgress
+from cli.standard_streams import end_partial
 
 
 @click.command()
@@ -66,10 +65,7 @@ def convert(
     progress = StderrProgress(quiet=quiet)
     result = convert_log(log, output, selection, compress, overwrite=overwrite, progress=progress)
     progress.finish()
-    for line in result.losses:
-        click.echo(f"mapmyworld: {line}", err=True)
     if not quiet:
         seconds = f"{result.duration_s:.2f} s"
         click.echo(f"{output}: {result.messages} messages, {seconds} of recording", err=True)
-    if result.losses:
-        sys.exit(EXIT_PARTIAL)
+    end_partial(result.losses)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from dataclasses import asdict
 from math import isnan
@@ -12,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import PATH, FiniteRange, format_option
-from cli.exit_codes import EXIT_PARTIAL
-from cli.standard_streams import show_json
+from cli.standard_streams import end_partial, show_json
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
@@ -68,17 +66,15 @@ def trajectory(
     poses, truth = read_any_trajectory(estimate), read_any_trajectory(reference)
     absolute = ate(poses, truth, align=align, max_difference_s=max_difference)
     parts = {"ate": absolute.translation, "ate_rotation_deg": absolute.rotation_deg}
-    left_out = ""
+    left_out = []
     try:
         relative = rpe(poses, truth, distance=delta, max_difference_s=max_difference)
         parts |= {"rpe": relative.translation, "rpe_rotation_deg": relative.rotation_deg}
     except MapError as error:
-        left_out = f"RPE is left out: {error}: give a smaller --delta"
+        left_out = [f"RPE is left out: {error}: give a smaller --delta"]
     nees = nees_of_map(estimate, truth, max_difference)
     _show_errors(parts, coverage(poses, truth), nees, delta, style)
-    if left_out:
-        click.echo(f"mapmyworld: {left_out}", err=True)
-        sys.exit(EXIT_PARTIAL)
+    end_partial(left_out)
 
 
 def _show_errors(
@@ -133,9 +129,7 @@ def relations(estimate: Path, relations: Path, style: str) -> None:
         click.echo(f"{score.count} relations in the trajectory's time{left_out}")
         for name, value in figures.items():
             click.echo(f"{name:28}{value.mean:9.4f} +- {value.std:.4f}")
-    if reported := few_relations(score):
-        click.echo(f"mapmyworld: {reported}", err=True)
-        sys.exit(EXIT_PARTIAL)
+    end_partial(few_relations(score))
 
 
 @evaluate.command()

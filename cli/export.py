@@ -2,29 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import click
 
 from cli import export_maps, export_nodes, export_views
 from cli.export_options import format_of_files
-from mapmyworld.errors import MapError
 
 
-class _Exports(click.Group):
-    """Says in one line where a file cannot be written."""
-
-    def invoke(self, ctx: click.Context) -> Any:
-        try:
-            return super().invoke(ctx)
-        except OSError as error:
-            place = error.filename or "the file"
-            raise MapError(
-                f"{place}: cannot be written ({error.strerror}): give another -o"
-            ) from None
-
-
-@click.group(cls=_Exports)
+@click.group()
 def export() -> None:
     """Write what a map holds as files that other programs read.
 

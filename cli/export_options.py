@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -10,9 +9,8 @@ from typing import Any, TypeVar
 import click
 
 from cli.arguments import PATH
-from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import require_file, require_no_recording, require_outputs
-from cli.standard_streams import show_json
+from cli.standard_streams import end_partial, show_result
 
 F = TypeVar("F", bound=Callable[..., Any])
 _FORMAT = "mapmyworld.format"
@@ -63,12 +61,7 @@ def format_of_files() -> click.Option:
 def show_written(paths: Sequence[Path], store: Any, losses: Sequence[str] = ()) -> None:
     """Names what was written on stdout; what was left out, on stderr with exit code 3."""
     problems = [*losses, *store.problems]
-    if click.get_current_context().meta.get(_FORMAT) == "json":
-        show_json({"files": [str(path) for path in paths], "problems": problems})
-    else:
-        for path in paths:
-            click.echo(str(path))
-    for problem in problems:
-        click.echo(f"mapmyworld: {problem}", err=True)
-    if problems:
-        sys.exit(EXIT_PARTIAL)
+    names = [str(path) for path in paths]
+    style = click.get_current_context().meta[_FORMAT]
+    show_result(style, {"files": names, "problems": problems}, names)
+    end_partial(problems)

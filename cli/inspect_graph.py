@@ -12,7 +12,7 @@ import click
 from cli.arguments import PATH, format_option, map_argument
 from cli.manners import note
 from cli.outputs import require_outputs
-from cli.standard_streams import show_json
+from cli.standard_streams import show_result
 from mapmyworld.errors import MapError
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.types import OF_ONE_NODE, ConstraintKind, Judged, Poses
@@ -94,17 +94,13 @@ def graph(
 
         write_graph_picture(image, poses, constraints, grid)
         note(f"drew {image}")
-    if style == "json":
-        show_json(facts)
-    else:
-        click.echo("\n".join(_lines(facts)))
+    show_result(style, facts, _lines(facts))
 
 
 def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:
     """Both images with their matches."""
     from formats.database import open_store
-    from formats.report.match_picture import match_picture
-    from formats.report.picture_file import write_picture
+    from formats.report.match_picture import write_match_picture
     from mapmyworld.config import Config
     from mapmyworld.places.node_pairs import compare_nodes
 
@@ -112,15 +108,14 @@ def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:
         found = compare_nodes(store, *pair, Config())
     matches, registration = found.pair, found.pair.registration
     reason = in_words(registration.verdict)
-    picture = match_picture(
-        found.picture_a,
-        found.picture_b,
+    write_match_picture(
+        path,
+        (found.picture_a, found.picture_b),
         found.features_a.pixels[matches.features_a],
         found.features_b.pixels[matches.features_b],
         matches.agreed,
         reason,
     )
-    write_picture(path, picture)
     verdict = "fits" if registration.converged else "does not fit"
     click.echo(f"{pair[0]} and {pair[1]}: {verdict}: {reason}")
     note(f"drew {path}")

@@ -11,7 +11,7 @@ import numpy as np
 
 from cli.arguments import PATH, format_option, map_argument
 from cli.outputs import require_outputs
-from cli.standard_streams import show_json
+from cli.standard_streams import show_result
 from mapmyworld.errors import MapError
 from mapmyworld.types import MapStore, OccupancyGrid
 
@@ -40,10 +40,7 @@ def inspect_map(map_path: Path, image: Path | None, style: str) -> None:
             raise MapError(f"{map_path}: holds no nodes: its build did not get that far")
         if image is not None:
             _draw_particles(store, image)
-    if style == "json":
-        show_json(facts)
-    else:
-        click.echo("\n".join(_lines(facts)))
+    show_result(style, facts, _lines(facts))
 
 
 def _draw_particles(store: MapStore, path: Path) -> None:

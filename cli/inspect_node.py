@@ -12,7 +12,7 @@ import numpy as np
 from cli.arguments import PATH, default_map, format_option
 from cli.manners import note
 from cli.outputs import require_outputs
-from cli.standard_streams import show_json
+from cli.standard_streams import show_result
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.types import Judged, MapStore, Node, NodeData
@@ -47,10 +47,7 @@ def node(arguments: tuple[str, ...], image_path: Path | None, style: str) -> Non
         facts = _facts(store, found, data)
         if image_path is not None:
             _draw(data, image_path)
-    if style == "json":
-        show_json(facts)
-    else:
-        click.echo("\n".join(_lines(facts)))
+    show_result(style, facts, _lines(facts))
 
 
 def _split(arguments: tuple[str, ...]) -> tuple[Path, int]:
@@ -115,13 +112,12 @@ def _draw(data: NodeData, path: Path) -> None:
     colour = data.images[0].colour if data.images else None
     if colour is None:
         raise MapError(f"{path}: this node has no image to draw")
-    from formats.report.match_picture import as_rgb, features_picture
-    from formats.report.picture_file import write_picture
+    from formats.report.match_picture import write_features_picture
     from mapmyworld.places.camera_features import features_of_camera
 
     picture = np.asarray(colour.pixels(), np.uint8)
     seen = data.features and features_of_camera(data.features, 0, picture.shape[1])
-    write_picture(path, as_rgb(picture) if seen is None else features_picture(picture, seen))
+    write_features_picture(path, picture, seen)
     note(f"drew {path}")
 
 

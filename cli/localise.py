@@ -14,7 +14,7 @@ from cli.config_sources import config_options, load_config
 from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import require_outputs
 from cli.progress import StderrProgress
-from cli.standard_streams import show_json
+from cli.standard_streams import show_result
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
@@ -73,10 +73,7 @@ def localise(
         "cpu_s": time.process_time() - cpu,
         "files": [str(path) for path in outputs],
     }
-    if style == "json":
-        show_json(summary)
-    else:
-        click.echo("\n".join(_lines(summary, seen)))
+    show_result(style, summary, _lines(summary, seen))
     if found.known_share < 1.0 or found.losses:
         _complain(found, seen)
         sys.exit(EXIT_PARTIAL)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -12,7 +11,6 @@ import click
 
 from cli.arguments import PATH, format_option
 from cli.config_sources import config_options, load_config
-from cli.exit_codes import EXIT_PARTIAL
 from cli.manners import note
 from cli.outputs import (
     require_graph_place,
@@ -21,7 +19,7 @@ from cli.outputs import (
     require_output_name,
     require_outputs,
 )
-from cli.standard_streams import show_json
+from cli.standard_streams import end_partial, show_result
 from mapmyworld.errors import GraphError
 from mapmyworld.types import Poses
 
@@ -90,11 +88,8 @@ def optimise(
     }
     if image is not None:
         draw(image, solved)
-    show_json(facts) if style == "json" else click.echo("\n".join(_lines(facts)))
-    for loss in losses:
-        click.echo(f"mapmyworld: {path}: {loss}", err=True)
-    if losses:
-        sys.exit(EXIT_PARTIAL)
+    show_result(style, facts, _lines(facts))
+    end_partial([f"{path}: {loss}" for loss in losses])
 
 
 def _require_place(output: Path, path: Path) -> None:

@@ -60,14 +60,14 @@ def score_loops(store: MapStore, truth: Trajectory, pairs: Path | None) -> LoopS
     return loop_closure_score(moments.reshape(-1, 2), measured.reshape(-1, 4, 4), truth, true_pairs)
 
 
-def few_relations(score: RelationsScore) -> str:
-    """That a score is of few of the relations, and what to do; empty where it is of most."""
+def few_relations(score: RelationsScore) -> list[str]:
+    """That a score is of few of the relations, and what to do; nothing where it is of most."""
     if score.share >= FEW:
-        return ""
-    return (
+        return []
+    return [
         f"only {score.count} of {len(score.covered)} relations lie in the trajectory's time: the "
         "score is of these alone; give the map of the whole log"
-    )
+    ]
 
 
 def coverage(estimate: Trajectory, reference: Trajectory) -> float:

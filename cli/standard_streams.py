@@ -8,11 +8,12 @@ import io
 import json
 import os
 import sys
-from collections.abc import Container
+from collections.abc import Container, Iterable, Sequence
 from typing import Any
 
 import click
 
+from cli.exit_codes import EXIT_PARTIAL
 from formats.readable import readable
 
 
@@ -124,6 +125,22 @@ def _as_given(error: UnicodeError) -> tuple[str | bytes, int]:
 def _byte_of(code: int) -> bytes:
     """The byte for which Python's names of files have this code."""
     return bytes([code - 0xDC00]) if 0xDC80 <= code <= 0xDCFF else b"?"
+
+
+def show_result(style: str, facts: Any, lines: Iterable[str]) -> None:
+    """What a command found, on stdout: as JSON, or as lines of text."""
+    if style == "json":
+        show_json(facts)
+    else:
+        click.echo("\n".join(lines))
+
+
+def end_partial(losses: Sequence[str]) -> None:
+    """Names what is missing on stderr, and ends with that exit code; nothing where nothing is."""
+    for loss in losses:
+        click.echo(f"mapmyworld: {loss}", err=True)
+    if losses:
+        sys.exit(EXIT_PARTIAL)
 
 
 def show_json(value: Any) -> None:

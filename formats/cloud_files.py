@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.ply import colours, ply_header, positions, read_vertices, read_whole
-from formats.whole_files import write_whole
+from formats.ply import colours, ply_header, positions, read_vertices
+from formats.whole_files import read_whole, write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.types import PointCloud
 
@@ -28,7 +28,7 @@ def write_cloud(path: Path, cloud: PointCloud) -> None:
 
 
 def read_cloud(path: Path) -> PointCloud:
-    """The points, colours and normals of a .ply or .pcd file; points that lie nowhere left out."""
+    """The points of a .ply or .pcd file, those that lie nowhere left out, and colours of a .ply."""
     fields = _read_pcd(path) if path.suffix.lower() == ".pcd" else read_vertices(path)
     return _cloud_of(fields, path)
 
@@ -85,27 +85,7 @@ def _cloud_of(fields: NDArray[np.void], path: Path) -> PointCloud:
     found = np.isfinite(points).all(axis=1)
     if not found.all():
         fields, points = fields[found], points[found]
-    painted = colours(fields)
-    if painted is None:
-        painted = _packed_colours(fields)
-    return PointCloud(points, painted, _normals(fields))
-
-
-def _packed_colours(fields: NDArray[np.void]) -> NDArray[np.uint8] | None:
-    """(N, 3) of PCD's one field of four bytes: blue, green, red."""
-    if "rgb" not in (fields.dtype.names or ()) or fields.dtype["rgb"].itemsize != 4:
-        return None
-    packed = np.ascontiguousarray(fields["rgb"]).view("<u4")
-    return np.column_stack([packed >> 16 & 255, packed >> 8 & 255, packed & 255]).astype(np.uint8)
-
-
-def _normals(fields: NDArray[np.void]) -> NDArray[np.float32] | None:
-    """(N, 3), if there are any; infinite where single precision cannot hold them."""
-    for axes in (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z")):
-        if set(axes) <= set(fields.dtype.names or ()):
-            with np.errstate(over="ignore"):
-                return np.column_stack([fields[axis] for axis in axes]).astype(np.float32)
-    return None
+    return PointCloud(points, colours(fields))
 
 
 def _read_pcd(path: Path) -> NDArray[np.void]:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from formats.graph_edges import edges_of, priors_of, sightings_of
 from formats.graph_lines import Columns, Table, listed, tables_from_text
 from formats.graph_numbers import POSES
+from formats.whole_files import read_whole
 from mapmyworld.errors import MapError
 from mapmyworld.geometry import Array
 from mapmyworld.types.pose_graph import Edges, PoseGraph
@@ -64,11 +65,7 @@ class GraphFile:
 
 def read_graph(path: Path) -> GraphFile:
     """The graph in a g2o, TORO or GTSAM text file; raises `MapError` when there is none."""
-    try:
-        with open(path, "rb", buffering=0) as file:
-            text = file.read().decode("utf-8", errors="replace")
-    except OSError as error:
-        raise MapError(f"{path}: {error.strerror or error}") from error
+    text = read_whole(path).decode("utf-8", errors="replace")
     try:
         return graph_from_text(text)
     except MapError as error:

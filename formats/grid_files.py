@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from formats.bounds import FARTHEST
 from formats.picture_files import decoded_file, picture_size
-from formats.whole_files import write_whole
+from formats.whole_files import read_whole, write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.types import OccupancyGrid
 
@@ -152,10 +152,7 @@ def _probabilities(
 
 
 def _read_keys(path: Path) -> dict[str, str]:
-    try:
-        text = os.fsdecode(path.read_bytes())  # names of files, in whatever locale
-    except OSError as error:
-        raise MapError(f"{path}: cannot be read as a map's YAML ({error})") from None
+    text = os.fsdecode(read_whole(path))  # names of files, in whatever locale
     keys = {}
     for line in text.splitlines():
         name, colon, value = line.partition("#")[0].partition(":")
@@ -204,10 +201,7 @@ def _picture_path(path: Path, name: str) -> Path:
 
 def _read_picture(path: Path) -> NDArray[np.uint8]:
     """Channels and alpha (H, W, C + 1), top row first."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise MapError(f"{path}: {error.strerror}") from None
+    data = read_whole(path)
     if data[:2] == b"P5":
         grey = _parse_pgm(data, path)
         return np.dstack([grey, np.full_like(grey, 255)])

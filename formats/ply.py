@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.whole_files import read_whole
 from mapmyworld.errors import MapError
 
 _NAMES = {"f4": "float", "f8": "double", "u1": "uchar", "i4": "int"}
@@ -58,14 +59,6 @@ def read_vertices(path: Path) -> NDArray[np.void]:
         raise MapError(f"{path}: holds a number that its type cannot hold") from None
     except (ValueError, OverflowError):
         raise MapError(f"{path}: ends before its {head.vertex_count} vertices") from None
-
-
-def read_whole(path: Path) -> bytes:
-    """The bytes of a file; `MapError` where it cannot be read."""
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise MapError(f"{path}: {error.strerror}") from None
 
 
 def _text_vertices(data: bytes, head: PlyHeader) -> NDArray[np.void]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from formats.bounds import FARTHEST
 from formats.decimal_stamps import nanoseconds_from_text
+from formats.whole_files import read_whole
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import make_transform
 from mapmyworld.geometry.rotations import roll_pitch_yaw_to_rotation
@@ -22,9 +23,7 @@ def read_relations(path: Path) -> Relations:
     Stamps are read as decimals, so that they are exact to the nanosecond.
     """
     try:
-        lines = path.read_text(encoding="ascii").splitlines()
-    except OSError as error:
-        raise MapError(f"{path}: cannot be read: {error.strerror}: check the path") from None
+        lines = read_whole(path).decode("ascii").splitlines()
     except UnicodeDecodeError:
         raise MapError(f"{path}: is no relations file: it holds more than ASCII text") from None
     stamps: list[tuple[int, int]] = []

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from formats.bounds import FARTHEST
 from formats.decimal_stamps import nanoseconds_from_integer, nanoseconds_from_text, seconds_text
-from formats.whole_files import write_whole
+from formats.whole_files import read_whole, write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import make_transform
 from mapmyworld.geometry.rotations import quaternion_to_rotation, rotation_to_quaternion
@@ -81,8 +81,8 @@ def read_trajectory(path: Path) -> Trajectory:
     Raises `MapError` where it is none.
     """
     try:
-        text = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_whole(path).decode("utf-8")
+    except UnicodeDecodeError as error:
         raise MapError(f"{path}: cannot be read as a trajectory ({error})") from None
     numbered = [
         (number, line.strip())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +15,7 @@ from formats.decimal_stamps import nanoseconds_from_integer
 from formats.grid_files import write_grid
 from formats.mesh_files import write_mesh
 from formats.trajectory_files import write_trajectory
+from formats.whole_files import read_whole, write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.types import Mesh, OccupancyGrid, Trajectory
 
@@ -47,27 +47,22 @@ def write_truth(
         write_grid(folder / "grid", grid)
         write_mesh(folder / "mesh.ply", mesh)
         _write_pairs(folder / "loop_pairs.csv", loop_stamps_ns, loop_poses)
-        text = json.dumps(calibration, indent=2) + "\n"
-        (folder / "calibration.json").write_text(text, encoding="utf-8")
+        write_whole(folder / "calibration.json", json.dumps(calibration, indent=2) + "\n")
     except OSError as error:
         raise MapError(f"{folder}: cannot be written: {error.strerror or error}") from None
 
 
 def _write_pairs(path: Path, stamps_ns: NDArray[np.int64], poses: NDArray[np.float64]) -> None:
-    with path.open("w", newline="", encoding="ascii") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(_PAIR_COLUMNS)
-        for (first, second), (x, y, yaw) in zip(stamps_ns.tolist(), poses.tolist(), strict=True):
-            writer.writerow([first, second, f"{x:.6f}", f"{y:.6f}", f"{yaw:.6f}"])
+    lines = [",".join(_PAIR_COLUMNS)]
+    for (first, second), (x, y, yaw) in zip(stamps_ns.tolist(), poses.tolist(), strict=True):
+        lines.append(f"{first},{second},{x:.6f},{y:.6f},{yaw:.6f}")
+    write_whole(path, "\n".join(lines) + "\n")
 
 
 def read_loop_pairs(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Stamps (P, 2) and poses (P, 3) of loop_pairs.csv; `MapError` names a line that is wrong."""
     stamps, poses = [], []
-    try:
-        lines = path.read_text(encoding="ascii").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise MapError(f"{path}: cannot be read: {error}") from None
+    lines = read_whole(path).decode("ascii", "replace").splitlines()
     for number, line in enumerate(lines[1:], start=2):
         fields = line.split(",")
         try:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
 
 _HEAD = "WordID Descriptors..."
@@ -48,7 +49,7 @@ def write_vocabulary(path: Path, words: Mapping[int, NDArray[np.generic]]) -> No
     for number in sorted(words):
         descriptor = _checked(words[number], f"{path}: word {number}")
         lines.append(" ".join(map(str, [number, *descriptor.tolist()])))
-    path.write_text("\n".join(lines) + "\n")
+    write_whole(path, "\n".join(lines) + "\n")
 
 
 def _is_map(path: Path) -> bool:

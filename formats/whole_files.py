@@ -1,4 +1,4 @@
-"""Files that are either written whole or not at all."""
+"""Files that are read at once, and either written whole or not at all."""
 
 from __future__ import annotations
 
@@ -18,6 +18,14 @@ def write_whole(path: Path, data: bytes | str) -> None:
     """
     with whole_file(path) as stream:
         stream.write(utf8_of(data) if isinstance(data, str) else data)
+
+
+def read_whole(path: Path) -> bytes:
+    """The bytes of a file; `MapError` where it cannot be read."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise MapError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
 def utf8_of(text: str) -> bytes:

@@ -21,7 +21,6 @@ from mapmyworld.types import (
     PointCloudMessage,
     PoseMessage,
     RawMessage,
-    ReadingMessage,
     TextMessage,
     TopicInfo,
     TransformsMessage,
@@ -37,7 +36,6 @@ _KINDS: dict[type, MessageKind] = {
     TransformsMessage: MessageKind.TRANSFORMS,
     PoseMessage: MessageKind.POSE,
     GpsMessage: MessageKind.GPS,
-    ReadingMessage: MessageKind.READING,
     TextMessage: MessageKind.TEXT,
 }
 

@@ -20,9 +20,7 @@ PASSED_ON = {
     "formats/database/connection.py": 1,
     "formats/database/log_source.py": 1,
     "formats/database/image_blobs.py": 1,
-    "formats/graph_reading.py": 2,
-    "formats/grid_files.py": 1,
-    "formats/ply.py": 1,
+    "formats/graph_reading.py": 1,
     "formats/trajectory_files.py": 1,
     "mapmyworld/evaluation/association.py": 1,
 }

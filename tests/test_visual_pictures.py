@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from memory_store import MemoryStore
 from visual_rooms import HEIGHT, WIDTH, Room, planar_pose
 
-from formats.report.match_picture import features_picture, match_picture
+from formats.report.match_picture import write_features_picture, write_match_picture
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError
 from mapmyworld.places.node_pairs import NodePair, compare_nodes
@@ -24,26 +27,32 @@ def pair() -> NodePair:
     return compare_nodes(store, 1, 2, Config())
 
 
-def test_a_match_picture_shows_both_images_and_marks_every_match(pair: NodePair) -> None:
+def test_a_match_picture_shows_both_images_and_marks_every_match(
+    pair: NodePair, tmp_path: Path
+) -> None:
     found = pair.pair
-    picture = match_picture(
-        pair.picture_a,
-        pair.picture_b,
+    write_match_picture(
+        tmp_path / "pair.svg",
+        (pair.picture_a, pair.picture_b),
         pair.features_a.pixels[found.features_a],
         pair.features_b.pixels[found.features_b],
         found.agreed,
         in_words(found.registration.verdict),
     )
-    assert picture.shape[0] > HEIGHT
-    assert picture.shape[1] > 2 * WIDTH
-    changed = (picture[:HEIGHT, :WIDTH] != pair.picture_a).any(axis=2)
-    ends = np.round(pair.features_a.pixels[found.features_a]).astype(int)
-    assert changed[ends[:, 1], ends[:, 0]].mean() > 0.9
+    drawn = (tmp_path / "pair.svg").read_text()
+    width, height = map(float, re.findall(r'viewBox="0 0 (\S+) (\S+)"', drawn)[0])
+    assert 0.8 < width / height * HEIGHT / (2 * WIDTH) < 1.1  # both, and a line of text
+    agreed = int(found.agreed.sum())
+    for colour, count in (("#00c850", agreed), ("#e63c32", len(found.agreed) - agreed)):
+        lines = re.findall(rf'<path d="M \S+ \S+ \nL \S+ \S+ \n" .*stroke: {colour}', drawn)
+        assert len(lines) == count
+        rings = re.findall(rf"<use .*stroke: {colour}", drawn)
+        assert len(rings) == 2 * count
 
 
-def test_the_original_picture_is_not_drawn_upon(pair: NodePair) -> None:
+def test_the_original_picture_is_not_drawn_upon(pair: NodePair, tmp_path: Path) -> None:
     before = pair.picture_a.copy()
-    features_picture(pair.picture_a, pair.features_a)
+    write_features_picture(tmp_path / "a.png", pair.picture_a, pair.features_a)
     assert np.array_equal(pair.picture_a, before)
 
 

@@ -12,7 +12,7 @@ from formats.database import feature_rows
 from formats.database import foreign_graph as graph
 from formats.database.blobs import blob_to_matrix, blob_to_pose
 from formats.database.connection import Connection
-from formats.database.environment_rows import blob_to_gps, blob_to_readings, nanoseconds
+from formats.database.gps_rows import blob_to_gps, nanoseconds
 from formats.database.opened import Opened
 from mapmyworld.errors import MapError
 from mapmyworld.types import (
@@ -91,7 +91,7 @@ class RtabmapStore(Opened):
     def nodes(self) -> tuple[Node, ...]:
         """Nodes by id; those that RTAB-Map merged away are left out."""
         if self._nodes is None:
-            late = ("ground_truth_pose", "gps", "env_sensors")
+            late = ("ground_truth_pose", "gps")
             others = ", ".join(c if self._has("Node", c) else "NULL" for c in late)
             query = f"SELECT id, map_id, weight, stamp, pose, {others} FROM Node ORDER BY id"
             found = map(self._node, self._db.rows(query))
@@ -99,7 +99,7 @@ class RtabmapStore(Opened):
         return self._nodes
 
     def _node(self, row: tuple[Any, ...]) -> Node | None:
-        node_id, session, weight, stamp, pose_blob, truth_blob, gps_blob, readings_blob = row
+        node_id, session, weight, stamp, pose_blob, truth_blob, gps_blob = row
         if weight == _INVALID_WEIGHT or node_id <= 0:
             return None
         try:
@@ -107,14 +107,13 @@ class RtabmapStore(Opened):
             truth = blob_to_pose(truth_blob, f"node {node_id}'s ground truth")
             moment = nanoseconds(stamp)
             gps = blob_to_gps(gps_blob, f"node {node_id}'s gps")
-            readings = blob_to_readings(readings_blob, f"node {node_id}'s env_sensors")
         except (MapError, ArithmeticError, TypeError, ValueError) as error:
             self._leave_out(f"{error}: the node is left out")
             return None
         if pose is None:
             self._leave_out(f"node {node_id} has no odometry pose: it is left out")
             return None
-        return Node(node_id, session or 0, moment, pose, pose, weight or 0, truth, gps, readings)
+        return Node(node_id, session or 0, moment, pose, pose, weight or 0, truth, gps)
 
     def _leave_out(self, problem: str) -> None:
         if problem not in self._problems:

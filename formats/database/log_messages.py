@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +35,6 @@ TYPES = {
     MessageKind.CAMERA_INFO: "sensor_msgs/msg/CameraInfo",
     MessageKind.IMAGE: "sensor_msgs/msg/Image",
     MessageKind.GPS: "sensor_msgs/msg/NavSatFix",
-    MessageKind.READING: "reading",
     MessageKind.LASER_SCAN: "sensor_msgs/msg/LaserScan",
     MessageKind.POINT_CLOUD: "sensor_msgs/msg/PointCloud2",
 }
@@ -68,8 +66,9 @@ def messages_at(
     yield _raw("/odom", MessageKind.ODOMETRY, moment, lambda: _odometry(moment))
     if moment.is_node and moment.node.ground_truth is not None:
         yield _raw("/ground_truth", MessageKind.POSE, moment, lambda: _truth(moment))
-    if moment.is_node:
-        yield from _environment(moment)
+    fix = moment.node.gps
+    if moment.is_node and fix is not None:
+        yield _raw("/gps/fix", MessageKind.GPS, moment, lambda: fix)
     for number, image in enumerate(data.images):
         yield from _camera_messages(moment, number, image)
     scan, cloud = data.scan, data.cloud
@@ -124,20 +123,6 @@ def _truth(moment: Moment) -> PoseMessage:
     return PoseMessage(moment.stamp_ns, "world", truth, np.zeros((6, 6)))
 
 
-def _environment(moment: Moment) -> Iterator[RawMessage]:
-    """The fix and the readings that the node keeps."""
-    fix = moment.node.gps
-    if fix is not None:
-        yield _raw("/gps/fix", MessageKind.GPS, moment, partial(_kept, fix))
-    for reading in moment.node.readings:
-        topic = f"/readings/{reading.quantity}"
-        yield _raw(topic, MessageKind.READING, moment, partial(_kept, reading))
-
-
-def _kept(message: Message) -> Message:
-    return message
-
-
 def _camera_frame(number: int) -> str:
     return "camera_optical" if number == 0 else f"camera_{number}_optical"
 
@@ -149,7 +134,10 @@ def _camera_messages(moment: Moment, number: int, image: RgbdImage) -> Iterator[
     stamp = image.colour or image.depth
     at = moment.stamp_ns if stamp is None else stamp.stamp_ns
     yield _raw(
-        f"{space}/rgb/camera_info", MessageKind.CAMERA_INFO, moment, lambda: _info(model, at, frame)
+        f"{space}/rgb/camera_info",
+        MessageKind.CAMERA_INFO,
+        moment,
+        lambda: camera_info(model, at, frame),
     )
     for kind, picture in (("rgb", image.colour), ("depth", image.depth)):
         if picture is not None:
@@ -162,7 +150,8 @@ def _picture(topic: str, moment: Moment, picture: ImageMessage, frame: str) -> R
     return RawMessage(topic, kind, moment.stamp_ns, picture.stamp_ns, lambda: message)
 
 
-def _info(model: CameraModel, stamp_ns: int, frame: str) -> CameraInfoMessage:
+def camera_info(model: CameraModel, stamp_ns: int, frame: str) -> CameraInfoMessage:
+    """A camera's intrinsics and distortion; its images are as the lens made them."""
     projection = np.column_stack([model.intrinsics, np.zeros(3)])
     return CameraInfoMessage(
         stamp_ns,

@@ -10,12 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.database.blobs import doubles, matrix_to_blob, pose_to_blob
-from formats.database.environment_rows import (
-    blob_to_gps,
-    blob_to_readings,
-    gps_to_blob,
-    readings_to_blob,
-)
+from formats.database.gps_rows import blob_to_gps, gps_to_blob
 from formats.database.scan_blobs import scan_without_points
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import between
@@ -23,13 +18,13 @@ from mapmyworld.geometry.rotations import rotation_to_roll_pitch_yaw
 from mapmyworld.types import Node, NodeData, RgbdImage
 
 INSERT_NODE = (
-    "INSERT INTO Node (id, map_id, weight, stamp, pose, ground_truth_pose, velocity, label,"
-    " gps, env_sensors) VALUES (?,?,?,?,?,?,?,?,?,?)"
+    "INSERT INTO Node (id, map_id, weight, stamp, pose, ground_truth_pose, velocity, label, gps)"
+    " VALUES (?,?,?,?,?,?,?,?,?)"
 )
 INSERT_OWN = "INSERT INTO mapmyworld_nodes VALUES (?,?,?,?,?,?,?,?,?,?)"
 SELECT_OWN = (
     "SELECT own.id, own.session, own.stamp_ns, own.odom_from_base, own.tracked_from_base,"
-    " own.weight, own.ground_truth, theirs.gps, theirs.env_sensors"
+    " own.weight, own.ground_truth, theirs.gps"
     " FROM mapmyworld_nodes AS own JOIN Node AS theirs ON theirs.id = own.id"
 )
 Row = tuple[Any, ...]
@@ -50,9 +45,9 @@ def node_row(node: Node, before: Node | None) -> Row:
     truth = None if node.ground_truth is None else pose_to_blob(node.ground_truth)
     label = f"map{node.session}" if before is None else None
     pose, velocity = pose_to_blob(node.odom_from_base), _velocity(node, before)
-    around = (gps_to_blob(node.gps), readings_to_blob(node.readings))
+    gps = gps_to_blob(node.gps)
     stamp = node.stamp_ns * 1e-9
-    return (node.id, node.session, node.weight, stamp, pose, truth, velocity, label, *around)
+    return (node.id, node.session, node.weight, stamp, pose, truth, velocity, label, gps)
 
 
 def _velocity(node: Node, before: Node | None) -> bytes | None:
@@ -95,7 +90,7 @@ def _doubles(pose: NDArray[np.float64]) -> bytes:
 
 def node_from_own_row(row: Row) -> Node:
     """The node of a row of `SELECT_OWN`; raises `MapError` where it is damaged."""
-    node_id, session, stamp_ns, odom, tracked, weight, truth, gps, readings = row
+    node_id, session, stamp_ns, odom, tracked, weight, truth, gps = row
     try:
         return Node(
             id=int(node_id),
@@ -106,7 +101,6 @@ def node_from_own_row(row: Row) -> Node:
             weight=int(weight),
             ground_truth=None if truth is None else doubles(truth, 4),
             gps=blob_to_gps(gps, f"node {node_id}'s gps"),
-            readings=blob_to_readings(readings, f"node {node_id}'s env_sensors"),
         )
     except (ValueError, TypeError) as error:
         raise MapError(f"node {node_id}: a damaged row ({error})") from None

@@ -10,7 +10,7 @@ _TOPICS = ("/map/grid", "/map/cloud", "/map/path", "/map/graph", "/map/pose")
 def layout() -> dict[str, Any]:
     """As Foxglove's "Import from file" reads it."""
     topics: dict[str, Any] = {name: {"visible": True} for name in _TOPICS}
-    topics["/map/cloud"] |= {"pointSize": 3, "colorMode": "rgba-fields"}
+    topics["/map/cloud"] |= {"pointSize": 3, "colorMode": "rgb", "colorField": "rgb"}
     topics["/map/path"] |= {"type": "line", "lineWidth": 0.03, "gradient": ["#1f6fd1", "#1f6fd1"]}
     topics["/map/pose"] |= {"showCovariance": True, "type": "axis", "axisScale": 0.3}
     scene = {

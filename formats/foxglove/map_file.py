@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import json
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from operator import itemgetter
 from pathlib import Path
@@ -15,20 +15,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.constraint_kinds import COLOURS, REJECTED, rgb
+from formats.database.log_messages import camera_info
 from formats.foxglove import foxglove_messages as fox
 from formats.foxglove.layout import layout
 from formats.foxglove.sink import FoxgloveSink
 from formats.recording_files import LogWriter
-from formats.recording_sinks import McapSink
+from formats.whole_files import write_whole
 from mapmyworld.types import (
-    CameraModel,
     ConstraintKind,
     Judged,
     Node,
     NodeData,
     OccupancyGrid,
     PointCloud,
+    PointCloudMessage,
     PoseMessage,
+    TransformsMessage,
+    TransformStamped,
 )
 from mapmyworld.types.wording import reason_of
 
@@ -58,21 +61,17 @@ class FoxgloveMap:
 def write_foxglove(path: Path, shown: FoxgloveMap, data: Iterable[NodeData]) -> list[Path]:
     """Writes the map and a layout beside it; `data` of the nodes, in their order, one at a time."""
     with LogWriter(path, overwrite=True) as writer:
-        assert isinstance(writer.sink, McapSink)
-        sink = FoxgloveSink(writer.sink)
+        sink = FoxgloveSink(writer)
         moving = heapq.merge(tf_events(shown), node_events(shown, data), key=itemgetter(0))
         for time_ns, topic, message in chain(map_events(shown), moving):
-            if isinstance(message, PoseMessage):
-                writer.write(topic, message, time_ns)
-            else:
-                sink.write(topic, message, time_ns)
+            sink.write(topic, message, time_ns)
     return [path, write_layout(path)]
 
 
 def write_layout(path: Path) -> Path:
     """The panels that show the map, for Foxglove's "import layout"."""
     beside = path.with_suffix(".layout.json")
-    beside.write_text(json.dumps(layout(), indent=1) + "\n", encoding="utf-8")
+    write_whole(beside, json.dumps(layout(), indent=1) + "\n")
     return beside
 
 
@@ -86,11 +85,12 @@ def map_events(shown: FoxgloveMap) -> Iterator[Event]:
     """Grid, cloud, path and graph, all at the start."""
     start = first_ns(shown)
     if len(shown.map_from_base):
-        yield start, "/tf", fox.transform(start, MAP, shown.base_frame, shown.map_from_base[0])
+        yield start, "/tf", transform(start, MAP, shown.base_frame, shown.map_from_base[0])
     if shown.grid is not None:
         yield start, "/map/grid", fox.grid(start, MAP, shown.grid)
     if shown.cloud is not None:
-        yield start, "/map/cloud", fox.cloud(start, MAP, shown.cloud)
+        cloud = PointCloudMessage(start, MAP, shown.cloud.points, shown.cloud.colours)
+        yield start, "/map/cloud", cloud
     yield start, "/map/path", fox.path(start, MAP, shown.map_from_base)
     yield start, "/map/graph", fox.scene(list(_entities(start, shown)))
 
@@ -98,7 +98,12 @@ def map_events(shown: FoxgloveMap) -> Iterator[Event]:
 def tf_events(shown: FoxgloveMap) -> Iterator[Event]:
     """The robot in the map, frame by frame."""
     for stamp, pose in zip(shown.stamps_ns.tolist(), shown.map_from_base, strict=True):
-        yield stamp, "/tf", fox.transform(stamp, MAP, shown.base_frame, pose)
+        yield stamp, "/tf", transform(stamp, MAP, shown.base_frame, pose)
+
+
+def transform(stamp_ns: int, parent: str, child: str, pose: Floats) -> TransformsMessage:
+    """The child frame's pose (4, 4) in the parent frame."""
+    return TransformsMessage((TransformStamped(stamp_ns, parent, child, pose),), static=False)
 
 
 def _rgba(colour: str, opacity: float = 1.0) -> tuple[float, float, float, float]:
@@ -150,14 +155,11 @@ def image_events(stamp_ns: int, data: NodeData, base_frame: str) -> Iterator[Eve
             continue
         frame = f"{base_frame}/camera{index}"
         encoded = image.colour.encoded or _encoded(image.colour.pixels())
-        topic = f"/map/camera{index}"
-        yield stamp_ns, "/tf", _camera_transform(stamp_ns, base_frame, frame, image.camera)
-        yield stamp_ns, f"{topic}/info", fox.calibration(stamp_ns, frame, image.camera)
-        yield stamp_ns, f"{topic}/image", fox.jpeg(stamp_ns, frame, encoded)
-
-
-def _camera_transform(stamp_ns: int, base: str, frame: str, camera: CameraModel) -> Any:
-    return fox.transform(stamp_ns, base, frame, camera.base_from_camera)
+        picture = replace(image.colour, stamp_ns=stamp_ns, frame_id=frame, encoded=encoded)
+        topic, mount = f"/map/camera{index}", image.camera.base_from_camera
+        yield stamp_ns, "/tf", transform(stamp_ns, base_frame, frame, mount)
+        yield stamp_ns, f"{topic}/info", camera_info(image.camera, stamp_ns, frame)
+        yield stamp_ns, f"{topic}/image", picture
 
 
 def _encoded(pixels: NDArray[np.generic]) -> bytes:

@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.converting import Copier
-from formats.foxglove import foxglove_messages as fox
 from formats.foxglove.map_file import MAP, Event, FoxgloveMap, map_events, write_layout
 from formats.foxglove.sink import FoxgloveSink
 from formats.recording_files import LogWriter
-from formats.recording_sinks import McapSink
 from mapmyworld.errors import LogError
 from mapmyworld.types import (
     LogSource,
@@ -58,9 +56,8 @@ def write_replay(
     """
     frames = _frames_of(log, shown.base_frame)
     with LogWriter(path, overwrite=True) as writer:
-        assert isinstance(writer.sink, McapSink)
         copier = Copier(writer)
-        replay = _Replay(log, frames, writer, FoxgloveSink(writer.sink), copier)
+        replay = _Replay(log, frames, FoxgloveSink(writer), copier)
         replay.run(_ours(shown, frames, odom_from_base, log))
     return [path, write_layout(path)], (*log.losses(), *copier.losses())
 
@@ -70,43 +67,37 @@ def _ours(
 ) -> list[Event]:
     """Our messages in order of log time, from the log's start to its end."""
     info = log.info()
-    stamps = shown.stamps_ns + frames.behind_ns
-    rows = []
-    for k, (stamp, time_ns) in enumerate(
-        zip(shown.stamps_ns.tolist(), stamps.tolist(), strict=True)
-    ):
-        for parent, child, pose in _links(shown, frames, odom_from_base, k):
-            rows.append((time_ns, stamp, parent, child, pose))
-    per_frame = len(rows) // max(len(stamps), 1)
-    if rows:
-        early = min(info.start_ns, rows[0][0])
-        first = [(early, early - frames.behind_ns, *row[2:]) for row in rows[:per_frame]]
-        late = max(info.end_ns, rows[-1][0])
-        last = [(late, late - frames.behind_ns, *row[2:]) for row in rows[-per_frame:]]
-        rows = [*first, *rows, *last]
-    found = [
-        (time_ns, _TOPIC, fox.transform(stamp, parent, child, pose))
-        for time_ns, stamp, parent, child, pose in rows
+    moved = [
+        (stamp + frames.behind_ns, _links(shown, frames, odom_from_base, k))
+        for k, stamp in enumerate(shown.stamps_ns.tolist())
     ]
-    start = found[0][0] if found else info.start_ns
-    at = start - frames.behind_ns
-    early_frames = [
-        (start, _TOPIC, fox.transform(at, t.parent, t.child, t.parent_from_child))
-        for t in frames.first.values()
-        if _is_kept(t, frames)
-    ]
+    start = info.start_ns
+    if moved:
+        start, end = min(start, moved[0][0]), max(info.end_ns, moved[-1][0])
+        moved = [(start, moved[0][1]), *moved, (end, moved[-1][1])]
+    tf = [(time_ns, _TOPIC, _at(time_ns - frames.behind_ns, links)) for time_ns, links in moved]
+    first = [t for t in frames.first.values() if _is_kept(t, frames)]
+    early = [(start, _TOPIC, _at(start - frames.behind_ns, first))] if first else []
     fixed = [(start, topic, message) for _, topic, message in map_events(shown) if topic != "/tf"]
-    return [*found[:per_frame], *early_frames, *fixed, *found[per_frame:]]
+    return [*tf[:1], *early, *fixed, *tf[1:]]
 
 
 def _links(
     shown: FoxgloveMap, frames: _Frames, odom_from_base: Floats | None, k: int
-) -> list[tuple[str, str, Floats]]:
+) -> list[TransformStamped]:
+    """What leads from the map to the robot in the frame of this number."""
     pose = shown.map_from_base[k]
     if odom_from_base is None:
-        return [(MAP, frames.base, pose)]
-    links = [(MAP, frames.odom, pose @ np.linalg.inv(odom_from_base[k]))]
-    return links if frames.reported else [*links, (frames.odom, frames.base, odom_from_base[k])]
+        return [TransformStamped(0, MAP, frames.base, pose)]
+    correction = pose @ np.linalg.inv(odom_from_base[k])
+    links = [TransformStamped(0, MAP, frames.odom, correction)]
+    if not frames.reported:
+        links.append(TransformStamped(0, frames.odom, frames.base, odom_from_base[k]))
+    return links
+
+
+def _at(stamp_ns: int, links: Sequence[TransformStamped]) -> TransformsMessage:
+    return TransformsMessage(tuple(replace(t, stamp_ns=stamp_ns) for t in links), static=False)
 
 
 def _frames_of(log: LogSource, base: str) -> _Frames:
@@ -152,7 +143,6 @@ class _Replay:
 
     log: LogSource
     frames: _Frames
-    writer: LogWriter
     sink: FoxgloveSink
     copier: Copier
 
@@ -172,21 +162,21 @@ class _Replay:
 
     def _transforms(self, topics: frozenset[str]) -> Iterator[Act]:
         for raw in self.log.messages(topics):
-            yield raw.log_time_ns, 1, partial(_write_tf, raw, self.frames, self.writer)
+            yield raw.log_time_ns, 1, partial(_write_tf, raw, self.frames, self.sink)
 
     def _copies(self, topics: frozenset[str]) -> Iterator[Act]:
         for time_ns, _, write in self.copier.writes(self.log, topics):
             yield time_ns, 2, partial(write, time_ns)
 
 
-def _write_tf(raw: RawMessage, frames: _Frames, writer: LogWriter) -> None:
+def _write_tf(raw: RawMessage, frames: _Frames, sink: FoxgloveSink) -> None:
     """The log's own transforms, but for those that a localiser's map would contradict ours by."""
     message = _decoded(raw)
     if not isinstance(message, TransformsMessage):
         return
     kept = tuple(t for t in message.transforms if _is_kept(t, frames))
     if kept:
-        writer.write(raw.topic, replace(message, transforms=kept), raw.log_time_ns)
+        sink.write(raw.topic, replace(message, transforms=kept), raw.log_time_ns)
 
 
 def _is_kept(transform: TransformStamped, frames: _Frames) -> bool:

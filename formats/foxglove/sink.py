@@ -1,31 +1,34 @@
-"""Protobuf messages as MCAP channels, with their definitions."""
+"""Protobuf messages among the others of an MCAP file, with their definitions."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.message import Message as ProtobufMessage
 
 from formats.logs.channels import Channel
-from formats.recording_sinks import McapSink
+from formats.recording_files import LogWriter
 
 
 class FoxgloveSink:
-    """Adds Foxglove's messages to an MCAP file that may hold other messages too."""
+    """Adds messages of ours and of Foxglove's to an MCAP file."""
 
-    def __init__(self, sink: McapSink) -> None:
-        self._sink = sink
+    def __init__(self, writer: LogWriter) -> None:
+        self._writer = writer
         self._handles: dict[str, Any] = {}
 
     def write(self, topic: str, message: Any, log_time_ns: int) -> None:
         """One message, whose topic is announced with its first."""
+        if not isinstance(message, ProtobufMessage):
+            self._writer.write(topic, message, log_time_ns)
+            return
         if topic not in self._handles:
             name, schema = message.DESCRIPTOR.full_name, definition(message)
-            self._handles[topic] = self._sink.add(
-                Channel(topic, name, "protobuf", "protobuf", schema)
-            )
+            channel = Channel(topic, name, "protobuf", "protobuf", schema)
+            self._handles[topic] = self._writer.sink.add(channel)
         data = message.SerializeToString(deterministic=True)
-        self._sink.write(self._handles[topic], max(0, log_time_ns), data)
+        self._writer.sink.write(self._handles[topic], max(0, log_time_ns), data)
 
 
 def definition(message: Any) -> bytes:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.logs.environment_decoders import nav_sat_fix, reading_decoder
+from formats.logs.gps_decoder import nav_sat_fix
 from formats.logs.image_pixels import compressed_image, raw_image
 from formats.logs.message_fields import (
     doubles_of,
@@ -35,7 +35,6 @@ from mapmyworld.types import (
     OdometryMessage,
     PointCloudMessage,
     PoseMessage,
-    Quantity,
     TextMessage,
     TransformsMessage,
     TransformStamped,
@@ -189,13 +188,4 @@ CONVERTERS: dict[str, tuple[MessageKind, Decoder]] = {
     "geometry_msgs/msg/PoseStamped": (MessageKind.POSE, pose),
     "geometry_msgs/msg/PoseWithCovarianceStamped": (MessageKind.POSE, pose_with_covariance),
     "sensor_msgs/msg/NavSatFix": (MessageKind.GPS, nav_sat_fix),
-    **{
-        f"sensor_msgs/msg/{name}": (MessageKind.READING, reading_decoder(figure, quantity, scale))
-        for name, figure, quantity, scale in (
-            ("Temperature", "temperature", Quantity.TEMPERATURE, 1.0),
-            ("FluidPressure", "fluid_pressure", Quantity.PRESSURE, 0.01),  # Pa to hPa
-            ("Illuminance", "illuminance", Quantity.LIGHT, 1.0),
-            ("RelativeHumidity", "relative_humidity", Quantity.HUMIDITY, 100.0),  # share to percent
-        )
-    },
 }

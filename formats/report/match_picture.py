@@ -2,88 +2,82 @@
 
 from __future__ import annotations
 
-import cv2
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.report.map_axes import WIDTH, caption, draw_lines, figure_file
 from mapmyworld.types import Features
 
 Picture = NDArray[np.uint8]
-_FEATURE = (255, 200, 0)  # RGB: features with depth
-_SHALLOW = (150, 150, 150)  # without depth
-_AGREED = (0, 200, 80)  # matches that agree with the motion
-_OUTLIER = (230, 60, 50)
+_DEEP, _SHALLOW = "#ffc800", "#969696"  # features with depth and without
+_AGREED, _OUTLIER = "#00c850", "#e63c32"
 _GAP = 8  # pixels between two pictures side by side
-_BAR = 28  # pixels of the line of text below
 
 
-def features_picture(picture: Picture, features: Features) -> Picture:
-    """A node's image with its features: circles of their size, grey without depth.
+def write_features_picture(path: Path, picture: Picture, features: Features | None) -> None:
+    """A node's image, grey (H, W) or colour (H, W, 3), with circles of its features' sizes."""
+    from matplotlib.collections import EllipseCollection
 
-    Of one in grey (H, W) or colour (H, W, 3), RGB.
-    """
-    canvas = as_rgb(picture)
-    deep = np.isfinite(features.points[:, 2])
-    for k in range(len(features.pixels)):
-        _mark(canvas, features, k, _FEATURE if deep[k] else _SHALLOW)
-    return with_caption(canvas, f"{len(deep)} features, {int(deep.sum())} with depth")
+    with _drawn(path, _as_rgb(picture)) as axes:
+        if features is None:
+            return
+        deep = np.isfinite(features.points[:, 2])
+        across = np.clip(features.sizes / 3.0, 4.0, 40.0)
+        look: Any = {"units": "xy", "offset_transform": axes.transData, "facecolors": "none"}
+        colours = np.where(deep, _DEEP, _SHALLOW)
+        look |= {"offsets": features.pixels, "edgecolors": colours, "linewidths": 0.6}
+        axes.add_collection(EllipseCollection(across, across, np.zeros(len(across)), **look))
+        axes.set_title(f"{len(deep)} features, {int(deep.sum())} with depth")
 
 
-def match_picture(
-    picture_a: Picture,
-    picture_b: Picture,
+def write_match_picture(
+    path: Path,
+    pictures: tuple[Picture, Picture],
     pixels_a: NDArray[np.float32],
     pixels_b: NDArray[np.float32],
     agreed: NDArray[np.bool_],
-    caption: str = "",
-) -> Picture:
+    text: str,
+) -> None:
     """Two images side by side with their matches: green agree, red do not.
 
-    `picture_a` and `picture_b` are grey (H, W) or colour (H, W, 3), the result (K, L, 3), all RGB.
-    Matches are at `pixels_a` and `pixels_b` (M, 2); `agreed` (M,).
+    The images are grey (H, W) or colour (H, W, 3), RGB; the matches are at `pixels_a` and
+    `pixels_b` (M, 2), and `agreed` (M,).
     """
-    canvas, shift = side_by_side(as_rgb(picture_a), as_rgb(picture_b))
-    order = np.argsort(agreed, kind="stable")  # agreeing ones on top
-    for k in order:
-        colour = _AGREED if agreed[k] else _OUTLIER
-        start = (round(float(pixels_a[k, 0])), round(float(pixels_a[k, 1])))
-        end = (round(float(pixels_b[k, 0])) + shift, round(float(pixels_b[k, 1])))
-        cv2.line(canvas, start, end, colour, 1, cv2.LINE_AA)
-        for point in (start, end):
-            cv2.circle(canvas, point, 3, colour, 1, cv2.LINE_AA)
-    count = f"{len(agreed)} matches, {int(np.count_nonzero(agreed))} agree"
-    return with_caption(canvas, f"{count}. {caption}" if caption else count)
+    canvas, shift = _side_by_side(*map(_as_rgb, pictures))
+    ends = np.stack([pixels_a, pixels_b + np.array([shift, 0], np.float32)], axis=1)
+    with _drawn(path, canvas) as axes:
+        for which, colour in ((~agreed, _OUTLIER), (agreed, _AGREED)):  # agreeing ones on top
+            draw_lines(axes, ends[which], colour, "", 0.4)
+            axes.plot(*ends[which].reshape(-1, 2).T, "o", mec=colour, mfc="none", ms=2, mew=0.4)
+        count = f"{len(agreed)} matches, {int(np.count_nonzero(agreed))} agree"
+        axes.set_title(f"{count}. {caption(text)}", wrap=True)
 
 
-def as_rgb(picture: Picture) -> Picture:
-    """A copy (H, W, 3), to draw on, of a picture (H, W) or (H, W, 3)."""
-    if picture.ndim == 2:
-        return np.repeat(picture[..., None], 3, axis=2).copy()
-    return np.ascontiguousarray(picture).copy()
+@contextmanager
+def _drawn(path: Path, picture: Picture) -> Iterator[Any]:
+    """Axes in the pixels of a picture (H, W, 3)."""
+    height, width = picture.shape[:2]
+    with figure_file(path, WIDTH * height / width) as figure:
+        axes = figure.subplots()
+        axes.imshow(picture)
+        axes.axis("off")
+        yield axes
 
 
-def side_by_side(a: Picture, b: Picture) -> tuple[Picture, int]:
+def _as_rgb(picture: Picture) -> Picture:
+    """(H, W, 3) of a picture (H, W) or (H, W, 3)."""
+    return np.repeat(picture[..., None], 3, axis=2) if picture.ndim == 2 else picture
+
+
+def _side_by_side(a: Picture, b: Picture) -> tuple[Picture, int]:
     """Two pictures in one, (H, W, 3) each, and the column at which the second one begins."""
-    height = max(a.shape[0], b.shape[0])
     shift = a.shape[1] + _GAP
-    canvas = np.full((height, shift + b.shape[1], 3), 255, np.uint8)
+    canvas = np.full((max(a.shape[0], b.shape[0]), shift + b.shape[1], 3), 255, np.uint8)
     canvas[: a.shape[0], : a.shape[1]] = a
     canvas[: b.shape[0], shift:] = b
     return canvas, shift
-
-
-def with_caption(picture: Picture, text: str) -> Picture:
-    """The picture with a line of text below it, small enough to fit; (H, W, 3) both."""
-    bar = np.full((_BAR, picture.shape[1], 3), 255, np.uint8)
-    font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.5
-    text = text.encode("ascii", "replace").decode()  # bytes of names that are no text crash OpenCV
-    width = cv2.getTextSize(text, font, size, 1)[0][0]
-    size *= min(1.0, (picture.shape[1] - 12) / max(width, 1))
-    cv2.putText(bar, text, (6, _BAR - 9), font, size, (30, 30, 30), 1, cv2.LINE_AA)
-    return np.concatenate([picture, bar])
-
-
-def _mark(canvas: Picture, features: Features, k: int, colour: tuple[int, int, int]) -> None:
-    u, v = (round(float(c)) for c in features.pixels[k])
-    radius = max(2, min(round(float(features.sizes[k]) / 6.0), 20))
-    cv2.circle(canvas, (u, v), radius, colour, 1, cv2.LINE_AA)

@@ -77,8 +77,8 @@ class Plan:
     odometry: OdometrySource | None
     imu: ImuSource | None
     ground_truth_topic: str
-    environment: tuple[str, ...]
-    """Topics of GPS fixes and readings, kept with the nodes and not used for the map."""
+    gps_topic: str
+    """Of fixes, which are kept with the nodes and not used for the map; empty without any."""
     base_frame: str
     map_from_first: NDArray[np.float64]
     """(4, 4) where the map puts the first pose of a log without odometry: level, z up."""
@@ -110,7 +110,7 @@ class Plan:
         for camera in (self.camera, *self.more_cameras):
             found += [camera.colour_topic, camera.depth_topic] if camera else []
         found += [self.imu.topic] if self.imu else []
-        return tuple(t for t in [*found, self.ground_truth_topic, *self.environment] if t)
+        return tuple(t for t in [*found, self.ground_truth_topic, self.gps_topic] if t)
 
 
 @dataclass(slots=True)

@@ -15,7 +15,7 @@ from mapmyworld.errors import LogError
 from mapmyworld.geometry.rotations import quaternion_to_rotation, rotation_to_quaternion
 from mapmyworld.sensing.camera_queue import CameraQueue, Pending
 from mapmyworld.sensing.cloud_scans import points_of_cloud, scan_of_points
-from mapmyworld.sensing.environment_sensors import EnvironmentSensors
+from mapmyworld.sensing.gps_fixes import GpsFixes
 from mapmyworld.sensing.order import in_stamp_order
 from mapmyworld.sensing.plan import Plan
 from mapmyworld.sensing.sweeps import scan_from_message
@@ -99,7 +99,7 @@ class _Synchroniser:
     def __init__(self, plan: Plan, config: SensingConfig, counts: FrameCounts) -> None:
         self.plan, self.config, self.counts = plan, config, counts
         self.buffers = _Buffers()
-        self.environment = EnvironmentSensors()
+        self.gps = GpsFixes()
         motion = plan.odometry.motion if plan.odometry else None
         sources = [s for s in (plan.camera, *plan.more_cameras) if s is not None]
         self.cameras = [CameraQueue(source, motion, config) for source in sources]
@@ -127,8 +127,8 @@ class _Synchroniser:
             self._add_imu(pending)
         elif topic == self.plan.ground_truth_topic:
             self._add_truth(pending.raw)
-        elif topic in self.plan.environment:
-            self.environment.add(pending.raw)
+        elif topic == self.plan.gps_topic:
+            self.gps.add(pending.raw)
 
     def _forget_strays(self, now_ns: int) -> None:
         """Images that no frame has asked for in time: the scans may have stopped for good."""
@@ -173,8 +173,7 @@ class _Synchroniser:
             cloud=seen.cloud,
             imu=self._imu_until(main.stamp_ns),
             ground_truth=self._truth_at(main.stamp_ns),
-            gps=self.environment.fix_at(main.stamp_ns),
-            readings=self.environment.readings_at(main.stamp_ns),
+            gps=self.gps.fix_at(main.stamp_ns),
             is_interpolated=bool(odometry and odometry.motion.is_interpolated(main.stamp_ns)),
         )
 

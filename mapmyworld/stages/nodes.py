@@ -80,7 +80,6 @@ class NodeSelector:
             tracked_from_base=pose,
             ground_truth=frame.ground_truth,
             gps=frame.gps,
-            readings=frame.readings,
         )
         constraint = None if last is None else self._neighbour(last, node, moved, after_gap)
         self._last, self._since = node, []

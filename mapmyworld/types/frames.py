@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.types.messages import GpsMessage, ImageMessage, ReadingMessage
+from mapmyworld.types.messages import GpsMessage, ImageMessage
 
 _HOUSING = 0.1  # m from its base at which a lens still sits in a camera's own housing
 
@@ -94,8 +94,6 @@ class Frame:
     """(4, 4) recorded true pose of the base, where the log has one."""
     gps: GpsMessage | None = None
     """The newest fix, not older than a second."""
-    readings: tuple[ReadingMessage, ...] = ()
-    """The newest of each quantity, not older than ten seconds."""
     is_interpolated: bool = False
     """Whether the odometry stood still there and `odom_from_base` lies between what it measured."""
 
@@ -117,7 +115,6 @@ class Node:
     ground_truth: NDArray[np.float64] | None = None
     """(4, 4) true pose, where the log has one."""
     gps: GpsMessage | None = None
-    readings: tuple[ReadingMessage, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

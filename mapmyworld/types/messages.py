@@ -33,7 +33,6 @@ class MessageKind(StrEnum):
     TRANSFORMS = "transforms"
     POSE = "pose"
     GPS = "gps"
-    READING = "reading"
     TEXT = "text"
     OTHER = "other"
 
@@ -188,26 +187,6 @@ class GpsMessage:
     error: float  # m, standard deviation
 
 
-class Quantity(StrEnum):
-    """What a sensor of the environment measures, in the unit of `ReadingMessage.value`."""
-
-    WIFI = "wifi"  # dBm
-    TEMPERATURE = "temperature"  # degrees Celsius
-    PRESSURE = "pressure"  # hPa
-    LIGHT = "light"  # lx
-    HUMIDITY = "humidity"  # percent
-
-
-@message_type(frozen=True, slots=True, eq=False)
-class ReadingMessage:
-    """A measured quantity of the environment."""
-
-    stamp_ns: int
-    frame_id: str
-    quantity: Quantity
-    value: float
-
-
 @message_type(frozen=True, slots=True, eq=False)
 class TextMessage:
     """A text."""
@@ -226,7 +205,6 @@ Message = (
     | TransformsMessage
     | PoseMessage
     | GpsMessage
-    | ReadingMessage
     | TextMessage
 )
 

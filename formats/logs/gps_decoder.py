@@ -1,13 +1,12 @@
-"""ROS messages about where on earth the robot is and what the air is like, as typed values."""
+"""ROS messages about where on earth the robot is, as typed values."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 from formats.logs.message_fields import field, header_of, matrix_of
-from mapmyworld.types import GpsMessage, Quantity, ReadingMessage
+from mapmyworld.types import GpsMessage
 
 _NO_FIX = -1
 _ERROR = 10.0  # m, where the receiver does not indicate it
@@ -24,12 +23,3 @@ def nav_sat_fix(value: Any) -> GpsMessage:
         latitude = longitude = math.nan
     error = math.sqrt(variance) if known else _ERROR
     return GpsMessage(*header_of(value), latitude, longitude, altitude, error)
-
-
-def reading_decoder(name: str, quantity: Quantity, scale: float) -> Callable[[Any], ReadingMessage]:
-    """The decoder of a message with a value of that name, in the quantity's unit."""
-
-    def decode(value: Any) -> ReadingMessage:
-        return ReadingMessage(*header_of(value), quantity, float(field(value, name, 0.0)) * scale)
-
-    return decode

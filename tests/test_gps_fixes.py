@@ -1,4 +1,4 @@
-"""GPS fixes and readings: from logs onto frames and nodes, through RTAB-Map's blobs and back."""
+"""GPS fixes: from logs onto frames and nodes, through RTAB-Map's blobs and back."""
 
 from __future__ import annotations
 
@@ -17,22 +17,18 @@ from formats.database.log_source import open_database_log
 from formats.logs.channels import Channel
 from formats.logs.decoding import decoder_for
 from mapmyworld.errors import MapError
-from mapmyworld.sensing.environment_sensors import EnvironmentSensors
+from mapmyworld.sensing.gps_fixes import GpsFixes
 from mapmyworld.types import (
     GpsMessage,
     Message,
     MessageKind,
     Node,
     NodeData,
-    Quantity,
     RawMessage,
-    ReadingMessage,
 )
 
 STAMP = 1_600_000_000_123_456_789
 FIX = GpsMessage(1_600_000_000_250_000_000, "", 48.0111, 7.8353, 245.5, 1.5)
-WARM = ReadingMessage(1_600_000_001_500_000_000, "", Quantity.TEMPERATURE, 21.25)
-DAMP = ReadingMessage(1_600_000_001_500_000_000, "", Quantity.HUMIDITY, 40.0)
 
 
 def decoded(ros: int, name: str, *values: object) -> Message:
@@ -65,75 +61,48 @@ def test_no_fix_is_nowhere(ros: int) -> None:
     assert np.isnan(message.latitude)
 
 
-@pytest.mark.parametrize("ros", [1, 2])
-@pytest.mark.parametrize(
-    ("name", "value", "quantity", "expected"),
-    [
-        ("Temperature", 21.5, Quantity.TEMPERATURE, 21.5),
-        ("FluidPressure", 101_325.0, Quantity.PRESSURE, 1013.25),
-        ("Illuminance", 300.0, Quantity.LIGHT, 300.0),
-        ("RelativeHumidity", 0.4, Quantity.HUMIDITY, 40.0),
-    ],
-)
-def test_readings_come_in_their_unit(
-    ros: int, name: str, value: float, quantity: Quantity, expected: float
-) -> None:
-    message = decoded(ros, name, value, 0.25)
-    assert isinstance(message, ReadingMessage)
-    assert message.quantity is quantity
-    assert message.value == pytest.approx(expected)
-
-
 def test_only_what_is_recent_belongs_to_a_frame() -> None:
-    around = EnvironmentSensors()
-    for message, kind in ((FIX, MessageKind.GPS), (WARM, MessageKind.READING)):
-        around.add(RawMessage("/t", kind, 0, message.stamp_ns, lambda m=message: m))  # type: ignore[misc]
+    around = GpsFixes()
+    around.add(RawMessage("/t", MessageKind.GPS, 0, FIX.stamp_ns, lambda: FIX))
     nowhere = GpsMessage(FIX.stamp_ns + 10, "", float("nan"), float("nan"), 0.0, 1.0)
     around.add(RawMessage("/t", MessageKind.GPS, 0, nowhere.stamp_ns, lambda: nowhere))
     assert around.fix_at(FIX.stamp_ns + 10**9) is FIX
     assert around.fix_at(FIX.stamp_ns + 10**9 + 1) is None
-    assert around.readings_at(WARM.stamp_ns + 10**10) == (WARM,)
-    assert around.readings_at(WARM.stamp_ns + 10**10 + 1) == ()
 
 
 def test_a_map_keeps_them_as_rtabmap_does(tmp_path: Path) -> None:
-    """48 bytes of a fix and 24 a reading, by the reference; read as a map and as a log."""
+    """48 bytes of a fix, by the reference; read as a map and as a log."""
     path = tmp_path / "m.db"
-    node = Node(1, 0, STAMP, np.eye(4), np.eye(4), gps=FIX, readings=(DAMP, WARM))
+    node = Node(1, 0, STAMP, np.eye(4), np.eye(4), gps=FIX)
     with open_store(path, create=True) as store:
         store.add_node(node, NodeData())
         store.add_node(Node(2, 0, STAMP + 10**9, np.eye(4), np.eye(4)), NodeData())
     sqlite = sqlite3.connect(path)
-    rows = sqlite.execute("SELECT gps, env_sensors FROM Node ORDER BY id").fetchall()
+    rows = sqlite.execute("SELECT gps FROM Node ORDER BY id").fetchall()
     sqlite.close()
     assert struct.unpack("<6d", rows[0][0]) == (1_600_000_000.25, 7.8353, 48.0111, 245.5, 1.5, 0)
-    assert struct.unpack("<6d", rows[0][1]) == (5, 40.0, 1_600_000_001.5, 2, 21.25, 1_600_000_001.5)
-    assert rows[1] == (None, None)
+    assert rows[1] == (None,)
     with open_store(path, read_only=True) as store:
         again = store.nodes()
     assert same(again[0].gps, FIX)
-    assert all(same(a, b) for a, b in zip(again[0].readings, (DAMP, WARM), strict=True))
-    assert (again[1].gps, again[1].readings) == (None, ())
+    assert again[1].gps is None
     log = open_database_log(path)
     reported = {raw.topic: raw.decode() for raw in log.messages()}
     assert same(reported["/gps/fix"], FIX)
-    assert same(reported["/readings/temperature"], WARM)
     counts = {topic.topic: topic.count for topic in log.info().topics}
-    assert counts["/gps/fix"] == counts["/readings/humidity"] == 1
+    assert counts["/gps/fix"] == 1
 
 
-def same(a: object, b: GpsMessage | ReadingMessage) -> bool:
+def same(a: object, b: GpsMessage) -> bool:
     return type(a) is type(b) and all(getattr(a, n) == getattr(b, n) for n in type(b).__slots__)
 
 
 def test_those_of_a_foreign_file(tmp_path: Path) -> None:
     fix = struct.pack("<6d", 12.5, 7.0, 48.0, 200.0, 2.0, 90.0)
     none = struct.pack("<6d", 0, 0, 0, 0, 0, 0)
-    readings = struct.pack("<6d", 2, 20.0, 12.5, 100, 7.0, 12.5)
     with rtabmap_file(tmp_path / "r.db") as database:
         add_nodes(database, 3)
-        database.execute("ALTER TABLE Node ADD COLUMN env_sensors BLOB")
-        database.execute("UPDATE Node SET gps = ?, env_sensors = ? WHERE id = 1", (fix, readings))
+        database.execute("UPDATE Node SET gps = ? WHERE id = 1", (fix,))
         database.execute("UPDATE Node SET gps = ? WHERE id = 2", (none,))
         database.execute("UPDATE Node SET gps = ? WHERE id = 3", (fix[:-1],))
     with open_store(tmp_path / "r.db") as store:
@@ -141,7 +110,6 @@ def test_those_of_a_foreign_file(tmp_path: Path) -> None:
         problems = store.problems
     assert first.gps is not None
     assert (first.gps.latitude, first.gps.longitude, first.gps.error) == (48.0, 7.0, 2.0)
-    assert [(r.quantity, r.value) for r in first.readings] == [(Quantity.TEMPERATURE, 20.0)]
     assert second.gps is None
     assert any("node 3's gps" in line for line in problems)
 

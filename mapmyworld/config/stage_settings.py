@@ -75,6 +75,7 @@ FIRST_READ_BY_PARTICLES: Mapping[str, tuple[str, ...]] = {
         "odometry.refine_radius",
         "odometry.refine_revisits",
         "particles.*",
+        "visual.depth_min",
     ),
     "fastslam": (),
     "map": ("mapping.*",),

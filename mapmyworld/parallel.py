@@ -8,8 +8,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
+from typing import TYPE_CHECKING, ParamSpec, TypeVar, cast
 
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
@@ -99,17 +98,6 @@ def on_one_thread(work: Callable[Given, Out]) -> Callable[Given, Out]:
 def _algebra() -> ThreadpoolController:
     """Libraries of linear algebra, found once, which takes as long as a small graph."""
     import scipy.linalg  # noqa: F401  has a library of its own, which must be there to be found
-
-    return _present_libraries()
-
-
-def _present_libraries() -> ThreadpoolController:
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
-
-
-def algebra_on_one_thread() -> AbstractContextManager[Any]:
-    """As `on_one_thread`, for the libraries that are there by now: numpy's, and maybe scipy's."""
-    held: AbstractContextManager[Any] = _present_libraries().limit(limits=1, user_api="blas")
-    return held

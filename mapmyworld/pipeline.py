@@ -16,7 +16,7 @@ from mapmyworld.config.stage_settings import FIRST_READ, FIRST_READ_BY_PARTICLES
 from mapmyworld.decisions import decided
 from mapmyworld.errors import ConfigError, MapError
 from mapmyworld.map_figures import map_figures
-from mapmyworld.parallel import algebra_on_one_thread
+from mapmyworld.parallel import on_one_thread
 from mapmyworld.sensing import Plan, make_plan, survey_log
 from mapmyworld.stages.draw_maps import draw_maps
 from mapmyworld.stages.recognise import LoadScans, recognise, scan_loader
@@ -46,6 +46,7 @@ class BuildResult:
         return {name: getattr(self, name) for name in self.__slots__}
 
 
+@on_one_thread
 def build_map(
     log: LogSource,
     store: MapStore,
@@ -105,8 +106,7 @@ def _confident_lag(
         return 0.0
     from mapmyworld.diagnosis.lasers import refined_lag
 
-    with algebra_on_one_thread():
-        return refined_lag(log, plan(), config, first)
+    return refined_lag(log, plan(), config, first)
 
 
 def _digest(words: Mapping[int, NDArray[np.uint8]] | None) -> str:
@@ -141,9 +141,8 @@ def _same_log(store: MapStore, log: LogSource) -> str:
 def _plan(log: LogSource, config: Config, progress: Progress) -> Plan:
     info = log.info()
     progress.stage("survey", max(info.duration_s, 1e-9), "s")
-    with algebra_on_one_thread():
-        survey = survey_log(log, lambda t: progress.update((t - info.start_ns) * 1e-9))
-        plan = make_plan(survey, config.sensing)
+    survey = survey_log(log, lambda t: progress.update((t - info.start_ns) * 1e-9))
+    plan = make_plan(survey, config.sensing)
     for d in plan.decisions:
         decided("plan", f"{d.role}: {d.choice or 'none'}: {d.reason}")
     for warning in plan.warnings:

@@ -141,10 +141,6 @@ def _converted(value: Any, setting: Setting) -> Any:
         if isinstance(value, bool):
             raise ValueError("expected a number")
         return _within(_number(float, value, "a number"), setting.allowed)
-    if kind is tuple:
-        parts = value.split(",") if isinstance(value, str) else list(value)
-        inner = type(setting.value[0]) if setting.value else str
-        return tuple(_number(inner, part, f"values of type {inner.__name__}") for part in parts)
     if not isinstance(value, kind):
         raise ValueError(f"expected {setting.type_name}")
     if kind is str and "\0" in value:  # which is part of no name
@@ -198,6 +194,4 @@ def _toml_value(value: Any) -> str:
     if isinstance(value, str):
         escaped = value.replace("\\", "\\\\").replace('"', '\\"')
         return f'"{escaped}"'
-    if isinstance(value, tuple):
-        return "[" + ", ".join(_toml_value(v) for v in value) + "]"
     return repr(value)

@@ -10,7 +10,6 @@ from mapmyworld.config import Config
 from mapmyworld.config.settings import list_settings
 
 _TRACKED = (
-    "seed",
     "sensing.*_tolerance",
     "sensing.scan_offset",
     "sensing.camera_offset",
@@ -46,6 +45,7 @@ FIRST_READ: Mapping[str, tuple[str, ...]] = {
         "visual.closure_inliers",
     ),
     "recognise": (
+        "seed",
         "places.laser_far_spacing",
         "places.laser_spacing",
         "places.laser_submap",
@@ -69,10 +69,12 @@ FIRST_READ_BY_PARTICLES: Mapping[str, tuple[str, ...]] = {
     "plan": FIRST_READ["plan"],
     "track": (
         *_TRACKED,
+        "seed",
         "odometry.refine",
         "odometry.refine_radius",
         "odometry.refine_revisits",
         "particles.*",
+        "visual.depth_min",
     ),
     "fastslam": (),
     "map": ("mapping.*",),

@@ -16,22 +16,15 @@ from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.diagnosis.rotation import time_offset
 from mapmyworld.diagnosis.sample import Sample, odometry_yaw
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.rigid import transform_points
+from mapmyworld.mapping.depth_grid import floor_plane
+from mapmyworld.mapping.level_surfaces import joined, surfaces_of
 from mapmyworld.parallel import in_threads
-from mapmyworld.registration.camera_model import depth_grid_points, rays_of_pixels
 from mapmyworld.sensing.plan import Plan
 from mapmyworld.sensing.sound_images import ImageGuard, decoded
 from mapmyworld.types import Frame, RgbdImage
 
 _IMAGES = 12  # that are looked at closely, spread over the sample
 _PROFILES = 200  # neighbouring images whose columns are compared
-_LEAST_POINTS = 200
-_FLOOR_BAND = 0.05  # m about height 0 in which the floor is looked for,
-_FLOOR_SLOPE = 0.12  # and so much more a metre away from the robot
-_FLOOR_SHARE = 0.4  # of the points near height 0 that must lie on one plane
-_TRIPLES = 400  # planes that are tried
-_LEVEL = 0.97  # cosine of the steepest floor that is looked for, about 14 deg
-_NEAR = 0.025  # m from a plane at which a point counts for it
 _TILT = 2.0  # deg
 _HEIGHT = 0.05  # m
 
@@ -43,14 +36,14 @@ def camera_findings(sample: Sample, config: Config) -> Iterator[Finding]:
     if not framed:
         return
     spread = np.unique(np.linspace(0, len(framed) - 1, _IMAGES).astype(int))
-    yield from image_findings([framed[i] for i in spread], sample.plan)
+    yield from image_findings([framed[i] for i in spread], sample.plan, config)
     if sample.plan.scan is None:
         pairs = pairs_along_the_path([frame.odom_from_base for frame in framed])
         yield from depth_motion_findings([(framed[i], framed[k]) for i, k in pairs], config)
     yield from _clock(framed, sample, guard)
 
 
-def image_findings(frames: Sequence[Frame], plan: Plan) -> Iterator[Finding]:
+def image_findings(frames: Sequence[Frame], plan: Plan, config: Config) -> Iterator[Finding]:
     """What the first image of each of these frames says by itself and beside its scan."""
     guard = ImageGuard()
 
@@ -71,7 +64,7 @@ def image_findings(frames: Sequence[Frame], plan: Plan) -> Iterator[Finding]:
         for finding in mount_findings(chosen, plan.scan.base_from_lidar, aligned=aligned):
             scale = finding.value if finding.name == DEPTH_SCALE else scale
             yield finding
-    yield from _floor(images, scale)
+    yield from _floor(images, scale, config)
     yield from beside
 
 
@@ -80,21 +73,18 @@ def _decoded_once(image: RgbdImage) -> RgbdImage:
     return replace(image, colour=decoded(image.colour), depth=decoded(image.depth))
 
 
-def _floor(images: list[RgbdImage], scale: float) -> Iterator[Finding]:
-    """Tilt and height of the plane that the points near height 0 lie on, of depth so scaled."""
-    parts = [_base_points(image, scale) for image in images]
-    points = np.concatenate([np.zeros((0, 3)), *parts])
-    reach = _FLOOR_BAND + _FLOOR_SLOPE * np.hypot(points[:, 0], points[:, 1])
-    near = points[np.abs(points[:, 2]) < reach]
-    if len(near) < 5 * _LEAST_POINTS:
+def _floor(images: list[RgbdImage], scale: float, config: Config) -> Iterator[Finding]:
+    """Tilt and height of the floor in view, of depth so scaled."""
+    seen = joined(surfaces_of(_in_scale(image, scale), np.eye(4), config) for image in images)
+    found = floor_plane(seen.points, seen.normals[:, 2])
+    if found is None:
         return
-    normal, height, share = _plane(near)
-    if share < _FLOOR_SHARE:
-        return
-    tilt = float(np.degrees(np.arccos(min(abs(normal[2]), 1.0))))
+    plane, lie_on = found
+    tilt, height = float(np.degrees(np.arctan(np.hypot(*plane[:2])))), float(plane[2])
     good = tilt < _TILT and abs(height) < _HEIGHT
     text = (
-        f"the floor is tilted by {tilt:.1f} deg and lies {height:+.3f} m high ({len(near)} points)"
+        f"the floor is tilted by {tilt:.1f} deg and lies {height:+.3f} m high "
+        f"({np.count_nonzero(lie_on)} points)"
     )
     suggestion = (
         "" if good else "correct the camera's mount (tf, or sensing.camera_mount) by as much"
@@ -102,39 +92,11 @@ def _floor(images: list[RgbdImage], scale: float) -> Iterator[Finding]:
     yield Finding("floor tilt", tilt, "deg", good, text, suggestion)
 
 
-def _base_points(image: RgbdImage, scale: float) -> Array:
-    pixels, depth = depth_grid_points(image, 8)
-    depth = depth / np.float32(scale)
-    known = (depth > 0) & (depth < 5.0)
-    rays = rays_of_pixels(image.camera, pixels[known])
-    local = np.column_stack([rays[:, :2], np.ones(len(rays))]) * depth[known, None]
-    return np.asarray(transform_points(image.camera.base_from_camera, local))
-
-
-def _plane(points: Array) -> tuple[Array, float, float]:
-    """Normal, height at the origin and share of points near the plane that most agree on.
-
-    By random triples (RANSAC, Fischler and Bolles 1981), then by least squares of those near it.
-    """
-    rng = np.random.default_rng(0)
-    most, near = -1, np.zeros(len(points), np.bool_)
-    for _ in range(_TRIPLES):
-        a, b, c = points[rng.choice(len(points), 3, replace=False)]
-        normal = np.cross(b - a, c - a)
-        length = float(np.linalg.norm(normal))
-        if length < 1e-6 or abs(normal[2]) < _LEVEL * length:
-            continue
-        unit = normal / length
-        close = np.abs(points @ unit - a @ unit) < _NEAR
-        count = int(np.count_nonzero(close))
-        if count > most:
-            most, near = count, close
-    if most < 3:
-        return np.array([0.0, 0.0, 1.0]), 0.0, 0.0
-    centre = points[near].mean(axis=0)
-    normal = np.linalg.svd(points[near] - centre, full_matrices=False)[2][2]
-    normal = normal if normal[2] > 0 else -normal
-    return normal, float(centre @ normal / max(normal[2], 1e-3)), most / len(points)
+def _in_scale(image: RgbdImage, scale: float) -> RgbdImage:
+    """The image with its depth in metres, where it is `scale` times that."""
+    assert image.depth is not None
+    metres = np.asarray(image.depth.pixels(), np.float32) / np.float32(scale)
+    return replace(image, depth=replace(image.depth, pixels=lambda: metres))
 
 
 def _clock(framed: list[Frame], sample: Sample, guard: ImageGuard) -> Iterator[Finding]:

@@ -65,7 +65,7 @@ def _camera_findings(store: MapStore, plan: Plan, config: Config) -> Iterator[Fi
         return
     chosen = np.unique(np.linspace(0, len(nodes) - 1, _IMAGES).astype(int)).tolist()
     found = [_frame(store, nodes[k]) for k in chosen]
-    yield from image_findings([frame for frame in found if frame.images], plan)
+    yield from image_findings([frame for frame in found if frame.images], plan, config)
     if plan.scan is None and plan.odometry is not None:
         pairs = pairs_along_the_path([node.odom_from_base for node in nodes])
         both = [(_frame(store, nodes[i]), _frame(store, nodes[k])) for i, k in pairs]

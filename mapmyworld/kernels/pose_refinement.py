@@ -1,4 +1,4 @@
-"""Inner loops of a camera's pose from 3D points: scoring hypotheses, normal equations.
+"""The normal equations of a camera's pose from 3D points.
 
 Poses are map_from_camera (4, 4). An observation is a row x, y, q: the point's normalised image
 coordinates and its inverse depth, NaN without depth. A row of sigmas holds the standard
@@ -13,33 +13,6 @@ from numpy.typing import NDArray
 from mapmyworld.kernels.compiling import jit
 
 Array = NDArray[np.float64]
-
-
-@jit
-def score_poses(
-    poses: Array, points: Array, seen: Array, sigmas: Array, limit: float, counts: NDArray[np.int64]
-) -> None:
-    """Fills `counts` (K,): the observations that agree with each pose (K, 4, 4).
-
-    They are within `limit` sigma, and their depth is no outlier; `points`, `seen`, `sigmas` (N, 3).
-    """
-    squared = limit * limit
-    for k in range(len(poses)):
-        counts[k] = 0
-        for i in range(len(points)):
-            dx = points[i, 0] - poses[k, 0, 3]
-            dy = points[i, 1] - poses[k, 1, 3]
-            dz = points[i, 2] - poses[k, 2, 3]
-            z = poses[k, 0, 2] * dx + poses[k, 1, 2] * dy + poses[k, 2, 2] * dz
-            if z < 1e-3:
-                continue
-            x = (poses[k, 0, 0] * dx + poses[k, 1, 0] * dy + poses[k, 2, 0] * dz) / z - seen[i, 0]
-            y = (poses[k, 0, 1] * dx + poses[k, 1, 1] * dy + poses[k, 2, 1] * dz) / z - seen[i, 1]
-            if x * x + y * y > squared * sigmas[i, 0] * sigmas[i, 0]:
-                continue
-            if not np.isnan(seen[i, 2]) and abs(1.0 / z - seen[i, 2]) > sigmas[i, 2]:
-                continue
-            counts[k] += 1
 
 
 @jit

@@ -114,29 +114,41 @@ def levelled_image(image: RgbdImage, map_from_base: Array) -> RgbdImage:
 
 
 def floor_heights(points: Array, upward: Array) -> Array:
-    """Height (N,) of the floor below points (N, 3) of the base frame.
+    """Height (N,) of the floor below points (N, 3) of the base frame: of z = 0 where none is seen.
 
-    The plane through the points near z = 0 whose normals point up, `upward` (N,) being the normals'
-    z; where too few are in view z = 0 itself.
+    `upward` (N,) is the z of the surfaces' normals.
+    """
+    found = floor_plane(points, upward)
+    return np.zeros(len(points)) if found is None else _heights(points, found[0])
+
+
+def floor_plane(points: Array, upward: Array) -> tuple[Array, NDArray[np.bool_]] | None:
+    """The floor's slopes along x and y and its height at the origin (3,), and which points lie on
+    it (N,); None where too few are in view.
+
+    The plane through the points (N, 3) of the base frame near z = 0 whose normals point up,
+    `upward` (N,) being the normals' z.
     """
     level = upward > np.cos(np.radians(_FLOOR_TILT))
-    level &= np.abs(points[:, 2]) < _FLOOR_PRIOR
-    if np.count_nonzero(level) < _ENOUGH_FLOOR:
-        return np.zeros(len(points))
-    middle = points[level, :2].mean(axis=0)
+    on_plane = level & (np.abs(points[:, 2]) < _FLOOR_PRIOR)
     plane = np.zeros(3)
+    middle = points[on_plane, :2].mean(axis=0) if on_plane.any() else np.zeros(2)
     for _ in range(3):
-        design = np.column_stack([points[level, :2] - middle, np.ones(np.count_nonzero(level))])
+        if np.count_nonzero(on_plane) < _ENOUGH_FLOOR:
+            return None
+        across = points[on_plane, :2] - middle
+        design = np.column_stack([across, np.ones(len(across))])
         ridge = np.diag([1.0, 1.0, 0.0])  # slopes stay 0 where a thin strip of floor is in view
-        plane = np.linalg.solve(design.T @ design + ridge, design.T @ points[level, 2])
-        found = (points[:, :2] - middle) @ plane[:2] + plane[2]
-        level = np.abs(points[:, 2] - found) < _FLOOR_TOLERANCE
-        level &= upward > np.cos(np.radians(_FLOOR_TILT))
-        if np.count_nonzero(level) < _ENOUGH_FLOOR:
-            return np.zeros(len(points))
-    if np.hypot(*plane[:2]) > np.tan(np.radians(_FLOOR_TILT)):
-        return np.zeros(len(points))
-    return np.asarray((points[:, :2] - middle) @ plane[:2] + plane[2])
+        plane = np.linalg.solve(design.T @ design + ridge, design.T @ points[on_plane, 2])
+        plane[2] -= middle @ plane[:2]
+        on_plane = level & (np.abs(points[:, 2] - _heights(points, plane)) < _FLOOR_TOLERANCE)
+    is_steep = np.hypot(*plane[:2]) > np.tan(np.radians(_FLOOR_TILT))
+    return None if is_steep or np.count_nonzero(on_plane) < _ENOUGH_FLOOR else (plane, on_plane)
+
+
+def _heights(points: Array, plane: Array) -> Array:
+    """Heights (N,) of a plane (3,) below points (N, 3)."""
+    return np.asarray(points[:, :2] @ plane[:2] + plane[2])
 
 
 def _origin(base_from_camera: Array) -> Array:

@@ -228,8 +228,7 @@ class VisualTracker:
         settings = self._config.visual
         if len(sightings) < self._least:
             return None
-        seed = self._config.seed + self._frames
-        pose, count = ransac_pose(sightings, settings.inlier_sigmas, seed)
+        pose, count = ransac_pose(sightings, settings.inlier_sigmas)
         if count < self._least // 2:
             return None
         kept = sightings.select(inliers(pose, sightings, 2.0 * settings.inlier_sigmas))

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry.rigid import make_transform, se3_exp
-from mapmyworld.kernels.pose_refinement import pose_normal_equations, score_poses
+from mapmyworld.geometry.rigid import se3_exp
+from mapmyworld.kernels.pose_refinement import pose_normal_equations
 from mapmyworld.registration.camera_model import pose_of_rays
 
 Array = NDArray[np.float64]
@@ -59,43 +59,19 @@ def inliers(pose: Array, sightings: Sightings, limit: float) -> NDArray[np.bool_
     return np.asarray((squared[:, 0] < limit * limit) & (deviation < sightings.sigmas[:, 2]))
 
 
-def ransac_pose(sightings: Sightings, limit: float, seed: int, least: int = 1) -> tuple[Array, int]:
+def ransac_pose(sightings: Sightings, limit: float, least: int = 1) -> tuple[Array, int]:
     """The map_from_camera (4, 4) on which most sightings agree within `limit` sigmas; how many.
 
-    Each hypothesis aligns three points with their own back-projections; without three that have
-    depth the rays alone decide (P3P). As many hypotheses as there are depths are scored at once,
-    and the best is refined on what agrees with it, as three noisy points fit few others. Fewer than
-    `least` agreeing sightings, or than `LEAST_SHARE` of all, are of no use: the search ends once
-    more would hardly have been overlooked. Where nothing fits, it is the identity and 0. Draws
-    follow from `seed`. (Chum, Matas and Kittler, "Locally optimized RANSAC", 2003.)
+    By rays alone (P3P), refined on what agrees with it, depth and all, as four noisy points fit few
+    others. Fewer than `least` agreeing sightings, or than `LEAST_SHARE` of all, are of no use: the
+    search ends once more would hardly have been overlooked. Where nothing fits, it is the identity
+    and 0. (Chum, Matas and Kittler, "Locally optimized RANSAC", 2003.)
     """
-    best_pose, best = np.eye(4), 0
-    deep = np.flatnonzero(np.isfinite(sightings.seen[:, 2]))
-    if len(sightings) < least:
-        return best_pose, best
-    if len(deep) < 3:
-        return _pose_without_depth(sightings, limit)
-    random = np.random.default_rng(seed)
-    local = _back_projected(sightings.seen)
-    tried, needed = 0, _rounds_needed(max(least / len(sightings), LEAST_SHARE))
-    while tried < needed:
-        picks = deep[random.integers(0, len(deep), (len(deep), 3))]
-        poses = _aligned(sightings.points[picks], local[picks])
-        tried += len(picks)
-        counts = np.zeros(len(poses), np.int64)
-        score_poses(poses, sightings.points, sightings.seen, sightings.sigmas, float(limit), counts)
-        if len(poses) and counts.max() > best:
-            best = int(counts.max())
-            best_pose = poses[int(counts.argmax())]
-            best_pose, best = _polished(best_pose, best, sightings, limit)
-            needed = min(needed, _rounds_needed(best / len(sightings)))
-    return best_pose, best
-
-
-def _pose_without_depth(sightings: Sightings, limit: float) -> tuple[Array, int]:
-    """The pose by rays alone, and how many agree; the identity and 0 where there is none."""
-    reach = limit * float(np.median(sightings.sigmas[:, 0])) if len(sightings) else 0.0
-    pose = pose_of_rays(sightings.points, sightings.seen[:, :2], reach, _rounds_needed(LEAST_SHARE))
+    if len(sightings) < max(least, 1):
+        return np.eye(4), 0
+    reach = limit * float(np.median(sightings.sigmas[:, 0]))
+    rounds = _rounds_needed(max(least / len(sightings), LEAST_SHARE))
+    pose = pose_of_rays(sightings.points, sightings.seen[:, :2], reach, rounds)
     if pose is None:
         return np.eye(4), 0
     return _polished(pose, int(np.count_nonzero(inliers(pose, sightings, limit))), sightings, limit)
@@ -130,40 +106,6 @@ def refine_pose(start: Array, sightings: Sightings, *, width: float = 2.0) -> tu
         best = cost
         damping = np.diag(1e-6 * equations.diagonal() + 1e-9)
         trial = trial @ se3_exp(np.linalg.solve(equations + damping, -gradient))
-
-
-def _back_projected(seen: Array) -> Array:
-    rays = np.concatenate([seen[:, :2], np.ones((len(seen), 1))], axis=1)
-    with np.errstate(divide="ignore"):
-        return np.asarray(rays / seen[:, 2:])
-
-
-def _aligned(world: Array, camera: Array) -> Array:
-    """Motions (K', 4, 4) that lay triangles (K, 3, 3) of the camera on those of the world.
-
-    Triangles that are nearly a line, or whose sides differ by more than a fifth, are left out.
-    """
-    frames, heights = zip(_triangle_frames(world), _triangle_frames(camera), strict=True)
-    sides = [np.linalg.norm(np.roll(t, -1, axis=1) - t, axis=2) for t in (world, camera)]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        alike = (np.abs(sides[0] / sides[1] - 1.0) < 0.2).all(axis=1)
-    good = alike & (heights[0] > 0.02) & (heights[1] > 0.02)
-    rotation = frames[0][good] @ np.swapaxes(frames[1][good], 1, 2)
-    centres = world[good].mean(axis=1), camera[good].mean(axis=1)
-    return np.ascontiguousarray(
-        make_transform(rotation, centres[0] - np.einsum("kij,kj->ki", rotation, centres[1]))
-    )
-
-
-def _triangle_frames(triangles: Array) -> tuple[Array, Array]:
-    """Orthonormal frames (K, 3, 3) of triangles (K, 3, 3), and their heights (K,) in metres."""
-    x = triangles[:, 1] - triangles[:, 0]
-    x = x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-9)
-    side = triangles[:, 2] - triangles[:, 0]
-    y = side - x * np.sum(x * side, axis=1, keepdims=True)
-    height = np.linalg.norm(y, axis=1)
-    y = y / np.maximum(height, 1e-9)[:, None]
-    return np.stack([x, y, np.cross(x, y)], axis=-1), height
 
 
 def _rounds_needed(share: float) -> int:

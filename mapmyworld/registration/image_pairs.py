@@ -71,7 +71,7 @@ def register_images(a: View, b: View, config: Config, *, guess: Array | None = N
     mine, theirs = mine[deep], theirs[deep]
     sightings = Sightings(points[mine], b.seen[theirs], b.sigmas[theirs])
     enough = settings.closure_inliers // 2
-    pose, found = ransac_pose(sightings, settings.inlier_sigmas, config.seed, enough)
+    pose, found = ransac_pose(sightings, settings.inlier_sigmas, enough)
     if found < enough:
         return _failed(mine, theirs, _few(found, len(mine), config))
     first = found / len(mine)

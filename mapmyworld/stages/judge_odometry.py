@@ -6,11 +6,9 @@ from collections.abc import Sequence
 
 from mapmyworld.config import Config
 from mapmyworld.odometry.tracking_losses import named_moments
-from mapmyworld.parallel import on_one_thread
 from mapmyworld.types import Judged, LaserTracking, MapStore, Why
 
 
-@on_one_thread
 def judge_odometry(store: MapStore, config: Config) -> list[str]:
     """Replaces motions by odometry that later scans refute; one line that says where, if any."""
     from mapmyworld.places.laser_nodes import load_node_scans, nodes_at

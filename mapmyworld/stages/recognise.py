@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.decisions import decided_on
-from mapmyworld.parallel import on_one_thread
 from mapmyworld.stages.kept import has_images, has_scans
 from mapmyworld.types import Judged, MapStore, Poses, Progress
 
@@ -43,7 +42,6 @@ def scan_loader(store: MapStore, config: Config) -> LoadScans:
     return functools.cache(load)
 
 
-@on_one_thread
 def recognise(
     store: MapStore,
     config: Config,

@@ -14,13 +14,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config, SensingConfig
 from mapmyworld.decisions import decided, is_heard
 from mapmyworld.odometry.gravity_direction import GravityDirection
-from mapmyworld.parallel import (
-    algebra_on_one_thread,
-    batches,
-    in_threads,
-    made_ahead,
-    on_one_thread,
-)
+from mapmyworld.parallel import batches, in_threads, made_ahead
 from mapmyworld.sensing import Plan, read_frames
 from mapmyworld.sensing.cloud_scans import thinned
 from mapmyworld.sensing.sound_images import ImageGuard
@@ -58,8 +52,7 @@ def track(
     progress.stage("track", max(log.info().duration_s, 1e-9), "s")
     frames = _frames(log, plan, config, progress, counts, inertial=tracker is None)
     tracker = tracker or make_tracker(plan, config)
-    with algebra_on_one_thread():
-        _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
+    _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
     writer.finish()
     refuted = judge_odometry(store, config)
     faults = [finding for finding in _diagnose(store, plan, config) if not finding.good]
@@ -121,7 +114,6 @@ def _follow(tracker: Tracker, frames: Iterator[Frame], writer: _Writer) -> None:
         pass  # one thread writes what another has followed
 
 
-@on_one_thread
 def _diagnose(store: MapStore, plan: Plan, config: Config) -> tuple[Finding, ...]:
     from mapmyworld.diagnosis import diagnose_tracked
 

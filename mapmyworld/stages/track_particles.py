@@ -10,7 +10,6 @@ from mapmyworld.config import Config
 from mapmyworld.errors import LogError
 from mapmyworld.geometry.planar import covariance_from_planar, planar_to_matrix
 from mapmyworld.graph.frame_poses import pose_every_frame
-from mapmyworld.parallel import on_one_thread
 from mapmyworld.particles.contradictions import Contradictions
 from mapmyworld.particles.fastslam import FastSlamResult, run_fastslam
 from mapmyworld.sensing import Plan, read_frames
@@ -21,7 +20,6 @@ from mapmyworld.types import Frame, LogSource, MapStore, Particles, Poses, Progr
 _STEP_COVARIANCE = np.diag([1e-8, 1e-8, 1e-6, 1e-6, 1e-6, 1e-8])  # of one step of a smoothed path
 
 
-@on_one_thread
 def track_particles(
     log: LogSource, plan: Plan, store: MapStore, config: Config, progress: Progress
 ) -> None:
@@ -41,7 +39,6 @@ def track_particles(
     store.put("particle_paths", result.paths)
 
 
-@on_one_thread
 def finish_particles(store: MapStore) -> None:
     """The best particle's path as the map's poses, its spread as their covariances."""
     nodes = store.nodes()

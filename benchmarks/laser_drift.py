@@ -28,7 +28,7 @@ from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph.solved_graph import solve
 from mapmyworld.places.laser_closures import find_laser_closures
-from mapmyworld.places.laser_nodes import NodeScans, load_node_scans
+from mapmyworld.places.laser_nodes import load_node_scans
 from mapmyworld.stages.recognise import closures_by_laser
 from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, Poses
 
@@ -76,7 +76,8 @@ def main() -> None:
 def run(store: MapStore, bend: float, stretch: float, rounds: int) -> None:
     """Prints what drift there is, and what is left of it after each round."""
     config = Config()
-    nodes, scans, unseen, sees = load_node_scans(store, config)
+    loaded = load_node_scans(store, config)
+    nodes = loaded.nodes
     final = store.poses()
     assert final is not None
     truth = dict(zip(final.ids.tolist(), final.map_from_node, strict=True))
@@ -89,13 +90,12 @@ def run(store: MapStore, bend: float, stretch: float, rounds: int) -> None:
     print(f"drift at the end: {apart(listed[-1].tracked_from_base, truth[listed[-1].id]):.1f} m")
     ids = np.array([node.id for node in listed])
     start = np.stack([node.tracked_from_base for node in listed])
-    known.found += closures_by_laser(
-        known, config, Silent(), NodeScans(listed, scans, unseen, sees)
-    )
+    loaded = loaded._replace(nodes=listed)
+    known.found += closures_by_laser(known, config, Silent(), loaded)
     for turn in range(rounds):
         solved = solve(ids, start, known.found, True, replace(config.graph, covariances=False))
         report(turn, solved.constraints, solved.poses, truth)
-        loaded, tied = NodeScans(listed, scans, unseen, sees), solved.constraints
+        tied = solved.constraints
         known.found += find_laser_closures(known, solved.poses, config, Silent(), loaded, tied)
 
 

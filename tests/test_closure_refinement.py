@@ -47,7 +47,8 @@ def visits(moved: float) -> tuple[NodeScans, Poses]:
     made = prepare_scans(seen, CONFIG.registration)
     ids = np.arange(1, len(TRUTH) + 1)
     scans = scan_set([made.one(k) for k in range(len(made))])
-    loaded = NodeScans(nodes, scans, np.zeros((len(nodes), 2)), np.ones(len(nodes), np.bool_))
+    none = np.zeros((len(nodes), 2))
+    loaded = NodeScans(nodes, scans, none, np.ones(len(nodes), np.bool_), none)
     return loaded, Poses(ids, poses, None)
 
 

@@ -23,6 +23,7 @@ from mapmyworld.places.laser_candidates import EVERYWHERE, candidate_pairs, unti
 from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_nodes import calm_spots, laser_nodes
 from mapmyworld.places.laser_pairs import among_first_revisits, neighbour_pairs
+from mapmyworld.places.laser_submaps import submap_members
 from mapmyworld.places.path_drift import PathDrift, stated_variances
 from mapmyworld.places.wide_search import held_by, lost_pairs
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
@@ -258,6 +259,29 @@ def test_what_was_lost_between_joined_sessions_is_no_drift() -> None:
     joined = path.held_by(np.array([[60, 70]]))
     assert joined.driven(45, 85) == 30.0
     assert joined.reach(45, 85) == pytest.approx(0.75 * np.array(whole.reach(45, 85)))
+
+
+def test_odometry_in_doubt_is_looked_beyond_until_a_closure_spans_it() -> None:
+    faults = np.zeros((101, 2))
+    faults[50] = 8.0, 1.0
+    path = PathDrift(np.arange(101.0), np.zeros((101, 3)), drifting(101), faults=faults)
+    (narrow,), (turn,) = path.reach(np.array([40]), 60)
+    (wide,), (any_turn,) = path.with_faults().reach(np.array([40]), 60)
+    assert wide > narrow + 8.0
+    assert any_turn > turn + 2.0
+    assert path.with_faults().reach(10, 45) == path.reach(10, 45)
+    for closed, spans in (([10, 50], True), ([49, 90], True), ([50, 90], False), ([10, 49], False)):
+        held = path.held_by(np.array([closed]))
+        assert (held.with_faults().reach(40, 60) == held.reach(40, 60)) == spans
+
+
+def test_no_submap_spans_odometry_in_doubt() -> None:
+    poses, faults = np.zeros((40, 3)), np.zeros((40, 2))
+    poses[:, 0], faults[20] = 0.1 * np.arange(40), (8.0, 1.0)
+    nodes = laser_nodes(np.arange(1, 41), scan_set([]), poses, drifting(40), faults)
+    assert submap_members(nodes, 19, CONFIG).max() == 19
+    assert submap_members(nodes, 20, CONFIG).min() == 20
+    assert nodes.drift.driven(0, 39) == pytest.approx(3.9)
 
 
 def test_where_closures_hold_the_drive_nothing_is_lost() -> None:

@@ -57,7 +57,9 @@ def carried(walls: Array, *paths: Array) -> tuple[LaserNodes, NodeScans]:
     nodes = [Node(k + 1, 0, k, p, p) for k, p in enumerate(planar_to_matrix(believed))]
     variances = np.zeros((len(truth), 2))
     variances[np.cumsum([len(path) for path in paths])[:-1]] = np.inf
-    loaded = NodeScans(nodes, scan_set(scans), variances, np.ones(len(truth), np.bool_))
+    loaded = NodeScans(
+        nodes, scan_set(scans), variances, np.ones(len(truth), np.bool_), np.zeros_like(variances)
+    )
     return nodes_at(loaded, None), loaded
 
 

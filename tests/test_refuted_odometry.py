@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from laser_rooms import WALLS, cast
@@ -18,11 +20,9 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     planar_to_matrix,
 )
+from mapmyworld.odometry.pose_hypotheses import FAULT_SIZE
 from mapmyworld.places.laser_nodes import LaserNodes, laser_nodes
-from mapmyworld.places.refuted_odometry import (
-    is_unmatched,
-    refuted_odometry,
-)
+from mapmyworld.places.refuted_odometry import refuted_odometry
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
 from mapmyworld.types import ConstraintKind, Judged, LaserTracking, Message, Why
 from mapmyworld.types.wording import reason_of
@@ -56,6 +56,16 @@ def driven(truth: Array, believed: Array, walls: Array) -> tuple[LaserNodes, lis
     ]  # fmt: skip
 
 
+def corridor() -> Array:
+    """(N, 4) walls 2.4 m apart, with pillars along both at distances of their own."""
+    apart = np.random.default_rng(0).uniform(0.9, 2.0, 16)
+    walls = [[-12.0, -0.2, 40.0, -0.2], [-12.0, 2.2, 40.0, 2.2]]
+    for k, x in enumerate(np.cumsum([-1.5, *apart]).tolist()):
+        wall, edge = ((-0.2, 0.3), (2.2, 1.7))[k % 2]
+        walls += [[x, wall, x, edge], [x, edge, x + 0.5, edge], [x + 0.5, edge, x + 0.5, wall]]
+    return np.array(walls)
+
+
 def carried(there: Array, turn: float) -> tuple[Array, Array]:
     """(N, 3) twice: the path of who was carried to the path `there`, and as wheels report it."""
     believed = compose_planar(
@@ -69,7 +79,7 @@ def test_a_robot_carried_to_where_it_was_is_placed_by_what_it_sees() -> None:
     nodes, constraints = driven(truth, believed, WALLS)
     judged = refuted_odometry(nodes, constraints, CONFIG)
     (refuted,) = [c for c in judged if c.verdicts]
-    assert is_unmatched(refuted)
+    assert refuted.is_unmatched
     assert refuted.is_superseded
     assert refuted.verdicts[-1].why is Why.REFUTED
     assert "odometry fault: scans place the robot 2.0" in reason_of(refuted)
@@ -80,6 +90,38 @@ def test_a_robot_carried_to_where_it_was_is_placed_by_what_it_sees() -> None:
     assert (np.abs(error) < 2.0 * sigmas).all()
     assert sigmas[0] < 0.05
     assert anew.is_relocalised
+
+
+def test_what_moved_the_robot_while_nothing_was_recorded_is_found_though_scans_fitted() -> None:
+    nodes, constraints = driven(*carried(LEFT, np.radians(40.0)), WALLS)
+    gap = replace(constraints[20], source=LaserTracking("matched", 0.6, after_gap=True))
+    judged = refuted_odometry(nodes, [*constraints[:20], gap, *constraints[21:]], CONFIG)
+    assert judged[20].verdicts[-1].why is Why.REFUTED
+    assert judged[-1].is_relocalised
+    seen = replace(gap, source=LaserTracking("matched", 0.6))
+    kept = [*constraints[:20], seen, *constraints[21:]]
+    assert refuted_odometry(nodes, kept, CONFIG) == kept
+
+
+def test_odometry_is_in_doubt_where_little_speaks_for_another_pose() -> None:
+    """Carried on by 2 m in a corridor, and then driven on: most of what it sees then is new."""
+    onward = np.stack([np.linspace(1.0, 6.0, 51), np.ones(51), np.zeros(51)], axis=-1)
+    truth = np.concatenate([LEFT, onward])
+    nodes, steps = driven(truth, np.concatenate([LEFT, onward - [2.0, 0.0, 0.0]]), corridor())
+    states = ["odometry only" if k == 20 else "matched" for k in range(len(steps))]
+    constraints = [
+        replace(c, source=LaserTracking(state, 0.9)) for c, state in zip(steps, states, strict=True)
+    ]
+    judged = refuted_odometry(nodes, constraints, CONFIG)
+    (doubted,) = [c for c in judged if c.verdicts]
+    assert doubted.verdicts[-1].why is Why.DOUBTED
+    assert doubted.is_superseded
+    assert "odometry in doubt: scans fit better" in reason_of(doubted)
+    anew = judged[-1]
+    assert anew.is_doubted
+    np.testing.assert_array_equal(anew.i_from_j, doubted.i_from_j)
+    sigmas = np.sqrt(np.linalg.inv(information_to_planar(anew.information)).diagonal())
+    assert sigmas == pytest.approx(FAULT_SIZE, rel=1e-3)
 
 
 def test_sound_odometry_is_kept_whatever_did_not_fit() -> None:

@@ -13,7 +13,15 @@ from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.stages.nodes import Motion, NodeSelector
 from mapmyworld.stages.record import StageRecord
-from mapmyworld.types import Frame, Judged, Node, Odometry, Poses, TrackedFrames
+from mapmyworld.types import (
+    Frame,
+    Judged,
+    LaserTracking,
+    Node,
+    Odometry,
+    Poses,
+    TrackedFrames,
+)
 
 
 def frame_at(stamp_ns: int, pose: np.ndarray) -> Frame:
@@ -31,6 +39,18 @@ def select(path: list[list[float]]) -> tuple[list[Node], list[Judged]]:
         nodes += [node] if node else []
         constraints += [constraint] if constraint else []
     return nodes, constraints
+
+
+def test_a_node_comes_after_a_gap_of_the_log_however_little_the_robot_moved() -> None:
+    """Frames after it lie with it, not with the node before, if the robot was carried meanwhile."""
+    selector = NodeSelector(SensingConfig(), wants_images=False)
+    made = []
+    for stamp in (0, 100, 200, 300, 5300, 5400):
+        motion = Motion(np.eye(4), 1e-4 * np.eye(6), LaserTracking("matched", 0.9))
+        made.append(selector.consider(frame_at(stamp * 1_000_000, np.eye(4)), motion))
+    assert [node.stamp_ns for node, _, _ in made if node] == [0, 5_300_000_000]
+    (constraint,) = [c for _, c, _ in made if c]
+    assert constraint.source == LaserTracking("matched", 0.9, after_gap=True)
 
 
 def test_a_node_comes_with_every_tenth_of_a_metre_and_of_a_radian() -> None:

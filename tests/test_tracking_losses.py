@@ -248,7 +248,8 @@ def two_rooms(lost: Array | None) -> LaserNodes:
         Node(int(i), 0, int(i), p, p) for i, p in zip(ids, planar_to_matrix(believed), strict=True)
     ]
     losses = [] if lost is None else [neighbour(42, lost, lost=True)]
-    loaded = NodeScans(nodes, scans, stated_variances(ids, losses), np.ones(len(ids), np.bool_))
+    seen, no_faults = np.ones(len(ids), np.bool_), np.zeros((len(ids), 2))
+    loaded = NodeScans(nodes, scans, stated_variances(ids, losses), seen, no_faults)
     return nodes_at(loaded, None)
 
 

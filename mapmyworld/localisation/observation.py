@@ -57,7 +57,7 @@ class Moment:
         return len(self.scan.rows) < FEWEST
 
     def moved(self, pose: Array, covariance: Array) -> tuple[Array, Array]:
-        """Where the motion leads from a pose (3,), and its covariance (3, 3), in this base."""
+        """A `pose` (3,) and its `covariance` (3, 3) after the motion: (3,) and (3, 3) as well."""
         back = planar_adjoint(invert_planar(self.step))
         return compose_planar(pose, self.step), back @ covariance @ back.T + self.covariance
 

@@ -111,7 +111,7 @@ def find_laser_closures(
             wide = replace(wide, drift=wide.drift.with_faults())
         known |= {(c.from_id, c.to_id) for c in found}
         lost = untried(lost_pairs(wide, config))
-        progress.stage("wide search by laser", len(lost), "pairs")
+        progress.stage("loop closures by laser", len(lost), "pairs")
         found += compare_places(wide, lost, config, optimised=False, widest=EVERYWHERE)
     return found
 

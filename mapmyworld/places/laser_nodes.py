@@ -35,7 +35,8 @@ class LaserNodes:
     drift: PathDrift
     """Along the path, and what closures leave of it."""
     sees: NDArray[np.bool_]
-    """(N,) whether the scan has points enough to say where it was taken."""
+    """(N,) whether the scan says where it was taken: it has points enough, and fits what is
+    seen before it or afterwards."""
     session: Index
     """(N,) number of the session, which ends where tracking is lost and odometry with it."""
 
@@ -48,7 +49,8 @@ class NodeScans(NamedTuple):
     variances: Array
     """(N, 2) m^2 and rad^2 of the motion to each node, as stated; infinite for tracking losses."""
     sees: NDArray[np.bool_]
-    """(N,) whether the scan has points enough to say where it was taken."""
+    """(N,) whether the scan says where it was taken: it has points enough, and fits what is
+    seen before it or afterwards."""
     faults: Array
     """(N, 2) what a fault would add to the variances, where scans put the odometry in doubt."""
 
@@ -61,26 +63,32 @@ def load_node_scans(store: MapStore, config: Config) -> NodeScans:
     ids = frames.node_ids[scans.frames]
     nodes = [known[i] for i in ids.tolist()]
     constraints = store.constraints()
+    unmatched = [c for c in constraints if c.is_unmatched]
+    apart = np.isin(ids, [c.from_id for c in unmatched]) & np.isin(
+        ids, [c.to_id for c in unmatched]
+    )
     return NodeScans(
-        nodes, scans, stated_variances(ids, constraints), scans.sizes >= FEWEST,
-        fault_variances(ids, constraints),
+        nodes, scans, stated_variances(ids, constraints),
+        (scans.sizes >= FEWEST) & ~apart, fault_variances(ids, constraints),
     )  # fmt: skip
 
 
 def laser_nodes(
-    ids: Index, scans: Scans, poses: Array, variances: Array, faults: Array
+    ids: Index, scans: Scans, poses: Array, variances: Array, faults: Array | None = None
 ) -> LaserNodes:
     """Nodes `ids` (N,) that all see, with the length of path up to each; nothing holds them.
 
-    `poses` (N, 3) are map_from_base.
+    `poses` (N, 3) are map_from_base; `variances` and `faults` (N, 2) as in `NodeScans`.
     """
     steps = between_planar(poses[:-1], poses[1:])
     lengths = np.hypot(steps[:, 0], steps[:, 1]) + 0.2 * np.abs(steps[:, 2])
-    path = np.concatenate([[0.0], np.cumsum(lengths)])
-    drift = PathDrift(path, poses, variances, faults=faults)
+    tracked = np.concatenate([[0.0], np.cumsum(lengths)])
+    drift = PathDrift(tracked, poses, variances, faults=faults)
+    path = drift.path
     sees = np.ones(len(ids), np.bool_)
-    apart = drift.path + FARTHEST * np.cumsum(faults.any(axis=1))
-    return LaserNodes(ids, scans, poses, apart, drift, sees, sessions_of(variances))
+    if faults is not None:
+        path = path + FARTHEST * np.cumsum(faults.any(axis=1))
+    return LaserNodes(ids, scans, poses, path, drift, sees, sessions_of(variances))
 
 
 def nodes_at(loaded: NodeScans, poses: Poses | None, count: int | None = None) -> LaserNodes:

@@ -35,9 +35,11 @@ class PathDrift:
         closed: Index = NO_PAIRS,
         faults: Array | None = None,
     ) -> None:
-        """`tracked` (N,) is metres of path up to each of the nodes at `poses` (N, 3), `closed` (C,
-        2) nodes at one place. `variances` (N, 2), m^2 and rad^2, are those of the motion to each,
-        infinite where tracking was lost, and `faults` what a fault adds where odometry is in doubt.
+        """`tracked` (N,) is metres of path up to each of the nodes at `poses` (N, 3).
+
+        `closed` (C, 2) are nodes at one place. `variances` (N, 2), m^2 and rad^2, are those of the
+        motion to each node, infinite where tracking was lost, and `faults` (N, 2) what a fault adds
+        where odometry is in doubt.
         """
         self.tracked, self._poses, self._variances = tracked, poses, variances
         self._closed, self._faults = closed, faults
@@ -70,7 +72,7 @@ class PathDrift:
         return PathDrift(self.tracked, self._poses, variances, self._closed)
 
     def reach(self, a: Index | int, b: int) -> tuple[Array, Array]:
-        """(...) metres and radians by which node b may lie off, as seen from nodes `a` (...).
+        """Metres (...) and radians (...) by which node b may lie off, as seen from nodes `a` (...).
 
         What a motion errs in heading counts by its distance from b. Closures shorten the way, and
         the drift by as much.
@@ -122,7 +124,7 @@ def stated_variances(ids: Index, constraints: Sequence[Judged]) -> Array:
 
 
 def fault_variances(ids: Index, constraints: Sequence[Judged]) -> Array:
-    """(N, 2) m^2 and rad^2 that a fault of the odometry adds, where scans put it in doubt."""
+    """(N, 2) m^2 and rad^2 that a fault adds to motions in doubt, to nodes `ids` (N,)."""
     variances = np.zeros((len(ids) + 1, 2))
     doubted = [c.to_id for c in constraints if c.accepted and c.is_doubted]
     x, y, yaw = np.square(FAULT_SIZE)

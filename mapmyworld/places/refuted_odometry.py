@@ -7,7 +7,7 @@ shows it is that the place afterwards lies in what was seen before, but at anoth
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -80,20 +80,17 @@ class Refuted:
 
 
 def refuted_odometry(
-    nodes: LaserNodes, constraints: Sequence[Judged], unobserved: Collection[int], config: Config
+    nodes: LaserNodes, constraints: Sequence[Judged], config: Config
 ) -> list[Judged]:
     """The constraints; a refuted motion gives way to one by scans, or to a tracking loss.
 
     One that is in doubt keeps its measure, and is as uncertain as a fault is large.
-
-    `unobserved`: nodes to which the motion goes that the scans did not observe.
     """
-    unseen = [c for c in constraints if _is_motion(c) and c.to_id in unobserved]
-    sections = list(_sections(nodes, unseen, config.places.laser_spacing))
+    sections = list(_sections(nodes, constraints, config.places.laser_spacing))
     poses, start, anew = nodes.poses.copy(), 0, list[Judged]()
     refuted: dict[int, Verdict] = {}
     ends = [*(section.first for section in sections[1:]), len(nodes.ids) - 1]
-    for section, end in zip(sections, ends, strict=True):
+    for section, end in zip(sections, ends, strict=False):
         found = _refutation(replace(nodes, poses=poses), section, start, end, config)
         if found is None:
             continue
@@ -120,16 +117,24 @@ def refuted_odometry(
     return [*judged, *anew]
 
 
+def is_unsupported(c: Judged) -> bool:
+    """Whether scans do not show the motion: they fitted nothing on the way, or there are none."""
+    after_gap = isinstance(c.source, LaserTracking) and c.source.after_gap
+    return _is_motion(c) and (c.is_unmatched or after_gap)
+
+
 def _is_motion(c: Judged) -> bool:
     return c.kind is ConstraintKind.NEIGHBOUR
 
 
-def _sections(nodes: LaserNodes, motions: Sequence[Judged], spacing: float) -> Iterator[Section]:
+def _sections(
+    nodes: LaserNodes, constraints: Sequence[Judged], spacing: float
+) -> Iterator[Section]:
     """Those less than `spacing` metres of path apart, which show no more than one, are one."""
     row = {int(i): k for k, i in enumerate(nodes.ids)}
     section: Section | None = None
-    for c in motions:
-        if not {c.from_id, c.to_id} <= row.keys():
+    for c in constraints:
+        if not (is_unsupported(c) and {c.from_id, c.to_id} <= row.keys()):
             continue
         first, last = row[c.from_id], row[c.to_id]
         if section and nodes.path[first] - nodes.path[section.last] > spacing:
@@ -223,12 +228,11 @@ def _candidates(known: WholeMap, place: Place, odometry: Array) -> list[_Candida
     A search counts what agrees, and most of that lies where the place is wholly inside of what is
     known: one for each part of the window, so that what is known less of has its candidate as well.
     """
-    distance, angle = _WINDOW
-    least = FORTH * needed_evidence(distance, angle)
-    tried = []
-    for offset in product((-2.0 / 3.0, 0.0, 2.0 / 3.0), repeat=2):
-        guess = odometry + distance * np.array([*offset, 0.0])
-        pose = search_about(place.submap.points, known.grid, guess, distance / 3.0, angle, least)
+    window, tried = np.array([_WINDOW[0], *_WINDOW]), list[_Candidate]()
+    least, (distance, angle) = FORTH * needed_evidence(*_WINDOW), np.array(_WINDOW) / 3.0
+    for offset in product((-2.0 / 3.0, 0.0, 2.0 / 3.0), repeat=3):
+        guess = odometry + window * offset
+        pose = search_about(place.submap.points, known.grid, guess, distance, angle, least)
         if pose is not None:
             apart = between_planar(odometry, pose) / FAULT_SIZE
             agreement = known.judge(place, pose)

@@ -6,28 +6,21 @@ from collections.abc import Sequence
 
 from mapmyworld.config import Config
 from mapmyworld.odometry.tracking_losses import named_moments
-from mapmyworld.types import Judged, LaserTracking, MapStore, Why
+from mapmyworld.types import Judged, MapStore, Why
 
 
 def judge_odometry(store: MapStore, config: Config) -> list[str]:
     """Replaces motions by odometry that later scans refute; one line that says where, if any."""
     from mapmyworld.places.laser_nodes import load_node_scans, nodes_at
-    from mapmyworld.places.refuted_odometry import refuted_odometry
+    from mapmyworld.places.refuted_odometry import is_unsupported, refuted_odometry
 
     constraints = store.constraints()
-    unobserved = {c.to_id for c in constraints if _is_unobserved(c)}
-    if not unobserved:
+    if not any(is_unsupported(c) for c in constraints):
         return []
     nodes = nodes_at(load_node_scans(store, config), None)
-    judged = refuted_odometry(nodes, constraints, unobserved, config)
+    judged = refuted_odometry(nodes, constraints, config)
     store.judge(judged)
     return _notes(store, judged)
-
-
-def _is_unobserved(c: Judged) -> bool:
-    """Whether scans fitted nothing on the way, or there are none."""
-    by = c.source
-    return isinstance(by, LaserTracking) and (by.state == "odometry only" or by.after_gap)
 
 
 def _notes(store: MapStore, judged: Sequence[Judged]) -> list[str]:

@@ -80,6 +80,11 @@ class Constraint:
         return isinstance(self.source, LaserTracking) and self.source.state == RELOCALISED
 
     @property
+    def is_unmatched(self) -> bool:
+        """Whether scans fitted nothing on the way, so that odometry alone measured the motion."""
+        return isinstance(self.source, LaserTracking) and self.source.state == "odometry only"
+
+    @property
     def is_unobserved(self) -> bool:
         """Whether neither scans nor odometry measured the motion."""
         return isinstance(self.source, LaserTracking) and self.source.state == LOST

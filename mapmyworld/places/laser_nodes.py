@@ -35,7 +35,7 @@ class LaserNodes:
     drift: PathDrift
     """Along the path, and what closures leave of it."""
     sees: NDArray[np.bool_]
-    """(N,) whether the scan says where it was taken: it has points enough, and fits what is
+    """(N,) whether the scan shows where it was taken: it has points enough, and fits what is
     seen before it or afterwards."""
     session: Index
     """(N,) number of the session, which ends where tracking is lost and odometry with it."""
@@ -49,7 +49,7 @@ class NodeScans(NamedTuple):
     variances: Array
     """(N, 2) m^2 and rad^2 of the motion to each node, as stated; infinite for tracking losses."""
     sees: NDArray[np.bool_]
-    """(N,) whether the scan says where it was taken: it has points enough, and fits what is
+    """(N,) whether the scan shows where it was taken: it has points enough, and fits what is
     seen before it or afterwards."""
     faults: Array
     """(N, 2) what a fault would add to the variances, where scans put the odometry in doubt."""

@@ -90,11 +90,10 @@ class NodeSelector:
         before, self._before_ns = self._before_ns, stamp_ns
         if before is None:
             return False
-        took, usual = 1e-9 * (stamp_ns - before), self._usual
-        is_gap = took > max(GOES_ON, _GAP * usual)
-        if not is_gap:
-            self._usual = took if usual == 0.0 else MEMORY * usual + (1.0 - MEMORY) * took
-        return is_gap
+        took = 1e-9 * (stamp_ns - before)
+        usual = self._usual or took
+        self._usual = MEMORY * usual + (1.0 - MEMORY) * min(took, _GAP * usual)
+        return took > max(GOES_ON, _GAP * usual)
 
     def _is_due(self, frame: Frame, moved: NDArray[np.float64]) -> bool:
         x, y, z = moved[:3, 3].tolist()

@@ -21,12 +21,12 @@ from scipy.spatial import cKDTree
 
 from formats.database import open_store
 from formats.relation_files import read_relations
+from mapmyworld.alignment.laser_pairs import neighbour_pairs
+from mapmyworld.alignment.laser_refinement import spaced_nodes
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import matrix_to_planar, wrap_angle
 from mapmyworld.kernels.scan_alignment import pair_systems
-from mapmyworld.odometry.laser_refinement import spaced_nodes
 from mapmyworld.places.laser_nodes import load_node_scans
-from mapmyworld.places.laser_pairs import neighbour_pairs
 from mapmyworld.types import CLOSURES, MapStore
 
 Array = NDArray[np.float64]

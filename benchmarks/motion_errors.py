@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from formats.database import open_store
 from formats.trajectory_files import read_trajectory
+from mapmyworld.alignment.joint_system import step_covariances
 from mapmyworld.evaluation.relations_metric import poses_at
 from mapmyworld.geometry.planar import (
     between_planar,
@@ -24,7 +25,6 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     planar_adjoint,
 )
-from mapmyworld.odometry.joint_system import step_covariances
 from mapmyworld.types import MapStore
 
 Array = NDArray[np.float64]

@@ -7,9 +7,9 @@ import pytest
 from sample_verdicts import REJECTED
 from test_joint_system import GIVEN, NODES
 
+from mapmyworld.alignment.joint_system import step_covariances
+from mapmyworld.alignment.laser_refinement import carry_along
 from mapmyworld.geometry.planar import between_planar
-from mapmyworld.odometry.joint_system import step_covariances
-from mapmyworld.odometry.laser_refinement import carry_along
 
 PATH = np.array([[0.0, 0.0, 0.0], [0.15, 0.0, 0.0], [0.153, 0.0, 0.0], [0.3, 0.0, 0.0]])
 ENDS = np.array([0, 3])

@@ -7,6 +7,7 @@ import pytest
 from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 
+from mapmyworld.alignment.closure_refinement import refine_closures
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
     between_planar,
@@ -14,7 +15,6 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     planar_to_matrix,
 )
-from mapmyworld.places.closure_refinement import refine_closures
 from mapmyworld.places.laser_nodes import NodeScans
 from mapmyworld.registration.scan_matching import prepare_scans, scan_set
 from mapmyworld.types import (

@@ -7,6 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mapmyworld.alignment.joint_alignment import FAINT, without_open
+from mapmyworld.alignment.joint_covariance import (
+    as_contradicted,
+    of_anchors,
+    shape_covariances,
+)
 from mapmyworld.api import Silent
 from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.residuals import retract
@@ -22,12 +28,6 @@ from mapmyworld.memory_log import MemoryLog
 from mapmyworld.memory_map import MemoryMap
 from mapmyworld.odometry.sweep_noise import sweep_variances
 from mapmyworld.pipeline import build_map
-from mapmyworld.registration.joint_alignment import FAINT, without_open
-from mapmyworld.registration.joint_covariance import (
-    as_contradicted,
-    of_anchors,
-    shape_covariances,
-)
 from mapmyworld.registration.scan_matching import ScanSet
 from mapmyworld.simulation import SimulationSettings, simulate
 from mapmyworld.types import Node, TrackedFrames, Trajectory

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 from sample_verdicts import REJECTED
 
+from mapmyworld.alignment.joint_alignment import align_jointly
+from mapmyworld.alignment.joint_system import Statements, joint_system
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, planar_to_matrix
-from mapmyworld.odometry.joint_system import Statements, joint_system
-from mapmyworld.registration.joint_alignment import align_jointly
 from mapmyworld.registration.scan_matching import scan_set
 from mapmyworld.types import (
     ConstraintKind,

@@ -10,6 +10,7 @@ from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 from sample_verdicts import REJECTED
 
+from mapmyworld.alignment.laser_pairs import among_first_revisits, neighbour_pairs
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
     between_planar,
@@ -22,7 +23,6 @@ from mapmyworld.graph.solved_graph import solve
 from mapmyworld.places.laser_candidates import EVERYWHERE, candidate_pairs, untied
 from mapmyworld.places.laser_closures import compare_places
 from mapmyworld.places.laser_nodes import calm_spots, laser_nodes
-from mapmyworld.places.laser_pairs import among_first_revisits, neighbour_pairs
 from mapmyworld.places.laser_submaps import submap_members
 from mapmyworld.places.path_drift import PathDrift, stated_variances
 from mapmyworld.places.wide_search import held_by, lost_pairs

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from laser_rooms import WALLS, cast
 from numpy.typing import NDArray
 
+from mapmyworld.alignment.joint_alignment import align_jointly
 from mapmyworld.backend.system import System
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
@@ -23,7 +24,6 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.kernels.branch_and_bound import best_shift
 from mapmyworld.kernels.scan_alignment import invert3, nearest, pair_systems, solve3
 from mapmyworld.kernels.scan_preparation import range_noise
-from mapmyworld.registration.joint_alignment import align_jointly
 from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import (
     COARSE,

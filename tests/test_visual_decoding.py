@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from formats.logs.image_pixels import encoded_pixels
 from mapmyworld.config import Config
 from mapmyworld.mapping.voxel_map import VoxelMap
-from mapmyworld.places.features import extract_features
+from mapmyworld.registration.features import extract_features
 from mapmyworld.registration.image_levels import colours_at, grey_picture
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.types import CameraModel, ImageMessage, RgbdImage

@@ -15,9 +15,9 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between, se3_exp
 from mapmyworld.kernels.image_matching import match_all
 from mapmyworld.places.appearance import Candidate, find_candidates
-from mapmyworld.places.features import extract_features, spread
 from mapmyworld.places.visual_closures import find_visual_closures
 from mapmyworld.places.vocabulary import train_vocabulary
+from mapmyworld.registration.features import extract_features, spread
 from mapmyworld.registration.image_pairs import register_images
 from mapmyworld.registration.views import make_view
 from mapmyworld.types import ConstraintKind, Judged, Node, NodeData, Why

@@ -14,9 +14,9 @@ from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.parallel import in_threads
-from mapmyworld.places.features import extract_features
 from mapmyworld.registration.camera_model import depth_at, pose_of_rays
 from mapmyworld.registration.camera_pose import Sightings, inliers, refine_pose
+from mapmyworld.registration.features import extract_features
 from mapmyworld.registration.views import View, make_view, match_views
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.types import Frame, RgbdImage

@@ -14,10 +14,10 @@ from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.places.appearance import weigh_words
 from mapmyworld.places.camera_features import features_of_camera
-from mapmyworld.places.features import extract_features
 from mapmyworld.places.image_proposals import NEAR, NEAR_ANGLE
 from mapmyworld.places.node_features import best_features
 from mapmyworld.places.vocabulary import Vocabulary, vocabulary_of_words
+from mapmyworld.registration.features import extract_features
 from mapmyworld.registration.image_pairs import register_images
 from mapmyworld.registration.scan_search import APART
 from mapmyworld.registration.views import View, binary_words, make_view

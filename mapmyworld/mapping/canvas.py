@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,10 +67,12 @@ class Canvas:
         margin = _MARGIN + size // 4
         left, right = (np.where(lack > 0, lack + margin, 0) for lack in lacks)
         _check_size(left + size + right)
-        around = list(zip(left[::-1].tolist(), right[::-1].tolist(), strict=True))
         self._corner = self._corner - left
-        self._hits, self._passes = np.pad(self._hits, around), np.pad(self._passes, around)
-        self._marks = np.pad(self._marks, around)
+        part = tuple(slice(at, at + side) for at, side in zip(left[::-1], size[::-1], strict=True))
+        shape = tuple((left + size + right)[::-1].tolist())
+        self._hits = _within(self._hits, part, shape)
+        self._passes = _within(self._passes, part, shape)
+        self._marks = _within(self._marks, part, shape)
 
     def seen(self) -> Counts:
         """The part that was seen, one cell of margin around.
@@ -87,6 +90,13 @@ class Canvas:
         part = np.s_[rows[0] - 1 : rows[-1] + 2, columns[0] - 1 : columns[-1] + 2]
         corner = self._corner + np.array([columns[0], rows[0]]) - 1
         return Counts(corner, self._hits[part], self._passes[part])
+
+
+def _within(cells: NDArray[Any], part: tuple[slice, ...], shape: tuple[int, ...]) -> NDArray[Any]:
+    """The `cells` as a `part` of an array of zeros, whose other pages take no memory yet."""
+    wider = np.zeros(shape, cells.dtype)
+    wider[part] = cells
+    return wider
 
 
 def _check_size(size: NDArray[np.int64]) -> None:

@@ -24,10 +24,14 @@ def build_grid(scans: Iterable[tuple[Array, Scan]], config: Config) -> Occupancy
     A scan sees a cell once, as occupied if one of its beams ended there; so the result does not
     depend on the order of the scans.
     """
+    return _grid_of(_counts_of(scans, config.mapping), config.mapping)
+
+
+def _counts_of(scans: Iterable[tuple[Array, Scan]], settings: MappingConfig) -> Counts:
     canvas = Canvas()
     for some in batches(scans, _TOGETHER):
-        canvas.add(beams_of(some, config.mapping))
-    return _grid_of(canvas.seen(), config.mapping)
+        canvas.add(beams_of(some, settings))
+    return canvas.seen()
 
 
 def _grid_of(counts: Counts, settings: MappingConfig) -> OccupancyGrid:

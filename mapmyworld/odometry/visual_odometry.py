@@ -25,8 +25,8 @@ from mapmyworld.odometry.motion_filter import (
 from mapmyworld.odometry.unobserved_motion import GOES_ON
 from mapmyworld.odometry.visual_slips import SteadyPath
 from mapmyworld.parallel import in_threads
-from mapmyworld.places.features import extract_features
 from mapmyworld.registration.camera_pose import Sightings, inliers, ransac_pose, refine_pose
+from mapmyworld.registration.features import extract_features
 from mapmyworld.registration.views import (
     SEARCH_RADIUS,
     View,

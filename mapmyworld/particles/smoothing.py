@@ -13,10 +13,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.alignment.joint_alignment import align_in_rounds
+from mapmyworld.alignment.laser_pairs import neighbour_pairs
 from mapmyworld.backend.system import System, number_free
 from mapmyworld.config import Config
-from mapmyworld.places.laser_pairs import neighbour_pairs
-from mapmyworld.registration.joint_alignment import align_in_rounds
 from mapmyworld.registration.scan_matching import FINE, prepare_scans
 from mapmyworld.types import Progress, Scan
 

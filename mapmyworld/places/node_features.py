@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mapmyworld.config import Config
 from mapmyworld.places.camera_features import select_features
-from mapmyworld.places.features import extract_features, spread
+from mapmyworld.registration.features import extract_features, spread
 from mapmyworld.types import CameraModel, Features, NodeData, RgbdImage
 
 Prepared = tuple[Features, CameraModel]

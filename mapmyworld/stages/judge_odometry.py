@@ -29,8 +29,9 @@ def _notes(store: MapStore, judged: Sequence[Judged]) -> list[str]:
         return []
     stamps = {node.id: node.stamp_ns for node in store.nodes()}
     when = named_moments([stamps[c.from_id] for c in refuted], min(stamps.values()))
-    farthest = max(c.verdicts[-1].numbers["metres"] for c in refuted)
+    found = [c.verdicts[-1].numbers for c in refuted]
+    metres, degrees = (max(numbers[key] for numbers in found) for key in ("metres", "degrees"))
     return [
-        f"odometry fault after {when}: later scans place the robot elsewhere, up to "
-        f"{farthest:.1f} m away; it was carried, or its wheels slipped"
+        f"odometry fault after {when}: later scans place the robot up to {metres:.1f} m and "
+        f"{degrees:.0f} deg from there; it was carried, or its wheels slipped"
     ]

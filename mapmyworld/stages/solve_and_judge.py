@@ -107,8 +107,8 @@ def _refined(
     loaded = scans()
     if loaded is None or not _is_refined(store, config, scans):
         return solved.poses, solved.constraints, ()
-    from mapmyworld.odometry.laser_refinement import refine_poses
-    from mapmyworld.places.closure_refinement import refine_closures
+    from mapmyworld.alignment.closure_refinement import refine_closures
+    from mapmyworld.alignment.laser_refinement import refine_poses
     from mapmyworld.places.wide_search import joined_sessions
 
     session = joined_sessions(loaded, solved.constraints)

@@ -10,6 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mapmyworld.alignment.joint_alignment import align_in_rounds
+from mapmyworld.alignment.joint_covariance import (
+    as_contradicted,
+    carried,
+    of_anchors,
+    shape_covariances,
+)
+from mapmyworld.alignment.joint_system import (
+    NOTHING,
+    Statements,
+    joint_system,
+    step_covariances,
+)
+from mapmyworld.alignment.laser_pairs import among_first_revisits, neighbour_pairs
 from mapmyworld.backend.block_matrix import diagonals
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import (
@@ -21,23 +35,9 @@ from mapmyworld.geometry.planar import (
     planar_to_matrix,
 )
 from mapmyworld.graph.covariance import marginal_covariances
-from mapmyworld.odometry.joint_system import (
-    NOTHING,
-    Statements,
-    joint_system,
-    step_covariances,
-)
 from mapmyworld.odometry.sweep_noise import sweep_variances
 from mapmyworld.places.laser_nodes import NodeScans, load_node_scans, sessions_of
-from mapmyworld.places.laser_pairs import among_first_revisits, neighbour_pairs
 from mapmyworld.places.stored_scans import Scans
-from mapmyworld.registration.joint_alignment import align_in_rounds
-from mapmyworld.registration.joint_covariance import (
-    as_contradicted,
-    carried,
-    of_anchors,
-    shape_covariances,
-)
 from mapmyworld.registration.scan_matching import FINE
 from mapmyworld.types import Judged, MapStore, Node, Poses, Progress, TrackedFrames
 

@@ -11,7 +11,6 @@ from formats.logs.channels import Channel, Record
 from formats.logs.decoding import ChannelDecoder, decoder_for
 from formats.logs.files import hash_files
 from formats.logs.moved_stamps import moved_stamps
-from formats.logs.rosbag2 import SqliteBag
 from formats.logs.topics import merged_topics
 from mapmyworld.types import LogInfo, RawMessage, TopicInfo
 
@@ -19,7 +18,7 @@ from mapmyworld.types import LogInfo, RawMessage, TopicInfo
 class RecordedLog:
     """A LogSource over one bag or MCAP file."""
 
-    def __init__(self, container: BlockFile | SqliteBag) -> None:
+    def __init__(self, container: BlockFile) -> None:
         self.container = container
         self._decoders: dict[Channel, ChannelDecoder] = {}
         self._hash: str | None = None
@@ -29,20 +28,20 @@ class RecordedLog:
         topics = merged_topics(self._topic(key) for key in index.channels)
         start, end = index.span_ns()
         return LogInfo(
-            tuple(str(path) for path in self.container.files()),
+            (str(self.container.path),),
             self.container.name,
-            sum(path.stat().st_size for path in self.container.files()),
+            self.container.path.stat().st_size,
             sum(index.counts.values()),
             start,
             end,
             topics,
             tuple(index.details),
-            tuple(dict.fromkeys([*index.problems, *self.container.losses()])),
+            tuple(dict.fromkeys(index.problems)),
         )
 
     def content_hash(self) -> str:
         if self._hash is None:
-            self._hash = hash_files(self.container.files())
+            self._hash = hash_files([self.container.path])
         return self._hash
 
     def losses(self) -> tuple[str, ...]:

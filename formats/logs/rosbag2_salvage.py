@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import mmap
+from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import islice
+from operator import itemgetter
 from pathlib import Path
 
 from formats.logs.sqlite_pages import Cell, DamagedRowError, Pages, Value
@@ -20,10 +23,18 @@ class Salvage:
 
     pages: Pages
     messages: list[tuple[int, int, int, Cell]] = field(default_factory=list)
-    """Time in ns, row, topic and place of each, in this order."""
+    """Time in ns, row, topic and place of each, in the order of rows."""
     topics: dict[int, list[Value]] = field(default_factory=dict)
     lost: int = 0
     """Rows found whose bytes are not all there."""
+
+    def rows(self, first: int, last: int) -> Iterator[tuple[int, int, int, Value]]:
+        """Row, time, topic and bytes of the messages in these rows."""
+        start = bisect_left(self.messages, first, key=itemgetter(1))
+        for time, row, topic, cell in islice(self.messages, start, None):
+            if row > last:
+                return
+            yield row, time, topic, self.data(cell)
 
     def data(self, cell: Cell) -> Value:
         """The bytes of a message."""
@@ -47,7 +58,7 @@ def salvage(path: Path) -> Salvage:
             case [None, str(name), str(), str(), *_] if len(found.topics) < _MOST_TOPICS:
                 if name.startswith("/"):  # else it is the definition of a type
                     found.topics[cell.row] = values
-    found.messages.sort(key=lambda message: message[:2])
+    found.messages.sort(key=itemgetter(1))
     return found
 
 

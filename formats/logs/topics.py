@@ -8,7 +8,7 @@ from mapmyworld.types import TopicInfo
 
 
 def merged_topics(topics: Iterable[TopicInfo]) -> tuple[TopicInfo, ...]:
-    """One entry a topic and type, by name; counts added up where all are known."""
+    """One entry a topic and type, by name; counts added up."""
     found: dict[tuple[str, str], TopicInfo] = {}
     for topic in topics:
         key = (topic.topic, topic.type_name)
@@ -24,7 +24,7 @@ def _added(a: TopicInfo, b: TopicInfo) -> TopicInfo:
         a.type_name,
         a.kind,
         a.encoding,
-        a.count + b.count if a.count >= 0 and b.count >= 0 else -1,
+        a.count + b.count,
         min(firsts, default=None),
         max(lasts, default=None),
     )

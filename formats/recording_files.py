@@ -11,7 +11,7 @@ from types import TracebackType
 from formats.logs.channels import Channel
 from formats.logs.definitions import standard_store
 from formats.recording_sinks import Handle, McapSink, Ros1Sink, Rosbag2Sink, Sink
-from formats.ros_messages import ros_message
+from formats.ros_messages import RosFields, ros_message
 from mapmyworld.errors import LogError
 from mapmyworld.types import Message, TransformsMessage
 
@@ -55,7 +55,7 @@ class LogWriter:
         self._store = standard_store(self.sink.encoding)
         self._handles: dict[tuple[str, str], Handle] = {}
 
-    def write(self, topic: str, message: Message, log_time_ns: int) -> None:
+    def write(self, topic: str, message: Message | RosFields, log_time_ns: int) -> None:
         """Appends a message, as the standard ROS type that carries it.
 
         Raises `LogError` where that cannot hold it.

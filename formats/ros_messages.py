@@ -5,6 +5,7 @@ A builder gives the fields that it knows, by their names; the others are zero or
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -16,6 +17,7 @@ from rosbags.typesys.store import Typestore
 from formats.ros_poses import exact_quaternion
 from mapmyworld.types import (
     CameraInfoMessage,
+    GpsMessage,
     ImageMessage,
     ImuMessage,
     LaserScanMessage,
@@ -28,6 +30,8 @@ from mapmyworld.types import (
 )
 
 Fields = Mapping[str, Any]
+RosFields = tuple[str, Fields]
+"""A ROS type, and the fields of a message of it."""
 _FLOAT32 = 7  # sensor_msgs/PointField
 _SCAN_NUMBERS = (
     "angle_min",
@@ -39,8 +43,10 @@ _SCAN_NUMBERS = (
 )
 
 
-def ros_message(message: Message, store: Typestore) -> tuple[str, Any]:
+def ros_message(message: Message | RosFields, store: Typestore) -> tuple[str, Any]:
     """The ROS type that carries the message, and the message as that type of the store's."""
+    if isinstance(message, tuple):
+        return message[0], _made(store, *message)
     name, build = _BUILDERS[type(message)]
     if isinstance(message, ImageMessage) and message.encoded is not None:
         name, build = "sensor_msgs/msg/CompressedImage", _compressed
@@ -70,29 +76,32 @@ def _value(store: Typestore, field: Any, given: Any) -> Any:
     return np.ascontiguousarray(given, element[0]).reshape(-1)
 
 
-def _header(stamp_ns: int, frame_id: str) -> Fields:
+def header(stamp_ns: int, frame_id: str) -> Fields:
+    """A std_msgs/Header."""
     seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
     return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame_id}
 
 
-def _vector(values: NDArray[np.float64]) -> Fields:
+def vector(values: NDArray[np.float64]) -> Fields:
+    """A geometry_msgs/Vector3 or Point of (3,)."""
     return dict(zip("xyz", values.tolist(), strict=True))
 
 
-def _quaternion(matrix: NDArray[np.float64]) -> Fields:
+def quaternion(matrix: NDArray[np.float64]) -> Fields:
+    """The rotation of a pose (4, 4)."""
     return dict(zip("xyzw", exact_quaternion(matrix[:3, :3]), strict=True))
 
 
-def _pose_of(matrix: NDArray[np.float64], covariance: NDArray[np.float64]) -> Fields:
-    pose = {"position": _vector(matrix[:3, 3]), "orientation": _quaternion(matrix)}
-    return {"pose": pose, "covariance": covariance}
+def pose_of(matrix: NDArray[np.float64]) -> Fields:
+    """A geometry_msgs/Pose of (4, 4)."""
+    return {"position": vector(matrix[:3, 3]), "orientation": quaternion(matrix)}
 
 
 def _laser_scan(m: LaserScanMessage) -> Fields:
     numbers = {name: getattr(m, name) for name in _SCAN_NUMBERS}
     return {
         **numbers,
-        "header": _header(m.stamp_ns, m.frame_id),
+        "header": header(m.stamp_ns, m.frame_id),
         "angle_max": m.angle_min + m.angle_increment * max(len(m.ranges) - 1, 0),
         "ranges": m.ranges,
         "intensities": m.intensities,
@@ -100,11 +109,11 @@ def _laser_scan(m: LaserScanMessage) -> Fields:
 
 
 def _odometry(m: OdometryMessage) -> Fields:
-    twist = {"linear": _vector(m.twist[:3]), "angular": _vector(m.twist[3:])}
+    twist = {"linear": vector(m.twist[:3]), "angular": vector(m.twist[3:])}
     return {
-        "header": _header(m.stamp_ns, m.frame_id),
+        "header": header(m.stamp_ns, m.frame_id),
         "child_frame_id": m.child_frame_id,
-        "pose": _pose_of(m.pose, m.pose_covariance),
+        "pose": {"pose": pose_of(m.pose), "covariance": m.pose_covariance},
         "twist": {"twist": twist, "covariance": m.twist_covariance},
     }
 
@@ -114,26 +123,40 @@ def _imu(m: ImuMessage) -> Fields:
     values = m.orientation.tolist() if m.orientation is not None else [0.0, 0.0, 0.0, 1.0]
     # sensor_msgs/Imu: a first covariance of -1 is "no orientation estimate".
     return {
-        "header": _header(m.stamp_ns, m.frame_id),
+        "header": header(m.stamp_ns, m.frame_id),
         "orientation": dict(zip("xyzw", values, strict=True)),
         "orientation_covariance": None if known else [-1.0, *8 * [0.0]],
-        "angular_velocity": _vector(m.angular_velocity),
-        "linear_acceleration": _vector(m.linear_acceleration),
+        "angular_velocity": vector(m.angular_velocity),
+        "linear_acceleration": vector(m.linear_acceleration),
     }
 
 
 def _transforms(m: TransformsMessage) -> Fields:
     stamped = []
     for t in m.transforms:
-        moved, turned = _vector(t.parent_from_child[:3, 3]), _quaternion(t.parent_from_child)
+        moved, turned = vector(t.parent_from_child[:3, 3]), quaternion(t.parent_from_child)
         motion = {"translation": moved, "rotation": turned}
-        header = _header(t.stamp_ns, t.parent)
-        stamped.append({"header": header, "child_frame_id": t.child, "transform": motion})
+        about = header(t.stamp_ns, t.parent)
+        stamped.append({"header": about, "child_frame_id": t.child, "transform": motion})
     return {"transforms": stamped}
 
 
 def _pose(m: PoseMessage) -> Fields:
-    return {"header": _header(m.stamp_ns, m.frame_id), "pose": _pose_of(m.pose, m.covariance)}
+    pose = {"pose": pose_of(m.pose), "covariance": m.covariance}
+    return {"header": header(m.stamp_ns, m.frame_id), "pose": pose}
+
+
+def _gps(m: GpsMessage) -> Fields:
+    """Without a fix the status is -1; the covariance is that of the error, in all directions."""
+    return {
+        "header": header(m.stamp_ns, m.frame_id),
+        "status": {"status": -1 if math.isnan(m.latitude) else 0},
+        "latitude": m.latitude,
+        "longitude": m.longitude,
+        "altitude": m.altitude,
+        "position_covariance": np.eye(3) * m.error**2,
+        "position_covariance_type": 1,
+    }
 
 
 def _text(m: TextMessage) -> Fields:
@@ -142,7 +165,7 @@ def _text(m: TextMessage) -> Fields:
 
 def _camera_info(m: CameraInfoMessage) -> Fields:
     return {
-        "header": _header(m.stamp_ns, m.frame_id),
+        "header": header(m.stamp_ns, m.frame_id),
         "height": m.height,
         "width": m.width,
         "distortion_model": m.distortion_model,
@@ -164,7 +187,7 @@ def _image(m: ImageMessage) -> Fields:
     height, width = pixels.shape[:2]
     data = np.ascontiguousarray(pixels).view(np.uint8).reshape(-1)
     return {
-        "header": _header(m.stamp_ns, m.frame_id),
+        "header": header(m.stamp_ns, m.frame_id),
         "height": height,
         "width": width,
         "encoding": encoding,
@@ -179,8 +202,8 @@ def _compressed(m: ImageMessage) -> Fields:
     described = "png" if data.startswith(b"\x89PNG") else "jpeg"
     if m.is_depth:
         data, described = bytes(12) + data, "16UC1; compressedDepth png"
-    header = _header(m.stamp_ns, m.frame_id)
-    return {"header": header, "format": described, "data": np.frombuffer(data, np.uint8)}
+    about = header(m.stamp_ns, m.frame_id)
+    return {"header": about, "format": described, "data": np.frombuffer(data, np.uint8)}
 
 
 def _point_cloud(m: PointCloudMessage) -> Fields:
@@ -191,7 +214,7 @@ def _point_cloud(m: PointCloudMessage) -> Fields:
         red, green, blue = m.colours.astype(np.uint32).T
         cells[:, 3] = ((red << 16) | (green << 8) | blue).astype(np.uint32).view(np.float32)
     return {
-        "header": _header(m.stamp_ns, m.frame_id),
+        "header": header(m.stamp_ns, m.frame_id),
         "height": 1,
         "width": len(cells),
         "fields": [
@@ -211,6 +234,7 @@ _BUILDERS: dict[type, tuple[str, Callable[[Any], Fields]]] = {
     ImuMessage: ("sensor_msgs/msg/Imu", _imu),
     TransformsMessage: ("tf2_msgs/msg/TFMessage", _transforms),
     PoseMessage: ("geometry_msgs/msg/PoseWithCovarianceStamped", _pose),
+    GpsMessage: ("sensor_msgs/msg/NavSatFix", _gps),
     TextMessage: ("std_msgs/msg/String", _text),
     CameraInfoMessage: ("sensor_msgs/msg/CameraInfo", _camera_info),
     ImageMessage: ("sensor_msgs/msg/Image", _image),

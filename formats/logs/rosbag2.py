@@ -150,7 +150,7 @@ def _sound(rows: Iterator[Row], index: Index) -> Iterator[tuple[int, Found]]:
             yield number, (time, key, _plain(cell))
         except DamagedBlockError as error:
             topic = index.channels[key].topic if key in index.channels else f"topic {key}"
-            index.problems.append(f"a message of {topic} is left out: {error}")
+            index.problems.append(f"a message of {topic}: {error}")
     if untimed:
         index.problems.append(f"{untimed} message(s) have no time or no topic and are left out")
 

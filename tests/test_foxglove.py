@@ -87,7 +87,7 @@ def test_a_small_map(small: Path, tmp_path: Path) -> None:
 
 
 def unpacked(data: bytes) -> tuple[bytes, ...]:
-    """What stands before the one frame of zstd, in it and behind it: it has bits without meaning."""
+    """What stands before the one frame of zstd, in it and behind it: some bits mean nothing."""
     start, frame = data.find(b"zstd") + 12, zstandard.ZstdDecompressor().decompressobj()
     try:
         return data[:start], frame.decompress(data[start:]), frame.unused_data

@@ -30,7 +30,7 @@ from formats.logs import open_log
 from formats.logs.mcap_records import MAGIC, record_head
 from formats.logs.merged import MergedLog
 from formats.logs.recorded_log import RecordedLog
-from formats.logs.rosbag2_salvage import salvage
+from formats.logs.sqlite_pages import salvage
 from mapmyworld.errors import LogError
 from mapmyworld.sensing import survey_log
 

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
+from formats.decimal_stamps import stamp_from_text
 from formats.logs.carmen_records import (
     LASER_FRAMES,
     LASER_TOPICS,
@@ -25,7 +26,6 @@ from formats.logs.carmen_survey import Survey, survey_lines
 from formats.logs.files import UnpackedFile
 from formats.logs.listed_log import ListedLog
 from formats.logs.poses import planar_pose
-from formats.logs.text_stamps import stamp_from_text
 from mapmyworld.errors import LogError
 from mapmyworld.types import (
     Message,

@@ -1,4 +1,7 @@
-"""A clock that was set back while a log was recorded: in the file, every topic steps back."""
+"""A clock that was set back while a log was recorded: in the file, every topic steps back.
+
+Log times are moved, and with them the header stamps of the same clock.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from formats.logs.channels import Block, Channel, Record
+from mapmyworld.types import Message, RawMessage, TransformsMessage
 
 LEAST_STEP_NS = 10**9  # less is a recorder that wrote late
 _ALIKE_NS = 10**9  # by which topics may differ in how far they step back
@@ -96,3 +100,21 @@ def _steps(times: Sequence[tuple[int, Place]]) -> list[tuple[Place, int]]:
     onwards = [ns for ns, _ in passed if ns >= 0]
     period = int(np.median(onwards)) if onwards else 0
     return [(place, period - ns) for ns, place in passed if -ns > LEAST_STEP_NS]
+
+
+def moved_stamps(raw: RawMessage, back_ns: int) -> RawMessage:
+    """The message, its stamps moved by `back_ns` where they lie that much before its log time.
+
+    So those from before the step stay, and those of another clock, which was not set.
+    """
+    stamp_ns = raw.stamp_ns
+    if stamp_ns is None or abs(raw.log_time_ns - stamp_ns - back_ns) >= 0.5 * back_ns:
+        return raw
+    return replace(raw, stamp_ns=stamp_ns + back_ns, decode=lambda: _moved(raw.decode(), back_ns))
+
+
+def _moved(message: Message, back_ns: int) -> Message:
+    if isinstance(message, TransformsMessage):
+        moved = (replace(t, stamp_ns=t.stamp_ns + back_ns) for t in message.transforms)
+        return replace(message, transforms=tuple(moved))
+    return replace(message, stamp_ns=message.stamp_ns + back_ns)

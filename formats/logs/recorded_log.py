@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from functools import partial
 
 from formats.bounds import LATEST_NS
 from formats.logs.block_files import BlockFile
 from formats.logs.channels import Channel, Record
+from formats.logs.clock_steps import moved_stamps
 from formats.logs.decoding import ChannelDecoder, decoder_for
 from formats.logs.files import hash_files
-from formats.logs.moved_stamps import moved_stamps
-from formats.logs.topics import merged_topics
 from mapmyworld.types import LogInfo, RawMessage, TopicInfo
 
 
@@ -91,3 +90,26 @@ class RecordedLog:
         if channel not in self._decoders:
             self._decoders[channel] = decoder_for(channel)
         return self._decoders[channel]
+
+
+def merged_topics(topics: Iterable[TopicInfo]) -> tuple[TopicInfo, ...]:
+    """One entry a topic and type, by name; counts added up."""
+    found: dict[tuple[str, str], TopicInfo] = {}
+    for topic in topics:
+        key = (topic.topic, topic.type_name)
+        found[key] = _added(found[key], topic) if key in found else topic
+    return tuple(found[key] for key in sorted(found))
+
+
+def _added(a: TopicInfo, b: TopicInfo) -> TopicInfo:
+    firsts = [t.first_ns for t in (a, b) if t.first_ns is not None]
+    lasts = [t.last_ns for t in (a, b) if t.last_ns is not None]
+    return TopicInfo(
+        a.topic,
+        a.type_name,
+        a.kind,
+        a.encoding,
+        a.count + b.count,
+        min(firsts, default=None),
+        max(lasts, default=None),
+    )

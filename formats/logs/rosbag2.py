@@ -16,7 +16,7 @@ from formats.logs.channels import Block, Channel, Found, Index, normalised_type
 from formats.logs.compression import decompress, decompress_beginning
 from formats.logs.files import UnpackedFile
 from formats.logs.mcap_records import is_transient_local
-from formats.logs.rosbag2_salvage import Salvage, salvage
+from formats.logs.sqlite_pages import Salvage, salvage
 from formats.stored_tables import stored_tables
 from mapmyworld.errors import LogError
 

@@ -16,11 +16,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from formats.decimal_stamps import stamp_from_text
 from formats.logs.files import hash_files
 from formats.logs.image_pixels import encoded_pixels
 from formats.logs.listed_log import ListedLog
 from formats.logs.poses import pose_matrix
-from formats.logs.text_stamps import stamp_from_text
 from formats.logs.tum_calibration import Calibration, calibration_of
 from formats.picture_files import picture_size
 from mapmyworld.errors import LogError

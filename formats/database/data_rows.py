@@ -157,6 +157,7 @@ def _stereo_depth(
 ) -> ImageMessage | None:
     if left is None or right is None or scale <= 0.0:
         return None
+
     def pixels() -> NDArray[np.float32]:
         return image_blobs.depth_from_pair(
             np.asarray(left.pixels(), np.uint8), np.asarray(right.pixels(), np.uint8), scale, what

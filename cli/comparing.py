@@ -146,7 +146,7 @@ def draw_maps(path: Path, candidates: Sequence[Candidate], rows: Sequence[dict[s
 
     Raises `MapError` where none has one.
     """
-    from formats.report.compare_picture import MapPanel, write_compare_picture
+    from formats.report.map_pictures import MapPanel, write_compare_picture
 
     panels = []
     for candidate, row in zip(candidates, rows, strict=True):

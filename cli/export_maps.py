@@ -133,7 +133,7 @@ def mesh(
     mapmyworld export mesh
     mapmyworld export mesh office.db -o office.ply
     """
-    from formats.mesh_files import write_mesh
+    from formats.cloud_files import write_mesh
     from mapmyworld.exporting import nodes_with_poses
     from mapmyworld.mapping.mesh_map import build_mesh
 

@@ -90,7 +90,7 @@ def graph(
     if relative is not None:
         facts["between"] = relative
     if image is not None:
-        from formats.report.graph_picture import write_graph_picture
+        from formats.report.map_pictures import write_graph_picture
 
         write_graph_picture(image, poses, constraints, grid)
         note(f"drew {image}")

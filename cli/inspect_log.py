@@ -91,7 +91,7 @@ def info_lines(info: LogInfo) -> list[str]:
         ("files", ", ".join(info.paths)),
         ("container", info.container),
         ("size", f"{info.size_bytes / 1e6:.2f} MB"),
-        ("messages", str(info.message_count) if info.message_count >= 0 else "unknown"),
+        ("messages", str(info.message_count)),
         ("duration", f"{info.duration_s:.3f} s"),
         ("start", _time(info.start_ns)),
         ("end", _time(info.end_ns)),
@@ -107,7 +107,7 @@ def info_lines(info: LogInfo) -> list[str]:
 
 
 def _topic_line(topic: TopicInfo, width: int) -> str:
-    count = f"{topic.count} msgs" if topic.count >= 0 else "? msgs"
+    count = f"{topic.count} msgs"
     rate = f" ({topic.frequency:.2f} Hz)" if topic.frequency else ""
     kind = f"{one_line(topic.type_name)} [{one_line(topic.encoding)}]"
     return f"  {one_line(topic.topic):<{width}}  {count}{rate} : {kind}"

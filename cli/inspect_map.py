@@ -49,7 +49,7 @@ def _draw_particles(store: MapStore, path: Path) -> None:
         raise MapError(
             f"{path}: this map was not made by particles; `inspect graph --image` draws its graph"
         )
-    from formats.report.particle_picture import write_particle_picture
+    from formats.report.map_pictures import write_particle_picture
 
     branches = np.array(paths["branches"], np.float32).reshape(-1, 2, 2)
     best = np.array(paths["path"], np.float32).reshape(-1, 2)

@@ -123,7 +123,7 @@ def _write(path: Path, found: Localisation, grid: OccupancyGrid, base_frame: str
 
         write_localisation_mcap(path, found, base_frame=base_frame, overwrite=True)
     elif path.suffix == ".png":
-        from formats.report.localisation_picture import write_localisation_picture
+        from formats.report.map_pictures import write_localisation_picture
 
         write_localisation_picture(path, grid, found)
     else:

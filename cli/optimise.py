@@ -197,7 +197,7 @@ def _graph_of_map(path: Path) -> PoseGraph:
 def draw(image: Path, solved: OptimisedGraph) -> None:
     """The solved graph as a picture."""
     from cli.optimise_map import constraints_of, matrices_of
-    from formats.report.graph_picture import write_graph_picture
+    from formats.report.map_pictures import write_graph_picture
 
     graph = solved.graph
     landmarks = graph.landmarks if len(graph.landmark_ids) else None

@@ -87,8 +87,6 @@ BY_WORDS = {
     "topics are set that the log": "correct the names; `mapmyworld inspect log LOG` lists them",
     "was its driver stopped": "check driver and cable before the next recording",
     "angles are not finite": "the scan is left out; check the driver",
-    "are not where its index": "copy it again; `mapmyworld convert` writes a sound index",
-    "before the times in its index": "copy it again; `mapmyworld convert` writes a sound index",
     "they show ... deg": "nothing; it is used where no better sensor is",
     "beams over ... deg": "nothing; it is used where no better sensor is",
     "scans of at least two times": "have the driver fill header.stamp",

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 from urllib.parse import quote
 from weakref import finalize
 
@@ -183,3 +184,25 @@ def _header(path: Path) -> bytes:
             return file.read(72)
     except OSError as error:
         raise MapError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+class Opened:
+    """Closed at the end of a `with` block."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._db = connection
+        self.path: Path = connection.path
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._db.close()

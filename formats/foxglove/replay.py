@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from formats.converting import Copier
 from formats.foxglove.map_file import MAP, Event, FoxgloveMap, map_events, write_layout
-from formats.foxglove.sink import FoxgloveSink
 from formats.recording_files import LogWriter
 from mapmyworld.errors import LogError
 from mapmyworld.types import (
@@ -57,7 +56,7 @@ def write_replay(
     frames = _frames_of(log, shown.base_frame)
     with LogWriter(path, overwrite=True) as writer:
         copier = Copier(writer)
-        replay = _Replay(log, frames, FoxgloveSink(writer), copier)
+        replay = _Replay(log, frames, writer, copier)
         replay.run(_ours(shown, frames, odom_from_base, log))
     return [path, write_layout(path)], (*log.losses(), *copier.losses())
 
@@ -143,7 +142,7 @@ class _Replay:
 
     log: LogSource
     frames: _Frames
-    sink: FoxgloveSink
+    writer: LogWriter
     copier: Copier
 
     def run(self, ours: Sequence[Event]) -> None:
@@ -158,25 +157,25 @@ class _Replay:
 
     def _ours(self, events: Sequence[Event]) -> Iterator[Act]:
         for time_ns, topic, message in events:
-            yield time_ns, 0, partial(self.sink.write, topic, message, time_ns)
+            yield time_ns, 0, partial(self.writer.write, topic, message, time_ns)
 
     def _transforms(self, topics: frozenset[str]) -> Iterator[Act]:
         for raw in self.log.messages(topics):
-            yield raw.log_time_ns, 1, partial(_write_tf, raw, self.frames, self.sink)
+            yield raw.log_time_ns, 1, partial(_write_tf, raw, self.frames, self.writer)
 
     def _copies(self, topics: frozenset[str]) -> Iterator[Act]:
         for time_ns, _, write in self.copier.writes(self.log, topics):
             yield time_ns, 2, partial(write, time_ns)
 
 
-def _write_tf(raw: RawMessage, frames: _Frames, sink: FoxgloveSink) -> None:
+def _write_tf(raw: RawMessage, frames: _Frames, writer: LogWriter) -> None:
     """The log's own transforms, but for those that a localiser's map would contradict ours by."""
     message = _decoded(raw)
     if not isinstance(message, TransformsMessage):
         return
     kept = tuple(t for t in message.transforms if _is_kept(t, frames))
     if kept:
-        sink.write(raw.topic, replace(message, transforms=kept), raw.log_time_ns)
+        writer.write(raw.topic, replace(message, transforms=kept), raw.log_time_ns)
 
 
 def _is_kept(transform: TransformStamped, frames: _Frames) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 
 from formats.logs import foxglove_decoders, ros_decoders
 from formats.logs.channels import Channel, Payload
-from formats.logs.message_fields import field
+from formats.logs.message_fields import field, stamp_of
 from formats.logs.message_parsers import Parse, RosParser, parser_of
 from mapmyworld.errors import LogError
 from mapmyworld.types import Message, MessageKind, TextMessage, TransformsMessage
@@ -99,7 +99,7 @@ def _parsed_stamp(
     try:
         value = parse(data)
         if field(value, "timestamp") is not None:
-            return foxglove_decoders.stamp_of(value)
+            return stamp_of(value)
         return decode(data, 0).stamp_ns
     except Exception:  # damaged; decoding will say so
         return None

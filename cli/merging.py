@@ -60,6 +60,7 @@ def extend_file(
     What shows another place goes into KNOWN_2, or the next number that is free. Sessions that
     contradict the map are merged with it instead.
     """
+    from formats.database import MemoryMap
     from formats.database.lock import only_writer
     from mapmyworld.sessions import extend_map, merge_maps
 
@@ -67,7 +68,7 @@ def extend_file(
     with only_writer(known), ResultMaps(known, config, spare=True) as results, ExitStack() as stack:
         session_maps = [_opened(path, stack) for path in sources]
         with results.copy_of_output() as store:
-            done = extend_map(store, session_maps, config, progress)
+            done = extend_map(store, session_maps, MemoryMap, config, progress)
             maps = [] if done is None else [_extended(store, known, done)]
         if done is None:
             results.discard()

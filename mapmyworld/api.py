@@ -15,7 +15,6 @@ from pathlib import Path
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings
 from mapmyworld.errors import MapError
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import BuildResult, build_map
 from mapmyworld.types import LogSource, MapStore, OccupancyGrid, Progress
 from mapmyworld.types.edits import Edit
@@ -77,7 +76,7 @@ def build(
     It is made in memory, or in the file or store `into`; a file is then open in `Built.map`, to
     be closed. Raises `mapmyworld.errors.MapMyWorldError` where the log cannot become a map.
     """
-    store = MemoryMap() if into is None else _opened_for_writing(into)
+    store = _opened_for_writing(into)
     result = build_map(_log(log), store, config or Config(), progress or Silent(), method=method)
     return Built(store, result)
 
@@ -117,6 +116,7 @@ def merge(
     The maps given are not changed. Those that nothing connects come out as several. Raises
     `MapError` for fewer than two maps.
     """
+    from formats.database import MemoryMap
     from mapmyworld.sessions import load_session_map, merge_maps
 
     if len(maps) < 2:
@@ -203,9 +203,9 @@ def _log(given: AnyLog) -> LogSource:
     return open_log([Path(path) for path in given])
 
 
-def _opened_for_writing(into: MapStore | PathLike) -> MapStore:
-    if not isinstance(into, str | os.PathLike):
-        return into
-    from formats.database import open_store
+def _opened_for_writing(into: MapStore | PathLike | None) -> MapStore:
+    from formats.database import MemoryMap, open_store
 
-    return open_store(Path(into), create=True)
+    if into is None:
+        return MemoryMap()
+    return open_store(Path(into), create=True) if isinstance(into, str | os.PathLike) else into

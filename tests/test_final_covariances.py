@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from formats.database import MemoryMap
 from mapmyworld.api import Silent
 from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.residuals import retract
@@ -19,7 +20,6 @@ from mapmyworld.geometry.planar import compose_planar, covariance_from_planar, p
 from mapmyworld.graph.covariance import marginal_covariances
 from mapmyworld.kernels.wheel_model import learn, new_wheels, reckon
 from mapmyworld.memory_log import MemoryLog
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.odometry.sweep_noise import sweep_variances
 from mapmyworld.pipeline import build_map
 from mapmyworld.registration.joint_alignment import FAINT, without_open

@@ -6,7 +6,7 @@ that, like a merge of two. Where the session contradicts the map, all must be so
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,6 @@ from mapmyworld.graph.edited_constraints import as_found
 from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.mapping.added_grid import added_grid
 from mapmyworld.mapping.occupancy import build_grid
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.places.session_joining import locate_session
 from mapmyworld.sessions.copying import (
     Placed,
@@ -56,10 +55,15 @@ class Extension:
 
 
 def extend_map(
-    store: MapStore, session_maps: Sequence[SessionMap], config: Config, progress: Progress
+    store: MapStore,
+    session_maps: Sequence[SessionMap],
+    new_store: Callable[[], MapStore],
+    config: Config,
+    progress: Progress,
 ) -> Extension | None:
     """Lays session maps into a finished map, in an order of their own; None where that does not do.
 
+    `new_store` gives an empty map, in which a session is solved against what is held of the known.
     It does not for maps that keep images, whose words are those of all sessions, and for a session
     that contradicts the map. The store has then been changed and must be given up.
     """
@@ -75,7 +79,7 @@ def extend_map(
         if found is None:
             return Extension(tuple(added), tuple(waiting), links)
         session_map, joint = found
-        laid = _lay(base, session_map, joint, config, progress)
+        laid = _lay(base, session_map, joint, new_store, config, progress)
         if laid is None:
             return None
         _write(base, laid, store, config, progress)
@@ -116,12 +120,17 @@ class _Laid:
 
 
 def _lay(
-    base: SessionMap, session_map: SessionMap, joint: Array, config: Config, progress: Progress
+    base: SessionMap,
+    session_map: SessionMap,
+    joint: Array,
+    new_store: Callable[[], MapStore],
+    config: Config,
+    progress: Progress,
 ) -> _Laid | None:
     """The session map solved against the map's skeleton; None where many closures do not fit."""
-    skeleton = skeleton_of(base, config)
+    skeleton = skeleton_of(base, new_store(), config)
     item = Placed(session_map, joint, base.nodes[-1].id, max(base.sessions) + 1)
-    placed, scratch = [Placed(skeleton, np.eye(4), 0, 0), item], MemoryMap()
+    placed, scratch = [Placed(skeleton, np.eye(4), 0, 0), item], new_store()
     with scratch.write_stage("plan", ""):
         copy_plan([base.store, session_map.store], scratch)
     with scratch.write_stage("track", ""):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import click
 
@@ -20,21 +21,29 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def config_options(command: F) -> F:
-    """`--config FILE` and `--set KEY=VALUE`, in which later ones win."""
-    command = click.option(
+    """`--config FILE` and `--set KEY=VALUE`, in which later ones win, as the parameter `config`."""
+
+    @functools.wraps(command)
+    def configured(config_path: Path | None, changes: Sequence[str], **given: Any) -> Any:
+        return command(config=load_config(config_path, changes), **given)
+
+    decorated: Any = click.option(
         "--set",
         "changes",
         multiple=True,
         metavar="KEY=VALUE",
         shell_complete=settings_from,
         help="Change one setting, e.g. --set mapping.resolution=0.025. May be repeated.",
-    )(command)
-    return click.option(
-        "--config",
-        "config_path",
-        type=PATH,
-        help="TOML file with settings; `mapmyworld config` prints one.",
-    )(command)
+    )(configured)
+    return cast(
+        F,
+        click.option(
+            "--config",
+            "config_path",
+            type=PATH,
+            help="TOML file with settings; `mapmyworld config` prints one.",
+        )(decorated),
+    )
 
 
 def load_config(config_path: Path | None, changes: Sequence[str]) -> Config:
@@ -66,6 +75,13 @@ def _use_limits(config: LimitsConfig) -> None:
 
 
 _IDLE = ("threads",)  # settings that change no result
+
+
+def options_of(config: Config) -> list[str]:
+    """`--set` of every setting that was changed, for another command."""
+    changed = zip(list_settings(config), list_settings(), strict=True)
+    given = [f"{now.name}={now.value}" for now, standard in changed if now.value != standard.value]
+    return [word for one in given for word in ("--set", one)]
 
 
 def settings_that_differ(config: Config) -> list[list[str]]:

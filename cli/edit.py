@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from cli.arguments import PATH, map_argument
-from cli.config_sources import config_options, load_config
+from cli.config_sources import config_options
 from cli.edit_account import Graph, account, fight
 from cli.exit_codes import EXIT_PARTIAL
 from cli.progress import StderrProgress
@@ -24,14 +24,11 @@ if TYPE_CHECKING:
 @click.argument("edits_path", metavar="EDITS.toml", type=PATH)
 @config_options
 @click.option("--no-export", is_flag=True, help="Change MAP only, not the products beside it.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress and no notes.")
 def edit(
     map_path: Path,
     edits_path: Path,
-    config_path: Path | None,
-    changes: tuple[str, ...],
+    config: Config,
     no_export: bool,
-    quiet: bool,
 ) -> None:
     """Accept, reject or add constraints of MAP, pin nodes, add priors; then optimise again.
 
@@ -70,7 +67,6 @@ def edit(
     \b
     mapmyworld edit map.db edits.toml
     """
-    config = load_config(config_path, changes)
     from formats.database import open_store
     from formats.database.lock import only_writer
     from formats.edit_files import read_edits
@@ -78,7 +74,7 @@ def edit(
     from mapmyworld.stages.replay_edits import edit_map
 
     edits = read_edits(edits_path)
-    progress = StderrProgress(quiet=quiet)
+    progress = StderrProgress()
     with only_writer(map_path), open_store(map_path) as store:
         poses = store.poses()
         if poses is None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import PATH, format_option
-from cli.config_sources import config_options, load_config
+from cli.config_sources import config_options
 from cli.exit_codes import EXIT_PARTIAL
 from cli.plan_text import plan_json, plan_lines
 from cli.standard_streams import show_json
@@ -21,6 +21,7 @@ from mapmyworld.errors import LogError
 from mapmyworld.types import LogInfo, TopicInfo
 
 if TYPE_CHECKING:
+    from mapmyworld.config import Config
     from mapmyworld.diagnosis import Finding
 
 _WIDEST = 60  # characters that the column of topics takes, at most
@@ -34,8 +35,7 @@ _WIDEST = 60  # characters that the column of topics takes, at most
 def log(
     paths: tuple[Path, ...],
     looking: bool,
-    config_path: Path | None,
-    changes: tuple[str, ...],
+    config: Config,
     style: str,
 ) -> None:
     """What is in LOG, which topics, frames and clock would be used and why, and what is wrong.
@@ -48,7 +48,6 @@ def log(
     from mapmyworld.diagnosis import diagnose
     from mapmyworld.sensing import make_plan, survey_log
 
-    config = load_config(config_path, changes)
     source = open_log(paths)
     survey = survey_log(source, every_topic=True)
     info = survey.info

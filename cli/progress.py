@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from cli.interrupts import heed_wish
-from cli.manners import is_verbose
+from cli.manners import is_quiet, is_verbose
 from cli.memory import peak_memory_mb
 from cli.standard_streams import own_words
 from formats.readable import readable
@@ -52,8 +52,8 @@ class StageCost:
 class StderrProgress:
     """Says which stage runs, how far it is, and how much faster than the robot drove."""
 
-    def __init__(self, *, quiet: bool = False) -> None:
-        self.quiet = quiet
+    def __init__(self) -> None:
+        self.quiet = is_quiet()
         self.notes: list[str] = []
         self.costs: dict[str, StageCost] = {}
         """By name, in the order of first rounds."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import PATH, default_map, format_option
-from cli.config_sources import config_options, options_of, settings_that_differ
+from cli.config import config_options, options_of, settings_that_differ
 from cli.exit_codes import EXIT_PARTIAL
 from cli.memory import memory_limit, peak_memory_mb
 from cli.outputs import forget_products, require_map_place
@@ -125,8 +125,7 @@ def build(
 def _append(
     logs: tuple[Path, ...], map_path: Path, config: Config, export: bool, style: str
 ) -> None:
-    from cli.appending import append_logs
-    from cli.merging import show_merged
+    from cli.merging import append_logs, show_merged
 
     progress = StderrProgress()
     summary = append_logs(logs, map_path, config, progress, export=export)
@@ -136,7 +135,7 @@ def _append(
 
 def _show_plan(log: LogSource, config: Config, style: str) -> None:
     """The plan; exit code 3 where the map would be partial, as of `inspect log`."""
-    from cli.plan_text import plan_json, plan_lines
+    from cli.inspect_log import plan_json, plan_lines
     from mapmyworld.sensing import make_plan, survey_log
 
     survey = survey_log(log)

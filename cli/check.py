@@ -9,10 +9,10 @@ from pathlib import Path
 import click
 
 from cli.arguments import PATH, FiniteRange, format_option, map_argument
-from cli.checking import KEYS, Sources, few_relations_note, measure
-from cli.completing import keys_from
+from cli.checking import BETTER, KEYS, Sources, few_relations_note, measure
+from cli.completion import keys_from
 from cli.exit_codes import EXIT_CHECK_FAILED
-from cli.gates import BETTER, WHOLE, judged, no_worse, read_requirements, require_known, wholeness
+from cli.gates import WHOLE, judged, no_worse, read_requirements, require_known, wholeness
 from cli.outputs import require_apart
 from cli.standard_streams import end_partial, own_words, show_json, shown
 from formats.check_results import Verdict, junit_xml, markdown

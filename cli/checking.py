@@ -109,6 +109,8 @@ class Key:
     find: Callable[[Facts], float]
     needs: str = ""
     """The option without which it cannot be found."""
+    better: int = 0
+    """1 where more is better than less, -1 where less is; 0 where neither."""
 
 
 def _accepted(kind: ConstraintKind) -> Callable[[Facts], float]:
@@ -122,7 +124,9 @@ KEYS: dict[str, Key] = {
     "sessions": Key("sessions", lambda f: float(len({n.session for n in f.store.nodes()}))),
     "frames": Key("tracked moments", lambda f: float(len(f.store.tracked_frames().stamps_ns))),
     "neighbour": Key("neighbour constraints", _accepted(ConstraintKind.NEIGHBOUR)),
-    "loop_closures": Key("accepted loop closures", _accepted(ConstraintKind.LOOP_CLOSURE)),
+    "loop_closures": Key(
+        "accepted loop closures", _accepted(ConstraintKind.LOOP_CLOSURE), better=1
+    ),
     "proximity": Key("accepted proximity constraints", _accepted(ConstraintKind.PROXIMITY)),
     "landmarks": Key("accepted landmark constraints", _accepted(ConstraintKind.LANDMARK)),
     "rejected": Key(
@@ -130,24 +134,29 @@ KEYS: dict[str, Key] = {
         lambda f: float(sum(not c.accepted for c in f.store.constraints())),
     ),
     "unknown_share": Key(
-        "share of the grid's cells never seen", lambda f: float((f.grid.trinary() < 0).mean())
+        "share of the grid's cells never seen",
+        lambda f: float((f.grid.trinary() < 0).mean()),
+        better=-1,
     ),
-    "free_area": Key("m2 of free floor", lambda f: f.grid.area_m2(0)),
-    "largest_sigma": Key("m, of the least certain node", lambda f: f.largest_sigma()),
+    "free_area": Key("m2 of free floor", lambda f: f.grid.area_m2(0), better=1),
+    "largest_sigma": Key("m, of the least certain node", lambda f: f.largest_sigma(), better=-1),
     "covered": Key(
         "share of the reference's time mapped",
         lambda f: coverage(f.trajectory, f.reference),
         "reference",
+        better=1,
     ),
-    "ate_rmse": Key("m, after alignment", lambda f: f.absolute.rmse, "reference"),
-    "ate_max": Key("m, after alignment", lambda f: f.absolute.translation.maximum, "reference"),
-    "ate_rotation": Key("deg, rmse", lambda f: f.absolute.rotation_deg.rmse, "reference"),
-    "rpe_rmse": Key("m a metre", lambda f: f.relative.rmse, "reference"),
-    "rpe_rotation": Key("deg a metre, rmse", lambda f: f.relative.rotation_deg.rmse, "reference"),
-    "loop_precision": Key("share of right closures", lambda f: f.loops.precision, "reference"),
-    "loop_recall": Key("share of true loops found", lambda f: f.loops.recall, "reference"),
+    "ate_rmse": Key("m, after alignment", lambda f: f.absolute.rmse, "reference", -1),
+    "ate_max": Key("m, after alignment", lambda f: f.absolute.translation.maximum, "reference", -1),
+    "ate_rotation": Key("deg, rmse", lambda f: f.absolute.rotation_deg.rmse, "reference", -1),
+    "rpe_rmse": Key("m a metre", lambda f: f.relative.rmse, "reference", -1),
+    "rpe_rotation": Key(
+        "deg a metre, rmse", lambda f: f.relative.rotation_deg.rmse, "reference", -1
+    ),
+    "loop_precision": Key("share of right closures", lambda f: f.loops.precision, "reference", 1),
+    "loop_recall": Key("share of true loops found", lambda f: f.loops.recall, "reference", 1),
     "relations_translation": Key(
-        "m, mean error", lambda f: f.related.translation_mean, "relations"
+        "m, mean error", lambda f: f.related.translation_mean, "relations", -1
     ),
     "relations_covered": Key(
         "share of the relations in the map's time, which are scored",
@@ -155,14 +164,18 @@ KEYS: dict[str, Key] = {
         "relations",
     ),
     "relations_rotation": Key(
-        "deg, mean error", lambda f: f.related.rotation_mean_deg, "relations"
+        "deg, mean error", lambda f: f.related.rotation_mean_deg, "relations", -1
     ),
     "grid_precision": Key(
-        "within one cell, aligned", lambda f: f.agreement.aligned.precision_1, "grid"
+        "within one cell, aligned", lambda f: f.agreement.aligned.precision_1, "grid", 1
     ),
-    "grid_recall": Key("within one cell, aligned", lambda f: f.agreement.aligned.recall_1, "grid"),
-    "grid_free": Key("share of free cells right", lambda f: f.agreement.aligned.free, "grid"),
+    "grid_recall": Key(
+        "within one cell, aligned", lambda f: f.agreement.aligned.recall_1, "grid", 1
+    ),
+    "grid_free": Key("share of free cells right", lambda f: f.agreement.aligned.free, "grid", 1),
 }
+BETTER = {name: key.better for name, key in KEYS.items() if key.better}
+"""The keys that can be compared with an older map's."""
 
 
 def few_relations_note(sources: Sources) -> list[str]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import PATH, format_option
-from cli.config_sources import config_options, options_of
+from cli.config import config_options, options_of
 from cli.manners import note
 from cli.outputs import require_outputs
 from cli.spelling import british

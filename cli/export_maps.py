@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import FiniteRange, map_argument
-from cli.config_sources import config_options
+from cli.config import config_options
 from cli.exit_codes import EXIT_CHECK_FAILED
 from cli.export_options import open_map, output_option, output_or, show_written
 from cli.outputs import require_utf8

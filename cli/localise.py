@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import PATH, format_option
-from cli.config_sources import config_options
+from cli.config import config_options
 from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import require_outputs
 from cli.progress import StderrProgress

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from cli.arguments import PATH, format_option
-from cli.config_sources import config_options
+from cli.config import config_options
 from cli.progress import StderrProgress
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import cast
 import click
 
 from cli.arguments import PATH, format_option
-from cli.config_sources import changed_values
+from cli.config import changed_values
 from cli.outputs import require_apart, require_output_name
 from cli.progress import StderrProgress
 from cli.standard_streams import show_json

@@ -17,8 +17,7 @@ from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between
 from mapmyworld.graph.edited_constraints import edits_from_json, edits_to_json
 from mapmyworld.sessions import load_session_map, merge_maps
-from mapmyworld.sessions.copying import place_session_maps
-from mapmyworld.sessions.stated import copied_edits
+from mapmyworld.sessions.copying import copied_edits, place_session_maps
 from mapmyworld.types import ConstraintKind, MapStore, Person
 from mapmyworld.types.edits import Edit, EditAction
 

@@ -17,7 +17,7 @@ from formats.database import MemoryMap, open_store
 from mapmyworld.api import Silent, build
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar
-from mapmyworld.mapping.added_grid import added_grid
+from mapmyworld.mapping.occupancy import added_grid
 from mapmyworld.sessions import extend_map, load_session_map, merge_maps
 from mapmyworld.sessions.joining import session_places
 from mapmyworld.sessions.skeleton import skeleton_of

@@ -17,8 +17,7 @@ from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint
 from mapmyworld.graph.edited_constraints import as_found
 from mapmyworld.graph.frame_poses import pose_every_frame
-from mapmyworld.mapping.added_grid import added_grid
-from mapmyworld.mapping.occupancy import build_grid
+from mapmyworld.mapping.occupancy import added_grid, build_grid
 from mapmyworld.places.session_joining import locate_session
 from mapmyworld.sessions.copying import (
     Placed,
@@ -27,11 +26,9 @@ from mapmyworld.sessions.copying import (
     copy_drives,
     copy_plan,
 )
-from mapmyworld.sessions.joining import have_scans, session_places
-from mapmyworld.sessions.notes import digest_of, note_sessions
-from mapmyworld.sessions.session_maps import SessionMap, load_session_map
+from mapmyworld.sessions.joining import have_scans, session_places, tie_sessions
+from mapmyworld.sessions.session_maps import SessionMap, digest_of, load_session_map, note_sessions
 from mapmyworld.sessions.skeleton import skeleton_of
-from mapmyworld.sessions.tying import tie_sessions
 from mapmyworld.stages.draw_maps import draw_maps
 from mapmyworld.stages.kept import has_images
 from mapmyworld.stages.recognise import scan_loader

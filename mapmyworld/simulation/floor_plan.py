@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.kernels.planar_rays import cast_planar_rays
-from mapmyworld.simulation.section import horizontal_section
 from mapmyworld.simulation.world import Scene
 
 _CELL = 0.5  # m, edge of the cells that rays walk through
+_TOUCH = 1e-9  # m by which vertices on the plane are lifted, so that each triangle is cut once
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,3 +102,25 @@ def _cell_span(
     high = np.maximum(values[:-1], values[1:]) + 1e-6
     first = np.floor((low - corner) / _CELL).astype(np.int64)
     return first, np.floor((high - corner) / _CELL).astype(np.int64)
+
+
+def horizontal_section(
+    corners: NDArray[np.float64], height: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Segments (S, 4) as x0, y0, x1, y1 where triangles (T, 3, 3) cross z = height, and (S,) whose.
+
+    All in m; corners of triangles are rows.
+    """
+    z = corners[:, :, 2] - height
+    z = np.where(np.abs(z) < _TOUCH, _TOUCH, z)
+    owner = np.flatnonzero((z.min(1) < 0.0) & (z.max(1) > 0.0))
+    segments = np.zeros((len(owner), 2, 2))
+    filled = np.zeros(len(owner), np.int64)
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        za, zb = z[owner, a], z[owner, b]
+        crosses = np.flatnonzero((za < 0.0) != (zb < 0.0))
+        share = za[crosses] / (za[crosses] - zb[crosses])
+        start, end = corners[owner[crosses], a, :2], corners[owner[crosses], b, :2]
+        segments[crosses, filled[crosses]] = start + share[:, None] * (end - start)
+        filled[crosses] += 1
+    return segments.reshape(-1, 4), owner

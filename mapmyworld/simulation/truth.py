@@ -16,8 +16,7 @@ from mapmyworld.geometry.planar import (
     planar_to_matrix,
     wrap_angle,
 )
-from mapmyworld.mapping.beams import beams_of
-from mapmyworld.mapping.canvas import Canvas
+from mapmyworld.mapping.canvas import Canvas, beams_of
 from mapmyworld.simulation import robot
 from mapmyworld.simulation.driver import TICK, Drive
 from mapmyworld.simulation.floor_plan import Plan

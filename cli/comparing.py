@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.errors import MapError
 from mapmyworld.exporting import trajectory_of
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.types import MapStore, OccupancyGrid, Trajectory
 
@@ -160,7 +160,7 @@ def draw_maps(path: Path, candidates: Sequence[Candidate], rows: Sequence[dict[s
     write_compare_picture(path, panels)
 
 
-def _alignment(candidate: Candidate, first: Candidate) -> NDArray[np.float64]:
+def _alignment(candidate: Candidate, first: Candidate) -> Array:
     """The motion (3,) that lays a map's path upon the first one's."""
     from mapmyworld.evaluation import ate
 

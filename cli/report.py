@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import mapmyworld
 from cli.figure_names import problems_of
@@ -21,6 +20,7 @@ from formats.whole_files import write_whole
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError, MapMyWorldError
 from mapmyworld.exporting import frame_poses, grid_at, is_planar
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import invert
 from mapmyworld.graph import audit
@@ -32,7 +32,6 @@ from mapmyworld.types.wording import reason_of
 if TYPE_CHECKING:
     from cli.progress import StageCost, StderrProgress
 
-Floats = NDArray[np.float64]
 _LOOKED_AT = 20  # frames that show whether there are scans
 
 
@@ -169,14 +168,14 @@ def _grid(store: MapStore) -> OccupancyGrid | None:
     return grid
 
 
-def _path(store: MapStore, nodes: Sequence[Node]) -> Floats:
+def _path(store: MapStore, nodes: Sequence[Node]) -> Array:
     """Time since the first node, x and y (F, 3) of every tracked frame."""
     frames, poses = frame_poses(store)
     stamps = store.tracked_frames().stamps_ns[frames]
     return np.column_stack([(stamps - nodes[0].stamp_ns) * 1e-9, poses[:, :2, 3]])
 
 
-def _odometry(nodes: Sequence[Node], solved: Poses) -> Floats:
+def _odometry(nodes: Sequence[Node], solved: Poses) -> Array:
     """Recorded odometry (N, 2) of the first session's nodes, moved onto the first pose."""
     first = [node for node in nodes if node.session == nodes[0].session]
     start = solved.map_from_node[0] @ invert(first[0].odom_from_base)

@@ -11,6 +11,7 @@ from formats.database.connection import is_sqlite
 from formats.truth_files import read_loop_pairs
 from mapmyworld.evaluation import FEW, LoopScore, RelationsScore, loop_closure_score
 from mapmyworld.evaluation.nees import map_nees
+from mapmyworld.geometry import Array
 from mapmyworld.types import CLOSURES, MapStore, Trajectory
 
 
@@ -78,7 +79,7 @@ def coverage(estimate: Trajectory, reference: Trajectory) -> float:
     return float(max(0, int(last - first)) / whole) if whole else 1.0
 
 
-def to_reference(estimate: Trajectory, reference: Trajectory) -> NDArray[np.float64]:
+def to_reference(estimate: Trajectory, reference: Trajectory) -> Array:
     """`reference_from_estimate` (4, 4) by the best rigid alignment of the trajectories."""
     from mapmyworld.evaluation import ate
 

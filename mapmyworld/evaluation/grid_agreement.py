@@ -11,11 +11,11 @@ from scipy.fft import irfft2, rfft2
 from scipy.spatial import cKDTree
 
 from mapmyworld.errors import MapError
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import invert_planar, transform_points_planar, wrap_angle
 from mapmyworld.types import OccupancyGrid
 
 _ROUNDING = 1e-6  # cells
-Points = NDArray[np.float64]
 _COARSE = 0.2  # m, cell of the search over all rotations and shifts
 _TURNS = 180  # rotations tried, over the full circle
 _CANDIDATES = 4  # best rotations that are compared
@@ -50,7 +50,7 @@ class GridScore:
 
     unaligned: GridAgreement
     aligned: GridAgreement
-    reference_from_grid: NDArray[np.float64]
+    reference_from_grid: Array
     """(3,) x, y, yaw of the best alignment."""
     unknown: float
     """Share of the cells that the reference knows and the grid does not, after alignment."""
@@ -71,7 +71,7 @@ def grid_score(grid: OccupancyGrid, reference: OccupancyGrid) -> GridScore:
     return GridScore(unaligned, aligned, motion, unknown)
 
 
-def occupied_centres(grid: OccupancyGrid) -> Points:
+def occupied_centres(grid: OccupancyGrid) -> Array:
     """Centres (N, 2) in metres of the occupied cells."""
     row, column = np.nonzero(grid.trinary() == 100)
     return grid.origin + (np.stack([column, row], axis=1) + 0.5) * grid.resolution
@@ -80,9 +80,9 @@ def occupied_centres(grid: OccupancyGrid) -> Points:
 def _agreement(
     grid: OccupancyGrid,
     reference: OccupancyGrid,
-    occupied: Points,
-    true: Points,
-    reference_from_grid: NDArray[np.float64],
+    occupied: Array,
+    true: Array,
+    reference_from_grid: Array,
 ) -> GridAgreement:
     moved = transform_points_planar(reference_from_grid, occupied)
     found = cKDTree(true).query(moved, p=np.inf)[0] / reference.resolution
@@ -100,7 +100,7 @@ def _agreement(
 
 
 def _values_at(
-    grid: OccupancyGrid, reference: OccupancyGrid, reference_from_grid: NDArray[np.float64]
+    grid: OccupancyGrid, reference: OccupancyGrid, reference_from_grid: Array
 ) -> NDArray[np.int8]:
     """The grid's trinary values at the centres of the cells that the reference knows."""
     row, column = np.nonzero(reference.trinary() >= 0)
@@ -114,7 +114,7 @@ def _values_at(
     return values
 
 
-def align_cells(points: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
+def align_cells(points: Array, reference: Array) -> Array:
     """`reference_from_points` (3,) that lays points (N, 2) best on those of the reference (M, 2).
 
     All in metres. As they lie, or by the rotation and shift of a search by correlation that fit
@@ -122,7 +122,7 @@ def align_cells(points: NDArray[np.float64], reference: NDArray[np.float64]) -> 
     """
     tree, size = cKDTree(reference), float(np.hypot(*np.ptp(points, axis=0)))
 
-    def fit(motion: NDArray[np.float64]) -> float:
+    def fit(motion: Array) -> float:
         return _fit(points, reference, tree, motion)
 
     starts = [np.zeros(3), *_correlated(points, reference)]
@@ -130,12 +130,7 @@ def align_cells(points: NDArray[np.float64], reference: NDArray[np.float64]) -> 
     return np.append(motion[:2], wrap_angle(motion[2]))
 
 
-def _fit(
-    points: NDArray[np.float64],
-    reference: NDArray[np.float64],
-    tree: cKDTree,
-    motion: NDArray[np.float64],
-) -> float:
+def _fit(points: Array, reference: Array, tree: cKDTree, motion: Array) -> float:
     """How near walls lie to walls, 0 to 2; both ways, so that a small map is not hidden in a
     corner of a large one.
     """
@@ -145,9 +140,7 @@ def _fit(
     return float(np.exp(-0.5 * there**2).mean() + np.exp(-0.5 * back**2).mean())
 
 
-def _climbed(
-    motion: NDArray[np.float64], fit: Callable[[NDArray[np.float64]], float], size: float
-) -> NDArray[np.float64]:
+def _climbed(motion: Array, fit: Callable[[Array], float], size: float) -> Array:
     """The motion after steps along each direction as long as they help."""
     best, step = fit(motion), _COARSE
     while step >= _LAST_STEP:
@@ -161,9 +154,7 @@ def _climbed(
     return motion
 
 
-def _correlated(
-    points: NDArray[np.float64], reference: NDArray[np.float64]
-) -> list[NDArray[np.float64]]:
+def _correlated(points: Array, reference: Array) -> list[Array]:
     """Rotations and shifts at which coarse pictures of both overlap most, best first."""
     middle, target = points.mean(0), reference.mean(0)
     radius = max(np.abs(points - middle).max(), np.abs(reference - target).max()) * np.sqrt(2.0)
@@ -186,7 +177,7 @@ def _correlated(
     return [motion for _, motion in found[:_CANDIDATES]]
 
 
-def _picture(points: NDArray[np.float64], cell: float, edge: int) -> NDArray[np.float64]:
+def _picture(points: Array, cell: float, edge: int) -> Array:
     """A square picture with the centre of the points in its middle; 1 where there is a wall."""
     picture = np.zeros((edge, edge))
     index = np.floor(points / cell).astype(np.int64) + edge // 2

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation.association import MAX_DIFFERENCE_S, associate
 from mapmyworld.evaluation.error_statistics import ErrorStatistics, summarise
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.types import Trajectory
@@ -27,13 +28,13 @@ class TrajectoryScore:
     translation: ErrorStatistics
     """Metres."""
     rotation_deg: ErrorStatistics
-    reference_from_estimate: NDArray[np.float64]
+    reference_from_estimate: Array
     """(4, 4) the alignment that was applied; the identity without one."""
     stamps_ns: NDArray[np.int64]
     """(N,) of the estimate's poses that were scored."""
-    translation_errors: NDArray[np.float64]
+    translation_errors: Array
     """(N,) metres."""
-    rotation_errors_deg: NDArray[np.float64]
+    rotation_errors_deg: Array
     """(N,)."""
 
     @property
@@ -85,10 +86,7 @@ def rpe(
 
 
 def _scored(
-    estimate: NDArray[np.float64],
-    truth: NDArray[np.float64],
-    alignment: NDArray[np.float64],
-    stamps_ns: NDArray[np.int64],
+    estimate: Array, truth: Array, alignment: Array, stamps_ns: NDArray[np.int64]
 ) -> TrajectoryScore:
     error = between(truth, estimate)
     translation = np.linalg.norm(error[:, :3, 3], axis=1)
@@ -98,7 +96,7 @@ def _scored(
     )
 
 
-def _ends_by_path(poses: NDArray[np.float64], distance: float) -> NDArray[np.int64]:
+def _ends_by_path(poses: Array, distance: float) -> NDArray[np.int64]:
     """Indices of poses at which `distance` was travelled since the last such pose."""
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     ends, travelled = [0], 0.0
@@ -110,7 +108,7 @@ def _ends_by_path(poses: NDArray[np.float64], distance: float) -> NDArray[np.int
     return np.array(ends, np.int64)
 
 
-def rigid_alignment(a_points: ArrayLike, b_points: ArrayLike) -> NDArray[np.float64]:
+def rigid_alignment(a_points: ArrayLike, b_points: ArrayLike) -> Array:
     """`a_from_b` (D+1, D+1) that minimises the squared distances of paired points, (N, D) both.
 
     Umeyama, "Least-squares estimation of transformation parameters between two point patterns",
@@ -133,7 +131,7 @@ def rigid_alignment(a_points: ArrayLike, b_points: ArrayLike) -> NDArray[np.floa
     return motion
 
 
-def _planar_alignment(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def _planar_alignment(a: Array, b: Array) -> Array:
     planar = rigid_alignment(a[:, :2], b[:, :2])
     motion = np.eye(4)
     motion[:2, :2], motion[:2, 3] = planar[:2, :2], planar[:2, 2]

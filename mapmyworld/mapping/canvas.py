@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import MappingConfig
 from mapmyworld.errors import MapError, NothingToDrawError
+from mapmyworld.geometry import Array
 from mapmyworld.kernels.rays import count_scans
 from mapmyworld.types import Scan
 
-Array = NDArray[np.float64]
 _MARGIN = 64  # cells by which the canvas outgrows what is needed, so that it seldom grows
 _MOST_MARKS = 255  # scans that a cell's mark indicates apart
 _MOST_CELLS = 400_000_000  # of the canvas; beyond, some range or pose is nonsense

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config, MappingConfig
+from mapmyworld.geometry import Array
 from mapmyworld.mapping.canvas import Canvas, Counts, beams_of
 from mapmyworld.parallel import batches
 from mapmyworld.types import OccupancyGrid, Scan
 
-Array = NDArray[np.float64]
 _TOGETHER = 128  # scans that are drawn in one go
 
 

@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint
 from mapmyworld.graph.edited_constraints import as_found, covariance_of, edits_from_json
 from mapmyworld.sessions.session_maps import SessionMap
 from mapmyworld.types import Judged, MapStore, Node, TrackedFrames
 from mapmyworld.types.edits import Edit, EditAction
 
-Array = NDArray[np.float64]
 _PLACES = {EditAction.PIN, EditAction.PRIOR}
 
 

@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint
 from mapmyworld.graph.edited_constraints import as_found
@@ -35,7 +35,6 @@ from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve_and_judge import note_solution, solve_and_judge
 from mapmyworld.types import Judged, MapStore, Poses, Progress, Why
 
-Array = NDArray[np.float64]
 _CONTRADICTING = 0.2  # share of a session's closures with the map from which it contradicts it
 
 

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.geometry.rotations import rotation_angle
@@ -28,7 +28,6 @@ _WITNESSES = 80  # images all over a session map that are looked for in the earl
 _SUPPORT = 6  # sightings that must report one joint, at least
 _MAJORITY = 3.0  # times more that must agree than contradict
 _AGREES = (0.4, 0.15)  # m and rad within which a sighting bears a joint out
-Array = NDArray[np.float64]
 
 
 def _located_by_images(a: SessionMap, b: SessionMap, config: Config) -> Array | None:

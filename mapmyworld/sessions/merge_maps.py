@@ -7,9 +7,9 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import invert
 from mapmyworld.graph.edited_constraints import edits_to_json
 from mapmyworld.places.session_joining import Joint
@@ -27,7 +27,6 @@ from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve_and_judge import solve_and_judge
 from mapmyworld.types import MapStore, Progress
 
-Array = NDArray[np.float64]
 OpenStore = Callable[[int], AbstractContextManager[MapStore]]
 """Gives the empty store of the first, second, ... map that results."""
 

@@ -9,16 +9,14 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 import mapmyworld
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.types import MapStore, Node
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.simulation.robot import OPTICAL
 from mapmyworld.simulation.robot_settings import CameraSettings
 from mapmyworld.types import ImageMessage
@@ -16,9 +17,7 @@ _EXPOSURE_PERIOD = 9.0  # s in which brightness wanders up and down
 _PNG_EFFORT = 4  # of 9: smaller files take longer
 
 
-def exposure_at(
-    times: NDArray[np.float64], settings: CameraSettings, random: np.random.Generator
-) -> NDArray[np.float64]:
+def exposure_at(times: Array, settings: CameraSettings, random: np.random.Generator) -> Array:
     """Factors of brightness at the times in s, (N,) both."""
     phase = random.uniform(0.0, 2.0 * np.pi)
     wave = np.sin(2.0 * np.pi * times / _EXPOSURE_PERIOD + phase)

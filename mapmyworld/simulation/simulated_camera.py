@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.errors import MissingDependencyError
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.kernels.texture_lookup import shade_pixels
 from mapmyworld.simulation import robot
@@ -62,7 +63,7 @@ class Renderer:
         self._paint = _Paint(scene, solid, self._lights)
         self._scene = _embree_scene(corners)
 
-    def render(self, world_from_optical: NDArray[np.float64]) -> View:
+    def render(self, world_from_optical: Array) -> View:
         """What the camera sees from `world_from_optical` (4, 4)."""
         ways = self._rays @ world_from_optical[:3, :3].T.astype(np.float32)
         place = world_from_optical[:3, 3].astype(np.float32)

@@ -8,6 +8,9 @@ from functools import cached_property
 from pathlib import Path
 
 from cli.scoring import coverage, few_relations, read_any_trajectory, score_loops, truth_beside
+from formats.database import open_store
+from formats.grid_files import read_grid
+from formats.relation_files import read_relations
 from mapmyworld.errors import ConfigError
 from mapmyworld.evaluation import (
     GridScore,
@@ -19,6 +22,7 @@ from mapmyworld.evaluation import (
     relations_score,
     rpe,
 )
+from mapmyworld.exporting import trajectory_of
 from mapmyworld.types import ConstraintKind, MapStore, OccupancyGrid, Trajectory
 
 
@@ -41,8 +45,6 @@ class Facts:
     @cached_property
     def trajectory(self) -> Trajectory:
         """Where the robot was, by the map."""
-        from mapmyworld.exporting import trajectory_of
-
         return trajectory_of(self.store)
 
     @cached_property
@@ -64,8 +66,6 @@ class Facts:
     @cached_property
     def related(self) -> RelationsScore:
         """Errors of the map's relations."""
-        from formats.relation_files import read_relations
-
         assert self.sources.relations is not None
         return relations_score(self.trajectory, read_relations(self.sources.relations))
 
@@ -87,8 +87,6 @@ class Facts:
     @cached_property
     def agreement(self) -> GridScore:
         """How the grid agrees with the reference's."""
-        from formats.grid_files import read_grid
-
         assert self.sources.grid is not None
         return grid_score(self.grid, read_grid(self.sources.grid))
 
@@ -180,8 +178,6 @@ BETTER = {name: key.better for name, key in KEYS.items() if key.better}
 
 def few_relations_note(sources: Sources) -> list[str]:
     """That few of the relations given are of the map's time; nothing where most are."""
-    from formats.database import open_store
-
     if sources.relations is None:
         return []
     with open_store(sources.map_path, read_only=True) as store:
@@ -190,8 +186,6 @@ def few_relations_note(sources: Sources) -> list[str]:
 
 def measure(wanted: Iterable[str], sources: Sources) -> dict[str, float]:
     """The figures asked for; raises `ConfigError` where an option they need was not given."""
-    from formats.database import open_store
-
     needed = sorted({KEYS[key].needs for key in wanted} - {""})
     absent = [option for option in needed if getattr(sources, option) is None]
     if absent:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -24,14 +24,18 @@ from cli.outputs import (
     require_output_name,
 )
 from cli.progress import StderrProgress
+from cli.report import report_beside
 from cli.standard_streams import show_json
 from cli.storing import ResultMaps, numbered, storage_arguments
+from formats.database import MemoryMap, open_store
+from formats.database.lock import only_writer
+from formats.logs import open_log
+from mapmyworld.config import Config
 from mapmyworld.errors import MapError
-
-if TYPE_CHECKING:
-    from mapmyworld.config import Config
-    from mapmyworld.sessions import MergedMap, SessionMap
-    from mapmyworld.types import MapStore
+from mapmyworld.exporting import export_beside
+from mapmyworld.pipeline import build_map
+from mapmyworld.sessions import MergedMap, SessionMap, extend_map, load_session_map, merge_maps
+from mapmyworld.types import MapStore
 
 
 def merge_files(
@@ -46,8 +50,6 @@ def merge_files(
 
     OUTPUT may be a source here.
     """
-    from formats.database.lock import only_writer
-
     started, cpu = time.monotonic(), time.process_time()
     with only_writer(output), ResultMaps(output, config) as results:
         maps = _merged(sources, results, config, progress)
@@ -63,10 +65,6 @@ def extend_file(
     What shows another place goes into KNOWN_2, or the next number that is free. Sessions that
     contradict the map are merged with it instead.
     """
-    from formats.database import MemoryMap
-    from formats.database.lock import only_writer
-    from mapmyworld.sessions import extend_map, merge_maps
-
     started, cpu = time.monotonic(), time.process_time()
     with only_writer(known), ResultMaps(known, config, spare=True) as results, ExitStack() as stack:
         session_maps = [_opened(path, stack) for path in sources]
@@ -90,8 +88,6 @@ def _merged(
     first: Path | None = None,
 ) -> list[MergedMap]:
     """The maps of the sources; the sessions of the `first` go into the first of them."""
-    from mapmyworld.sessions import merge_maps
-
     with ExitStack() as stack:
         session_maps = [_opened(path, stack) for path in sources]
         wanted = None if first is None else str(first)
@@ -99,17 +95,12 @@ def _merged(
 
 
 def _opened(path: Path, stack: ExitStack) -> SessionMap:
-    from formats.database import open_store
-    from mapmyworld.sessions import load_session_map
-
     store = open_store(path, read_only=True)
     stack.callback(store.close)
     return load_session_map(str(path), store)
 
 
 def _extended(store: MapStore, known: Path, done: Any) -> MergedMap:
-    from mapmyworld.sessions import MergedMap
-
     nodes = store.nodes()
     names = (str(known), *(session_map.name for session_map in done.added))
     return MergedMap(names, len({node.session for node in nodes}), len(nodes), done.links)
@@ -159,10 +150,6 @@ def _export(
     path: Path, config: Config, progress: StderrProgress, begun: tuple[float, float]
 ) -> list[str]:
     """What `build` writes beside its database."""
-    from cli.report import report_beside
-    from formats.database import open_store
-    from mapmyworld.exporting import export_beside
-
     forget_products(path)
     progress.stage("export")
     with open_store(path, read_only=True) as store:
@@ -248,10 +235,6 @@ def append_logs(
 
 
 def _build(log: Path, path: Path, config: Config, progress: StderrProgress) -> Path:
-    from formats.database import open_store
-    from formats.logs import open_log
-    from mapmyworld.pipeline import build_map
-
     path.parent.mkdir()
     opening = partial(open_store, path, create=True, **storage_arguments(config))
     with opening() as store:

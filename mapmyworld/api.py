@@ -12,6 +12,9 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from formats.database import MemoryMap, open_store
+from formats.database.lock import only_writer
+from formats.logs import open_log
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings
 from mapmyworld.errors import MapError
@@ -116,7 +119,6 @@ def merge(
     The maps given are not changed. Those that nothing connects come out as several. Raises
     `MapError` for fewer than two maps.
     """
-    from formats.database import MemoryMap
     from mapmyworld.sessions import load_session_map, merge_maps
 
     if len(maps) < 2:
@@ -157,9 +159,6 @@ def edit(
     if not isinstance(changed, str | os.PathLike):
         with opened(changed) as store:
             return edit_map(store, edits, config, progress)
-    from formats.database import open_store
-    from formats.database.lock import only_writer
-
     with only_writer(Path(changed)), open_store(Path(changed)) as filed:
         return edit_map(filed, edits, config, progress)
 
@@ -198,14 +197,10 @@ def _log(given: AnyLog) -> LogSource:
         given = [given]
     if not isinstance(given, Sequence):
         return given
-    from formats.logs import open_log
-
     return open_log([Path(path) for path in given])
 
 
 def _opened_for_writing(into: MapStore | PathLike | None) -> MapStore:
-    from formats.database import MemoryMap, open_store
-
     if into is None:
         return MemoryMap()
     return open_store(Path(into), create=True) if isinstance(into, str | os.PathLike) else into

@@ -11,7 +11,7 @@ import click
 
 from cli.interrupts import heed_wish
 from cli.manners import is_quiet, is_verbose
-from cli.memory import peak_memory_mb
+from cli.memory import heed_memory_limit, peak_memory_mb
 from cli.standard_streams import own_words
 from formats.readable import readable
 from mapmyworld.decisions import decided
@@ -70,6 +70,7 @@ class StderrProgress:
 
     def stage(self, name: str, total: float | None = None, unit: str = "") -> None:
         heed_wish()
+        heed_memory_limit()
         self.end()
         decided("stage", f"{name} of {total:g} {unit}" if total and unit else name)
         self._name, self._total, self._unit = name, total, unit
@@ -82,6 +83,7 @@ class StderrProgress:
 
     def update(self, done: float) -> None:
         heed_wish()
+        heed_memory_limit()
         self._done = done
         if self._live is not None:
             self._live.show(self._name, self._total, done, self._state())

@@ -13,6 +13,7 @@ from cli.arguments import PATH, format_option, map_argument
 from cli.manners import note
 from cli.outputs import require_outputs
 from cli.standard_streams import show_result
+from formats.database import open_store
 from mapmyworld.errors import MapError
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.types import OF_ONE_NODE, ConstraintKind, Judged, Poses
@@ -61,7 +62,6 @@ def graph(
     mapmyworld inspect graph office.db --pair 3 17 --image pair.png
     mapmyworld inspect graph office.db --between 3 17
     """
-    from formats.database import open_store
     from mapmyworld.map_figures import divides_of, tracked_poses, variance_factors_of
 
     require_outputs([] if image is None else [image], [map_path])
@@ -99,7 +99,6 @@ def graph(
 
 def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:
     """Both images with their matches."""
-    from formats.database import open_store
     from formats.report.match_picture import write_match_picture
     from mapmyworld.config import Config
     from mapmyworld.places.node_pairs import compare_nodes

@@ -12,6 +12,7 @@ import numpy as np
 from cli.arguments import PATH, format_option, map_argument
 from cli.outputs import require_outputs
 from cli.standard_streams import show_result
+from formats.database import open_store
 from mapmyworld.errors import MapError
 from mapmyworld.types import MapStore, OccupancyGrid
 
@@ -31,8 +32,6 @@ def inspect_map(map_path: Path, image: Path | None, style: str) -> None:
     mapmyworld inspect map
     mapmyworld inspect map office.db --format json
     """
-    from formats.database import open_store
-
     require_outputs([] if image is None else [image], [map_path])
     with open_store(map_path, read_only=True) as store:
         facts = map_facts(store)

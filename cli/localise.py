@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import PATH, format_option
-from cli.config_sources import config_options, load_config
+from cli.config import config_options
 from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import require_outputs
 from cli.progress import StderrProgress
@@ -18,6 +18,7 @@ from cli.standard_streams import show_result
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
+    from mapmyworld.config import Config
     from mapmyworld.sensing import Plan
     from mapmyworld.types import OccupancyGrid
     from mapmyworld.types.localisation import Localisation
@@ -33,15 +34,12 @@ _KINDS = (".tum", ".csv", ".mcap", ".png")
     help="FILE.tum, .csv, .mcap or .png; may be repeated.  [default: LOG.localised.tum and .csv]",
 )  # fmt: skip
 @config_options
-@click.option("-q", "--quiet", is_flag=True, help="No progress and no notes.")
 @format_option
 def localise(
     map_path: Path,
     logs: tuple[Path, ...],
     outputs: tuple[Path, ...],
-    config_path: Path | None,
-    changes: tuple[str, ...],
-    quiet: bool,
+    config: Config,
     style: str,
 ) -> None:
     """Find where the robot of LOG was in MAP, a map.db or any grid's YAML file.
@@ -57,9 +55,8 @@ def localise(
     """
     outputs = outputs or _beside(logs[0])
     _require_places(outputs, (map_path, *logs))
-    config = load_config(config_path, changes)
     started, cpu = time.monotonic(), time.process_time()
-    progress = StderrProgress(quiet=quiet)
+    progress = StderrProgress()
     from formats.logs import open_log
 
     grid, plan, found = _localise(map_path, open_log(logs), config, progress)
@@ -94,7 +91,7 @@ def _beside(log: Path) -> tuple[Path, ...]:
 
 
 def _localise(
-    map_path: Path, log: Any, config: Any, progress: StderrProgress
+    map_path: Path, log: Any, config: Config, progress: StderrProgress
 ) -> tuple[OccupancyGrid, Plan, Localisation]:
     from mapmyworld.localisation import localise_log, plan_log
 

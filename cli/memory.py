@@ -2,29 +2,18 @@
 
 from __future__ import annotations
 
-import _thread
 import resource
-import signal
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cli.exit_codes import EXIT_BAD_INPUT
-from cli.interrupts import Ending, ending_with, forget_wish, is_wished
 from mapmyworld.errors import MapMyWorldError
 
-_LOOK_EVERY_S = 0.1
+_limit_mb: int | None = None
 
 
 class MemoryLimitError(MapMyWorldError):
     """More memory was needed than allowed."""
-
-
-class _Over(Ending):
-    """More than `--max-memory`."""
-
-    exit_code = EXIT_BAD_INPUT
 
 
 def resident_mb() -> float:
@@ -47,33 +36,22 @@ def peak_memory_mb() -> float:
 
 @contextmanager
 def memory_limit(megabytes: int | None) -> Iterator[None]:
-    """Ends what is done under it once the process holds more; None = no limit.
+    """Ends what is done under it where it next reports how far it is, once the process holds more.
 
-    It ends in order, so that a map keeps what is finished; a kill by the system would not ask.
+    So a map keeps what is finished; a kill by the system would not ask. None = no limit.
     """
-    if megabytes is None:
-        yield
-        return
-    done = threading.Event()
-
-    def watch() -> None:
-        while not done.wait(_LOOK_EVERY_S):
-            if resident_mb() > megabytes:
-                _thread.interrupt_main(signal.SIGUSR1)
-                return
-
-    before = signal.signal(signal.SIGUSR1, ending_with(_Over))
-    threading.Thread(target=watch, daemon=True).start()
+    global _limit_mb
+    _limit_mb = megabytes
     try:
         yield
-    except (Exception, _Over):
-        if not is_wished(_Over):
-            raise
-        raise MemoryLimitError(
-            f"more than {megabytes} MB (--max-memory) are needed: raise it and repeat the command "
-            "to resume; or set sensing.node_distance higher"
-        ) from None
     finally:
-        done.set()
-        forget_wish(_Over)
-        signal.signal(signal.SIGUSR1, before)
+        _limit_mb = None
+
+
+def heed_memory_limit() -> None:
+    """Raises `MemoryLimitError` where the process holds more than `memory_limit` allows."""
+    if _limit_mb is not None and resident_mb() > _limit_mb:
+        raise MemoryLimitError(
+            f"more than {_limit_mb} MB (--max-memory) are needed: raise it and repeat the command "
+            "to resume; or set sensing.node_distance higher"
+        )

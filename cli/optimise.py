@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import PATH, format_option
-from cli.config_sources import config_options, load_config
+from cli.config import config_options
 from cli.manners import note
 from cli.outputs import (
     require_graph_place,
@@ -24,6 +24,7 @@ from mapmyworld.errors import GraphError
 from mapmyworld.types import Poses
 
 if TYPE_CHECKING:
+    from mapmyworld.config import Config
     from mapmyworld.config.graph_settings import GraphConfig
     from mapmyworld.graph.optimisation import OptimisedGraph
     from mapmyworld.types.pose_graph import PoseGraph
@@ -47,8 +48,7 @@ def optimise(
     output: Path | None,
     robust: bool,
     image: Path | None,
-    config_path: Path | None,
-    changes: tuple[str, ...],
+    config: Config,
     style: str,
 ) -> None:
     """Optimise the pose graph in FILE: g2o, TORO, GTSAM text, map.db or an RTAB-Map database.
@@ -62,7 +62,6 @@ def optimise(
     mapmyworld optimise map.db --robust --format json
     mapmyworld optimise sphere.g2o -o sphere.db
     """
-    config = load_config(config_path, changes).graph
     require_output_name(path)
     output = output or Path(f"{path.stem}_optimised.g2o")
     _require_place(output, path)
@@ -75,7 +74,7 @@ def optimise(
     if len(graph) == 0:
         why = problems[0] if problems else "nothing to optimise"
         raise GraphError(f"{path}: the graph has no nodes: {why}")
-    solved = _timed(graph, robust, config, seconds)
+    solved = _timed(graph, robust, config.graph, seconds)
     losses = [*problems, *_component_losses(solved)]
     _write(output, path, graph, solved, losses)
     facts = {

@@ -10,8 +10,8 @@ from typing import Any
 import click
 
 from cli.interrupts import heed_wish
-from cli.manners import is_verbose
-from cli.memory import peak_memory_mb
+from cli.manners import is_quiet, is_verbose
+from cli.memory import heed_memory_limit, peak_memory_mb
 from cli.standard_streams import own_words
 from formats.readable import readable
 from mapmyworld.decisions import decided
@@ -52,8 +52,8 @@ class StageCost:
 class StderrProgress:
     """Says which stage runs, how far it is, and how much faster than the robot drove."""
 
-    def __init__(self, *, quiet: bool = False) -> None:
-        self.quiet = quiet
+    def __init__(self) -> None:
+        self.quiet = is_quiet()
         self.notes: list[str] = []
         self.costs: dict[str, StageCost] = {}
         """By name, in the order of first rounds."""
@@ -70,6 +70,7 @@ class StderrProgress:
 
     def stage(self, name: str, total: float | None = None, unit: str = "") -> None:
         heed_wish()
+        heed_memory_limit()
         self.end()
         decided("stage", f"{name} of {total:g} {unit}" if total and unit else name)
         self._name, self._total, self._unit = name, total, unit
@@ -82,6 +83,7 @@ class StderrProgress:
 
     def update(self, done: float) -> None:
         heed_wish()
+        heed_memory_limit()
         self._done = done
         if self._live is not None:
             self._live.show(self._name, self._total, done, self._state())

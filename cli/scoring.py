@@ -7,10 +7,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.database import open_store
 from formats.database.connection import is_sqlite
+from formats.trajectory_files import read_trajectory
 from formats.truth_files import read_loop_pairs
-from mapmyworld.evaluation import FEW, LoopScore, RelationsScore, loop_closure_score
+from mapmyworld.evaluation import FEW, LoopScore, RelationsScore, ate, loop_closure_score
 from mapmyworld.evaluation.nees import map_nees
+from mapmyworld.geometry import Array
 from mapmyworld.types import CLOSURES, MapStore, Trajectory
 
 
@@ -22,8 +25,6 @@ def read_any_trajectory(path: Path) -> Trajectory:
 
         with open_store(path, read_only=True) as store:
             return trajectory_of(store)
-    from formats.trajectory_files import read_trajectory
-
     return read_trajectory(path)
 
 
@@ -31,8 +32,6 @@ def nees_of_map(path: Path, truth: Trajectory, max_difference_s: float) -> float
     """A map's errors against its own covariances; None for a file without any."""
     if not is_sqlite(path):
         return None
-    from formats.database import open_store
-
     with open_store(path, read_only=True) as store:
         nodes, poses = store.nodes(), store.poses()
     return None if poses is None else map_nees(nodes, poses, truth, max_difference_s)
@@ -78,8 +77,6 @@ def coverage(estimate: Trajectory, reference: Trajectory) -> float:
     return float(max(0, int(last - first)) / whole) if whole else 1.0
 
 
-def to_reference(estimate: Trajectory, reference: Trajectory) -> NDArray[np.float64]:
+def to_reference(estimate: Trajectory, reference: Trajectory) -> Array:
     """`reference_from_estimate` (4, 4) by the best rigid alignment of the trajectories."""
-    from mapmyworld.evaluation import ate
-
     return ate(estimate, reference).reference_from_estimate

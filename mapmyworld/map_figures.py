@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import covariance_from_planar
 from mapmyworld.graph.audit import connected_components_of, counts_of
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged, MapStore, Node, Poses
@@ -82,7 +83,7 @@ def variance_factors_of(store: MapStore) -> dict[str, float]:
     return dict((store.get("solve") or {}).get("variance_factors", {}))
 
 
-def scan_noise_of(store: MapStore) -> NDArray[np.float64] | None:
+def scan_noise_of(store: MapStore) -> Array | None:
     """(6, 6) covariance of a node by its own scan's noise, rotation first; None without scans."""
     variances = (store.get("solve") or {}).get("scan_noise")
     return covariance_from_planar(np.diag(variances)) if variances else None

@@ -9,10 +9,10 @@ import pytest
 from room_drive import START_NS, STEP_NS, Entry, drive, write
 
 from formats.converting import Selection, convert_log
+from formats.database import MemoryMap
 from formats.logs import open_log
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import build_map
 from mapmyworld.sensing import survey_log
 from mapmyworld.types import RawMessage, TransformsMessage

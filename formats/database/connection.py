@@ -18,6 +18,7 @@ from formats.stored_tables import made_up
 from mapmyworld.errors import MapError
 
 SQLITE_MAGIC = b"SQLite format 3\0"
+IN_MEMORY = Path(":memory:")  # SQLite's own name of what no file holds
 # In the header of maps of ours, which says whose they are even where other pages are torn.
 APPLICATION_ID = 0x4D4D5731  # "MMW1"
 _PAGE_SIZE = 4096
@@ -143,7 +144,7 @@ class Connection:
 
 def uri_of(path: Path) -> str:
     """A file's name for SQLite, whatever bytes it is of."""
-    return f"file:{quote(os.fsencode(path.absolute()))}"
+    return f"file:{quote(os.fsencode(path if path == IN_MEMORY else path.absolute()))}"
 
 
 def _suggestion(message: str) -> str:

@@ -1,4 +1,4 @@
-"""The same comparisons of a log that was tracked already: nothing is read or matched again."""
+"""All comparisons of one log: of its first minutes, or along the path once it was tracked."""
 
 from __future__ import annotations
 
@@ -7,19 +7,27 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from mapmyworld.config import Config
-from mapmyworld.diagnosis.cameras import image_findings
+from mapmyworld.diagnosis.cameras import camera_findings, image_findings
 from mapmyworld.diagnosis.depth_motion import depth_motion_findings, pairs_along_the_path
 from mapmyworld.diagnosis.finding import Finding
-from mapmyworld.diagnosis.lasers import distance_scale
+from mapmyworld.diagnosis.lasers import distance_scale, laser_findings
 from mapmyworld.diagnosis.rotation import time_offset
-from mapmyworld.diagnosis.sample import odometry_yaw
+from mapmyworld.diagnosis.sample import odometry_yaw, take_sample
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between
 from mapmyworld.sensing.plan import Plan
-from mapmyworld.types import Frame, MapStore, Node, TrackedFrames
+from mapmyworld.types import Frame, LogSource, MapStore, Node, TrackedFrames
 
 _IMAGES = 12  # nodes whose images are looked at, spread over the drive
+
+
+def diagnose(log: LogSource, plan: Plan, config: Config) -> tuple[Finding, ...]:
+    """What the sensors of a log report about one another, from its first minutes of motion."""
+    sample = take_sample(log, plan, config.sensing)
+    if not sample.frames:
+        return ()
+    return (*laser_findings(sample, config.registration), *camera_findings(sample, config))
 
 
 def diagnose_tracked(store: MapStore, plan: Plan, config: Config) -> tuple[Finding, ...]:

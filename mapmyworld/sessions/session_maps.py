@@ -1,19 +1,22 @@
-"""What is merged: finished maps, each of one session or of several that belong together."""
+"""What is merged: finished maps, each of one session or several, and what they report of these."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+import mapmyworld
+from mapmyworld.config import Config
 from mapmyworld.errors import MapError
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.types import MapStore, Node
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,3 +56,33 @@ def load_session_map(name: str, store: MapStore) -> SessionMap:
     solved = np.stack([poses.map_from_node[at[node.id]] for node in nodes])
     planar = moves_in_plane(store)
     return SessionMap(name, store, nodes, solved, planar)
+
+
+def digest_of(stores: Sequence[MapStore], config: Config) -> str:
+    """What went in: the logs, what people stated, the settings; not the names of the files."""
+    logs = [((store.get("log") or {}).get("hash"), store.get("edits")) for store in stores]
+    text = json.dumps([mapmyworld.__version__, "merge", logs, asdict(config)], default=str)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def note_sessions(store: MapStore, session_maps: Sequence[SessionMap], inputs: str) -> None:
+    """Which logs the session maps were made of, in their order."""
+    logs = [session_map.store.get("log") or {} for session_map in session_maps]
+    paths = [path for log in logs for path in log.get("paths", ())]
+    listed = [
+        entry
+        for session_map, log in zip(session_maps, logs, strict=True)
+        for entry in _entries(session_map, log)
+    ]
+    store.put("log", {"hash": inputs, "paths": paths})
+    store.put("sessions", listed)
+
+
+def _entries(session_map: SessionMap, log: dict[str, object]) -> list[dict[str, object]]:
+    """What is known of a session map's sessions: a merged map lists its own."""
+    known = session_map.store.get("sessions")
+    if known:
+        return list(known)
+    return [
+        {"log": log.get("hash"), "paths": log.get("paths", []), "nodes": len(session_map.nodes)}
+    ]

@@ -11,17 +11,17 @@ from mapmyworld.config import Config
 from mapmyworld.geometry.planar import information_from_planar, matrix_to_planar
 from mapmyworld.geometry.rigid import between
 from mapmyworld.localisation.known_place import spread_out
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.sessions.session_maps import SessionMap
-from mapmyworld.types import ConstraintKind, Judged, Node, NodeData
+from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, NodeData
 from mapmyworld.types.frames import nodes_as_frames
 
 _HELD = information_from_planar(np.diag([1e6, 1e6, 1e8]))  # 1 mm and 0.1 mrad
 _RIGID = information_from_planar(np.diag([1e8, 1e8, 1e10]))  # 0.1 mm and 0.01 mrad a step
 
 
-def skeleton_of(base: SessionMap, config: Config) -> SessionMap:
-    """The session map's nodes that are left, under their ids, with their scans, as a map in memory.
+def skeleton_of(base: SessionMap, store: MapStore, config: Config) -> SessionMap:
+    """The session map's nodes that are left, under their ids, with their scans, as a map in an
+    empty `store`.
 
     Their number grows with the area that was seen, not with how often it was.
     """
@@ -31,7 +31,7 @@ def skeleton_of(base: SessionMap, config: Config) -> SessionMap:
     at_nodes = np.flatnonzero(frames.is_node)
     chosen = spread_out(matrix_to_planar(poses), at_nodes, config.localisation.spacing)
     known = {node.id: node for node in base.nodes}
-    store, nodes = MemoryMap(), []
+    nodes = list[Node]()
     with store.write_stage("plan", ""):
         store.put("plan", {"planar": base.planar})
     with store.write_stage("track", ""):

@@ -24,8 +24,7 @@ from mapmyworld.errors import GraphError
 from mapmyworld.types import Poses
 
 if TYPE_CHECKING:
-    from mapmyworld.config import Config
-    from mapmyworld.config.graph_settings import GraphConfig
+    from mapmyworld.config import Config, GraphConfig
     from mapmyworld.graph.optimisation import OptimisedGraph
     from mapmyworld.types.pose_graph import PoseGraph
 

@@ -18,7 +18,7 @@ from mapmyworld.backend.convex_relaxation import (
 from mapmyworld.backend.descent import descend
 from mapmyworld.backend.residuals import retract
 from mapmyworld.backend.system import edge_chi2, fit_of
-from mapmyworld.config.graph_settings import GraphConfig
+from mapmyworld.config import GraphConfig
 from mapmyworld.geometry.planar import between_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.graph.optimisation import optimise

@@ -14,7 +14,7 @@ from mapmyworld.backend.descent import Descent, descend
 from mapmyworld.backend.information import NotPositiveDefiniteError
 from mapmyworld.backend.system import Fit, System, chosen_edges, fit_of
 from mapmyworld.backend.wraparound import wraparound_starts
-from mapmyworld.config.graph_settings import GraphConfig
+from mapmyworld.config import GraphConfig
 from mapmyworld.geometry import Array
 from mapmyworld.graph.candidates import (
     dead_reckoning,

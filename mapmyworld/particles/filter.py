@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config.particles_settings import ParticlesConfig
+from mapmyworld.config import ParticlesConfig
 from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.motions import Motion

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config.particles_settings import ParticlesConfig
+from mapmyworld.config import ParticlesConfig
 from mapmyworld.geometry.planar import compose_planar, wrap_angle
 from mapmyworld.parallel import run_in_chunks
 from mapmyworld.particles import kernels

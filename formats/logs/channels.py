@@ -26,20 +26,11 @@ class Channel:
     metadata: Mapping[str, str] = field(default_factory=dict)
 
 
-Payload = bytes | memoryview
-Record = tuple[int, Channel, Payload]
+Record = tuple[int, Channel, bytes]
 """Log time in nanoseconds, channel, payload."""
 
-Found = tuple[int, int, Payload]
+Found = tuple[int, int, bytes]
 """The same with the channel's id in the file."""
-
-# Smaller ones are copied, for what is kept of a view keeps the whole chunk: scans, not pictures.
-_COPY_BYTES = 1 << 14
-
-
-def payload(chunk: bytes, start: int, end: int) -> Payload:
-    """Part of a chunk; a large one as a view, for copying pixels costs as much as unpacking."""
-    return chunk[start:end] if end - start < _COPY_BYTES else memoryview(chunk)[start:end]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.limits import limits
-from formats.logs.channels import Payload
 from formats.logs.compressed_depth import decode_compressed_depth
 from formats.picture_files import decoded_file, is_16_bit_png, picture_size
 from mapmyworld.errors import LogError
@@ -35,7 +34,7 @@ def raw_image(
     width: int,
     height: int,
     step: int,
-    data: Payload,
+    data: bytes | memoryview,
     big_endian: bool = False,
 ) -> ImageMessage:
     """An image of rows of `step` bytes."""
@@ -44,7 +43,7 @@ def raw_image(
 
 
 def _raw_pixels(
-    encoding: str, width: int, height: int, step: int, data: Payload, big_endian: bool
+    encoding: str, width: int, height: int, step: int, data: bytes | memoryview, big_endian: bool
 ) -> NDArray[np.generic]:
     layout = _LAYOUTS.get(encoding) or _LAYOUTS.get(encoding.lower())
     if layout is None:

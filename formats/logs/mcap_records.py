@@ -15,7 +15,7 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 
 from formats.logs.block_files import DamagedBlockError, messages_of
-from formats.logs.channels import Channel, Found, normalised_type, payload
+from formats.logs.channels import Channel, Found, normalised_type
 from formats.logs.compression import decompress, decompress_beginning
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -145,7 +145,7 @@ def _next_record(
         if length < MESSAGE_HEAD.size:
             raise DamagedBlockError("a message is cut")
         key, _, time, _ = MESSAGE_HEAD.unpack_from(data, start)
-        messages.append((time, key, payload(data, start + MESSAGE_HEAD.size, after)))
+        messages.append((time, key, data[start + MESSAGE_HEAD.size : after]))
     else:
         definitions.take(opcode, data[start:after])
     return after

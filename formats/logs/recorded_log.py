@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
-from functools import partial
 
 from formats.bounds import LATEST_NS
 from formats.logs.block_files import BlockFile
@@ -20,7 +19,6 @@ class RecordedLog:
     def __init__(self, container: BlockFile) -> None:
         self.container = container
         self._decoders: dict[Channel, ChannelDecoder] = {}
-        self._hash: str | None = None
 
     def info(self) -> LogInfo:
         index = self.container.index()
@@ -39,9 +37,7 @@ class RecordedLog:
         )
 
     def content_hash(self) -> str:
-        if self._hash is None:
-            self._hash = hash_files([self.container.path])
-        return self._hash
+        return hash_files([self.container.path])
 
     def losses(self) -> tuple[str, ...]:
         return self.container.losses()
@@ -68,14 +64,7 @@ class RecordedLog:
 
     def _message(self, record: Record) -> RawMessage:
         time, channel, data = record
-        decoder = self._decoder(channel)
-        return RawMessage(
-            channel.topic,
-            decoder.kind,
-            time,
-            decoder.stamp(data),
-            partial(decoder.decode, data, time),
-        )
+        return self._decoder(channel).message(data, time)
 
     def _topic(self, key: int) -> TopicInfo:
         index = self.container.index()

@@ -8,7 +8,7 @@ from __future__ import annotations
 from struct import Struct
 
 from formats.logs.block_files import DamagedBlockError, messages_of
-from formats.logs.channels import Channel, Found, normalised_type, payload
+from formats.logs.channels import Channel, Found, normalised_type
 from formats.logs.compression import decompress, decompress_beginning
 
 MAGIC = b"#ROSBAG V2.0\n"
@@ -109,7 +109,7 @@ def _next_record(
     op = operation(fields)
     if op == OP_MESSAGE:
         connection, time = field_u32(fields, b"conn"), field_time(fields, b"time")
-        records.append((time, connection, payload(data, start, after)))
+        records.append((time, connection, data[start:after]))
     elif op == OP_CONNECTION:
         key, channel = parse_connection(fields, data[start:after])
         connections[key] = channel

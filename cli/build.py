@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ import click
 from cli.arguments import PATH, default_map, format_option
 from cli.config import config_options, options_of, settings_that_differ
 from cli.exit_codes import EXIT_PARTIAL
-from cli.memory import memory_limit, peak_memory_mb
+from cli.memory import memory_limit
 from cli.outputs import forget_products, require_map_place
 from cli.progress import StderrProgress, rate_text
 from cli.repeating import repeat_and_compare
@@ -127,10 +126,7 @@ def _append(
 ) -> None:
     from cli.merging import append_logs, show_merged
 
-    progress = StderrProgress()
-    summary = append_logs(logs, map_path, config, progress, export=export)
-    progress.finish()
-    show_merged(summary, style)
+    show_merged(append_logs(logs, map_path, config, export=export), style)
 
 
 def _show_plan(log: LogSource, config: Config, style: str) -> None:
@@ -154,8 +150,6 @@ def _build(
     export: bool,
     progress: StderrProgress,
 ) -> dict[str, Any]:
-    started = time.monotonic()
-    cpu = time.process_time()
     from formats.database import open_store
     from formats.database.lock import only_writer
     from formats.logs.steady import SteadyLog
@@ -176,14 +170,8 @@ def _build(
             progress.stage("export")
             written += export_beside(store, map_path, config)
         progress.end()
-        wall = time.monotonic() - started
-        cost = {
-            "duration_s": result.duration_s,
-            "wall_s": wall,
-            "cpu_s": time.process_time() - cpu,
-            "real_time_factor": result.duration_s / max(wall, 1e-9),
-            "peak_memory_mb": peak_memory_mb(),
-        }
+        cost = {"duration_s": result.duration_s, **progress.spent()}
+        cost["real_time_factor"] = result.duration_s / max(cost["wall_s"], 1e-9)
         if export:
             from cli.report import report_beside
 

@@ -18,6 +18,7 @@ from mapmyworld.evaluation.sharpness import grid_sharpness
 from mapmyworld.exporting import trajectory_of
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
+from mapmyworld.map_figures import tracked_path
 from mapmyworld.mapping.occupancy import build_grid
 from mapmyworld.types import MapStore, OccupancyGrid, Trajectory
 from mapmyworld.types.relations import Relations
@@ -61,9 +62,8 @@ def read_candidate(path: Path) -> Candidate:
 
 def without_closures(store: MapStore, config: Config) -> Candidate:
     """What the neighbour constraints alone make of a map's scans: tracking, and nothing else."""
-    frames, nodes = store.tracked_frames(), store.nodes()
-    pose_of = {node.id: node.tracked_from_base for node in nodes}
-    poses = np.stack([pose_of[int(k)] for k in frames.node_ids]) @ frames.node_from_frame
+    frames = store.tracked_frames()
+    poses = tracked_path(store.nodes(), frames)
     planar = matrix_to_planar(poses)
     scans = ((planar[k], scan) for k, scan in store.scans(np.arange(len(poses))))
     first = next(iter(store.scans(np.arange(len(poses)))), None)

@@ -62,7 +62,12 @@ def graph(
     mapmyworld inspect graph office.db --pair 3 17 --image pair.png
     mapmyworld inspect graph office.db --between 3 17
     """
-    from mapmyworld.map_figures import divides_of, tracked_poses, variance_factors_of
+    from mapmyworld.map_figures import (
+        contradictions_of,
+        divides_of,
+        tracked_poses,
+        variance_factors_of,
+    )
 
     require_outputs([] if image is None else [image], [map_path])
     if pair is not None:
@@ -86,7 +91,7 @@ def graph(
     shown = None if everything else worst
     facts = graph_facts(poses, constraints, start, planar, shown, worst, divides, factors)
     facts["certainty"] = solved.get("certainty", "")
-    facts["problems"] = graph_problems(solved)
+    facts["problems"] = contradictions_of(solved)
     if relative is not None:
         facts["between"] = relative
     if image is not None:
@@ -142,12 +147,6 @@ def _relative(store: Any, from_id: int, to_id: int) -> dict[str, Any]:
         "sigma_degrees": float(np.degrees(np.sqrt(np.trace(covariance[:3, :3])))),
         "covariance": covariance.tolist(),
     }
-
-
-def graph_problems(solved: Mapping[str, Any]) -> list[str]:
-    """What the solution contradicts, one line each; its components are listed by themselves."""
-    parted = solved.get("parted", ())
-    return [line for line in solved.get("losses", ()) if line not in parted]
 
 
 def graph_facts(

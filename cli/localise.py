@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,7 +54,6 @@ def localise(
     """
     outputs = outputs or _beside(logs[0])
     _require_places(outputs, (map_path, *logs))
-    started, cpu = time.monotonic(), time.process_time()
     progress = StderrProgress()
     from formats.logs import open_log
 
@@ -64,10 +62,11 @@ def localise(
     for path in outputs:
         _write(path, found, grid, plan.base_frame)
     progress.finish()
+    cost = progress.spent()
     summary = {
         **_facts(found),
-        "wall_s": time.monotonic() - started,
-        "cpu_s": time.process_time() - cpu,
+        "wall_s": cost["wall_s"],
+        "cpu_s": cost["cpu_s"],
         "files": [str(path) for path in outputs],
     }
     show_result(style, summary, _lines(summary, seen))

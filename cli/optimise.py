@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from mapmyworld.graph.optimisation import OptimisedGraph
     from mapmyworld.types.pose_graph import PoseGraph
 
+_SHOWN = ("cost", "start", "start_costs", "reached", "iterations", "converged", "certainty")
+
 
 @click.command()
 @click.argument("path", metavar="FILE", type=PATH)
@@ -129,13 +131,7 @@ def _facts(graph: PoseGraph, solved: OptimisedGraph) -> dict[str, Any]:
         "nodes": len(graph),
         "edges": len(graph.edges),
         "landmarks": len(graph.landmark_ids),
-        "cost": solved.cost,
-        "start": solved.start,
-        "start_costs": solved.start_costs,
-        "reached": solved.reached,
-        "iterations": solved.iterations,
-        "converged": solved.converged,
-        "certainty": solved.certainty,
+        **{name: getattr(solved, name) for name in _SHOWN},
         "certificate": None if solved.certificate is None else asdict(solved.certificate),
         "components": int(solved.component.max()) + 1,
         "rejected": [[int(a), int(b)] for a, b, good in ends if not good],

@@ -54,6 +54,7 @@ class StderrProgress:
 
     def __init__(self) -> None:
         self.quiet = is_quiet()
+        self._began = time.monotonic(), time.process_time()
         self.notes: list[str] = []
         self.costs: dict[str, StageCost] = {}
         """By name, in the order of first rounds."""
@@ -102,6 +103,14 @@ class StderrProgress:
                 self._live.print(text)
             else:
                 click.echo(text, err=True)
+
+    def spent(self) -> dict[str, float]:
+        """Wall and CPU seconds since it was made, and the most memory that was held."""
+        return {
+            "wall_s": time.monotonic() - self._began[0],
+            "cpu_s": time.process_time() - self._began[1],
+            "peak_memory_mb": peak_memory_mb(),
+        }
 
     def finish(self) -> None:
         """Ends the current stage, and says what the stages took, in a line each."""

@@ -11,9 +11,8 @@ from formats.database import open_store
 from formats.database.connection import is_sqlite
 from formats.trajectory_files import read_trajectory
 from formats.truth_files import read_loop_pairs
-from mapmyworld.evaluation import FEW, LoopScore, RelationsScore, ate, loop_closure_score
+from mapmyworld.evaluation import FEW, LoopScore, RelationsScore, loop_closure_score
 from mapmyworld.evaluation.nees import map_nees
-from mapmyworld.geometry import Array
 from mapmyworld.types import CLOSURES, MapStore, Trajectory
 
 
@@ -75,8 +74,3 @@ def coverage(estimate: Trajectory, reference: Trajectory) -> float:
     first = max(estimate.stamps_ns.min(), reference.stamps_ns.min())
     last = min(estimate.stamps_ns.max(), reference.stamps_ns.max())
     return float(max(0, int(last - first)) / whole) if whole else 1.0
-
-
-def to_reference(estimate: Trajectory, reference: Trajectory) -> Array:
-    """`reference_from_estimate` (4, 4) by the best rigid alignment of the trajectories."""
-    return ate(estimate, reference).reference_from_estimate

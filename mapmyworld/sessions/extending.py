@@ -17,6 +17,7 @@ from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint
 from mapmyworld.graph.edited_constraints import as_found
 from mapmyworld.graph.frame_poses import pose_every_frame
+from mapmyworld.map_figures import contradictions_of
 from mapmyworld.mapping.occupancy import added_grid, build_grid
 from mapmyworld.places.session_joining import locate_session
 from mapmyworld.sessions.copying import (
@@ -144,11 +145,8 @@ def _lay(
         return None
     solved = scratch.get("solve") or {}
     poses = _held_poses(scratch, skeleton, base, item)
-    parted = solved.get(
-        "parted", ()
-    )  # of the skeleton and the session map: counted in the whole map
-    losses = tuple(line for line in solved.get("losses", ()) if line not in parted)
-    reported = str(solved.get("certainty", "")), losses
+    # The components of the skeleton and the session map are counted in the whole map.
+    reported = str(solved.get("certainty", "")), tuple(contradictions_of(solved))
     divides = tuple(i for i in solved.get("divides", ()) if i > item.first_id)
     return _Laid(item, poses, tuple(mine), accepted, *reported, divides)
 
@@ -209,9 +207,7 @@ def _write(
         nodes = [node for node in store.nodes() if node.id > laid.item.first_id]
         fresh = pose_every_frame(nodes, laid.poses, own, laid.constraints)
         store.set_frame_poses(np.concatenate([frame_poses, fresh]))
-        counted_anew = solved.get("parted", ())
-        known = [line for line in solved.get("losses", ()) if line not in counted_anew]
-        losses = list(dict.fromkeys((*known, *laid.losses)))
+        losses = list(dict.fromkeys((*contradictions_of(solved), *laid.losses)))
         divides = [*solved.get("divides", ()), *laid.divides]
         notes, noise = solved.get("notes", ()), solved.get("scan_noise", ())
         note_solution(store, laid.certainty, losses, notes, divides, noise)

@@ -144,7 +144,7 @@ def test_where_the_cheapest_start_is_not_proven_others_are_followed():
     assert best.cost <= alone.cost * (1 + 1e-6)
     assert best.cost == pytest.approx(min(best.reached.values()), rel=1e-5)
     if not (best.certificate and best.certificate.trusted):
-        assert {"odometry", "chordal"} <= set(best.reached)
+        assert {"wraparound", "chordal"} <= set(best.reached)
 
 
 @pytest.mark.parametrize("name", ["tinyGrid3D", "CSAIL", "intel"])

@@ -174,7 +174,6 @@ class VisualConfig:
     inlier_sigmas: Positive = 3.0  # a sighting agrees within so many standard deviations
     place_features: Count = 600  # features of a node's image for words and closures
     place_similarity: Share = 0.02  # cosine of two images' words, at least, for a candidate
-    place_posterior: Share = 0.2  # probability of a candidate after smoothing, at least
     closure_inliers: Count = 25  # matches that agree on a pose or a closure, at least
     obstacle_lowest: float = 0.08  # m above the floor from which something is an obstacle
     obstacle_highest: float = 1.5  # m above the floor; what hangs higher is passed under

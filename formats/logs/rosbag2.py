@@ -88,7 +88,7 @@ class SqliteBag(BlockFile):
             rows = self._rows(source, block.offset, block.offset + block.length - 1)
             return [message for _, message in _sound(rows, Index())]
         except SQLITE_ERRORS as error:
-            raise DamagedBlockError(one_line(error)) from error
+            raise DamagedBlockError(f"its rows cannot be read ({one_line(error)})") from error
 
     def _with_runs(self, index: Index, rows: Iterator[Row]) -> Index:
         """The same index with the messages of its topics."""

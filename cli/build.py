@@ -12,7 +12,7 @@ import click
 from cli.arguments import PATH, default_map, format_option
 from cli.config import config_options, options_of, settings_that_differ
 from cli.exit_codes import EXIT_PARTIAL
-from cli.memory import memory_limit
+from cli.interrupts import memory_limit
 from cli.outputs import forget_products, require_map_place
 from cli.progress import StderrProgress, rate_text
 from cli.repeating import repeat_and_compare

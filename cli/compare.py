@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.arguments import PATH, format_option
+from cli.arguments import PATH, british, format_option
 from cli.config import config_options, options_of
 from cli.manners import note
 from cli.outputs import require_outputs
-from cli.spelling import british
 from cli.standard_streams import show_result
 from mapmyworld.errors import MapError
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import click
 from click.shell_completion import CompletionItem, get_completion_class
 
-from cli.arguments import default_map
-from cli.spelling import british
+from cli.arguments import british, default_map
 from mapmyworld.errors import MapMyWorldError
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from cli.arguments import british
 from cli.checking import BETTER, KEYS
-from cli.spelling import british
 from formats.check_results import Verdict
 from mapmyworld.errors import ConfigError
 

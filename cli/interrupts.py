@@ -1,25 +1,30 @@
-"""Ctrl-C ends the work in order.
+"""Ctrl-C and the memory limit end the work in order.
 
-It only notes the wish, which is raised where a stage next reports how far it is, between two steps
-of our own code. Where nothing reports for a second, it is raised in the main thread wherever that
-is, as Python does; should a lock be left held there and the work not end, the process does, which
-maps survive.
+Ctrl-C only notes the wish, which is raised where a stage next reports how far it is, between two
+steps of our own code. Where nothing reports for a second, it is raised in the main thread wherever
+that is, as Python does; should a lock be left held there and the work not end, the process does,
+which maps survive.
 """
 
 from __future__ import annotations
 
 import os
+import resource
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 
 from cli.exit_codes import EXIT_INTERRUPTED
+from mapmyworld.errors import MapMyWorldError
 
 _REPORTS_WITHIN_S = 1.0
 _CLEARS_UP_WITHIN_S = 20.0
 _MOST_CALLS = 3  # so many times Ctrl-C: whatever the program waits for, it ends at once
-
 _raised = False
 _calls = 0
+_limit_mb: int | None = None
 
 
 class Interrupted(BaseException):
@@ -74,3 +79,48 @@ def forget_interrupts() -> None:
         signal.setitimer(signal.ITIMER_REAL, 0)
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+class MemoryLimitError(MapMyWorldError):
+    """More memory was needed than allowed."""
+
+
+def resident_mb() -> float:
+    """What the process holds now."""
+    pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
+    return pages * resource.getpagesize() / (1 << 20)
+
+
+def peak_memory_mb() -> float:
+    """The most memory that this process has held.
+
+    Linux indicates it of the program alone; what getrusage indicates may be that of who started it.
+    """
+    try:
+        status = Path("/proc/self/status").read_text("ascii")
+        return int(status.partition("VmHWM:")[2].split()[0]) / 1024
+    except (OSError, ValueError, IndexError):
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+@contextmanager
+def memory_limit(megabytes: int | None) -> Iterator[None]:
+    """Ends what is done under it where it next reports how far it is, once the process holds more.
+
+    So a map keeps what is finished; a kill by the system would not ask. None = no limit.
+    """
+    global _limit_mb
+    _limit_mb = megabytes
+    try:
+        yield
+    finally:
+        _limit_mb = None
+
+
+def heed_memory_limit() -> None:
+    """Raises `MemoryLimitError` where the process holds more than `memory_limit` allows."""
+    if _limit_mb is not None and resident_mb() > _limit_mb:
+        raise MemoryLimitError(
+            f"more than {_limit_mb} MB (--max-memory) are needed: raise it and repeat the command "
+            "to resume; or set sensing.node_distance higher"
+        )

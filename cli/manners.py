@@ -79,7 +79,7 @@ def _account(context: click.Context, _: click.Parameter, asked: bool) -> None:
     started = time.monotonic()
 
     def show() -> None:
-        from cli.memory import peak_memory_mb
+        from cli.interrupts import peak_memory_mb
 
         took = f"{time.monotonic() - started:.1f} s, {time.process_time():.1f} CPU s"
         click.echo(f"{context.command_path}: {took}, {peak_memory_mb():.0f} MB at most", err=True)

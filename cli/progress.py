@@ -9,9 +9,8 @@ from typing import Any
 
 import click
 
-from cli.interrupts import heed_wish
+from cli.interrupts import heed_memory_limit, heed_wish, peak_memory_mb
 from cli.manners import is_quiet, is_verbose
-from cli.memory import heed_memory_limit, peak_memory_mb
 from cli.standard_streams import own_words
 from formats.readable import readable
 from mapmyworld.decisions import decided

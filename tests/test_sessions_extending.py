@@ -20,7 +20,7 @@ from mapmyworld.geometry.planar import between_planar, matrix_to_planar
 from mapmyworld.mapping.occupancy import added_grid
 from mapmyworld.sessions import extend_map, load_session_map, merge_maps
 from mapmyworld.sessions.joining import session_places
-from mapmyworld.sessions.skeleton import skeleton_of
+from mapmyworld.sessions.session_maps import skeleton_of
 from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve_and_judge import solve_and_judge
 from mapmyworld.types import ConstraintKind, Judged, MapStore, NodeData, OccupancyGrid

@@ -28,8 +28,13 @@ from mapmyworld.sessions.copying import (
     copy_plan,
 )
 from mapmyworld.sessions.joining import have_scans, session_places, tie_sessions
-from mapmyworld.sessions.session_maps import SessionMap, digest_of, load_session_map, note_sessions
-from mapmyworld.sessions.skeleton import skeleton_of
+from mapmyworld.sessions.session_maps import (
+    SessionMap,
+    digest_of,
+    load_session_map,
+    note_sessions,
+    skeleton_of,
+)
 from mapmyworld.stages.draw_maps import draw_maps
 from mapmyworld.stages.kept import has_images
 from mapmyworld.stages.recognise import scan_loader

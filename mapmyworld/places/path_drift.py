@@ -120,7 +120,9 @@ class Ways:
         return found
 
     def least(self, up_to: Array, costs: Array, a: Index | int, b: int) -> Array:
-        """(...) of the best way from nodes `a` (...) to node `b`, given the `costs` (P,) from b."""
+        """(...) of the best way from nodes `a` (...) to node `b`, given the `costs` (P,) from b and
+        those of the path, `up_to` (N,).
+        """
         found = np.abs(up_to[a] - up_to[b])
         if self._count:
             for beside in self._beside(a):

@@ -143,7 +143,6 @@ SUGGESTIONS = {
     "formats/recording_files": "give another place or name, or `--overwrite`",
     "formats/relation_files": "correct the line of the relations file that is named",
     "formats/report/": "build the map to its end first",
-    "formats/ros": "the message is left out: record the topic with its standard type",
     "formats/scene": "export the mesh again as PLY, OBJ or GLB, with faces",
     "formats/transcoding": "the message is left out: convert into .mcap, which keeps its bytes",
     "formats/trajectory_files": "correct the line of the trajectory file that is named",

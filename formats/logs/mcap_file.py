@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import BinaryIO
 
-from formats.logs.block_files import BlockFile
+from formats.logs.block_files import BlockFile, DamagedBlockError
 from formats.logs.channels import Block, Found, Index
 from formats.logs.files import begins_about_as
 from formats.logs.mcap_records import MAGIC, Definitions, block_messages
@@ -22,4 +22,7 @@ class McapFile(BlockFile):
 
     def _messages(self, source: BinaryIO, block: Block) -> list[Found]:
         source.seek(block.offset)
-        return block_messages(source.read(block.length), Definitions())
+        data = source.read(block.length)
+        if len(data) < block.length:
+            raise DamagedBlockError("it is shorter")
+        return block_messages(data, Definitions())

@@ -63,7 +63,7 @@ class WholeMap:
         )
 
     def report(self, place: Place, pose: Array) -> Agreement:
-        """The same, of what both saw from one side alone: walls seen from either side are two."""
+        """The same at `pose` (3,), of what both saw from one side: a wall has two, each its own."""
         found = self.judge(place, pose)
         same = seen_from_one_side(found.points, place.grid, self.grid, pose)
         return replace(found, forth=np.where((found.forth > 0) & ~same, 0, found.forth))

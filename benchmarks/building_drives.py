@@ -27,10 +27,10 @@ ANGLES = np.radians(np.arange(-90.0, 90.0))
 NO_RETURN = 81.91  # m
 
 
-def write_log(number: int, log: Path, truth: Path) -> str:
+def write_log(number: int, log: Path, truth: Path, *, bare: bool = False) -> str:
     """Draws building, robot and drive, writes log and truth; the head of its row of the table."""
     random = np.random.default_rng(number)
-    building = draw_building(random)
+    building = draw_building(random, bare=bare)
     loop = 2.0 * (building.lines[0][-1] + building.lines[1][-1])
     longest = min(1900.0, loop * random.uniform(1.3, 4.0))
     driver = DriverSettings(speed=random.uniform(0.3, 1.0), turn_rate=random.uniform(0.4, 1.2))

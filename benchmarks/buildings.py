@@ -1,7 +1,7 @@
 """Buildings drawn at random: corridors at right angles around courtyards, and what is in them.
 
 Corridors 40 to 250 m long meet on a lattice. From them open rooms, and alcoves of closed doors at
-equal distances; pillars and clutter stand along their walls.
+equal distances; pillars and clutter stand along their walls. Bare ones are long, and show little.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Box = tuple[float, float, float, float]
 Junction = tuple[int, int]
+_BARE = {"open": 0.02, "blank": 0.9, "deep": 0.05, "clutter": 0.003, "pillars": 0.0}
 
 
 @dataclass(frozen=True)
@@ -27,10 +28,10 @@ class Building:
     rooms: dict[tuple[Junction, Junction], list[tuple[Array, Array, Array]]]
 
 
-def draw_building(random: np.random.Generator) -> Building:
-    """Corridors on a lattice, rooms behind some of their doors."""
+def draw_building(random: np.random.Generator, *, bare: bool = False) -> Building:
+    """Corridors on a lattice, rooms behind some of their doors; or long and `bare` ones."""
     size = random.uniform([40.0, 30.0], [250.0, 180.0]) ** random.choice([0.9, 1.0])
-    lines = lattice(random, size[0]), lattice(random, size[1])
+    lines = lattice(random, size[0], bare=bare), lattice(random, size[1], bare=bare)
     shape = (len(lines[0]), len(lines[1]))
     corridors = drawn_corridors(random, shape)
     width = random.uniform(1.8, 3.4)
@@ -45,18 +46,19 @@ def draw_building(random: np.random.Generator) -> Building:
         "clutter": random.choice([0.005, 0.05, 0.15]),
         "pillars": random.choice([0.0, 0.0, 6.0]),
         "width": width,
-    }
+    } | (_BARE if bare else {})
     for corridor in sorted(corridors):
         ends = np.array([[lines[0][i], lines[1][j]] for i, j in corridor])
         furnish(random, ends, style, free, things, rooms.setdefault(corridor, []))
     return Building(free, things, lines, corridors, rooms)
 
 
-def lattice(random: np.random.Generator, length: float) -> list[float]:
+def lattice(random: np.random.Generator, length: float, *, bare: bool) -> list[float]:
     """Where corridors run across a building of this length."""
-    gaps = [random.uniform(12.0, 60.0)]
-    while sum(gaps) < length - 12.0 and len(gaps) < 6:
-        gaps.append(random.uniform(12.0, 60.0))
+    low, high, most, rest = (60.0, 200.0, 4, 30.0) if bare else (12.0, 60.0, 6, 12.0)
+    gaps = [random.uniform(low, high)]
+    while sum(gaps) < length - rest and len(gaps) < most:
+        gaps.append(random.uniform(low, high))
     scale = length / sum(gaps)
     return [0.0, *np.cumsum(np.array(gaps) * scale).tolist()]
 

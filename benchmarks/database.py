@@ -66,10 +66,10 @@ def main() -> None:
 
 def share(log: Path) -> None:
     """CPU time of a build that is spent in the database, compression and codecs with it."""
-    from cli.progress import StderrProgress
     from cli.storing import storage_arguments
     from formats.database import DatabaseStore
     from formats.logs import open_log
+    from mapmyworld.api import Silent
     from mapmyworld.config import Config
     from mapmyworld.pipeline import build_map
 
@@ -83,7 +83,7 @@ def share(log: Path) -> None:
         path = Path(folder) / "map.db"
         config = Config()
         with open_store(path, create=True, **storage_arguments(config)) as store:
-            build_map(open_log([log]), store, config, StderrProgress(quiet=True))
+            build_map(open_log([log]), store, config, Silent())
         size = path.stat().st_size / 1e6
     total, stored = time.process_time() - started, sum(spent.values())
     print(

@@ -128,8 +128,7 @@ def _channel(data: bytes) -> Channel:
 
 def _decode(channel: Channel, body: bytes) -> None:
     decoder = decoder_for(channel)
-    decoder.stamp(body)
-    message = decoder.decode(body, 0)
+    message = decoder.message(body, 0).decode()
     if isinstance(message, ImageMessage):
         message.pixels()
 

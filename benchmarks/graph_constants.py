@@ -13,7 +13,7 @@ import numpy as np
 from graph_false import with_false
 from graph_worlds import cubicle, grid, sphere, streets, torus, world
 
-from mapmyworld.config.graph_settings import GraphConfig
+from mapmyworld.config import GraphConfig
 from mapmyworld.graph import clusters, inlier_recovery
 from mapmyworld.graph.optimisation import optimise, optimise_robustly
 from mapmyworld.types.pose_graph import PoseGraph

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mapmyworld.config.graph_settings import GraphConfig
+from mapmyworld.config import GraphConfig
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.geometry.rigid import between, make_transform
 from mapmyworld.geometry.rotations import quaternion_to_rotation

@@ -30,7 +30,7 @@ from formats.graph_files import read_graph
 from mapmyworld.backend import block_matrix
 from mapmyworld.backend.descent import descend
 from mapmyworld.backend.system import System, fit_of
-from mapmyworld.config.graph_settings import GraphConfig
+from mapmyworld.config import GraphConfig
 from mapmyworld.graph.covariance import marginal_covariances
 from mapmyworld.graph.optimisation import OptimisedGraph, optimise, optimise_robustly
 from mapmyworld.graph.problem import Problem, problem_of

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from mapmyworld.geometry.rigid import make_transform
 from mapmyworld.geometry.rotations import rotation_to_quaternion, so3_exp
 from mapmyworld.simulation import SimulationSettings
-from mapmyworld.simulation.camera_noise import disturb_colour, disturb_depth, exposure_at
+from mapmyworld.simulation.image_messages import disturb_colour, disturb_depth, exposure_at
 from mapmyworld.simulation.robot import intrinsics
 from mapmyworld.simulation.simulated_camera import Renderer
 from mapmyworld.simulation.world import build_scene

@@ -2,6 +2,7 @@
 
     python benchmarks/laser_buildings.py 0 12                   # buildings 0 to 11
     python benchmarks/laser_buildings.py 3 --keep FOLDER        # with log, truth, map and grid kept
+    python benchmarks/laser_buildings.py 100 --bare             # long bare corridors
 
 See buildings.py for what is drawn and building_drives.py for how it is recorded. Each CARMEN log
 is built with the default configuration and compared with the truth.
@@ -34,6 +35,7 @@ def main() -> None:
     parser.add_argument("first", type=int)
     parser.add_argument("end", type=int, nargs="?", help="one beyond the last; one without")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="where logs and maps stay")
+    parser.add_argument("--bare", action="store_true", help="long corridors that show little")
     parser.add_argument("--config", action="append", default=[], metavar="KEY=VALUE")
     options = parser.parse_args()
     titles = "building|m|path m|loop m|Hz|res m|odometry|ATE m|max m|deg|relation m|deg"
@@ -43,15 +45,15 @@ def main() -> None:
         folder = options.keep or Path(made)
         folder.mkdir(parents=True, exist_ok=True)
         for number in range(options.first, options.end or options.first + 1):
-            print(row(number, folder, options.config), flush=True)
+            print(row(number, folder, options.config, bare=options.bare), flush=True)
 
 
-def row(number: int, folder: Path, changes: list[str]) -> str:
+def row(number: int, folder: Path, changes: list[str], *, bare: bool) -> str:
     """One building's line of the table."""
     log, built = folder / f"{number}.log", folder / f"{number}.db"
     truth = folder / f"{number}.truth.tum"
     if not (log.exists() and truth.exists()):
-        head = write_log(number, log, truth)
+        head = write_log(number, log, truth, bare=bare)
         log.with_suffix(".head").write_text(head)
     head = log.with_suffix(".head").read_text()
     words = [word for change in changes for word in ("--set", change)]

@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cli.memory import peak_memory_mb
+from cli.interrupts import peak_memory_mb
 from formats.converting import Selection, convert_log
 from formats.logs import open_log
 from formats.logs.compression import decompress

@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 from laser_recall import closures_of, recalled, returns
 
+from formats.database import MemoryMap
 from formats.logs import open_log
 from formats.relation_files import read_relations
 from formats.trajectory_files import read_trajectory
@@ -35,7 +36,6 @@ from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.graph.variance import normalised_residuals
 from mapmyworld.map_figures import calibrated_constraints
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import build_map
 from mapmyworld.types import CLOSURES, MapStore, Trajectory
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from cli.arguments import PATH, format_option
+from cli.manners import note
 from cli.standard_streams import show_json
 from mapmyworld.errors import MapError
 
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
 )
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="Run on a Dask cluster's workers.")
 @click.option("--again", is_flag=True, help="Build finished logs again.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress.")
 @format_option
 def batch(
     manifest: Path,
@@ -47,7 +47,6 @@ def batch(
     at_once: int,
     scheduler: str | None,
     again: bool,
-    quiet: bool,
     style: str,
 ) -> None:
     """Build the map of every log in FOLDER, check it, and sum up: text, JSON, JUnit and HTML.
@@ -89,14 +88,13 @@ def batch(
     place = _place(output)
     known = {} if again else {j.name: r for j in jobs if (r := finished(j, place)) is not None}
     waiting = [job for job in jobs if job.name not in known]
-    if known and not quiet:
-        click.echo(f"{len(known)} of {len(jobs)} logs are finished already", err=True)
+    if known:
+        note(f"{len(known)} of {len(jobs)} logs are finished already")
     with closing(_run(waiting, place, at_once, scheduler)) as running:
         for result in running:
             known[result.name] = result
-            if not quiet:
-                reported = result.message.splitlines()[0] if result.message else result.status
-                click.echo(f"[{len(known)}/{len(jobs)}] {result.name}: {reported}", err=True)
+            reported = result.message.splitlines()[0] if result.message else result.status
+            note(f"[{len(known)}/{len(jobs)}] {result.name}: {reported}")
     results = [known[job.name] for job in jobs]
     _write_summaries(results, place)
     if style == "json":

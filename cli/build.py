@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import PATH, default_map, format_option
-from cli.config_sources import config_options, load_config, settings_that_differ
+from cli.config import config_options, options_of, settings_that_differ
 from cli.exit_codes import EXIT_PARTIAL
-from cli.memory import memory_limit, peak_memory_mb
+from cli.interrupts import memory_limit
 from cli.outputs import forget_products, require_map_place
 from cli.progress import StderrProgress, rate_text
-from cli.repeating import given_options, repeat_and_compare
+from cli.repeating import repeat_and_compare
 from cli.standard_streams import show_result
 from cli.storing import no_empty_map, storage_arguments
 from mapmyworld.errors import MapError
@@ -59,13 +58,11 @@ if TYPE_CHECKING:
     metavar="MB",
     help="Stop cleanly above this limit; the build can be resumed.",
 )
-@click.option("-q", "--quiet", is_flag=True, help="No progress and no notes.")
 @format_option
 def build(
     paths: tuple[Path, ...],
     map_path: Path,
-    config_path: Path | None,
-    changes: tuple[str, ...],
+    config: Config,
     method: str,
     append_to: Path | None,
     resume: bool,
@@ -74,7 +71,6 @@ def build(
     dry_run: bool,
     verify_repeat: bool,
     max_memory: int | None,
-    quiet: bool,
     style: str,
 ) -> None:
     """Turn LOG into a map: map.db, and beside it the products.
@@ -93,13 +89,12 @@ def build(
     """
     if resume and overwrite:
         raise click.UsageError("--resume and --overwrite exclude each other")
-    config = load_config(config_path, changes)
     if not dry_run:
         require_map_place(append_to or map_path, paths, export=not no_export)
     if append_to is not None:
         if resume or overwrite or dry_run or verify_repeat or method != "graph":
             raise click.UsageError("--append goes with none of the other ways to build")
-        _append(paths, append_to, config, not no_export, quiet, style)
+        _append(paths, append_to, config, not no_export, style)
         return
     from formats.logs import open_log
 
@@ -109,12 +104,12 @@ def build(
         return
     if resume and not map_path.exists():
         raise MapError(f"{map_path}: there is no map to resume; omit --resume to begin one")
-    progress = StderrProgress(quiet=quiet)
+    progress = StderrProgress()
     with memory_limit(max_memory):
         summary = _build(log, map_path, config, method, overwrite, not no_export, progress)
     progress.finish()
     if verify_repeat:
-        same_options = [*given_options(config_path, changes), "--method", method]
+        same_options = [*options_of(config), "--method", method]
         same_options += ["--no-export"] if no_export else []
         repeat_and_compare(paths, map_path, summary["files"], same_options)
     show_result(style, summary, _summary_lines(summary))
@@ -127,20 +122,16 @@ def build(
 
 
 def _append(
-    logs: tuple[Path, ...], map_path: Path, config: Config, export: bool, quiet: bool, style: str
+    logs: tuple[Path, ...], map_path: Path, config: Config, export: bool, style: str
 ) -> None:
-    from cli.appending import append_logs
-    from cli.merging import show_merged
+    from cli.merging import append_logs, show_merged
 
-    progress = StderrProgress(quiet=quiet)
-    summary = append_logs(logs, map_path, config, progress, export=export)
-    progress.finish()
-    show_merged(summary, style)
+    show_merged(append_logs(logs, map_path, config, export=export), style)
 
 
 def _show_plan(log: LogSource, config: Config, style: str) -> None:
     """The plan; exit code 3 where the map would be partial, as of `inspect log`."""
-    from cli.plan_text import plan_json, plan_lines
+    from cli.inspect_log import plan_json, plan_lines
     from mapmyworld.sensing import make_plan, survey_log
 
     survey = survey_log(log)
@@ -159,8 +150,6 @@ def _build(
     export: bool,
     progress: StderrProgress,
 ) -> dict[str, Any]:
-    started = time.monotonic()
-    cpu = time.process_time()
     from formats.database import open_store
     from formats.database.lock import only_writer
     from formats.logs.steady import SteadyLog
@@ -181,14 +170,8 @@ def _build(
             progress.stage("export")
             written += export_beside(store, map_path, config)
         progress.end()
-        wall = time.monotonic() - started
-        cost = {
-            "duration_s": result.duration_s,
-            "wall_s": wall,
-            "cpu_s": time.process_time() - cpu,
-            "real_time_factor": result.duration_s / max(wall, 1e-9),
-            "peak_memory_mb": peak_memory_mb(),
-        }
+        cost = {"duration_s": result.duration_s, **progress.spent()}
+        cost["real_time_factor"] = result.duration_s / max(cost["wall_s"], 1e-9)
         if export:
             from cli.report import report_beside
 

@@ -9,13 +9,15 @@ from pathlib import Path
 import click
 
 from cli.arguments import PATH, FiniteRange, format_option, map_argument
-from cli.checking import KEYS, Sources, few_relations_note, measure
-from cli.completing import keys_from
+from cli.checking import BETTER, KEYS, Sources, few_relations_note, measure
+from cli.completion import keys_from
 from cli.exit_codes import EXIT_CHECK_FAILED
-from cli.gates import BETTER, WHOLE, judged, no_worse, read_requirements, require_known, wholeness
+from cli.figure_names import figures_of, problems_of
+from cli.gates import WHOLE, judged, no_worse, read_requirements, require_known, wholeness
 from cli.outputs import require_apart
 from cli.standard_streams import end_partial, own_words, show_json, shown
 from formats.check_results import Verdict, junit_xml, markdown
+from formats.database import open_store
 from formats.readable import readable
 from mapmyworld.errors import ConfigError
 
@@ -105,9 +107,6 @@ def _verdicts(
     tolerance: float,
     allow_partial: bool,
 ) -> list[Verdict]:
-    from cli.figure_names import problems_of
-    from formats.database import open_store
-
     requirements = read_requirements(texts)
     with open_store(sources.map_path, read_only=True) as store:
         whole = wholeness(problems_of(store))
@@ -124,9 +123,6 @@ def _verdicts(
 def _figures(wanted: set[str], sources: Sources) -> dict[str, float]:
     if not wanted:
         return {}
-    from cli.figure_names import figures_of
-    from formats.database import open_store
-
     with open_store(sources.map_path, read_only=True) as store:
         found = figures_of(store)
     require_known(sorted(wanted), found)

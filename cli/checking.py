@@ -8,6 +8,9 @@ from functools import cached_property
 from pathlib import Path
 
 from cli.scoring import coverage, few_relations, read_any_trajectory, score_loops, truth_beside
+from formats.database import open_store
+from formats.grid_files import read_grid
+from formats.relation_files import read_relations
 from mapmyworld.errors import ConfigError
 from mapmyworld.evaluation import (
     GridScore,
@@ -19,6 +22,7 @@ from mapmyworld.evaluation import (
     relations_score,
     rpe,
 )
+from mapmyworld.exporting import trajectory_of
 from mapmyworld.types import ConstraintKind, MapStore, OccupancyGrid, Trajectory
 
 
@@ -41,8 +45,6 @@ class Facts:
     @cached_property
     def trajectory(self) -> Trajectory:
         """Where the robot was, by the map."""
-        from mapmyworld.exporting import trajectory_of
-
         return trajectory_of(self.store)
 
     @cached_property
@@ -64,8 +66,6 @@ class Facts:
     @cached_property
     def related(self) -> RelationsScore:
         """Errors of the map's relations."""
-        from formats.relation_files import read_relations
-
         assert self.sources.relations is not None
         return relations_score(self.trajectory, read_relations(self.sources.relations))
 
@@ -87,8 +87,6 @@ class Facts:
     @cached_property
     def agreement(self) -> GridScore:
         """How the grid agrees with the reference's."""
-        from formats.grid_files import read_grid
-
         assert self.sources.grid is not None
         return grid_score(self.grid, read_grid(self.sources.grid))
 
@@ -109,6 +107,8 @@ class Key:
     find: Callable[[Facts], float]
     needs: str = ""
     """The option without which it cannot be found."""
+    better: int = 0
+    """1 where more is better than less, -1 where less is; 0 where neither."""
 
 
 def _accepted(kind: ConstraintKind) -> Callable[[Facts], float]:
@@ -122,7 +122,9 @@ KEYS: dict[str, Key] = {
     "sessions": Key("sessions", lambda f: float(len({n.session for n in f.store.nodes()}))),
     "frames": Key("tracked moments", lambda f: float(len(f.store.tracked_frames().stamps_ns))),
     "neighbour": Key("neighbour constraints", _accepted(ConstraintKind.NEIGHBOUR)),
-    "loop_closures": Key("accepted loop closures", _accepted(ConstraintKind.LOOP_CLOSURE)),
+    "loop_closures": Key(
+        "accepted loop closures", _accepted(ConstraintKind.LOOP_CLOSURE), better=1
+    ),
     "proximity": Key("accepted proximity constraints", _accepted(ConstraintKind.PROXIMITY)),
     "landmarks": Key("accepted landmark constraints", _accepted(ConstraintKind.LANDMARK)),
     "rejected": Key(
@@ -130,24 +132,29 @@ KEYS: dict[str, Key] = {
         lambda f: float(sum(not c.accepted for c in f.store.constraints())),
     ),
     "unknown_share": Key(
-        "share of the grid's cells never seen", lambda f: float((f.grid.trinary() < 0).mean())
+        "share of the grid's cells never seen",
+        lambda f: float((f.grid.trinary() < 0).mean()),
+        better=-1,
     ),
-    "free_area": Key("m2 of free floor", lambda f: f.grid.area_m2(0)),
-    "largest_sigma": Key("m, of the least certain node", lambda f: f.largest_sigma()),
+    "free_area": Key("m2 of free floor", lambda f: f.grid.area_m2(0), better=1),
+    "largest_sigma": Key("m, of the least certain node", lambda f: f.largest_sigma(), better=-1),
     "covered": Key(
         "share of the reference's time mapped",
         lambda f: coverage(f.trajectory, f.reference),
         "reference",
+        better=1,
     ),
-    "ate_rmse": Key("m, after alignment", lambda f: f.absolute.rmse, "reference"),
-    "ate_max": Key("m, after alignment", lambda f: f.absolute.translation.maximum, "reference"),
-    "ate_rotation": Key("deg, rmse", lambda f: f.absolute.rotation_deg.rmse, "reference"),
-    "rpe_rmse": Key("m a metre", lambda f: f.relative.rmse, "reference"),
-    "rpe_rotation": Key("deg a metre, rmse", lambda f: f.relative.rotation_deg.rmse, "reference"),
-    "loop_precision": Key("share of right closures", lambda f: f.loops.precision, "reference"),
-    "loop_recall": Key("share of true loops found", lambda f: f.loops.recall, "reference"),
+    "ate_rmse": Key("m, after alignment", lambda f: f.absolute.rmse, "reference", -1),
+    "ate_max": Key("m, after alignment", lambda f: f.absolute.translation.maximum, "reference", -1),
+    "ate_rotation": Key("deg, rmse", lambda f: f.absolute.rotation_deg.rmse, "reference", -1),
+    "rpe_rmse": Key("m a metre", lambda f: f.relative.rmse, "reference", -1),
+    "rpe_rotation": Key(
+        "deg a metre, rmse", lambda f: f.relative.rotation_deg.rmse, "reference", -1
+    ),
+    "loop_precision": Key("share of right closures", lambda f: f.loops.precision, "reference", 1),
+    "loop_recall": Key("share of true loops found", lambda f: f.loops.recall, "reference", 1),
     "relations_translation": Key(
-        "m, mean error", lambda f: f.related.translation_mean, "relations"
+        "m, mean error", lambda f: f.related.translation_mean, "relations", -1
     ),
     "relations_covered": Key(
         "share of the relations in the map's time, which are scored",
@@ -155,20 +162,22 @@ KEYS: dict[str, Key] = {
         "relations",
     ),
     "relations_rotation": Key(
-        "deg, mean error", lambda f: f.related.rotation_mean_deg, "relations"
+        "deg, mean error", lambda f: f.related.rotation_mean_deg, "relations", -1
     ),
     "grid_precision": Key(
-        "within one cell, aligned", lambda f: f.agreement.aligned.precision_1, "grid"
+        "within one cell, aligned", lambda f: f.agreement.aligned.precision_1, "grid", 1
     ),
-    "grid_recall": Key("within one cell, aligned", lambda f: f.agreement.aligned.recall_1, "grid"),
-    "grid_free": Key("share of free cells right", lambda f: f.agreement.aligned.free, "grid"),
+    "grid_recall": Key(
+        "within one cell, aligned", lambda f: f.agreement.aligned.recall_1, "grid", 1
+    ),
+    "grid_free": Key("share of free cells right", lambda f: f.agreement.aligned.free, "grid", 1),
 }
+BETTER = {name: key.better for name, key in KEYS.items() if key.better}
+"""The keys that can be compared with an older map's."""
 
 
 def few_relations_note(sources: Sources) -> list[str]:
     """That few of the relations given are of the map's time; nothing where most are."""
-    from formats.database import open_store
-
     if sources.relations is None:
         return []
     with open_store(sources.map_path, read_only=True) as store:
@@ -177,8 +186,6 @@ def few_relations_note(sources: Sources) -> list[str]:
 
 def measure(wanted: Iterable[str], sources: Sources) -> dict[str, float]:
     """The figures asked for; raises `ConfigError` where an option they need was not given."""
-    from formats.database import open_store
-
     needed = sorted({KEYS[key].needs for key in wanted} - {""})
     absent = [option for option in needed if getattr(sources, option) is None]
     if absent:

@@ -11,17 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.arguments import PATH, format_option
-from cli.config_sources import config_options, load_config
+from cli.arguments import PATH, british, format_option
+from cli.config import config_options, options_of
 from cli.manners import note
 from cli.outputs import require_outputs
-from cli.repeating import given_options
-from cli.spelling import british
 from cli.standard_streams import show_result
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
     from cli.comparing import Candidate
+    from mapmyworld.config import Config
 
 _METHODS = ("graph", "fastslam", "neighbour")
 
@@ -54,8 +53,7 @@ def compare(
     reference: Path | None,
     relations: Path | None,
     image: Path | None,
-    config_path: Path | None,
-    changes: tuple[str, ...],
+    config: Config,
     style: str,
 ) -> None:
     """Accuracy, sharpness, time and memory of several MAPs of one log, side by side.
@@ -72,14 +70,14 @@ def compare(
     from cli.scoring import read_any_trajectory
     from formats.relation_files import read_relations
 
-    read = [path for path in (*paths, reference, relations, config_path) if path is not None]
+    read = [path for path in (*paths, reference, relations) if path is not None]
     require_outputs([] if image is None else [image], read)
     truth = None if reference is None else read_any_trajectory(reference)
     known = None if relations is None else read_relations(relations)
     if methods is None:
         candidates = [read_candidate(path) for path in paths]
     else:
-        candidates = _built(paths, _chosen(methods), folder, config_path, changes)
+        candidates = _built(paths, _chosen(methods), folder, config)
     rows = [figures_of(c, candidates[0], truth, known) for c in candidates]
     if image is not None:
         draw_maps(image, candidates, rows)
@@ -98,19 +96,14 @@ def _chosen(methods: str) -> list[str]:
 
 
 def _built(
-    logs: tuple[Path, ...],
-    methods: list[str],
-    folder: Path,
-    config_path: Path | None,
-    changes: tuple[str, ...],
+    logs: tuple[Path, ...], methods: list[str], folder: Path, config: Config
 ) -> list[Candidate]:
     """The log's map by each method; neighbour constraints alone come with the graph."""
     from cli.comparing import read_candidate, without_closures
     from formats.database import open_store
 
     folder.mkdir(parents=True, exist_ok=True)
-    config = load_config(config_path, changes)
-    options = given_options(config_path, changes)
+    options = options_of(config)
     candidates: list[Candidate] = []
     for method in methods:
         source = "graph" if method == "neighbour" else method

@@ -5,19 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from formats.database import open_store
+from formats.report.map_pictures import MapPanel, write_compare_picture
+from mapmyworld.config import Config
 from mapmyworld.errors import MapError
+from mapmyworld.evaluation import ate, relations_score
+from mapmyworld.evaluation.sharpness import grid_sharpness
 from mapmyworld.exporting import trajectory_of
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
+from mapmyworld.map_figures import tracked_path
+from mapmyworld.mapping.occupancy import build_grid
 from mapmyworld.types import MapStore, OccupancyGrid, Trajectory
-
-if TYPE_CHECKING:
-    from mapmyworld.config import Config
-    from mapmyworld.types.relations import Relations
+from mapmyworld.types.relations import Relations
 
 # Figure -> heading and format of its column, in the order of printing.
 COLUMNS: dict[str, tuple[str, str]] = {
@@ -50,8 +54,6 @@ class Candidate:
 
 def read_candidate(path: Path) -> Candidate:
     """A finished map from its file."""
-    from formats.database import open_store
-
     with open_store(path, read_only=True) as store:
         return Candidate(
             path.stem, trajectory_of(store), store.grid(), dict(store.get("summary") or {})
@@ -60,11 +62,8 @@ def read_candidate(path: Path) -> Candidate:
 
 def without_closures(store: MapStore, config: Config) -> Candidate:
     """What the neighbour constraints alone make of a map's scans: tracking, and nothing else."""
-    from mapmyworld.mapping.occupancy import build_grid
-
-    frames, nodes = store.tracked_frames(), store.nodes()
-    pose_of = {node.id: node.tracked_from_base for node in nodes}
-    poses = np.stack([pose_of[int(k)] for k in frames.node_ids]) @ frames.node_from_frame
+    frames = store.tracked_frames()
+    poses = tracked_path(store.nodes(), frames)
     planar = matrix_to_planar(poses)
     scans = ((planar[k], scan) for k, scan in store.scans(np.arange(len(poses))))
     first = next(iter(store.scans(np.arange(len(poses)))), None)
@@ -79,9 +78,6 @@ def figures_of(
     relations: Relations | None,
 ) -> dict[str, Any]:
     """Every figure that can be had of a map."""
-    from mapmyworld.evaluation import ate
-    from mapmyworld.evaluation.sharpness import grid_sharpness
-
     positions = candidate.trajectory.poses[:, :3, 3]
     figures: dict[str, Any] = {
         "name": candidate.name,
@@ -103,8 +99,6 @@ def figures_of(
 
 def _related(trajectory: Trajectory, relations: Relations) -> dict[str, Any]:
     """Errors against the known relations of the map's time; nothing where none is."""
-    from mapmyworld.evaluation import relations_score
-
     try:
         score = relations_score(trajectory, relations)
     except MapError:
@@ -146,8 +140,6 @@ def draw_maps(path: Path, candidates: Sequence[Candidate], rows: Sequence[dict[s
 
     Raises `MapError` where none has one.
     """
-    from formats.report.compare_picture import MapPanel, write_compare_picture
-
     panels = []
     for candidate, row in zip(candidates, rows, strict=True):
         if candidate.grid is None:
@@ -160,10 +152,8 @@ def draw_maps(path: Path, candidates: Sequence[Candidate], rows: Sequence[dict[s
     write_compare_picture(path, panels)
 
 
-def _alignment(candidate: Candidate, first: Candidate) -> NDArray[np.float64]:
+def _alignment(candidate: Candidate, first: Candidate) -> Array:
     """The motion (3,) that lays a map's path upon the first one's."""
-    from mapmyworld.evaluation import ate
-
     if candidate is first:
         return np.zeros(3)
     try:

@@ -1,12 +1,98 @@
-"""`mapmyworld config`: every setting with its default, unit and meaning."""
+"""`mapmyworld config`, and a configuration from its sources: defaults, a TOML file, `--set`."""
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
 import click
 
-from cli.arguments import format_option
+from cli.arguments import PATH, format_option
+from cli.completion import settings_from
 from cli.standard_streams import show_json
-from mapmyworld.config.settings import as_toml, list_settings
+from formats.limits import Limits, set_limits
+from formats.nested_text import read_toml
+from mapmyworld.config import Config, LimitsConfig
+from mapmyworld.config.settings import apply_settings, as_toml, flatten, list_settings
+from mapmyworld.errors import ConfigError
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def config_options(command: F) -> F:
+    """`--config FILE` and `--set KEY=VALUE`, in which later ones win, as the parameter `config`."""
+
+    @functools.wraps(command)
+    def configured(config_path: Path | None, changes: Sequence[str], **given: Any) -> Any:
+        return command(config=load_config(config_path, changes), **given)
+
+    decorated: Any = click.option(
+        "--set",
+        "changes",
+        multiple=True,
+        metavar="KEY=VALUE",
+        shell_complete=settings_from,
+        help="Change one setting, e.g. --set mapping.resolution=0.025. May be repeated.",
+    )(configured)
+    return cast(
+        F,
+        click.option(
+            "--config",
+            "config_path",
+            type=PATH,
+            help="TOML file with settings; `mapmyworld config` prints one.",
+        )(decorated),
+    )
+
+
+def load_config(config_path: Path | None, changes: Sequence[str]) -> Config:
+    """The configuration; raises `ConfigError` with everything that is wrong at once."""
+    values: dict[str, Any] = {}
+    if config_path is not None:
+        values |= flatten(read_toml(config_path))
+    config = apply_settings(Config(), values | changed_values(changes))
+    _use_limits(config.limits)
+    return config
+
+
+def changed_values(changes: Sequence[str]) -> dict[str, str]:
+    """Name -> value of each `--set KEY=VALUE`, later ones winning; raises `ConfigError`."""
+    values = {}
+    for change in changes:
+        name, equals, value = change.partition("=")
+        if not equals:
+            raise ConfigError(f"--set {change}: write it as KEY=VALUE")
+        values[name.strip()] = value.strip()
+    return values
+
+
+def _use_limits(config: LimitsConfig) -> None:
+    limits = Limits(
+        config.chunk_mb << 20, config.image_megapixels * 1_000_000, config.unpacked_gb << 30
+    )
+    set_limits(limits)
+
+
+_IDLE = ("threads",)  # settings that change no result
+
+
+def options_of(config: Config) -> list[str]:
+    """`--set` of every setting that was changed, for another command."""
+    changed = zip(list_settings(config), list_settings(), strict=True)
+    given = [f"{now.name}={now.value}" for now, standard in changed if now.value != standard.value]
+    return [word for one in given for word in ("--set", one)]
+
+
+def settings_that_differ(config: Config) -> list[list[str]]:
+    """Name, value and default of every setting that was changed, as text."""
+    standard = {setting.name: setting.value for setting in list_settings()}
+    return [
+        [setting.name, str(setting.value), str(standard[setting.name])]
+        for setting in list_settings(config)
+        if setting.value != standard[setting.name] and setting.name not in _IDLE
+    ]
 
 
 @click.command()

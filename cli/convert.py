@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from cli.arguments import PATH, FiniteRange
+from cli.manners import note
 from cli.outputs import require_apart, require_output_name
 from cli.progress import StderrProgress
 from cli.standard_streams import end_partial
@@ -35,7 +36,6 @@ from cli.standard_streams import end_partial
     help="Compression of the output: zstd for .mcap, none for the others unless set.",
 )  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="Replace the output where it exists.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress and no summary.")
 def convert(
     logs: tuple[Path, ...],
     output: Path,
@@ -44,7 +44,6 @@ def convert(
     topics: tuple[str, ...],
     compress: str | None,
     overwrite: bool,
-    quiet: bool,
 ) -> None:
     """Write any readable log, or several parts of one, as another kind of log.
 
@@ -62,10 +61,8 @@ def convert(
     require_apart(output, logs)
     log = open_log(logs)
     selection = Selection(frozenset(topics) or None, start, duration)
-    progress = StderrProgress(quiet=quiet)
+    progress = StderrProgress()
     result = convert_log(log, output, selection, compress, overwrite=overwrite, progress=progress)
     progress.finish()
-    if not quiet:
-        seconds = f"{result.duration_s:.2f} s"
-        click.echo(f"{output}: {result.messages} messages, {seconds} of recording", err=True)
+    note(f"{output}: {result.messages} messages, {result.duration_s:.2f} s of recording")
     end_partial(result.losses)

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from cli.arguments import PATH, map_argument
-from cli.config_sources import config_options, load_config
-from cli.edit_account import Graph, account, fight
+from cli.config import config_options
 from cli.exit_codes import EXIT_PARTIAL
 from cli.progress import StderrProgress
 from mapmyworld.errors import MapError
+from mapmyworld.types import Judged, Poses
+from mapmyworld.types.wording import reason_of
 
 if TYPE_CHECKING:
     from mapmyworld.config import Config
     from mapmyworld.types import MapStore
+
+_MOST = 40  # changed constraints that are printed: one false statement may cost hundreds
+_FIGHTING = 5  # strained constraints that are named
 
 
 @click.command()
@@ -24,14 +30,11 @@ if TYPE_CHECKING:
 @click.argument("edits_path", metavar="EDITS.toml", type=PATH)
 @config_options
 @click.option("--no-export", is_flag=True, help="Change MAP only, not the products beside it.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress and no notes.")
 def edit(
     map_path: Path,
     edits_path: Path,
-    config_path: Path | None,
-    changes: tuple[str, ...],
+    config: Config,
     no_export: bool,
-    quiet: bool,
 ) -> None:
     """Accept, reject or add constraints of MAP, pin nodes, add priors; then optimise again.
 
@@ -70,7 +73,6 @@ def edit(
     \b
     mapmyworld edit map.db edits.toml
     """
-    config = load_config(config_path, changes)
     from formats.database import open_store
     from formats.database.lock import only_writer
     from formats.edit_files import read_edits
@@ -78,7 +80,7 @@ def edit(
     from mapmyworld.stages.replay_edits import edit_map
 
     edits = read_edits(edits_path)
-    progress = StderrProgress(quiet=quiet)
+    progress = StderrProgress()
     with only_writer(map_path), open_store(map_path) as store:
         poses = store.poses()
         if poses is None:
@@ -114,3 +116,46 @@ def _renewed(
         write_report(store, page)
         written.append(str(page))
     return written
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Graph:
+    """A solved graph, before or after an edit."""
+
+    constraints: Sequence[Judged]
+    poses: Poses
+
+    @property
+    def accepted(self) -> int:
+        """How many of the constraints are."""
+        return sum(c.accepted for c in self.constraints)
+
+
+def account(before: Graph, after: Graph, edits: int) -> list[str]:
+    """The lines: a summary, then constraint by constraint what became of it."""
+    from mapmyworld.graph.edited import changes, farthest_moved, name_of
+
+    node, metres = farthest_moved(before.poses, after.poses)
+    found = changes(before.constraints, after.constraints)
+    lines = [
+        f"{edits} edits applied: {before.accepted} -> {after.accepted} constraints accepted; "
+        f"node {node} moved farthest, by {metres:.3f} m"
+    ]
+    lines += [
+        f"  {c.what}: {name_of(c.constraint)}  {reason_of(c.constraint)}".rstrip()
+        for c in found[:_MOST]
+    ]
+    if len(found) > _MOST:
+        lines.append(f"  and {len(found) - _MOST} more: `mapmyworld inspect graph --all`")
+    return lines
+
+
+def fight(before: Graph, after: Graph, planar: bool) -> list[str]:
+    """The constraints that were accepted without the edits and fit far worse with them."""
+    from mapmyworld.graph.edited import in_sigmas, strained
+
+    found = strained((before.constraints, before.poses), (after.constraints, after.poses), planar)
+    if not found:
+        return []
+    lines = [f"{len(found)} constraints contradict the edits; the largest residuals:"]
+    return lines + [f"  {in_sigmas(one)}" for one in found[:_FIGHTING]]

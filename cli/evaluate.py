@@ -213,10 +213,10 @@ def cloud(cloud: Path, mesh: Path, est: Path | None, reference: Path | None, sty
     \b
     mapmyworld evaluate cloud map.ply log.mcap.truth/mesh.ply
     """
-    from cli.scoring import read_any_trajectory, to_reference
+    from cli.scoring import read_any_trajectory
     from formats.cloud_files import read_cloud
     from formats.scene_mesh import read_scene_mesh
-    from mapmyworld.evaluation import cloud_score
+    from mapmyworld.evaluation import ate, cloud_score
     from mapmyworld.geometry.rigid import transform_points
     from mapmyworld.types import PointCloud
 
@@ -224,8 +224,9 @@ def cloud(cloud: Path, mesh: Path, est: Path | None, reference: Path | None, sty
         raise click.UsageError("--trajectory and --reference go together")
     points = read_cloud(cloud)
     if est is not None and reference is not None:
-        motion = to_reference(read_any_trajectory(est), read_any_trajectory(reference))
-        points = PointCloud(transform_points(motion, points.points).astype("float32"))
+        found = ate(read_any_trajectory(est), read_any_trajectory(reference))
+        moved = transform_points(found.reference_from_estimate, points.points)
+        points = PointCloud(moved.astype("float32"))
     score = cloud_score(points, read_scene_mesh(mesh))
     if style == "json":
         show_json(score.as_dict())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from cli import export_maps, export_nodes, export_views
+from cli import export_maps, export_nodes
 from cli.export_options import format_of_files
 
 
@@ -20,7 +20,7 @@ def export() -> None:
 
 
 # Every command of these modules: a new export has no other registration.
-for module in (export_maps, export_nodes, export_views):
+for module in (export_maps, export_nodes):
     for command in vars(module).values():
         if isinstance(command, click.Command):
             command.params.append(format_of_files())

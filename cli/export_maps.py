@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import FiniteRange, map_argument
-from cli.config_sources import config_options, load_config
+from cli.config import config_options
 from cli.exit_codes import EXIT_CHECK_FAILED
 from cli.export_options import open_map, output_option, output_or, show_written
 from cli.outputs import require_utf8
@@ -42,8 +42,7 @@ def grid(
     resolution: float | None,
     mode: Any,
     verify: bool,
-    config_path: Path | None,
-    changes: tuple[str, ...],
+    config: Config,
 ) -> None:
     """The occupancy grid as PGM + YAML. Nav2 and map_server load it.
 
@@ -54,7 +53,6 @@ def grid(
     from formats.grid_files import grid_files, write_grid
     from mapmyworld.exporting import grid_at
 
-    config = load_config(config_path, changes)
     stem = output_or(map_path, output, lambda: map_path.with_suffix(""))
     stem = stem.with_suffix("") if stem == output and stem.suffix in _GRIDS else stem
     require_utf8(stem)
@@ -90,8 +88,7 @@ def cloud(
     output: Path | None,
     voxel: float | None,
     max_range: float | None,
-    config_path: Path | None,
-    changes: tuple[str, ...],
+    config: Config,
 ) -> None:
     """The coloured point cloud of all depth images. Of planar scans where there is no depth.
 
@@ -101,7 +98,7 @@ def cloud(
     """
     from mapmyworld.exporting import export_cloud, export_scan_cloud
 
-    config = _for_cloud(load_config(config_path, changes), voxel, max_range)
+    config = _for_cloud(config, voxel, max_range)
     path = output_or(map_path, output, lambda: map_path.with_suffix(".ply"))
     with open_map(map_path, path) as store:
         written = export_cloud(store, path, config) or export_scan_cloud(store, path, config)
@@ -124,8 +121,7 @@ def _for_cloud(config: Config, voxel: float | None, max_range: float | None) -> 
 def mesh(
     map_path: Path,
     output: Path | None,
-    config_path: Path | None,
-    changes: tuple[str, ...],
+    config: Config,
 ) -> None:
     """A coloured triangle mesh of all depth images. Needs Open3D and its system libraries.
 
@@ -133,11 +129,10 @@ def mesh(
     mapmyworld export mesh
     mapmyworld export mesh office.db -o office.ply
     """
-    from formats.mesh_files import write_mesh
+    from formats.cloud_files import write_mesh
     from mapmyworld.exporting import nodes_with_poses
     from mapmyworld.mapping.mesh_map import build_mesh
 
-    config = load_config(config_path, changes)
     path = output_or(map_path, output, lambda: map_path.with_name(map_path.stem + "_mesh.ply"))
     with open_map(map_path, path) as store:
         made = build_mesh(nodes_with_poses(store), config)

@@ -1,4 +1,4 @@
-"""`mapmyworld export trajectory`, `graph`, `images` and `vocabulary`: what the nodes hold."""
+"""`mapmyworld export trajectory`, `graph`, `images`, `vocabulary`; `report`, `figure`, `mcap`."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import Any
 
 import click
 
-from cli.arguments import map_argument
+from cli.arguments import PATH, map_argument
 from cli.export_options import open_map, output_option, output_or, show_written
+from mapmyworld.errors import MapError
 
 
 @click.command()
@@ -99,3 +100,79 @@ def vocabulary(map_path: Path, output: Path | None) -> None:
     with open_map(map_path, path) as store:
         write_vocabulary(path, store.words())
         show_written([path], store)
+
+
+@click.command()
+@map_argument
+@output_option("FILE.html", "[default: the map's name with .html]")
+@click.option(
+    "--every-match", is_flag=True, help="Match the images of all closures again, not of 48."
+)
+def report(map_path: Path, output: Path | None, every_match: bool) -> None:
+    """The report, one self-contained HTML page. Map, graph, what was accepted or rejected, and why.
+
+    \b
+    mapmyworld export report
+    mapmyworld export report office.db -o office.html
+    """
+    from cli.report import write_report
+
+    path = output_or(map_path, output, lambda: map_path.with_suffix(".html"))
+    with open_map(map_path, path) as store:
+        write_report(store, path, every_match=every_match)
+        show_written([path], store)
+
+
+@click.command()
+@map_argument
+@click.option(
+    "--what",
+    type=click.Choice(["map", "graph", "loops", "uncertainty", "timing"]),
+    default="map",
+    show_default=True,
+    help="Grid and path; all constraints; scans of closures; sigma over time; cost of the build.",
+)
+@output_option("FILE", "A .png, .svg or .pdf file.  [default: the map's name with _WHAT.png]")
+def figure(map_path: Path, what: str, output: Path | None) -> None:
+    """One picture for a paper or a pull request.
+
+    \b
+    mapmyworld export figure --what graph -o graph.svg
+    mapmyworld export figure office.db --what loops -o loops.pdf
+    """
+    from cli.report import report_contents, timing_beside
+    from formats.report.paper_figures import write_figure
+
+    path = output_or(map_path, output, lambda: map_path.with_name(f"{map_path.stem}_{what}.png"))
+    with open_map(map_path, path) as store:
+        write_figure(path, what, report_contents(store, timing_beside(store)))
+        show_written([path], store)
+
+
+@click.command()
+@map_argument
+@output_option("FILE.mcap", "[default: the map's name with .foxglove.mcap]")
+@click.option(
+    "--with-log",
+    "logs",
+    multiple=True,
+    type=PATH,
+    metavar="LOG",
+    help="Copy this log too, with `map -> odom` added: it replays in the corrected frame.",
+)
+def mcap(map_path: Path, output: Path | None, logs: tuple[Path, ...]) -> None:
+    """The map for Foxglove, and a layout beside it. Grid, cloud, path, poses, graph, images, tf.
+
+    \b
+    mapmyworld export mcap
+    mapmyworld export mcap map.db -o replay.mcap --with-log drive.mcap
+    """
+    from cli.foxglove import export_mcap
+
+    path = output_or(map_path, output, lambda: map_path.with_suffix(".foxglove.mcap"))
+    beside = path.with_suffix(".layout.json")
+    with open_map(map_path, path, beside, logs=logs) as store:
+        if path.suffix != ".mcap":
+            raise MapError(f"{path}: give a name that ends in .mcap")
+        written, losses = export_mcap(store, path, logs)
+        show_written(written, store, losses)

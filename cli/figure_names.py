@@ -37,12 +37,12 @@ def figures_of(store: MapStore) -> dict[str, float]:
         for verdict in ("tried", "accepted", "rejected"):
             found[f"graph.constraints.{kind}.{verdict}"] = 0.0
     if poses is not None:
-        from cli.inspect_graph import graph_facts, graph_problems
-        from mapmyworld.map_figures import divides_of, tracked_poses
+        from cli.inspect_graph import graph_facts
+        from mapmyworld.map_figures import contradictions_of, divides_of, tracked_poses
 
         start, planar = tracked_poses(store.nodes()), moves_in_plane(store)
         facts = graph_facts(poses, constraints, start, planar, None, 10, divides_of(store))
-        facts["problems"] = graph_problems(store.get("solve") or {})
+        facts["problems"] = contradictions_of(store.get("solve") or {})
         found |= flattened({"graph": facts})
     return found
 

@@ -9,8 +9,8 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from cli.checking import KEYS
-from cli.spelling import british
+from cli.arguments import british
+from cli.checking import BETTER, KEYS
 from formats.check_results import Verdict
 from mapmyworld.errors import ConfigError
 
@@ -24,27 +24,6 @@ _OPERATORS: dict[str, Callable[[float, float], bool]] = {
 }
 _REQUIREMENT = re.compile(r"\s*([\w.]+)\s*(>=|<=|==|!=|>|<)\s*(\S+)\s*")
 WHOLE = "whole"  # the requirement that every map must meet
-_MORE, _LESS = "more", "less"
-# What is better, for `--baseline`; where a reference is needed, only when it is given.
-BETTER = {
-    "loop_closures": _MORE,
-    "free_area": _MORE,
-    "covered": _MORE,
-    "loop_precision": _MORE,
-    "loop_recall": _MORE,
-    "grid_precision": _MORE,
-    "grid_recall": _MORE,
-    "grid_free": _MORE,
-    "unknown_share": _LESS,
-    "largest_sigma": _LESS,
-    "ate_rmse": _LESS,
-    "ate_max": _LESS,
-    "ate_rotation": _LESS,
-    "rpe_rmse": _LESS,
-    "rpe_rotation": _LESS,
-    "relations_translation": _LESS,
-    "relations_rotation": _LESS,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,9 +89,8 @@ def no_worse(new: Mapping[str, float], old: Mapping[str, float], tolerance: floa
     for key, better in BETTER.items():
         if key not in new or key not in old:
             continue
-        slack = tolerance * abs(old[key])
-        limit = old[key] - slack if better == _MORE else old[key] + slack
-        requirement = Requirement(key, ">=" if better == _MORE else "<=", limit)
+        limit = old[key] - better * tolerance * abs(old[key])
+        requirement = Requirement(key, ">=" if better > 0 else "<=", limit)
         verdict = judged(requirement, new[key])
         message = f"{verdict.message} (baseline {old[key]:g})"
         verdicts.append(Verdict(key, str(requirement), new[key], verdict.passed, message))

@@ -13,6 +13,7 @@ from cli.arguments import PATH, format_option, map_argument
 from cli.manners import note
 from cli.outputs import require_outputs
 from cli.standard_streams import show_result
+from formats.database import open_store
 from mapmyworld.errors import MapError
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.types import OF_ONE_NODE, ConstraintKind, Judged, Poses
@@ -61,8 +62,12 @@ def graph(
     mapmyworld inspect graph office.db --pair 3 17 --image pair.png
     mapmyworld inspect graph office.db --between 3 17
     """
-    from formats.database import open_store
-    from mapmyworld.map_figures import divides_of, tracked_poses, variance_factors_of
+    from mapmyworld.map_figures import (
+        contradictions_of,
+        divides_of,
+        tracked_poses,
+        variance_factors_of,
+    )
 
     require_outputs([] if image is None else [image], [map_path])
     if pair is not None:
@@ -86,11 +91,11 @@ def graph(
     shown = None if everything else worst
     facts = graph_facts(poses, constraints, start, planar, shown, worst, divides, factors)
     facts["certainty"] = solved.get("certainty", "")
-    facts["problems"] = graph_problems(solved)
+    facts["problems"] = contradictions_of(solved)
     if relative is not None:
         facts["between"] = relative
     if image is not None:
-        from formats.report.graph_picture import write_graph_picture
+        from formats.report.map_pictures import write_graph_picture
 
         write_graph_picture(image, poses, constraints, grid)
         note(f"drew {image}")
@@ -99,7 +104,6 @@ def graph(
 
 def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:
     """Both images with their matches."""
-    from formats.database import open_store
     from formats.report.match_picture import write_match_picture
     from mapmyworld.config import Config
     from mapmyworld.places.node_pairs import compare_nodes
@@ -143,12 +147,6 @@ def _relative(store: Any, from_id: int, to_id: int) -> dict[str, Any]:
         "sigma_degrees": float(np.degrees(np.sqrt(np.trace(covariance[:3, :3])))),
         "covariance": covariance.tolist(),
     }
-
-
-def graph_problems(solved: Mapping[str, Any]) -> list[str]:
-    """What the solution contradicts, one line each; its components are listed by themselves."""
-    parted = solved.get("parted", ())
-    return [line for line in solved.get("losses", ()) if line not in parted]
 
 
 def graph_facts(

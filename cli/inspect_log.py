@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import PATH, format_option
-from cli.config_sources import config_options, load_config
+from cli.config import config_options
 from cli.exit_codes import EXIT_PARTIAL
-from cli.plan_text import plan_json, plan_lines
 from cli.standard_streams import show_json
 from formats.readable import one_line
 from mapmyworld.errors import LogError
+from mapmyworld.sensing.plan import Plan
 from mapmyworld.types import LogInfo, TopicInfo
 
 if TYPE_CHECKING:
+    from mapmyworld.config import Config
     from mapmyworld.diagnosis import Finding
 
 _WIDEST = 60  # characters that the column of topics takes, at most
@@ -34,8 +35,7 @@ _WIDEST = 60  # characters that the column of topics takes, at most
 def log(
     paths: tuple[Path, ...],
     looking: bool,
-    config_path: Path | None,
-    changes: tuple[str, ...],
+    config: Config,
     style: str,
 ) -> None:
     """What is in LOG, which topics, frames and clock would be used and why, and what is wrong.
@@ -48,7 +48,6 @@ def log(
     from mapmyworld.diagnosis import diagnose
     from mapmyworld.sensing import make_plan, survey_log
 
-    config = load_config(config_path, changes)
     source = open_log(paths)
     survey = survey_log(source, every_topic=True)
     info = survey.info
@@ -91,7 +90,7 @@ def info_lines(info: LogInfo) -> list[str]:
         ("files", ", ".join(info.paths)),
         ("container", info.container),
         ("size", f"{info.size_bytes / 1e6:.2f} MB"),
-        ("messages", str(info.message_count) if info.message_count >= 0 else "unknown"),
+        ("messages", str(info.message_count)),
         ("duration", f"{info.duration_s:.3f} s"),
         ("start", _time(info.start_ns)),
         ("end", _time(info.end_ns)),
@@ -107,7 +106,7 @@ def info_lines(info: LogInfo) -> list[str]:
 
 
 def _topic_line(topic: TopicInfo, width: int) -> str:
-    count = f"{topic.count} msgs" if topic.count >= 0 else "? msgs"
+    count = f"{topic.count} msgs"
     rate = f" ({topic.frequency:.2f} Hz)" if topic.frequency else ""
     kind = f"{one_line(topic.type_name)} [{one_line(topic.encoding)}]"
     return f"  {one_line(topic.topic):<{width}}  {count}{rate} : {kind}"
@@ -144,4 +143,35 @@ def info_json(info: LogInfo) -> dict[str, Any]:
             }
             for t in info.topics
         ],
+    }
+
+
+def plan_lines(plan: Plan) -> list[str]:
+    """The plan for people: one line a decision, then what to know and what is lost."""
+    lines = ["plan:"]
+    for decision in plan.decisions:
+        choice = one_line(decision.choice or "none")
+        lines.append(f"  {decision.role + ':':<14} {choice:<28} {decision.reason}")
+        lines += [f"  {'':<14} not {other}" for other in decision.others]
+    if plan.warnings:
+        lines += ["notes:", *(f"  - {warning}" for warning in plan.warnings)]
+    if plan.losses:
+        lines += ["lost or assumed:", *(f"  - {loss}" for loss in plan.losses)]
+    return lines
+
+
+def plan_json(plan: Plan) -> dict[str, Any]:
+    """The plan for programs."""
+    return {
+        "decisions": [
+            {"role": d.role, "choice": d.choice, "reason": d.reason, "others": list(d.others)}
+            for d in plan.decisions
+        ],
+        "base_frame": plan.base_frame,
+        "planar": plan.planar,
+        "clock": "log" if plan.use_log_time else "header",
+        "base_from_lidar": plan.scan.base_from_lidar.tolist() if plan.scan else None,
+        "base_from_camera": plan.camera.model.base_from_camera.tolist() if plan.camera else None,
+        "warnings": list(plan.warnings),
+        "losses": list(plan.losses),
     }

@@ -12,6 +12,7 @@ import numpy as np
 from cli.arguments import PATH, format_option, map_argument
 from cli.outputs import require_outputs
 from cli.standard_streams import show_result
+from formats.database import open_store
 from mapmyworld.errors import MapError
 from mapmyworld.types import MapStore, OccupancyGrid
 
@@ -31,8 +32,6 @@ def inspect_map(map_path: Path, image: Path | None, style: str) -> None:
     mapmyworld inspect map
     mapmyworld inspect map office.db --format json
     """
-    from formats.database import open_store
-
     require_outputs([] if image is None else [image], [map_path])
     with open_store(map_path, read_only=True) as store:
         facts = map_facts(store)
@@ -49,7 +48,7 @@ def _draw_particles(store: MapStore, path: Path) -> None:
         raise MapError(
             f"{path}: this map was not made by particles; `inspect graph --image` draws its graph"
         )
-    from formats.report.particle_picture import write_particle_picture
+    from formats.report.map_pictures import write_particle_picture
 
     branches = np.array(paths["branches"], np.float32).reshape(-1, 2, 2)
     best = np.array(paths["path"], np.float32).reshape(-1, 2)

@@ -13,6 +13,7 @@ from cli.arguments import PATH, default_map, format_option
 from cli.manners import note
 from cli.outputs import require_outputs
 from cli.standard_streams import show_result
+from formats.database import open_store
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.types import Judged, MapStore, Node, NodeData
@@ -36,8 +37,6 @@ def node(arguments: tuple[str, ...], image_path: Path | None, style: str) -> Non
     mapmyworld inspect node office.db 17 --image node17.png
     """
     map_path, node_id = _split(arguments)
-    from formats.database import open_store
-
     require_outputs([] if image_path is None else [image_path], [map_path])
     with open_store(map_path, read_only=True) as store:
         found = {n.id: n for n in store.nodes()}.get(node_id)

@@ -1,97 +1,126 @@
 """Ctrl-C and the memory limit end the work in order.
 
-A signal only notes the wish. It is raised where a stage next reports how far it is, between two
+Ctrl-C only notes the wish, which is raised where a stage next reports how far it is, between two
 steps of our own code. Where nothing reports for a second, it is raised in the main thread wherever
-that is, as Python does with Ctrl-C; should a lock be left held there and the work not end, the
-process does, which maps survive.
+that is, as Python does; should a lock be left held there and the work not end, the process does,
+which maps survive.
 """
 
 from __future__ import annotations
 
 import os
+import resource
 import signal
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 
 from cli.exit_codes import EXIT_INTERRUPTED
+from mapmyworld.errors import MapMyWorldError
 
 _REPORTS_WITHIN_S = 1.0
 _CLEARS_UP_WITHIN_S = 20.0
 _MOST_CALLS = 3  # so many times Ctrl-C: whatever the program waits for, it ends at once
-
-_wish: type[Ending] | None = None
 _raised = False
 _calls = 0
+_limit_mb: int | None = None
 
 
-class Ending(BaseException):
-    """Ends the work of the main thread."""
-
-    exit_code = EXIT_INTERRUPTED
-
-
-class Interrupted(Ending):
+class Interrupted(BaseException):
     """Ctrl-C. Python remembers a KeyboardInterrupt that has passed through code made from text, as
     of dataclasses and named tuples, and then ends by the signal, not with our exit code.
     """
 
 
-def ending_with(exception: type[Ending]) -> Callable[[int, FrameType | None], None]:
-    """A signal handler that notes the wish, until `forget_wish`."""
-
-    def note(number: int, _: FrameType | None) -> None:
-        global _wish, _calls
-        if _wish is None:
-            _wish = exception
-            signal.signal(signal.SIGALRM, _not_heeded)
-            signal.setitimer(signal.ITIMER_REAL, _REPORTS_WITHIN_S)
-        _calls += number == signal.SIGINT
-        if _calls == _MOST_CALLS - 1:  # what runs C code gives this handler no turn
-            signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-    return note
+def _note(_number: int, _: FrameType | None) -> None:
+    global _calls
+    if not _calls:
+        signal.signal(signal.SIGALRM, _not_heeded)
+        signal.setitimer(signal.ITIMER_REAL, _REPORTS_WITHIN_S)
+    _calls += 1
+    if _calls == _MOST_CALLS - 1:  # what runs C code gives this handler no turn
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _not_heeded(_number: int, _: FrameType | None) -> None:
-    if _raised and _wish is not None:
+    if _raised:
         os.write(2, b"mapmyworld: ended at once; the same command goes on with this stage\n")
-        os._exit(_wish.exit_code)
+        os._exit(EXIT_INTERRUPTED)
     heed_wish()
 
 
-def is_wished(kind: type[Ending]) -> bool:
-    """Whether it was asked for and has not been seen to: others' code may have made it an error."""
-    return _wish is kind
+def is_interrupted() -> bool:
+    """Whether Ctrl-C was pressed: others' code may have made an error of what was raised."""
+    return _calls > 0
 
 
 def heed_wish() -> None:
-    """Raises what a signal asked for."""
+    """Raises `Interrupted` where Ctrl-C was pressed."""
     global _raised
-    if _wish is not None:
+    if _calls:
         if not _raised:
             _raised = True
             signal.setitimer(signal.ITIMER_REAL, _CLEARS_UP_WITHIN_S)
-        raise _wish
-
-
-def forget_wish(kind: type[Ending]) -> None:
-    """The work that it was to end has ended."""
-    global _wish, _raised
-    if _wish is kind:
-        _wish, _raised = None, False
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        raise Interrupted
 
 
 def heed_interrupts() -> None:
     """From now on Ctrl-C ends the work in order."""
-    global _calls
-    _calls = 0
     if signal.getsignal(signal.SIGINT) in (signal.default_int_handler, signal.SIG_DFL):
-        signal.signal(signal.SIGINT, ending_with(Interrupted))
+        signal.signal(signal.SIGINT, _note)
 
 
 def forget_interrupts() -> None:
     """The command has ended: nothing is left that would have to end in order."""
-    forget_wish(Interrupted)
+    global _calls, _raised
+    if _calls:
+        _calls, _raised = 0, False
+        signal.setitimer(signal.ITIMER_REAL, 0)
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+class MemoryLimitError(MapMyWorldError):
+    """More memory was needed than allowed."""
+
+
+def resident_mb() -> float:
+    """What the process holds now."""
+    pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
+    return pages * resource.getpagesize() / (1 << 20)
+
+
+def peak_memory_mb() -> float:
+    """The most memory that this process has held.
+
+    Linux indicates it of the program alone; what getrusage indicates may be that of who started it.
+    """
+    try:
+        status = Path("/proc/self/status").read_text("ascii")
+        return int(status.partition("VmHWM:")[2].split()[0]) / 1024
+    except (OSError, ValueError, IndexError):
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+@contextmanager
+def memory_limit(megabytes: int | None) -> Iterator[None]:
+    """Ends what is done under it where it next reports how far it is, once the process holds more.
+
+    So a map keeps what is finished; a kill by the system would not ask. None = no limit.
+    """
+    global _limit_mb
+    _limit_mb = megabytes
+    try:
+        yield
+    finally:
+        _limit_mb = None
+
+
+def heed_memory_limit() -> None:
+    """Raises `MemoryLimitError` where the process holds more than `memory_limit` allows."""
+    if _limit_mb is not None and resident_mb() > _limit_mb:
+        raise MemoryLimitError(
+            f"more than {_limit_mb} MB (--max-memory) are needed: raise it and repeat the command "
+            "to resume; or set sensing.node_distance higher"
+        )

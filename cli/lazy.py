@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
+from cli.arguments import british, meant, settings_named
 from cli.manners import with_manners
-from cli.spelling import british, meant, settings_named
 
 
 class LazyGroup(click.Group):

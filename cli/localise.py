@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import sys
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from cli.arguments import PATH, format_option
-from cli.config_sources import config_options, load_config
+from cli.config import config_options
 from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import require_outputs
 from cli.progress import StderrProgress
@@ -18,6 +17,7 @@ from cli.standard_streams import show_result
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
+    from mapmyworld.config import Config
     from mapmyworld.sensing import Plan
     from mapmyworld.types import OccupancyGrid
     from mapmyworld.types.localisation import Localisation
@@ -33,15 +33,12 @@ _KINDS = (".tum", ".csv", ".mcap", ".png")
     help="FILE.tum, .csv, .mcap or .png; may be repeated.  [default: LOG.localised.tum and .csv]",
 )  # fmt: skip
 @config_options
-@click.option("-q", "--quiet", is_flag=True, help="No progress and no notes.")
 @format_option
 def localise(
     map_path: Path,
     logs: tuple[Path, ...],
     outputs: tuple[Path, ...],
-    config_path: Path | None,
-    changes: tuple[str, ...],
-    quiet: bool,
+    config: Config,
     style: str,
 ) -> None:
     """Find where the robot of LOG was in MAP, a map.db or any grid's YAML file.
@@ -57,9 +54,7 @@ def localise(
     """
     outputs = outputs or _beside(logs[0])
     _require_places(outputs, (map_path, *logs))
-    config = load_config(config_path, changes)
-    started, cpu = time.monotonic(), time.process_time()
-    progress = StderrProgress(quiet=quiet)
+    progress = StderrProgress()
     from formats.logs import open_log
 
     grid, plan, found = _localise(map_path, open_log(logs), config, progress)
@@ -67,10 +62,11 @@ def localise(
     for path in outputs:
         _write(path, found, grid, plan.base_frame)
     progress.finish()
+    cost = progress.spent()
     summary = {
         **_facts(found),
-        "wall_s": time.monotonic() - started,
-        "cpu_s": time.process_time() - cpu,
+        "wall_s": cost["wall_s"],
+        "cpu_s": cost["cpu_s"],
         "files": [str(path) for path in outputs],
     }
     show_result(style, summary, _lines(summary, seen))
@@ -94,7 +90,7 @@ def _beside(log: Path) -> tuple[Path, ...]:
 
 
 def _localise(
-    map_path: Path, log: Any, config: Any, progress: StderrProgress
+    map_path: Path, log: Any, config: Config, progress: StderrProgress
 ) -> tuple[OccupancyGrid, Plan, Localisation]:
     from mapmyworld.localisation import localise_log, plan_log
 
@@ -123,7 +119,7 @@ def _write(path: Path, found: Localisation, grid: OccupancyGrid, base_frame: str
 
         write_localisation_mcap(path, found, base_frame=base_frame, overwrite=True)
     elif path.suffix == ".png":
-        from formats.report.localisation_picture import write_localisation_picture
+        from formats.report.map_pictures import write_localisation_picture
 
         write_localisation_picture(path, grid, found)
     else:

@@ -9,10 +9,10 @@ from typing import NoReturn
 import click
 
 import mapmyworld
+from cli.arguments import british
 from cli.exit_codes import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_USAGE
-from cli.interrupts import Interrupted, forget_interrupts, heed_interrupts, is_wished
+from cli.interrupts import Interrupted, forget_interrupts, heed_interrupts, is_interrupted
 from cli.lazy import LazyGroup
-from cli.spelling import british
 from cli.standard_streams import keep_names, mend_streams
 from mapmyworld.errors import MapMyWorldError
 
@@ -90,7 +90,7 @@ def _run() -> NoReturn:
     try:
         sys.exit(group.main(prog_name="mapmyworld", standalone_mode=False))
     except Exception as error:
-        if is_wished(Interrupted):
+        if is_interrupted():
             raise Interrupted from error
         raise
 

@@ -1,4 +1,4 @@
-"""-q, -v and --debug, which every command has: added here to those that do not name them."""
+"""-q, -v and --debug, which every command has."""
 
 from __future__ import annotations
 
@@ -19,20 +19,22 @@ def with_manners(command: click.Command) -> click.Command:
         for inner in command.commands.values():
             with_manners(inner)
         return command
-    known = {name for option in command.params for name in option.opts}
-    if "--quiet" not in known:
+    if not any("--debug" in option.opts for option in command.params):
         command.params.append(_flag("-q", "--quiet", "No progress and no notes.", _hush))
-    if "--verbose" not in known:
         command.params.append(_flag("-v", "--verbose", "Show time and memory per stage.", _account))
-    if "--debug" not in known:
         command.params.append(_debug_option())
     return command
 
 
 def note(text: str) -> None:
     """A line on stderr that -q leaves out."""
-    if not _is_asked(_QUIET):
+    if not is_quiet():
         click.echo(text, err=True)
+
+
+def is_quiet() -> bool:
+    """Whether the command that runs was given -q."""
+    return _is_asked(_QUIET)
 
 
 def is_verbose() -> bool:
@@ -77,7 +79,7 @@ def _account(context: click.Context, _: click.Parameter, asked: bool) -> None:
     started = time.monotonic()
 
     def show() -> None:
-        from cli.memory import peak_memory_mb
+        from cli.interrupts import peak_memory_mb
 
         took = f"{time.monotonic() - started:.1f} s, {time.process_time():.1f} CPU s"
         click.echo(f"{context.command_path}: {took}, {peak_memory_mb():.0f} MB at most", err=True)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from cli.arguments import PATH, format_option
-from cli.config_sources import config_options, load_config
+from cli.config import config_options
 from cli.progress import StderrProgress
+
+if TYPE_CHECKING:
+    from mapmyworld.config import Config
 
 
 @click.command()
@@ -16,15 +20,12 @@ from cli.progress import StderrProgress
 @click.option("-o", "--output", required=True, type=PATH, help="The map database to write.")
 @config_options
 @click.option("--no-export", is_flag=True, help="Write the database only.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress and no notes.")
 @format_option
 def merge(
     maps: tuple[Path, ...],
     output: Path,
-    config_path: Path | None,
-    changes: tuple[str, ...],
+    config: Config,
     no_export: bool,
-    quiet: bool,
     style: str,
 ) -> None:
     """Join finished MAPs whose sessions show the same place; their order does not matter.
@@ -42,8 +43,7 @@ def merge(
         raise click.UsageError("give at least two maps")
     require_maps(maps)
     require_results(output, maps, export=not no_export)
-    config = load_config(config_path, changes)
-    progress = StderrProgress(quiet=quiet)
+    progress = StderrProgress()
     summary = merge_files(maps, output, config, progress, export=not no_export)
     progress.finish()
     show_merged(summary, style)

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import sys
-import time
+import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from cli.config import settings_that_differ
 from cli.exit_codes import EXIT_PARTIAL
-from cli.memory import peak_memory_mb
 from cli.outputs import (
     forget_products,
     products_of,
@@ -21,14 +22,18 @@ from cli.outputs import (
     require_output_name,
 )
 from cli.progress import StderrProgress
-from cli.result_maps import ResultMaps, numbered
+from cli.report import report_beside
 from cli.standard_streams import show_json
+from cli.storing import ResultMaps, numbered, storage_arguments
+from formats.database import MemoryMap, open_store
+from formats.database.lock import only_writer
+from formats.logs import open_log
+from mapmyworld.config import Config
 from mapmyworld.errors import MapError
-
-if TYPE_CHECKING:
-    from mapmyworld.config import Config
-    from mapmyworld.sessions import MergedMap, SessionMap
-    from mapmyworld.types import MapStore
+from mapmyworld.exporting import export_beside
+from mapmyworld.pipeline import build_map
+from mapmyworld.sessions import MergedMap, SessionMap, extend_map, load_session_map, merge_maps
+from mapmyworld.types import MapStore
 
 
 def merge_files(
@@ -43,13 +48,10 @@ def merge_files(
 
     OUTPUT may be a source here.
     """
-    from formats.database.lock import only_writer
-
-    started, cpu = time.monotonic(), time.process_time()
     with only_writer(output), ResultMaps(output, config) as results:
         maps = _merged(sources, results, config, progress)
         results.put_in_place()
-    return _summary(maps, results.names, config, progress, (started, cpu), export)
+    return _summary(maps, results.names, config, progress, export)
 
 
 def extend_file(
@@ -60,14 +62,10 @@ def extend_file(
     What shows another place goes into KNOWN_2, or the next number that is free. Sessions that
     contradict the map are merged with it instead.
     """
-    from formats.database.lock import only_writer
-    from mapmyworld.sessions import extend_map, merge_maps
-
-    started, cpu = time.monotonic(), time.process_time()
     with only_writer(known), ResultMaps(known, config, spare=True) as results, ExitStack() as stack:
         session_maps = [_opened(path, stack) for path in sources]
         with results.copy_of_output() as store:
-            done = extend_map(store, session_maps, config, progress)
+            done = extend_map(store, session_maps, MemoryMap, config, progress)
             maps = [] if done is None else [_extended(store, known, done)]
         if done is None:
             results.discard()
@@ -75,7 +73,7 @@ def extend_file(
         elif done.apart:
             maps += merge_maps(done.apart, results.open, config, progress)
         results.put_in_place()
-    return _summary(maps, results.names, config, progress, (started, cpu), export)
+    return _summary(maps, results.names, config, progress, export)
 
 
 def _merged(
@@ -86,8 +84,6 @@ def _merged(
     first: Path | None = None,
 ) -> list[MergedMap]:
     """The maps of the sources; the sessions of the `first` go into the first of them."""
-    from mapmyworld.sessions import merge_maps
-
     with ExitStack() as stack:
         session_maps = [_opened(path, stack) for path in sources]
         wanted = None if first is None else str(first)
@@ -95,17 +91,12 @@ def _merged(
 
 
 def _opened(path: Path, stack: ExitStack) -> SessionMap:
-    from formats.database import open_store
-    from mapmyworld.sessions import load_session_map
-
     store = open_store(path, read_only=True)
     stack.callback(store.close)
     return load_session_map(str(path), store)
 
 
 def _extended(store: MapStore, known: Path, done: Any) -> MergedMap:
-    from mapmyworld.sessions import MergedMap
-
     nodes = store.nodes()
     names = (str(known), *(session_map.name for session_map in done.added))
     return MergedMap(names, len({node.session for node in nodes}), len(nodes), done.links)
@@ -116,14 +107,13 @@ def _summary(
     results: Sequence[Path],
     config: Config,
     progress: StderrProgress,
-    begun: tuple[float, float],
     export: bool,
 ) -> dict[str, Any]:
     """What resulted; what stands beside each map is written anew, or reported to be of another."""
     beside: list[str] = []
     for path, made in zip(results, maps, strict=True):
         if export:
-            beside += _export(path, config, progress, begun)
+            beside += _export(path, config, progress)
         elif made.names != (str(path),):  # else it is what it was
             _note_stale(path, progress)
     return {
@@ -138,33 +128,18 @@ def _summary(
             for path, made in zip(results, maps, strict=True)
         ],
         "files": [*map(str, results), *beside],
-        **_cost(begun),
+        **progress.spent(),
     }
 
 
-def _cost(begun: tuple[float, float]) -> dict[str, float]:
-    """Since a time and a time of the processor."""
-    return {
-        "wall_s": time.monotonic() - begun[0],
-        "cpu_s": time.process_time() - begun[1],
-        "peak_memory_mb": peak_memory_mb(),
-    }
-
-
-def _export(
-    path: Path, config: Config, progress: StderrProgress, begun: tuple[float, float]
-) -> list[str]:
+def _export(path: Path, config: Config, progress: StderrProgress) -> list[str]:
     """What `build` writes beside its database."""
-    from cli.report import report_beside
-    from formats.database import open_store
-    from mapmyworld.exporting import export_beside
-
     forget_products(path)
     progress.stage("export")
     with open_store(path, read_only=True) as store:
         written = export_beside(store, path, config)
         progress.end()
-        return written + report_beside(store, path, _cost(begun), progress, continued=False)
+        return written + report_beside(store, path, progress.spent(), progress, continued=False)
 
 
 def _note_stale(path: Path, progress: StderrProgress) -> None:
@@ -212,3 +187,41 @@ def show_merged(summary: dict[str, Any], style: str) -> None:
             err=True,
         )
         sys.exit(EXIT_PARTIAL)
+
+
+def append_logs(
+    logs: Sequence[Path], map_path: Path, config: Config, *, export: bool
+) -> dict[str, Any]:
+    """Builds a map of each log and lays it into MAP, which is replaced when all is done.
+
+    What is counted is the cost of laying alone.
+    Raises `MapError` where MAP's folder does not exist.
+    """
+    if not map_path.absolute().parent.is_dir():
+        raise MapError(f"{map_path}: its folder does not exist")
+    with tempfile.TemporaryDirectory(dir=map_path.absolute().parent, prefix=".append-") as folder:
+        built = [
+            _build(log, Path(folder) / f"{number}" / f"{log.stem}.db", config)
+            for number, log in enumerate(logs)
+        ]
+        progress = StderrProgress()
+        if map_path.exists():
+            summary = extend_file(map_path, built, config, progress, export=export)
+        else:
+            summary = merge_files(built, map_path, config, progress, export=export)
+        names = {str(path): str(log) for path, log in zip(built, logs, strict=True)}
+    progress.finish()
+    for made in summary["maps"]:
+        made["of"] = [names.get(name, name) for name in made["of"]]
+    return summary
+
+
+def _build(log: Path, path: Path, config: Config) -> Path:
+    progress = StderrProgress()
+    path.parent.mkdir()
+    opening = partial(open_store, path, create=True, **storage_arguments(config))
+    with opening() as store:
+        store.put("settings", settings_that_differ(config))
+        build_map(open_log([log]), store, config, progress)
+    progress.finish()  # a log's stages are distinguished from the next one's
+    return path

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import PATH, format_option
-from cli.config_sources import config_options, load_config
+from cli.config import config_options
 from cli.manners import note
 from cli.outputs import (
     require_graph_place,
@@ -24,9 +24,11 @@ from mapmyworld.errors import GraphError
 from mapmyworld.types import Poses
 
 if TYPE_CHECKING:
-    from mapmyworld.config.graph_settings import GraphConfig
+    from mapmyworld.config import Config, GraphConfig
     from mapmyworld.graph.optimisation import OptimisedGraph
     from mapmyworld.types.pose_graph import PoseGraph
+
+_SHOWN = ("cost", "start", "start_costs", "reached", "iterations", "converged", "certainty")
 
 
 @click.command()
@@ -47,8 +49,7 @@ def optimise(
     output: Path | None,
     robust: bool,
     image: Path | None,
-    config_path: Path | None,
-    changes: tuple[str, ...],
+    config: Config,
     style: str,
 ) -> None:
     """Optimise the pose graph in FILE: g2o, TORO, GTSAM text, map.db or an RTAB-Map database.
@@ -62,7 +63,6 @@ def optimise(
     mapmyworld optimise map.db --robust --format json
     mapmyworld optimise sphere.g2o -o sphere.db
     """
-    config = load_config(config_path, changes).graph
     require_output_name(path)
     output = output or Path(f"{path.stem}_optimised.g2o")
     _require_place(output, path)
@@ -75,7 +75,7 @@ def optimise(
     if len(graph) == 0:
         why = problems[0] if problems else "nothing to optimise"
         raise GraphError(f"{path}: the graph has no nodes: {why}")
-    solved = _timed(graph, robust, config, seconds)
+    solved = _timed(graph, robust, config.graph, seconds)
     losses = [*problems, *_component_losses(solved)]
     _write(output, path, graph, solved, losses)
     facts = {
@@ -131,13 +131,7 @@ def _facts(graph: PoseGraph, solved: OptimisedGraph) -> dict[str, Any]:
         "nodes": len(graph),
         "edges": len(graph.edges),
         "landmarks": len(graph.landmark_ids),
-        "cost": solved.cost,
-        "start": solved.start,
-        "start_costs": solved.start_costs,
-        "reached": solved.reached,
-        "iterations": solved.iterations,
-        "converged": solved.converged,
-        "certainty": solved.certainty,
+        **{name: getattr(solved, name) for name in _SHOWN},
         "certificate": None if solved.certificate is None else asdict(solved.certificate),
         "components": int(solved.component.max()) + 1,
         "rejected": [[int(a), int(b)] for a, b, good in ends if not good],
@@ -197,7 +191,7 @@ def _graph_of_map(path: Path) -> PoseGraph:
 def draw(image: Path, solved: OptimisedGraph) -> None:
     """The solved graph as a picture."""
     from cli.optimise_map import constraints_of, matrices_of
-    from formats.report.graph_picture import write_graph_picture
+    from formats.report.map_pictures import write_graph_picture
 
     graph = solved.graph
     landmarks = graph.landmarks if len(graph.landmark_ids) else None

@@ -5,11 +5,16 @@ from __future__ import annotations
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from formats.database import open_store
+from formats.database.connection import is_sqlite
+from formats.database.store import DatabaseStore
+from formats.graph_files import cartesian
 from mapmyworld.geometry.planar import information_from_planar, planar_to_matrix
+from mapmyworld.graph.covariance import graph_covariances
+from mapmyworld.graph.optimisation import OptimisedGraph
 from mapmyworld.types import (
     ConstraintKind,
     Judge,
@@ -20,10 +25,7 @@ from mapmyworld.types import (
     Verdict,
     Why,
 )
-
-if TYPE_CHECKING:
-    from mapmyworld.graph.optimisation import OptimisedGraph
-    from mapmyworld.types.pose_graph import PoseGraph
+from mapmyworld.types.pose_graph import PoseGraph
 
 _CARRIED = Verdict(Judge.GRAPH, False, Why.CARRIED_OVER)
 _LOOSE = 1e-9  # information of a landmark's orientation: it has none
@@ -37,9 +39,6 @@ def write_map(
     A map keeps its nodes' data; from any other file come nodes without data, numbered from 1.
     `losses` say what the graph lacks, so that the map does not pass as whole.
     """
-    from formats.database import open_store
-    from mapmyworld.graph.covariance import graph_covariances
-
     graph = solved.graph
     ours = _is_map(source)
     shift = 0 if ours else max(0, 1 - int(graph.ids.min()))
@@ -68,10 +67,6 @@ def write_map(
 
 
 def _is_map(path: Path) -> bool:
-    from formats.database import open_store
-    from formats.database.connection import is_sqlite
-    from formats.database.store import DatabaseStore
-
     if not is_sqlite(path):
         return False
     with open_store(path, read_only=True) as store:
@@ -151,8 +146,6 @@ def _priors(graph: PoseGraph, shift: int) -> list[Judged]:
 
 
 def _sightings(graph: PoseGraph, shift: int) -> list[Judged]:
-    from formats.graph_files import cartesian
-
     if len(graph.sightings) == 0:
         return []
     seen = cartesian(graph.sightings) if graph.planar else graph.sightings

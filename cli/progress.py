@@ -9,9 +9,8 @@ from typing import Any
 
 import click
 
-from cli.interrupts import heed_wish
-from cli.manners import is_verbose
-from cli.memory import peak_memory_mb
+from cli.interrupts import heed_memory_limit, heed_wish, peak_memory_mb
+from cli.manners import is_quiet, is_verbose
 from cli.standard_streams import own_words
 from formats.readable import readable
 from mapmyworld.decisions import decided
@@ -52,8 +51,9 @@ class StageCost:
 class StderrProgress:
     """Says which stage runs, how far it is, and how much faster than the robot drove."""
 
-    def __init__(self, *, quiet: bool = False) -> None:
-        self.quiet = quiet
+    def __init__(self) -> None:
+        self.quiet = is_quiet()
+        self._began = time.monotonic(), time.process_time()
         self.notes: list[str] = []
         self.costs: dict[str, StageCost] = {}
         """By name, in the order of first rounds."""
@@ -70,6 +70,7 @@ class StderrProgress:
 
     def stage(self, name: str, total: float | None = None, unit: str = "") -> None:
         heed_wish()
+        heed_memory_limit()
         self.end()
         decided("stage", f"{name} of {total:g} {unit}" if total and unit else name)
         self._name, self._total, self._unit = name, total, unit
@@ -82,6 +83,7 @@ class StderrProgress:
 
     def update(self, done: float) -> None:
         heed_wish()
+        heed_memory_limit()
         self._done = done
         if self._live is not None:
             self._live.show(self._name, self._total, done, self._state())
@@ -100,6 +102,14 @@ class StderrProgress:
                 self._live.print(text)
             else:
                 click.echo(text, err=True)
+
+    def spent(self) -> dict[str, float]:
+        """Wall and CPU seconds since it was made, and the most memory that was held."""
+        return {
+            "wall_s": time.monotonic() - self._began[0],
+            "cpu_s": time.process_time() - self._began[1],
+            "peak_memory_mb": peak_memory_mb(),
+        }
 
     def finish(self) -> None:
         """Ends the current stage, and says what the stages took, in a line each."""

@@ -17,12 +17,6 @@ from mapmyworld.errors import MapError
 REPEATED = {".db", ".pgm", ".yaml", ".tum", ".ply"}
 
 
-def given_options(config_path: Path | None, changes: Sequence[str]) -> list[str]:
-    """`--config` and `--set` as they were given."""
-    options = [] if config_path is None else ["--config", str(config_path.absolute())]
-    return options + [word for change in changes for word in ("--set", change)]
-
-
 def repeat_and_compare(
     logs: Sequence[Path], map_path: Path, files: Sequence[str], options: Sequence[str]
 ) -> None:

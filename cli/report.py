@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import mapmyworld
 from cli.figure_names import problems_of
@@ -21,9 +20,9 @@ from formats.whole_files import write_whole
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError, MapMyWorldError
 from mapmyworld.exporting import frame_poses, grid_at, is_planar
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
-from mapmyworld.geometry.rigid import between, invert
-from mapmyworld.geometry.rotations import rotation_angle
+from mapmyworld.geometry.rigid import invert
 from mapmyworld.graph import audit
 from mapmyworld.graph.variance import normalised_residuals
 from mapmyworld.map_figures import calibrated_constraints, map_figures, tracked_poses
@@ -33,7 +32,6 @@ from mapmyworld.types.wording import reason_of
 if TYPE_CHECKING:
     from cli.progress import StageCost, StderrProgress
 
-Floats = NDArray[np.float64]
 _LOOKED_AT = 20  # frames that show whether there are scans
 
 
@@ -123,8 +121,6 @@ def report_contents(
     if not nodes:
         raise MapError(f"{_name(store)}: holds no nodes to report on")
     solved = store.poses() or tracked_poses(nodes)
-    residuals = audit.residuals_against(constraints, solved, is_planar(solved.map_from_node))
-    shown = _shown_constraints(constraints, residuals, nodes)
     path, fetched = _path(store, nodes), fetch_evidence(store, constraints, every_match=every_match)
     problems, grid = problems_of(store), _grid(store)
     return ReportContents(
@@ -139,7 +135,7 @@ def report_contents(
         path=path,
         odometry=_odometry(nodes, solved),
         nodes=_shown_nodes(nodes, solved),
-        constraints=shown,
+        constraints=_shown_constraints(constraints, solved, nodes),
         evidence=fetched.evidence,
         evidence_left_out=fetched.left_out,
         pictures=fetched.pictures,
@@ -172,14 +168,14 @@ def _grid(store: MapStore) -> OccupancyGrid | None:
     return grid
 
 
-def _path(store: MapStore, nodes: Sequence[Node]) -> Floats:
+def _path(store: MapStore, nodes: Sequence[Node]) -> Array:
     """Time since the first node, x and y (F, 3) of every tracked frame."""
     frames, poses = frame_poses(store)
     stamps = store.tracked_frames().stamps_ns[frames]
     return np.column_stack([(stamps - nodes[0].stamp_ns) * 1e-9, poses[:, :2, 3]])
 
 
-def _odometry(nodes: Sequence[Node], solved: Poses) -> Floats:
+def _odometry(nodes: Sequence[Node], solved: Poses) -> Array:
     """Recorded odometry (N, 2) of the first session's nodes, moved onto the first pose."""
     first = [node for node in nodes if node.session == nodes[0].session]
     start = solved.map_from_node[0] @ invert(first[0].odom_from_base)
@@ -207,24 +203,12 @@ def _shown_nodes(nodes: Sequence[Node], solved: Poses) -> ShownNodes:
 
 
 def _shown_constraints(
-    constraints: Sequence[Judged], residuals: Sequence[Any], nodes: Sequence[Node]
+    constraints: Sequence[Judged], solved: Poses, nodes: Sequence[Node]
 ) -> list[ShownConstraint]:
-    place = {node.id: k for k, node in enumerate(nodes)}
-    tracked = np.stack([node.tracked_from_base for node in nodes])
-    closures = [
-        k
-        for k, c in enumerate(constraints)
-        if c.kind != ConstraintKind.NEIGHBOUR and {c.from_id, c.to_id} <= place.keys()
-    ]
-    ends = np.array(
-        [(place[constraints[k].from_id], place[constraints[k].to_id]) for k in closures]
-    )
-    ends = ends.reshape(-1, 2).astype(np.int64)
-    measured = np.array([constraints[k].i_from_j for k in closures]).reshape(-1, 4, 4)
-    error = between(measured, between(tracked[ends[:, 0]], tracked[ends[:, 1]]))
-    metres = np.linalg.norm(error[:, :3, 3], axis=1).tolist()
-    degrees = np.degrees(rotation_angle(error)).tolist()
-    start = dict(zip(closures, zip(metres, degrees, strict=True), strict=True))
+    """Against the solution, and against the path before any closure."""
+    planar = is_planar(solved.map_from_node)
+    residuals = audit.residuals_against(constraints, solved, planar)
+    tracked = audit.residuals_against(constraints, tracked_poses(nodes), planar)
     return [
         ShownConstraint(
             c.from_id,
@@ -233,9 +217,9 @@ def _shown_constraints(
             c.accepted,
             reason_of(c),
             None if m is None else (m.metres, m.degrees, m.sigmas),
-            start.get(k),
+            None if s is None or c.kind == ConstraintKind.NEIGHBOUR else (s.metres, s.degrees),
         )
-        for k, (c, m) in enumerate(zip(constraints, residuals, strict=True))
+        for c, m, s in zip(constraints, residuals, tracked, strict=True)
     ]
 
 

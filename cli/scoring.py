@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.database import open_store
 from formats.database.connection import is_sqlite
+from formats.trajectory_files import read_trajectory
 from formats.truth_files import read_loop_pairs
 from mapmyworld.evaluation import FEW, LoopScore, RelationsScore, loop_closure_score
 from mapmyworld.evaluation.nees import map_nees
@@ -22,8 +24,6 @@ def read_any_trajectory(path: Path) -> Trajectory:
 
         with open_store(path, read_only=True) as store:
             return trajectory_of(store)
-    from formats.trajectory_files import read_trajectory
-
     return read_trajectory(path)
 
 
@@ -31,8 +31,6 @@ def nees_of_map(path: Path, truth: Trajectory, max_difference_s: float) -> float
     """A map's errors against its own covariances; None for a file without any."""
     if not is_sqlite(path):
         return None
-    from formats.database import open_store
-
     with open_store(path, read_only=True) as store:
         nodes, poses = store.nodes(), store.poses()
     return None if poses is None else map_nees(nodes, poses, truth, max_difference_s)
@@ -76,10 +74,3 @@ def coverage(estimate: Trajectory, reference: Trajectory) -> float:
     first = max(estimate.stamps_ns.min(), reference.stamps_ns.min())
     last = min(estimate.stamps_ns.max(), reference.stamps_ns.max())
     return float(max(0, int(last - first)) / whole) if whole else 1.0
-
-
-def to_reference(estimate: Trajectory, reference: Trajectory) -> NDArray[np.float64]:
-    """`reference_from_estimate` (4, 4) by the best rigid alignment of the trajectories."""
-    from mapmyworld.evaluation import ate
-
-    return ate(estimate, reference).reference_from_estimate

@@ -9,7 +9,7 @@ from typing import cast
 import click
 
 from cli.arguments import PATH, format_option
-from cli.config_sources import changed_values
+from cli.config import changed_values
 from cli.outputs import require_apart, require_output_name
 from cli.progress import StderrProgress
 from cli.standard_streams import show_json
@@ -43,7 +43,6 @@ from mapmyworld.simulation.worlds import find_world
 @click.option("--list", "listing", is_flag=True, help="Print the worlds and their routes.")
 @click.option("--settings", "show", is_flag=True, help="Print all settings with their meaning.")
 @click.option("--overwrite", is_flag=True, help="Replace LOG if it exists.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress.")
 @format_option
 def simulate(
     world: str | None,
@@ -59,7 +58,6 @@ def simulate(
     listing: bool,
     show: bool,
     overwrite: bool,
-    quiet: bool,
     style: str,
 ) -> None:
     """Record a log in a simulated world, with the truth beside it in LOG.truth/.
@@ -81,7 +79,7 @@ def simulate(
         require_output_name(output)
         require_apart(output, [] if mesh is None else [mesh])
         recording = record(place, seed=seed, route=route, laps=laps, settings=settings)
-        counts = _write(recording, output, overwrite, quiet)
+        counts = _write(recording, output, overwrite)
         _report(recording, output, counts, style)
 
 
@@ -107,8 +105,8 @@ def _world(name: str | None, mesh: Path | None) -> World | Scene:
     return find_world(name)
 
 
-def _write(recording: Recording, output: Path, overwrite: bool, quiet: bool) -> dict[str, int]:
-    progress = StderrProgress(quiet=quiet)
+def _write(recording: Recording, output: Path, overwrite: bool) -> dict[str, int]:
+    progress = StderrProgress()
     progress.stage("simulate", recording.duration, "s")
     counts: dict[str, int] = {}
     start_ns = recording.truth.start_ns

@@ -1,7 +1,9 @@
-"""A build's map as a file: with the settings its database wants, gone if it came to nothing."""
+"""Maps as files: with the settings their database wants, put in place when they are whole."""
 
 from __future__ import annotations
 
+import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -12,6 +14,7 @@ from mapmyworld.errors import MapMyWorldError
 
 if TYPE_CHECKING:
     from mapmyworld.config import Config
+    from mapmyworld.types import MapStore
 
 
 @contextmanager
@@ -59,3 +62,72 @@ def rtabmap_parameters(config: Config) -> dict[str, str]:
         "Vis/MaxFeatures": str(visual.feature_count),
         "Vis/MinInliers": str(visual.closure_inliers),
     }
+
+
+class ResultMaps:
+    """The maps in the making beside OUTPUT; gone unless they are put in its place.
+
+    `spare`: the further maps take numbers that are free, so that no earlier map is lost.
+    """
+
+    def __init__(self, output: Path, config: Config, *, spare: bool = False) -> None:
+        self._output, self._stored = output, storage_arguments(config)
+        self._spare = spare
+        self._written: list[Path] = []
+        self.names: list[Path] = []
+        """What the maps will be called."""
+
+    def __enter__(self) -> ResultMaps:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._remove()
+
+    def discard(self) -> None:
+        """Removes what was written, so that other maps take its place."""
+        self._remove()
+        self._written, self.names = [], []
+
+    def _remove(self) -> None:
+        for path in self._written:
+            path.unlink(missing_ok=True)
+
+    @contextmanager
+    def open(self, _number: int = 0) -> Iterator[MapStore]:
+        """The next map, empty."""
+        from formats.database import open_store
+
+        path = self._next()
+        with open_store(path, create=True, overwrite=True, **self._stored) as store:
+            yield store
+
+    @contextmanager
+    def copy_of_output(self) -> Iterator[MapStore]:
+        """OUTPUT as it was, to be extended."""
+        from formats.database import open_store
+
+        open_store(self._output, read_only=True).close()  # refuses what is no map
+        path = self._next()
+        shutil.copyfile(self._output, path)
+        with open_store(path, **self._stored) as store:
+            yield store
+
+    def _next(self) -> Path:
+        number = len(self.names)
+        path = numbered(self._output, number)
+        while self._spare and number and (path in self.names or path.exists()):
+            number += 1
+            path = numbered(self._output, number)
+        self.names.append(path)
+        self._written.append(path.with_name(f".{path.name}.part"))
+        return self._written[-1]
+
+    def put_in_place(self) -> None:
+        """Gives the finished files their names."""
+        for path, name in zip(self._written, self.names, strict=True):
+            os.replace(path, name)
+
+
+def numbered(output: Path, number: int) -> Path:
+    """OUTPUT for the first map, OUTPUT_2 for the second, ..."""
+    return output if number == 0 else output.with_stem(f"{output.stem}_{number + 1}")

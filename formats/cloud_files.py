@@ -1,4 +1,4 @@
-"""Point clouds as binary PLY or PCD, both ways."""
+"""Point clouds as binary PLY or PCD, both ways; meshes as PLY, which `scene_mesh.py` reads."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from formats.ply import colours, ply_header, positions, read_vertices
 from formats.whole_files import read_whole, write_whole
 from mapmyworld.errors import MapError
-from mapmyworld.types import PointCloud
+from mapmyworld.types import Mesh, PointCloud
 
 _PCD_SIZES = {"F": {4: "<f4", 8: "<f8"}, "U": {1: "u1", 2: "<u2", 4: "<u4"}, "I": {4: "<i4"}}
 
@@ -102,3 +102,20 @@ def _read_pcd(path: Path) -> NDArray[np.void]:
         return np.frombuffer(data, dtype, count, end.end())
     except (KeyError, IndexError, ValueError, OverflowError) as error:
         raise MapError(f"{path}: a damaged PCD file ({error})") from None
+
+
+_FACE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
+
+
+def write_mesh(path: Path, mesh: Mesh) -> None:
+    """A .ply file of vertices, with colours where there are any, and triangles.
+
+    Raises `MapError` for another name.
+    """
+    if path.suffix.lower() != ".ply":
+        raise MapError(f"{path}: a mesh is written as .ply: give a name that ends in .ply")
+    vertices = cloud_table(PointCloud(mesh.vertices, mesh.colours))
+    faces = np.empty(len(mesh.triangles), _FACE)
+    faces["count"], faces["corners"] = 3, mesh.triangles
+    head = ply_header([("vertex", vertices)], len(faces))
+    write_whole(path, head + vertices.tobytes() + faces.tobytes())

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from formats.logs.channels import Channel, Payload
+from formats.logs.channels import Channel
 from formats.logs.decoding import decoder_for
 from formats.logs.merged import MergedLog
 from formats.logs.recorded_log import RecordedLog
@@ -58,27 +58,29 @@ def convert_log(
         raise LogError(f"{output}: is the log itself: name another output")
     first_ns = info.start_ns + round(selection.start_s * 1e9)
     end_ns = None if selection.duration_s is None else first_ns + round(selection.duration_s * 1e9)
-    clock = _Clock()
+    times: list[int] = []
     if progress is not None:
         progress.stage("convert", _selected_s(selection, info.duration_s), "s")
     with LogWriter(output, compression=compression, overwrite=overwrite) as writer:
-        copier, latched = Copier(writer), 0
+        copier, messages, latched = Copier(writer), 0, 0
         for time_ns, topic, write in copier.writes(log, selection.topics):
             if end_ns is not None and time_ns >= end_ns:
                 break
             if time_ns >= first_ns or _is_latched(topic):
                 latched += time_ns < first_ns
-                write(max(time_ns, first_ns))
-                clock.tick(max(time_ns, first_ns))
+                times = [*times[:1], max(time_ns, first_ns)]
+                write(times[-1])
+                messages += 1
                 if progress is not None:
-                    progress.update(clock.span_s)
-        if clock.messages == latched:
+                    progress.update(1e-9 * (times[-1] - times[0]))
+        if messages == latched:
             raise LogError(
                 f"nothing to write: no message of the selection in {', '.join(info.paths)}",
                 problems=(*copier.losses(), *log.losses()),
             )
     doubts = (doubt for topic, doubt in info.doubts if topic in (selection.topics or topics))
-    return Conversion(clock.messages, clock.span_s, (*log.losses(), *doubts, *copier.losses()))
+    losses = (*log.losses(), *doubts, *copier.losses())
+    return Conversion(messages, 1e-9 * (times[-1] - times[0]), losses)
 
 
 def _selected_s(selection: Selection, log_s: float) -> float:
@@ -98,20 +100,6 @@ def _check_topics(selection: Selection, known: set[str]) -> None:
         raise LogError(
             f"no topic {', '.join(missing)} in the log: it has {', '.join(sorted(known))}"
         )
-
-
-class _Clock:
-    """Counts messages and the time they span."""
-
-    def __init__(self) -> None:
-        self.messages, self.span_s = 0, 0.0
-        self._first_ns = 0
-
-    def tick(self, time_ns: int) -> None:
-        if self.messages == 0:
-            self._first_ns = time_ns
-        self.messages += 1
-        self.span_s = (time_ns - self._first_ns) * 1e-9
 
 
 class Copier:
@@ -145,21 +133,19 @@ class Copier:
             f"{reason}: {count} message(s) left out" for reason, count in sorted(self._lost.items())
         )
 
-    def _copy(self, channel: Channel, data: Payload, log_time_ns: int) -> None:
+    def _copy(self, channel: Channel, data: bytes, log_time_ns: int) -> None:
         if channel not in self._transcoders:
             self._transcoders[channel] = transcoder_for(channel, self.writer.sink)
         transcoder = self._transcoders[channel]
         try:
             if transcoder is not None:
-                self.writer.sink.write(
-                    transcoder.handle, log_time_ns, transcoder.convert(bytes(data))
-                )
+                self.writer.sink.write(transcoder.handle, log_time_ns, transcoder.convert(data))
             else:
                 self._decoded(channel, log_time_ns, data)
         except LogError as error:
             self._lose(str(error))
 
-    def _decoded(self, channel: Channel, log_time_ns: int, data: Payload) -> None:
+    def _decoded(self, channel: Channel, log_time_ns: int, data: bytes) -> None:
         """A message whose encoding the output does not take, by way of our own types."""
         decoder = decoder_for(channel)
         if decoder.kind is MessageKind.OTHER:
@@ -167,7 +153,7 @@ class Copier:
                 f"{channel.topic}: {channel.type_name} ({channel.encoding}) cannot be written as "
                 f"{self.writer.sink.encoding}"
             )
-        self.writer.write(channel.topic, decoder.decode(data, log_time_ns), log_time_ns)
+        self.writer.write(channel.topic, decoder.message(data, log_time_ns).decode(), log_time_ns)
 
     def _encode(self, raw: RawMessage, log_time_ns: int) -> None:
         try:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +26,7 @@ from mapmyworld.types.pose_graph import Edges, Priors, Sightings, no_priors, no_
 
 Index = NDArray[np.int64]
 Tables = dict[str, Table]
+Rows = TypeVar("Rows", Edges, Sightings)
 
 
 def edges_of(tables: Tables, planar: bool, problems: list[str]) -> Edges:
@@ -61,7 +66,7 @@ def _sound(problems: list[str], tag: str, lines: Index, information: Array) -> N
 def sightings_of(tables: Tables, planar: bool, problems: list[str]) -> Sightings:
     """Landmarks as nodes see them; faults are reported in `problems`."""
     size = 2 if planar else 3
-    parts: list[Sightings] = []
+    parts = [no_sightings(planar)]
     tags = ("EDGE_SE2_XY", "LANDMARK", "BR") if planar else ("EDGE_SE3_TRACKXYZ",)
     for tag in map(str, tags):
         if tag not in tables:
@@ -88,7 +93,7 @@ def sightings_of(tables: Tables, planar: bool, problems: list[str]) -> Sightings
         polar = np.full(len(values), tag == "BR")
         good = _sound(problems, tag, table.lines, information)
         parts.append(Sightings(ids[:, 0], ids[:, 1], measured, information, polar).chosen(good))
-    return _joined_sightings(parts, size) if parts else no_sightings(planar)
+    return _joined(parts)
 
 
 def _at_node(
@@ -128,28 +133,12 @@ def _without_offset(tables: Tables, table: Table) -> Array:
 
 
 def _no_edges(planar: bool) -> Edges:
-    ids = np.zeros(0, np.int64)
-    if planar:
-        return Edges(ids, ids, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, np.bool_))
-    return Edges(ids, ids, np.zeros((0, 4, 4)), np.zeros((0, 6, 6)), np.zeros(0, np.bool_))
+    ids, none = np.zeros(0, np.int64), no_priors(planar)
+    return Edges(ids, ids, none.map_from_node, none.information, np.zeros(0, np.bool_))
 
 
-def _joined(parts: list[Edges]) -> Edges:
-    return Edges(
-        np.concatenate([p.from_ids for p in parts]),
-        np.concatenate([p.to_ids for p in parts]),
-        np.concatenate([p.i_from_j for p in parts]),
-        np.concatenate([p.information for p in parts]),
-        np.concatenate([p.odometry for p in parts]),
-    )
-
-
-def _joined_sightings(parts: list[Sightings], size: int) -> Sightings:
-    ids = [np.zeros(0, np.int64)]
-    return Sightings(
-        np.concatenate(ids + [p.node_ids for p in parts]),
-        np.concatenate(ids + [p.landmark_ids for p in parts]),
-        np.concatenate([np.zeros((0, size)), *(p.measured for p in parts)]),
-        np.concatenate([np.zeros((0, size, size)), *(p.information for p in parts)]),
-        np.concatenate([np.zeros(0, np.bool_), *(p.polar for p in parts)]),
-    )
+def _joined(parts: Sequence[Rows]) -> Rows:
+    """The arrays of all parts, one behind the other."""
+    kind = type(parts[0])
+    names = [field.name for field in fields(kind)]
+    return kind(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))

@@ -24,6 +24,18 @@ __all__ = [
     "write_graph",
 ]
 
+# Of vertices, landmarks, edges, sightings and priors, in the plane and in space.
+_TAGS = {
+    True: ("VERTEX_SE2", "VERTEX_XY", "EDGE_SE2", "EDGE_SE2_XY", "EDGE_PRIOR_SE2"),
+    False: (
+        "VERTEX_SE3:QUAT",
+        "VERTEX_TRACKXYZ",
+        "EDGE_SE3:QUAT",
+        "EDGE_SE3_TRACKXYZ",
+        "EDGE_SE3_PRIOR",
+    ),
+}
+
 
 def write_graph(path: Path, graph: PoseGraph) -> None:
     """A g2o file; every number survives the round trip to the last bit but for quaternions."""
@@ -32,45 +44,31 @@ def write_graph(path: Path, graph: PoseGraph) -> None:
 
 def text_from_graph(graph: PoseGraph) -> str:
     """The graph as g2o text: vertices, landmarks, fixed nodes, edges, priors."""
-    lines = list(_planar_lines(graph) if graph.planar else _spatial_lines(graph))
-    return "".join(f"{line}\n" for line in lines)
+    return "".join(f"{line}\n" for line in _lines_of(graph))
 
 
-def _planar_lines(graph: PoseGraph) -> Iterator[str]:
-    yield from _lines("VERTEX_SE2", [graph.ids], graph.map_from_node)
-    landmark_ids = graph.landmark_ids + _shift(graph)
-    yield from _lines("VERTEX_XY", [landmark_ids], graph.landmarks)
-    yield from (f"FIX {k}" for k in graph.fixed_ids.tolist())
-    edges = graph.edges
-    numbers = np.hstack([edges.i_from_j, _triangles(edges.information)])
-    yield from _lines("EDGE_SE2", [edges.from_ids, edges.to_ids], numbers)
-    sightings = cartesian(graph.sightings)
-    numbers = np.hstack([sightings.measured, _triangles(sightings.information)])
-    ends = [sightings.node_ids, sightings.landmark_ids + _shift(graph)]
-    yield from _lines("EDGE_SE2_XY", ends, numbers)
-    priors = graph.priors
-    numbers = np.hstack([priors.map_from_node, _triangles(priors.information)])
-    yield from _lines("EDGE_PRIOR_SE2", [priors.ids], numbers)
-
-
-def _spatial_lines(graph: PoseGraph) -> Iterator[str]:
-    if len(graph.sightings) or len(graph.priors):
+def _lines_of(graph: PoseGraph) -> Iterator[str]:
+    vertex, landmark, edge, sighting, prior = _TAGS[graph.planar]
+    poses, matrices = (np.asarray, _triangles) if graph.planar else (_with_quaternions, _spatial)
+    sightings = cartesian(graph.sightings) if graph.planar else graph.sightings
+    edges, priors, shift = graph.edges, graph.priors, _shift(graph)
+    if not graph.planar and (len(sightings) or len(priors)):
         yield "PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1"
-    yield from _lines("VERTEX_SE3:QUAT", [graph.ids], _with_quaternions(graph.map_from_node))
-    landmark_ids = graph.landmark_ids + _shift(graph)
-    yield from _lines("VERTEX_TRACKXYZ", [landmark_ids], graph.landmarks)
+    yield from _lines(vertex, [graph.ids], poses(graph.map_from_node))
+    yield from _lines(landmark, [graph.landmark_ids + shift], graph.landmarks)
     yield from (f"FIX {k}" for k in graph.fixed_ids.tolist())
-    edges = graph.edges
-    numbers = np.hstack([_with_quaternions(edges.i_from_j), _spatial(edges.information)])
-    yield from _lines("EDGE_SE3:QUAT", [edges.from_ids, edges.to_ids], numbers)
-    sightings = graph.sightings
-    offset = np.zeros(len(sightings), np.int64)
-    ends = [sightings.node_ids, sightings.landmark_ids + _shift(graph), offset]
+    numbers = np.hstack([poses(edges.i_from_j), matrices(edges.information)])
+    yield from _lines(edge, [edges.from_ids, edges.to_ids], numbers)
     numbers = np.hstack([sightings.measured, _triangles(sightings.information)])
-    yield from _lines("EDGE_SE3_TRACKXYZ", ends, numbers)
-    priors = graph.priors
-    numbers = np.hstack([_with_quaternions(priors.map_from_node), _spatial(priors.information)])
-    yield from _lines("EDGE_SE3_PRIOR", [priors.ids, np.zeros(len(priors), np.int64)], numbers)
+    ends = [sightings.node_ids, sightings.landmark_ids + shift]
+    yield from _lines(sighting, ends + _offsets(graph, len(sightings)), numbers)
+    numbers = np.hstack([poses(priors.map_from_node), matrices(priors.information)])
+    yield from _lines(prior, [priors.ids, *_offsets(graph, len(priors))], numbers)
+
+
+def _offsets(graph: PoseGraph, count: int) -> list[NDArray[np.int64]]:
+    """Where a sensor sits, by the number of its parameters: in space alone, at the node."""
+    return [] if graph.planar else [np.zeros(count, np.int64)]
 
 
 def _shift(graph: PoseGraph) -> int:

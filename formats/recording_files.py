@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import shutil
 import struct
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
 from formats.logs.channels import Channel
-from formats.logs.definitions import ros1_store, ros2_store
+from formats.logs.definitions import standard_store
 from formats.recording_sinks import Handle, McapSink, Ros1Sink, Rosbag2Sink, Sink
-from formats.ros_messages import RosMessages
+from formats.ros_messages import RosFields, ros_message
 from mapmyworld.errors import LogError
 from mapmyworld.types import Message, TransformsMessage
 
@@ -43,30 +45,29 @@ class LogWriter:
         if self.path.suffix not in COMPRESSIONS:
             _require_name_for_yaml(self.path)
         _require_room(self.path, overwrite)
+        self._part = self.path.with_name(f".{self.path.name}.unfinished")
+        shutil.rmtree(self._part, ignore_errors=True)  # what a killed writer left
         try:
-            self.sink = _open_sink(self.path, kind, compression)
+            self._part.mkdir()
+            self.sink = _open_sink(self._part / self.path.name, kind, compression)
         except OSError as error:
             raise LogError(f"{self.path}: cannot be written: {error.strerror or error}") from error
-        self._ros = RosMessages(
-            ros1_store() if self.sink.encoding == "ros1" else ros2_store(),
-            is_ros1=self.sink.encoding == "ros1",
-        )
+        self._store = standard_store(self.sink.encoding)
         self._handles: dict[tuple[str, str], Handle] = {}
 
-    def write(self, topic: str, message: Message, log_time_ns: int) -> None:
+    def write(self, topic: str, message: Message | RosFields, log_time_ns: int) -> None:
         """Appends a message, as the standard ROS type that carries it.
 
         Raises `LogError` where that cannot hold it.
         """
-        type_name = self._ros.type_name(message)
+        type_name, built = ros_message(message, self._store)
         handle = self._handles.get((topic, type_name))
         if handle is None:
             latching = isinstance(message, TransformsMessage) and message.static
             handle = self.sink.add(self._channel(topic, type_name, latching))
             self._handles[topic, type_name] = handle
-        built = self._ros.build(message)
-        store = ros1_store() if self.sink.encoding == "ros1" else ros2_store()
-        serialise = store.serialize_ros1 if self.sink.encoding == "ros1" else store.serialize_cdr
+        is_ros1 = self.sink.encoding == "ros1"
+        serialise = self._store.serialize_ros1 if is_ros1 else self._store.serialize_cdr
         try:
             data = bytes(serialise(built, type_name))
         except (struct.error, OverflowError, ValueError) as error:
@@ -82,22 +83,22 @@ class LogWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if kind is not None:
-            self.sink.abort()
-            return
         try:
-            self.sink.close()
-        except BaseException:
-            self.sink.abort()
-            raise
+            if kind is None:
+                _put_in_place(self.sink.close(), self.path)
+            else:
+                with suppress(Exception):  # a full disk takes no last bytes either
+                    self.sink.close()
+        finally:
+            shutil.rmtree(self._part, ignore_errors=True)
 
     def _channel(self, topic: str, type_name: str, latching: bool) -> Channel:
         if self.sink.encoding == "ros1":
-            text, digest = ros1_store().generate_msgdef(type_name)
+            text, digest = self._store.generate_msgdef(type_name)
             schema_encoding = "ros1msg"
         else:
-            text, _ = ros2_store().generate_msgdef(type_name, ros_version=2)
-            digest, schema_encoding = ros2_store().hash_rihs01(type_name), "ros2msg"
+            text, _ = self._store.generate_msgdef(type_name, ros_version=2)
+            digest, schema_encoding = self._store.hash_rihs01(type_name), "ros2msg"
         encoding = self.sink.encoding
         return Channel(topic, type_name, encoding, schema_encoding, text.encode(), digest, latching)
 
@@ -113,6 +114,15 @@ def _open_sink(path: Path, kind: str, compression: str) -> Sink:
     if kind == ".bag":
         return Ros1Sink(path, compression)
     return Rosbag2Sink(path, compression)
+
+
+def _put_in_place(part: Path, path: Path) -> None:
+    """The whole file or folder instead of what stood there."""
+    if path.is_dir():
+        shutil.rmtree(path)
+    elif part.is_dir():
+        path.unlink(missing_ok=True)
+    part.replace(path)
 
 
 def _require_name_for_yaml(path: Path) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -45,22 +43,6 @@ LATCHED = Qos(
 )
 
 
-def _part_of(path: Path) -> Path:
-    """Where a file grows until it is whole; what a killed writer left there is removed."""
-    part = path.with_name(f".{path.name}.part")
-    part.unlink(missing_ok=True)
-    return part
-
-
-def _put_in_place(part: Path, path: Path) -> None:
-    """The whole file or folder instead of what stood there."""
-    if path.is_dir():
-        shutil.rmtree(path)
-    elif part.is_dir():
-        path.unlink(missing_ok=True)
-    part.replace(path)
-
-
 class McapSink:
     """A lone .mcap file; takes messages of any encoding."""
 
@@ -68,8 +50,7 @@ class McapSink:
 
     def __init__(self, path: Path, compression: str) -> None:
         self.path = path
-        self._part = _part_of(path)
-        self._stream = self._part.open("wb")
+        self._stream = path.open("wb")
         kind = {
             "zstd": CompressionType.ZSTD,
             "lz4": CompressionType.LZ4,
@@ -102,15 +83,11 @@ class McapSink:
         sequence = self._sequences[handle] = self._sequences.get(handle, -1) + 1
         self._writer.add_message(handle, log_time_ns, data, log_time_ns, sequence)
 
-    def close(self) -> None:
-        self._writer.finish()  # type: ignore[no-untyped-call]
-        self._stream.close()
-        _put_in_place(self._part, self.path)
-
-    def abort(self) -> None:
-        with suppress(OSError):  # a full disk takes no last bytes either
-            self._stream.close()
-        self._part.unlink(missing_ok=True)
+    def close(self) -> Path:
+        """The whole file."""
+        with self._stream:
+            self._writer.finish()  # type: ignore[no-untyped-call]
+        return self.path
 
 
 class Ros1Sink:
@@ -120,8 +97,7 @@ class Ros1Sink:
 
     def __init__(self, path: Path, compression: str) -> None:
         self.path = path
-        self._part = _part_of(path)
-        self._writer = Ros1Writer(self._part)
+        self._writer = Ros1Writer(path)
         if compression != "none":
             self._writer.set_compression(Ros1Writer.CompressionFormat[compression.upper()])
         self._writer.open()
@@ -144,17 +120,13 @@ class Ros1Sink:
     def write(self, handle: Handle, log_time_ns: int, data: bytes) -> None:
         """A message at its log time; raises `LogError` for a time that a ROS 1 bag cannot hold."""
         if not 0 <= log_time_ns < 1_000_000_000 << 32:
-            raise LogError(f"{self.path}: a ROS 1 bag cannot hold the time {log_time_ns} ns")
+            raise LogError(f"{self.path.name}: a ROS 1 bag cannot hold the time {log_time_ns} ns")
         self._writer.write(handle, log_time_ns, data)
 
-    def close(self) -> None:
+    def close(self) -> Path:
+        """The whole file."""
         self._writer.close()
-        _put_in_place(self._part, self.path)
-
-    def abort(self) -> None:
-        with suppress(OSError):
-            self._writer.abort()
-        self._part.unlink(missing_ok=True)
+        return self.path
 
 
 class Rosbag2Sink:
@@ -163,14 +135,10 @@ class Rosbag2Sink:
     encoding = "cdr"
 
     def __init__(self, path: Path, compression: str) -> None:
-        self.path = path
+        self.path = path  # whose name the file in it bears as well
         self._alone = path.suffix == ".db3"
-        self._folder = path.with_name(f".{path.name}.folder")
-        shutil.rmtree(self._folder, ignore_errors=True)
-        self._recording = self._folder / path.name  # whose name its file bears as well
-        self._recording.parent.mkdir()
         sqlite = StoragePlugin.SQLITE3
-        self._writer = Rosbag2Writer(self._recording, version=9, storage_plugin=sqlite)
+        self._writer = Rosbag2Writer(path, version=9, storage_plugin=sqlite)
         if compression == "zstd":
             mode = CompressionMode.MESSAGE if self._alone else CompressionMode.FILE
             self._writer.set_compression(mode, CompressionFormat.ZSTD)
@@ -193,16 +161,10 @@ class Rosbag2Sink:
     def write(self, handle: Handle, log_time_ns: int, data: bytes) -> None:
         self._writer.write(handle, log_time_ns, data)
 
-    def close(self) -> None:
+    def close(self) -> Path:
+        """The whole folder, or the file in it."""
         self._writer.close()
-        whole = next(self._recording.glob("*.db3")) if self._alone else self._recording
-        _put_in_place(whole, self.path)
-        shutil.rmtree(self._folder)
-
-    def abort(self) -> None:
-        with suppress(OSError):
-            self._writer.abort()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        return next(self.path.glob("*.db3")) if self._alone else self.path
 
 
 Sink = McapSink | Ros1Sink | Rosbag2Sink

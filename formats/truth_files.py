@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.bounds import FARTHEST
+from formats.cloud_files import write_mesh
 from formats.decimal_stamps import nanoseconds_from_integer
 from formats.grid_files import write_grid
-from formats.mesh_files import write_mesh
 from formats.trajectory_files import write_trajectory
 from formats.whole_files import read_whole, write_whole
 from mapmyworld.errors import MapError

@@ -14,7 +14,7 @@ _PLACES = {
     "Config": "mapmyworld.config",
     "MapMyWorldError": "mapmyworld.errors",
     "MemoryLog": "mapmyworld.memory_log",
-    "MemoryMap": "mapmyworld.memory_map",
+    "MemoryMap": "formats.database",
     "Merged": "mapmyworld.api",
     "ate": "mapmyworld.evaluation",
     "build": "mapmyworld.api",

@@ -12,10 +12,12 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from formats.database import MemoryMap, open_store
+from formats.database.lock import only_writer
+from formats.logs import open_log
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings
 from mapmyworld.errors import MapError
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import BuildResult, build_map
 from mapmyworld.types import LogSource, MapStore, OccupancyGrid, Progress
 from mapmyworld.types.edits import Edit
@@ -77,7 +79,7 @@ def build(
     It is made in memory, or in the file or store `into`; a file is then open in `Built.map`, to
     be closed. Raises `mapmyworld.errors.MapMyWorldError` where the log cannot become a map.
     """
-    store = MemoryMap() if into is None else _opened_for_writing(into)
+    store = _opened_for_writing(into)
     result = build_map(_log(log), store, config or Config(), progress or Silent(), method=method)
     return Built(store, result)
 
@@ -157,9 +159,6 @@ def edit(
     if not isinstance(changed, str | os.PathLike):
         with opened(changed) as store:
             return edit_map(store, edits, config, progress)
-    from formats.database import open_store
-    from formats.database.lock import only_writer
-
     with only_writer(Path(changed)), open_store(Path(changed)) as filed:
         return edit_map(filed, edits, config, progress)
 
@@ -198,14 +197,10 @@ def _log(given: AnyLog) -> LogSource:
         given = [given]
     if not isinstance(given, Sequence):
         return given
-    from formats.logs import open_log
-
     return open_log([Path(path) for path in given])
 
 
-def _opened_for_writing(into: MapStore | PathLike) -> MapStore:
-    if not isinstance(into, str | os.PathLike):
-        return into
-    from formats.database import open_store
-
-    return open_store(Path(into), create=True)
+def _opened_for_writing(into: MapStore | PathLike | None) -> MapStore:
+    if into is None:
+        return MemoryMap()
+    return open_store(Path(into), create=True) if isinstance(into, str | os.PathLike) else into

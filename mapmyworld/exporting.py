@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.errors import MapError
+from mapmyworld.geometry import Array
 from mapmyworld.types import (
     MapStore,
     Node,
@@ -26,8 +27,6 @@ from mapmyworld.types import (
 if TYPE_CHECKING:
     from mapmyworld.config import Config
     from mapmyworld.types.pose_graph import PoseGraph
-
-Array = NDArray[np.float64]
 
 
 def export_beside(store: MapStore, map_path: Path, config: Config) -> list[str]:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import covariance_from_planar
 from mapmyworld.graph.audit import connected_components_of, counts_of
-from mapmyworld.types import CLOSURES, ConstraintKind, Judged, MapStore, Node, Poses
+from mapmyworld.types import CLOSURES, ConstraintKind, Judged, MapStore, Node, Poses, TrackedFrames
 
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
 
@@ -82,7 +84,7 @@ def variance_factors_of(store: MapStore) -> dict[str, float]:
     return dict((store.get("solve") or {}).get("variance_factors", {}))
 
 
-def scan_noise_of(store: MapStore) -> NDArray[np.float64] | None:
+def scan_noise_of(store: MapStore) -> Array | None:
     """(6, 6) covariance of a node by its own scan's noise, rotation first; None without scans."""
     variances = (store.get("solve") or {}).get("scan_noise")
     return covariance_from_planar(np.diag(variances)) if variances else None
@@ -105,6 +107,18 @@ def tracked_poses(nodes: Sequence[Node]) -> Poses:
     """Where tracking alone puts the nodes."""
     ids = np.array([node.id for node in nodes], np.int64)
     return Poses(ids, np.array([node.tracked_from_base for node in nodes]).reshape(-1, 4, 4))
+
+
+def tracked_path(nodes: Sequence[Node], frames: TrackedFrames) -> Array:
+    """Poses (F, 4, 4) of all frames as the tracker had them."""
+    tracked = {node.id: node.tracked_from_base for node in nodes}
+    return np.stack([tracked[i] for i in frames.node_ids.tolist()]) @ frames.node_from_frame
+
+
+def contradictions_of(solved: Mapping[str, Any]) -> list[str]:
+    """What a solution contradicts, one line each; its components are listed by themselves."""
+    parted = solved.get("parted", ())
+    return [line for line in solved.get("losses", ()) if line not in parted]
 
 
 def _path(nodes: Sequence[Node], poses: Poses, constraints: Sequence[Judged]) -> float:

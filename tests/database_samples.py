@@ -125,7 +125,7 @@ def constraint(from_id: int, to_id: int, kind: ConstraintKind, **changes: Any) -
     values: dict[str, Any] = {
         "i_from_j": pose(from_id * 100 + to_id),
         "information": root @ root.T + 6 * np.eye(6),
-        "source": ImageMatch(posterior=0.83, inliers=120),
+        "source": ImageMatch(similarity=0.83, inliers=120),
         "verdicts": (Verdict(Judge.CAMERA, True, Why.IMAGES_AGREE, {"inliers": 120, "sigmas": 3}),),
     }
     return Judged(from_id, to_id, kind, **(values | changes))

@@ -1,5 +1,5 @@
 """The library's own map in memory, by the name that older tests know."""
 
-from mapmyworld.memory_map import MemoryMap as MemoryStore
+from formats.database import MemoryMap as MemoryStore
 
 __all__ = ["MemoryStore"]

@@ -83,8 +83,9 @@ def cells_crossed(
             crossings.append((lines - p) / (q - p))
     shares = np.unique(np.clip(np.concatenate(crossings), 0.0, 1.0))
     middles = 0.5 * (shares[1:] + shares[:-1])
-    cells = np.floor(start + middles[:, None] * (end - start)).astype(np.int64)
-    return np.asarray(cells[:, ::-1])
+    cells = np.floor(start + middles[:, None] * (end - start)).astype(np.int64)[:, ::-1]
+    anew = np.any(np.diff(cells, axis=0) != 0, axis=1)  # crossings may be one but for rounding
+    return cells[np.concatenate([[True], anew])]
 
 
 def _write(out: NDArray[np.float32], cells: NDArray[np.int64], value: float) -> None:

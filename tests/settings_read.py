@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
+from formats.database import MemoryMap
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.config.settings import list_settings
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import build_map
 from mapmyworld.stages.record import StageRecord
 from mapmyworld.types import LogInfo, LogSource, RawMessage

@@ -12,8 +12,9 @@ from database_samples import fill
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cli.checking import BETTER
 from cli.figure_names import figures_of, flattened
-from cli.gates import BETTER, judged, no_worse, read_requirements
+from cli.gates import judged, no_worse, read_requirements
 from cli.main import group
 from formats.check_results import Verdict, junit_xml, markdown
 from formats.database import open_store
@@ -97,7 +98,7 @@ def test_no_text_breaks_the_files(name: str, message: str, passed: bool) -> None
 def test_worse_is_worse_in_each_figures_own_direction(old: float, change: float, key: str) -> None:
     """A figure passes where it moved for the better, or for the worse within the tolerance."""
     (verdict,) = no_worse({key: old * (1 + change)}, {key: old}, 0.1)
-    loss = -change if BETTER[key] == "more" else change
+    loss = -change if BETTER[key] > 0 else change
     if abs(loss - 0.1) > 1e-6:
         assert verdict.passed is (loss < 0.1)
 

@@ -9,10 +9,10 @@ import pytest
 from room_drive import START_NS, STEP_NS, Entry, drive, write
 
 from formats.converting import Selection, convert_log
+from formats.database import MemoryMap
 from formats.logs import open_log
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import build_map
 from mapmyworld.sensing import survey_log
 from mapmyworld.types import RawMessage, TransformsMessage
@@ -89,12 +89,11 @@ def test_a_part_of_a_log_is_taken_by_the_mended_clock(tmp_path: Path) -> None:
 def test_rows_of_a_damaged_file_are_moved_as_well(tmp_path: Path) -> None:
     path = tmp_path / "log.db3"
     write(path, set_back(drive(200).entries))
-    log = open_log([path])
-    log.info()
     data = bytearray(path.read_bytes())
     middle = 6 * len(data) // 10 // 4096 * 4096
     data[middle : middle + 8192] = b"\xff" * 8192
     path.write_bytes(data)
+    log = open_log([path])
     times = [raw.log_time_ns for raw in log.messages()]
     assert times == sorted(times)
     assert any("damaged" in loss for loss in log.losses())

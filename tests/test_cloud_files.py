@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from formats.cloud_files import read_cloud, write_cloud
-from formats.mesh_files import write_mesh
+from formats.cloud_files import read_cloud, write_cloud, write_mesh
 from formats.scene_mesh import read_scene_mesh
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation import cloud_score

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from cli.compare import compare
 from cli.comparing import Candidate, figures_of, table_lines
 from formats.database import open_store
-from formats.report.compare_picture import MapPanel, write_compare_picture
 from formats.report.map_axes import draw_rings, figure_file, plan_axes
-from formats.report.particle_picture import write_particle_picture
+from formats.report.map_pictures import MapPanel, write_compare_picture, write_particle_picture
 from formats.trajectory_files import write_trajectory
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation.sharpness import grid_sharpness

@@ -12,7 +12,7 @@ import pytest
 
 from formats.constraint_kinds import COLOURS, PATH, REJECTED, rgb, with_other_kinds
 from formats.database import links
-from formats.report.graph_picture import write_graph_picture
+from formats.report.map_pictures import write_graph_picture
 from mapmyworld.types import CLOSURES, OF_ONE_NODE, TRUSTED, ConstraintKind, Judged, Poses
 
 KNOWN = {ConstraintKind.NEIGHBOUR: "path", ConstraintKind.USER: "by hand"}

@@ -10,10 +10,10 @@ import pytest
 import rtabmap_decoder as decode
 from numpy.typing import NDArray
 
-from cli.progress import StderrProgress
 from cli.storing import storage_arguments
 from formats.database import RtabmapStore, open_store
 from formats.logs import open_log
+from mapmyworld.api import Silent
 from mapmyworld.config import Config, GraphConfig
 from mapmyworld.geometry.planar import between_planar
 from mapmyworld.graph.canonical_graph import graph_from_constraints
@@ -27,7 +27,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.real_log]
 def built(log: Path, path: Path) -> tuple[Poses, OccupancyGrid]:
     config = Config()
     with open_store(path, create=True, **storage_arguments(config)) as store:
-        build_map(open_log([log]), store, config, StderrProgress(quiet=True))
+        build_map(open_log([log]), store, config, Silent())
         poses, grid = store.poses(), store.grid()
     assert poses is not None
     assert grid is not None

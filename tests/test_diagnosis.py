@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from messages_in_memory import MemoryLog
 
+from formats.database import MemoryMap
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.diagnosis import Finding, diagnose
@@ -19,7 +20,6 @@ from mapmyworld.diagnosis.rotation import time_offset
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import make_transform
 from mapmyworld.geometry.rotations import roll_pitch_yaw_to_rotation
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import build_map
 from mapmyworld.sensing import make_plan, survey_log
 from mapmyworld.simulation import SimulationSettings, simulate

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from messages_in_memory import MemoryLog
 
+from formats.database import MemoryMap
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.diagnosis import Finding, diagnose
@@ -16,7 +17,6 @@ from mapmyworld.diagnosis.depth_motion import pairs_along_the_path
 from mapmyworld.diagnosis.depth_on_laser import unit_suggestion
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import build_map
 from mapmyworld.sensing import make_plan, survey_log
 from mapmyworld.simulation import SimulationSettings, simulate

@@ -79,7 +79,7 @@ def test_no_suggestion_is_left_of_words_that_nothing_says() -> None:
     "words",
     [
         "frames have no odometry near their stamp", "frames repeat a timestamp; duplicates dropped",
-        "no usable index (...)", "a message of ...: ...", "silent for ... s",
+        "the recording was not closed", "a message of ...: ...", "silent for ... s",
         "scans match nothing seen before", "visual tracking lost in ... frames",
         "lines give no laser mount", "has the wrong sign",
         "header stamps step back", "ambiguous: another place nearby",

@@ -80,8 +80,8 @@ def _inner(points: Array) -> None: ...
 def test_every_array_has_a_shape_and_every_error_is_named() -> None:
     *lacking, shapes, errors = docstrings.report()
     assert lacking == []
-    assert int(shapes.split()[2]) > 900  # or the script has stopped seeing them
-    assert int(errors.split()[2]) > 120
+    assert int(shapes.split()[2]) > 800  # or the script has stopped seeing them
+    assert int(errors.split()[2]) > 100
 
 
 def test_what_is_lacking_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from formats.database import MemoryMap
 from mapmyworld.alignment.joint_alignment import FAINT, without_open
 from mapmyworld.alignment.joint_covariance import (
     as_contradicted,
@@ -25,7 +26,6 @@ from mapmyworld.geometry.planar import compose_planar, covariance_from_planar, p
 from mapmyworld.graph.covariance import marginal_covariances
 from mapmyworld.kernels.wheel_model import learn, new_wheels, reckon
 from mapmyworld.memory_log import MemoryLog
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.odometry.sweep_noise import sweep_variances
 from mapmyworld.pipeline import build_map
 from mapmyworld.registration.scan_matching import ScanSet

@@ -38,7 +38,7 @@ def decoded(ros: int, name: str, *values: object) -> Message:
     kinds = ("ros1", "ros1msg") if ros == 1 else ("cdr", "ros2msg")
     decoder = decoder_for(Channel("/t", full, *kinds, text.encode(), digest))
     message = make(full, make.header(STAMP, "mast"), *values)
-    return decoder.decode(serialised(ros, ("/t", full, 0, message)), 5)
+    return decoder.message(serialised(ros, ("/t", full, 0, message)), 5).decode()
 
 
 @pytest.mark.parametrize("ros", [1, 2])

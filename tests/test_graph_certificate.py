@@ -18,7 +18,7 @@ from mapmyworld.backend.convex_relaxation import (
 from mapmyworld.backend.descent import descend
 from mapmyworld.backend.residuals import retract
 from mapmyworld.backend.system import edge_chi2, fit_of
-from mapmyworld.config.graph_settings import GraphConfig
+from mapmyworld.config import GraphConfig
 from mapmyworld.geometry.planar import between_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.graph.optimisation import optimise
@@ -144,7 +144,7 @@ def test_where_the_cheapest_start_is_not_proven_others_are_followed():
     assert best.cost <= alone.cost * (1 + 1e-6)
     assert best.cost == pytest.approx(min(best.reached.values()), rel=1e-5)
     if not (best.certificate and best.certificate.trusted):
-        assert {"odometry", "chordal"} <= set(best.reached)
+        assert {"wraparound", "chordal"} <= set(best.reached)
 
 
 @pytest.mark.parametrize("name", ["tinyGrid3D", "CSAIL", "intel"])

@@ -20,7 +20,7 @@ from cli.main import group
 from cli.optimise import optimise
 from formats.database import open_store
 from formats.graph_files import read_graph
-from formats.report.graph_picture import write_graph_picture
+from formats.report.map_pictures import write_graph_picture
 from mapmyworld.errors import MapError
 from mapmyworld.graph.solved_graph import solve
 from mapmyworld.types import ConstraintKind, Judged, Poses

@@ -17,12 +17,12 @@ from mapmyworld.geometry.planar import (
     matrix_to_planar,
     planar_to_matrix,
 )
-from mapmyworld.graph.chains import solve_by_chains
-from mapmyworld.graph.draft_graph import landmark_guesses, solve_draft
+from mapmyworld.graph.chains import landmark_guesses, solve_by_chains
 from mapmyworld.graph.solved_graph import solve
 from mapmyworld.types import ConstraintKind, Judged, LaserTracking, Node
 
 SIGMAS = np.array([0.01, 0.01, 0.004])
+DRAFT = GraphConfig(covariances=False, certify=False, groups=False)
 
 
 def drive(count: int = 120) -> tuple[NDArray[np.float64], list[Node], list[Judged]]:
@@ -57,9 +57,9 @@ def test_a_draft_is_the_solution_but_for_its_linearisation() -> None:
     ids = [node.id for node in nodes]
     start = np.stack([node.tracked_from_base for node in nodes])
     whole = solve(ids, start, [*motions, *true, false], True)
-    draft = solve_draft(nodes, {}, [*motions, *true, false], True, GraphConfig())
+    draft = solve_by_chains(nodes, [*motions, *true, false], True, DRAFT)
     np.testing.assert_array_equal(draft.poses.ids, whole.poses.ids)
-    assert [c.accepted for c in draft.closures] == [True] * 5 + [False]
+    assert [c.accepted for c in draft.constraints] == [True] * (len(motions) + 5) + [False]
     drift = between_planar(matrix_to_planar(start), matrix_to_planar(whole.poses.map_from_node))
     miss = between_planar(
         matrix_to_planar(draft.poses.map_from_node), matrix_to_planar(whole.poses.map_from_node)
@@ -99,8 +99,8 @@ def test_what_solving_moved_lies_where_nothing_measured_the_motion(
     ]  # fmt: skip
     closed = [*motions, closure(truth, 0, 60)]
     for solved in (
-        solve_draft(nodes, {}, closed, True, GraphConfig()).poses,
-        solve_by_chains(nodes, {}, closed, True, GraphConfig()).poses,
+        solve_by_chains(nodes, closed, True, DRAFT).poses,
+        solve_by_chains(nodes, closed, True, GraphConfig()).poses,
     ):
         miss = between_planar(truth, matrix_to_planar(solved.map_from_node))
         assert np.hypot(*miss[:, :2].T).max() < 0.02
@@ -111,10 +111,10 @@ def test_what_is_tied_by_motion_alone_keeps_its_place() -> None:
     _, nodes, motions = drive(40)
     nodes = [*nodes[:20], *(replace(node, session=1) for node in nodes[20:])]
     motions = [c for c in motions if c.from_id != 20]
-    draft = solve_draft(nodes, {}, motions, True, GraphConfig())
+    draft = solve_by_chains(nodes, motions, True, DRAFT)
     tracked = np.stack([node.tracked_from_base for node in nodes])
     np.testing.assert_allclose(draft.poses.map_from_node, tracked, atol=1e-9)
-    assert draft.closures == ()
+    assert all(c.accepted for c in draft.constraints)
 
 
 def test_landmarks_are_guessed_where_they_are_seen_first() -> None:
@@ -127,7 +127,7 @@ def test_landmarks_are_guessed_where_they_are_seen_first() -> None:
     starts = {node.id: node.tracked_from_base for node in nodes}
     guesses = landmark_guesses(starts, seen)
     np.testing.assert_allclose(guesses[-7], nodes[1].tracked_from_base @ at)
-    draft = solve_draft(nodes, guesses, [*motions, *seen], True, GraphConfig())
+    draft = solve_by_chains(nodes, [*motions, *seen], True, DRAFT)
     assert draft.poses.ids.tolist() == [1, 2, 3, 4, 5, 6, -7]
 
 
@@ -142,7 +142,7 @@ def test_chains_say_what_the_whole_graph_says() -> None:
     ids = [node.id for node in nodes]
     start = np.stack([node.tracked_from_base for node in nodes])
     whole = solve(ids, start, constraints, True)
-    chains = solve_by_chains(nodes, {}, constraints, True, GraphConfig())
+    chains = solve_by_chains(nodes, constraints, True, GraphConfig())
     np.testing.assert_array_equal(chains.poses.ids, whole.poses.ids)
     np.testing.assert_array_equal(chains.component, whole.component)
     assert [c.accepted for c in chains.constraints] == [c.accepted for c in whole.constraints]

@@ -9,7 +9,7 @@ import pytest
 
 from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.system import edge_chi2
-from mapmyworld.config.graph_settings import GraphConfig
+from mapmyworld.config import GraphConfig
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.graph.clusters import chance_of
 from mapmyworld.graph.inlier_recovery import expected_below

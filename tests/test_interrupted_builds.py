@@ -18,7 +18,7 @@ import pytest
 from robust import corpus, kills, signals
 from robust.trials import Outcome, try_command
 
-from cli.interrupts import Ending, ending_with, forget_wish, heed_wish
+from cli.interrupts import Interrupted, forget_interrupts, heed_interrupts, heed_wish
 from mapmyworld import pipeline
 
 
@@ -173,38 +173,35 @@ def unprivileged(arguments: list[str]) -> Outcome:
     return Outcome(int(code) if code.isdigit() else None, fault, "", stderr)
 
 
-class _Ended(Ending):
-    """What the handler under test raises."""
-
-
 @contextmanager
 def ending() -> Iterator[None]:
-    """SIGUSR1 raises `_Ended`, as in a command."""
-    before = signal.signal(signal.SIGUSR1, ending_with(_Ended))
+    """Ctrl-C raises `Interrupted`, as in a command."""
+    before = signal.getsignal(signal.SIGINT)
+    heed_interrupts()
     try:
         yield
     finally:
-        forget_wish(_Ended)
-        signal.signal(signal.SIGUSR1, before)
+        forget_interrupts()
+        signal.signal(signal.SIGINT, before)
 
 
 def test_a_signal_waits_until_progress_is_reported() -> None:
     """In the import machinery, say, it would leave a lock held, and threads waiting for ever."""
     with ending():
-        signal.raise_signal(signal.SIGUSR1)
-        with pytest.raises(_Ended):
+        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(Interrupted):
             heed_wish()
-        with pytest.raises(_Ended):  # others' code may have lost the first
+        with pytest.raises(Interrupted):  # others' code may have lost the first
             heed_wish()
-        forget_wish(_Ended)
+        forget_interrupts()
         heed_wish()
 
 
 def test_work_that_reports_nothing_is_ended_after_a_while() -> None:
     began = time.monotonic()
     with ending():
-        signal.raise_signal(signal.SIGUSR1)
-        with pytest.raises(_Ended):
+        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(Interrupted):
             threading.Event().wait(60.0)
     assert 1.0 <= time.monotonic() - began < 30.0
 

@@ -145,6 +145,18 @@ def test_another_building_is_not_believed_for_long(place: KnownPlace) -> None:
     assert not claims(found)[-1]
 
 
+def test_a_room_that_was_seen_from_outside_alone_is_not_believed() -> None:
+    """Its walls lie where the map has them, and are other surfaces all the same."""
+    corners = np.array([(0, 0), (5, 0), (5, 2), (3.4, 2), (3.4, 4), (1, 4), (1, 3), (0, 3)], float)
+    walls = np.hstack([corners, np.roll(corners, -1, axis=0)])
+    around = tour([(-1, -1), (6, -1), (6, 3), (4.4, 3), (4.4, 5), (-1, 5), (-1, -1)])
+    outside = known_place_from_grid(grid_of(around[::3], walls), Config())
+    within = tour([(1, 1), (4, 1), (2, 1), (2, 3)])
+    seen = one_scan(within[10], walls, 0)
+    assert outside.whole.judge(seen, within[10]).log_odds > outside.whole.needed_odds(1)
+    assert not claims(LaserLocaliser(outside, Config()).follow(frames_of(within, walls))).any()
+
+
 def test_blind_moments_are_followed_by_odometry_and_then_given_up(place: KnownPlace) -> None:
     frames = list(frames_of(DRIVEN))
     empty = np.zeros((0, 2), np.float32)

@@ -15,10 +15,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from log_builders import allowed
 
+from formats.decimal_stamps import stamp_from_text
 from formats.logs import open_log
 from formats.logs.carmen_records import flaser_angles
 from formats.logs.carmen_survey import longest_return
-from formats.logs.text_stamps import stamp_from_text
 from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
 from mapmyworld.geometry.planar import matrix_to_planar

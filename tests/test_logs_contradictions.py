@@ -61,7 +61,7 @@ def test_a_bag_whose_index_points_elsewhere_is_read_through(tmp_path: Path) -> N
     changed_bag(path, lambda _: struct.pack("<Q", 13), b"chunk_pos=", 8)
     count, times, said = read(path)
     assert (count, times) == whole[:2]
-    assert "the index points to places without a chunk" in said
+    assert said == ""
 
 
 @pytest.mark.parametrize("where", [_MAGIC, 1 << 40])
@@ -74,7 +74,7 @@ def test_a_summary_that_points_elsewhere_is_not_believed(where: int, tmp_path: P
 
     count, times, said = read(changed_mcap(path, moved))
     assert (count, times) == whole[:2]
-    assert "the index points to places without a chunk" in said
+    assert said == ""
 
 
 def test_a_summary_that_points_beyond_any_file_is_not_believed(tmp_path: Path) -> None:
@@ -87,16 +87,13 @@ def test_a_summary_that_points_beyond_any_file_is_not_believed(tmp_path: Path) -
 
     count, times, said = read(changed_mcap(path, moved))
     assert (count, times) == whole[:2]
-    assert "the index points to places without a chunk" in said
+    assert said == ""
 
 
-def test_a_summary_that_hides_channels_is_reported(tmp_path: Path) -> None:
+def test_a_summary_that_hides_channels_hides_nothing(tmp_path: Path) -> None:
     """Every second chunk is said to hold a channel that does not exist, and no other."""
     path = write_mcap(tmp_path / "a.mcap", drive(2, count=200), chunk_bytes=4000)
-    log = open_log([path])
-    whole = len(list(log.messages(["/scan"])))
-    assert log.losses() == ()
-
+    whole = len(list(open_log([path]).messages(["/scan"])))
     seen = list[bytes]()
 
     def hidden(content: bytes) -> bytes:
@@ -107,21 +104,19 @@ def test_a_summary_that_hides_channels_is_reported(tmp_path: Path) -> None:
         return content[:32] + struct.pack("<IHQ", 10, 999, 0) + content[36 + length :]
 
     log = open_log([changed_mcap(path, hidden)])
-    had = len(list(log.messages(["/scan"])))
-    assert 0 < had < whole
-    assert f"{whole - had} messages of /scan are not where" in " ".join(log.losses())
+    assert len(list(log.messages(["/scan"]))) == whole
+    assert log.losses() == ()
 
 
-def test_chunks_that_begin_before_their_index_says_so_are_reported(tmp_path: Path) -> None:
+def test_chunks_that_begin_before_their_index_says_so_are_in_order(tmp_path: Path) -> None:
     path = write_mcap(tmp_path / "a.mcap", drive(2, count=60), chunk_bytes=4000)
 
     def late(content: bytes) -> bytes:
         (start,) = struct.unpack_from("<Q", content)
         return struct.pack("<Q", start + 2_500_000) + content[8:]
 
-    count, _, said = read(changed_mcap(path, late))
-    assert count == 136
-    assert "begin up to 0.003 s before the times in its index" in said
+    count, times, said = read(changed_mcap(path, late))
+    assert (count, times, said) == (136, sorted(times), "")
 
 
 def halves(compress: Callable[[bytes], bytes]) -> Change:

@@ -25,14 +25,14 @@ DEPTH_MM = np.array([[0, 500, 1234], [65535, 1, 2000]], np.uint16)
 def decode(
     encoding: str, cells: NDArray[np.generic], *, pad: int = 0, big_endian: bool = False
 ) -> NDArray[np.generic]:
-    """A picture sent raw, each row followed by `pad` bytes, with rubbish before and behind."""
+    """A picture sent raw, each row followed by `pad` bytes."""
     height, width = cells.shape[:2]
     if big_endian:
         cells = cells.astype(cells.dtype.newbyteorder(">"))
     rows = np.ascontiguousarray(cells).view(np.uint8).reshape(height, -1)
-    data = b"123" + np.hstack([rows, np.full((height, pad), 7, np.uint8)]).tobytes()
+    data = np.hstack([rows, np.full((height, pad), 7, np.uint8)]).tobytes()
     step = rows.shape[1] + pad
-    message = raw_image(5, "c", encoding, width, height, step, data, 3, big_endian)
+    message = raw_image(5, "c", encoding, width, height, step, data, big_endian)
     assert (message.width, message.height, message.encoding) == (width, height, encoding)
     return message.pixels()
 

@@ -59,7 +59,7 @@ def test_messages_whose_topic_is_gone_are_counted(tmp_path: Path) -> None:
     change(folder, "DELETE FROM topics WHERE name = '/odom'")
     count, said = counted(open_log([folder]))
     assert count == whole - 60
-    assert "60 message(s) of topic number" in said
+    assert "60 message(s) of channel number" in said
 
 
 def test_a_file_that_was_renamed_is_read_beside_its_metadata(tmp_path: Path) -> None:

@@ -14,10 +14,9 @@ from sample_verdicts import REJECTED
 
 from cli.main import group
 from cli.report import report_contents
-from formats.database import open_store
+from formats.database import MemoryMap, open_store
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.map_figures import map_figures
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.types import (
     ConstraintKind,
     Judged,

@@ -81,7 +81,7 @@ def test_building_and_simulating_never_import_open3d() -> None:
     code = (
         "import sys, mapmyworld.pipeline, formats.logs, formats.database, cli.build;"
         "import mapmyworld.exporting;"
-        "import mapmyworld.simulation.simulated_camera, mapmyworld.simulation.ray_caster;"
+        "import mapmyworld.simulation.simulated_camera;"
         "print('open3d' in sys.modules)"
     )
     found = subprocess.run(

@@ -25,7 +25,7 @@ from mapmyworld.particles.history import loops_reentered
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.kernels.likelihood import log_likelihood
 from mapmyworld.particles.motions import Motion, TrackedScans, motions_between
-from mapmyworld.particles.proposal import improved_proposal
+from mapmyworld.particles.proposal import Proposal, improved_proposal
 from mapmyworld.particles.smoothing import smooth_path
 from mapmyworld.particles.tiles import TileMaps
 from mapmyworld.sensing import make_plan, read_frames, survey_log
@@ -175,7 +175,7 @@ def mapped(walls: Array, poses: Array) -> TileMaps:
 
 def one(u: Array, covariance: Array) -> Motion:
     """A motion with a single mode."""
-    return Motion(u[None], covariance[None])
+    return Motion(u[None], covariance[None], np.ones(1))
 
 
 def test_the_proposal_finds_the_true_pose_and_knows_how_well() -> None:
@@ -186,7 +186,7 @@ def test_the_proposal_finds_the_true_pose_and_knows_how_well() -> None:
     maps = mapped(RING, around)
     z = beams_at(RING, truth)
     start = compose_planar(truth, np.array([-0.11, 0.09, -0.06]))
-    proposal = improved_proposal(start[None], one(u, wide), z, maps, SETTINGS, 1)
+    proposal = improved_proposal(start[None], [one(u, wide)], [z], maps, SETTINGS, 1)
     assert np.hypot(*(proposal.mean[0, 0] - truth)[:2]) < 0.01
     assert abs(proposal.mean[0, 0, 2] - truth[2]) < 0.005
     assert np.sqrt(proposal.covariance[0, 0].diagonal()).max() < 0.02
@@ -199,7 +199,7 @@ def test_in_a_corridor_the_proposal_is_as_long_as_the_motion_leaves_it() -> None
     maps = mapped(CORRIDOR, poses)
     z = beams_at(CORRIDOR, np.array([0.8, 0.0, 0.0]))
     u = np.array([0.1, 0.0, 0.0])
-    proposal = improved_proposal(poses[-1:], one(u, motion), z, maps, SETTINGS, 1)
+    proposal = improved_proposal(poses[-1:], [one(u, motion)], [z], maps, SETTINGS, 1)
     sigma = np.sqrt(proposal.covariance[0, 0].diagonal())
     assert sigma[0] == pytest.approx(0.2, rel=0.3)
     assert sigma[1] < 0.02
@@ -212,26 +212,69 @@ def test_weights_prefer_the_particle_that_is_right() -> None:
     x = np.stack([truth, truth + np.array([0.6, 0.5, 0.4])])
     u, tight = np.zeros(3), np.diag([0.005, 0.005, 0.002]) ** 2
     z = beams_at(RING, truth)
-    proposal = improved_proposal(x, one(u, tight), z, maps, SETTINGS, 1)
+    proposal = improved_proposal(x, [one(u, tight)], [z], maps, SETTINGS, 1)
     assert proposal.log_weight[0] > proposal.log_weight[1] + 0.5
 
 
-def test_where_odometry_and_tracking_differ_most_particles_take_what_the_map_confirms() -> None:
-    """A stall of 0.6 m: each particle is drawn from one of two modes, by its own map."""
+def test_a_scan_that_fits_two_places_is_placed_where_the_odometry_leads() -> None:
+    """Two niches of a corridor 0.5 m apart, the odometry 0.2 m beside the one it is at."""
+    niche = [(0.0, -1.0), (0.0, -1.4), (0.2, -1.4), (0.2, -1.0)]
+    ends = [(-30.0, -1.0), *niche, *((x + 0.5, y) for x, y in niche), (30.0, -1.0)]
+    below = np.stack([np.array(ends[:-1]), np.array(ends[1:])], axis=1)
+    walls = np.concatenate([below, CORRIDOR[1:]])
+    maps = mapped(walls, np.array([[-1.0 + 0.1 * k, 0.0, 0.0] for k in range(12)]))
+    truth = np.array([0.1, 0.0, 0.3])
+    u = np.array([0.2, 0.1, np.radians(8.0)])
+    motion = one(u, np.diag([0.12, 0.12, np.radians(5.0)]) ** 2)
+    z = beams_at(walls, truth)
+    proposal = improved_proposal(truth[None], [motion], [z], maps, SETTINGS, 1)
+    assert np.hypot(*(proposal.mean[0, 0] - truth)[:2]) < 0.02
+    assert abs(proposal.mean[0, 0, 2] - truth[2]) < 0.01
+
+
+def stalled() -> tuple[Array, TileMaps, Motion]:
+    """A robot that stands, 400 particles with its map, wheels that count 0.8 m and 0.4 rad."""
     truth = np.array([1.3, 1.0, 0.1])
     tight = np.diag([0.01, 0.01, 0.005]) ** 2
     maps = mapped(RING, np.array([[1.0 + 0.1 * k, 1.0, 0.0] for k in range(8)]))
     maps.resample(np.zeros(400, np.int64))
     u = np.array([[0.6, 0.5, 0.4], [0.0, 0.0, 0.0]])
-    motion = Motion(u, np.stack([tight, tight]))
+    return truth, maps, Motion(u, np.stack([tight, tight]), np.array([0.99, 0.01]))
+
+
+def test_where_odometry_and_tracking_differ_particles_take_what_the_map_confirms() -> None:
+    truth, maps, motion = stalled()
     z = beams_at(RING, truth)
-    proposal = improved_proposal(np.tile(truth, (400, 1)), motion, z, maps, SETTINGS, 1)
+    proposal = improved_proposal(np.tile(truth, (400, 1)), [motion], [z], maps, SETTINGS, 1)
     x = proposal.sample(np.random.default_rng(3))
     right = np.hypot(*(x - truth)[:, :2].T) < 0.1
-    expected = np.exp(proposal.log_mass[0, 1] - proposal.log_weight[0])
-    assert expected > 0.6
-    assert right.mean() == pytest.approx(expected, abs=0.07)
-    assert right.mean() < 1.0  # the other hypothesis lives on, until later scans refute it
+    assert right.mean() == pytest.approx(proposal.chosen[0, 1], abs=0.01)
+    assert right.mean() > 0.9
+
+
+def test_modes_get_their_shares_of_the_particles_to_one() -> None:
+    count = np.array([0.3, 0.7]) * 400
+    chosen = np.tile([0.3, 0.7], (400, 1))
+    mean = np.tile([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0]], (400, 1, 1))
+    tight = np.tile(1e-6 * np.eye(3), (400, 2, 1, 1))
+    proposal = Proposal(mean, tight, np.log(chosen), chosen, chosen)
+    x = proposal.sample(np.random.default_rng(3))
+    assert abs(np.count_nonzero(x[:, 0] < 1.0) - count[0]) <= 1
+
+
+def test_the_scans_after_one_that_lies_decide_between_it_and_the_odometry() -> None:
+    """One scan indicates that the robot has turned by 20 degrees, the two after it that it did not."""
+    truth = np.array([1.3, 1.0, 0.1])
+    tight = np.diag([0.01, 0.01, 0.01]) ** 2
+    maps = mapped(RING, np.array([[1.0 + 0.1 * k, 1.0, 0.0] for k in range(8)]))
+    u = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.35]])
+    fork = Motion(u, np.stack([tight, tight]), np.array([0.99, 0.01]))
+    still = one(np.zeros(3), tight)
+    lie, z = beams_at(RING, truth + np.array([0.0, 0.0, 0.35])), beams_at(RING, truth)
+    alone = improved_proposal(truth[None], [fork], [lie], maps, SETTINGS, 1)
+    proposal = improved_proposal(truth[None], [fork, still, still], [lie, z, z], maps, SETTINGS, 1)
+    assert alone.chosen[0, 1] > 0.99
+    assert proposal.chosen[0, 0] > 0.99
 
 
 def test_odometry_that_contradicts_the_tracked_motion_is_a_mode_of_its_own() -> None:
@@ -239,13 +282,28 @@ def test_odometry_that_contradicts_the_tracked_motion_is_a_mode_of_its_own() -> 
     poses = np.array([[0.1 * k, 0.0, 0.0] for k in range(5)])
     recorded = np.array([[np.nan] * 3, [0.1, 0, 0], [0.1, 0, 0], [0, 0, 0], [np.nan] * 3])
     covariances = np.tile(np.diag([1e-4, 1e-4, 1e-4]), (5, 1, 1))
-    wheels = new_wheels()
-    wheels[:2] = 0.01  # good ones
-    tracked = TrackedScans(poses, covariances, recorded, wheels)
+    tracked = TrackedScans(poses, covariances, recorded, new_wheels())
     motions = motions_between([0, 1, 2, 3, 4], tracked, Config().odometry)
     assert [len(motion.u) for motion in motions] == [1, 1, 2, 1]
     np.testing.assert_allclose(motions[2].u, [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], atol=1e-12)
     assert motions[2].nearest(np.array([0.09, 0.0, 0.0])) == 1
+    np.testing.assert_allclose(motions[2].probability, [4 / 6, 2 / 6])
+
+
+def test_the_odometry_is_as_uncertain_as_tracking_shows_and_faults_do_not_count() -> None:
+    """Steps of 1 m in which the wheels err by 0.06 m and 0.05 rad, and each tenth stalls."""
+    random = np.random.default_rng(4)
+    steps = np.tile([1.0, 0.0, 0.0], (400, 1))
+    poses = np.cumsum(np.concatenate([np.zeros((1, 3)), steps]), axis=0)
+    recorded = steps + random.normal(size=(400, 3)) * [0.06, 0.06, 0.05]
+    recorded[::10] = 0.0
+    recorded = np.concatenate([np.full((1, 3), np.nan), recorded])
+    covariances = np.tile(np.diag([1e-6, 1e-6, 1e-6]), (401, 1, 1))
+    tracked = TrackedScans(poses, covariances, recorded, new_wheels())
+    motions = motions_between(list(range(401)), tracked, Config().odometry)
+    sigma = np.sqrt(motions[1].covariance[0].diagonal())
+    np.testing.assert_allclose(sigma, [0.063, 0.063, 0.051], rtol=0.12)
+    assert sum(len(motion.u) == 2 for motion in motions) == 40
 
 
 def test_what_was_never_seen_speaks_neither_for_a_pose_nor_against_it() -> None:

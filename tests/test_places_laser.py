@@ -42,6 +42,11 @@ def drifting(
     return variances
 
 
+def motions(drift: PathDrift, a: int, b: int) -> float:
+    """How many motions of 1 cm what may have drifted between two nodes is worth."""
+    return float(np.square(drift.reach(a, b)[0] / (3.0 * 0.01)))
+
+
 def two_visits() -> NDArray[np.float64]:
     """(N, 3) true poses: through both rooms, back, and through them again."""
     there = np.stack([np.linspace(-2.5, 2.3, 49), np.full(49, 0.5), np.zeros(49)], axis=-1)
@@ -242,23 +247,46 @@ def test_a_closure_holds_what_it_joins_and_not_the_path_before() -> None:
     """One between 60 and 70 m says nothing of how far 90 m is from the start."""
     path = PathDrift(np.arange(101.0), np.zeros((101, 3)), drifting(101))
     graph = path.held_by(np.array([[60, 70], [62, 70], [10, 10]]))
-    assert graph.driven(0, 90) == 80.0
-    assert graph.driven(np.array([60, 65, 0, 95]), 71).tolist() == [1.0, 4.0, 61.0, 24.0]
-    assert path.driven(0, 90) == 90.0
-    assert graph.reach(0, 90)[1] == pytest.approx(8.0 / 9.0 * path.reach(0, 90)[1])
+    assert motions(graph, 0, 90) == pytest.approx(80.0)
+    for a, count in ((60, 1.0), (65, 4.0), (0, 61.0), (95, 24.0)):
+        assert motions(graph, a, 71) == pytest.approx(count)
+    assert motions(path, 0, 90) == pytest.approx(90.0)
+    assert graph.reach(0, 90)[1] == pytest.approx(np.sqrt(8.0 / 9.0) * path.reach(0, 90)[1])
+
+
+def test_the_best_way_is_the_one_on_which_motions_err_least() -> None:
+    """Two metres of a turn that nothing measured count more than all the way round."""
+    variances = drifting(101, at=50, metres=2.0, radians=0.5)
+    held = PathDrift(np.arange(101.0), np.zeros((101, 3)), variances, np.array([[0, 100]]))
+    assert motions(held, 49, 51) == pytest.approx(98.0)
+    assert held.reach(49, 51)[1] == pytest.approx(3.0 * 0.002 * np.sqrt(98.0))
+
+
+def test_a_heading_counts_by_how_far_the_way_leads_from_there() -> None:
+    """Of 0.1 rad at 30 m from node b, and of none at b; closures between leave it as it is."""
+    poses = np.stack([np.arange(41.0), np.zeros(41), np.zeros(41)], axis=-1)
+    turning = np.zeros((41, 2))
+    turning[10] = 0.0, 0.1**2
+    for closed in ([], [[20, 30]]):
+        ends = np.array(closed, np.int64).reshape(-1, 2)
+        path = PathDrift(np.arange(41.0), poses, turning, ends)
+        assert path.reach(0, 40) == pytest.approx((3.0 * 0.1 * 30.0, 0.3))
+        assert path.reach(0, 10)[0] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_what_was_lost_between_joined_sessions_is_no_drift() -> None:
     """Their closure at 60 and 70 m says how they lie; what drifts is the 30 m beside it."""
     lost = drifting(101, at=65, metres=np.inf)
     path = PathDrift(np.arange(101.0), np.zeros((101, 3)), lost)
-    assert path.driven(60, 70) == 1010.0
+    assert path.reach(60, 70)[0] > 1000.0
     tracked = drifting(101)
     tracked[65] = 0.0
     whole = PathDrift(np.arange(101.0), np.zeros((101, 3)), tracked)
     joined = path.held_by(np.array([[60, 70]]))
-    assert joined.driven(45, 85) == 30.0
-    assert joined.reach(45, 85) == pytest.approx(0.75 * np.array(whole.reach(45, 85)))
+    assert motions(joined, 45, 85) == pytest.approx(30.0)
+    assert joined.reach(45, 85) == pytest.approx(
+        np.sqrt(30.0 / 39.0) * np.array(whole.reach(45, 85))
+    )
 
 
 def test_odometry_in_doubt_is_looked_beyond_until_a_closure_spans_it() -> None:
@@ -281,7 +309,7 @@ def test_no_submap_spans_odometry_in_doubt() -> None:
     nodes = laser_nodes(np.arange(1, 41), scan_set([]), poses, drifting(40), faults)
     assert submap_members(nodes, 19, CONFIG).max() == 19
     assert submap_members(nodes, 20, CONFIG).min() == 20
-    assert nodes.drift.driven(0, 39) == pytest.approx(3.9)
+    assert nodes.drift.path[39] == pytest.approx(3.9)
 
 
 def test_where_closures_hold_the_drive_nothing_is_lost() -> None:
@@ -300,15 +328,15 @@ def test_where_closures_hold_the_drive_nothing_is_lost() -> None:
         )
         for k in range(0, 49, 4)
     ]  # fmt: skip
-    assert held_by(nodes, []).drift.driven(0, 146) == nodes.path[146]
+    assert held_by(nodes, []).drift.reach(0, 146)[0] > 3.0 * 0.3 * np.sqrt(146.0)
     held = held_by(nodes, closed).drift
-    assert held.driven(46, 144) < 20.0
-    assert held.driven(0, 98) == 0.0
+    assert held.reach(46, 144)[0] < 2.0
+    assert held.reach(0, 98)[0] == pytest.approx(0.0, abs=1e-6)
     assert lost_pairs(held_by(nodes, []), CONFIG)
     pairs = lost_pairs(held_by(nodes, closed), CONFIG)
-    # Three sigmas of eleven motions, of 4.1 m each, are 3 m.
-    assert all(held.driven(a, b) > 45.0 for a, b in pairs)
-    assert not any(abs(b - 98 - a) < 15 for a, b in pairs if b >= 98)
+    # Three sigmas of eleven motions are 3 m.
+    assert all(held.reach(a, b)[0] > 3.0 for a, b in pairs)
+    assert not any(abs(b - 98 - a) < 9 for a, b in pairs if b >= 98)
 
 
 def test_a_place_is_compared_from_where_the_robot_turns_evenly() -> None:

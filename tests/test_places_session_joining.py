@@ -26,7 +26,7 @@ from mapmyworld.places.session_joining import (
     judge_pose,
     locate_session,
 )
-from mapmyworld.places.whole_map import SETTLED, map_of_scans
+from mapmyworld.places.whole_map import map_of_scans
 from mapmyworld.places.wide_search import joined_sessions
 from mapmyworld.registration.place_evidence import Agreement, Place
 from mapmyworld.registration.scan_matching import prepare_scan, scan_set
@@ -170,7 +170,7 @@ def test_a_corner_seen_from_its_other_side_is_another_one() -> None:
         Submap(corner, np.array([[at, at]]), np.array([0, len(corner)])) for at in (2.0, -2.0)
     )
     whole = map_of_scans(inside)
-    same, other = (whole.report(Place.of(s), np.zeros(3), *SETTLED)[1] for s in (inside, outside))
+    same, other = (whole.report(Place.of(s), np.zeros(3)) for s in (inside, outside))
     assert same.known > 0.9
     assert same.log_odds > 20.0
     assert other.known < 0.1

@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 from formats.logs import open_log
 from formats.logs.poses import pose_matrix
 from formats.recording_files import LogWriter
-from formats.ros_poses import exact_quaternion
+from formats.ros_messages import exact_quaternion
 from mapmyworld.errors import LogError
 from mapmyworld.types import (
     CameraInfoMessage,

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from messages_in_memory import MemoryLog, odometry_at, scan_at, transform
 
+from formats.database import MemoryMap
 from mapmyworld.api import Silent
 from mapmyworld.config import Config, SensingConfig
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import build_map
 from mapmyworld.sensing import Plan, make_plan, read_frames, survey_log
 from mapmyworld.sensing.order import in_stamp_order

@@ -7,12 +7,12 @@ import pytest
 from camera_drive import camera_log, circuit
 from visual_rooms import Room
 
+from formats.database import MemoryMap
 from mapmyworld.api import Silent, build
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.localisation import localise_log, plan_log
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.sessions import MergedMap, load_session_map, merge_maps
 from mapmyworld.types import MapStore
 from mapmyworld.types.localisation import State

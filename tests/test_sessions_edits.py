@@ -10,15 +10,14 @@ from messages_in_memory import MemoryLog
 from room_drive import drive
 from test_localisation_commands import later
 
+from formats.database import MemoryMap
 from mapmyworld.api import Silent, build
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between
 from mapmyworld.graph.edited_constraints import edits_from_json, edits_to_json
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.sessions import load_session_map, merge_maps
-from mapmyworld.sessions.copying import place_session_maps
-from mapmyworld.sessions.stated import copied_edits
+from mapmyworld.sessions.copying import copied_edits, place_session_maps
 from mapmyworld.types import ConstraintKind, MapStore, Person
 from mapmyworld.types.edits import Edit, EditAction
 

@@ -13,15 +13,14 @@ from messages_in_memory import MemoryLog
 from room_drive import Drive, drive
 from test_localisation_commands import later
 
-from formats.database import open_store
+from formats.database import MemoryMap, open_store
 from mapmyworld.api import Silent, build
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar
-from mapmyworld.mapping.added_grid import added_grid
-from mapmyworld.memory_map import MemoryMap
+from mapmyworld.mapping.occupancy import added_grid
 from mapmyworld.sessions import extend_map, load_session_map, merge_maps
 from mapmyworld.sessions.joining import session_places
-from mapmyworld.sessions.skeleton import skeleton_of
+from mapmyworld.sessions.session_maps import skeleton_of
 from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve_and_judge import solve_and_judge
 from mapmyworld.types import ConstraintKind, Judged, MapStore, NodeData, OccupancyGrid
@@ -54,7 +53,9 @@ def merged(maps: dict[str, MapStore], names: Sequence[str]) -> MemoryMap:
 def extended(maps: dict[str, MapStore], names: Sequence[str]) -> MemoryMap:
     """The first drive's map, with those named laid into it."""
     store = merged(maps, ["one"])
-    done = extend_map(store, [load_session_map(n, maps[n]) for n in names], Config(), Silent())
+    done = extend_map(
+        store, [load_session_map(n, maps[n]) for n in names], MemoryMap, Config(), Silent()
+    )
     assert done is not None
     assert len(done.added) == len(names)
     assert done.links >= 2
@@ -145,7 +146,7 @@ def test_what_a_map_lacks_is_still_reported_when_a_session_was_laid_into_it(
     with store.extend_stage("optimise", "reported"):
         lines = ["2 components", "a stated prior is contradicted"]
         store.put("solve", {"certainty": "", "losses": lines, "parted": lines[:1]})
-    done = extend_map(store, [load_session_map("two", maps["two"])], Config(), Silent())
+    done = extend_map(store, [load_session_map("two", maps["two"])], MemoryMap, Config(), Silent())
     assert done is not None
     # Components are counted anew, in the map as it is now; here there is one.
     assert store.get("solve")["losses"] == lines[1:]
@@ -168,8 +169,10 @@ def test_an_extended_map_can_be_solved_anew(maps: dict[str, MapStore]) -> None:
 def test_the_skeleton_grows_with_the_area_and_not_with_the_drives(
     maps: dict[str, MapStore],
 ) -> None:
-    alone = skeleton_of(load_session_map("one", merged(maps, ["one"])), Config())
-    both = skeleton_of(load_session_map("all", extended(maps, ["two", "three"])), Config())
+    alone = skeleton_of(load_session_map("one", merged(maps, ["one"])), MemoryMap(), Config())
+    both = skeleton_of(
+        load_session_map("all", extended(maps, ["two", "three"])), MemoryMap(), Config()
+    )
     assert len(both.nodes) <= len(alone.nodes) + 2
     assert len(both.nodes) < len(merged(maps, ["one"]).nodes())
 

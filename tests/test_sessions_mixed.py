@@ -11,8 +11,7 @@ from sample_maps import APARTMENT
 
 from cli.main import group
 from formats.cloud_files import read_cloud
-from formats.database import open_store
-from mapmyworld.memory_map import MemoryMap
+from formats.database import MemoryMap, open_store
 from mapmyworld.sessions.copying import copy_plan
 from mapmyworld.stages.kept import has_images, has_scans
 

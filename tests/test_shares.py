@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapmyworld.shares import percent_below
+from mapmyworld.types.wording import percent_below
 
 
 def test_what_misses_a_limit_does_not_round_up_to_it() -> None:

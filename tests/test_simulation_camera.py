@@ -8,7 +8,7 @@ import pytest
 
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.simulation import SimulationSettings, find_world
-from mapmyworld.simulation.camera_noise import disturb_colour, disturb_depth
+from mapmyworld.simulation.image_messages import disturb_colour, disturb_depth
 from mapmyworld.simulation.robot import base_from_optical, intrinsics
 from mapmyworld.simulation.robot_settings import CameraSettings
 from mapmyworld.simulation.solids import wall

@@ -10,12 +10,12 @@ import pytest
 from conftest import ROOT
 from settings_read import Beginning, settings_read
 
+from formats.database import MemoryMap
 from formats.logs import open_log
 from mapmyworld.api import Silent, configured
 from mapmyworld.config import Config
 from mapmyworld.config.settings import Setting, apply_settings, list_settings
 from mapmyworld.config.stage_settings import FIRST_READ, FIRST_READ_BY_PARTICLES, settings_of
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import build_map
 from mapmyworld.stages.record import StageRecord
 

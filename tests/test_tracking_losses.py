@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to_matrix
-from mapmyworld.graph.draft_graph import kept_nodes
 from mapmyworld.graph.frame_poses import pose_every_frame
+from mapmyworld.graph.motion_chains import kept_nodes
 from mapmyworld.kernels.laser_motion import is_degenerate
 from mapmyworld.odometry.degeneracy import has_open_heading
 from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from formats.database import MemoryMap
 from mapmyworld.api import Silent
 from mapmyworld.config import Config
 from mapmyworld.exporting import graph_of
@@ -24,7 +25,6 @@ from mapmyworld.map_figures import (
     variance_factors_of,
 )
 from mapmyworld.memory_log import MemoryLog
-from mapmyworld.memory_map import MemoryMap
 from mapmyworld.pipeline import build_map
 from mapmyworld.simulation import SimulationSettings, simulate
 from mapmyworld.types import ConstraintKind, Judged, Node, Poses

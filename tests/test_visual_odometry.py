@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from visual_rooms import Room, circle
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.rigid import between
+from mapmyworld.geometry.rigid import between, se3_log
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.odometry.visual_odometry import VisualMotion, VisualTracker
 from mapmyworld.types import Frame, ImageMessage, ImuSample, RgbdImage
@@ -125,3 +125,19 @@ def test_a_frame_without_images_is_no_disaster() -> None:
     motion = tracker.track(Frame(0, None))
     assert motion.verdict == "dead reckoning"
     assert np.array_equal(motion.tracker_from_base, np.eye(4))
+
+
+def test_a_picture_recognised_where_the_camera_cannot_be_is_not_believed() -> None:
+    """Standing still by the gyroscope, a hand before the lens, then the view from 0.2 rad aside."""
+    here, aside = (circle((3.0, 2.5), 0.0, 1, 0.0, phase=phase)[0] for phase in (0.0, 0.2))
+    still = (ImuSample(0, np.zeros(3), np.array([0.0, 0.0, 9.81]), None),)
+    tracker = VisualTracker(Config())
+    for k in range(4):
+        tracker.track(Frame(k * 50_000_000, None, images=(Room().image(here, 0),), imu=still))
+    tracker.track(Frame(200_000_000, None, imu=still))
+    seen = tracker.track(Frame(250_000_000, None, images=(Room().image(aside, 0),), imu=still))
+    assert seen.verdict == "dead reckoning"
+    assert "impossible place" in seen.notes[0]
+    assert np.abs(se3_log(seen.tracker_from_base)).max() < 0.01
+    back = tracker.track(Frame(300_000_000, None, images=(Room().image(here, 0),), imu=still))
+    assert back.verdict == "tracked"

@@ -14,7 +14,7 @@ from visual_rooms import Room, circle, planar_pose
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between, se3_exp
 from mapmyworld.kernels.image_matching import match_all
-from mapmyworld.places.appearance import Candidate, find_candidates
+from mapmyworld.places.appearance import find_candidates
 from mapmyworld.places.visual_closures import find_visual_closures
 from mapmyworld.places.vocabulary import train_vocabulary
 from mapmyworld.registration.features import extract_features, spread
@@ -107,29 +107,12 @@ def test_a_second_visit_is_proposed_whichever_way_it_is_driven(back: bool) -> No
     stamps = np.arange(len(words)) * 2_000_000_000
     found = find_candidates(
         words, 4000, stamps, np.zeros(len(words), int),
-        gap_s=5.0, least_similarity=0.02, least_posterior=0.2, most=3,
+        gap_s=5.0, least_similarity=0.02, most=3,
     )  # fmt: skip
-    pairs = {(c.index, c.other) for c in found if c.posterior > 0.5}
+    pairs = {(c.index, c.other) for c in found}
     expected = {(60 + k, place) for k, place in enumerate(second)}
     assert len(expected & pairs) >= 18
     assert all(c.index > c.other for c in found)
-
-
-@pytest.mark.parametrize("length", [1, 7, 80])
-def test_segments_of_a_log_change_nothing(length: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Long logs are smoothed a segment at a time, to hold no table of all pairs of nodes."""
-    words = make_words(2, [*range(40), *range(20, 40), *range(60, 80)])
-
-    def found() -> list[Candidate]:
-        return find_candidates(
-            words, 4000, np.arange(len(words)) * 2_000_000_000, np.zeros(len(words), int),
-            gap_s=5.0, least_similarity=0.02, least_posterior=0.1, most=3,
-        )  # fmt: skip
-
-    whole = found()
-    monkeypatch.setattr("mapmyworld.places.appearance._segment", lambda count: length)
-    assert len(whole) > 15
-    assert found() == whole
 
 
 def test_places_that_are_never_seen_again_are_never_proposed() -> None:
@@ -137,7 +120,7 @@ def test_places_that_are_never_seen_again_are_never_proposed() -> None:
     stamps = np.arange(60) * 2_000_000_000
     found = find_candidates(
         words, 4000, stamps, np.zeros(60, int),
-        gap_s=5.0, least_similarity=0.1, least_posterior=0.2, most=3,
+        gap_s=5.0, least_similarity=0.1, most=3,
     )  # fmt: skip
     assert found == []
 

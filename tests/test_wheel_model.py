@@ -31,3 +31,20 @@ def test_wheels_that_slip_teach_no_more_than_the_largest_error() -> None:
     calm = wheels[1]
     _seen(wheels, 0.3)
     assert calm < wheels[1] < 3.0 * calm
+
+
+def test_noise_of_wheels_is_no_rotation_that_they_measure_wrong() -> None:
+    """A robot drives straight 19 of 20 times, and then turns: what its wheels report meanwhile
+    looked like rotations that scans deny, and 3 of 4 rad of the others were not believed.
+    """
+    wheels, random = new_wheels(), np.random.default_rng(3)
+    for k in range(4000):
+        turned = 0.3 if k % 20 == 0 else 0.0
+        reached = np.array([STEP[0], 0.0, turned])
+        anchor(wheels, np.zeros(3))
+        reckon(wheels, reached + np.array([0.0, 0.0, random.normal(0.0, 0.03)]))
+        variances = reckoned_variances(wheels, SHARE, FLOOR)
+        seen = innovation(wheels[8:11], reached, SEEN, variances)
+        learn(wheels, seen, variances, SHARE, False)
+    assert abs(wheels[4]) < 3.0 * np.sqrt(wheels[7])
+    assert np.sqrt(wheels[7]) < 0.025

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cli.memory import peak_memory_mb
+from cli.interrupts import peak_memory_mb
 from robust.mutations import mutated, spoil_database
 from robust.trials import MEMORY_MB, try_command
 

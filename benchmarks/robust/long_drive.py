@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from cli.memory import resident_mb
+from cli.interrupts import resident_mb
 from cli.progress import StderrProgress
 from formats.logs import open_log
 from formats.logs.channels import Channel

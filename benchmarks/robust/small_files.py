@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from formats.cloud_files import write_cloud
-from formats.mesh_files import write_mesh
+from formats.cloud_files import write_cloud, write_mesh
 from formats.vocabulary_files import write_vocabulary
 from mapmyworld.config.settings import as_toml
 from mapmyworld.types import Mesh, PointCloud

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 from urllib.parse import quote
 from weakref import finalize
 
@@ -17,6 +18,7 @@ from formats.stored_tables import made_up
 from mapmyworld.errors import MapError
 
 SQLITE_MAGIC = b"SQLite format 3\0"
+IN_MEMORY = Path(":memory:")  # SQLite's own name of what no file holds
 # In the header of maps of ours, which says whose they are even where other pages are torn.
 APPLICATION_ID = 0x4D4D5731  # "MMW1"
 _PAGE_SIZE = 4096
@@ -142,7 +144,7 @@ class Connection:
 
 def uri_of(path: Path) -> str:
     """A file's name for SQLite, whatever bytes it is of."""
-    return f"file:{quote(os.fsencode(path.absolute()))}"
+    return f"file:{quote(os.fsencode(path if path == IN_MEMORY else path.absolute()))}"
 
 
 def _suggestion(message: str) -> str:
@@ -183,3 +185,25 @@ def _header(path: Path) -> bytes:
             return file.read(72)
     except OSError as error:
         raise MapError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+class Opened:
+    """Closed at the end of a `with` block."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._db = connection
+        self.path: Path = connection.path
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._db.close()

@@ -157,10 +157,9 @@ def _stereo_depth(
 ) -> ImageMessage | None:
     if left is None or right is None or scale <= 0.0:
         return None
-    from formats.database.stereo import depth_from_pair
 
     def pixels() -> NDArray[np.float32]:
-        return depth_from_pair(
+        return image_blobs.depth_from_pair(
             np.asarray(left.pixels(), np.uint8), np.asarray(right.pixels(), np.uint8), scale, what
         )
 

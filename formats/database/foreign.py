@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from formats.database import feature_rows
 from formats.database import foreign_graph as graph
 from formats.database.blobs import blob_to_matrix, blob_to_pose
-from formats.database.connection import Connection
-from formats.database.gps_rows import blob_to_gps, nanoseconds
-from formats.database.opened import Opened
+from formats.database.connection import Connection, Opened
+from formats.database.node_rows import blob_to_gps, nanoseconds
 from mapmyworld.errors import MapError
 from mapmyworld.types import (
     Judged,

@@ -49,7 +49,6 @@ class DatabaseLog:
         if not self._moments:
             raise LogError(f"{store.path}: holds no nodes, so there is nothing to build from")
         self._losses: list[str] = []
-        self._hash: str | None = None
         self._topics: tuple[TopicInfo, ...] | None = None
 
     def info(self) -> LogInfo:
@@ -80,9 +79,7 @@ class DatabaseLog:
         )
 
     def content_hash(self) -> str:
-        if self._hash is None:
-            self._hash = hash_files([self._store.path])
-        return self._hash
+        return hash_files([self._store.path])
 
     def losses(self) -> tuple[str, ...]:
         return tuple(self._losses)

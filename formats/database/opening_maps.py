@@ -9,6 +9,7 @@ from typing import Any
 from formats.database import schema
 from formats.database.connection import (
     APPLICATION_ID,
+    IN_MEMORY,
     Connection,
     is_sqlite,
     keeps_write_ahead_log,
@@ -68,6 +69,16 @@ def open_store(
     if parameters and not read_only:
         store.set_parameters(parameters)
     return store
+
+
+class MemoryMap(DatabaseStore):
+    """A map in memory: everything that `map.db` keeps, until nobody holds it any more."""
+
+    def __init__(self) -> None:
+        super().__init__(_created(IN_MEMORY, {}), StorageOptions())
+
+    def close(self) -> None:
+        pass
 
 
 def _beside(path: Path, ending: str) -> Path:

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.database.arrays import read_array, write_array
-from formats.database.connection import Connection
-from formats.database.opened import Opened
+from formats.database.connection import Connection, Opened
 from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
 

@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 
 from formats.constraint_kinds import COLOURS, REJECTED, rgb
 from formats.database.log_messages import camera_info
-from formats.foxglove import foxglove_messages as fox
-from formats.foxglove.layout import layout
-from formats.foxglove.sink import FoxgloveSink
 from formats.recording_files import LogWriter
+from formats.ros_messages import Fields, header, pose_of, vector
 from formats.whole_files import write_whole
 from mapmyworld.types import (
     ConstraintKind,
@@ -37,7 +35,9 @@ from mapmyworld.types.wording import reason_of
 
 Floats = NDArray[np.float64]
 MAP = "map"
-_LISTED = 60  # constraints of a kind whose facts an entity indicates it
+_LISTED = 60  # constraints of a kind whose facts its lines hold
+_LINE_LIST = 5  # visualization_msgs/Marker: lines between pairs of points
+_LINE_WIDTH = 0.03  # m
 Event = tuple[int, str, Any]
 """Time in nanoseconds, topic, message."""
 
@@ -61,10 +61,9 @@ class FoxgloveMap:
 def write_foxglove(path: Path, shown: FoxgloveMap, data: Iterable[NodeData]) -> list[Path]:
     """Writes the map and a layout beside it; `data` of the nodes, in their order, one at a time."""
     with LogWriter(path, overwrite=True) as writer:
-        sink = FoxgloveSink(writer)
         moving = heapq.merge(tf_events(shown), node_events(shown, data), key=itemgetter(0))
         for time_ns, topic, message in chain(map_events(shown), moving):
-            sink.write(topic, message, time_ns)
+            writer.write(topic, message, time_ns)
     return [path, write_layout(path)]
 
 
@@ -87,12 +86,13 @@ def map_events(shown: FoxgloveMap) -> Iterator[Event]:
     if len(shown.map_from_base):
         yield start, "/tf", transform(start, MAP, shown.base_frame, shown.map_from_base[0])
     if shown.grid is not None:
-        yield start, "/map/grid", fox.grid(start, MAP, shown.grid)
+        yield start, "/map/grid", ("nav_msgs/msg/OccupancyGrid", _grid(start, shown.grid))
     if shown.cloud is not None:
         cloud = PointCloudMessage(start, MAP, shown.cloud.points, shown.cloud.colours)
         yield start, "/map/cloud", cloud
-    yield start, "/map/path", fox.path(start, MAP, shown.map_from_base)
-    yield start, "/map/graph", fox.scene(list(_entities(start, shown)))
+    yield start, "/map/path", ("nav_msgs/msg/Path", _path(start, shown))
+    markers = list(_markers(start, shown))
+    yield start, "/map/graph", ("visualization_msgs/msg/MarkerArray", {"markers": markers})
 
 
 def tf_events(shown: FoxgloveMap) -> Iterator[Event]:
@@ -106,13 +106,32 @@ def transform(stamp_ns: int, parent: str, child: str, pose: Floats) -> Transform
     return TransformsMessage((TransformStamped(stamp_ns, parent, child, pose),), static=False)
 
 
-def _rgba(colour: str, opacity: float = 1.0) -> tuple[float, float, float, float]:
-    red, green, blue = rgb(colour)
-    return red / 255.0, green / 255.0, blue / 255.0, opacity
+def _grid(start: int, grid: OccupancyGrid) -> Fields:
+    corner = np.eye(4)
+    corner[:2, 3] = grid.origin
+    cells = grid.trinary()
+    info = {"resolution": grid.resolution, "width": cells.shape[1], "height": cells.shape[0]}
+    return {
+        "header": header(start, MAP),
+        "info": {**info, "origin": pose_of(corner)},
+        "data": cells,
+    }
 
 
-def _entities(start: int, shown: FoxgloveMap) -> Iterator[Any]:
-    """One for each kind of accepted constraint, one for all rejected ones."""
+def _path(start: int, shown: FoxgloveMap) -> Fields:
+    poses = [
+        {"header": header(stamp, MAP), "pose": pose_of(pose)}
+        for stamp, pose in zip(shown.stamps_ns.tolist(), shown.map_from_base, strict=True)
+    ]
+    return {"header": header(start, MAP), "poses": poses}
+
+
+def _rgba(colour: str, opacity: float = 1.0) -> Fields:
+    return dict(zip("rgba", [*(part / 255.0 for part in rgb(colour)), opacity], strict=True))
+
+
+def _markers(start: int, shown: FoxgloveMap) -> Iterator[Fields]:
+    """One for each kind of accepted constraint, one for all rejected ones; facts as their texts."""
     place = {node.id: pose[:3, 3] for node, pose, _ in shown.nodes}
     groups = [
         (str(kind), _rgba(colour), [c for c in shown.constraints if c.accepted and c.kind == kind])
@@ -124,11 +143,20 @@ def _entities(start: int, shown: FoxgloveMap) -> Iterator[Any]:
     for name, colour, members in groups:
         drawn = [c for c in members if {c.from_id, c.to_id} <= place.keys()]
         if drawn:
-            ends = np.array([(place[c.from_id], place[c.to_id]) for c in drawn])
-            facts = {"constraints": str(len(members))}
+            facts = [f"{len(members)} constraints"]
             if name != str(ConstraintKind.NEIGHBOUR):
-                facts |= {f"{c.from_id} and {c.to_id}": reason_of(c) for c in drawn[:_LISTED]}
-            yield fox.lines_entity(start, MAP, name, ends, colour, facts)
+                facts += [f"{c.from_id} and {c.to_id}: {reason_of(c)}" for c in drawn[:_LISTED]]
+            yield {
+                "header": header(start, MAP),
+                "ns": name,
+                "type": _LINE_LIST,
+                "pose": pose_of(np.eye(4)),
+                "scale": {"x": _LINE_WIDTH},
+                "color": colour,
+                "frame_locked": True,
+                "points": [vector(place[end]) for c in drawn for end in (c.from_id, c.to_id)],
+                "text": "\n".join(facts),
+            }
 
 
 def _pose(stamp_ns: int, pose: Floats, covariance: Floats | None) -> PoseMessage:
@@ -166,3 +194,37 @@ def _encoded(pixels: NDArray[np.generic]) -> bytes:
     from formats.database.image_blobs import encode_picture
 
     return encode_picture(np.asarray(pixels, np.uint8), "jpeg", 90)
+
+
+_TOPICS = ("/map/grid", "/map/cloud", "/map/path", "/map/graph", "/map/pose")
+
+
+def layout() -> dict[str, Any]:
+    """As Foxglove's "Import from file" reads it."""
+    topics: dict[str, Any] = {name: {"visible": True} for name in _TOPICS}
+    topics["/map/cloud"] |= {"pointSize": 3, "colorMode": "rgb", "colorField": "rgb"}
+    topics["/map/path"] |= {"type": "line", "lineWidth": 0.03, "gradient": ["#1f6fd1", "#1f6fd1"]}
+    topics["/map/pose"] |= {"showCovariance": True, "type": "axis", "axisScale": 0.3}
+    scene = {
+        "followMode": "follow-none",
+        "fixedFrame": "map",
+        "followTf": "map",
+        "scene": {"transforms": {"showLabel": False}},
+        "cameraState": {"perspective": True, "distance": 40, "phi": 35, "thetaOffset": 0},
+        "topics": topics,
+    }
+    image = {
+        "imageMode": {"imageTopic": "/map/camera0/image", "calibrationTopic": "/map/camera0/info"}
+    }
+    return {
+        "configById": {"3D!map": scene, "Image!node": image},
+        "globalVariables": {},
+        "userNodes": {},
+        "playbackConfig": {"speed": 1},
+        "layout": {
+            "first": "3D!map",
+            "second": "Image!node",
+            "direction": "row",
+            "splitPercentage": 70,
+        },
+    }

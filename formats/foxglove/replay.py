@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from formats.converting import Copier
 from formats.foxglove.map_file import MAP, Event, FoxgloveMap, map_events, write_layout
-from formats.foxglove.sink import FoxgloveSink
 from formats.recording_files import LogWriter
 from mapmyworld.errors import LogError
 from mapmyworld.types import (
@@ -57,8 +56,9 @@ def write_replay(
     frames = _frames_of(log, shown.base_frame)
     with LogWriter(path, overwrite=True) as writer:
         copier = Copier(writer)
-        replay = _Replay(log, frames, FoxgloveSink(writer), copier)
-        replay.run(_ours(shown, frames, odom_from_base, log))
+        ours = _ours(shown, frames, odom_from_base, log)
+        for _, _, act in _merged(ours, log, frames, writer, copier):
+            act()
     return [path, write_layout(path)], (*log.losses(), *copier.losses())
 
 
@@ -137,46 +137,33 @@ Act = tuple[int, int, Callable[[], None]]
 """Log time, rank among equals, and what to do."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Replay:
+def _merged(
+    ours: Sequence[Event], log: LogSource, frames: _Frames, writer: LogWriter, copier: Copier
+) -> Iterator[Act]:
     """Our messages and the log's in one order; ours come first where times are equal."""
-
-    log: LogSource
-    frames: _Frames
-    sink: FoxgloveSink
-    copier: Copier
-
-    def run(self, ours: Sequence[Event]) -> None:
-        kinds = {t.topic: t.kind for t in self.log.info().topics}
-        tf = frozenset(name for name, kind in kinds.items() if kind is MessageKind.TRANSFORMS)
-        others = frozenset(kinds) - tf
-        streams = [self._ours(ours)]
-        streams += [self._transforms(tf)] if tf else []
-        streams += [self._copies(others)] if others else []
-        for _, _, act in heapq.merge(*streams, key=lambda item: item[:2]):
-            act()
-
-    def _ours(self, events: Sequence[Event]) -> Iterator[Act]:
-        for time_ns, topic, message in events:
-            yield time_ns, 0, partial(self.sink.write, topic, message, time_ns)
-
-    def _transforms(self, topics: frozenset[str]) -> Iterator[Act]:
-        for raw in self.log.messages(topics):
-            yield raw.log_time_ns, 1, partial(_write_tf, raw, self.frames, self.sink)
-
-    def _copies(self, topics: frozenset[str]) -> Iterator[Act]:
-        for time_ns, _, write in self.copier.writes(self.log, topics):
-            yield time_ns, 2, partial(write, time_ns)
+    kinds = {t.topic: t.kind for t in log.info().topics}
+    tf = frozenset(name for name, kind in kinds.items() if kind is MessageKind.TRANSFORMS)
+    others = frozenset(kinds) - tf
+    streams: list[Iterator[Act]] = [
+        ((at_ns, 0, partial(writer.write, name, message, at_ns)) for at_ns, name, message in ours)
+    ]
+    if tf:
+        raws = log.messages(tf)
+        streams.append((r.log_time_ns, 1, partial(_write_tf, r, frames, writer)) for r in raws)
+    if others:
+        copies = copier.writes(log, others)
+        streams.append((at_ns, 2, partial(write, at_ns)) for at_ns, _, write in copies)
+    return heapq.merge(*streams, key=lambda item: item[:2])
 
 
-def _write_tf(raw: RawMessage, frames: _Frames, sink: FoxgloveSink) -> None:
+def _write_tf(raw: RawMessage, frames: _Frames, writer: LogWriter) -> None:
     """The log's own transforms, but for those that a localiser's map would contradict ours by."""
     message = _decoded(raw)
     if not isinstance(message, TransformsMessage):
         return
     kept = tuple(t for t in message.transforms if _is_kept(t, frames))
     if kept:
-        sink.write(raw.topic, replace(message, transforms=kept), raw.log_time_ns)
+        writer.write(raw.topic, replace(message, transforms=kept), raw.log_time_ns)
 
 
 def _is_kept(transform: TransformStamped, frames: _Frames) -> bool:

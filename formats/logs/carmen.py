@@ -6,10 +6,13 @@ the latest stamp seen so far and never decreases. Each sweep follows the odometr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
+from formats.decimal_stamps import stamp_from_text
 from formats.logs.carmen_records import (
     LASER_FRAMES,
     LASER_TOPICS,
@@ -20,16 +23,14 @@ from formats.logs.carmen_records import (
     scan_from_line,
 )
 from formats.logs.carmen_survey import Survey, survey_lines
-from formats.logs.files import UnpackedFile, hash_files
+from formats.logs.files import UnpackedFile
+from formats.logs.listed_log import ListedLog
 from formats.logs.poses import planar_pose
-from formats.logs.text_stamps import stamp_from_text
 from mapmyworld.errors import LogError
 from mapmyworld.types import (
-    LogInfo,
     Message,
     MessageKind,
     RawMessage,
-    TopicInfo,
     TransformsMessage,
     TransformStamped,
 )
@@ -58,88 +59,39 @@ MARKS = (
 Line = tuple[bytes, bytes, int, int]
 
 
-class CarmenLog:
-    """A LogSource over one CARMEN log file."""
+class CarmenLog(ListedLog):
+    """A LogSource over one CARMEN log file; raises `LogError` where no line of it is whole."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._survey: Survey | None = None
-        self._hash: str | None = None
-        self._losses: tuple[str, ...] = ()
-        self._unpacked = UnpackedFile(path)
+    container = "CARMEN log"
+    encoding = "carmen"
+    type_names: ClassVar = {topic: name for topic, (_, name) in KINDS.items()}
 
-    def info(self) -> LogInfo:
-        survey = self._surveyed()
-        topics = [self._topic(survey, topic) for topic in sorted(survey.counts)]
-        if topics:
-            first = min(topic.first_ns or 0 for topic in topics)
-            topics.append(TopicInfo("/tf_static", KINDS["/tf_static"][1], *_TF_INFO, first, first))
-        kinds = ", ".join(f"{kind.decode()} {n}" for kind, n in survey.kinds.most_common())
-        return LogInfo(
-            (str(self.path),),
-            "CARMEN log",
-            self.path.stat().st_size,
-            sum(topic.count for topic in topics),
-            min((topic.first_ns or 0 for topic in topics), default=0),
-            max((topic.last_ns or 0 for topic in topics), default=0),
-            tuple(topics),
-            (("lines", kinds), *_laser_details(survey)),
-            self._losses,
-            tuple(sorted(survey.doubts.items())),
-        )
-
-    def content_hash(self) -> str:
-        if self._hash is None:
-            self._hash = hash_files([self.path])
-        return self._hash
-
-    def losses(self) -> tuple[str, ...]:
-        return self._losses
-
-    def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
-        survey = self._surveyed()
-        wanted = KINDS.keys() if topics is None else topics
-        first = True
-        for kind, line, stamp_ns, log_time_ns in self._lines():
-            if kind == b"PARAM":
-                continue
-            if first and survey.base_from_laser and "/tf_static" in wanted:
-                yield _mountings(survey, stamp_ns, log_time_ns)
-            first = False
+    def _read(self) -> Iterator[RawMessage]:
+        lines = list(self._lines())
+        survey = survey_lines(lines)
+        stamped = [line for line in lines if line[0] != b"PARAM"]
+        if not stamped or survey.lasers_damaged == len(stamped):
+            raise LogError(
+                f"{self.path}: no whole FLASER, ROBOTLASER1, RAWLASER1 or ODOM line in it: not "
+                "a CARMEN log, or its beginning is missing",
+                problems=self.problems,
+            )
+        counts = Counter(kind.decode() for kind, *_ in lines).most_common()
+        kinds = ", ".join(f"{kind} {count}" for kind, count in counts)
+        self.details += [("lines", kinds), *_laser_details(survey)]
+        self.doubts |= survey.doubts
+        if survey.base_from_laser:
+            yield _mountings(survey, *stamped[0][2:])
+        for kind, line, stamp_ns, log_time_ns in stamped:
             for topic, decode in _parts(kind, line, stamp_ns, survey):
-                if topic in wanted:
-                    message_kind = KINDS[topic][0]
-                    guarded = partial(_decode, decode, self.path, kind)
-                    yield RawMessage(topic, message_kind, log_time_ns, stamp_ns, guarded)
-
-    def _surveyed(self) -> Survey:
-        if self._survey is None:
-            self._survey = survey_lines(self._lines())
-            if not self._survey.counts:
-                raise LogError(
-                    f"{self.path}: no whole FLASER, ROBOTLASER1, RAWLASER1 or ODOM line in it: not "
-                    "a CARMEN log, or its beginning is missing",
-                    problems=self._losses,
-                )
-        return self._survey
-
-    def _topic(self, survey: Survey, topic: str) -> TopicInfo:
-        kind, type_name = KINDS[topic]
-        return TopicInfo(
-            topic,
-            type_name,
-            kind,
-            "carmen",
-            survey.counts[topic],
-            survey.first_ns[topic],
-            survey.last_ns[topic],
-        )
+                guarded = partial(_decode, decode, self.path, kind)
+                yield RawMessage(topic, KINDS[topic][0], log_time_ns, stamp_ns, guarded)
 
     def _lines(self) -> Iterator[Line]:
         """Lines that matter, with exact stamps and non-decreasing log times; counts bad ones."""
         bad, first_bad, latest_ns, number = 0, 0, 0, 0
-        cut: list[str] = []
-        with self._unpacked.open() as stream:
+        unpacked = UnpackedFile(self.path)
+        with unpacked.open() as stream:
             while line := stream.readline(_LINE_BYTES):
                 number += 1
                 kind = line[: line.find(b" ")]
@@ -157,19 +109,20 @@ class CarmenLog:
                     line, stamp_ns = completed
                 latest_ns = max(latest_ns, stamp_ns)
                 yield kind, line, stamp_ns, latest_ns
-        if self._unpacked.damage:
-            damage = self._unpacked.damage
-            cut.append(f"{self.path}: unreadable after line {number} ({damage}): the rest is lost")
+        if unpacked.damage:
+            self.problems.append(
+                f"{self.path}: unreadable after line {number} ({unpacked.damage}): the rest is lost"
+            )
         if bad:
-            cut.append(f"{self.path}: {bad} damaged line(s) skipped, the first is line {first_bad}")
-        self._losses = tuple(cut)
+            self.problems.append(
+                f"{self.path}: {bad} damaged line(s) skipped, the first is line {first_bad}"
+            )
 
 
 _LEAST_FIELDS = {
     b"ODOM": 10, b"TRUEPOS": 10, b"ROBOTLASER1": 24, b"ROBOTLASER2": 24,
     b"RAWLASER1": 13, b"RAWLASER2": 13,
 }  # fmt: skip
-_TF_INFO = (MessageKind.TRANSFORMS, "carmen", 1)
 
 
 def _checked_stamp(kind: bytes, line: bytes) -> int:

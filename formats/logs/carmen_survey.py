@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -26,7 +25,6 @@ _GAP = 0.8  # a no-return value stands at least this far, as a share, above ever
 _CODES = 81.825, 81.925  # m: 8183 to 8191 cm are a SICK's words for "no return", not distances
 _CONSTANT_M = 0.02  # a mounting whose middle half of samples spreads more is a corrected pose
 _MOUNTING_SAMPLES = 2000
-_TOGETHER = 64  # sweeps whose ranges are counted at once
 _RANGE_PARAMETERS = (b"robot_front_laser_max", b"robot_frontlaser_max")
 
 
@@ -34,34 +32,20 @@ _RANGE_PARAMETERS = (b"robot_front_laser_max", b"robot_frontlaser_max")
 class Survey:
     """What the lines of a log indicate together."""
 
-    counts: Counter[str] = field(default_factory=Counter)
-    first_ns: dict[str, int] = field(default_factory=dict)
-    last_ns: dict[str, int] = field(default_factory=dict)
     parameters: dict[bytes, bytes] = field(default_factory=dict)
-    kinds: Counter[bytes] = field(default_factory=Counter)
     range_max: dict[bytes, float] = field(default_factory=dict)
     base_from_laser: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     """Frame -> (3,) x, y, yaw."""
     doubts: dict[str, str] = field(default_factory=dict)
     """Topic -> what is doubtful of it, though every line is sound."""
-    unused: set[bytes] = field(default_factory=set)
-    """Kinds of lines that say again what others say better."""
+    lasers_damaged: int = 0
+    """Lines of lasers that hold no sweep."""
 
-    def count(self, topic: str, log_time_ns: int) -> None:
-        """One more message of a topic."""
-        self.counts[topic] += 1
-        self.first_ns.setdefault(topic, log_time_ns)
-        self.last_ns[topic] = log_time_ns
-
-    def choose_raw(self) -> None:
-        """Sweeps without pose count where the same laser has none with; CARMEN often logs both."""
-        for kind in RAW_LASERS & self.range_max.keys():
-            name, topic = kind.decode(), LASER_TOPICS[kind]
-            count, first, last = self.counts.pop(name), self.first_ns[name], self.last_ns[name]
-            if topic in self.counts:
-                self.unused.add(kind)
-            else:
-                self.counts[topic], self.first_ns[topic], self.last_ns[topic] = count, first, last
+    @property
+    def unused(self) -> set[bytes]:
+        """Sweeps without pose, where the same laser has some with; CARMEN often logs both."""
+        told = {LASER_TOPICS[kind] for kind in self.range_max.keys() - RAW_LASERS}
+        return {kind for kind in RAW_LASERS & self.range_max.keys() if LASER_TOPICS[kind] in told}
 
 
 class LaserSurvey:
@@ -71,31 +55,18 @@ class LaserSurvey:
         self.histogram = np.zeros(_BINS, np.int64)
         self.lowest, self.highest = np.full(_BINS, np.inf), np.zeros(_BINS)
         self.mountings: list[NDArray[np.float64]] = []
-        self.records = 0
-        self._pending: list[NDArray[np.float64]] = []
 
     def add(self, record: LaserRecord) -> None:
         """One more record of a laser."""
-        self.records += 1
-        self._pending.append(record.ranges)
-        if len(self._pending) >= _TOGETHER:
-            self.count()
-        poses = record.odom_from_base, record.odom_from_laser
-        wanted = len(poses[0]) and len(self.mountings) < _MOUNTING_SAMPLES
-        if wanted and np.abs(poses).max() < FARTHEST:
-            self.mountings.append(between_planar(*poses))
-
-    def count(self) -> None:
-        """Counts the ranges that wait."""
-        if not self._pending:
-            return
-        ranges = np.concatenate(self._pending)
-        self._pending.clear()
-        ranges = ranges[np.isfinite(ranges)]
+        ranges = record.ranges[np.isfinite(record.ranges)]
         bins = np.clip(ranges, 0, _BINS - 1).astype(np.int64)
         self.histogram += np.bincount(bins, minlength=_BINS)
         np.minimum.at(self.lowest, bins, ranges)
         np.maximum.at(self.highest, bins, ranges)
+        poses = record.odom_from_base, record.odom_from_laser
+        wanted = len(poses[0]) and len(self.mountings) < _MOUNTING_SAMPLES
+        if wanted and np.abs(poses).max() < FARTHEST:
+            self.mountings.append(between_planar(*poses))
 
 
 def longest_return(histogram: NDArray[np.int64], single: NDArray[np.bool_]) -> float:
@@ -186,28 +157,17 @@ def survey_lines(lines: Iterable[tuple[bytes, bytes, int, int]]) -> Survey:
     Raises nothing for damaged laser lines: reading reports them.
     """
     survey, lasers = Survey(), dict[bytes, LaserSurvey]()
-    for kind, line, _, log_time_ns in lines:
-        survey.kinds[kind] += 1
+    for kind, line, _, _ in lines:
         if kind == b"PARAM":
             name, value = [*line.split(None, 3), b"", b""][1:3]
             survey.parameters[name] = value
         elif kind in LASER_TOPICS:
             try:
-                lasers.setdefault(kind, LaserSurvey()).add(parse_laser(line))
+                record = parse_laser(line)
             except (ValueError, IndexError):
+                survey.lasers_damaged += 1
                 continue
-            if kind in RAW_LASERS:
-                survey.count(kind.decode(), log_time_ns)
-                continue
-            survey.count("/odom", log_time_ns)
-            survey.count(LASER_TOPICS[kind], log_time_ns)
-        elif kind == b"ODOM":
-            survey.count("/carmen/odom", log_time_ns)
-        elif kind == b"TRUEPOS":
-            survey.count("/ground_truth", log_time_ns)
+            lasers.setdefault(kind, LaserSurvey()).add(record)
     for kind, laser in sorted(lasers.items(), key=lambda item: (item[0] in RAW_LASERS, item[0])):
-        laser.count()
-        if laser.records:
-            add_laser(survey, kind, laser)
-    survey.choose_raw()
+        add_laser(survey, kind, laser)
     return survey

@@ -26,62 +26,53 @@ class Channel:
     metadata: Mapping[str, str] = field(default_factory=dict)
 
 
-Payload = bytes | memoryview
-Record = tuple[int, Channel, Payload]
+Record = tuple[int, Channel, bytes]
 """Log time in nanoseconds, channel, payload."""
 
-Found = tuple[int, int, Payload]
+Found = tuple[int, int, bytes]
 """The same with the channel's id in the file."""
-
-# Smaller ones are copied, for what is kept of a view keeps the whole chunk: scans, not pictures.
-_COPY_BYTES = 1 << 14
-
-
-def payload(chunk: bytes, start: int, end: int) -> Payload:
-    """Part of a chunk; a large one as a view, for copying pixels costs as much as unpacking."""
-    return chunk[start:end] if end - start < _COPY_BYTES else memoryview(chunk)[start:end]
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A stretch of the file that is read at once: a chunk, or a run of bare messages."""
+    """A stretch of the file that is read at once: a chunk, or a run of messages outside of any."""
 
     offset: int
+    """Its first byte, or the number of its first row."""
     length: int
+    """In bytes, or rows."""
     start_ns: int
     end_ns: int
-    channels: frozenset[int] | None
-    """Ids of the channels that speak in it; None = unknown."""
-    bare: bool = False
-    """Messages that stand in the file itself, outside any chunk."""
+    channels: frozenset[int]
+    """Ids of the channels that speak in it."""
 
 
 @dataclass(slots=True)
 class Index:
-    """What a file holds and where, from its own index or from reading it through."""
+    """What a file holds and where, from reading it through."""
 
     channels: dict[int, Channel] = field(default_factory=dict)
     counts: dict[int, int] = field(default_factory=dict)
     blocks: list[Block] = field(default_factory=list)
     details: list[tuple[str, str]] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
-    """What was found damaged while the index was made."""
+    """What was found damaged."""
 
-    def add(self, messages: Sequence[Found], offset: int, length: int, bare: bool = False) -> None:
+    def add(self, messages: Sequence[Found], offset: int, length: int) -> None:
         """A block by the messages found in it; none where there are none."""
         if messages:
             times = [time for time, _, _ in messages]
             counts = Counter(key for _, key, _ in messages)
-            self.counts = dict(Counter(self.counts) + counts)
-            keys = frozenset(counts)
-            self.blocks.append(Block(offset, length, min(times), max(times), keys, bare))
+            for key, count in counts.items():
+                self.counts[key] = self.counts.get(key, 0) + count
+            self.blocks.append(Block(offset, length, min(times), max(times), frozenset(counts)))
 
     def span_ns(self, channel: int | None = None) -> tuple[int, int]:
         """First and last log time, of the blocks in which a channel speaks."""
         spans = [
             (block.start_ns, block.end_ns)
             for block in self.blocks
-            if channel is None or block.channels is None or channel in block.channels
+            if channel is None or channel in block.channels
         ]
         return min((s for s, _ in spans), default=0), max((e for _, e in spans), default=0)
 

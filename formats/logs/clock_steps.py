@@ -1,15 +1,19 @@
-"""A clock that was set back while a log was recorded: in the file, every topic steps back."""
+"""A clock that was set back while a log was recorded: in the file, every topic steps back.
+
+Log times are moved, and with them the header stamps of the same clock.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from formats.logs.channels import Block, Channel, Record
+from mapmyworld.types import Message, RawMessage, TransformsMessage
 
 LEAST_STEP_NS = 10**9  # less is a recorder that wrote late
 _ALIKE_NS = 10**9  # by which topics may differ in how far they step back
@@ -49,58 +53,19 @@ class ClockStep:
 
     def mended(self, block: Block, records: Sequence[Record]) -> list[Record]:
         """The block's records, in their order there, as if the clock had not been set."""
-        seen: dict[Channel, int] = {}
         found = []
-        for time, channel, data in records:
-            number = seen[channel] = seen.get(channel, -1) + 1
+        for number, (time, channel, data) in _numbered(records):
             after = (block.offset, number) >= self.places.get(channel, (self.first_offset + 1, 0))
             found.append((time + self.back_ns if after else time, channel, data))
         return found
 
 
-@dataclass(slots=True)
-class _Run:
-    """A channel's log times in one block."""
-
-    first: int
-    last: int
-    count: int = 1
-    steps: list[tuple[int, int]] = field(default_factory=list)
-    """Number of a record, and by how much it lies before the one before it."""
-
-    def add(self, time: int) -> None:
-        """One more record's."""
-        if self.last - time > LEAST_STEP_NS:
-            self.steps.append((self.count, self.last - time))
-        self.last, self.count = time, self.count + 1
-
-
-class ClockSteps:
-    """Notes, block by block, where a channel's log times step back in the order of the file."""
-
-    def __init__(self) -> None:
-        self._runs: dict[Channel, dict[int, _Run]] = {}
-
-    def add(self, offset: int, records: Iterable[Record]) -> None:
-        """The records of the block at an offset, in their order there."""
-        runs: dict[Channel, _Run] = {}
-        for time, channel, _ in records:
-            if channel in runs:
-                runs[channel].add(time)
-            else:
-                runs[channel] = _Run(time, time)
-        for channel, run in runs.items():
-            self._runs.setdefault(channel, {})[offset] = run
-
-    def found(self) -> ClockStep | None:
-        """The one time at which the clock was set back; None where it was not."""
-        steps = {channel: _steps(runs) for channel, runs in self._runs.items()}
-        once = {channel: found[0] for channel, found in steps.items() if len(found) == 1}
-        backs = [back for _, back in once.values()]
-        if len(once) < max(_FEWEST, sum(map(bool, steps.values()))) or np.ptp(backs) > _ALIKE_NS:
-            return None
-        places = {channel: place for channel, (place, _) in once.items()}
-        return ClockStep(int(np.median(backs)), places)
+def _numbered(records: Iterable[Record]) -> Iterable[tuple[int, Record]]:
+    """Records with their number among those of the same channel."""
+    seen: dict[Channel, int] = {}
+    for record in records:
+        number = seen[record[1]] = seen.get(record[1], -1) + 1
+        yield number, record
 
 
 def step_in(blocks: Iterable[Block], read: Callable[[Block], list[Record]]) -> ClockStep | None:
@@ -111,26 +76,45 @@ def step_in(blocks: Iterable[Block], read: Callable[[Block], list[Record]]) -> C
     """
     ordered = sorted(blocks, key=lambda block: block.offset)
     near = {block for pair in pairwise(ordered) if _is_late(*pair) for block in pair}
-    steps = ClockSteps()
+    found: dict[Channel, list[tuple[int, Place]]] = {}
     for block in ordered if len(ordered) == 1 else sorted(near, key=lambda block: block.offset):
-        steps.add(block.offset, read(block))
-    return steps.found()
+        for number, (time, channel, _) in _numbered(read(block)):
+            found.setdefault(channel, []).append((time, (block.offset, number)))
+    steps = {channel: _steps(times) for channel, times in found.items()}
+    once = {channel: late[0] for channel, late in steps.items() if len(late) == 1}
+    backs = [back for _, back in once.values()]
+    if len(once) < max(_FEWEST, sum(map(bool, steps.values()))) or np.ptp(backs) > _ALIKE_NS:
+        return None
+    return ClockStep(
+        int(np.median(backs)), {channel: place for channel, (place, _) in once.items()}
+    )
 
 
 def _is_late(before: Block, after: Block) -> bool:
     return before.end_ns - after.start_ns > LEAST_STEP_NS
 
 
-def _steps(runs: dict[int, _Run]) -> list[tuple[Place, int]]:
+def _steps(times: Sequence[tuple[int, Place]]) -> list[tuple[Place, int]]:
     """Where a channel steps back, and by how much, its period counted in."""
-    found, last, passed, count = list[tuple[Place, int]](), None, 0, 0
-    for offset in sorted(runs):
-        run = runs[offset]
-        if last is not None and last - run.first > LEAST_STEP_NS:
-            found.append(((offset, 0), last - run.first))
-        found += [((offset, number), back) for number, back in run.steps]
-        passed += run.last - run.first + sum(back for _, back in run.steps)
-        count += run.count - 1 - len(run.steps)
-        last = run.last
-    period = passed // count if count else 0
-    return [(place, back + period) for place, back in found]
+    passed = [(later - time, place) for (time, _), (later, place) in pairwise(times)]
+    onwards = [ns for ns, _ in passed if ns >= 0]
+    period = int(np.median(onwards)) if onwards else 0
+    return [(place, period - ns) for ns, place in passed if -ns > LEAST_STEP_NS]
+
+
+def moved_stamps(raw: RawMessage, back_ns: int) -> RawMessage:
+    """The message, its stamps moved by `back_ns` where they lie that much before its log time.
+
+    So those from before the step stay, and those of another clock, which was not set.
+    """
+    stamp_ns = raw.stamp_ns
+    if stamp_ns is None or abs(raw.log_time_ns - stamp_ns - back_ns) >= 0.5 * back_ns:
+        return raw
+    return replace(raw, stamp_ns=stamp_ns + back_ns, decode=lambda: _moved(raw.decode(), back_ns))
+
+
+def _moved(message: Message, back_ns: int) -> Message:
+    if isinstance(message, TransformsMessage):
+        moved = (replace(t, stamp_ns=t.stamp_ns + back_ns) for t in message.transforms)
+        return replace(message, transforms=tuple(moved))
+    return replace(message, stamp_ns=message.stamp_ns + back_ns)

@@ -1,49 +1,75 @@
-"""For each channel: what its messages mean, how to peek at the stamp, how to decode one."""
+"""For each channel: what its messages mean, and how its bytes become one."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from struct import Struct
 from typing import Any
 
+from formats.bounds import LATEST_NS
 from formats.logs import foxglove_decoders, ros_decoders
-from formats.logs.channels import Channel, Payload
-from formats.logs.message_fields import field
-from formats.logs.message_parsers import Parse, RosParser, parser_of
+from formats.logs.channels import Channel
+from formats.logs.message_fields import field, stamp_of
+from formats.logs.message_parsers import Parse, parser_of
 from mapmyworld.errors import LogError
-from mapmyworld.types import Message, MessageKind, TextMessage, TransformsMessage
-
-Peek = Callable[[Payload], int | None]
-_LITTLE = Struct("<II").unpack_from
-_BIG = Struct(">II").unpack_from
+from mapmyworld.types import Message, MessageKind, RawMessage, TextMessage, TransformsMessage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelDecoder:
-    """How the messages of a channel become ours."""
+    """How the messages of a channel become ours; of kind OTHER where we do not know how."""
 
+    channel: Channel
     kind: MessageKind
-    stamp: Peek
-    decode: Callable[[Payload, int], Message]
-    """Of payload and log time."""
+    parse: Parse
+    convert: Callable[[Any], Message]
+
+    def message(self, data: bytes, log_time_ns: int) -> RawMessage:
+        """Its fields are parsed at once, pixels and points when it is decoded.
+
+        A damaged one has no stamp, and raises `LogError` when it is decoded.
+        """
+        time_ns = min(max(log_time_ns, 0), LATEST_NS)
+        try:
+            value = self.parse(data)
+            stamp_ns, decode = _stamp(value), partial(self._decoded, value, time_ns)
+        except Exception as error:  # three foreign parsers, each with errors of its own
+            stamp_ns, decode = None, partial(self._refuse, str(error), time_ns)
+        return RawMessage(self.channel.topic, self.kind, time_ns, stamp_ns, decode)
+
+    def _decoded(self, value: Any, log_time_ns: int) -> Message:
+        try:
+            message = self.convert(value)
+        except Exception as error:
+            return self._refuse(str(error), log_time_ns)
+        if isinstance(message, TransformsMessage):
+            is_static = self.channel.topic.rstrip("/").endswith("tf_static")
+            return replace(message, static=is_static)
+        if isinstance(message, TextMessage):
+            return TextMessage(log_time_ns, message.text)
+        return message
+
+    def _refuse(self, why: str, log_time_ns: int) -> Message:
+        channel = self.channel
+        if self.kind is MessageKind.OTHER:
+            raise LogError(
+                f"{channel.topic}: messages of type {channel.type_name or '(none)'} "
+                f"({channel.encoding or 'no encoding'}) are not decoded"
+            )
+        raise LogError(
+            f"{channel.topic}: a damaged {channel.type_name} at log time "
+            f"{log_time_ns * 1e-9:.3f} s: {why}"
+        )
 
 
 def decoder_for(channel: Channel) -> ChannelDecoder:
-    """The decoder of a channel; of kind OTHER where we do not know the type or the encoding.
-
-    It raises `LogError` for a damaged message.
-    """
+    """The decoder of a channel; of kind OTHER where we do not know the type or the encoding."""
     found = _converter(channel)
     parse = None if found is None else parser_of(channel)
     if found is None or parse is None:
-        return ChannelDecoder(MessageKind.OTHER, _no_stamp, partial(_refuse, channel))
-    kind, convert = found
-    decode = partial(_decode, channel, parse, convert)
-    if kind is MessageKind.TEXT:
-        return ChannelDecoder(kind, _no_stamp, decode)
-    return ChannelDecoder(kind, _stamp_reader(channel, parse, decode), decode)
+        return ChannelDecoder(channel, MessageKind.OTHER, bytes, _unknown)
+    return ChannelDecoder(channel, found[0], parse, found[1])
 
 
 def _converter(channel: Channel) -> tuple[MessageKind, Callable[[Any], Message]] | None:
@@ -52,61 +78,14 @@ def _converter(channel: Channel) -> tuple[MessageKind, Callable[[Any], Message]]
     return foxglove_decoders.CONVERTERS.get(foxglove_decoders.foxglove_name(channel.type_name))
 
 
-def _decode(
-    channel: Channel,
-    parse: Parse,
-    convert: Callable[[Any], Message],
-    data: Payload,
-    log_time_ns: int,
-) -> Message:
-    try:
-        message = convert(parse(data))
-    except Exception as error:  # three foreign parsers, each with errors of its own
-        raise LogError(
-            f"{channel.topic}: a damaged {channel.type_name} at log time "
-            f"{log_time_ns * 1e-9:.3f} s: {error}"
-        ) from error
-    if isinstance(message, TransformsMessage) and channel.topic.rstrip("/").endswith("tf_static"):
-        return replace(message, static=True)
-    return TextMessage(log_time_ns, message.text) if isinstance(message, TextMessage) else message
+def _unknown(_value: Any) -> Message:
+    raise ValueError("its type is not known")
 
 
-def _refuse(channel: Channel, _data: Payload, _log_time_ns: int) -> Message:
-    raise LogError(
-        f"{channel.topic}: messages of type {channel.type_name or '(none)'} "
-        f"({channel.encoding or 'no encoding'}) are not decoded"
-    )
-
-
-def _no_stamp(_data: Payload) -> int | None:
-    return None
-
-
-def _stamp_reader(
-    channel: Channel, parse: Parse, decode: Callable[[Payload, int], Message]
-) -> Peek:
-    """What finds the stamp in some of the bytes where that can be, else decodes the message."""
-    at = parse.stamp_at() if isinstance(parse, RosParser) else None
-    if at is not None:
-        return partial(_header_stamp, at, channel.encoding == "ros1")
-    return partial(_parsed_stamp, parse, decode)
-
-
-def _parsed_stamp(
-    parse: Parse, decode: Callable[[Payload, int], Message], data: Payload
-) -> int | None:
-    """Of the message's own field, before pixels and points are made of the others."""
-    try:
-        value = parse(data)
-        if field(value, "timestamp") is not None:
-            return foxglove_decoders.stamp_of(value)
-        return decode(data, 0).stamp_ns
-    except Exception:  # damaged; decoding will say so
-        return None
-
-
-def _header_stamp(at: int, is_ros1: bool, data: Payload) -> int | None:
-    if len(data) < at + 8:
-        return None
-    seconds, nanoseconds = (_LITTLE if is_ros1 or data[1] else _BIG)(data, at)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+def _stamp(value: Any) -> int | None:
+    """Of the header, or of the first transform's; None where there is no time."""
+    transforms = field(value, "transforms", ())
+    first = transforms[0] if len(transforms) else value
+    header = field(first, "header", first)
+    has_time = hasattr(header, "stamp") or hasattr(header, "timestamp")
+    return stamp_of(header) if has_time else None

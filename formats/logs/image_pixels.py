@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.limits import limits
-from formats.logs.channels import Payload
 from formats.logs.compressed_depth import decode_compressed_depth
 from formats.picture_files import decoded_file, is_16_bit_png, picture_size
 from mapmyworld.errors import LogError
@@ -35,17 +34,16 @@ def raw_image(
     width: int,
     height: int,
     step: int,
-    data: Payload,
-    start: int = 0,
+    data: bytes | memoryview,
     big_endian: bool = False,
 ) -> ImageMessage:
-    """An image whose rows of `step` bytes begin at `start` in `data`."""
-    decode = partial(_raw_pixels, encoding, width, height, step, data, start, big_endian)
+    """An image of rows of `step` bytes."""
+    decode = partial(_raw_pixels, encoding, width, height, step, data, big_endian)
     return ImageMessage(stamp_ns, frame_id, encoding, width, height, decode)
 
 
 def _raw_pixels(
-    encoding: str, width: int, height: int, step: int, data: Payload, start: int, big_endian: bool
+    encoding: str, width: int, height: int, step: int, data: bytes | memoryview, big_endian: bool
 ) -> NDArray[np.generic]:
     layout = _LAYOUTS.get(encoding) or _LAYOUTS.get(encoding.lower())
     if layout is None:
@@ -54,10 +52,10 @@ def _raw_pixels(
     row_bytes = width * size * channels
     step = step or row_bytes
     if not (0 < width * height <= limits().image_pixels and row_bytes <= step) or (
-        start + step * (height - 1) + row_bytes > len(data)
+        step * (height - 1) + row_bytes > len(data)
     ):
         raise LogError(f"an image of {width} x {height} {encoding} does not fit its data")
-    whole = np.frombuffer(data, np.uint8, step * (height - 1) + row_bytes, start)
+    whole = np.frombuffer(data, np.uint8, step * (height - 1) + row_bytes)
     rows = np.lib.stride_tricks.as_strided(whole, (height, row_bytes), (step, 1), writeable=False)
     kind = {1: "u1", 2: "u2", 4: "f4"}[size]
     cells = np.ascontiguousarray(rows).view((">" if big_endian else "<") + kind)

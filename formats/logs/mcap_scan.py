@@ -1,50 +1,53 @@
-"""The index of an MCAP file that has none, made by reading it through and skipping what is bad."""
+"""An MCAP file read through, record by record; what is bad is skipped and reported."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
+from struct import Struct
 from typing import BinaryIO
 
+from isal.isal_zlib import crc32
+from mcap.records import Header
+
 from formats.limits import limits
-from formats.logs.block_files import DamagedBlockError, next_place
+from formats.logs.block_files import DamagedBlockError, RecordScan
 from formats.logs.channels import Found, Index
 from formats.logs.compression import MAX_DEFINITION_BYTES
-from formats.logs.mcap_chunks import chunk_beginning, chunk_data
 from formats.logs.mcap_records import (
     CHANNEL,
     CHUNK,
     DATA_END,
     HEAD_BYTES,
+    HEADER,
     MAGIC,
     MESSAGE,
     MESSAGE_HEAD,
     SCHEMA,
     Definitions,
-    chunk_messages,
+    block_messages,
     parse_chunk_head,
+    parsed,
     record_head,
 )
 
+_FOOTER = Struct("<QQI")  # where the summary begins, and its parts' offsets; its checksum
+_FOOTER_BYTES = HEAD_BYTES + _FOOTER.size + len(MAGIC)
 _RUN_BYTES = 1 << 20  # bare messages gathered into one block
 _DAY_NS = 86_400_000_000_000
 _COMPRESSIONS = {"", "none", "lz4", "zstd"}
-# A chunk, message or end-of-data record whose length is below 2^40.
-_CANDIDATE = re.compile(rb"[\x05\x06\x0f].{5}\x00\x00\x00", re.DOTALL)
 
 
-def scan(stream: BinaryIO, path: Path, size: int) -> Index:
-    """Reads every record; bad stretches are skipped and reported."""
-    return _Scan(stream, path, size).run()
+class McapScan(RecordScan):
+    """The state of one reading: what is defined, and the block being gathered."""
 
+    # A chunk, message or end-of-data record whose length is below 2^40.
+    beginning = re.compile(rb"[\x05\x06\x0f].{5}\x00\x00\x00", re.DOTALL)
 
-class _Scan:
-    """The state of one reading: where we are, what is defined, the block being gathered."""
-
-    def __init__(self, stream: BinaryIO, path: Path, size: int) -> None:
-        self.stream, self.path, self.size = stream, path, size
-        self.index = Index(details=[("index", "none, rebuilt")])
+    def __init__(self, stream: BinaryIO, path: Path) -> None:
+        super().__init__(stream, path)
         self.definitions = Definitions()
+        self.index.channels = self.definitions.channels
         self.latest_ns = 0
         self.has_ended = False  # the data: what looks like a message behind it is a damaged index
         # Whether the file has chunks. What looks like a message outside of them is then damage:
@@ -55,33 +58,40 @@ class _Scan:
         self.bare_start = self.bare_end = 0
 
     def run(self) -> Index:
-        position = len(MAGIC)
-        while position < self.size:
-            try:
-                position = self._record(position)
-            except DamagedBlockError as error:
-                following = self._following(position)
-                self.index.problems.append(
-                    f"{self.path}: damaged or cut at byte {position} ({error}): "
-                    f"{following - position} bytes skipped"
-                )
-                position = following
+        """What the file holds."""
+        self.read_from(len(MAGIC))
         self._close_run()
         self._note_unchecked()
-        self.index.channels = self.definitions.channels
-        self.index.details.append(("blocks", str(len(self.index.blocks))))
+        self.note_unclosed(self._is_closed)
+        self.index.details += self.details()
         return self.index
+
+    def _is_closed(self) -> bool:
+        self.stream.seek(max(self.size - len(MAGIC), 0))
+        return self.has_ended and self.stream.read() == MAGIC
 
     def _note_unchecked(self) -> None:
         topics = {self.definitions.channels[key].topic for key in self.unchecked}
-        if topics:
+        if topics and not self._is_summary_sound():
             self.index.problems.append(
                 f"{self.path}: only its summary, which could not be checked, names "
                 f"{', '.join(sorted(topics))}: names and types may be wrong; copy the file again"
             )
 
-    def _record(self, position: int) -> int:
-        """Takes in the record at `position` and gives the position after it."""
+    def _is_summary_sound(self) -> bool:
+        """By its own checksum; without one, nothing vouches for it."""
+        self.stream.seek(max(self.size - _FOOTER_BYTES, 0))
+        footer = self.stream.read(_FOOTER_BYTES)
+        if len(footer) < _FOOTER_BYTES:
+            return False
+        start, _, crc = _FOOTER.unpack_from(footer, HEAD_BYTES)
+        length = self.size - _FOOTER_BYTES - start
+        if not (crc and 0 <= length <= limits().chunk_bytes):
+            return False
+        self.stream.seek(start)
+        return bool(crc32(footer[: HEAD_BYTES + 16], crc32(self.stream.read(length))) == crc)
+
+    def record(self, position: int) -> int:
         opcode, length = self._head(position)
         after = position + HEAD_BYTES + length
         if opcode == CHUNK:
@@ -93,19 +103,23 @@ class _Scan:
         if after > self.size:
             raise DamagedBlockError("it ends within a record")
         # Damage behind a message is none of its own, unless it holds another record.
-        whole = self._plausible(after) or (opcode == MESSAGE and self._following(position) >= after)
+        whole = self._plausible(after) or (opcode == MESSAGE and self.following(position) >= after)
         if not whole:
             raise DamagedBlockError("no record follows where one should")
         self.has_ended |= opcode == DATA_END
         if opcode == MESSAGE:
             self._message(position, after)
-        elif opcode in {SCHEMA, CHANNEL}:
+        elif opcode in {HEADER, SCHEMA, CHANNEL}:
             if length > MAX_DEFINITION_BYTES:
                 raise DamagedBlockError(f"a definition claims {length} bytes")
             self._definition(opcode, self.stream.read(length))
         return after
 
     def _definition(self, opcode: int, content: bytes) -> None:
+        if opcode == HEADER:
+            header = parsed(Header, content)
+            self.index.details += [("library", header.library), ("profile", header.profile)]
+            return
         known = set(self.definitions.channels)
         self.definitions.take(opcode, content)
         if self.chunked:
@@ -122,18 +136,17 @@ class _Scan:
 
     def _chunk(self, position: int, after: int) -> int:
         self._close_run()
-        content_start = self.stream.read(128)
-        head = parse_chunk_head(content_start)
+        head = parse_chunk_head(self.stream.read(128))
         consistent = position + HEAD_BYTES + head.data_at + head.data_bytes == after
         if not consistent or head.compression not in _COMPRESSIONS:
             raise DamagedBlockError("a chunk contradicts itself")
+        if head.data_bytes > limits().chunk_bytes:
+            raise DamagedBlockError(f"a chunk claims {head.data_bytes} bytes")
         self.chunked = True
         self.stream.seek(position)
-        if after > self.size:
-            self._cut_chunk(position)
-            return self.size
+        data = self.stream.read(after - position)
         try:
-            messages = chunk_messages(chunk_data(self.stream), self.definitions)
+            messages = block_messages(data, self.definitions)
         except DamagedBlockError as error:
             if not self._plausible(after):
                 raise
@@ -143,19 +156,14 @@ class _Scan:
                 f"lost {lost_s:.2f} s of recording"
             )
             return after
-        self.index.add(messages, position, 0)
+        self.note_chunk(head.compression, head.data_bytes, head.size)
+        self.index.add(messages, position, len(data))
+        if after > self.size:
+            self.index.problems.append(
+                f"{self.path}: the file ends within the chunk at byte {position}, "
+                f"of which {len(messages)} message(s) could be had"
+            )
         return after
-
-    def _cut_chunk(self, position: int) -> None:
-        """Keeps the messages of the last chunk that a cut file still has."""
-        content = self.stream.read(min(self.size - position, limits().chunk_bytes))[HEAD_BYTES:]
-        plain = chunk_beginning(content)
-        messages = chunk_messages(plain, self.definitions, to_the_end=False)
-        self.index.add(messages, position, len(content))
-        self.index.problems.append(
-            f"{self.path}: the file ends within the chunk at byte {position}, "
-            f"of which {len(messages)} message(s) could be had"
-        )
 
     def _message(self, position: int, after: int) -> None:
         if self.has_ended or self.chunked:
@@ -172,14 +180,13 @@ class _Scan:
         self.bare_end = after
 
     def _close_run(self) -> None:
-        if self.bare:
-            self.index.add(self.bare, self.bare_start, self.bare_end - self.bare_start, bare=True)
-            self.bare = []
+        self.index.add(self.bare, self.bare_start, self.bare_end - self.bare_start)
+        self.bare = []
 
     def _plausible(self, position: int) -> bool:
         """Whether a record, the closing magic or the end of the file stands here."""
         if position >= self.size - len(MAGIC):
-            return position in {self.size, self.size - len(MAGIC)} or position < self.size
+            return position <= self.size
         here = self.stream.tell()
         self.stream.seek(position)
         head = self.stream.read(HEAD_BYTES)
@@ -189,11 +196,7 @@ class _Scan:
         opcode, length = record_head(head)
         return (0 < opcode <= DATA_END or opcode >= 0x80) and length < 1 << 40
 
-    def _following(self, position: int) -> int:
-        """Where the next chunk, message or end of data can be, or the file's size."""
-        return next_place(self.stream, position + 1, self.size, _CANDIDATE, self._credible)
-
-    def _credible(self, position: int, data: bytes) -> bool:
+    def credible(self, position: int, data: bytes) -> bool:
         """Whether a chunk, a message or the end of data can begin so."""
         if len(data) < HEAD_BYTES:
             return False

@@ -7,8 +7,7 @@ import heapq
 from collections.abc import Collection, Iterator, Sequence
 
 from formats.logs.channels import Record
-from formats.logs.recorded_log import RecordedLog
-from formats.logs.topics import merged_topics
+from formats.logs.recorded_log import RecordedLog, merged_topics
 from mapmyworld.types import LogInfo, LogSource, RawMessage
 
 

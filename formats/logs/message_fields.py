@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import base64
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.bounds import LATEST_NS
 from formats.logs.poses import pose_matrix
 from formats.logs.singles import singles
+
+# What holds a time, and the names of its seconds and of their fractions.
+_STAMPS = (
+    ("stamp", (("sec",), ("nanosec",))),
+    ("timestamp", (("seconds", "sec"), ("nanos", "nsec", "nanosec"))),
+)
 
 
 def field(value: Any, name: str, default: Any = None) -> Any:
@@ -54,8 +62,22 @@ def pose_of(value: Any) -> NDArray[np.float64]:
 
 
 def header_of(value: Any) -> tuple[int, str]:
-    """Stamp in nanoseconds and frame of a ROS message's header."""
-    header = field(value, "header")
-    stamp = field(header, "stamp")
-    nanoseconds = int(field(stamp, "sec", 0)) * 1_000_000_000 + int(field(stamp, "nanosec", 0))
-    return nanoseconds, field(header, "frame_id", "")
+    """Stamp in nanoseconds and frame of a ROS message's header, or of a message of Foxglove's."""
+    header = field(value, "header", value)
+    return stamp_of(header), field(header, "frame_id", "")
+
+
+def stamp_of(header: Any) -> int:
+    """Nanoseconds of ROS's time, or of Foxglove's: protobuf's Timestamp, {sec, nsec} in JSON."""
+    for stamp, names in _STAMPS:
+        time = field(header, stamp)
+        if time is not None:
+            seconds, rest = (next((f for n in part if (f := field(time, n))), 0) for part in names)
+            return min(max(int(seconds) * 1_000_000_000 + int(rest), 0), LATEST_NS)
+    return 0
+
+
+def octets_of(value: Any, name: str) -> memoryview:
+    """A sequence of bytes, which JSON holds in base64; none where it is absent."""
+    found = field(value, name, b"")
+    return memoryview(base64.b64decode(found, validate=True) if isinstance(found, str) else found)

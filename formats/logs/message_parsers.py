@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from types import SimpleNamespace
 from typing import Any
 
-from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
-from formats.logs.channels import Channel, Payload
-from formats.logs.definitions import HEADER, recorded_store, standard_store
+from formats.logs.channels import Channel
+from formats.logs.definitions import recorded_store, standard_store
 from formats.nested_text import json_from_text
 
-Parse = Callable[[Payload], Any]
+Parse = Callable[[bytes], Any]
 _CDR_HEAD = 4  # bytes that name the encapsulation
 
 
@@ -35,8 +33,8 @@ def parser_of(channel: Channel) -> Parse | None:
     return None
 
 
-def _parse_json(data: Payload) -> Any:
-    return json_from_text(bytes(data), object_hook=lambda fields: SimpleNamespace(**fields))
+def _parse_json(data: bytes) -> Any:
+    return json_from_text(data, object_hook=lambda fields: SimpleNamespace(**fields))
 
 
 def _protobuf_parser(channel: Channel) -> Parse:
@@ -53,38 +51,20 @@ def _protobuf_parser(channel: Channel) -> Parse:
         known.Add(file)
     pool = descriptor_pool.DescriptorPool(known)
     made = message_factory.GetMessageClass(pool.FindMessageTypeByName(channel.type_name))
-    return lambda data: made.FromString(bytes(data))
+    parse: Parse = made.FromString
+    return parse
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RosParser:
-    """By rosbags, for one type as its definition lays it out."""
-
-    store: Typestore
-    type_name: str
-    is_ros1: bool
-
-    def __call__(self, data: Payload) -> Any:
-        made = self.store.get_msgdef(self.type_name)
-        if self.is_ros1:
-            return _whole(*made.deserialize_ros1(data, 0, made.cls, self.store), len(data))
-        if bytes(data[:2]) not in (b"\x00\x00", b"\x00\x01"):
-            raise ValueError(f"encapsulation {bytes(data[:4]).hex()} is not plain CDR")
-        read = made.deserialize_cdr_le if data[1] else made.deserialize_cdr_be
-        body = data[_CDR_HEAD:]
-        return _whole(*read(body, 0, made.cls, self.store), len(body))
-
-    def stamp_at(self) -> int | None:
-        """Where the seconds of a message's first header stand; None where it begins otherwise."""
-        first: Any = self.store.fielddefs[self.type_name][1][0][1]
-        listed = first[0] == Nodetype.SEQUENCE and first[1][0][0] == Nodetype.NAME
-        if listed:  # of tf
-            first = self.store.fielddefs[first[1][0][1]][1][0][1]
-        standard = standard_store("ros1" if self.is_ros1 else "cdr")
-        same = self.store.fielddefs[HEADER] == standard.fielddefs[HEADER]
-        if first != (Nodetype.NAME, HEADER) or not same:
-            return None
-        return 8 if listed else 4  # behind the sequence number, or the encapsulation
+def _parse_ros(store: Typestore, type_name: str, is_ros1: bool, data: bytes) -> Any:
+    """By rosbags, as the type's definition lays it out."""
+    made = store.get_msgdef(type_name)
+    if is_ros1:
+        return _whole(*made.deserialize_ros1(data, 0, made.cls, store), len(data))
+    if data[:2] not in (b"\x00\x00", b"\x00\x01"):
+        raise ValueError(f"encapsulation {data[:4].hex()} is not plain CDR")
+    read = made.deserialize_cdr_le if data[1] else made.deserialize_cdr_be
+    body = memoryview(data)[_CDR_HEAD:]
+    return _whole(*read(body, 0, made.cls, store), len(body))
 
 
 def _whole(message: Any, end: int, size: int) -> Any:
@@ -95,12 +75,11 @@ def _whole(message: Any, end: int, size: int) -> Any:
 
 
 @lru_cache(maxsize=256)  # to make the code that reads a type takes some milliseconds
-def _ros_parser(
-    encoding: str, type_name: str, schema_encoding: str, schema: bytes
-) -> RosParser | None:
+def _ros_parser(encoding: str, type_name: str, schema_encoding: str, schema: bytes) -> Parse | None:
     """By the recorded definition, or the standard one where that cannot be read."""
     store = standard_store(encoding)
     if schema.strip():
         with suppress(Exception):  # everything is raised at a text that is no definition
             store = recorded_store(Channel("", type_name, encoding, schema_encoding, schema))
-    return RosParser(store, type_name, encoding == "ros1") if type_name in store.types else None
+    known = type_name in store.types
+    return partial(_parse_ros, store, type_name, encoding == "ros1") if known else None

@@ -12,12 +12,12 @@ from typing import cast
 
 from formats.logs.carmen import MARKS, CarmenLog
 from formats.logs.files import DECOMPRESSION_ERRORS, UnpackedFile, begins_about_as, open_binary
-from formats.logs.mcap_file import open_mcap
+from formats.logs.mcap_file import McapFile
 from formats.logs.mcap_records import MAGIC as MCAP_MAGIC
 from formats.logs.merged import MergedLog
 from formats.logs.one_session import require_one_session
 from formats.logs.recorded_log import RecordedLog
-from formats.logs.ros1_bag import open_ros1_bag
+from formats.logs.ros1_bag import Ros1Bag
 from formats.logs.rosbag2 import (
     SQLITE_ERRORS,
     ZSTD_MAGIC,
@@ -209,7 +209,7 @@ _CREATED = re.compile(rb"CREATE TABLE \"?'?(\w+)")
 def _open_sqlite(path: Path) -> LogSource:
     tables = tables_of(path)
     if {"topics", "messages"} <= tables:
-        return RecordedLog(SqliteBag(UnpackedFile(path)))
+        return RecordedLog(SqliteBag(UnpackedFile(path), "rosbag2 (sqlite3)"))
     if "Node" in tables:
         module = importlib.import_module("formats.database.log_source")
         source: LogSource = module.open_database_log(path)
@@ -222,7 +222,7 @@ def _open_packed(path: Path) -> LogSource:
     with file.open() as stream:
         is_mcap = stream.read(len(MCAP_MAGIC)) == MCAP_MAGIC
     if is_mcap:
-        return RecordedLog(open_mcap(file, "MCAP, packed with zstd"))
+        return RecordedLog(McapFile(file, "MCAP, packed with zstd"))
     return RecordedLog(SqliteBag(file, "rosbag2 (sqlite3), packed with zstd"))
 
 
@@ -267,13 +267,13 @@ _READERS = (
         says="a ROS 1 .bag",
         endings=(".bag",),
         fits=lambda start, _: begins_about_as(start, b"#ROSBAG V"),
-        opener=lambda path: RecordedLog(open_ros1_bag(UnpackedFile(path))),
+        opener=lambda path: RecordedLog(Ros1Bag(UnpackedFile(path), "ROS 1 bag")),
     ),
     _Reader(
         says="an .mcap",
         endings=(".mcap",),
         fits=lambda start, _: begins_about_as(start, MCAP_MAGIC),
-        opener=lambda path: RecordedLog(open_mcap(UnpackedFile(path))),
+        opener=lambda path: RecordedLog(McapFile(UnpackedFile(path), "MCAP")),
     ),
     _Reader(
         says="a .db3.zstd/.mcap.zstd",  # rosbag2 compressed the file as a whole

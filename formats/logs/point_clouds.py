@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.logs.channels import Payload
 from formats.logs.singles import singles
 
 # sensor_msgs/PointField datatypes.
@@ -26,7 +25,7 @@ class PointField:
 
 def cloud_points(
     fields: Sequence[PointField],
-    data: Payload,
+    data: bytes | memoryview,
     width: int,
     height: int,
     step: int,
@@ -48,7 +47,7 @@ def cloud_points(
 
 def _cells(
     fields: Sequence[PointField],
-    data: Payload,
+    data: bytes | memoryview,
     width: int,
     height: int,
     step: int,

@@ -2,48 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
-from functools import partial
+from collections.abc import Collection, Iterable, Iterator
 
 from formats.bounds import LATEST_NS
 from formats.logs.block_files import BlockFile
 from formats.logs.channels import Channel, Record
+from formats.logs.clock_steps import moved_stamps
 from formats.logs.decoding import ChannelDecoder, decoder_for
 from formats.logs.files import hash_files
-from formats.logs.moved_stamps import moved_stamps
-from formats.logs.rosbag2 import SqliteBag
-from formats.logs.topics import merged_topics
 from mapmyworld.types import LogInfo, RawMessage, TopicInfo
 
 
 class RecordedLog:
     """A LogSource over one bag or MCAP file."""
 
-    def __init__(self, container: BlockFile | SqliteBag) -> None:
+    def __init__(self, container: BlockFile) -> None:
         self.container = container
         self._decoders: dict[Channel, ChannelDecoder] = {}
-        self._hash: str | None = None
 
     def info(self) -> LogInfo:
         index = self.container.index()
         topics = merged_topics(self._topic(key) for key in index.channels)
         start, end = index.span_ns()
         return LogInfo(
-            tuple(str(path) for path in self.container.files()),
+            (str(self.container.path),),
             self.container.name,
-            sum(path.stat().st_size for path in self.container.files()),
+            self.container.path.stat().st_size,
             sum(index.counts.values()),
             start,
             end,
             topics,
             tuple(index.details),
-            tuple(dict.fromkeys([*index.problems, *self.container.losses()])),
+            tuple(dict.fromkeys(index.problems)),
         )
 
     def content_hash(self) -> str:
-        if self._hash is None:
-            self._hash = hash_files(self.container.files())
-        return self._hash
+        return hash_files([self.container.path])
 
     def losses(self) -> tuple[str, ...]:
         return self.container.losses()
@@ -70,14 +64,7 @@ class RecordedLog:
 
     def _message(self, record: Record) -> RawMessage:
         time, channel, data = record
-        decoder = self._decoder(channel)
-        return RawMessage(
-            channel.topic,
-            decoder.kind,
-            time,
-            decoder.stamp(data),
-            partial(decoder.decode, data, time),
-        )
+        return self._decoder(channel).message(data, time)
 
     def _topic(self, key: int) -> TopicInfo:
         index = self.container.index()
@@ -92,3 +79,26 @@ class RecordedLog:
         if channel not in self._decoders:
             self._decoders[channel] = decoder_for(channel)
         return self._decoders[channel]
+
+
+def merged_topics(topics: Iterable[TopicInfo]) -> tuple[TopicInfo, ...]:
+    """One entry a topic and type, by name; counts added up."""
+    found: dict[tuple[str, str], TopicInfo] = {}
+    for topic in topics:
+        key = (topic.topic, topic.type_name)
+        found[key] = _added(found[key], topic) if key in found else topic
+    return tuple(found[key] for key in sorted(found))
+
+
+def _added(a: TopicInfo, b: TopicInfo) -> TopicInfo:
+    firsts = [t.first_ns for t in (a, b) if t.first_ns is not None]
+    lasts = [t.last_ns for t in (a, b) if t.last_ns is not None]
+    return TopicInfo(
+        a.topic,
+        a.type_name,
+        a.kind,
+        a.encoding,
+        a.count + b.count,
+        min(firsts, default=None),
+        max(lasts, default=None),
+    )

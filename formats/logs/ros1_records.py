@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from struct import Struct
 
-from formats.logs.block_files import DamagedBlockError
-from formats.logs.channels import Channel, Found, normalised_type, payload
+from formats.logs.block_files import DamagedBlockError, messages_of
+from formats.logs.channels import Channel, Found, normalised_type
+from formats.logs.compression import decompress, decompress_beginning
 
 MAGIC = b"#ROSBAG V2.0\n"
 OP_MESSAGE, OP_BAG_HEADER, OP_INDEX, OP_CHUNK, OP_CHUNK_INFO, OP_CONNECTION = 2, 3, 4, 5, 6, 7
 MAX_HEADER_BYTES = 1 << 20
 U32 = Struct("<I").unpack_from
-_U64 = Struct("<Q").unpack_from
 _TIME = Struct("<II").unpack_from
 
 Fields = dict[bytes, bytes]
@@ -45,11 +45,6 @@ def operation(fields: Fields) -> int:
 def field_u32(fields: Fields, name: bytes) -> int:
     """A field of four bytes as a number; `DamagedBlockError` for another size."""
     return int(U32(_sized(fields, name, 4))[0])
-
-
-def field_u64(fields: Fields, name: bytes) -> int:
-    """A field of eight bytes as a number; `DamagedBlockError` for another size."""
-    return int(_U64(_sized(fields, name, 8))[0])
 
 
 def field_time(fields: Fields, name: bytes) -> int:
@@ -86,23 +81,23 @@ def parse_connection(fields: Fields, data: bytes) -> tuple[int, Channel]:
     return field_u32(fields, b"conn"), channel
 
 
-def chunk_records(
-    data: bytes, connections: dict[int, Channel], *, to_the_end: bool = True
-) -> list[Found]:
-    """Messages of a decompressed chunk, in file order.
+def block_messages(data: bytes, connections: dict[int, Channel]) -> list[Found]:
+    """Messages of a chunk, or of a message's own record, in file order.
 
-    Connections found on the way go into `connections`. Where `to_the_end` is False, damage ends
-    the list instead of raising DamagedBlockError.
+    Of a chunk in which the file ends, those that can be had. Connections found on the way go into
+    `connections`. DamagedBlockError where something is wrong.
     """
-    records = list[Found]()
-    position = 0
-    try:
-        while position < len(data):
-            position = _next_record(data, position, connections, records)
-    except DamagedBlockError:
-        if to_the_end:
-            raise
-    return records
+    header, body = _sized_part(data, 0)
+    fields = parse_fields(data[header:body])
+    if operation(fields) != OP_CHUNK:
+        return messages_of(data, _next_record, connections)
+    start, length = body + 4, int(U32(data, body)[0])
+    stored, size = memoryview(data)[start:], field_u32(fields, b"size")
+    compression = fields.get(b"compression", b"").decode("ascii", "replace")
+    if len(stored) < length:
+        plain = decompress_beginning(bytes(stored), compression, size)
+        return messages_of(plain, _next_record, connections, to_the_end=False)
+    return messages_of(decompress(stored, compression, size), _next_record, connections)
 
 
 def _next_record(
@@ -114,7 +109,7 @@ def _next_record(
     op = operation(fields)
     if op == OP_MESSAGE:
         connection, time = field_u32(fields, b"conn"), field_time(fields, b"time")
-        records.append((time, connection, payload(data, start, after)))
+        records.append((time, connection, data[start:after]))
     elif op == OP_CONNECTION:
         key, channel = parse_connection(fields, data[start:after])
         connections[key] = channel

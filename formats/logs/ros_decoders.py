@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.logs.gps_decoder import nav_sat_fix
 from formats.logs.image_pixels import compressed_image, raw_image
 from formats.logs.message_fields import (
     doubles_of,
@@ -20,6 +19,7 @@ from formats.logs.message_fields import (
     header_of,
     matrix_of,
     motion_of,
+    octets_of,
     pose_of,
     singles_of,
     xyz,
@@ -27,6 +27,7 @@ from formats.logs.message_fields import (
 from formats.logs.point_clouds import cloud_points
 from mapmyworld.types import (
     CameraInfoMessage,
+    GpsMessage,
     ImageMessage,
     ImuMessage,
     LaserScanMessage,
@@ -41,6 +42,8 @@ from mapmyworld.types import (
 )
 
 Decoder = Callable[[Any], Message]
+_NO_FIX = -1  # of a receiver of GPS
+_ERROR = 10.0  # m, where the receiver does not indicate it
 _MOST_FIELDS = 1000  # of a point; more is damage
 _RATES = ("angular_velocity", "linear_acceleration")
 _SCAN_NUMBERS = (
@@ -119,8 +122,8 @@ def camera_info(value: Any) -> CameraInfoMessage:
     """Intrinsics of a camera."""
     return CameraInfoMessage(
         *header_of(value),
-        field(value, "width", 0),
-        field(value, "height", 0),
+        int(field(value, "width", 0)),
+        int(field(value, "height", 0)),
         field(value, "distortion_model", ""),
         doubles_of(value, "D"),
         matrix_of(value, "K", 3, 3),
@@ -133,18 +136,19 @@ def image(value: Any) -> ImageMessage:
     """Pixels as they are, decoded when asked for."""
     return raw_image(
         *header_of(value),
-        value.encoding,
-        value.width,
-        value.height,
-        value.step,
-        memoryview(value.data),
-        big_endian=bool(value.is_bigendian),
+        field(value, "encoding", ""),
+        int(field(value, "width", 0)),
+        int(field(value, "height", 0)),
+        int(field(value, "step", 0)),
+        octets_of(value, "data"),
+        big_endian=bool(field(value, "is_bigendian", False)),
     )
 
 
 def image_compressed(value: Any) -> ImageMessage:
     """A JPEG, PNG, WebP or compressedDepth image, decoded when asked for."""
-    return compressed_image(*header_of(value), field(value, "format", ""), bytes(value.data))
+    data = bytes(octets_of(value, "data"))
+    return compressed_image(*header_of(value), field(value, "format", ""), data)
 
 
 def point_cloud(value: Any) -> PointCloudMessage:
@@ -171,6 +175,19 @@ def pose_with_covariance(value: Any) -> PoseMessage:
 def text(value: Any) -> TextMessage:
     """A string, which has no time of its own."""
     return TextMessage(0, value.data)
+
+
+def nav_sat_fix(value: Any) -> GpsMessage:
+    """Position with its largest standard deviation; NaN where the receiver has no fix."""
+    names = ("latitude", "longitude", "altitude")
+    latitude, longitude, altitude = (float(field(value, name, math.nan)) for name in names)
+    variance = float(matrix_of(value, "position_covariance", 3, 3).diagonal().max())
+    is_known = field(value, "position_covariance_type", 0) != 0
+    known = is_known and math.isfinite(variance) and variance > 0
+    if field(field(value, "status"), "status", 0) == _NO_FIX:
+        latitude = longitude = math.nan
+    error = math.sqrt(variance) if known else _ERROR
+    return GpsMessage(*header_of(value), latitude, longitude, altitude, error)
 
 
 CONVERTERS: dict[str, tuple[MessageKind, Decoder]] = {

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import heapq
 import re
 import sqlite3
-from collections.abc import Collection, Iterator
-from contextlib import closing
-from operator import itemgetter
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, closing
 from pathlib import Path
 
 import zstandard
 
 from formats.limits import limits
-from formats.logs.block_files import DamagedBlockError
-from formats.logs.channels import Block, Channel, Index, Record, normalised_type
-from formats.logs.clock_steps import ClockStep
+from formats.logs.block_files import BlockFile, DamagedBlockError
+from formats.logs.channels import Block, Channel, Found, Index, normalised_type
 from formats.logs.compression import decompress, decompress_beginning
 from formats.logs.files import UnpackedFile
 from formats.logs.mcap_records import is_transient_local
-from formats.logs.rosbag2_clock import IS_TIMED, NO_STEP, RowClock, read_clock
-from formats.logs.rosbag2_salvage import Salvage, salvage
+from formats.logs.sqlite_pages import Salvage, salvage
 from formats.stored_tables import stored_tables
 from mapmyworld.errors import LogError
 
@@ -35,11 +31,8 @@ def listed_files(metadata: Path) -> list[Path]:
     return [metadata.parent / name for name in names]
 
 
-_MENDED = "timestamp + (id >= :first) * :back"
-_SPANS = (
-    f"SELECT topic_id, {IS_TIMED}, count(*), min({_MENDED}), max({_MENDED})"
-    " FROM messages GROUP BY 1, 2"
-)
+_LAST_ROW = (1 << 63) - 1  # that SQLite can number
+_RUN_BYTES = 1 << 20  # of rows that are read at once
 # SQLite quotes the damaged bytes in its message, which Python then cannot read.
 SQLITE_ERRORS = (sqlite3.Error, UnicodeDecodeError)
 
@@ -66,105 +59,66 @@ def one_line(error: Exception) -> str:
     return " ".join(str(error).split())[:120]
 
 
-class SqliteBag:
-    """One .db3 file."""
+Row = tuple[int, object, object, object]
+"""Its number, its time in ns, its topic and its data."""
 
-    def __init__(self, file: UnpackedFile, name: str = "rosbag2 (sqlite3)") -> None:
-        self._file, self.path = file, file.path
-        self.name = name
-        self._index: Index | None = None
-        self._clock = NO_STEP
+
+class SqliteBag(BlockFile):
+    """One .db3 file. A block is a run of rows, which are numbered as they were written."""
+
+    def __init__(self, file: UnpackedFile, name: str) -> None:
+        super().__init__(file, name)
         self._salvage: Salvage | None = None
-        self._losses: list[str] = []
+        """The file page by page, where SQLite does not read all of it."""
 
-    def files(self) -> tuple[Path, ...]:
-        return (self.path,)
+    def _opened(self) -> AbstractContextManager[sqlite3.Connection]:
+        return closing(connect_read_only(self._file.plain()))
 
-    def losses(self) -> tuple[str, ...]:
-        return (*self.index().problems, *self._losses)
+    def _scan(self, source: sqlite3.Connection) -> Index:
+        try:
+            (page_bytes,) = source.execute("PRAGMA page_size").fetchone()
+            if self._file.plain().stat().st_size % page_bytes:
+                raise ValueError("it ends within a page")  # SQLite takes the rest for zeros
+            return self._with_runs(_topics(source), self._rows(source))
+        except (*SQLITE_ERRORS, ValueError) as error:
+            return self._with_runs(self._topics_of_pages(error), self._rows(source))
 
-    @property
-    def clock_step(self) -> ClockStep | None:
-        """Where the clock was set back; known with the index: rows are numbered as written."""
-        return self._clock.step
+    def _messages(self, source: sqlite3.Connection, block: Block) -> list[Found]:
+        try:
+            rows = self._rows(source, block.offset, block.offset + block.length - 1)
+            return [message for _, message in _sound(rows, Index())]
+        except SQLITE_ERRORS as error:
+            raise DamagedBlockError(f"its rows cannot be read ({one_line(error)})") from error
 
-    def index(self) -> Index:
-        if self._index is None:
-            try:
-                with closing(self._connect()) as database:
-                    index = _read_index(database)
-                    self._clock = read_clock(database, index)
-                    _read_spans(database, index, self._clock)
-                self._index = index
-                if self._clock.step is not None:
-                    self._clock.step.report(self.path, index.problems)
-            except (*SQLITE_ERRORS, ValueError) as error:
-                self._index = self._salvaged_index(error)
-            self._index.problems[:0] = self._file.problems()
-        return self._index
-
-    def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
-        index = self.index()
-        wanted = {
-            key: channel
-            for key, channel in index.channels.items()
-            if topics is None or channel.topic in topics
-        }
-        self._losses = []
-        with closing(self._connect()) as database:
-            rows = self._rows(database, wanted) if self._salvage is None else self._rest(wanted)
-            for time, key, data in rows:
-                try:
-                    yield time, wanted[key], _plain(data)
-                except DamagedBlockError as error:
-                    self._losses.append(f"{self.path}: a message of {wanted[key].topic}: {error}")
+    def _with_runs(self, index: Index, rows: Iterator[Row]) -> Index:
+        """The same index with the messages of its topics."""
+        run, first, last, size = list[Found](), 0, 0, 0
+        for number, message in _sound(rows, index):
+            if run and size + len(message[2]) > _RUN_BYTES:
+                index.add(run, first, last + 1 - first)
+                run, size = [], 0
+            first, last = number if not run else first, number
+            run.append(message)
+            size += len(message[2])
+        index.add(run, first, last + 1 - first)
+        return index
 
     def _rows(
-        self, database: sqlite3.Connection, wanted: Collection[int]
-    ) -> Iterator[tuple[int, int, object]]:
-        """Rows in order; where the file is damaged, what follows is looked for page by page."""
-        marks = ",".join(str(int(key)) for key in wanted)
+        self, database: sqlite3.Connection, first: int | None = None, last: int = _LAST_ROW
+    ) -> Iterator[Row]:
+        """Rows as they were written; all of them without a first one."""
+        if self._salvage is not None:
+            return self._salvage.rows(-_LAST_ROW if first is None else first, last)
         too_much = f"typeof(data) = 'blob' AND length(data) > {limits().chunk_bytes}"
         data = f"CASE WHEN {too_much} THEN length(data) ELSE data END"
-        # A search by row, which + keeps SQLite from, ends without a word where a file is cut.
-        query = (
-            f"SELECT timestamp, id, topic_id, {data} FROM messages WHERE topic_id IN ({marks})"
-            f" AND {IS_TIMED} AND +id BETWEEN ? AND ? ORDER BY timestamp, id"
+        # A search by row ends without a word where a file is cut; to go through all does not.
+        where = "" if first is None else f"WHERE rowid BETWEEN {first} AND {last}"
+        return database.execute(
+            f"SELECT rowid, timestamp, topic_id, {data} FROM messages {where} ORDER BY rowid"
         )
 
-        def run(first: int, last: int, back_ns: int) -> Iterator[tuple[int, int, int, object]]:
-            for time, row, key, cell in database.execute(query, (first, last)):
-                yield time + back_ns, row, key, cell
-
-        runs = [run(*span) for span in self._clock.runs()]
-        seen, last_ns = 0, 0
-        try:
-            for time, row, key, cell in heapq.merge(*runs, key=itemgetter(0, 1)):
-                seen, last_ns = row, time
-                yield time, key, cell
-        except SQLITE_ERRORS as error:
-            where = f"{self.path}: damaged after {last_ns * 1e-9:.2f} s ({one_line(error)})"
-            self._salvage = salvage(self._file.plain())
-            self.index().problems.append(
-                f"{where}: {self._salvage.reported}"
-            )  # for later passes too
-            yield from self._rest(wanted, (last_ns, seen))
-
-    def _rest(
-        self, wanted: Collection[int], after: tuple[int, int] = (0, -1)
-    ) -> Iterator[tuple[int, int, object]]:
-        """What was found page by page of later rows; a time of 0 is no time."""
-        assert self._salvage is not None
-        found = [
-            (self._clock.mended(time, row), row, key, cell)
-            for time, row, key, cell in self._salvage.messages
-        ]
-        for time, row, key, cell in sorted(found, key=itemgetter(0, 1)):
-            if key in wanted and (time, row) > after:
-                yield time, key, self._salvage.data(cell)
-
-    def _salvaged_index(self, error: Exception) -> Index:
-        """The index of what is found page by page; LogError where that is nothing."""
+    def _topics_of_pages(self, error: Exception) -> Index:
+        """Takes the file page by page from now on; LogError where there is nothing in it."""
         try:
             found = salvage(self._file.plain())
         except (OSError, ValueError):
@@ -175,17 +129,30 @@ class SqliteBag:
                 "try `sqlite3 FILE .recover`",
                 problems=self._file.problems(),
             ) from error
-        index, self._salvage = Index(), found
-        index.problems.append(f"{self.path}: damaged ({one_line(error)}): {found.reported}")
+        self._salvage = found
+        damage = f"{self.path}: damaged ({one_line(error)}): {found.reported}"
+        index = Index(problems=[damage])
         for key, (_, topic, kind, encoding, *rest) in found.topics.items():
             name, profiles = normalised_type(str(kind)), str(rest[0] if rest else "")
             latching = is_transient_local(profiles)
             index.channels[key] = Channel(str(topic), name, str(encoding), latching=latching)
-        _add_spans(index, found)
         return index
 
-    def _connect(self) -> sqlite3.Connection:
-        return connect_read_only(self._file.plain())
+
+def _sound(rows: Iterator[Row], index: Index) -> Iterator[tuple[int, Found]]:
+    """Rows that are messages, by their numbers; others are reported."""
+    untimed = 0
+    for number, time, key, cell in rows:
+        if not (isinstance(time, int) and isinstance(key, int)):
+            untimed += 1
+            continue
+        try:
+            yield number, (time, key, _plain(cell))
+        except DamagedBlockError as error:
+            topic = index.channels[key].topic if key in index.channels else f"topic {key}"
+            index.problems.append(f"a message of {topic}: {error}")
+    if untimed:
+        index.problems.append(f"{untimed} message(s) have no time or no topic and are left out")
 
 
 def _plain(data: object) -> bytes:
@@ -201,7 +168,7 @@ def _plain(data: object) -> bytes:
     return decompress_beginning(data, "zstd", limits().chunk_bytes)
 
 
-def _read_index(database: sqlite3.Connection) -> Index:
+def _topics(database: sqlite3.Connection) -> Index:
     index, tables = Index(), stored_tables(database)
     if not {"topics", "messages"} <= tables:
         raise ValueError("no tables of topics and messages")
@@ -226,31 +193,6 @@ def _read_index(database: sqlite3.Connection) -> Index:
             {"offered_qos_profiles": str(profiles or "")},
         )
     return index
-
-
-def _read_spans(database: sqlite3.Connection, index: Index, clock: RowClock) -> None:
-    """How many messages each topic has, and when."""
-    spans = database.execute(_SPANS, {"first": clock.first_row, "back": clock.back_ns})
-    for key, is_timed, count, first, last in spans:
-        if key in index.channels and is_timed:
-            index.counts[key] = count
-            index.blocks.append(Block(0, 0, first, last, frozenset({key})))
-        elif key in index.channels:
-            topic = index.channels[key].topic
-            index.problems.append(f"{count} message(s) of {topic} have no time and are left out")
-        elif isinstance(key, int):
-            index.problems.append(
-                f"{count} message(s) of topic number {key}, which is not listed, are left out"
-            )
-
-
-def _add_spans(index: Index, found: Salvage) -> None:
-    """How many messages each topic has, and when."""
-    for key in index.channels:
-        times = [time for time, _, topic, _ in found.messages if topic == key]
-        if times:
-            index.counts[key] = len(times)
-            index.blocks.append(Block(0, 0, min(times), max(times), frozenset({key})))
 
 
 def _definitions(database: sqlite3.Connection) -> dict[str, tuple[str, bytes]]:

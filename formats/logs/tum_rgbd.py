@@ -7,31 +7,30 @@ PNGs hold 5000 units a metre (https://cvg.cit.tum.de/data/datasets/rgbd-dataset/
 from __future__ import annotations
 
 import hashlib
-import heapq
 import os
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
+from formats.decimal_stamps import stamp_from_text
 from formats.logs.files import hash_files
 from formats.logs.image_pixels import encoded_pixels
+from formats.logs.listed_log import ListedLog
 from formats.logs.poses import pose_matrix
-from formats.logs.text_stamps import stamp_from_text
 from formats.logs.tum_calibration import Calibration, calibration_of
 from formats.picture_files import picture_size
 from mapmyworld.errors import LogError
 from mapmyworld.types import (
     CameraInfoMessage,
     ImageMessage,
-    LogInfo,
     Message,
     MessageKind,
     PoseMessage,
     RawMessage,
-    TopicInfo,
 )
 
 COLOUR, DEPTH = "/camera/rgb/image_color", "/camera/depth/image"
@@ -54,74 +53,51 @@ class _Entry:
     fields: tuple[bytes, ...]
 
 
-class TumRgbdLog:
+class TumRgbdLog(ListedLog):
     """A LogSource over one folder; raises `LogError` where its lists name no images."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.problems: list[str] = []
-        self._hash: str | None = None
-        self.lists = {
-            COLOUR: self._read("rgb.txt", 1),
-            DEPTH: self._read("depth.txt", 1),
-            TRUTH: self._read("groundtruth.txt", 7),
+    container = "TUM RGB-D folder"
+    encoding = "files"
+    type_names: ClassVar = {topic: name for topic, (_, name) in _TOPICS.items()}
+
+    def _read(self) -> Iterator[RawMessage]:
+        lists = {
+            COLOUR: self._entries("rgb.txt", 1),
+            DEPTH: self._entries("depth.txt", 1),
+            TRUTH: self._entries("groundtruth.txt", 7),
         }
-        if not self.lists[COLOUR] and not self.lists[DEPTH]:
-            raise LogError(f"{folder}: rgb.txt and depth.txt list no images")
-        self.lists[INFO] = self.lists[COLOUR] or self.lists[DEPTH]
-        size = self._picture_size()
-        self.calibration = calibration_of(folder, size)
-        if self.calibration.guessed:
+        pictures = lists[COLOUR] or lists[DEPTH]
+        if not pictures:
+            raise LogError(f"{self.path}: rgb.txt and depth.txt list no images")
+        self.pictures = [self._file(entry) for name in (COLOUR, DEPTH) for entry in lists[name]]
+        size = picture_size(_bytes(self._file(pictures[0])))
+        calibration = calibration_of(self.path, size if size[0] else (640, 480))
+        if calibration.guessed:
             self.problems.append(
-                f"{folder}: no calibration in the folder and none known by its name: "
+                f"{self.path}: no calibration in the folder and none known by its name: "
                 "525 525 319.5 239.5 is assumed; put fx fy cx cy [d0 ...] into camera.txt beside it"
             )
-
-    def info(self) -> LogInfo:
-        topics = tuple(self._topic(name) for name in sorted(_TOPICS) if self.lists[name])
-        files = self._files()
-        return LogInfo(
-            (str(self.folder),),
-            "TUM RGB-D folder",
-            sum(path.stat().st_size for path in files if path.is_file()),
-            sum(topic.count for topic in topics),
-            min(topic.first_ns or 0 for topic in topics),
-            max(topic.last_ns or 0 for topic in topics),
-            topics,
-            (("calibration", self.calibration.source),),
-            tuple(self.problems),
-        )
-
-    def content_hash(self) -> str:
-        if self._hash is None:
-            names = "\n".join(str(path.relative_to(self.folder)) for path in self._files())
-            present = [path for path in self._files() if path.is_file()]
-            self._hash = hashlib.sha256((names + hash_files(present)).encode()).hexdigest()
-        return self._hash
-
-    def losses(self) -> tuple[str, ...]:
-        return tuple(self.problems)
-
-    def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
-        wanted = [name for name in _TOPICS if topics is None or name in topics]
-        streams = [self._messages(name) for name in wanted]
-        return heapq.merge(*streams, key=lambda message: message.log_time_ns)
-
-    def _messages(self, topic: str) -> Iterator[RawMessage]:
-        kind = _TOPICS[topic][0]
+        self.details.append(("calibration", calibration.source))
         decoders: dict[str, Callable[[_Entry], Message]] = {
             TRUTH: _pose,
-            INFO: self._camera_info,
+            INFO: partial(_camera_info, calibration),
             COLOUR: self._colour,
             DEPTH: self._depth,
         }
-        decode = decoders[topic]
-        for entry in self.lists[topic]:
-            yield RawMessage(topic, kind, entry.stamp_ns, entry.stamp_ns, partial(decode, entry))
+        lists[INFO] = pictures
+        for topic, (kind, _) in _TOPICS.items():
+            for entry in lists[topic]:
+                decode = partial(decoders[topic], entry)
+                yield RawMessage(topic, kind, entry.stamp_ns, entry.stamp_ns, decode)
 
-    def _read(self, name: str, fields: int) -> list[_Entry]:
+    def content_hash(self) -> str:
+        names = "\n".join(str(path.relative_to(self.path)) for path in self._files())
+        present = [path for path in self._files() if path.is_file()]
+        return hashlib.sha256((names + hash_files(present)).encode()).hexdigest()
+
+    def _entries(self, name: str, fields: int) -> list[_Entry]:
         """The entries of a list in time order; damaged lines are left out and reported."""
-        path, entries, bad = self.folder / name, list[_Entry](), list[int]()
+        path, entries, bad = self.path / name, list[_Entry](), list[int]()
         if not path.is_file():
             return entries
         for number, line in enumerate(path.read_bytes().splitlines(keepends=True), 1):
@@ -150,33 +126,14 @@ class TumRgbdLog:
 
         OSError for one that no file can have, RuntimeError for a link to itself.
         """
-        file = self.folder / os.fsdecode(entry.fields[0])
-        if not file.resolve().is_relative_to(self.folder.resolve()):
+        file = self.path / os.fsdecode(entry.fields[0])
+        if not file.resolve().is_relative_to(self.path.resolve()):
             raise ValueError("a file outside the folder")
         return file
 
     def _files(self) -> list[Path]:
-        lists = [self.folder / name for name in (*LISTS, "groundtruth.txt")]
-        images = [self._file(entry) for topic in (COLOUR, DEPTH) for entry in self.lists[topic]]
-        return [path for path in lists if path.is_file()] + images
-
-    def _picture_size(self) -> tuple[int, int]:
-        first = (self.lists[COLOUR] or self.lists[DEPTH])[0]
-        size = picture_size(_bytes(self._file(first)))
-        return size if size[0] else (640, 480)
-
-    def _topic(self, name: str) -> TopicInfo:
-        kind, type_name = _TOPICS[name]
-        entries = self.lists[name]
-        return TopicInfo(
-            name,
-            type_name,
-            kind,
-            "files",
-            len(entries),
-            entries[0].stamp_ns,
-            entries[-1].stamp_ns,
-        )
+        lists = [self.path / name for name in (*LISTS, "groundtruth.txt")]
+        return [path for path in lists if path.is_file()] + self.pictures
 
     def _colour(self, entry: _Entry) -> ImageMessage:
         data = _bytes(self._file(entry))
@@ -188,9 +145,6 @@ class TumRgbdLog:
         data = _bytes(self._file(entry))
         pixels = partial(encoded_pixels, data, "32FC1", _DEPTH_UNITS)
         return ImageMessage(entry.stamp_ns, FRAME, "32FC1", *picture_size(data), pixels)
-
-    def _camera_info(self, entry: _Entry) -> CameraInfoMessage:
-        return _camera_info(entry.stamp_ns, self.calibration)
 
 
 def _bytes(path: Path) -> bytes:
@@ -216,11 +170,11 @@ def _pose(entry: _Entry) -> PoseMessage:
     return PoseMessage(entry.stamp_ns, WORLD, pose_matrix(values), np.zeros((6, 6)))
 
 
-def _camera_info(stamp_ns: int, calibration: Calibration) -> CameraInfoMessage:
+def _camera_info(calibration: Calibration, entry: _Entry) -> CameraInfoMessage:
     k = np.eye(3)
     k[0, 0], k[1, 1], k[0, 2], k[1, 2] = calibration.focal_and_centre
     return CameraInfoMessage(
-        stamp_ns,
+        entry.stamp_ns,
         FRAME,
         *calibration.size,
         "plumb_bob" if len(calibration.distortion) else "",

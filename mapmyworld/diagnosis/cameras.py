@@ -9,7 +9,11 @@ from itertools import pairwise
 import numpy as np
 
 from mapmyworld.config import Config
-from mapmyworld.diagnosis.depth_motion import depth_motion_findings, pairs_along_the_path
+from mapmyworld.diagnosis.depth_motion import (
+    depth_motion_findings,
+    in_scale,
+    pairs_along_the_path,
+)
 from mapmyworld.diagnosis.depth_on_colour import alignment_findings, grey_levels
 from mapmyworld.diagnosis.depth_on_laser import DEPTH_SCALE, mount_findings
 from mapmyworld.diagnosis.finding import Finding
@@ -75,7 +79,7 @@ def _decoded_once(image: RgbdImage) -> RgbdImage:
 
 def _floor(images: list[RgbdImage], scale: float, config: Config) -> Iterator[Finding]:
     """Tilt and height of the floor in view, of depth so scaled."""
-    seen = joined(surfaces_of(_in_scale(image, scale), np.eye(4), config) for image in images)
+    seen = joined(surfaces_of(in_scale(image, scale), np.eye(4), config) for image in images)
     found = floor_plane(seen.points, seen.normals[:, 2])
     if found is None:
         return
@@ -90,13 +94,6 @@ def _floor(images: list[RgbdImage], scale: float, config: Config) -> Iterator[Fi
         "" if good else "correct the camera's mount (tf, or sensing.camera_mount) by as much"
     )
     yield Finding("floor tilt", tilt, "deg", good, text, suggestion)
-
-
-def _in_scale(image: RgbdImage, scale: float) -> RgbdImage:
-    """The image with its depth in metres, where it is `scale` times that."""
-    assert image.depth is not None
-    metres = np.asarray(image.depth.pixels(), np.float32) / np.float32(scale)
-    return replace(image, depth=replace(image.depth, pixels=lambda: metres))
 
 
 def _clock(framed: list[Frame], sample: Sample, guard: ImageGuard) -> Iterator[Finding]:

@@ -14,10 +14,9 @@ from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.parallel import in_threads
-from mapmyworld.registration.camera_model import depth_at, pose_of_rays
-from mapmyworld.registration.camera_pose import Sightings, inliers, refine_pose
 from mapmyworld.registration.features import extract_features
-from mapmyworld.registration.views import View, make_view, match_views
+from mapmyworld.registration.image_pairs import register_images
+from mapmyworld.registration.views import View, make_view
 from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.types import Frame, RgbdImage
 
@@ -25,11 +24,7 @@ _PAIRS = 16  # of images that are compared, spread over the drive
 _LEAST_PAIRS = 5
 _NEAREST, _FARTHEST = 0.15, 0.8  # m between the images of a pair
 _TURN = 0.2  # rad between them, at most
-_LEAST_MATCHES = 30
-_PIXELS = 2.0  # by which a match may miss when a pose is looked for
-_SIGMAS = 3.0  # by which it may miss of the refined one
-_ROUNDS = 300
-_REFINED = 3
+_MIDDLE = 2.0  # m, what the middle depth of an image is taken for: features have depth in no unit
 _PARALLAX = 8.0  # pixels by which a point at the middle depth must have moved
 _FEATURES = 400  # of an image
 _SCALE_OFF = 0.15  # share that is worth a word: wheels and images are rougher than a laser
@@ -103,52 +98,32 @@ def _ratio(before: Frame, now: Frame, config: Config) -> float | None:
 
 
 def _camera_motion(a: RgbdImage, b: RgbdImage, config: Config) -> Array | None:
-    """The way (3,) from a's camera to b's in a's frame, in the unit of a's depth.
+    """The way (3,) from a's camera to b's in a's frame, in the unit of their depth.
 
-    None where too few matches fit, or points lie too far off to have moved in the image.
-    """
-    sightings, unit = _sightings(a, b, config)
-    if len(sightings) < _LEAST_MATCHES:
-        return None
-    focal = float(b.camera.intrinsics[0, 0])
-    pose = _refined(sightings, _PIXELS / focal)
-    if pose is None or float(np.linalg.norm(pose[:3, 3])) * focal < _PARALLAX:
-        return None
-    return np.asarray(pose[:3, 3] * unit)
-
-
-def _sightings(a: RgbdImage, b: RgbdImage, config: Config) -> tuple[Sightings, float]:
-    """What b saw of a's points by rays alone, and the middle depth, as unit of the points.
-
-    The depth of b has the same unit as that of a, and would indicate nothing about it.
+    None where the images do not fit, or points lie too far off to have moved in the image.
     """
     assert a.depth is not None
-    mine, theirs = (_view(image, config) for image in (a, b))
-    first, second = match_views(mine, theirs)
-    pixels = mine.features.pixels[first]
-    depth = depth_at(a, np.asarray(a.depth.pixels(), np.float32), pixels)
-    known = np.isfinite(depth)
-    unit = float(np.median(depth[known])) if known.any() else 1.0
-    rays = np.column_stack([mine.seen[first[known], :2], np.ones(int(known.sum()))])
-    points = rays * (depth[known] / unit)[:, None]
-    chosen = second[known]
-    return Sightings(points, theirs.seen[chosen], theirs.sigmas[chosen]), unit
+    depth = np.asarray(a.depth.pixels(), np.float32)
+    seen = depth[np.isfinite(depth) & (depth > 0.0)]
+    if not len(seen):
+        return None
+    unit = float(np.median(seen)) / _MIDDLE
+    pair = register_images(_view(a, unit, config), _view(b, unit, config), config)
+    way = pair.registration.a_from_b[:3, 3]
+    parallax = float(np.linalg.norm(way) * b.camera.intrinsics[0, 0]) / _MIDDLE
+    return np.asarray(way * unit) if pair.fits and parallax > _PARALLAX else None
 
 
-def _view(image: RgbdImage, config: Config) -> View:
-    """Features without depth."""
-    flat = replace(image, depth=None)
-    return make_view(extract_features(flat, config, _FEATURES), image.camera, config)
+def _view(image: RgbdImage, unit: float, config: Config) -> View:
+    """Features on the camera itself, of depth divided by a unit."""
+    camera = replace(image.camera, base_from_camera=np.eye(4))
+    alone = replace(in_scale(image, unit), camera=camera)
+    return make_view(extract_features(alone, config, _FEATURES), camera, config)
 
 
-def _refined(sightings: Sightings, limit: float) -> Array | None:
-    """a_from_b (4, 4) of most sightings; None where too few agree."""
-    pose = pose_of_rays(sightings.points, sightings.seen[:, :2], limit, _ROUNDS)
-    for _ in range(_REFINED):
-        if pose is None:
-            return None
-        agreed = inliers(pose, sightings, _SIGMAS)
-        if np.count_nonzero(agreed) < _LEAST_MATCHES:
-            return None
-        pose, _ = refine_pose(pose, sightings.select(agreed))
-    return pose
+def in_scale(image: RgbdImage, scale: float) -> RgbdImage:
+    """The image with its depth in metres, where it is `scale` times that."""
+    if image.depth is None:
+        return image
+    metres = np.asarray(image.depth.pixels(), np.float32) / np.float32(scale)
+    return replace(image, depth=replace(image.depth, pixels=lambda: metres))

@@ -1,25 +1,34 @@
-"""The same comparisons of a log that was tracked already: nothing is read or matched again."""
+"""All comparisons of one log: of its first minutes, or along the path once it was tracked."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
 from mapmyworld.config import Config
-from mapmyworld.diagnosis.cameras import image_findings
+from mapmyworld.diagnosis.cameras import camera_findings, image_findings
 from mapmyworld.diagnosis.depth_motion import depth_motion_findings, pairs_along_the_path
 from mapmyworld.diagnosis.finding import Finding
-from mapmyworld.diagnosis.lasers import distance_scale
+from mapmyworld.diagnosis.lasers import distance_scale, laser_findings
 from mapmyworld.diagnosis.rotation import time_offset
-from mapmyworld.diagnosis.sample import odometry_yaw
+from mapmyworld.diagnosis.sample import odometry_yaw, take_sample
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between
+from mapmyworld.map_figures import tracked_path
 from mapmyworld.sensing.plan import Plan
-from mapmyworld.types import Frame, MapStore, Node, TrackedFrames
+from mapmyworld.types import Frame, LogSource, MapStore, Node
 
 _IMAGES = 12  # nodes whose images are looked at, spread over the drive
+
+
+def diagnose(log: LogSource, plan: Plan, config: Config) -> tuple[Finding, ...]:
+    """What the sensors of a log report about one another, from its first minutes of motion."""
+    sample = take_sample(log, plan, config.sensing)
+    if not sample.frames:
+        return ()
+    return (*laser_findings(sample, config.registration), *camera_findings(sample, config))
 
 
 def diagnose_tracked(store: MapStore, plan: Plan, config: Config) -> tuple[Finding, ...]:
@@ -40,18 +49,12 @@ def _motion_findings(store: MapStore, plan: Plan) -> Iterator[Finding]:
     clock = odometry_yaw(plan, first_ns)
     if clock is None:
         return
-    moves = _steps(_tracked_path(store.nodes(), frames))
+    moves = _steps(tracked_path(store.nodes(), frames))
     yield from distance_scale(_steps(frames.odom_from_base), moves)
     times = np.asarray((frames.stamps_ns - first_ns) * 1e-9, np.float64)
     offset = time_offset(("laser", "odometry"), times[:-1], times[1:], moves[:, 2], clock)
     if offset is not None:
         yield offset
-
-
-def _tracked_path(nodes: Sequence[Node], frames: TrackedFrames) -> Array:
-    """Poses (F, 4, 4) of all frames as the tracker had them."""
-    tracked = {node.id: node.tracked_from_base for node in nodes}
-    return np.stack([tracked[i] for i in frames.node_ids.tolist()]) @ frames.node_from_frame
 
 
 def _steps(poses: Array) -> Array:

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation.error_statistics import ErrorStatistics, summarise
+from mapmyworld.geometry import Array
 from mapmyworld.types import Mesh, PointCloud
 
 _NEIGHBOURS = 48  # triangles with the nearest sample, of which the exact distance is taken
@@ -15,7 +16,7 @@ _CHUNK = 20_000  # points at a time, to bound memory
 _MOST_SAMPLES = 400_000
 
 
-def cloud_distances(cloud: PointCloud, mesh: Mesh) -> NDArray[np.float64]:
+def cloud_distances(cloud: PointCloud, mesh: Mesh) -> Array:
     """(N,) metres from each point to the nearest triangle of the mesh.
 
     Candidates come from samples spread over the triangles; the distance to each is exact.
@@ -45,7 +46,7 @@ def cloud_score(cloud: PointCloud, mesh: Mesh) -> ErrorStatistics:
     return summarise(cloud_distances(cloud, mesh))
 
 
-def _samples(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _samples(corners: Array) -> tuple[Array, NDArray[np.int64]]:
     """Points on the triangles, denser than the error they could make, and their owners."""
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     area = 0.5 * np.linalg.norm(

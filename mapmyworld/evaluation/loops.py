@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.evaluation.relations_metric import poses_at
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.types import Trajectory
@@ -27,9 +28,9 @@ class LoopScore:
     recall: float
     """Share of the moments at which the robot was back somewhere, that have a right closure;
     NaN where there is none."""
-    translation_errors: NDArray[np.float64]
+    translation_errors: Array
     """(K,) metres."""
-    rotation_errors_deg: NDArray[np.float64]
+    rotation_errors_deg: Array
     """(K,) degrees."""
     right: NDArray[np.bool_]
     """(K,)."""
@@ -37,7 +38,7 @@ class LoopScore:
 
 def loop_closure_score(
     stamps_ns: NDArray[np.int64],
-    first_from_second: NDArray[np.float64],
+    first_from_second: Array,
     truth: Trajectory,
     true_pairs_ns: NDArray[np.int64],
 ) -> LoopScore:

@@ -7,13 +7,11 @@ normalised estimation error squared (NEES) of a consistent estimate is its numbe
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.evaluation.association import MAX_DIFFERENCE_S, associate
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between, se3_log
 from mapmyworld.types import Node, Poses, Trajectory
-
-Array = NDArray[np.float64]
 
 
 def map_nees(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation.association import nearest_stamps
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between, interpolate, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.types import Trajectory
@@ -48,9 +49,9 @@ class RelationsScore:
     """Metres, of `measured * expected^-1`."""
     covered: NDArray[np.bool_]
     """(M,) which of all relations are scored."""
-    translation_errors: NDArray[np.float64]
+    translation_errors: Array
     """(N,) metres, of those that are scored."""
-    rotation_errors_deg: NDArray[np.float64]
+    rotation_errors_deg: Array
     """(N,)."""
 
     @property
@@ -119,7 +120,7 @@ def _covered(trajectory: Trajectory, relations: Relations) -> NDArray[np.bool_]:
     return covered
 
 
-def poses_at(trajectory: Trajectory, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+def poses_at(trajectory: Trajectory, stamps_ns: NDArray[np.int64]) -> Array:
     """Poses (N, 4, 4) at the stamps (N,): recorded where one is stamped so, else interpolated.
 
     Beyond the ends it is the end pose. Stamps that step back (as in logs with a disordered clock)
@@ -138,5 +139,5 @@ def poses_at(trajectory: Trajectory, stamps_ns: NDArray[np.int64]) -> NDArray[np
     return np.where(exact[:, None, None], trajectory.poses[nearest], between_two)
 
 
-def _mean_std(errors: NDArray[np.float64]) -> MeanStd:
+def _mean_std(errors: Array) -> MeanStd:
     return MeanStd(float(errors.mean()), float(errors.std(ddof=1)) if len(errors) > 1 else 0.0)

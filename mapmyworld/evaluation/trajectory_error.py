@@ -8,15 +8,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mapmyworld.errors import MapError
 from mapmyworld.evaluation.association import MAX_DIFFERENCE_S, associate
 from mapmyworld.evaluation.error_statistics import ErrorStatistics, summarise
-from mapmyworld.evaluation.rigid_alignment import rigid_alignment
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.types import Trajectory
+
+_RANK_TOLERANCE = 1e-12  # of a singular value, relative to the largest, to count as zero
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,13 +28,13 @@ class TrajectoryScore:
     translation: ErrorStatistics
     """Metres."""
     rotation_deg: ErrorStatistics
-    reference_from_estimate: NDArray[np.float64]
+    reference_from_estimate: Array
     """(4, 4) the alignment that was applied; the identity without one."""
     stamps_ns: NDArray[np.int64]
     """(N,) of the estimate's poses that were scored."""
-    translation_errors: NDArray[np.float64]
+    translation_errors: Array
     """(N,) metres."""
-    rotation_errors_deg: NDArray[np.float64]
+    rotation_errors_deg: Array
     """(N,)."""
 
     @property
@@ -84,10 +86,7 @@ def rpe(
 
 
 def _scored(
-    estimate: NDArray[np.float64],
-    truth: NDArray[np.float64],
-    alignment: NDArray[np.float64],
-    stamps_ns: NDArray[np.int64],
+    estimate: Array, truth: Array, alignment: Array, stamps_ns: NDArray[np.int64]
 ) -> TrajectoryScore:
     error = between(truth, estimate)
     translation = np.linalg.norm(error[:, :3, 3], axis=1)
@@ -97,7 +96,7 @@ def _scored(
     )
 
 
-def _ends_by_path(poses: NDArray[np.float64], distance: float) -> NDArray[np.int64]:
+def _ends_by_path(poses: Array, distance: float) -> NDArray[np.int64]:
     """Indices of poses at which `distance` was travelled since the last such pose."""
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     ends, travelled = [0], 0.0
@@ -107,3 +106,34 @@ def _ends_by_path(poses: NDArray[np.float64], distance: float) -> NDArray[np.int
             ends.append(index)
             travelled = 0.0
     return np.array(ends, np.int64)
+
+
+def rigid_alignment(a_points: ArrayLike, b_points: ArrayLike) -> Array:
+    """`a_from_b` (D+1, D+1) that minimises the squared distances of paired points, (N, D) both.
+
+    Umeyama, "Least-squares estimation of transformation parameters between two point patterns",
+    PAMI 13(4), 1991, equations 34 to 43 with scale 1. Points in three dimensions that all lie on
+    one line leave the rotation about it open: then only x and y are aligned, if that is possible
+    (a robot that drove straight), else any of the best rotations is taken.
+    """
+    a, b = np.asarray(a_points, np.float64), np.asarray(b_points, np.float64)
+    dimension = a.shape[1]
+    left, singular, right = np.linalg.svd((a - a.mean(0)).T @ (b - b.mean(0)) / len(a))
+    on_a_line = np.count_nonzero(singular > _RANK_TOLERANCE * max(singular[0], 1e-300)) < 2
+    if dimension == 3 and on_a_line:
+        return _planar_alignment(a, b)
+    signs = np.ones(dimension)
+    signs[-1] = np.sign(np.linalg.det(left) * np.linalg.det(right))
+    rotation = (left * signs) @ right
+    motion = np.eye(dimension + 1)
+    motion[:-1, :-1] = rotation
+    motion[:-1, -1] = a.mean(0) - rotation @ b.mean(0)
+    return motion
+
+
+def _planar_alignment(a: Array, b: Array) -> Array:
+    planar = rigid_alignment(a[:, :2], b[:, :2])
+    motion = np.eye(4)
+    motion[:2, :2], motion[:2, 3] = planar[:2, :2], planar[:2, 2]
+    motion[2, 3] = a[:, 2].mean() - b[:, 2].mean()
+    return motion

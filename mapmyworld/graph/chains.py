@@ -1,13 +1,13 @@
 """The graph solved over the nodes that more than motion ties, and all others along the chains.
 
 A drive of hours has most of its nodes in chains: they cost memory and time, and hold nothing that
-the composed motion does not (see `draft_graph`). What solving moved is shared out along a chain,
+the composed motion does not (see `motion_chains`). What solving moved is shared out along a chain,
 and the uncertainty of a node in it is that of a Brownian bridge between the chain's two ends.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,8 +17,8 @@ from mapmyworld.backend.residuals import chi_squared_quantile
 from mapmyworld.config import GraphConfig
 from mapmyworld.geometry.rigid import between, se3_adjoint
 from mapmyworld.graph.constraint_system import stated_system
-from mapmyworld.graph.draft_graph import are_motions, composed_motions, followed, kept_nodes
 from mapmyworld.graph.graph_verdicts import judged
+from mapmyworld.graph.motion_chains import are_motions, composed_motions, followed, kept_nodes
 from mapmyworld.graph.robust import RobustSolution
 from mapmyworld.graph.solved_graph import SolvedGraph, solve
 from mapmyworld.parallel import batches
@@ -31,15 +31,11 @@ _LONGEST = 16  # nodes of a chain, so that what is shared out along it is little
 
 
 def solve_by_chains(
-    nodes: Sequence[Node],
-    landmarks: Mapping[int, Array],
-    constraints: Sequence[Judged],
-    planar: bool,
-    config: GraphConfig,
+    nodes: Sequence[Node], constraints: Sequence[Judged], planar: bool, config: GraphConfig
 ) -> SolvedGraph:
-    """As `graph.solve`, all nodes and constraints, from the nodes that closures tie.
+    """As `solve`, all nodes and constraints, from the nodes that closures tie.
 
-    `landmarks`: id -> map_from_landmark (4, 4) at the start.
+    Nodes begin where they were tracked, landmarks where they are seen first.
     """
     fresh = [c.before(Judge.GRAPH) for c in constraints]
     ids = np.array([node.id for node in nodes], np.int64)
@@ -49,8 +45,8 @@ def solve_by_chains(
     asked = [c for c in others if c.accepted]
     kept = kept_nodes(nodes, motions, asked)
     kept[::_LONGEST] = True
-    starts = {n.id: n.tracked_from_base for n, k in zip(nodes, kept, strict=True) if k}
-    starts |= landmarks
+    tracked = {node.id: node.tracked_from_base for node in nodes}
+    starts = {i: tracked[i] for i in ids[kept].tolist()} | landmark_guesses(tracked, constraints)
     composed = composed_motions(motions, set(ids[kept].tolist()))
     guess = np.stack(list(starts.values()))
     solved = solve(list(starts), guess, [*composed, *asked], planar, config)
@@ -67,6 +63,17 @@ def solve_by_chains(
     before, size = np.cumsum(kept) - 1, int(kept.sum())
     component = np.concatenate([solved.component[:size][before], solved.component[size:]])
     return SolvedGraph(poses, verdicts, component, solved.cost, solved.certainty)
+
+
+def landmark_guesses(
+    starts: Mapping[int, Array], constraints: Iterable[Constraint]
+) -> dict[int, Array]:
+    """Where landmarks are seen first by nodes at such `starts`; id -> map_from_node (4, 4) both."""
+    guesses: dict[int, Array] = {}
+    for c in constraints:
+        if c.to_id < 0 and c.to_id not in guesses:
+            guesses[c.to_id] = starts[c.from_id] @ c.i_from_j
+    return guesses
 
 
 def _bridged(

@@ -1,4 +1,4 @@
-"""A pose graph, optimised from the best of several starts, and what is proven of the result."""
+"""A pose graph, optimised until its minimum is proven, and what is proven of the result."""
 
 from __future__ import annotations
 
@@ -14,15 +14,9 @@ from mapmyworld.backend.descent import Descent, descend
 from mapmyworld.backend.information import NotPositiveDefiniteError
 from mapmyworld.backend.system import Fit, System, chosen_edges, fit_of
 from mapmyworld.backend.wraparound import wraparound_starts
-from mapmyworld.config.graph_settings import GraphConfig
+from mapmyworld.config import GraphConfig
 from mapmyworld.geometry import Array
-from mapmyworld.graph.candidates import (
-    dead_reckoning,
-    near_start,
-    plain_starts,
-    starts_of,
-    with_landmarks,
-)
+from mapmyworld.graph.first_start import dead_reckoning, first_start
 from mapmyworld.graph.growth import grown_start
 from mapmyworld.graph.problem import Problem, problem_of
 from mapmyworld.graph.robust import solve_robustly
@@ -44,9 +38,9 @@ class OptimisedGraph:
     cost: float
     """Half the sum of squared sigmas of what was accepted."""
     start: str
-    """The start that led there: "chordal", "odometry", "growing", "guess", "wraparound"."""
+    """The start that led there: "chordal", "odometry", "growing", "wraparound"."""
     start_costs: dict[str, float]
-    """The cost of every start that was made, before optimisation."""
+    """The cost of the first start, before optimisation."""
     reached: dict[str, float]
     """The cost that each start which was followed led to."""
     iterations: int
@@ -79,31 +73,21 @@ class _Followed:
 def optimise(graph: PoseGraph, config: GraphConfig | None = None) -> OptimisedGraph:
     """The graph with every node where all edges together want it.
 
-    Followed is the chordal start, or the cheapest one where there is none; the others are made and
-    followed as well where its minimum is not proven to be the global one. The result does not
-    depend on the order of nodes and edges, nor on a rigid motion of the world; the first node of
-    every connected component stays at its guess unless priors place it.
+    Where the minimum below the first start is not proven to be the global one, those with other
+    wraparounds are looked at as well. The result does not depend on the order of nodes and edges,
+    nor on a rigid motion of the world; the first node of every connected component stays at its
+    guess unless priors place it.
     """
     config = config or GraphConfig()
     problem = problem_of(graph)
-    system = problem.system
-    starts = _fits(system, (near_start(problem) if config.certify else {}) or starts_of(problem))
-    costs = {name: fit.cost for name, fit in starts.items()}
-    cheapest = min(costs, key=lambda name: costs[name])
-    best = _descended(system, cheapest, starts.pop(cheapest), config)
-    followed, certificate = [best], None
+    name, poses = first_start(problem)
+    start = fit_of(problem.system, poses)
+    best, certificate = _descended(problem.system, name, start, config), None
+    followed = [best]
     if config.certify:
-        certificate = certify(system, best.end.fit)
-    if certificate is not None and not certificate.trusted:
-        others = starts or _fits(system, plain_starts(problem))
-        costs |= {name: fit.cost for name, fit in others.items()}
-        best, certificate, followed = _best_of_all(problem, best, certificate, others, config)
-    every = np.ones(len(system.tails), np.bool_)
-    return _result(problem, every, costs, best, certificate, followed)
-
-
-def _fits(system: System, starts: dict[str, Array]) -> dict[str, Fit]:
-    return {name: fit_of(system, poses) for name, poses in starts.items()}
+        best, certificate, followed = _best_of_all(problem, best, config)
+    every = np.ones(len(problem.system.tails), np.bool_)
+    return _result(problem, every, {name: start.cost}, best, certificate, followed)
 
 
 def _descended(system: System, name: str, start: Fit, config: GraphConfig) -> _Followed:
@@ -113,41 +97,35 @@ def _descended(system: System, name: str, start: Fit, config: GraphConfig) -> _F
 
 
 def _best_of_all(
-    problem: Problem,
-    best: _Followed,
-    certificate: Certificate,
-    others: dict[str, Fit],
-    config: GraphConfig,
+    problem: Problem, best: _Followed, config: GraphConfig
 ) -> tuple[_Followed, Certificate, list[_Followed]]:
-    """The cheapest minimum of all starts, looked for until one is proven to be the global one."""
-    followed = [best]
-    for name, start in _other_starts(problem, followed, others):
-        followed.append(_descended(problem.system, name, start, config))
+    """The cheapest minimum, looked for until one is proven to be the global one."""
+    system, followed = problem.system, [best]
+    certificate = certify(system, best.end.fit)
+    if certificate.trusted:
+        return best, certificate, followed
+    for start in _other_starts(problem, followed):
+        followed.append(_descended(system, "wraparound", fit_of(system, start), config))
         if followed[-1].cost < (1.0 - config.tolerance) * best.cost:
             best = followed[-1]
-            certificate = certify(problem.system, best.end.fit)
+            certificate = certify(system, best.end.fit)
             if certificate.trusted:
                 break
     return best, certificate, followed
 
 
-def _other_starts(
-    problem: Problem, followed: list[_Followed], others: dict[str, Fit]
-) -> Iterator[tuple[str, Fit]]:
-    """Starts by name, made when they are asked for; `followed` grows meanwhile."""
-    system = problem.system
-    if len(problem.graph.sightings):  # no other start comes near that of a growing path
-        return
-    if len(problem.graph) <= _LARGEST:
-        count = min(_WRAPAROUNDS, 1 + _TOGETHER // len(problem.graph))
-        for _ in range(_ROUNDS):
-            before = _cheapest(followed)
-            with suppress(NotPositiveDefiniteError):  # an edge that weighs nothing holds no node
-                for start in wraparound_starts(system, before.end.fit.poses, count):
-                    yield "wraparound", fit_of(system, start)
-            if _cheapest(followed) is before:
-                break
-    yield from others.items()
+def _other_starts(problem: Problem, followed: list[_Followed]) -> Iterator[Array]:
+    """Poses (N, 3 or 4, 4), made when they are asked for; `followed` grows meanwhile."""
+    count = len(problem.graph)
+    if len(problem.graph.sightings) or count > _LARGEST:
+        return  # no other start comes near that of a growing path
+    for _ in range(_ROUNDS):
+        before = _cheapest(followed)
+        most = min(_WRAPAROUNDS, 1 + _TOGETHER // count)
+        with suppress(NotPositiveDefiniteError):  # an edge that weighs nothing holds no node
+            yield from wraparound_starts(problem.system, before.end.fit.poses, most)
+        if _cheapest(followed) is before:
+            break
 
 
 def _cheapest(followed: list[_Followed]) -> _Followed:
@@ -163,10 +141,8 @@ def optimise_robustly(graph: PoseGraph, config: GraphConfig | None = None) -> Op
     trusted = np.ones(len(system.tails), np.bool_)
     trusted[: len(graph.edges)] = graph.edges.odometry[problem.order]
     start = dead_reckoning(problem)
-    if len(graph.sightings):
+    if len(graph.landmark_ids):
         start = grown_start(graph, chosen_edges(system, trusted), start)
-    elif len(graph.landmark_ids):
-        start = with_landmarks(problem, start)
     solution = solve_robustly(system, start, problem.anchors, trusted, config)
     part = chosen_edges(system, solution.inliers)
     end = descend(part, fit_of(part, solution.poses), config.tolerance, config.iterations)

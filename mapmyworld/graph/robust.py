@@ -14,7 +14,7 @@ from mapmyworld.backend.information import NotPositiveDefiniteError
 from mapmyworld.backend.residuals import chi_squared_quantile
 from mapmyworld.backend.starts import chordal_start
 from mapmyworld.backend.system import System, believed_edges, chosen_edges, edge_chi2
-from mapmyworld.config.graph_settings import GraphConfig
+from mapmyworld.config import GraphConfig
 from mapmyworld.geometry import Array
 from mapmyworld.graph.clusters import groups_of, judge_groups
 from mapmyworld.graph.consistency import Consistency, compare_closures

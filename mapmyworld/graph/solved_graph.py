@@ -12,7 +12,7 @@ from mapmyworld.backend.certificate import certify, proof_of
 from mapmyworld.backend.connected_components import Index, components
 from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.system import System, believed_edges, edge_chi2, fit_of
-from mapmyworld.config.graph_settings import GraphConfig
+from mapmyworld.config import GraphConfig
 from mapmyworld.decisions import decided
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix

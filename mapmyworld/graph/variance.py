@@ -25,7 +25,7 @@ from mapmyworld.backend.predictions import predictions
 from mapmyworld.backend.system import System, edge_chi2
 from mapmyworld.geometry import Array
 from mapmyworld.graph.constraint_system import StatedSystem, stated_system
-from mapmyworld.graph.draft_graph import are_motions, composed_motions, kept_nodes
+from mapmyworld.graph.motion_chains import are_motions, composed_motions, kept_nodes
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged, Node, Poses
 
 _SCALED = frozenset({ConstraintKind.NEIGHBOUR}) | CLOSURES  # what a person stated holds as stated

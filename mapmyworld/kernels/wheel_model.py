@@ -25,6 +25,7 @@ _FIRST_SIGMAS = (0.03, 0.015, 0.03)  # m per m, rad per m, rad per rad: of wheel
 MEMORY = 0.95  # weight of the past in running means of how the robot moves
 _LARGEST = 25.0  # that one innovation may teach
 _OUTLIER = 16.0  # NIS from which an innovation is a fault, and teaches nothing systematic
+_SHOWS = 9.0  # squared sigmas of a straight way from which a matched rotation was one
 MOVES = 0.01  # m and rad from which a robot moves, and not only its measurements
 
 
@@ -72,7 +73,8 @@ def learn(wheels: Array, found: Array, variances: Array, share: float, is_open: 
 
     All of it counts as the odometry's: what the match errs by makes its prior no more certain.
     Where the match `is_open` along walls, it shows no scale: what it has there is the noise of its
-    normals.
+    normals. Straight on it shows no error by rotation: what was recorded there is noise, all of it
+    an error, and so is what was matched.
     """
     if wheels[11] < MOVES and wheels[12] < MOVES:
         return
@@ -85,7 +87,10 @@ def learn(wheels: Array, found: Array, variances: Array, share: float, is_open: 
         if not is_open:
             _learn_systematic(wheels, 0, found, variances, 0, wheels[13])
         _learn_systematic(wheels, 1, found, variances, 2, wheels[13])
-        _learn_systematic(wheels, 2, found, variances, 2, wheels[14])
+        rotation = wheels[14] + found[2]
+        straight = motion_variances(np.array([wheels[11], 0.0, 0.0]), share, 0.0, wheels[:2])
+        if rotation * rotation > _SHOWS * (straight[2] + found[5]):
+            _learn_systematic(wheels, 2, found, variances, 2, rotation)
 
 
 @inner_jit

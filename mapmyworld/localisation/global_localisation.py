@@ -106,14 +106,15 @@ class GlobalLocalisation:
         x, y, yaw = np.diag(self._covariance)
         metres = min(APART[0] + SIGMAS * float(np.sqrt(x + y)), FIRST_WINDOW)
         window = metres, min(APART[1] + SIGMAS * float(np.sqrt(yaw)), np.pi)
-        pose, said = self._place.whole.best_about(place, self._reckoned, *window)
+        pose, _ = self._place.whole.best_about(place, self._reckoned, *window)
+        said = self._place.whole.report(place, pose)
         return pose if said.log_odds >= NATS * needed_evidence(*window) else None
 
     def _anywhere(self, place: Place) -> Array | None:
         """The one pose at which the map explains the place; None where that is open."""
         whole = self._place.whole
         pose = whole.find(place)
-        if pose is None or whole.judge(place, pose).log_odds < whole.needed_odds(self._tries):
+        if pose is None or whole.report(place, pose).log_odds < whole.needed_odds(self._tries):
             return None
         return None if whole.is_elsewhere(place, pose) is not False else pose
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import evenly_along, invert, transform_points
 from mapmyworld.mapping.voxel_map import VoxelMap
 from mapmyworld.parallel import in_threads
@@ -22,7 +23,6 @@ from mapmyworld.registration.camera_model import (
 from mapmyworld.registration.image_levels import colours_at
 from mapmyworld.types import NodeData, PointCloud, RgbdImage
 
-Array = NDArray[np.float64]
 _STRIDE = 4  # pixels between neighbouring points of a view, at most
 _AGREEMENT = 0.03  # share of the depth by which two views of a point may differ
 VIEW_ANGLE = 75.0  # deg between a surface's normal and the ray to it, at most

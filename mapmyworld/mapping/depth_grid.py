@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between, transform_points
 from mapmyworld.mapping.cloud_map import organised_normals, organised_points
 from mapmyworld.registration.camera_model import depth_grid_points
 from mapmyworld.types import RgbdImage, Scan
 
-Array = NDArray[np.float64]
 _FLOOR_TOLERANCE = 0.05  # m above or below the floor that still counts as floor
 _FLOOR_TILT = 15.0  # deg between the floor's normal and the base's z axis, at most
 _FLOOR_PRIOR = 0.15  # m that the floor may differ from the base's z = 0

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import transform_points
 from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.mapping.cloud_map import VIEW_ANGLE, organised_normals, organised_points
 from mapmyworld.registration.camera_model import depth_grid_points
 from mapmyworld.types import RgbdImage
 
-Array = NDArray[np.float64]
 _STRIDE = 12  # pixels between the points looked at: a Kinect's steps of depth tilt nearer ones
 _NEAR = 3.5  # m up to which normals are worth looking at
 _SAME = np.radians(6.0)  # between the normals of level surfaces, at most

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import invert
 from mapmyworld.open3d_library import import_open3d
 from mapmyworld.types import CameraModel, Mesh, NodeData, RgbdImage
 
-Array = NDArray[np.float64]
 _TRUNCATION = 4.0  # voxels on either side of a surface that a view informs about
 _VIEWS = 2  # measurements that a voxel of the mesh needs
 _BLOCK = 16  # voxels along the edge of a block

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.types import PointCloud
 
 _BITS = 21  # of a voxel index along each axis: a million voxels either way
@@ -23,12 +24,7 @@ class VoxelMap:
         self._sums = np.zeros((0, 10), np.float32)
         self._new: list[tuple[NDArray[np.int64], NDArray[np.float32]]] = []
 
-    def add(
-        self,
-        points: NDArray[np.float64],
-        colours: NDArray[np.uint8],
-        normals: NDArray[np.float32],
-    ) -> None:
+    def add(self, points: Array, colours: NDArray[np.uint8], normals: NDArray[np.float32]) -> None:
         """Adds points (N, 3) in metres with RGB (N, 3) and unit normals (N, 3), zero = unknown."""
         places = points / self._size
         inside = (np.abs(places) < _OFFSET - 1).all(axis=1)

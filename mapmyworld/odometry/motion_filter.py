@@ -42,7 +42,6 @@ class MotionFilter:
         """(6, 6) of the motion that was predicted last, images not counted."""
         self.slip = np.zeros(6)
         """By how much the pose moved last although the base did not: the map was mended."""
-        self._inertia = self._velocity, self._covariance[6:, 6:]
 
     def predict(self, seconds: float, turn: Array | None = None) -> Array:
         """The pose (4, 4) after so long, by the gyroscope's `turn` (3, 3) and constant velocity."""
@@ -62,7 +61,6 @@ class MotionFilter:
         own = moving[:6, 6:] @ self._covariance[6:, 6:] @ moving[:6, 6:].T
         self.step_covariance = own + added[:6, :6]
         self._covariance = moving @ self._covariance @ moving.T + added
-        self._inertia = self._velocity, self._covariance[6:, 6:].copy()
         self.pose = self.pose @ step
         return self.pose
 
@@ -94,11 +92,6 @@ class MotionFilter:
     def coast(self, seconds: float) -> None:
         """A step without images was taken: nobody knows whether the camera still moves."""
         self._velocity = self._velocity * np.exp(-seconds / _FADING)
-
-    def keep_inertia(self) -> None:
-        """The map slipped, not the base: its velocity is the one predicted last."""
-        self._velocity, self._covariance[6:, 6:] = self._inertia
-        self._covariance[:6, 6:] = self._covariance[6:, :6] = 0.0
 
     def restart(self) -> None:
         """Where the camera is now defines a new map."""

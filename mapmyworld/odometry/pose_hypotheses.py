@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config.odometry_settings import OdometryConfig
+from mapmyworld.config import OdometryConfig
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence

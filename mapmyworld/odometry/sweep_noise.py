@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config.odometry_settings import OdometryConfig
+from mapmyworld.config import OdometryConfig
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
 from mapmyworld.kernels.wheel_model import MOVES
 from mapmyworld.types import Node, TrackedFrames

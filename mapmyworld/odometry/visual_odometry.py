@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -14,7 +14,6 @@ from mapmyworld.geometry.rigid import between, invert, se3_log, transform_points
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.odometry.local_map import Keyframe, LocalMap
 from mapmyworld.odometry.motion_filter import (
-    FLOOR,
     MotionFilter,
     blind_variances,
     covariance_of_base,
@@ -23,7 +22,6 @@ from mapmyworld.odometry.motion_filter import (
     motion_information,
 )
 from mapmyworld.odometry.unobserved_motion import GOES_ON
-from mapmyworld.odometry.visual_slips import SteadyPath
 from mapmyworld.parallel import in_threads
 from mapmyworld.registration.camera_pose import Sightings, inliers, ransac_pose, refine_pose
 from mapmyworld.registration.features import extract_features
@@ -70,7 +68,6 @@ class VisualTracker:
         self._reference_inliers = 0
         self._filter = MotionFilter()  # tracker_from_base
         self._stamp_ns = 0
-        self._path = SteadyPath(config)
         self._seen_ns = 0
         self._frames = 0
 
@@ -91,8 +88,9 @@ class VisualTracker:
     def _tracked(self, frame: Frame, view: View | None) -> VisualMotion:
         predicted, how = self._predict(frame)
         motion = self._follow(frame, view, predicted, how)
-        self._remember(frame)
-        return replace(motion, tracker_from_base=self._path.reach(motion.tracker_from_base, view))
+        self._stamp_ns = frame.stamp_ns
+        self._frames += 1
+        return motion
 
     def _follow(self, frame: Frame, view: View | None, predicted: Array, how: str) -> VisualMotion:
         if view is None or len(view) == 0:
@@ -112,7 +110,7 @@ class VisualTracker:
         count = int(np.count_nonzero(point_of >= 0))
         measured = covariance_of_base(information, base_from_camera)
         jump = between(predicted, seen @ invert(base_from_camera))
-        if self._is_impossible(frame, jump, measured) and not self._path.is_matched(view):
+        if self._is_impossible(frame, jump, measured):
             return self._blind(frame, predicted, how, "recognised at an impossible place")
         pose = self._filter.correct(seen @ invert(base_from_camera), measured)
         map_from_camera = pose @ base_from_camera
@@ -120,7 +118,7 @@ class VisualTracker:
             self._reference = self._map.add_keyframe(map_from_camera, view, point_of)
             self._reference_inliers = count
         self._seen_ns = frame.stamp_ns
-        known = self._motion_known(view, predicted, measured)
+        known = motion_information(measured, self._filter.step_covariance, self._filter.slip)
         sigma = float(np.sqrt(np.linalg.eigvalsh(measured[3:, 3:])[-1]))
         return VisualMotion(self._filter.pose, known, "tracked", (), count, sigma)
 
@@ -128,21 +126,6 @@ class VisualTracker:
         """Whether even a blind camera would be expected nearer: some picture has a double."""
         blind = np.diag(self._blind_variances(frame))
         return exceeds_nis(se3_log(jump), blind + measured + self._filter.pose_covariance())
-
-    def _motion_known(self, view: View, predicted: Array, measured: Array) -> Array:
-        """Information (6, 6) of the motion to this frame; where only the map slipped, it is known
-        by inertia and the last two images, and the path does not follow.
-        """
-        filtered = self._filter
-        known = motion_information(measured, filtered.step_covariance, filtered.slip)
-        carried = filtered.step_covariance + FLOOR
-        if exceeds_nis(filtered.slip, 2.0 * measured + carried):
-            seen, expected = (filtered.pose, 2.0 * measured), (predicted, carried)
-            steady = self._path.undo_slip(view, seen, expected)
-            if steady is not None:
-                filtered.keep_inertia()
-                return np.asarray(np.linalg.inv(steady))
-        return known
 
     def _start(
         self, frame: Frame, view: View, pose: Array, verdict: str, notes: tuple[str, ...]
@@ -178,10 +161,6 @@ class VisualTracker:
             turn = gyro_rotation(frame, self._stamp_ns)
             return self._filter.predict(seconds, turn), "gyroscope"
         return self._filter.predict(seconds), "constant velocity"
-
-    def _remember(self, frame: Frame) -> None:
-        self._stamp_ns = frame.stamp_ns
-        self._frames += 1
 
     def _locate(self, view: View, predicted: Array) -> tuple[Array, Array, Indices] | None:
         """map_from_camera, its information, and the point each feature is; None when lost."""

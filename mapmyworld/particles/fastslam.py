@@ -30,6 +30,7 @@ from mapmyworld.particles.smoothing import smooth_path
 from mapmyworld.types import Frame, Progress, Scan
 
 _AT_ONCE = 64  # scans that are tracked in one go
+_AHEAD = 2  # updates that are looked at ahead where scan and odometry contradict each other
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,8 +147,9 @@ def _filtered(
     """The best particle's path (K, 3) and all generations, one a scan; the maps are let go."""
     progress.stage("particles", float(len(scans)), "scans")
     particles = ParticleFilter(config.particles, config.threads, config.seed)
-    for k, (motion, z) in enumerate(zip([None, *motions], scans, strict=True)):
-        particles.step(motion, z)
+    for k in range(len(scans)):
+        known = motions[k - 1 : k + _AHEAD] if k else []
+        particles.step(known, scans[k : k + 1 + _AHEAD])
         progress.update(float(k + 1))
     return particles.best_path(), particles.generations
 

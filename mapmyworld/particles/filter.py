@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config.particles_settings import ParticlesConfig
+from mapmyworld.config import ParticlesConfig
 from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.motions import Motion
@@ -57,16 +58,20 @@ class ParticleFilter:
         self.x = np.zeros((self.config.count, 3))
         self.log_w = np.zeros(self.config.count)
 
-    def step(self, motion: Motion | None, z: Beams) -> None:
-        """Moves, which ended with the scan z: propose, weigh, map, resample."""
+    def step(self, motions: Sequence[Motion], scans: Sequence[Beams]) -> None:
+        """Moves, which ended with the first of the scans: propose, weigh, map, resample.
+
+        There are no motions at the start of the log; else scan k ended motion k, and those after
+        the first are looked at ahead.
+        """
         random = self._random()
         covariance = np.zeros((3, 3))
-        if motion is not None:
-            proposal = improved_proposal(self.x, motion, z, self.m, self.config, self.threads)
+        if motions:
+            proposal = improved_proposal(self.x, motions, scans, self.m, self.config, self.threads)
             self.x = proposal.sample(random)
             self.log_w = self.log_w + self.config.weight_gain * proposal.log_weight
             covariance = _mixture_covariance(proposal, normalised_weights(self.log_w))
-        self.m.insert(z, self.x)
+        self.m.insert(scans[0], self.x)
         self._select(covariance, float(random.random()))
 
     def best_path(self) -> NDArray[np.float64]:
@@ -110,7 +115,7 @@ def _mixture_covariance(proposal: Proposal, w: NDArray[np.float64]) -> NDArray[n
 
     By the law of total covariance: the mean of the covariances plus the covariance of the means.
     """
-    weights = w[:, None] * np.exp(proposal.log_mass - proposal.log_weight[:, None])
+    weights = w[:, None] * proposal.chosen
     mean, each = proposal.mean.reshape(-1, 3), proposal.covariance.reshape(-1, 3, 3)
     w = weights.ravel()
     about = mean[int(np.argmax(w))]

@@ -1,9 +1,10 @@
-"""Motion between the filter's updates, by scan matching and by the odometry.
+"""Motion between the filter's updates, by the odometry, and by scan matching where that fails.
 
-Tracking places each scan with the odometry as a prior, and calibrates the wheels on the way. Where
-the two agree, tracking is the prior of all particles. Where they do not, one of them is at fault:
-wheels stall and slip, and a scan may fit a wrong place better than the right one. Then each is a
-mode of the mixture that particles are drawn from, and later scans decide between them.
+Tracking has calibrated the wheels by the whole log, and shows how much they err: what it finds
+between two updates, less what they indicate, is one sample. The odometry with this noise is the
+prior of all particles. Where tracking contradicts it, one of the two is at fault: wheels stall and
+slip, and a scan may fit a wrong place better than the right one. Then tracking is a second mode of
+the mixture that particles are drawn from, as likely beforehand as faults are in this log.
 """
 
 from __future__ import annotations
@@ -17,9 +18,12 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import OdometryConfig
 from mapmyworld.geometry.planar import between_planar, wrap_angle
-from mapmyworld.kernels.wheel_model import anchor, reckon, reckoned_variances
+from mapmyworld.kernels.laser_motion import motion_variances
+from mapmyworld.kernels.wheel_model import anchor, reckon
 
 Array = NDArray[np.float64]
+_MEDIANS = np.array([2.0 * np.log(2.0), 0.4549])
+"""Of the chi-squared distributions of two degrees of freedom, x and y, and of one, yaw."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,6 +34,8 @@ class Motion:
     """(M, 3) in the frame of its start."""
     covariance: Array
     """(M, 3, 3) in the body frame."""
+    probability: Array
+    """(M,) of each mode."""
 
     def nearest(self, step: Array) -> int:
         """The mode that a motion (3,) belongs to."""
@@ -57,27 +63,49 @@ def motions_between(
     updates: Sequence[int], tracked: TrackedScans, config: OdometryConfig
 ) -> list[Motion]:
     """The motions (K - 1) between K updates, which are numbers of scans."""
+    at = np.asarray(updates, np.int64)
+    moved = between_planar(tracked.poses[at[:-1]], tracked.poses[at[1:]])
+    spans = list(itertools.pairwise(updates))
+    covariances = [tracked.covariances[a + 1 : b + 1].sum(axis=0) for a, b in spans]
     wheels = tracked.wheels.copy()
-    return [
-        _motion(first, last, tracked, wheels, config) for first, last in itertools.pairwise(updates)
-    ]
+    reckoned = np.array([_reckoned(tracked.recorded[a + 1 : b + 1], wheels) for a, b in spans])
+    reckoned = reckoned.reshape(-1, 5)
+    miss = between_planar(reckoned[:, :3], moved)
+    variances = _variances(reckoned, miss, config)
+    fault = np.sum(miss**2 / variances, axis=1) > config.contradiction**2
+    faults = (np.count_nonzero(fault) + 1) / (len(moved) + 2)
+    motions = []
+    for k, (u, covariance) in enumerate(zip(moved, covariances, strict=True)):
+        odometry = np.diag(variances[k])
+        if np.isnan(variances[k, 0]):
+            motions.append(Motion(u[None], covariance[None], np.ones(1)))
+        elif not fault[k]:
+            motions.append(Motion(reckoned[k : k + 1, :3], odometry[None], np.ones(1)))
+        else:
+            both, p = np.stack([reckoned[k, :3], u]), np.array([1.0 - faults, faults])
+            motions.append(Motion(both, np.stack([odometry, covariance]), p))
+    return motions
 
 
-def _motion(
-    first: int, last: int, tracked: TrackedScans, wheels: Array, config: OdometryConfig
-) -> Motion:
-    steps = slice(first + 1, last + 1)
-    moved = between_planar(tracked.poses[first], tracked.poses[last])
-    covariance = tracked.covariances[steps].sum(axis=0)
-    alone = Motion(moved[None], covariance[None])
-    if np.isnan(tracked.recorded[steps]).any():
-        return alone
+def _reckoned(steps: Array, wheels: Array) -> Array:
+    """(5,) motion by steps (S, 3) of calibrated wheels (15,), path m, rotation rad; NaN."""
     anchor(wheels, np.zeros(3))
-    for step in tracked.recorded[steps]:
+    for step in steps:
         reckon(wheels, step)
-    u = wheels[8:11].copy()
-    variances = reckoned_variances(wheels, config.relative_noise, config.absolute_noise)
-    miss = between_planar(u, moved)
-    if np.sum(miss**2 / variances) <= config.contradiction**2:
-        return alone
-    return Motion(np.stack([u, moved]), np.stack([np.diag(variances), covariance]))
+    return wheels[8:13].copy()
+
+
+def _variances(reckoned: Array, miss: Array, config: OdometryConfig) -> Array:
+    """Variances (K, 3) of the motions `reckoned` (K, 5), by what they `miss` (K, 3) tracking by.
+
+    Medians: faults, which are few, do not count.
+    """
+    moved = np.column_stack([reckoned[:, 3], np.zeros(len(miss)), reckoned[:, 4]])
+    share, ones = config.relative_noise, np.ones(2)
+    stated = np.array([motion_variances(step, share, 0.0, ones) for step in moved]).reshape(-1, 3)
+    squares = np.column_stack([(miss[:, :2] ** 2).sum(axis=1), miss[:, 2] ** 2])
+    known = stated[:, 0] > 0.0
+    samples = squares[known] / stated[known, 1:]
+    scales = np.median(samples, axis=0) / _MEDIANS if len(samples) else ones
+    floor = config.absolute_noise
+    return np.array([motion_variances(step, share, floor, scales) for step in moved]).reshape(-1, 3)

@@ -2,19 +2,25 @@
 
 Grisetti, Stachniss, Burgard, "Improved techniques for grid mapping with Rao-Blackwellized
 particle filters" (2007). The optimal proposal p(x_t | m, x_{t-1}, z_t, u_t) is proportional to
-p(z_t | x_t, m) p(x_t | x_{t-1}, u_t) (their eq. 9). The paper fits a Gaussian to samples around the
-scan matcher's result; here it is Laplace's: the mean is the maximum, found by Gauss-Newton, and
-the covariance the inverse of the Hessian there.
+p(z_t | x_t, m) p(x_t | x_{t-1}, u_t) (their eq. 9). As there, poses all over the motion's noise
+are compared by the particle's own map, and the likeliest is climbed on from: a climb from the
+odometry alone ends in the next optimum. The paper fits a Gaussian to samples around the result;
+here it is Laplace's: the mean is the maximum, found by Gauss-Newton, and the covariance the inverse
+of the Hessian there.
+
+Where a motion has two modes, one scan cannot decide whether it or the odometry is at fault: the
+scans after it take part (fixed-lag sampling: Beevers and Huang 2007).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config.particles_settings import ParticlesConfig
+from mapmyworld.config import ParticlesConfig
 from mapmyworld.geometry.planar import compose_planar, wrap_angle
 from mapmyworld.parallel import run_in_chunks
 from mapmyworld.particles import kernels
@@ -24,9 +30,10 @@ from mapmyworld.particles.tiles import TileMaps
 
 _MAX_DISTANCES = np.array([7, 6, 5, 4, 4, 4, 4, 4], np.int64)
 """Cells searched around end points: neighbouring beams of a coarse scan end as far apart."""
-_MISLEADING = 0.1
-"""Probability that a scan indicates nothing of its pose: where it contradicts the odometry, it may
-have been taken at another moment, or fit a wrong place better than the right one."""
+_BASIN = np.array([0.1, 0.1, 0.02])
+"""m, m and rad from a pose within which a climb finds it."""
+_SIGMAS = 2.5  # of the motion within which poses are compared,
+_STEPS = 5  # and how many to each side at most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +45,9 @@ class Proposal:
     covariance: NDArray[np.float64]
     """(P, M, 3, 3) map frame's axes."""
     log_mass: NDArray[np.float64]
-    """(P, M) log p(z_t, mode | m, x_{t-1}, u_t), up to a constant: no mode is ruled out."""
+    """(P, M) log p(z_t, mode | m, x_{t-1}, u_t), up to a constant."""
+    chosen: NDArray[np.float64]
+    """(P, M) probability that the mode is drawn, by the scans after z_t as well."""
     share: NDArray[np.float64]
     """(P, M) share of the beams that the map explains."""
 
@@ -48,11 +57,14 @@ class Proposal:
         return np.asarray(np.logaddexp.reduce(self.log_mass, axis=1))
 
     def sample(self, random: np.random.Generator) -> NDArray[np.float64]:
-        """x_t (P, 3), one from each particle's mixture."""
+        """x_t (P, 3), one from each particle's mixture.
+
+        Modes are drawn by one comb over all particles, so that they get their shares.
+        """
         count = np.arange(len(self.mean))
         noise = random.standard_normal((len(count), 3))
-        cumulated = np.cumsum(np.exp(self.log_mass - self.log_weight[:, None]), axis=1)
-        mode = np.sum(cumulated[:, :-1] < random.random((len(count), 1)), axis=1)
+        comb = (random.permutation(len(count)) + random.random()) / len(count)
+        mode = np.sum(np.cumsum(self.chosen, axis=1)[:, :-1] < comb[:, None], axis=1)
         root = np.linalg.cholesky(self.covariance[count, mode])
         x = self.mean[count, mode] + np.einsum("pij,pj->pi", root, noise)
         x[:, 2] = wrap_angle(x[:, 2])
@@ -61,22 +73,64 @@ class Proposal:
 
 def improved_proposal(
     x: NDArray[np.float64],
-    motion: Motion,
-    z: Beams,
+    motions: Sequence[Motion],
+    scans: Sequence[Beams],
     m: TileMaps,
     config: ParticlesConfig,
     threads: int,
 ) -> Proposal:
-    """Where particles at `x` (P, 3) go after a motion that ended with the scan z."""
+    """Where particles at `x` (P, 3) go after the first of the motions, each of which ended with the
+    scan of the same place in the row; those after the first decide between modes.
+    """
+    motion = motions[0]
     modes = [
-        _mode(x, u, covariance, z, m, config, threads)
+        _mode(x, u, covariance, scans[0], m, config, threads)
         for u, covariance in zip(motion.u, motion.covariance, strict=True)
     ]
     mean, covariance, log_mass, share = (
         np.stack(some, axis=1) for some in zip(*modes, strict=True)
     )
-    misleading = log_mass.max(axis=1, keepdims=True) + np.log(_MISLEADING)
-    return Proposal(mean, covariance, np.logaddexp(log_mass, misleading), share)
+    log_mass = log_mass + np.log(motion.probability)
+    log_chosen = log_mass
+    if len(modes) > 1:
+        ahead = [
+            _log_evidence(mean[:, k], motions[1:], scans[1:], m, config, threads)
+            for k in range(len(modes))
+        ]
+        log_chosen = log_mass + np.stack(ahead, axis=1)
+    chosen = np.exp(log_chosen - np.logaddexp.reduce(log_chosen, axis=1)[:, None])
+    return Proposal(mean, covariance, log_mass, chosen, share)
+
+
+def _log_evidence(
+    x: NDArray[np.float64],
+    motions: Sequence[Motion],
+    scans: Sequence[Beams],
+    m: TileMaps,
+    config: ParticlesConfig,
+    threads: int,
+) -> NDArray[np.float64]:
+    """(P,) log p(scans | m, x, motions) of particles that go on from `x` (P, 3)."""
+    if not motions:
+        return np.zeros(len(x))
+    by_mode = []
+    for u, covariance, p in zip(
+        motions[0].u, motions[0].covariance, motions[0].probability, strict=True
+    ):
+        mean, _, log_mass, _ = _mode(x, u, covariance, scans[0], m, config, threads)
+        after = _log_evidence(mean, motions[1:], scans[1:], m, config, threads)
+        by_mode.append(np.log(p) + log_mass + after)
+    return np.asarray(np.logaddexp.reduce(by_mode, axis=0))
+
+
+def _candidates(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Offsets (S, 3) from a predicted pose, a basin apart, all over the motion's noise."""
+    sigma = np.sqrt(covariance.diagonal())
+    count = np.minimum(_SIGMAS * sigma / _BASIN, _STEPS).astype(np.int64)
+    axes = [np.linspace(-_SIGMAS, _SIGMAS, 2 * n + 1) if n else np.zeros(1) for n in count]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    near = np.sum(grid**2, axis=1) <= _SIGMAS**2 * (1.0 + 1e-9)
+    return np.ascontiguousarray(grid[near] * sigma)
 
 
 def _mode(
@@ -95,11 +149,12 @@ def _mode(
     mean, information = np.zeros((count, 3)), np.zeros((count, 3, 3))
     quality = np.zeros((count, 3))
     prior = np.asarray(np.linalg.inv(u_covariance), np.float64)
+    offsets = _candidates(u_covariance)
 
     def match(first: int, last: int) -> None:
         kernels.match(
-            m.surfaces, first, last, z, predicted, prior, _MAX_DISTANCES, config.sigma, scale,
-            mean, information, quality,
+            m.surfaces, first, last, z, predicted, prior, offsets, _MAX_DISTANCES, config.sigma,
+            scale, mean, information, quality,
         )  # fmt: skip
 
     run_in_chunks(match, count, threads)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between
-from mapmyworld.places.appearance import NEIGHBOURS, Candidate, find_candidates
+from mapmyworld.places.appearance import NEIGHBOURS, find_candidates
 from mapmyworld.places.node_images import NodeImages
 from mapmyworld.types import ConstraintKind, ImageMatch, Poses
 
@@ -37,23 +37,19 @@ class Proposal:
 
 def by_words(images: NodeImages, size: int, config: Config) -> list[Proposal]:
     """Pairs of images that have many rare words in common, over the whole log."""
-    settings = config.visual
     candidates = find_candidates(
         images.words(),
         size,
         images.stamps(),
         images.sessions(),
         gap_s=_GAP,
-        least_similarity=settings.place_similarity,
-        least_posterior=settings.place_posterior,
+        least_similarity=config.visual.place_similarity,
         most=_CANDIDATES,
     )
-    return [_proposal_of(candidate) for candidate in candidates]
-
-
-def _proposal_of(candidate: Candidate) -> Proposal:
-    source = ImageMatch(similarity=candidate.similarity, posterior=candidate.posterior)
-    return Proposal(candidate.index, candidate.other, ConstraintKind.LOOP_CLOSURE, source)
+    closure = ConstraintKind.LOOP_CLOSURE
+    return [
+        Proposal(c.index, c.other, closure, ImageMatch(similarity=c.similarity)) for c in candidates
+    ]
 
 
 def by_sequence(images: NodeImages) -> list[Proposal]:

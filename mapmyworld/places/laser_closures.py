@@ -21,7 +21,6 @@ from mapmyworld.places.laser_candidates import (
     EVERYWHERE,
     FIRST_WINDOW,
     MOST,
-    SLACK,
     candidate_pairs,
     drift_window,
     untied,
@@ -148,8 +147,6 @@ def compare_places(
     places = [k for rows in by_target.values() for k in rows]
     by_place = dict(zip(places, (c for some in found for c in some), strict=True))
     closures = [by_place[k] for k in range(len(pairs))]
-    if optimised:
-        return closures
     return reject_aliases(nodes, pairs, closures, config)
 
 
@@ -163,9 +160,7 @@ def _compare(
     widest: float,
 ) -> Judged:
     guess = between_planar(nodes.poses[a], nodes.poses[b])
-    distance, angle = SLACK
-    if not optimised:
-        distance, angle = drift_window(nodes, a, b, widest)
+    distance, angle = drift_window(nodes, a, b, widest)
     around = place_around(nodes, b, config)
     searched, centre = distance, guess
     if widest == EVERYWHERE:  # is the robot at this place?

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from mapmyworld.geometry.planar import information_to_planar
@@ -21,10 +21,11 @@ SIGMAS = 3.0  # of what is stated: as far as drift is searched
 
 
 class PathDrift:
-    """Nodes along a path, some of which closures join: what drifts is the shortest way between.
+    """Nodes along a path, some of which closures join: two nodes drift apart by what motions err on
+    the best way between them over path and closures.
 
-    Where tracking was lost the path grows by more than maps reach, as if the robot had moved on: no
-    submap spans a loss, and no way across one is the shortest.
+    Where tracking was lost the path grows by more than maps reach, and the drift by as much: no
+    submap spans a loss, and no way across one is the best.
     """
 
     def __init__(
@@ -45,17 +46,13 @@ class PathDrift:
         self._closed, self._faults = closed, faults
         lost = np.isinf(variances).any(axis=1)
         self.path = tracked + FARTHEST * np.cumsum(lost)
-        self._tied, ends = np.unique(closed, return_inverse=True)
-        ends = ends.reshape(-1, 2)
-        size = len(self._tied)
-        joined = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(size, size))
-        count, place = connected_components(joined, directed=False) if size else (0, ends[:, 0])
-        self._place = np.asarray(place, np.int64)
-        self._ways = _ways(self._place, np.diff(self.path[self._tied]), count) if size else None
-        self._from: dict[int, Array] = {}
-        (moved, turned), (x, y) = np.where(lost, 0.0, variances.T), poses[:, :2].T
-        each = [turned, turned * x, turned * y, turned * (x * x + y * y), moved]
+        moved, turned = np.where(lost, 0.0, variances.T)
+        (x, y), off = poses[:, :2].T, np.where(lost, FARTHEST**2, moved)
+        each = [turned, turned * x, turned * y, turned * (x * x + y * y), off]
         self._up_to = np.cumsum(each, axis=1)
+        self._turned_up_to = np.cumsum(np.where(lost, np.pi**2, turned))
+        self._ways = Ways(closed)
+        self._from: dict[int, tuple[Array, Array]] = {}
 
     def held_by(self, closed: Index) -> PathDrift:
         """The same path, with closures (C, 2) that join nodes."""
@@ -74,38 +71,69 @@ class PathDrift:
     def reach(self, a: Index | int, b: int) -> tuple[Array, Array]:
         """Metres (...) and radians (...) by which node b may lie off, as seen from nodes `a` (...).
 
-        What a motion errs in heading counts by its distance from b. Closures shorten the way, and
-        the drift by as much.
+        What a motion errs in heading counts by its distance from b.
         """
-        (x, y), first, last = self._poses[b, :2], np.minimum(a, b), np.maximum(a, b)
-        turned, by_x, by_y, squared, moved = self._up_to[:, last] - self._up_to[:, first]
-        swung = turned * (x * x + y * y) - 2.0 * (x * by_x + y * by_y) + squared
-        way = np.maximum(self.tracked[last] - self.tracked[first], 1e-9)
-        shorter = SIGMAS * self.driven(a, b) / way
-        return shorter * np.sqrt(np.maximum(swung, 0.0) + moved), shorter * np.sqrt(turned)
+        moved, turned = self._moved_up_to(b), self._turned_up_to
+        if b not in self._from:
+            self._from[b] = self._ways.costs(moved, b), self._ways.costs(turned, b)
+        by_place, by_place_turned = self._from[b]
+        metres = np.sqrt(self._ways.least(moved, by_place, a, b))
+        return SIGMAS * metres, SIGMAS * np.sqrt(self._ways.least(turned, by_place_turned, a, b))
 
-    def driven(self, a: Index | int, b: int) -> Array:
-        """Metres (...) of the shortest way from nodes `a` (...) to node `b`, indices both."""
-        direct = np.abs(self.path[a] - self.path[b])
-        if self._ways is None:
-            return np.asarray(direct)
-        found = [direct]
-        for here in self._beside(b):
-            for there in self._beside(a):
-                aside = np.abs(self.path[self._tied[there]] - self.path[a])
-                aside = aside + abs(self.path[self._tied[here]] - self.path[b])
-                found.append(aside + self._distances(int(self._place[here]))[self._place[there]])
-        return np.asarray(np.min(found, axis=0))
+    def _moved_up_to(self, b: int) -> Array:
+        """(N,) m^2 by which all motions up to each node move node b."""
+        x, y = self._poses[b, :2]
+        turned, by_x, by_y, squared, moved = self._up_to
+        swung = turned * (x * x + y * y) - 2.0 * (x * by_x + y * by_y) + squared
+        return np.maximum.accumulate(swung + moved)
+
+
+class Ways:
+    """Ways between nodes over the path and closures, by any cost that adds up along the path."""
+
+    def __init__(self, closed: Index) -> None:
+        """`closed` (C, 2) are nodes at one place."""
+        self._tied, ends = np.unique(closed, return_inverse=True)
+        ends, size = ends.reshape(-1, 2), len(self._tied)
+        joined = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(size, size))
+        self._count, place = connected_components(joined, directed=False) if size else (0, [])
+        self._place = np.asarray(place, np.int64)
+        ends = np.sort(np.stack([self._place[:-1], self._place[1:]]), axis=0)
+        key = ends[0] * self._count + ends[1]
+        self._stretches = np.argsort(key, kind="stable")
+        self._firsts = np.flatnonzero(np.diff(key[self._stretches], prepend=-1))
+        self._ends = ends[:, self._stretches[self._firsts]]
+
+    def costs(self, up_to: Array, b: int) -> Array:
+        """(P,) of the best way from node `b` to each place, `up_to` (N,) being the costs of the
+        path up to each node.
+        """
+        found = np.full(self._count, np.inf)
+        if self._count == 0:
+            return found
+        lengths = np.diff(up_to[self._tied])[self._stretches]
+        best = np.minimum.reduceat(lengths, self._firsts) if len(lengths) else lengths
+        graph = coo_array((best, tuple(self._ends)), shape=(self._count, self._count)).tocsr()
+        for beside in {int(row) for row in self._beside(b)}:
+            onward = dijkstra(graph, directed=False, indices=int(self._place[beside]))
+            found = np.minimum(found, abs(up_to[self._tied[beside]] - up_to[b]) + onward)
+        return found
+
+    def least(self, up_to: Array, costs: Array, a: Index | int, b: int) -> Array:
+        """(...) of the best way from nodes `a` (...) to node `b`, given the `costs` (P,) from b and
+        those of the path, `up_to` (N,).
+        """
+        found = np.abs(up_to[a] - up_to[b])
+        if self._count:
+            for beside in self._beside(a):
+                aside = np.abs(up_to[self._tied[beside]] - up_to[a])
+                found = np.minimum(found, aside + costs[self._place[beside]])
+        return np.asarray(found)
 
     def _beside(self, nodes: Index | int) -> tuple[Index, Index]:
         """Rows (...) of the tied nodes before and after some nodes (...)."""
         after = np.minimum(np.searchsorted(self._tied, nodes), len(self._tied) - 1)
         return np.maximum(after - 1, 0), after
-
-    def _distances(self, place: int) -> Array:
-        if place not in self._from:
-            self._from[place] = dijkstra(self._ways, directed=False, indices=place)
-        return self._from[place]
 
 
 def stated_variances(ids: Index, constraints: Sequence[Judged]) -> Array:
@@ -130,17 +158,3 @@ def fault_variances(ids: Index, constraints: Sequence[Judged]) -> Array:
     x, y, yaw = np.square(FAULT_SIZE)
     variances[np.searchsorted(ids, doubted)] = x + y, yaw
     return variances[:-1]
-
-
-def _ways(place: Index, lengths: Array, count: int) -> csr_array:
-    """(count, count) the shortest stretch of path between each two places (T,) that follow each
-    other, `lengths` (T - 1,) metres apart.
-    """
-    ends = np.sort(np.stack([place[:-1], place[1:]]), axis=0)
-    ends, lengths = ends[:, ends[0] != ends[1]], lengths[ends[0] != ends[1]]
-    key = ends[0].astype(np.int64) * count + ends[1]
-    order = np.lexsort((lengths, key))
-    first = order[np.flatnonzero(np.diff(key[order], prepend=-1))]
-    return coo_array(
-        (lengths[first], (ends[0][first], ends[1][first])), shape=(count, count)
-    ).tocsr()

@@ -229,7 +229,8 @@ def _reports(
     for k, place in other.places.items():
         window = other.window(k, about)
         guess = compose_planar(move, other.nodes.poses[k])
-        reports[k] = known.whole.report(place, guess, *window)
+        pose, _ = known.whole.best_about(place, guess, *window)
+        reports[k] = pose, known.whole.report(place, pose)
     return reports
 
 

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.kernels.image_matching import nearest_and_votes, nearest_leaves
-
 Binary = NDArray[np.uint64]
 _BRANCHES = 10  # children of a word in its tree
 _DEPTH = 4  # levels of the tree: at most branches^depth words, ten thousand
@@ -34,9 +32,19 @@ class Vocabulary:
         return int(self.word.max(initial=0))
 
     def words(self, descriptors: Binary) -> NDArray[np.int32]:
-        """The word (N,) of each descriptor (N, 4), down the tree to the nearest child each time."""
-        leaves = nearest_leaves(descriptors, self.centres, self.first_child, self.children)
-        return np.asarray(self.word[leaves], np.int32)
+        """The word (N,) of each descriptor (N, 4)."""
+        return np.asarray(self.word[self.leaves(descriptors)], np.int32)
+
+    def leaves(self, descriptors: Binary) -> NDArray[np.int64]:
+        """(N,) rows of the leaves of descriptors (N, 4), down to the nearest child each time."""
+        found = np.zeros(len(descriptors), np.int64)
+        while len(inner := np.flatnonzero(self.first_child[found] >= 0)):
+            counts = self.children[found[inner], None]
+            child = np.minimum(np.arange(counts.max()), counts - 1)  # the last one again and again
+            rows = self.first_child[found[inner], None] + child
+            nearest = _distances(descriptors[inner, None], self.centres[rows]).argmin(axis=1)
+            found[inner] = rows[np.arange(len(inner)), nearest]
+        return found
 
     def word_descriptors(self) -> dict[int, NDArray[np.uint8]]:
         """Word id -> descriptor (32,)."""
@@ -85,7 +93,7 @@ def vocabulary_of_words(words: Mapping[int, NDArray[np.uint8]], *, seed: int = 0
     numbers = np.array(sorted(words), np.int32)
     descriptors = np.stack([words[n] for n in numbers.tolist()]).view(np.uint64).reshape(-1, 4)
     tree = train_vocabulary(descriptors, seed=seed)
-    leaves = nearest_leaves(descriptors, tree.centres, tree.first_child, tree.children)
+    leaves = tree.leaves(descriptors)
     order = np.argsort(leaves, kind="stable")
     parents, starts, counts = np.unique(leaves[order], return_index=True, return_counts=True)
     first_child, children = tree.first_child.copy(), tree.children.copy()
@@ -103,16 +111,21 @@ def _cluster(
     descriptors: Binary, count: int, random: np.random.Generator
 ) -> tuple[list[Binary], NDArray[np.int64]]:
     """At most `count` centres and the nearest one of each descriptor; none without members."""
-    centres = descriptors[random.permutation(len(descriptors))[:count]]
-    votes = np.zeros((len(centres), 256), np.int64)
-    labels = np.zeros(len(descriptors), np.int64)
+    bits = np.unpackbits(descriptors.view(np.uint8), axis=1, bitorder="little")
+    signs = 2.0 * bits.astype(np.float32) - 1.0  # of which products count bits that are alike
+    chosen = random.permutation(len(descriptors))[:count]
+    centres, alike = descriptors[chosen], signs @ signs[chosen].T
     agreed, before = 0, -1
     while agreed > before:
-        nearest_and_votes(descriptors, centres, labels, votes)
-        bits = np.packbits(votes > 0, axis=1, bitorder="little").view(np.uint64)
-        used = np.bincount(labels, minlength=len(centres)) > 0
-        centres = np.where(used[:, None], bits, centres)
+        used, labels = np.unique(alike.argmax(axis=1), return_inverse=True)
+        votes = (labels == np.arange(len(used))[:, None]).astype(np.float32) @ signs
+        centres[used] = np.packbits(votes > 0, axis=1, bitorder="little").view(np.uint64)
+        alike[:, used] = signs @ np.where(votes > 0, 1.0, -1.0).astype(np.float32).T
         agreed, before = int(np.abs(votes).sum()), agreed
-    nearest_and_votes(descriptors, centres, labels, votes)
-    used_rows, labels = np.unique(labels, return_inverse=True)
-    return [centres[k] for k in used_rows], labels
+    used, labels = np.unique(alike.argmax(axis=1), return_inverse=True)
+    return list(centres[used]), labels
+
+
+def _distances(a: Binary, b: Binary) -> NDArray[np.int64]:
+    """Bits in which words (..., 4) of a and b differ, (...)."""
+    return np.asarray(np.bitwise_count(a ^ b).sum(axis=-1), np.int64)

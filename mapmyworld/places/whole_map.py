@@ -62,6 +62,12 @@ class WholeMap:
             scored_points(place.submap.points, self.grid.resolution),
         )
 
+    def report(self, place: Place, pose: Array) -> Agreement:
+        """The same at `pose` (3,), of what both saw from one side: a wall has two, each its own."""
+        found = self.judge(place, pose)
+        same = seen_from_one_side(found.points, place.grid, self.grid, pose)
+        return replace(found, forth=np.where((found.forth > 0) & ~same, 0, found.forth))
+
     def find(self, place: Place) -> Array | None:
         """The pose (3,) at which the map explains a place best; None where that may be chance."""
         if len(place.submap.points) == 0 or len(self.points) == 0:
@@ -96,16 +102,6 @@ class WholeMap:
         if here.beyond(there) >= MARGIN:
             return False
         return True if there.beyond(here) >= MARGIN else None
-
-    def report(
-        self, place: Place, pose: Array, distance: float, angle: float
-    ) -> tuple[Array, Agreement]:
-        """The best pose (3,) in a window about one (3,), and what agrees there, seen from the same
-        side.
-        """
-        pose, found = self.best_about(place, pose, distance, angle)
-        same = seen_from_one_side(found.points, place.grid, self.grid, pose)
-        return pose, replace(found, forth=np.where((found.forth > 0) & ~same, 0, found.forth))
 
     def best_about(
         self, place: Place, pose: Array, distance: float, angle: float

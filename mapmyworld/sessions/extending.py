@@ -6,20 +6,19 @@ that, like a merge of two. Where the session contradicts the map, all must be so
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint
 from mapmyworld.graph.edited_constraints import as_found
 from mapmyworld.graph.frame_poses import pose_every_frame
-from mapmyworld.mapping.added_grid import added_grid
-from mapmyworld.mapping.occupancy import build_grid
-from mapmyworld.memory_map import MemoryMap
+from mapmyworld.map_figures import contradictions_of
+from mapmyworld.mapping.occupancy import added_grid, build_grid
 from mapmyworld.places.session_joining import locate_session
 from mapmyworld.sessions.copying import (
     Placed,
@@ -28,18 +27,20 @@ from mapmyworld.sessions.copying import (
     copy_drives,
     copy_plan,
 )
-from mapmyworld.sessions.joining import have_scans, session_places
-from mapmyworld.sessions.notes import digest_of, note_sessions
-from mapmyworld.sessions.session_maps import SessionMap, load_session_map
-from mapmyworld.sessions.skeleton import skeleton_of
-from mapmyworld.sessions.tying import tie_sessions
+from mapmyworld.sessions.joining import have_scans, session_places, tie_sessions
+from mapmyworld.sessions.session_maps import (
+    SessionMap,
+    digest_of,
+    load_session_map,
+    note_sessions,
+    skeleton_of,
+)
 from mapmyworld.stages.draw_maps import draw_maps
 from mapmyworld.stages.kept import has_images
 from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve_and_judge import note_solution, solve_and_judge
 from mapmyworld.types import Judged, MapStore, Poses, Progress, Why
 
-Array = NDArray[np.float64]
 _CONTRADICTING = 0.2  # share of a session's closures with the map from which it contradicts it
 
 
@@ -56,10 +57,15 @@ class Extension:
 
 
 def extend_map(
-    store: MapStore, session_maps: Sequence[SessionMap], config: Config, progress: Progress
+    store: MapStore,
+    session_maps: Sequence[SessionMap],
+    new_store: Callable[[], MapStore],
+    config: Config,
+    progress: Progress,
 ) -> Extension | None:
     """Lays session maps into a finished map, in an order of their own; None where that does not do.
 
+    `new_store` gives an empty map, in which a session is solved against what is held of the known.
     It does not for maps that keep images, whose words are those of all sessions, and for a session
     that contradicts the map. The store has then been changed and must be given up.
     """
@@ -75,7 +81,7 @@ def extend_map(
         if found is None:
             return Extension(tuple(added), tuple(waiting), links)
         session_map, joint = found
-        laid = _lay(base, session_map, joint, config, progress)
+        laid = _lay(base, session_map, joint, new_store, config, progress)
         if laid is None:
             return None
         _write(base, laid, store, config, progress)
@@ -116,12 +122,17 @@ class _Laid:
 
 
 def _lay(
-    base: SessionMap, session_map: SessionMap, joint: Array, config: Config, progress: Progress
+    base: SessionMap,
+    session_map: SessionMap,
+    joint: Array,
+    new_store: Callable[[], MapStore],
+    config: Config,
+    progress: Progress,
 ) -> _Laid | None:
     """The session map solved against the map's skeleton; None where many closures do not fit."""
-    skeleton = skeleton_of(base, config)
+    skeleton = skeleton_of(base, new_store(), config)
     item = Placed(session_map, joint, base.nodes[-1].id, max(base.sessions) + 1)
-    placed, scratch = [Placed(skeleton, np.eye(4), 0, 0), item], MemoryMap()
+    placed, scratch = [Placed(skeleton, np.eye(4), 0, 0), item], new_store()
     with scratch.write_stage("plan", ""):
         copy_plan([base.store, session_map.store], scratch)
     with scratch.write_stage("track", ""):
@@ -139,11 +150,8 @@ def _lay(
         return None
     solved = scratch.get("solve") or {}
     poses = _held_poses(scratch, skeleton, base, item)
-    parted = solved.get(
-        "parted", ()
-    )  # of the skeleton and the session map: counted in the whole map
-    losses = tuple(line for line in solved.get("losses", ()) if line not in parted)
-    reported = str(solved.get("certainty", "")), losses
+    # The components of the skeleton and the session map are counted in the whole map.
+    reported = str(solved.get("certainty", "")), tuple(contradictions_of(solved))
     divides = tuple(i for i in solved.get("divides", ()) if i > item.first_id)
     return _Laid(item, poses, tuple(mine), accepted, *reported, divides)
 
@@ -204,9 +212,7 @@ def _write(
         nodes = [node for node in store.nodes() if node.id > laid.item.first_id]
         fresh = pose_every_frame(nodes, laid.poses, own, laid.constraints)
         store.set_frame_poses(np.concatenate([frame_poses, fresh]))
-        counted_anew = solved.get("parted", ())
-        known = [line for line in solved.get("losses", ()) if line not in counted_anew]
-        losses = list(dict.fromkeys((*known, *laid.losses)))
+        losses = list(dict.fromkeys((*contradictions_of(solved), *laid.losses)))
         divides = [*solved.get("divides", ()), *laid.divides]
         notes, noise = solved.get("notes", ()), solved.get("scan_noise", ())
         note_solution(store, laid.certainty, losses, notes, divides, noise)

@@ -7,29 +7,26 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import invert
 from mapmyworld.graph.edited_constraints import edits_to_json
 from mapmyworld.places.session_joining import Joint
 from mapmyworld.sessions.copying import (
     copied_constraints,
+    copied_edits,
     copy_drives,
     copy_plan,
     place_session_maps,
 )
-from mapmyworld.sessions.joining import join_session_maps
-from mapmyworld.sessions.notes import digest_of, note_sessions
-from mapmyworld.sessions.session_maps import SessionMap
-from mapmyworld.sessions.stated import copied_edits
-from mapmyworld.sessions.tying import tie_sessions
+from mapmyworld.sessions.joining import join_session_maps, tie_sessions
+from mapmyworld.sessions.session_maps import SessionMap, digest_of, note_sessions
 from mapmyworld.stages.draw_maps import draw_maps
 from mapmyworld.stages.recognise import scan_loader
 from mapmyworld.stages.solve_and_judge import solve_and_judge
 from mapmyworld.types import MapStore, Progress
 
-Array = NDArray[np.float64]
 OpenStore = Callable[[int], AbstractContextManager[MapStore]]
 """Gives the empty store of the first, second, ... map that results."""
 

@@ -1,19 +1,29 @@
-"""What is merged: finished maps, each of one session or of several that belong together."""
+"""Finished maps of one or several sessions that are to be merged; one reduced to its skeleton."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+import itertools
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+import mapmyworld
+from mapmyworld.config import Config
 from mapmyworld.errors import MapError
-from mapmyworld.geometry.planar import matrix_to_planar
+from mapmyworld.geometry import Array
+from mapmyworld.geometry.planar import information_from_planar, matrix_to_planar
+from mapmyworld.geometry.rigid import between
+from mapmyworld.localisation.known_place import spread_out
 from mapmyworld.sensing.plan import moves_in_plane
-from mapmyworld.types import MapStore, Node
+from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, NodeData
+from mapmyworld.types.frames import nodes_as_frames
 
-Array = NDArray[np.float64]
+_HELD = information_from_planar(np.diag([1e6, 1e6, 1e8]))  # 1 mm and 0.1 mrad
+_RIGID = information_from_planar(np.diag([1e8, 1e8, 1e10]))  # 0.1 mm and 0.01 mrad a step
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,3 +63,77 @@ def load_session_map(name: str, store: MapStore) -> SessionMap:
     solved = np.stack([poses.map_from_node[at[node.id]] for node in nodes])
     planar = moves_in_plane(store)
     return SessionMap(name, store, nodes, solved, planar)
+
+
+def digest_of(stores: Sequence[MapStore], config: Config) -> str:
+    """What went in: the logs, what people stated, the settings; not the names of the files."""
+    logs = [((store.get("log") or {}).get("hash"), store.get("edits")) for store in stores]
+    text = json.dumps([mapmyworld.__version__, "merge", logs, asdict(config)], default=str)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def note_sessions(store: MapStore, session_maps: Sequence[SessionMap], inputs: str) -> None:
+    """Which logs the session maps were made of, in their order."""
+    logs = [session_map.store.get("log") or {} for session_map in session_maps]
+    paths = [path for log in logs for path in log.get("paths", ())]
+    listed = [
+        entry
+        for session_map, log in zip(session_maps, logs, strict=True)
+        for entry in _entries(session_map, log)
+    ]
+    store.put("log", {"hash": inputs, "paths": paths})
+    store.put("sessions", listed)
+
+
+def _entries(session_map: SessionMap, log: dict[str, object]) -> list[dict[str, object]]:
+    """What is known of a session map's sessions: a merged map lists its own."""
+    known = session_map.store.get("sessions")
+    if known:
+        return list(known)
+    return [
+        {"log": log.get("hash"), "paths": log.get("paths", []), "nodes": len(session_map.nodes)}
+    ]
+
+
+def skeleton_of(base: SessionMap, store: MapStore, config: Config) -> SessionMap:
+    """The session map's nodes that are left, under their ids, with their scans, as a map in an
+    empty `store`.
+
+    Their number grows with the area that was seen, not with how often it was.
+    """
+    frames = base.store.tracked_frames()
+    poses = base.store.frame_poses()
+    assert poses is not None
+    at_nodes = np.flatnonzero(frames.is_node)
+    chosen = spread_out(matrix_to_planar(poses), at_nodes, config.localisation.spacing)
+    known = {node.id: node for node in base.nodes}
+    nodes = list[Node]()
+    with store.write_stage("plan", ""):
+        store.put("plan", {"planar": base.planar})
+    with store.write_stage("track", ""):
+        for frame, scan in base.store.scans(chosen):
+            node = known[int(frames.node_ids[frame])]
+            nodes.append(replace(node, session=0, tracked_from_base=poses[frame]))
+            store.add_node(nodes[-1], NodeData(scan=scan))
+            store.add_scan(len(nodes) - 1, scan)
+        store.set_tracked_frames(nodes_as_frames(nodes))
+    with store.write_stage("recognise", ""):
+        store.add_constraints(_ties(nodes))
+    solved = np.array([node.tracked_from_base for node in nodes]).reshape(-1, 4, 4)
+    return SessionMap(base.name, store, tuple(nodes), solved, base.planar)
+
+
+def _ties(nodes: list[Node]) -> list[Judged]:
+    """Every node to the map, for the graph, and to the next one, for the alignment of scans."""
+    held = [
+        Judged(node.id, node.id, ConstraintKind.PRIOR, node.tracked_from_base, _HELD)
+        for node in nodes
+    ]
+    steps = [
+        Judged(
+            a.id, b.id, ConstraintKind.NEIGHBOUR,
+            between(a.tracked_from_base, b.tracked_from_base), _RIGID,
+        )
+        for a, b in itertools.pairwise(nodes)
+    ]  # fmt: skip
+    return held + steps

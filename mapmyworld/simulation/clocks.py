@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.simulation.robot_settings import ClockSettings
 
 
@@ -15,7 +16,7 @@ from mapmyworld.simulation.robot_settings import ClockSettings
 class Schedule:
     """Parallel arrays, one entry a measurement."""
 
-    times: NDArray[np.float64]
+    times: Array
     """(N,) seconds since the start at which it is really taken."""
     stamps_ns: NDArray[np.int64]
     """(N,) what its header indicates, increasing."""

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mapmyworld.errors import WorldError
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import interpolate_planar
 from mapmyworld.simulation.robot_settings import DriverSettings
 from mapmyworld.simulation.route import Step
@@ -27,9 +28,9 @@ _GIVE_UP = 120.0  # s after which a place counts as out of reach
 class Drive:
     """The true motion: poses every `TICK` seconds from zero on."""
 
-    poses: NDArray[np.float64]
+    poses: Array
     """(N, 3) x, y, yaw of the robot's footprint in the world."""
-    speeds: NDArray[np.float64]
+    speeds: Array
     """(N, 2) forward m/s and turning rad/s, from each pose to the next."""
     jumps: tuple[int, ...]
     """Indices of the first poses after a kidnapping."""
@@ -44,7 +45,7 @@ class Drive:
         """Metres driven, forwards and backwards."""
         return float(np.abs(self.speeds[:, 0]).sum() * TICK)
 
-    def at(self, seconds: ArrayLike) -> NDArray[np.float64]:
+    def at(self, seconds: ArrayLike) -> Array:
         """Poses (..., 3) at the times (...,); the end poses beyond the ends."""
         place = np.clip(np.asarray(seconds) / TICK, 0.0, len(self.poses) - 1)
         low = np.minimum(place.astype(np.int64), len(self.poses) - 2)
@@ -53,7 +54,7 @@ class Drive:
         jumping = np.isin(low + 1, self.jumps) & (place - low < 1.0)
         return np.where(jumping[..., None], self.poses[low], moved)
 
-    def travel(self, seconds: ArrayLike) -> NDArray[np.float64]:
+    def travel(self, seconds: ArrayLike) -> Array:
         """(..., 2) metres forwards and radians turned since the start until `seconds` (...)."""
         sums = np.concatenate([np.zeros((1, 2)), np.cumsum(self.speeds[:-1] * TICK, axis=0)])
         place = np.clip(np.asarray(seconds) / TICK, 0.0, len(self.poses) - 1)
@@ -116,7 +117,7 @@ def drive_route(steps: Sequence[Step], settings: DriverSettings) -> Drive:
     return Drive(np.array(robot.poses), np.array(robot.speeds), tuple(robot.jumps))
 
 
-def _go(robot: _Robot, place: NDArray[np.float64], *, backwards: bool) -> None:
+def _go(robot: _Robot, place: Array, *, backwards: bool) -> None:
     s = robot.settings
     began, start = len(robot.poses), np.array(robot.pose[:2])
     limit_s = _GIVE_UP + float(np.hypot(*(place - start))) / s.speed
@@ -140,9 +141,7 @@ def _go(robot: _Robot, place: NDArray[np.float64], *, backwards: bool) -> None:
         robot.hold(speed, float(key), 1.0 / s.decision_rate)
 
 
-def _carrot(
-    start: NDArray[np.float64], place: NDArray[np.float64], here: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _carrot(start: Array, place: Array, here: Array) -> Array:
     """The point of the straight way that lies `_LOOK_AHEAD` beyond the nearest one."""
     path = place - start
     length = float(np.hypot(*path))

@@ -7,18 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.kernels.planar_rays import cast_planar_rays
-from mapmyworld.simulation.section import horizontal_section
 from mapmyworld.simulation.world import Scene
 
 _CELL = 0.5  # m, edge of the cells that rays walk through
+_TOUCH = 1e-9  # m by which vertices on the plane are lifted, so that each triangle is cut once
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
     """Segments at one height, sorted into cells."""
 
-    segments: NDArray[np.float64]
+    segments: Array
     """(S, 4) x0, y0, x1, y1."""
     glass: NDArray[np.bool_]
     """(S,)."""
@@ -26,12 +27,12 @@ class Plan:
     """(C + 1,) where each cell's segments begin in `cell_segments`; cells row by row."""
     cell_segments: NDArray[np.int64]
     """(K,) indices of segments."""
-    corner: NDArray[np.float64]
+    corner: Array
     """(2,) m, of the first cell."""
     shape: NDArray[np.int64]
     """(2,) cells along x and y."""
 
-    def cast(self, rays: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def cast(self, rays: Array) -> tuple[Array, NDArray[np.int64]]:
         """Ranges, infinite where nothing is met, and segments met (-1), (N,) both, of rays (N, 3).
 
         A ray is x, y, angle; in m and rad.
@@ -62,12 +63,12 @@ def plan_at(scene: Scene, height: float) -> Plan:
     return _sorted_into_cells(segments, scene.glass[owner])
 
 
-def plan_of_segments(segments: NDArray[np.float64]) -> Plan:
+def plan_of_segments(segments: Array) -> Plan:
     """The plan of walls (S, 4), none of them glass."""
     return _sorted_into_cells(segments, np.zeros(len(segments), np.bool_))
 
 
-def _sorted_into_cells(segments: NDArray[np.float64], glass: NDArray[np.bool_]) -> Plan:
+def _sorted_into_cells(segments: Array, glass: NDArray[np.bool_]) -> Plan:
     ends = segments.reshape(-1, 2) if len(segments) else np.zeros((1, 2))
     corner = ends.min(0) - _CELL
     shape = np.ceil((ends.max(0) + _CELL - corner) / _CELL).astype(np.int64)
@@ -77,7 +78,7 @@ def _sorted_into_cells(segments: NDArray[np.float64], glass: NDArray[np.bool_]) 
 
 
 def _cells_of(
-    segments: NDArray[np.float64], corner: NDArray[np.float64], shape: NDArray[np.int64]
+    segments: Array, corner: Array, shape: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Sorted keys of cells and the segments whose pieces, a cell long, may lie in them."""
     pairs: set[tuple[int, int]] = set()
@@ -94,11 +95,29 @@ def _cells_of(
     return np.ascontiguousarray(table[:, 0]), np.ascontiguousarray(table[:, 1])
 
 
-def _cell_span(
-    values: NDArray[np.float64], corner: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _cell_span(values: Array, corner: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """First and last cell index, with a hair's breadth to spare, of each piece of a segment."""
     low = np.minimum(values[:-1], values[1:]) - 1e-6
     high = np.maximum(values[:-1], values[1:]) + 1e-6
     first = np.floor((low - corner) / _CELL).astype(np.int64)
     return first, np.floor((high - corner) / _CELL).astype(np.int64)
+
+
+def horizontal_section(corners: Array, height: float) -> tuple[Array, NDArray[np.int64]]:
+    """Segments (S, 4) as x0, y0, x1, y1 where triangles (T, 3, 3) cross z = height, and (S,) whose.
+
+    All in m; corners of triangles are rows.
+    """
+    z = corners[:, :, 2] - height
+    z = np.where(np.abs(z) < _TOUCH, _TOUCH, z)
+    owner = np.flatnonzero((z.min(1) < 0.0) & (z.max(1) > 0.0))
+    segments = np.zeros((len(owner), 2, 2))
+    filled = np.zeros(len(owner), np.int64)
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        za, zb = z[owner, a], z[owner, b]
+        crosses = np.flatnonzero((za < 0.0) != (zb < 0.0))
+        share = za[crosses] / (za[crosses] - zb[crosses])
+        start, end = corners[owner[crosses], a, :2], corners[owner[crosses], b, :2]
+        segments[crosses, filled[crosses]] = start + share[:, None] * (end - start)
+        filled[crosses] += 1
+    return segments.reshape(-1, 4), owner

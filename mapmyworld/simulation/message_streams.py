@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.simulation import robot
 from mapmyworld.simulation.clocks import Schedule, random_of
@@ -135,9 +135,7 @@ def imu_stream(drive: Drive, schedule: Schedule, settings: SimulationSettings, s
     return Stream((IMU_TOPIC,), schedule, messages)
 
 
-def _inertial(
-    drive: Drive, times: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _inertial(drive: Drive, times: Array) -> tuple[Array, Array]:
     """Turn rates (N,), and (N, 2) forward speed and acceleration, at the times."""
     place = np.clip(times / TICK, 0, len(drive.speeds) - 1).astype(np.int64)
     before = np.clip(place - round(_SPAN / TICK / 2), 0, len(drive.speeds) - 1)
@@ -147,7 +145,7 @@ def _inertial(
     return drive.speeds[place, 1], np.stack([speeds[place], gain], axis=1)
 
 
-def _spatial(covariance: NDArray[np.float64], rows: tuple[int, ...]) -> NDArray[np.float64]:
+def _spatial(covariance: Array, rows: tuple[int, ...]) -> Array:
     """(6, 6) in ROS order of one over fewer directions; the others are known to be zero."""
     full = np.eye(6) * _OFF_PLANE
     full[np.ix_(rows, rows)] = covariance

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import make_transform
 from mapmyworld.geometry.rotations import roll_pitch_yaw_to_rotation, rotation_to_roll_pitch_yaw
 from mapmyworld.simulation.robot_settings import SimulationSettings
@@ -14,44 +14,42 @@ LASER, CAMERA, OPTICAL = "hokuyo", "camera", "camera_link_optical"
 LEFT_WHEEL, RIGHT_WHEEL = "left_wheel", "right_wheel"
 
 
-def base_from_chassis(settings: SimulationSettings) -> NDArray[np.float64]:
+def base_from_chassis(settings: SimulationSettings) -> Array:
     """Pose (4, 4) of the chassis' centre."""
     body = settings.body
     return make_transform(np.eye(3), [0.0, 0.0, body.ground_clearance + body.height / 2.0])
 
 
-def chassis_from_laser(settings: SimulationSettings) -> NDArray[np.float64]:
+def chassis_from_laser(settings: SimulationSettings) -> Array:
     """Pose (4, 4) of the laser."""
     return make_transform(np.eye(3), [settings.laser.mount_x, 0.0, settings.laser.mount_z])
 
 
-def chassis_from_camera(settings: SimulationSettings) -> NDArray[np.float64]:
+def chassis_from_camera(settings: SimulationSettings) -> Array:
     """Pose (4, 4) of the camera's body, x forward."""
     pitch = np.radians(settings.camera.mount_pitch)
     place = [settings.camera.mount_x, 0.0, settings.camera.mount_z]
     return make_transform(roll_pitch_yaw_to_rotation(0.0, pitch, 0.0), place)
 
 
-def camera_from_optical() -> NDArray[np.float64]:
+def camera_from_optical() -> Array:
     """(4, 4) of optical axes (z forward, x right, y down) in a frame with x forward and z up."""
     rotation = roll_pitch_yaw_to_rotation(-np.pi / 2.0, 0.0, -np.pi / 2.0)
     return make_transform(np.round(rotation), [0.0, 0.0, 0.0])
 
 
-def base_from_optical(settings: SimulationSettings) -> NDArray[np.float64]:
+def base_from_optical(settings: SimulationSettings) -> Array:
     """Pose (4, 4) of the camera's optical frame."""
     mount = base_from_chassis(settings) @ chassis_from_camera(settings)
     return np.asarray(mount @ camera_from_optical())
 
 
-def base_from_laser(settings: SimulationSettings) -> NDArray[np.float64]:
+def base_from_laser(settings: SimulationSettings) -> Array:
     """Pose (4, 4) of the laser on the base."""
     return np.asarray(base_from_chassis(settings) @ chassis_from_laser(settings))
 
 
-def chassis_from_wheel(
-    settings: SimulationSettings, side: str, angle: float = 0.0
-) -> NDArray[np.float64]:
+def chassis_from_wheel(settings: SimulationSettings, side: str, angle: float = 0.0) -> Array:
     """(4, 4) of a wheel's frame, turned about its axle by `angle` radians."""
     body = settings.body
     y = body.wheel_track / 2.0 * (1.0 if side == LEFT_WHEEL else -1.0)
@@ -59,9 +57,7 @@ def chassis_from_wheel(
     return make_transform(roll_pitch_yaw_to_rotation(0.0, angle, 0.0), [0.0, y, z])
 
 
-def static_transforms(
-    settings: SimulationSettings,
-) -> tuple[tuple[str, str, NDArray[np.float64]], ...]:
+def static_transforms(settings: SimulationSettings) -> tuple[tuple[str, str, Array], ...]:
     """Parent, child and `parent_from_child` (4, 4) of everything that does not move on it."""
     parts = [(BASE, CHASSIS, base_from_chassis(settings))]
     if settings.laser.enabled:
@@ -72,7 +68,7 @@ def static_transforms(
     return tuple(parts)
 
 
-def intrinsics(settings: SimulationSettings) -> NDArray[np.float64]:
+def intrinsics(settings: SimulationSettings) -> Array:
     """(3, 3) of the camera, square pixels, centre of the image on the axis."""
     camera = settings.camera
     focal = camera.width / 2.0 / np.tan(np.radians(camera.field_of_view) / 2.0)
@@ -115,7 +111,7 @@ def _link(name: str, shape: str) -> str:
     return f'  <link name="{name}">{visual}</link>'
 
 
-def _joint(parent: str, child: str, parent_from_child: NDArray[np.float64]) -> str:
+def _joint(parent: str, child: str, parent_from_child: Array) -> str:
     rolling = child in {LEFT_WHEEL, RIGHT_WHEEL}
     kind = "continuous" if rolling else "fixed"
     axis = '<axis xyz="0 1 0"/>' if rolling else ""

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.errors import MissingDependencyError
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.kernels.texture_lookup import shade_pixels
 from mapmyworld.simulation import robot
-from mapmyworld.simulation.camera_noise import disturb_colour, disturb_depth, exposure_at
 from mapmyworld.simulation.clocks import Schedule, random_of
 from mapmyworld.simulation.driver import Drive
-from mapmyworld.simulation.image_messages import colour_message, depth_message
+from mapmyworld.simulation.image_messages import (
+    colour_message,
+    depth_message,
+    disturb_colour,
+    disturb_depth,
+    exposure_at,
+)
 from mapmyworld.simulation.message_streams import Messages, Stream
-from mapmyworld.simulation.ray_caster import Hits, RayCaster
 from mapmyworld.simulation.robot_settings import SimulationSettings
 from mapmyworld.simulation.textures import EDGE, TextureSet, texture_set
 from mapmyworld.simulation.world import Scene
@@ -54,9 +61,9 @@ class Renderer:
         self._normals = _normals(corners)
         self._lights = _lights(self._normals)
         self._paint = _Paint(scene, solid, self._lights)
-        self._caster = RayCaster(corners)
+        self._scene = _embree_scene(corners)
 
-    def render(self, world_from_optical: NDArray[np.float64]) -> View:
+    def render(self, world_from_optical: Array) -> View:
         """What the camera sees from `world_from_optical` (4, 4)."""
         ways = self._rays @ world_from_optical[:3, :3].T.astype(np.float32)
         place = world_from_optical[:3, 3].astype(np.float32)
@@ -69,12 +76,32 @@ class Renderer:
 
         Rays have length one along the optical axis, so that the distance to the hit is the depth.
         """
-        met = self._caster.cast(origins, ways)
+        starts = np.ascontiguousarray(np.broadcast_to(origins, ways.shape), np.float32)
+        met = self._scene.run(starts, np.ascontiguousarray(ways, np.float32), output=True)
+        struck = met["primID"] >= 0
+        distance = np.where(struck, met["tfar"], np.float32(np.inf))
+        triangle, uv = np.where(struck, met["primID"], 0), np.stack([met["u"], met["v"]], axis=1)
         length = np.linalg.norm(ways, axis=1)
-        slant = np.abs(np.einsum("ij,ij->i", self._normals[met.triangle], ways)) / length
+        slant = np.abs(np.einsum("ij,ij->i", self._normals[triangle], ways)) / length
         colour = np.empty((len(ways), 3), np.uint8)
-        self._paint.fill(met, slant, self._pixel_angle, colour)
-        return View(colour.reshape(*shape, 3), met.distance.reshape(shape), slant.reshape(shape))
+        self._paint.fill(triangle, uv, distance, slant, self._pixel_angle, colour)
+        return View(colour.reshape(*shape, 3), distance.reshape(shape), slant.reshape(shape))
+
+
+def _embree_scene(corners: NDArray[np.float32]) -> Any:
+    """Triangles (T, 3, 3) made ready for rays, without GPU, display or system library."""
+    try:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+    except ImportError as error:
+        raise MissingDependencyError(
+            f"a camera needs embreex, which does not load ({error}): `pip install embreex` "
+            "(it exists for x86-64), or --no-camera leaves the camera out"
+        ) from None
+    # Robust: no ray slips through between two triangles that share an edge.
+    scene = EmbreeScene(robust=True)
+    TriangleMesh(scene, np.ascontiguousarray(corners, np.float32))
+    return scene
 
 
 class _Paint:
@@ -98,22 +125,28 @@ class _Paint:
 
     def fill(
         self,
-        met: Hits,
+        triangle: NDArray[np.int32],
+        uv: NDArray[np.float32],
+        distance: NDArray[np.float32],
         slant: NDArray[np.float32],
         pixel_angle: float,
         colour: NDArray[np.uint8],
     ) -> None:
-        """Writes the pixels' colours (P, 3)."""
+        """Writes the pixels' colours (P, 3).
+
+        Of triangles met (P,), the weights (P, 2) of their second and third corners there, and
+        distances and cosines between ray and normal (P,).
+        """
         if self._corners is not None:
-            weights = np.concatenate([1.0 - met.uv.sum(axis=1, keepdims=True), met.uv], axis=1)
-            mixed = np.einsum("pk,pkc->pc", weights, self._corners[met.triangle])
-            lit = np.clip(mixed * self._lights[met.triangle, None], 0, 255)
-            colour[:] = np.where(np.isfinite(met.distance)[:, None], lit, _SKY)
+            weights = np.concatenate([1.0 - uv.sum(axis=1, keepdims=True), uv], axis=1)
+            mixed = np.einsum("pk,pkc->pc", weights, self._corners[triangle])
+            lit = np.clip(mixed * self._lights[triangle, None], 0, 255)
+            colour[:] = np.where(np.isfinite(distance)[:, None], lit, _SKY)
             return
         shade_pixels(
-            met.triangle,
-            met.uv,
-            met.distance,
+            triangle,
+            uv,
+            distance,
             slant.astype(np.float32),
             self._uv,
             self._texture,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import compose_planar
 from mapmyworld.simulation.driver import Drive
 from mapmyworld.simulation.floor_plan import Plan
@@ -17,11 +18,11 @@ from mapmyworld.simulation.robot_settings import LaserSettings
 class Sweep:
     """What an ideal laser measures, with and without glass in the way."""
 
-    ranges: NDArray[np.float64]
+    ranges: Array
     """(N,) metres; infinite where nothing is met."""
-    behind: NDArray[np.float64]
+    behind: Array
     """(N,) metres with glass taken away; equal to `ranges` where there is none."""
-    incidence: NDArray[np.float64]
+    incidence: Array
     """(N,) cosine between each beam and the normal of what it meets; 1 where nothing is met."""
 
 
@@ -30,7 +31,7 @@ class Laser:
     """A laser on the robot in a world."""
 
     settings: LaserSettings
-    base_from_laser: NDArray[np.float64]
+    base_from_laser: Array
     """(3,)."""
     plan: Plan
     plan_behind_glass: Plan
@@ -45,7 +46,7 @@ class Laser:
         """Seconds between beams of a head that turns `rate` times a second."""
         return self.angle_increment / (2.0 * np.pi * self.settings.rate)
 
-    def angles(self) -> NDArray[np.float64]:
+    def angles(self) -> Array:
         """(N,) radians of the beams in the laser's frame, in the order of the sweep."""
         first = -np.radians(self.settings.field_of_view) / 2.0
         return np.asarray(first + self.angle_increment * np.arange(self.settings.beams))
@@ -63,9 +64,7 @@ class Laser:
         return Sweep(ranges, behind, _incidence(self.plan.segments, hits, rays[:, 2]))
 
 
-def _incidence(
-    segments: NDArray[np.float64], hits: NDArray[np.int64], angles: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _incidence(segments: Array, hits: NDArray[np.int64], angles: Array) -> Array:
     if len(segments) == 0:
         return np.ones(len(hits))
     along = segments[hits, 2:] - segments[hits, :2]

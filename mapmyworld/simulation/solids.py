@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
+
 
 @dataclass(frozen=True, slots=True)
 class Box:
@@ -94,9 +96,9 @@ GLASS = "glass"  # the texture's name that lets light, and most laser beams, thr
 class Faces:
     """Triangles with their textures, as parallel arrays."""
 
-    corners: NDArray[np.float64]
+    corners: Array
     """(T, 3, 3) metres, counter-clockwise seen from outside."""
-    uv: NDArray[np.float64]
+    uv: Array
     """(T, 3, 2) metres along the texture, or shares of it where negative widths are absent."""
     stretched: NDArray[np.bool_]
     """(T,) whether `uv` counts the texture's own width and height as one."""
@@ -131,7 +133,7 @@ def floor_faces(
 
 
 def _prism(
-    outline: NDArray[np.float64], bottom: float, top: float, texture: str, run: float, stretch: bool
+    outline: Array, bottom: float, top: float, texture: str, run: float, stretch: bool
 ) -> Faces:
     parts = [
         _sheet(outline, top, texture, stretch),
@@ -155,7 +157,7 @@ def _prism(
     return merge_faces(parts)
 
 
-def _sheet(outline: NDArray[np.float64], height: float, texture: str, stretch: bool) -> Faces:
+def _sheet(outline: Array, height: float, texture: str, stretch: bool) -> Faces:
     fan = [[0, i, i + 1] for i in range(1, len(outline) - 1)]
     corners = np.concatenate([outline, np.full((len(outline), 1), height)], axis=1)[fan]
     uv = outline[fan]
@@ -165,9 +167,7 @@ def _sheet(outline: NDArray[np.float64], height: float, texture: str, stretch: b
     return Faces(corners, uv, np.full(len(fan), stretch), (texture,) * len(fan))
 
 
-def _quad(
-    corners: NDArray[np.float64], uv: NDArray[np.float64], stretch: bool, texture: str
-) -> Faces:
+def _quad(corners: Array, uv: Array, stretch: bool, texture: str) -> Faces:
     fan = [[0, 1, 2], [0, 2, 3]]
     return Faces(corners[fan], uv[fan], np.full(2, stretch), (texture, texture))
 

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import MappingConfig
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
     planar_to_matrix,
     wrap_angle,
 )
-from mapmyworld.mapping.beams import beams_of
-from mapmyworld.mapping.canvas import Canvas
+from mapmyworld.mapping.canvas import Canvas, beams_of
 from mapmyworld.simulation import robot
 from mapmyworld.simulation.driver import TICK, Drive
 from mapmyworld.simulation.floor_plan import Plan
@@ -43,7 +43,7 @@ class LoopPairs:
 
     stamps_ns: NDArray[np.int64]
     """(P, 2), earlier and later."""
-    first_from_second: NDArray[np.float64]
+    first_from_second: Array
     """(P, 3) x, y, yaw."""
 
 
@@ -112,7 +112,7 @@ def _perfect_grid(truth: Truth) -> OccupancyGrid:
     return OccupancyGrid(cells, _RESOLUTION, np.round(seen.corner * _RESOLUTION, 9))
 
 
-def _perfect_sweep(truth: Truth, place: NDArray[np.float64]) -> Scan:
+def _perfect_sweep(truth: Truth, place: Array) -> Scan:
     """All round from a place (3,), in its frame."""
     angles = 2.0 * np.pi * np.arange(_VIEW_BEAMS) / _VIEW_BEAMS
     ranges, _ = truth.plan.cast(np.column_stack([np.tile(place[:2], (_VIEW_BEAMS, 1)), angles]))
@@ -126,7 +126,7 @@ def _perfect_sweep(truth: Truth, place: NDArray[np.float64]) -> Scan:
     )  # fmt: skip
 
 
-def _spaced(poses: NDArray[np.float64], distance: float, turn: float) -> NDArray[np.int64]:
+def _spaced(poses: Array, distance: float, turn: float) -> NDArray[np.int64]:
     """Indices of poses at least so far, or turned so much, from the one before."""
     kept = [0]
     for index in range(0, len(poses), 10):
@@ -155,7 +155,7 @@ def _true_loops(truth: Truth) -> LoopPairs:
     )
 
 
-def _in_sight(plan: Plan, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _in_sight(plan: Plan, a: Array, b: Array) -> NDArray[np.bool_]:
     way = b - a
     ranges, _ = plan.cast(np.column_stack([a, np.arctan2(way[:, 1], way[:, 0])]))
     return np.asarray(ranges > np.hypot(way[:, 0], way[:, 1]))

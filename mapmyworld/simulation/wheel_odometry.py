@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.simulation.driver import Drive
 from mapmyworld.simulation.robot_settings import BodySettings, OdometrySettings
 
@@ -18,23 +18,21 @@ _FLOOR = 1e-9  # m^2 and rad^2 of variance, so that a covariance can always be i
 class WheelOdometry:
     """Poses integrated from encoders, with the covariance of what they cannot know."""
 
-    times: NDArray[np.float64]
+    times: Array
     """(N,) s."""
-    poses: NDArray[np.float64]
+    poses: Array
     """(N, 3) odom_from_base."""
-    covariances: NDArray[np.float64]
+    covariances: Array
     """(N, 3, 3) of x, y, yaw in the odometry's frame."""
-    twists: NDArray[np.float64]
+    twists: Array
     """(N, 2) m/s forward and rad/s."""
-    twist_covariances: NDArray[np.float64]
+    twist_covariances: Array
     """(N, 2, 2)."""
-    wheels: NDArray[np.float64]
+    wheels: Array
     """(N, 2) rad that the left and the right wheel have turned, by their encoders."""
 
 
-def wheel_travel(
-    drive: Drive, times: NDArray[np.float64], body: BodySettings
-) -> NDArray[np.float64]:
+def wheel_travel(drive: Drive, times: Array, body: BodySettings) -> Array:
     """(N, 2) m that the left and the right wheel really rolled until the `times` (N,), s."""
     forward, turned = np.moveaxis(drive.travel(times), -1, 0)
     half = body.wheel_track / 2.0
@@ -42,11 +40,8 @@ def wheel_travel(
 
 
 def disturb_wheels(
-    travel: NDArray[np.float64],
-    times: NDArray[np.float64],
-    settings: OdometrySettings,
-    random: np.random.Generator,
-) -> NDArray[np.float64]:
+    travel: Array, times: Array, settings: OdometrySettings, random: np.random.Generator
+) -> Array:
     """The travel that encoders report of the true one: wrong radii, random errors and slips.
 
     (N, 2) both, m by wheel at `times` (N,), s.
@@ -63,10 +58,7 @@ def disturb_wheels(
 
 
 def integrate_wheels(
-    travel: NDArray[np.float64],
-    times: NDArray[np.float64],
-    settings: OdometrySettings,
-    body: BodySettings,
+    travel: Array, times: Array, settings: OdometrySettings, body: BodySettings
 ) -> WheelOdometry:
     """Poses from reported wheel `travel` (N, 2), with a track that is not quite the true one.
 
@@ -96,9 +88,7 @@ def integrate_wheels(
     )
 
 
-def _step_variances(
-    steps: NDArray[np.float64], spans: NDArray[np.float64], settings: OdometrySettings
-) -> NDArray[np.float64]:
+def _step_variances(steps: Array, spans: Array, settings: OdometrySettings) -> Array:
     """(N, 2) m^2 of each wheel's step: random errors, and slips by their rate."""
     slips = settings.slip_rate * spans[:, None] * settings.slip_size**2
     moving = np.abs(steps) > _STILL
@@ -106,12 +96,8 @@ def _step_variances(
 
 
 def _pose_covariances(
-    steps: NDArray[np.float64],
-    headings: NDArray[np.float64],
-    variances: NDArray[np.float64],
-    track: float,
-    settings: OdometrySettings,
-) -> NDArray[np.float64]:
+    steps: Array, headings: Array, variances: Array, track: float, settings: OdometrySettings
+) -> Array:
     """(N + 1, 3, 3) of x, y, yaw; the state is followed by both radii's and the track's error."""
     radius = settings.radius_error**2
     side = (0.5 * settings.imbalance) ** 2

@@ -16,7 +16,7 @@ from mapmyworld.stages.kept import has_images, has_scans
 from mapmyworld.types import Judged, MapStore, Poses, Progress
 
 if TYPE_CHECKING:
-    from mapmyworld.graph.draft_graph import Draft
+    from mapmyworld.graph.solved_graph import SolvedGraph
     from mapmyworld.places.laser_nodes import NodeScans
 
 _SECTION = 200.0  # m of path, about, that are searched before what was found is solved
@@ -90,7 +90,7 @@ def closures_by_laser(
         so_far, last = [*store.constraints(), *found], loaded.nodes[span[1] - 1].id
         if any(c.accepted for c in found) or any(c.is_relocalised for c in so_far):
             draft = solve_draft_of(store, config, so_far, last)
-            poses, known = draft.poses, draft.closures
+            poses, known = draft.poses, draft.constraints
         found += first_closures(loaded, poses, known, span, config, progress)
     return found
 
@@ -150,7 +150,7 @@ def _check_wheels(store: MapStore, progress: Progress, *, alone: bool) -> None:
 
 def add_closures(
     store: MapStore,
-    draft: Draft,
+    draft: SolvedGraph,
     config: Config,
     progress: Progress,
     scans: LoadScans,
@@ -164,7 +164,7 @@ def add_closures(
     if loaded is not None:
         from mapmyworld.places.laser_closures import find_laser_closures
 
-        poses, tied = draft.poses, draft.closures
+        poses, tied = draft.poses, draft.constraints
         found += find_laser_closures(store, poses, config, progress, loaded, tied, since)
     if has_images(store):
         from mapmyworld.places.visual_closures import find_visual_closures

@@ -13,11 +13,10 @@ from mapmyworld.config import Config
 from mapmyworld.decisions import decided, decided_on
 from mapmyworld.graph.audit import ConstraintResidual
 from mapmyworld.graph.chains import solve_by_chains
-from mapmyworld.graph.draft_graph import landmark_guesses
 from mapmyworld.graph.edited import Strain, contradicted, contradiction, strained
 from mapmyworld.graph.edited_constraints import apply_edits, edits_from_json, unmet
 from mapmyworld.graph.frame_poses import pose_every_frame
-from mapmyworld.graph.solved_graph import SolvedGraph, solve
+from mapmyworld.graph.solved_graph import SolvedGraph
 from mapmyworld.graph.variance import variance_factors
 from mapmyworld.map_figures import components_of
 from mapmyworld.parallel import on_one_thread
@@ -50,8 +49,7 @@ def solve_and_judge(
         decided("optimise", f"{new} new closures from the poses of this round")
         if new <= _FEW * sum(c.accepted for c in store.constraints() if c.kind in CLOSURES):
             break
-    chains = _is_refined(store, config, scans)
-    solved = _solve(store, _edited(store), config, progress, chains=chains)
+    solved = _solve(store, _edited(store), config, progress)
     poses, constraints, noise = _refined(store, solved, config, progress, scans)
     decided_on("verdict", (c for c in constraints if c.verdicts))
     store.judge(constraints)
@@ -64,7 +62,7 @@ def solve_and_judge(
     store.set_frame_poses(pose_every_frame(store.nodes(), poses, frames, constraints))
     wanted = [edit for edit in _edits(store) if edit.action is EditAction.ACCEPT]
     others = unmet(constraints, wanted)
-    others += _contradictions(store, config, progress, scans, solved, poses)
+    others += _contradictions(store, config, progress, solved, poses)
     note_solution(store, solved.certainty, others, notes, _divides(scans), noise)
 
 
@@ -170,21 +168,20 @@ def _edited(store: MapStore) -> tuple[Judged, ...]:
 
 
 def _contradictions(
-    store: MapStore, config: Config, progress: Progress, scans: LoadScans, solved: SolvedGraph,
-    poses: Poses,
-) -> list[str]:  # fmt: skip
+    store: MapStore, config: Config, progress: Progress, solved: SolvedGraph, poses: Poses
+) -> list[str]:
     """What a person stated and the final poses do not meet, with what the graph without it meets.
 
     Of many, each is left out with the others: a solution takes its time.
     """
-    planar, chains = moves_in_plane(store), _is_refined(store, config, scans)
+    planar = moves_in_plane(store)
     unmet_ones = contradicted(solved.constraints, poses, planar)
     quick = replace(config, graph=replace(config.graph, covariances=False))
 
     def fought(left_out: Sequence[ConstraintResidual]) -> list[Strain]:
         out = {id(one.constraint) for one in left_out}
         others = [c for c in solved.constraints if id(c) not in out]
-        without = _solve(store, others, quick, progress, chains=chains)
+        without = _solve(store, others, quick, progress)
         return strained(
             (without.constraints, without.poses), (solved.constraints, solved.poses), planar
         )
@@ -195,16 +192,8 @@ def _contradictions(
 
 
 def _solve(
-    store: MapStore, constraints: Sequence[Judged], config: Config, progress: Progress, *,
-    chains: bool,
-) -> SolvedGraph:  # fmt: skip
+    store: MapStore, constraints: Sequence[Judged], config: Config, progress: Progress
+) -> SolvedGraph:
     nodes = store.nodes()
     progress.stage("optimise", len(nodes), "nodes")
-    starts = {node.id: node.tracked_from_base for node in nodes}
-    landmarks = landmark_guesses(starts, constraints)
-    planar = moves_in_plane(store)
-    if chains:
-        return solve_by_chains(nodes, landmarks, constraints, planar, config.graph)
-    starts |= landmarks
-    ids, start = np.array(list(starts), np.int64), np.stack(list(starts.values()))
-    return solve(ids, start, constraints, planar, config.graph)
+    return solve_by_chains(nodes, constraints, moves_in_plane(store), config.graph)

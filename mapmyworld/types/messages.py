@@ -232,7 +232,7 @@ class TopicInfo:
     encoding: str
     """Serialisation: "cdr", "ros1", "protobuf", "json", "carmen", ..."""
     count: int
-    """Messages; -1 where only reading the file indicates it."""
+    """Messages."""
     first_ns: int | None = None
     last_ns: int | None = None
 
@@ -247,7 +247,7 @@ class TopicInfo:
 
 @dataclass(frozen=True, slots=True)
 class LogInfo:
-    """What a log indicates about itself, cheaply: from the index where there is one."""
+    """What a log holds, without decoding it."""
 
     paths: tuple[str, ...]
     container: str

@@ -30,7 +30,7 @@ class LogSource(Protocol):
     """A recorded log. `messages` may be called again and gives the same messages each time."""
 
     def info(self) -> LogInfo:
-        """What is in the log; cheap, from the index where there is one."""
+        """What is in the log; containers of messages are read through for it, once."""
 
     def content_hash(self) -> str:
         """Hexadecimal digest of the log's bytes."""

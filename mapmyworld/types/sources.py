@@ -85,8 +85,7 @@ class ImageMatch:
     """Two images registered; what proposed them is zero where something else did."""
 
     similarity: float = 0.0
-    posterior: float = 0.0
-    """By words."""
+    """Of their words."""
     steps: int = 0
     """Nodes between the two, in sequence."""
     distance: float = 0.0

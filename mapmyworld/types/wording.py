@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 
-from mapmyworld.shares import percent_below
 from mapmyworld.types.constraints import OF_ONE_NODE, Judged
 from mapmyworld.types.sources import (
     CameraTracking,
@@ -124,3 +124,8 @@ def _support(numbers: Mapping[str, float]) -> str:
     if numbers["partners"] == 0:
         return "; no other closure nearby"
     return f"; consistent with {numbers['supporters']} of {numbers['partners']} nearby closures"
+
+
+def percent_below(share: float, limit: float) -> tuple[str, str]:
+    """Both in percent, the share rounded down: 69% where 0.6996 misses 0.7, not 70%."""
+    return f"{math.floor(100 * share)}%", f"{100 * limit:g}%"

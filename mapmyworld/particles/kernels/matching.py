@@ -15,6 +15,7 @@ from mapmyworld.particles.kernels.surface_tiles import PLANAR, nearest, turned
 STEP, TURN = 1e-3, 2e-4  # m, rad: steps that change no cell and end the search
 POINT = 0.1  # weight of an end point at a cell that is no line: it may lie beside the true one
 WIDE = 0.02  # weight of the prediction while the search is wide
+COARSE = 0.08  # m, end points about surfaces where candidates are compared, half a step off
 
 
 @jit
@@ -120,6 +121,33 @@ def _deviation(
     return total
 
 
+@inner_jit
+def _likeliest(
+    maps: Any,
+    particle: int,
+    beams: Any,
+    mean: NDArray[np.float64],
+    P: NDArray[np.float64],
+    offsets: NDArray[np.float64],
+    reach: int,
+    scale: float,
+    pose: NDArray[np.float64],
+) -> None:
+    """Fills `pose` (3,) with the likeliest of the candidates `offsets` (S, 3) from the `mean`."""
+    cos, sin = math.cos(mean[2]), math.sin(mean[2])
+    start, gap = np.zeros(3), np.zeros(3)
+    most = -1e18
+    for k in range(offsets.shape[0]):
+        ox, oy = turned(cos, sin, offsets[k])
+        start[0], start[1], start[2] = mean[0] + ox, mean[1] + oy, mean[2] + offsets[k, 2]
+        value = scale * log_likelihood(maps, particle, beams, start, reach, COARSE)
+        value -= 0.5 * _deviation(start, mean, P, gap)
+        if value > most:
+            most = value
+            for i in range(3):
+                pose[i] = start[i]
+
+
 @jit
 def match(
     maps: Any,
@@ -128,6 +156,7 @@ def match(
     beams: Any,
     predicted: NDArray[np.float64],
     prior: NDArray[np.float64],
+    offsets: NDArray[np.float64],
     max_distances: NDArray[np.int64],
     sigma: float,
     scale: float,
@@ -138,6 +167,7 @@ def match(
     """Most likely poses of particles `first` to `last`, given their maps and predictions.
 
     `predicted` (P, 3) poses; `prior` (3, 3) their information, in the axes of their headings.
+    The search starts from the likeliest of the candidates that lie `offsets` (S, 3) from there.
     `max_distances` (R,): cells searched around an end point, for each iteration. `scale` turns sums
     over beams, which are not independent, into information. Fills `poses` (P, 3), `informations`
     (P, 3, 3) and `quality` (P, 3): matched share, log-likelihood of the scan, squared deviation
@@ -148,8 +178,12 @@ def match(
     for particle in range(first, last):
         mean = predicted[particle]
         _turn_information(prior, mean[2], P)
-        for i in range(3):  # number by number: an assignment of slices takes seconds to compile
+        # Number by number: an assignment of slices takes seconds to compile.
+        for i in range(3):
             pose[i] = mean[i]
+        if offsets.shape[0] > 1:
+            reach = max_distances[-1]
+            _likeliest(maps, particle, beams, mean, P, offsets, reach, scale, pose)
         share = 0.0
         for iteration in range(max_distances.shape[0]):
             H[:], g[:] = 0.0, 0.0

@@ -1,74 +1,26 @@
-"""The graph solved roughly: enough to look again from its poses, at a fraction of the cost.
+"""Chains of nodes that only motion ties to others: left out of the graph, they follow afterwards.
 
-Nodes that only motion ties to others are left out: the motions along such a chain are composed to
-one, which loses nothing but the linearisation (Lu and Milios 1997). They follow afterwards.
+The motions along such a chain are composed to one, which loses nothing but the linearisation
+(Lu and Milios 1997).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config import GraphConfig
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint
 from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.graph.graph_verdicts import faults_of
-from mapmyworld.graph.solved_graph import solve
 from mapmyworld.parallel import batches
-from mapmyworld.types import Constraint, ConstraintKind, Judge, Judged, Node, Poses, TrackedFrames
+from mapmyworld.types import Constraint, ConstraintKind, Judged, Node, Poses, TrackedFrames
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _BLOCK = 256  # chains that are composed together: what that takes does not grow with the log
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Draft:
-    """Where all nodes are, about."""
-
-    poses: Poses
-    closures: tuple[Judged, ...]
-    """All constraints but the motions, those that contradict the rest rejected."""
-
-
-def landmark_guesses(
-    starts: Mapping[int, Array], constraints: Iterable[Constraint]
-) -> dict[int, Array]:
-    """Where landmarks are seen first by nodes at such `starts`; id -> map_from_node (4, 4) both."""
-    guesses: dict[int, Array] = {}
-    for c in constraints:
-        if c.to_id < 0 and c.to_id not in guesses:
-            guesses[c.to_id] = starts[c.from_id] @ c.i_from_j
-    return guesses
-
-
-def solve_draft(
-    nodes: Sequence[Node],
-    landmarks: Mapping[int, Array],
-    constraints: Sequence[Judged],
-    planar: bool,
-    config: GraphConfig,
-) -> Draft:
-    """Poses of all nodes, and of landmarks at their guesses (id -> (4, 4)), from few of them."""
-    quick = replace(config, covariances=False, certify=False, groups=False)
-    asked = [c.before(Judge.GRAPH) for c in constraints]
-    constraints = [c for c in asked if c.accepted]
-    ids = np.array([node.id for node in nodes], np.int64)
-    usable = are_motions(constraints, set(ids.tolist()))
-    motions = [c for c, own in zip(constraints, usable, strict=True) if own]
-    closures = [c for c, own in zip(constraints, usable, strict=True) if not own]
-    kept = kept_nodes(nodes, motions, closures)
-    starts = {n.id: n.tracked_from_base for n, k in zip(nodes, kept, strict=True) if k}
-    starts |= landmarks
-    composed = composed_motions(motions, set(ids[kept].tolist()))
-    solved = solve(
-        list(starts), np.stack(list(starts.values())), [*composed, *closures], planar, quick
-    )
-    poses = followed(nodes, kept, solved.poses)
-    return Draft(poses, solved.constraints[len(composed) :])
 
 
 def are_motions(constraints: Sequence[Judged], known: set[int]) -> list[bool]:

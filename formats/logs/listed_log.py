@@ -1,0 +1,74 @@
+"""Logs whose messages are listed in memory, to be decoded when asked for: text and its images."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import ClassVar
+
+from formats.logs.files import hash_files
+from mapmyworld.types import LogInfo, RawMessage, TopicInfo
+
+
+class ListedLog:
+    """A LogSource over a file or folder that is read when it is opened, and small."""
+
+    container = ""
+    encoding = ""
+    type_names: ClassVar[Mapping[str, str]]
+    """Of each topic, as ROS 2 writes them."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.problems: list[str] = []
+        self.details: list[tuple[str, str]] = []
+        self.doubts: dict[str, str] = {}
+        """Topic -> what is doubtful of it, though every line is sound."""
+        self._listed = sorted(self._read(), key=lambda raw: raw.log_time_ns)
+
+    def _read(self) -> Iterable[RawMessage]:
+        """All messages, ties in their order."""
+        raise NotImplementedError
+
+    def _files(self) -> list[Path]:
+        return [self.path]
+
+    def info(self) -> LogInfo:
+        return LogInfo(
+            (str(self.path),),
+            self.container,
+            sum(path.stat().st_size for path in self._files() if path.is_file()),
+            len(self._listed),
+            self._listed[0].log_time_ns if self._listed else 0,
+            self._listed[-1].log_time_ns if self._listed else 0,
+            self._topics(),
+            tuple(self.details),
+            tuple(self.problems),
+            tuple(sorted(self.doubts.items())),
+        )
+
+    def _topics(self) -> tuple[TopicInfo, ...]:
+        found: dict[str, list[RawMessage]] = {}
+        for raw in self._listed:
+            found.setdefault(raw.topic, []).append(raw)
+        return tuple(
+            TopicInfo(
+                topic,
+                self.type_names[topic],
+                raws[0].kind,
+                self.encoding,
+                len(raws),
+                raws[0].log_time_ns,
+                raws[-1].log_time_ns,
+            )
+            for topic, raws in sorted(found.items())
+        )
+
+    def content_hash(self) -> str:
+        return hash_files(self._files())
+
+    def losses(self) -> tuple[str, ...]:
+        return tuple(self.problems)
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
+        return (raw for raw in self._listed if topics is None or raw.topic in topics)

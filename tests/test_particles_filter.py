@@ -263,7 +263,7 @@ def test_modes_get_their_shares_of_the_particles_to_one() -> None:
 
 
 def test_the_scans_after_one_that_lies_decide_between_it_and_the_odometry() -> None:
-    """One scan indicates that the robot has turned by 20 degrees, the two after it that it did not."""
+    """One scan has the robot turned by 20 degrees, the two after it have it not."""
     truth = np.array([1.3, 1.0, 0.1])
     tight = np.diag([0.01, 0.01, 0.01]) ** 2
     maps = mapped(RING, np.array([[1.0 + 0.1 * k, 1.0, 0.0] for k in range(8)]))

@@ -1,5 +1,6 @@
 from formats import open_log as open_log
 from formats import open_map as open_map
+from formats.database import MemoryMap as MemoryMap
 from mapmyworld.api import Built as Built
 from mapmyworld.api import Merged as Merged
 from mapmyworld.api import build as build
@@ -22,7 +23,6 @@ from mapmyworld.evaluation import rpe as rpe
 from mapmyworld.mapping.cloud_map import build_cloud as build_cloud
 from mapmyworld.mapping.occupancy import build_grid as build_grid
 from mapmyworld.memory_log import MemoryLog as MemoryLog
-from mapmyworld.memory_map import MemoryMap as MemoryMap
 from mapmyworld.pipeline import BuildResult as BuildResult
 from mapmyworld.sensing import make_plan as make_plan
 from mapmyworld.sensing import survey_log as survey_log

@@ -17,13 +17,13 @@ from mapmyworld.backend.descent import optimised_roughly
 from mapmyworld.backend.system import System, believed_edges, with_edges
 from mapmyworld.config import Config, RegistrationConfig
 from mapmyworld.decisions import decided
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, compose_planar, planar_exp
 from mapmyworld.kernels.scan_alignment import pair_systems
 from mapmyworld.parallel import run_in_chunks
 from mapmyworld.registration.scan_matching import FINE, ScanSet
 from mapmyworld.types import Progress
 
-Array = NDArray[np.float64]
 Pairs = NDArray[np.int64]
 _UPPER = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 _OPEN = 0.01  # share of the best known direction's information up to which another is open

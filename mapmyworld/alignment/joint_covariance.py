@@ -12,15 +12,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.alignment.joint_alignment import FAINT
 from mapmyworld.backend.connected_components import first_nodes
 from mapmyworld.backend.system import System, edge_chi2
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, planar_adjoint
 from mapmyworld.registration.scan_matching import ScanSet
-
-Array = NDArray[np.float64]
 
 
 def as_contradicted(joint: System, pairs: int, poses: Array) -> System:

@@ -26,6 +26,7 @@ from mapmyworld.alignment.joint_system import (
 from mapmyworld.alignment.laser_pairs import among_first_revisits, neighbour_pairs
 from mapmyworld.backend.block_matrix import diagonals
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -41,7 +42,6 @@ from mapmyworld.places.stored_scans import Scans
 from mapmyworld.registration.scan_matching import FINE
 from mapmyworld.types import Judged, MapStore, Node, Poses, Progress, TrackedFrames
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 

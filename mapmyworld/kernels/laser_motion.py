@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.kernels.scan_alignment import invert3, relative
 
-Array = NDArray[np.float64]
 FAINT = 1e-3  # information that keeps an open direction finite
 _RATIO = 12.0  # sigma along the weakest direction over sigma along the strongest
 _STILL = 0.03  # of a keyframe's distance: less is no motion

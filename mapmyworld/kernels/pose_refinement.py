@@ -8,11 +8,9 @@ deviations of x and y, and of q, and the deviation of q beyond which it is an ou
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.kernels.compiling import jit
-
-Array = NDArray[np.float64]
 
 
 @jit

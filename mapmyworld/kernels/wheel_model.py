@@ -15,12 +15,11 @@ is an innovation, and each is one sample. The model is an array (15,) that kerne
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.kernels.laser_motion import motion_variances, wrapped
 
-Array = NDArray[np.float64]
 _FIRST_SIGMAS = (0.03, 0.015, 0.03)  # m per m, rad per m, rad per rad: of wheels nobody calibrated
 MEMORY = 0.95  # weight of the past in running means of how the robot moves
 _LARGEST = 25.0  # that one innovation may teach

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint, se3_exp, se3_log
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.localisation.known_images import KnownImages, Sighting
@@ -19,7 +19,6 @@ from mapmyworld.stages.trackers import make_tracker
 from mapmyworld.types import Frame
 from mapmyworld.types.localisation import Estimate, State
 
-Array = NDArray[np.float64]
 _MISSES = 4  # images in a row that ought to be recognised and are not, before the place is lost
 _DRIFT = np.array([0.02, 0.02, 0.02, 0.03, 0.03, 0.03])  # rad and m a metre, beside the tracker's
 _UNKNOWN = np.diag([1.0, 1.0, 10.0, 1e6, 1e6, 1.0])  # rad^2 and m^2

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.kernels.scan_alignment import invert3
 from mapmyworld.localisation.known_place import Fit, KnownPlace
@@ -18,8 +18,6 @@ from mapmyworld.places.path_drift import SIGMAS
 from mapmyworld.registration.place_evidence import Place, needed_evidence
 from mapmyworld.registration.scan_matching import COARSE, Match
 from mapmyworld.registration.scan_search import APART, NATS
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

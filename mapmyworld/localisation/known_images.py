@@ -10,6 +10,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.places.appearance import weigh_words
@@ -23,7 +24,6 @@ from mapmyworld.registration.scan_search import APART
 from mapmyworld.registration.views import View, binary_words, make_view
 from mapmyworld.types import CameraModel, Features, MapStore, Registration, RgbdImage
 
-Array = NDArray[np.float64]
 _CANDIDATES = 3  # nodes that a view is compared with
 
 

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from mapmyworld.config import Config, LocalisationConfig
 from mapmyworld.errors import MapError
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar, wrap_angle
 from mapmyworld.kernels.map_search import cast_rays
 from mapmyworld.places.whole_map import WholeMap, map_of_grid
@@ -19,7 +20,6 @@ from mapmyworld.registration.scan_matching import PreparedScan, ScanSet, prepare
 from mapmyworld.registration.scan_search import APART, MARGIN
 from mapmyworld.types import MapStore, OccupancyGrid, Scan
 
-Array = NDArray[np.float64]
 _RAYS = np.arange(-np.pi, np.pi, np.radians(1.0))
 
 

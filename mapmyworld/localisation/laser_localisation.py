@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -40,7 +40,6 @@ from mapmyworld.types.localisation import Estimate, State
 if TYPE_CHECKING:
     from mapmyworld.localisation.known_images import KnownImages
 
-Array = NDArray[np.float64]
 _REMEMBERED = 3000  # moments while lost that a recognition explains afterwards
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -23,7 +23,6 @@ from mapmyworld.registration.scan_matching import Match, PreparedScan, prepare_s
 from mapmyworld.registration.scan_search import APART, Submap
 from mapmyworld.types import Frame
 
-Array = NDArray[np.float64]
 SEARCHED = np.diag([0.1, 0.1, 0.05]) ** 2
 """m^2, m^2, rad^2 of a pose that a search of the map, or a motion, leads to."""
 

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import between_planar, transform_points_planar
 from mapmyworld.localisation.observation import Moment
 from mapmyworld.registration.place_evidence import Place
 from mapmyworld.registration.scan_search import APART, Submap
-
-Array = NDArray[np.float64]
 
 
 class RecentScans:

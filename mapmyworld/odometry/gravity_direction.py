@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.types import ImuSample
 
-Array = NDArray[np.float64]
 _LEAST_FORCE = 0.5  # of a mean sample: some devices give it in g, not in m/s^2
 _STEADY = 0.9  # share of a force's mean length that its mean vector must have, to be gravity
 

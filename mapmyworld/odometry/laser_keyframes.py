@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.kernels.scan_tracking import (
     chosen_keyframes,
     is_new,
@@ -26,7 +27,6 @@ from mapmyworld.registration.scan_matching import (
 )
 from mapmyworld.registration.scan_search import Submap
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Ring = tuple[NDArray[np.float32], Index, Array, Array, Index, Index]
 """Rows, counts, origins, poses, newest and places of keyframes."""

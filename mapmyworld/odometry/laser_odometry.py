@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, compose_planar, matrix_to_planar
 from mapmyworld.kernels.laser_motion import (
     STEP_VARIANCE,
@@ -29,7 +29,6 @@ from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
 from mapmyworld.types import Frame, Scan
 
-Array = NDArray[np.float64]
 _SEEN = 0.5  # share of the points seen through surfaces from which nobody can have been there
 _FIRST = np.full(3, 1e-6)  # variances of the first pose, which is the origin
 _EMPTY = Scan(np.zeros((0, 2), np.float32), np.zeros(3), np.zeros(0, np.float32), 0.0, 0.0)

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between, transform_points
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.registration.views import View
 
-Array = NDArray[np.float64]
 _NEAREST = 20  # keyframes whose points are looked for
 _KEPT = 200  # keyframes that are remembered
 Indices = NDArray[np.int64]

@@ -7,13 +7,12 @@ would jump by as much as they leave open; inertia does not allow it.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between, invert, se3_adjoint, se3_exp, se3_log
 from mapmyworld.geometry.rotations import so3_exp, so3_log
 from mapmyworld.types import Frame
 
-Array = NDArray[np.float64]
 _TRANSLATION_NOISE = 1.0  # m/s per root of a second, process noise of velocity
 _ROTATION_NOISE = 3.0  # rad/s per root of a second, process noise of turning
 _GYRO = 0.02  # rad/s by which a gyroscope may be off: its bias

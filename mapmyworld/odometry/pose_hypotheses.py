@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import OdometryConfig
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.odometry.laser_keyframes import Keyframes
 from mapmyworld.registration.place_evidence import FORTH, Place, needed_evidence
@@ -20,7 +20,6 @@ from mapmyworld.registration.scan_search import (
     search_evidence,
 )
 
-Array = NDArray[np.float64]
 FEWEST = 12
 """Points of a scan below which it is not matched."""
 FAULT = 1e-3

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import OdometryConfig
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
 from mapmyworld.kernels.wheel_model import MOVES
 from mapmyworld.types import Node, TrackedFrames
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _SIGMAS_PER_MEDIAN = 1.4826
 

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.odometry.unobserved_motion import GOES_ON, UnobservedMotion
-
-Array = NDArray[np.float64]
 
 
 class Timeline:

@@ -9,9 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
 UNKNOWN = np.array([25.0, 25.0, 2.25])
 """Variances, 5 m and 1.5 rad, of a motion across a loss."""
 NAMED = 5

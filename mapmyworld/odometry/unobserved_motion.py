@@ -8,12 +8,11 @@ or 2 v^2 t^2, where that is less: another velocity of those that the robot has.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, planar_exp, planar_log
 from mapmyworld.kernels.wheel_model import MEMORY, MOVES
 
-Array = NDArray[np.float64]
 GOES_ON = 1.0
 """Seconds for which a motion is expected to go on as it was, and the next is compared with it."""
 FARTHEST = 1e3

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between, invert, se3_log, transform_points
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.odometry.local_map import Keyframe, LocalMap
@@ -36,7 +37,6 @@ from mapmyworld.registration.views import (
 )
 from mapmyworld.types import Frame, RgbdImage
 
-Array = NDArray[np.float64]
 _KEYFRAME_SHARE = 0.7  # of the last keyframe's points; fewer seen make a new one
 Indices = NDArray[np.int64]
 

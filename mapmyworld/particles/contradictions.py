@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import binom
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, compose_planar, transform_points_planar
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.registration.place_evidence import Place
 from mapmyworld.registration.scan_search import MARGIN, Submap
 
-Array = NDArray[np.float64]
 _LENGTH = 5.0  # m of path that make a place: a filter hardly drifts in so little
 _AWAY = 15.0  # m of path between two visits of a place
 _NEAR = 8.0  # m between the middles of places that share surfaces

@@ -14,14 +14,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import OdometryConfig
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, wrap_angle
 from mapmyworld.kernels.laser_motion import motion_variances
 from mapmyworld.kernels.wheel_model import anchor, reckon
 
-Array = NDArray[np.float64]
 _MEDIANS = np.array([2.0 * np.log(2.0), 0.4549])
 """Of the chi-squared distributions of two degrees of freedom, x and y, and of one, yaw."""
 

@@ -17,10 +17,9 @@ from mapmyworld.alignment.joint_alignment import align_in_rounds
 from mapmyworld.alignment.laser_pairs import neighbour_pairs
 from mapmyworld.backend.system import System, number_free
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.registration.scan_matching import FINE, prepare_scans
 from mapmyworld.types import Progress, Scan
-
-Array = NDArray[np.float64]
 
 
 def smooth_path(

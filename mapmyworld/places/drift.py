@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.odometry.recorded_odometry import motion_covariance
 from mapmyworld.types import Constraint, ConstraintKind, Node
-
-Array = NDArray[np.float64]
 
 
 class Drift:

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between
 from mapmyworld.places.appearance import NEIGHBOURS, find_candidates
 from mapmyworld.places.node_images import NodeImages
 from mapmyworld.types import ConstraintKind, ImageMatch, Poses
 
-Array = NDArray[np.float64]
 _GAP = 5.0  # s that two nodes must lie apart to be the same place again
 _CANDIDATES = 3  # places verified for each node, at most
 NEAR = 1.5  # m between nodes whose images are compared for being near

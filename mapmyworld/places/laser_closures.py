@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import (
     between_planar,
     information_from_planar,
@@ -49,7 +50,6 @@ from mapmyworld.types import (
     Why,
 )
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _AGREEMENT = np.diag([0.02**2, 0.02**2, 0.005**2])  # m^2 and rad^2 that two maps may differ by
 

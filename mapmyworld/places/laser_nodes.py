@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, matrix_to_planar, wrap_angle
 from mapmyworld.odometry.pose_hypotheses import FEWEST
 from mapmyworld.odometry.unobserved_motion import FARTHEST
@@ -16,7 +17,6 @@ from mapmyworld.places.path_drift import PathDrift, fault_variances, stated_vari
 from mapmyworld.places.stored_scans import Scans, StoredScans
 from mapmyworld.types import MapStore, Node, Poses
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 

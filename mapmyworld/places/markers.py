@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.errors import ConfigError
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import invert, make_transform, se3_adjoint
 from mapmyworld.parallel import in_threads
 from mapmyworld.registration.camera_model import depth_at, rays_of_pixels
@@ -26,7 +26,6 @@ from mapmyworld.types import (
     Why,
 )
 
-Array = NDArray[np.float64]
 _CORNER_SIGMA = 0.7  # pixels, of a marker's corner
 _WRONG = 5.0  # sigmas by which a corner may miss before the sighting is rejected
 _UNIT = np.array([[-0.5, 0.5, 0.0], [0.5, 0.5, 0.0], [0.5, -0.5, 0.0], [-0.5, -0.5, 0.0]])

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -54,7 +54,6 @@ from mapmyworld.types import (
     Why,
 )
 
-Array = NDArray[np.float64]
 _FAULT = -float(np.log(FAULT))  # nats against one
 _WINDOW = 3.0, 2.0  # m and rad to each side in which it is looked for
 

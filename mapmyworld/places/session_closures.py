@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry.planar import compose_planar, information_to_planar
@@ -16,7 +15,6 @@ from mapmyworld.places.laser_nodes import LaserNodes
 from mapmyworld.places.session_joining import LossPrior, SessionPlaces, locate_session
 from mapmyworld.types import Constraint, ConstraintKind, Judged, Progress
 
-Array = NDArray[np.float64]
 Pair = tuple[int, int, int, int]
 """First row and number of nodes of an earlier session, and of a later one."""
 

@@ -14,10 +14,10 @@ from functools import cached_property
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.decisions import decided
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -30,7 +30,6 @@ from mapmyworld.places.whole_map import SETTLED, WholeMap, map_of_scans
 from mapmyworld.registration.place_evidence import Agreement, Place
 from mapmyworld.registration.scan_search import ANOTHER, MARGIN, NATS, Submap
 
-Array = NDArray[np.float64]
 _CHECKED = 3  # places, those of the most evidence, that are looked for elsewhere
 _OVERLAP = 0.5  # weight of a place: what it shows, the ones beside it show as well
 _CHANGED = 0.1  # share of places that no longer look as they did, or that drift moved away

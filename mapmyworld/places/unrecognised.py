@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.places.image_proposals import NEAR, NEAR_ANGLE
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged, Node, Poses
 
-Array = NDArray[np.float64]
 _AWAY = 2.0 * NEAR  # m travelled and rad turned between them; what is nearer, tracking ties
 _LEAST = 1.0  # m of a section that is worth a word
 _NAMED = 5  # sections that are named, the longest ones

@@ -31,8 +31,6 @@ from mapmyworld.types import (
     Why,
 )
 
-Array = NDArray[np.float64]
-
 
 def find_visual_closures(
     store: MapStore,

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between, make_transform
 from mapmyworld.geometry.rotations import so3_exp, so3_log
 from mapmyworld.types import (
@@ -21,7 +21,6 @@ from mapmyworld.types import (
     Why,
 )
 
-Array = NDArray[np.float64]
 _ENOUGH = 20  # motions from which a share can be reported
 _SLIP_SIGMAS = 5.0  # robust sigmas beyond which wheels and images contradict each other
 _BELIEVED = 0.02  # share up to which wheels are taken as reported: it adds up to less than slips do

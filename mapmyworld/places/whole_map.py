@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import invert_planar, transform_points_planar
 from mapmyworld.registration.place_evidence import FORTH, Agreement, Place, chance, needed_evidence
 from mapmyworld.registration.scan_search import (
@@ -26,7 +26,6 @@ from mapmyworld.registration.scan_search import (
 )
 from mapmyworld.types import OccupancyGrid
 
-Array = NDArray[np.float64]
 SETTLED = 0.2, 0.03
 """Metres and radians by which a place may be off in a solved map, beside its drift."""
 

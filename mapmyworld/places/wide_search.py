@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -16,7 +15,6 @@ from mapmyworld.places.laser_candidates import MOST, NEAR
 from mapmyworld.places.laser_nodes import Index, LaserNodes, NodeScans, calm_spots, sessions_of
 from mapmyworld.types import CLOSURES, ConstraintKind, Judged
 
-Array = NDArray[np.float64]
 _CLOSURES = CLOSURES | {ConstraintKind.USER}
 
 

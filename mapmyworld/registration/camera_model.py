@@ -8,11 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import invert, make_transform
 from mapmyworld.geometry.rotations import so3_exp
 from mapmyworld.types import CameraModel, RgbdImage
-
-Array = NDArray[np.float64]
 
 
 def rays_of_pixels(camera: CameraModel, pixels: NDArray[np.floating]) -> Array:

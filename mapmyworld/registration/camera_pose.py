@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import se3_exp
 from mapmyworld.kernels.pose_refinement import pose_normal_equations
 from mapmyworld.registration.camera_model import pose_of_rays
 
-Array = NDArray[np.float64]
 LEAST_SHARE = 0.25
 """Of the sightings that agree where a pose is right."""
 _BEHIND = 1e12  # squared error of a point behind the camera

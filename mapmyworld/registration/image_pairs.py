@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import invert, se3_adjoint, transform_points
 from mapmyworld.registration.camera_pose import (
     LEAST_SHARE,
@@ -26,7 +27,6 @@ from mapmyworld.registration.views import (
 )
 from mapmyworld.types import Judge, Registration, Verdict, Why
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _LARGEST_TRANSLATION = 0.065  # m, no closure is less certain: three sigma are 0.2 m
 _LARGEST_ROTATION = 0.006  # rad, no closure is less certain: three sigma are a degree

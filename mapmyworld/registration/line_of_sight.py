@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import transform_points_planar
 from mapmyworld.registration.scan_matching import PreparedScan, ScanSet
 from mapmyworld.registration.scan_search import submap_points
 
-Array = NDArray[np.float64]
 _SECTORS = 360  # about the laser, in each of which the nearest surface hides the others
 _MARGIN, _SHARE = 0.2, 0.03  # m, and of the range, by which a point may miss its surface
 

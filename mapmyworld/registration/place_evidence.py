@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import invert_planar
 from mapmyworld.registration.scan_search import (
     APART,
@@ -20,7 +21,6 @@ from mapmyworld.registration.scan_search import (
     lie_on_a_line,
 )
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 FORTH = 0.3
 """Share of the evidence that a search must find in the points of the later place."""

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import RegistrationConfig
+from mapmyworld.geometry import Array
 from mapmyworld.kernels.scan_alignment import align
 from mapmyworld.registration.scan_matching import FINE, Match, PreparedScan, ScanSet
 
-Array = NDArray[np.float64]
 _NO_PRIOR = np.zeros((3, 3))
 
 

@@ -9,13 +9,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import transform_points_planar
 from mapmyworld.kernels.branch_and_bound import FULL, best_shift, fill_pyramid, mark_beside
 from mapmyworld.kernels.rays import count_scans
 from mapmyworld.registration.scan_matching import ScanSet
 from mapmyworld.types import OccupancyGrid
 
-Array = NDArray[np.float64]
 Window = tuple[
     NDArray[np.uint8], int, Array, Array, float, int, Array, NDArray[np.int64], int, Array
 ]

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import invert, transform_points
 from mapmyworld.kernels.image_matching import match_all, match_projected
 from mapmyworld.registration.camera_model import rays_of_pixels
 from mapmyworld.registration.camera_pose import Sightings
 from mapmyworld.types import CameraModel, Features
 
-Array = NDArray[np.float64]
 SEARCH_RADIUS = 30.0
 """Pixels around the prediction in which a point is looked for; edge of the cells of features."""
 _BITS = 64  # of 256 in which matching features may differ

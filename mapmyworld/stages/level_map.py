@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
+from mapmyworld.geometry import Array
 from mapmyworld.parallel import in_threads
 from mapmyworld.sensing.plan import moves_in_plane
 from mapmyworld.stages.kept import has_images, has_scans
@@ -18,7 +18,6 @@ from mapmyworld.types import ConstraintKind, Judged, MapStore, Poses, RgbdImage
 if TYPE_CHECKING:
     from mapmyworld.mapping.level_surfaces import Level, Surfaces
 
-Array = NDArray[np.float64]
 _VIEWS = 60  # nodes whose depth is looked at, at most
 
 

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import invert
 from mapmyworld.types.maps import Trajectory
-
-Array = NDArray[np.float64]
 
 
 class State(StrEnum):

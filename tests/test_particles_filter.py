@@ -20,6 +20,7 @@ from mapmyworld.kernels.wheel_model import new_wheels
 from mapmyworld.mapping.occupancy import build_grid
 from mapmyworld.particles.contradictions import Contradictions, contradictions
 from mapmyworld.particles.fastslam import run_fastslam
+from mapmyworld.particles.filter import ParticleFilter
 from mapmyworld.particles.filter_scans import beams_from_scan
 from mapmyworld.particles.history import loops_reentered
 from mapmyworld.particles.kernels import Beams
@@ -33,6 +34,7 @@ from mapmyworld.types import Frame, OccupancyGrid, Scan, Trajectory
 
 Array = NDArray[np.float64]
 SETTINGS = ParticlesConfig(count=6, count_min=6)
+SIGMA = 0.04  # m, end points about surfaces
 
 
 def segments(*corners: tuple[float, float]) -> Array:
@@ -186,7 +188,7 @@ def test_the_proposal_finds_the_true_pose_and_knows_how_well() -> None:
     maps = mapped(RING, around)
     z = beams_at(RING, truth)
     start = compose_planar(truth, np.array([-0.11, 0.09, -0.06]))
-    proposal = improved_proposal(start[None], [one(u, wide)], [z], maps, SETTINGS, 1)
+    proposal = improved_proposal(start[None], [one(u, wide)], [z], maps, SIGMA, 1)
     assert np.hypot(*(proposal.mean[0, 0] - truth)[:2]) < 0.01
     assert abs(proposal.mean[0, 0, 2] - truth[2]) < 0.005
     assert np.sqrt(proposal.covariance[0, 0].diagonal()).max() < 0.02
@@ -199,7 +201,7 @@ def test_in_a_corridor_the_proposal_is_as_long_as_the_motion_leaves_it() -> None
     maps = mapped(CORRIDOR, poses)
     z = beams_at(CORRIDOR, np.array([0.8, 0.0, 0.0]))
     u = np.array([0.1, 0.0, 0.0])
-    proposal = improved_proposal(poses[-1:], [one(u, motion)], [z], maps, SETTINGS, 1)
+    proposal = improved_proposal(poses[-1:], [one(u, motion)], [z], maps, SIGMA, 1)
     sigma = np.sqrt(proposal.covariance[0, 0].diagonal())
     assert sigma[0] == pytest.approx(0.2, rel=0.3)
     assert sigma[1] < 0.02
@@ -212,7 +214,7 @@ def test_weights_prefer_the_particle_that_is_right() -> None:
     x = np.stack([truth, truth + np.array([0.6, 0.5, 0.4])])
     u, tight = np.zeros(3), np.diag([0.005, 0.005, 0.002]) ** 2
     z = beams_at(RING, truth)
-    proposal = improved_proposal(x, [one(u, tight)], [z], maps, SETTINGS, 1)
+    proposal = improved_proposal(x, [one(u, tight)], [z], maps, SIGMA, 1)
     assert proposal.log_weight[0] > proposal.log_weight[1] + 0.5
 
 
@@ -227,7 +229,7 @@ def test_a_scan_that_fits_two_places_is_placed_where_the_odometry_leads() -> Non
     u = np.array([0.2, 0.1, np.radians(8.0)])
     motion = one(u, np.diag([0.12, 0.12, np.radians(5.0)]) ** 2)
     z = beams_at(walls, truth)
-    proposal = improved_proposal(truth[None], [motion], [z], maps, SETTINGS, 1)
+    proposal = improved_proposal(truth[None], [motion], [z], maps, SIGMA, 1)
     assert np.hypot(*(proposal.mean[0, 0] - truth)[:2]) < 0.02
     assert abs(proposal.mean[0, 0, 2] - truth[2]) < 0.01
 
@@ -245,7 +247,7 @@ def stalled() -> tuple[Array, TileMaps, Motion]:
 def test_where_odometry_and_tracking_differ_particles_take_what_the_map_confirms() -> None:
     truth, maps, motion = stalled()
     z = beams_at(RING, truth)
-    proposal = improved_proposal(np.tile(truth, (400, 1)), [motion], [z], maps, SETTINGS, 1)
+    proposal = improved_proposal(np.tile(truth, (400, 1)), [motion], [z], maps, SIGMA, 1)
     x = proposal.sample(np.random.default_rng(3))
     right = np.hypot(*(x - truth)[:, :2].T) < 0.1
     assert right.mean() == pytest.approx(proposal.chosen[0, 1], abs=0.01)
@@ -271,8 +273,8 @@ def test_the_scans_after_one_that_lies_decide_between_it_and_the_odometry() -> N
     fork = Motion(u, np.stack([tight, tight]), np.array([0.99, 0.01]))
     still = one(np.zeros(3), tight)
     lie, z = beams_at(RING, truth + np.array([0.0, 0.0, 0.35])), beams_at(RING, truth)
-    alone = improved_proposal(truth[None], [fork], [lie], maps, SETTINGS, 1)
-    proposal = improved_proposal(truth[None], [fork, still, still], [lie, z, z], maps, SETTINGS, 1)
+    alone = improved_proposal(truth[None], [fork], [lie], maps, SIGMA, 1)
+    proposal = improved_proposal(truth[None], [fork, still, still], [lie, z, z], maps, SIGMA, 1)
     assert alone.chosen[0, 1] > 0.99
     assert proposal.chosen[0, 0] > 0.99
 
@@ -312,11 +314,25 @@ def test_what_was_never_seen_speaks_neither_for_a_pose_nor_against_it() -> None:
     pose = np.zeros(3)
     at = [np.array([[2.0 + 0.1 * k, y] for k in range(20)]) for y in (0.0, 1.0, 50.0)]
     beams = [Beams(some, np.zeros((20, 2)), np.ones(2)) for some in at]
-    wall, free, unseen = (
-        log_likelihood(maps.surfaces, 0, some, pose, 2, SETTINGS.sigma) for some in beams
-    )
+    wall, free, unseen = (log_likelihood(maps.surfaces, 0, some, pose, 2, SIGMA) for some in beams)
     assert free < unseen < wall
     assert unseen == pytest.approx(10.0 * np.log(0.1))
+
+
+@pytest.mark.parametrize("noise", [0.005, 0.03])
+def test_how_far_end_points_lie_from_surfaces_is_learnt_from_the_scans(noise: float) -> None:
+    random = np.random.default_rng(5)
+    truth = drive_round(0.25)
+    particles = ParticleFilter(SETTINGS, 1, 0)
+    steps = between_planar(truth[:-1], truth[1:])
+    motions = [one(u, np.diag([0.01, 0.01, 0.005]) ** 2) for u in steps]
+    for k, pose in enumerate(truth):
+        exact = beams_at(RING, pose)
+        ranges = np.hypot(*exact.points.T)
+        off = 1.0 + noise * random.standard_normal(len(ranges)) / ranges
+        z = Beams(exact.points * off[:, None], exact.normals, exact.origin)
+        particles.step(motions[k - 1 : k] if k else [], [z])
+    assert particles.surface_sigma == pytest.approx(3.0 * noise, rel=0.5)
 
 
 def test_visits_that_see_through_each_others_walls_show_that_a_filter_diverged() -> None:

@@ -132,9 +132,6 @@ class ParticlesConfig:
     beam_spacing: Positive = 0.03  # m between neighbouring end points
     step_distance: Positive = 0.15  # m of motion between two updates of the filter
     step_angle: Positive = 0.15  # rad of rotation between two updates of the filter
-    sigma: Positive = 0.04  # m, end points about surfaces
-    beams_effective: Positive = 40.0  # beams of a scan that count as independent
-    weight_gain: Positive = 0.025  # power of the weights; below 1 keeps particles apart for longer
     resample_below: Share = 0.5  # share of effective particles at which the filter resamples
     kld_error: Positive = 0.15  # distance to the true posterior that sets the number of particles
 

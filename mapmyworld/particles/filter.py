@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import ParticlesConfig
 from mapmyworld.geometry.planar import wrap_angle
+from mapmyworld.particles import kernels
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.motions import Motion
 from mapmyworld.particles.proposal import Proposal, improved_proposal
@@ -21,6 +22,11 @@ from mapmyworld.particles.resampling import (
 )
 from mapmyworld.particles.tiles import TileMaps
 
+_FIRST = 0.04  # m, end points about surfaces before the first were measured
+_WIDTH = 3.0  # times their measured standard deviation, within which 99.7 % lie
+_SIGMAS_PER_MEDIAN = 1.4826  # of absolute deviations (normal distribution)
+_FINEST = 0.03  # cells, how far a cell's mean and normal hold a line at best
+_REACH = 4  # cells from an end point within which it is of a surface
 _BIN = np.array([0.1, 0.1, np.radians(2.0)])  # m, m, rad: poses in one bin count as the same
 
 
@@ -52,6 +58,10 @@ class ParticleFilter:
     log_w: NDArray[np.float64] = field(init=False)
     """(P,) logarithms of weights."""
     generations: list[Generation] = field(default_factory=list)
+    surface_sigma: float = _FIRST
+    """m, within which end points count as on surfaces."""
+    _medians: list[float] = field(default_factory=list)
+    """m, of each scan's distances from surfaces."""
 
     def __post_init__(self) -> None:
         self.m = TileMaps(self.config.count, self.config.resolution, self.threads)
@@ -67,9 +77,12 @@ class ParticleFilter:
         random = self._random()
         covariance = np.zeros((3, 3))
         if motions:
-            proposal = improved_proposal(self.x, motions, scans, self.m, self.config, self.threads)
+            proposal = improved_proposal(
+                self.x, motions, scans, self.m, self.surface_sigma, self.threads
+            )
             self.x = proposal.sample(random)
-            self.log_w = self.log_w + self.config.weight_gain * proposal.log_weight
+            self.log_w = self.log_w + proposal.log_weight / max(len(scans[0].points), 1)
+            self._measure_noise(proposal, scans[0])
             covariance = _mixture_covariance(proposal, normalised_weights(self.log_w))
         self.m.insert(scans[0], self.x)
         self._select(covariance, float(random.random()))
@@ -82,6 +95,16 @@ class ParticleFilter:
             index = int(self.generations[k].ancestors[index])
             path[k] = self.generations[k].x[index]
         return path
+
+    def _measure_noise(self, proposal: Proposal, scan: Beams) -> None:
+        """Learns how far end points lie from surfaces, where the heaviest particle has the scan."""
+        best = int(np.argmax(self.log_w))
+        pose = proposal.mean[best, int(np.argmax(proposal.chosen[best]))]
+        distances = kernels.surface_distances(self.m.surfaces, best, scan, pose, _REACH)
+        if len(distances):
+            self._medians.append(float(np.median(distances)))
+            measured = _SIGMAS_PER_MEDIAN * float(np.median(self._medians))
+            self.surface_sigma = _WIDTH * max(measured, _FINEST * self.config.resolution)
 
     def _random(self) -> np.random.Generator:
         """Numbers that depend on the seed and on how many updates there were, on nothing else."""

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.config import ParticlesConfig
 from mapmyworld.geometry.planar import compose_planar, wrap_angle
 from mapmyworld.parallel import run_in_chunks
 from mapmyworld.particles import kernels
@@ -76,15 +75,16 @@ def improved_proposal(
     motions: Sequence[Motion],
     scans: Sequence[Beams],
     m: TileMaps,
-    config: ParticlesConfig,
+    sigma: float,
     threads: int,
 ) -> Proposal:
     """Where particles at `x` (P, 3) go after the first of the motions, each of which ended with the
-    scan of the same place in the row; those after the first decide between modes.
+    scan of the same place in the row; those after the first decide between modes. End points lie
+    `sigma` m about surfaces.
     """
     motion = motions[0]
     modes = [
-        _mode(x, u, covariance, scans[0], m, config, threads)
+        _mode(x, u, covariance, scans[0], m, sigma, threads)
         for u, covariance in zip(motion.u, motion.covariance, strict=True)
     ]
     mean, covariance, log_mass, share = (
@@ -94,7 +94,7 @@ def improved_proposal(
     log_chosen = log_mass
     if len(modes) > 1:
         ahead = [
-            _log_evidence(mean[:, k], motions[1:], scans[1:], m, config, threads)
+            _log_evidence(mean[:, k], motions[1:], scans[1:], m, sigma, threads)
             for k in range(len(modes))
         ]
         log_chosen = log_mass + np.stack(ahead, axis=1)
@@ -107,7 +107,7 @@ def _log_evidence(
     motions: Sequence[Motion],
     scans: Sequence[Beams],
     m: TileMaps,
-    config: ParticlesConfig,
+    sigma: float,
     threads: int,
 ) -> NDArray[np.float64]:
     """(P,) log p(scans | m, x, motions) of particles that go on from `x` (P, 3)."""
@@ -117,8 +117,8 @@ def _log_evidence(
     for u, covariance, p in zip(
         motions[0].u, motions[0].covariance, motions[0].probability, strict=True
     ):
-        mean, _, log_mass, _ = _mode(x, u, covariance, scans[0], m, config, threads)
-        after = _log_evidence(mean, motions[1:], scans[1:], m, config, threads)
+        mean, _, log_mass, _ = _mode(x, u, covariance, scans[0], m, sigma, threads)
+        after = _log_evidence(mean, motions[1:], scans[1:], m, sigma, threads)
         by_mode.append(np.log(p) + log_mass + after)
     return np.asarray(np.logaddexp.reduce(by_mode, axis=0))
 
@@ -139,12 +139,11 @@ def _mode(
     u_covariance: NDArray[np.float64],
     z: Beams,
     m: TileMaps,
-    config: ParticlesConfig,
+    sigma: float,
     threads: int,
 ) -> tuple[NDArray[np.float64], ...]:
     """One Gaussian of the motion, after the scan: mean, covariance, log mass, share."""
     count = len(x)
-    scale = min(1.0, config.beams_effective / max(len(z.points), 1))
     predicted = compose_planar(x, u)
     mean, information = np.zeros((count, 3)), np.zeros((count, 3, 3))
     quality = np.zeros((count, 3))
@@ -153,12 +152,12 @@ def _mode(
 
     def match(first: int, last: int) -> None:
         kernels.match(
-            m.surfaces, first, last, z, predicted, prior, offsets, _MAX_DISTANCES, config.sigma,
-            scale, mean, information, quality,
+            m.surfaces, first, last, z, predicted, prior, offsets, _MAX_DISTANCES, sigma,
+            mean, information, quality,
         )  # fmt: skip
 
     run_in_chunks(match, count, threads)
     covariance = np.asarray(np.linalg.inv(information), np.float64)
     # Laplace: the integral of exp(-cost) is exp(-minimum) times the root of |2 pi Sigma|.
     volume = 0.5 * (np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(u_covariance)[1])
-    return mean, covariance, scale * quality[:, 1] - 0.5 * quality[:, 2] + volume, quality[:, 0]
+    return mean, covariance, quality[:, 1] - 0.5 * quality[:, 2] + volume, quality[:, 0]

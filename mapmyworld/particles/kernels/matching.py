@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.particles.kernels.likelihood import log_likelihood
-from mapmyworld.particles.kernels.surface_tiles import PLANAR, nearest, turned
+from mapmyworld.particles.kernels.surface_tiles import PLANAR, moved, nearest, turned
 
 STEP, TURN = 1e-3, 2e-4  # m, rad: steps that change no cell and end the search
 POINT = 0.1  # weight of an end point at a cell that is no line: it may lie beside the true one
@@ -130,7 +130,6 @@ def _likeliest(
     P: NDArray[np.float64],
     offsets: NDArray[np.float64],
     reach: int,
-    scale: float,
     pose: NDArray[np.float64],
 ) -> None:
     """Fills `pose` (3,) with the likeliest of the candidates `offsets` (S, 3) from the `mean`."""
@@ -140,7 +139,7 @@ def _likeliest(
     for k in range(offsets.shape[0]):
         ox, oy = turned(cos, sin, offsets[k])
         start[0], start[1], start[2] = mean[0] + ox, mean[1] + oy, mean[2] + offsets[k, 2]
-        value = scale * log_likelihood(maps, particle, beams, start, reach, COARSE)
+        value = log_likelihood(maps, particle, beams, start, reach, COARSE)
         value -= 0.5 * _deviation(start, mean, P, gap)
         if value > most:
             most = value
@@ -159,7 +158,6 @@ def match(
     offsets: NDArray[np.float64],
     max_distances: NDArray[np.int64],
     sigma: float,
-    scale: float,
     poses: NDArray[np.float64],
     informations: NDArray[np.float64],
     quality: NDArray[np.float64],
@@ -168,10 +166,9 @@ def match(
 
     `predicted` (P, 3) poses; `prior` (3, 3) their information, in the axes of their headings.
     The search starts from the likeliest of the candidates that lie `offsets` (S, 3) from there.
-    `max_distances` (R,): cells searched around an end point, for each iteration. `scale` turns sums
-    over beams, which are not independent, into information. Fills `poses` (P, 3), `informations`
-    (P, 3, 3) and `quality` (P, 3): matched share, log-likelihood of the scan, squared deviation
-    from the prediction.
+    `max_distances` (R,): cells searched around an end point, for each iteration. Fills `poses`
+    (P, 3), `informations` (P, 3, 3) and `quality` (P, 3): matched share, log-likelihood of the
+    scan, squared deviation from the prediction.
     """
     H, g, step = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     P, gap, pose = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
@@ -183,15 +180,13 @@ def match(
             pose[i] = mean[i]
         if offsets.shape[0] > 1:
             reach = max_distances[-1]
-            _likeliest(maps, particle, beams, mean, P, offsets, reach, scale, pose)
+            _likeliest(maps, particle, beams, mean, P, offsets, reach, pose)
         share = 0.0
         for iteration in range(max_distances.shape[0]):
             H[:], g[:] = 0.0, 0.0
             # A wide search tolerates wide residuals.
             width = sigma * (1.0 + 0.5 * (max_distances[iteration] - max_distances[-1]))
             share = linearise(maps, particle, beams, pose, max_distances[iteration], width, H, g)
-            H *= scale
-            g *= scale
             _deviation(pose, mean, P, gap)
             weight = WIDE if max_distances[iteration] > max_distances[-1] else 1.0
             H += weight * P
@@ -208,3 +203,21 @@ def match(
         quality[particle, 0] = share
         quality[particle, 1] = log_likelihood(maps, particle, beams, pose, max_distances[-1], sigma)
         quality[particle, 2] = _deviation(pose, mean, P, gap)
+
+
+@jit
+def surface_distances(
+    maps: Any, particle: int, beams: Any, pose: NDArray[np.float64], reach: int
+) -> NDArray[np.float64]:
+    """Distances (L,) of a scan's end points from the lines nearest to them, for a pose (3,)."""
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    out, count = np.zeros(beams.points.shape[0]), 0
+    for i in range(beams.points.shape[0]):
+        x, y = moved(pose, cos, sin, beams.points[i])
+        nx, ny = turned(cos, sin, beams.normals[i])
+        d2, qx, qy, mx, my = nearest(maps, particle, x, y, nx, ny, reach)
+        length = math.sqrt(mx * mx + my * my)
+        if d2 < 1e8 and length > PLANAR:
+            out[count] = abs(mx * (x - qx) + my * (y - qy)) / length
+            count += 1
+    return out[:count]

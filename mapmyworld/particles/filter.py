@@ -13,7 +13,7 @@ from mapmyworld.geometry.planar import wrap_angle
 from mapmyworld.particles import kernels
 from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.motions import Motion
-from mapmyworld.particles.proposal import Proposal, improved_proposal
+from mapmyworld.particles.proposal import MAX_DISTANCES, Proposal, improved_proposal
 from mapmyworld.particles.resampling import (
     effective_sample_size,
     kld_sample_size,
@@ -23,10 +23,9 @@ from mapmyworld.particles.resampling import (
 from mapmyworld.particles.tiles import TileMaps
 
 _FIRST = 0.04  # m, end points about surfaces before the first were measured
-_WIDTH = 3.0  # times their measured standard deviation, within which 99.7 % lie
+_WIDTH = 3.0  # times what was measured: beams that err together count as one in nine
 _SIGMAS_PER_MEDIAN = 1.4826  # of absolute deviations (normal distribution)
 _FINEST = 0.03  # cells, how far a cell's mean and normal hold a line at best
-_REACH = 4  # cells from an end point within which it is of a surface
 _BIN = np.array([0.1, 0.1, np.radians(2.0)])  # m, m, rad: poses in one bin count as the same
 
 
@@ -59,7 +58,7 @@ class ParticleFilter:
     """(P,) logarithms of weights."""
     generations: list[Generation] = field(default_factory=list)
     surface_sigma: float = _FIRST
-    """m, within which end points count as on surfaces."""
+    """m, standard deviation of end points about surfaces in the likelihood."""
     _medians: list[float] = field(default_factory=list)
     """m, of each scan's distances from surfaces."""
 
@@ -100,7 +99,7 @@ class ParticleFilter:
         """Learns how far end points lie from surfaces, where the heaviest particle has the scan."""
         best = int(np.argmax(self.log_w))
         pose = proposal.mean[best, int(np.argmax(proposal.chosen[best]))]
-        distances = kernels.surface_distances(self.m.surfaces, best, scan, pose, _REACH)
+        distances = kernels.surface_distances(self.m.surfaces, best, scan, pose, MAX_DISTANCES[-1])
         if len(distances):
             self._medians.append(float(np.median(distances)))
             measured = _SIGMAS_PER_MEDIAN * float(np.median(self._medians))

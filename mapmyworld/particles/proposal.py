@@ -27,7 +27,7 @@ from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.motions import Motion
 from mapmyworld.particles.tiles import TileMaps
 
-_MAX_DISTANCES = np.array([7, 6, 5, 4, 4, 4, 4, 4], np.int64)
+MAX_DISTANCES = np.array([7, 6, 5, 4, 4, 4, 4, 4], np.int64)
 """Cells searched around end points: neighbouring beams of a coarse scan end as far apart."""
 _BASIN = np.array([0.1, 0.1, 0.02])
 """m, m and rad from a pose within which a climb finds it."""
@@ -47,8 +47,6 @@ class Proposal:
     """(P, M) log p(z_t, mode | m, x_{t-1}, u_t), up to a constant."""
     chosen: NDArray[np.float64]
     """(P, M) probability that the mode is drawn, by the scans after z_t as well."""
-    share: NDArray[np.float64]
-    """(P, M) share of the beams that the map explains."""
 
     @property
     def log_weight(self) -> NDArray[np.float64]:
@@ -87,9 +85,7 @@ def improved_proposal(
         _mode(x, u, covariance, scans[0], m, sigma, threads)
         for u, covariance in zip(motion.u, motion.covariance, strict=True)
     ]
-    mean, covariance, log_mass, share = (
-        np.stack(some, axis=1) for some in zip(*modes, strict=True)
-    )
+    mean, covariance, log_mass = (np.stack(some, axis=1) for some in zip(*modes, strict=True))
     log_mass = log_mass + np.log(motion.probability)
     log_chosen = log_mass
     if len(modes) > 1:
@@ -99,7 +95,7 @@ def improved_proposal(
         ]
         log_chosen = log_mass + np.stack(ahead, axis=1)
     chosen = np.exp(log_chosen - np.logaddexp.reduce(log_chosen, axis=1)[:, None])
-    return Proposal(mean, covariance, log_mass, chosen, share)
+    return Proposal(mean, covariance, log_mass, chosen)
 
 
 def _log_evidence(
@@ -117,7 +113,7 @@ def _log_evidence(
     for u, covariance, p in zip(
         motions[0].u, motions[0].covariance, motions[0].probability, strict=True
     ):
-        mean, _, log_mass, _ = _mode(x, u, covariance, scans[0], m, sigma, threads)
+        mean, _, log_mass = _mode(x, u, covariance, scans[0], m, sigma, threads)
         after = _log_evidence(mean, motions[1:], scans[1:], m, sigma, threads)
         by_mode.append(np.log(p) + log_mass + after)
     return np.asarray(np.logaddexp.reduce(by_mode, axis=0))
@@ -142,22 +138,21 @@ def _mode(
     sigma: float,
     threads: int,
 ) -> tuple[NDArray[np.float64], ...]:
-    """One Gaussian of the motion, after the scan: mean, covariance, log mass, share."""
+    """One Gaussian of the motion, after the scan: mean, covariance, log mass."""
     count = len(x)
     predicted = compose_planar(x, u)
-    mean, information = np.zeros((count, 3)), np.zeros((count, 3, 3))
-    quality = np.zeros((count, 3))
+    mean, information, fits = np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros(count)
     prior = np.asarray(np.linalg.inv(u_covariance), np.float64)
     offsets = _candidates(u_covariance)
 
     def match(first: int, last: int) -> None:
         kernels.match(
-            m.surfaces, first, last, z, predicted, prior, offsets, _MAX_DISTANCES, sigma,
-            mean, information, quality,
+            m.surfaces, first, last, z, predicted, prior, offsets, MAX_DISTANCES, sigma,
+            mean, information, fits,
         )  # fmt: skip
 
     run_in_chunks(match, count, threads)
     covariance = np.asarray(np.linalg.inv(information), np.float64)
     # Laplace: the integral of exp(-cost) is exp(-minimum) times the root of |2 pi Sigma|.
     volume = 0.5 * (np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(u_covariance)[1])
-    return mean, covariance, quality[:, 1] - 0.5 * quality[:, 2] + volume, quality[:, 0]
+    return mean, covariance, fits + volume

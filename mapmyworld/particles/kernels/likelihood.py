@@ -59,3 +59,21 @@ def log_likelihood(
         else:
             total += UNSEEN
     return total
+
+
+@jit
+def surface_distances(
+    maps: Any, particle: int, beams: Any, pose: NDArray[np.float64], reach: int
+) -> NDArray[np.float64]:
+    """Distances (L,), in m, of end points from the lines next to them, those that have one."""
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    out, count = np.zeros(beams.points.shape[0]), 0
+    for i in range(beams.points.shape[0]):
+        x, y = moved(pose, cos, sin, beams.points[i])
+        nx, ny = turned(cos, sin, beams.normals[i])
+        d2, qx, qy, mx, my = nearest(maps, particle, x, y, nx, ny, reach)
+        length = math.sqrt(mx * mx + my * my)
+        if d2 < 1e8 and length > PLANAR:
+            out[count] = abs(mx * (x - qx) + my * (y - qy)) / length
+            count += 1
+    return out[:count]

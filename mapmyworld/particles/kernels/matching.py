@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.kernels.compiling import inner_jit, jit
 from mapmyworld.particles.kernels.likelihood import log_likelihood
-from mapmyworld.particles.kernels.surface_tiles import PLANAR, moved, nearest, turned
+from mapmyworld.particles.kernels.surface_tiles import PLANAR, nearest, turned
 
 STEP, TURN = 1e-3, 2e-4  # m, rad: steps that change no cell and end the search
 POINT = 0.1  # weight of an end point at a cell that is no line: it may lie beside the true one
@@ -28,15 +28,14 @@ def linearise(
     sigma: float,
     H: NDArray[np.float64],
     g: NDArray[np.float64],
-) -> float:
-    """Adds the scan's Gauss-Newton system at `pose` (3,) to H (3, 3), g (3,); the matched share.
+) -> None:
+    """Adds the scan's Gauss-Newton system at `pose` (3,) to H (3, 3), g (3,).
 
     Residuals run along the normal where the map has one, else in both axes. Increments are
     those of the map frame, the rotation about the robot.
     """
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     limit = ((reach + 0.5) * maps.resolution) ** 2
-    matched = 0.0
     inverse = 1.0 / (sigma * sigma)
     for i in range(beams.points.shape[0]):
         rx, ry = turned(cos, sin, beams.points[i])
@@ -61,7 +60,6 @@ def linearise(
             g[0] += w * ux * r
             g[1] += w * uy * r
             g[2] += w * jt * r
-            matched += 1.0 / (1.0 + r * r * inverse)
         else:
             w = POINT * inverse / (1.0 + d2 * inverse) ** 2
             H[0, 0] += w
@@ -72,9 +70,7 @@ def linearise(
             g[0] += w * ex
             g[1] += w * ey
             g[2] += w * (-ry * ex + rx * ey)
-            matched += 1.0 / (1.0 + d2 * inverse)
     H[1, 0], H[2, 0], H[2, 1] = H[0, 1], H[0, 2], H[1, 2]
-    return float(matched / max(beams.points.shape[0], 1))
 
 
 @inner_jit
@@ -160,15 +156,15 @@ def match(
     sigma: float,
     poses: NDArray[np.float64],
     informations: NDArray[np.float64],
-    quality: NDArray[np.float64],
+    fits: NDArray[np.float64],
 ) -> None:
     """Most likely poses of particles `first` to `last`, given their maps and predictions.
 
     `predicted` (P, 3) poses; `prior` (3, 3) their information, in the axes of their headings.
     The search starts from the likeliest of the candidates that lie `offsets` (S, 3) from there.
     `max_distances` (R,): cells searched around an end point, for each iteration. Fills `poses`
-    (P, 3), `informations` (P, 3, 3) and `quality` (P, 3): matched share, log-likelihood of the
-    scan, squared deviation from the prediction.
+    (P, 3), `informations` (P, 3, 3) and `fits` (P,): the log-likelihood of the scan, less half the
+    squared deviation from the prediction.
     """
     H, g, step = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     P, gap, pose = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
@@ -181,12 +177,11 @@ def match(
         if offsets.shape[0] > 1:
             reach = max_distances[-1]
             _likeliest(maps, particle, beams, mean, P, offsets, reach, pose)
-        share = 0.0
         for iteration in range(max_distances.shape[0]):
             H[:], g[:] = 0.0, 0.0
             # A wide search tolerates wide residuals.
             width = sigma * (1.0 + 0.5 * (max_distances[iteration] - max_distances[-1]))
-            share = linearise(maps, particle, beams, pose, max_distances[iteration], width, H, g)
+            linearise(maps, particle, beams, pose, max_distances[iteration], width, H, g)
             _deviation(pose, mean, P, gap)
             weight = WIDE if max_distances[iteration] > max_distances[-1] else 1.0
             H += weight * P
@@ -200,24 +195,5 @@ def match(
             poses[particle, i] = pose[i]
             for j in range(3):
                 informations[particle, i, j] = H[i, j]
-        quality[particle, 0] = share
-        quality[particle, 1] = log_likelihood(maps, particle, beams, pose, max_distances[-1], sigma)
-        quality[particle, 2] = _deviation(pose, mean, P, gap)
-
-
-@jit
-def surface_distances(
-    maps: Any, particle: int, beams: Any, pose: NDArray[np.float64], reach: int
-) -> NDArray[np.float64]:
-    """Distances (L,) of a scan's end points from the lines nearest to them, for a pose (3,)."""
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    out, count = np.zeros(beams.points.shape[0]), 0
-    for i in range(beams.points.shape[0]):
-        x, y = moved(pose, cos, sin, beams.points[i])
-        nx, ny = turned(cos, sin, beams.normals[i])
-        d2, qx, qy, mx, my = nearest(maps, particle, x, y, nx, ny, reach)
-        length = math.sqrt(mx * mx + my * my)
-        if d2 < 1e8 and length > PLANAR:
-            out[count] = abs(mx * (x - qx) + my * (y - qy)) / length
-            count += 1
-    return out[:count]
+        fit = log_likelihood(maps, particle, beams, pose, max_distances[-1], sigma)
+        fits[particle] = fit - 0.5 * _deviation(pose, mean, P, gap)

@@ -65,7 +65,7 @@ def log_likelihood(
 def surface_distances(
     maps: Any, particle: int, beams: Any, pose: NDArray[np.float64], reach: int
 ) -> NDArray[np.float64]:
-    """Distances (L,), in m, of end points from the lines next to them, those that have one."""
+    """Distances (L,), m, of end points from the lines next to them, for a pose (3,)."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     out, count = np.zeros(beams.points.shape[0]), 0
     for i in range(beams.points.shape[0]):

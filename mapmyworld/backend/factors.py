@@ -63,6 +63,13 @@ def factor_graph(system: System, poses: Array) -> FactorGraph:
     return FactorGraph(_factors(system, poses, values), values)
 
 
+def moved_to(system: System, graph: FactorGraph, poses: Array) -> FactorGraph:
+    """The system's graph at other poses (N, 3 or 4, 4) of its free nodes."""
+    if system.kinds is not None:  # sightings are linear about the poses
+        return factor_graph(system, poses)
+    return replace(graph, values=_values(system, poses))
+
+
 def _factors(system: System, poses: Array, values: Any) -> Any:
     """Gtsam's graph of the edges that have a free end, in their order.
 

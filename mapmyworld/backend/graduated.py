@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import diags_array
 
 from mapmyworld.backend.connected_components import Index
-from mapmyworld.backend.factors import factor_graph
+from mapmyworld.backend.factors import FactorGraph, factor_graph, moved_to
 from mapmyworld.backend.information import Factorised, Variables
 from mapmyworld.backend.residuals import retract
 from mapmyworld.backend.system import System, believed_edges, edge_chi2, moving_edges
@@ -38,12 +38,12 @@ def graduate(
     graph, poses = factor_graph(part, start), start
     order = Variables.of(graph.values).elimination(graph.factors)
     for _ in range(3):
-        poses = _stepped(part, order, poses, np.ones(len(fixed)))
+        poses = _stepped(part, graph, order, poses, np.ones(len(fixed)))
     chi2 = edge_chi2(part, poses)
     control = first_control(chi2[~fixed], limit)
     for _ in range(_ROUNDS):
         weights = np.where(fixed, 1.0, truncated_weights(chi2, limit, control))
-        poses = _stepped(part, order, poses, weights)
+        poses = _stepped(part, graph, order, poses, weights)
         chi2 = edge_chi2(part, poses)
         decided = (weights < 1e-3) | (weights > 1.0 - 1e-3)
         if decided.all() and control > 1.0:
@@ -54,9 +54,9 @@ def graduate(
     return poses, inliers
 
 
-def _stepped(part: System, order: Index, poses: Array, weights: Array) -> Array:
+def _stepped(part: System, start: FactorGraph, order: Index, poses: Array, weights: Array) -> Array:
     """Poses after one Gauss-Newton step of edges that count by their weights (E,)."""
-    graph, d = factor_graph(part, poses), part.dimension
+    graph, d = moved_to(part, start, poses), part.dimension
     linear = graph.factors.linearize(graph.values)
     jacobian, right = Variables.of(graph.values).jacobian(linear)
     kinds = np.zeros(len(weights), np.int64) if part.kinds is None else part.kinds

@@ -81,7 +81,7 @@ def likeliest_match(
     needed = needed_evidence(distance, angle)
     starts = [first.pose, compose_planar(state[:3], state[3:6]), state[:3].copy(), prior.pose]
     found = search_evidence(
-        view.submap.points, place.grid, starts[2], distance, angle, FORTH * needed
+        view.submap.scored, place.grid, starts[2], distance, angle, FORTH * needed
     )
     if found is not None:
         starts.append(found.pose)
@@ -100,7 +100,7 @@ def likeliest_match(
         more = prior.log(match.pose, config)
         if not fits:  # against nothing that fits: what exceeds chance, or another place like this
             elsewhere = evidence_elsewhere(
-                view.submap.points, place.grid, match.pose, distance, angle, FORTH * needed
+                view.submap.scored, place.grid, match.pose, distance, angle, FORTH * needed
             )
             alike = 0.0 if elsewhere is None else place.agreement_with(view, elsewhere).evidence
             more += NATS * (other.evidence - max(needed, alike))

@@ -168,7 +168,7 @@ def _compare(
         searched = min(searched, np.sqrt(MOST) * distance)
     needed = needed_evidence(searched, angle)
     found = search_evidence(
-        around.submap.points, place.grid, centre, distance, angle, FORTH * needed
+        around.submap.scored, place.grid, centre, distance, angle, FORTH * needed
     )
     if found is None:
         verdict = Verdict(Judge.LASER, False, Why.NOTHING_IN_COMMON)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from mapmyworld.geometry import Array
@@ -52,7 +52,7 @@ class PathDrift:
         self._up_to = np.cumsum(each, axis=1)
         self._turned_up_to = np.cumsum(np.where(lost, np.pi**2, turned))
         self._ways = Ways(closed)
-        self._from: dict[int, tuple[Array, Array]] = {}
+        self._moved_from, self._turned_from = dict[int, Array](), dict[int, Array]()
 
     def held_by(self, closed: Index) -> PathDrift:
         """The same path, with closures (C, 2) that join nodes."""
@@ -69,16 +69,22 @@ class PathDrift:
         return PathDrift(self.tracked, self._poses, variances, self._closed)
 
     def reach(self, a: Index | int, b: int) -> tuple[Array, Array]:
-        """Metres (...) and radians (...) by which node b may lie off, as seen from nodes `a` (...).
+        """Metres (...) and radians (...) by which node b may lie off, seen from nodes `a` (...)."""
+        turned = self._turned_up_to
+        if b not in self._turned_from:
+            self._turned_from[b] = self._ways.costs(turned, b)
+        radians = np.sqrt(self._ways.least(turned, self._turned_from[b], a, b))
+        return self.metres(a, b), SIGMAS * radians
+
+    def metres(self, a: Index | int, b: int) -> Array:
+        """Metres (...) by which node b may lie off, seen from nodes `a` (...).
 
         What a motion errs in heading counts by its distance from b.
         """
-        moved, turned = self._moved_up_to(b), self._turned_up_to
-        if b not in self._from:
-            self._from[b] = self._ways.costs(moved, b), self._ways.costs(turned, b)
-        by_place, by_place_turned = self._from[b]
-        metres = np.sqrt(self._ways.least(moved, by_place, a, b))
-        return SIGMAS * metres, SIGMAS * np.sqrt(self._ways.least(turned, by_place_turned, a, b))
+        moved = self._moved_up_to(b)
+        if b not in self._moved_from:
+            self._moved_from[b] = self._ways.costs(moved, b)
+        return SIGMAS * np.sqrt(self._ways.least(moved, self._moved_from[b], a, b))
 
     def _moved_up_to(self, b: int) -> Array:
         """(N,) m^2 by which all motions up to each node move node b."""
@@ -102,22 +108,23 @@ class Ways:
         key = ends[0] * self._count + ends[1]
         self._stretches = np.argsort(key, kind="stable")
         self._firsts = np.flatnonzero(np.diff(key[self._stretches], prepend=-1))
-        self._ends = ends[:, self._stretches[self._firsts]]
+        rows, self._columns = ends[:, self._stretches[self._firsts]]
+        self._rows = np.searchsorted(rows, np.arange(self._count + 1))
 
     def costs(self, up_to: Array, b: int) -> Array:
         """(P,) of the best way from node `b` to each place, `up_to` (N,) being the costs of the
         path up to each node.
         """
-        found = np.full(self._count, np.inf)
         if self._count == 0:
-            return found
+            return np.zeros(0)
         lengths = np.diff(up_to[self._tied])[self._stretches]
         best = np.minimum.reduceat(lengths, self._firsts) if len(lengths) else lengths
-        graph = coo_array((best, tuple(self._ends)), shape=(self._count, self._count)).tocsr()
-        for beside in {int(row) for row in self._beside(b)}:
-            onward = dijkstra(graph, directed=False, indices=int(self._place[beside]))
-            found = np.minimum(found, abs(up_to[self._tied[beside]] - up_to[b]) + onward)
-        return found
+        shape = self._count, self._count
+        graph = csr_array((best, self._columns, self._rows), shape=shape)
+        beside = np.array(self._beside(b))
+        onward = dijkstra(graph, directed=False, indices=self._place[beside])
+        aside = np.abs(up_to[self._tied[beside]] - up_to[b])
+        return np.asarray((aside[:, None] + onward).min(axis=0))
 
     def least(self, up_to: Array, costs: Array, a: Index | int, b: int) -> Array:
         """(...) of the best way from nodes `a` (...) to node `b`, given the `costs` (P,) from b and

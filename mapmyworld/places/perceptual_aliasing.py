@@ -86,7 +86,7 @@ def _second_best(
     distance, angle = drift_window(nodes, a, b, FIRST_WINDOW)
     here, there = between_planar(nodes.poses[spot], found), place_around(nodes, b, config)
     needed = needed_evidence(distance, angle)
-    points = there.submap.points
+    points = there.submap.scored
     other = evidence_elsewhere(
         points, place.grid, here, distance, angle, FORTH * needed, _measured(closure).score
     )

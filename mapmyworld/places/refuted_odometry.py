@@ -26,6 +26,7 @@ from mapmyworld.geometry.planar import (
 )
 from mapmyworld.odometry.pose_hypotheses import FAULT, FAULT_SIZE
 from mapmyworld.odometry.tracking_losses import UNKNOWN
+from mapmyworld.parallel import in_threads
 from mapmyworld.places.laser_closures import closure_information
 from mapmyworld.places.laser_nodes import Index, LaserNodes
 from mapmyworld.places.laser_submaps import match_members, submap_of
@@ -156,7 +157,7 @@ def _refutation(
     known, place = map_of_scans(submap_of(nodes, before, a)), Place.of(submap_of(nodes, after, b))
     odometry = between_planar(nodes.poses[a], nodes.poses[b])
     there = _Candidate(odometry, known.best_about(place, odometry, *_window(section))[1], 0.0)
-    tried = _candidates(known, place, odometry)
+    tried = _candidates(known, place, odometry, config.threads)
     if not tried:
         return None
     best = tried[0]
@@ -221,17 +222,22 @@ class _Candidate:
         return NATS * self.agreement.beyond(other.agreement) + self.prior - other.prior
 
 
-def _candidates(known: WholeMap, place: Place, odometry: Array) -> list[_Candidate]:
+def _candidates(known: WholeMap, place: Place, odometry: Array, threads: int) -> list[_Candidate]:
     """Where the place may lie, about where odometry has it, the likeliest first.
 
     A search counts what agrees, and most of that lies where the place is wholly inside of what is
     known: one for each part of the window, so that what is known less of has its candidate as well.
     """
-    window, tried = np.array([_WINDOW[0], *_WINDOW]), list[_Candidate]()
+    window, points = np.array([_WINDOW[0], *_WINDOW]), place.submap.scored
     least, (distance, angle) = FORTH * needed_evidence(*_WINDOW), np.array(_WINDOW) / 3.0
-    for offset in product((-2.0 / 3.0, 0.0, 2.0 / 3.0), repeat=3):
-        guess = odometry + window * offset
-        pose = search_about(place.submap.points, known.grid, guess, distance, angle, least)
+    parts = product((-2.0 / 3.0, 0.0, 2.0 / 3.0), repeat=3)
+    guesses = (odometry + window * offset for offset in parts)
+    tried = list[_Candidate]()
+    for pose in in_threads(
+        lambda guess: search_about(points, known.grid, guess, distance, angle, least),
+        guesses,
+        threads,
+    ):
         if pose is not None:
             apart = between_planar(odometry, pose) / FAULT_SIZE
             agreement = known.judge(place, pose)

@@ -56,9 +56,9 @@ class WholeMap:
         low, high = place.grid.bounds
         near = seen[((seen >= low) & (seen < high)).all(axis=1)]
         return Agreement(
-            judged_points(place.submap.points, self.grid, pose),
-            judged_points(near, place.grid, np.zeros(3)),
-            scored_points(place.submap.points, self.grid.resolution),
+            judged_points(place.submap.scored, self.grid, pose),
+            judged_points(scored_points(near), place.grid, np.zeros(3)),
+            place.submap.scored,
         )
 
     def report(self, place: Place, pose: Array) -> Agreement:
@@ -71,21 +71,21 @@ class WholeMap:
         """The pose (3,) at which the map explains a place best; None where that may be chance."""
         if len(place.submap.points) == 0 or len(self.points) == 0:
             return None
-        pose = search_everywhere(place.submap.points, self.grid, FORTH * self.needed)
+        pose = search_everywhere(place.submap.scored, self.grid, FORTH * self.needed)
         return None if pose is None else self.best_about(place, pose, *SETTLED)[0]
 
     def find_about(self, place: Place, pose: Array, distance: float, angle: float) -> Array | None:
         """The same (3,) of poses in a window, m and rad to each side of this one (3,)."""
         if len(self.points) == 0 or distance > np.ptp(self.points, axis=0).max():
             return self.find(place)
-        points, least = place.submap.points, FORTH * self.needed
+        points, least = place.submap.scored, FORTH * self.needed
         found = search_about(points, self.grid, pose, distance, min(angle, np.pi), least)
         return None if found is None else self.best_about(place, found, *SETTLED)[0]
 
     def find_other(self, place: Place, pose: Array, least: float = 0.0) -> Array | None:
         """The best other pose (3,) than this one (3,) of a place, of more points than `least`."""
         least = max(least, FORTH * self.needed)
-        other = search_elsewhere(place.submap.points, self.grid, pose, least)
+        other = search_elsewhere(place.submap.scored, self.grid, pose, least)
         return None if other is None else self.best_about(place, other, *SETTLED)[0]
 
     def is_elsewhere(self, place: Place, pose: Array) -> bool | None:
@@ -110,7 +110,7 @@ class WholeMap:
         if not here.forth.any() and not here.back.any():
             return pose, here
         least = float(here.forth.sum())
-        found = search_about(place.submap.points, self.grid, pose, distance, angle, least)
+        found = search_about(place.submap.scored, self.grid, pose, distance, angle, least)
         if found is None:
             return pose, here
         there = self.judge(place, found)

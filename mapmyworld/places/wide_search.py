@@ -29,7 +29,7 @@ def lost_pairs(nodes: LaserNodes, config: Config) -> list[tuple[int, int]]:
     pairs: list[tuple[int, int]] = []
     for later in calm_spots(nodes, 2.0 * size).tolist():
         near = earlier[(earlier < later) & (nodes.session[earlier] == nodes.session[later])]
-        drift, _ = nodes.drift.reach(near, later)
+        drift = nodes.drift.metres(near, later)
         apart = np.hypot(*(nodes.poses[near, :2] - nodes.poses[later, :2]).T)
         worth = near[(drift > NEAR) & (apart < size + drift)]
         pairs += [(int(k), later) for k in worth[:: max(math.ceil(len(worth) / MOST), 1)]]

@@ -48,8 +48,8 @@ class Place:
         """What each reports about the other's points, at `here_from_there` (3,)."""
         back = invert_planar(here_from_there)
         return Agreement(
-            judged_points(other.submap.points, self.grid, here_from_there),
-            judged_points(self.submap.points, other.grid, back),
+            judged_points(other.submap.scored, self.grid, here_from_there),
+            judged_points(self.submap.scored, other.grid, back),
         )
 
 

@@ -76,7 +76,7 @@ class LikelihoodGrid:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Submap:
     """What the laser saw along a section of the path, as one."""
 
@@ -92,6 +92,11 @@ class Submap:
         """What scans saw together at their `poses` (S, 3)."""
         origins = transform_points_planar(poses, scans.origins[:, None])[:, 0]
         return Submap(submap_points(scans, poses), origins, scans.bounds)
+
+    @cached_property
+    def scored(self) -> Array:
+        """(P, 2) of the points, which stand for all wherever they are laid on a grid."""
+        return scored_points(self.points)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,12 +148,8 @@ def occupancy_evidence(grid: OccupancyGrid) -> tuple[Array, LikelihoodGrid]:
 
 
 def judged_points(points: Array, grid: LikelihoodGrid, pose: Array) -> NDArray[np.int64]:
-    """Evidence (P,) of a grid for points (N, 2) at `pose` (3,): 1 on a surface, -1 free, 0 unseen.
-
-    Of points one to a cell, `POINTS` at most, the same whatever the pose.
-    """
-    at = transform_points_planar(pose, scored_points(points, grid.resolution))
-    return np.sign(_values(grid, at) - grid.unseen)
+    """Evidence (P,) of a grid for points (P, 2) at `pose` (3,): 1 hit, -1 free, 0 unseen."""
+    return np.sign(_values(grid, transform_points_planar(pose, points)) - grid.unseen)
 
 
 def seen_from_one_side(
@@ -253,8 +254,7 @@ def search_elsewhere(
 
 
 def _everywhere(points: Array, grid: LikelihoodGrid) -> Window:
-    used = scored_points(points, grid.resolution)
-    step = 2.0 * _step(used, grid)
+    step = 2.0 * _step(points, grid)
     angles = np.arange(-np.pi, np.pi, step)
     side = 1 << (len(grid.pyramid) - 1)
     rows, columns = np.nonzero(grid.cells != grid.unseen)
@@ -262,7 +262,7 @@ def _everywhere(points: Array, grid: LikelihoodGrid) -> Window:
     guess = np.append(grid.corner + 0.5 * grid.resolution, 0.0)
     reach = max(grid.pyramid.shape)
     return (
-        grid.pyramid, grid.margin, used, grid.corner, grid.resolution, grid.unseen, guess,
+        grid.pyramid, grid.margin, points, grid.corner, grid.resolution, grid.unseen, guess,
         squares, reach, angles,
     )  # fmt: skip
 
@@ -278,8 +278,7 @@ def _window(
     points: Array, grid: LikelihoodGrid, guess: Array, distance: float, angle: float
 ) -> Window:
     """The window about a guess in which the points are looked for."""
-    used = scored_points(points, grid.resolution)
-    step = _step(used, grid)
+    step = _step(points, grid)
     count = int(np.ceil(angle / step))
     angles = np.arange(-count, count + 1, dtype=np.float64) * step
     reach = int(np.ceil(distance / grid.resolution))
@@ -287,7 +286,7 @@ def _window(
     starts = np.arange(-reach, reach + 1, side)
     squares = np.stack(np.meshgrid(starts, starts, indexing="ij"), axis=-1).reshape(-1, 2)
     return (
-        grid.pyramid, grid.margin, used, grid.corner, grid.resolution, grid.unseen, guess,
+        grid.pyramid, grid.margin, points, grid.corner, grid.resolution, grid.unseen, guess,
         squares, reach, angles,
     )  # fmt: skip
 
@@ -305,11 +304,11 @@ def _best_elsewhere(window: Window, pose: Array, least: float) -> Array:
     return best if best[0] > least else np.zeros(4)
 
 
-def scored_points(points: Array, spacing: float) -> Array:
+def scored_points(points: Array) -> Array:
     """Of points (N, 2) one to a cell, so that what was seen twice counts once, (P, 2); `POINTS` at
     most.
     """
-    apart = spread_points(points, spacing)
+    apart = spread_points(points, _RESOLUTION)
     few = np.linspace(0, len(apart) - 1, min(POINTS, len(apart))).astype(np.int64)
     return np.ascontiguousarray(apart[few], np.float64)
 

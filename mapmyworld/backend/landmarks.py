@@ -10,7 +10,13 @@ import numpy as np
 
 from mapmyworld.backend.connected_components import Index, positions
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.planar import planar_to_matrix, wrap_angle
+from mapmyworld.geometry.planar import (
+    between_planar,
+    planar_to_matrix,
+    transform_points_planar,
+    wrap_angle,
+)
+from mapmyworld.geometry.rigid import between, transform_points
 from mapmyworld.geometry.rotations import skew, so3_log
 from mapmyworld.types.pose_graph import Sightings
 
@@ -61,10 +67,8 @@ def sighting_derivatives(
 def _local(planar: bool, tails: Array, heads: Array) -> Array:
     """Positions (K, 2 or 3) of landmarks in their nodes' frames."""
     if planar:
-        cos, sin = np.cos(tails[:, 2]), np.sin(tails[:, 2])
-        x, y = (heads[:, :2] - tails[:, :2]).T
-        return np.column_stack([cos * x + sin * y, cos * y - sin * x])
-    return np.asarray(np.einsum("kji,kj->ki", tails[:, :3, :3], heads[:, :3, 3] - tails[:, :3, 3]))
+        return between_planar(tails, heads)[:, :2]
+    return between(tails, heads)[:, :3, 3]
 
 
 def _polar_change(points: Array) -> Array:
@@ -104,19 +108,14 @@ def first_places(
     order = np.lexsort((sightings.node_ids, sightings.landmark_ids))
     seen, first = np.unique(sightings.landmark_ids[order], return_index=True)
     chosen = sightings.chosen(order[first])
-    tails = poses[positions(node_ids, chosen.node_ids)]
-    local = chosen.measured.copy()
+    tails, at = poses[positions(node_ids, chosen.node_ids)], positions(landmark_ids, seen)
     if planar:
         bearing, reach = chosen.measured.T
         direct = np.column_stack([reach * np.cos(bearing), reach * np.sin(bearing)])
-        local = np.where(chosen.polar[:, None], direct, local)
-        cos, sin = np.cos(tails[:, 2]), np.sin(tails[:, 2])
-        x, y = local.T
-        turned = np.column_stack([cos * x - sin * y, sin * x + cos * y]) + tails[:, :2]
+        local = np.where(chosen.polar[:, None], direct, chosen.measured)
         places = np.zeros((len(landmark_ids), 3))
-        places[positions(landmark_ids, seen), :2] = turned
+        places[at, :2] = transform_points_planar(tails, local[:, None])[:, 0]
         return places
     places = np.tile(np.eye(4), (len(landmark_ids), 1, 1))
-    turned = np.einsum("kij,kj->ki", tails[:, :3, :3], local) + tails[:, :3, 3]
-    places[positions(landmark_ids, seen), :3, 3] = turned
+    places[at, :3, 3] = transform_points(tails, chosen.measured[:, None])[:, 0]
     return places

@@ -92,18 +92,16 @@ def corrections_of(
 
     `start` holds the poses by tracking alone; largest first.
     """
-    at = {int(k): pose for k, pose in zip(start.ids, start.map_from_node, strict=True)}
-    found: list[tuple[ConstraintResidual, float, float]] = []
-    for residual in residuals:
-        if residual is None or not residual.constraint.accepted:
-            continue
-        c = residual.constraint
-        if c.kind is ConstraintKind.NEIGHBOUR or c.kind in OF_ONE_NODE:
-            continue
-        if c.from_id in at and c.to_id in at:
-            error = between(c.i_from_j, between(at[c.from_id], at[c.to_id]))
-            moved = float(np.linalg.norm(error[:3, 3])), float(np.degrees(rotation_angle(error)))
-            found.append((residual, *moved))
+    tied = OF_ONE_NODE | {ConstraintKind.NEIGHBOUR}
+    closures = [
+        r for r in residuals if r and r.constraint.accepted and r.constraint.kind not in tied
+    ]
+    missed = residuals_against([r.constraint for r in closures], start, planar=False)
+    found = [
+        (r, before.metres, before.degrees)
+        for r, before in zip(closures, missed, strict=True)
+        if before
+    ]
     return tuple(sorted(found, key=lambda item: -item[1]))
 
 

@@ -92,7 +92,8 @@ def _beside(log: Path) -> tuple[Path, ...]:
 def _localise(
     map_path: Path, log: Any, config: Config, progress: StderrProgress
 ) -> tuple[OccupancyGrid, Plan, Localisation]:
-    from mapmyworld.localisation import localise_log, plan_log
+    from mapmyworld.localisation import localise_log
+    from mapmyworld.stages.plan_log import plan_log
 
     plan = plan_log(log, config, progress)
     if map_path.suffix in (".yaml", ".yml"):
@@ -103,10 +104,10 @@ def _localise(
     from formats.database import open_store
 
     with open_store(map_path, read_only=True) as store:
+        found = localise_log(store, log, plan, config, progress)
         stored = store.grid()
-        if stored is None:
-            raise MapError(f"{map_path}: has no grid: build it to its end first")
-        return stored, plan, localise_log(store, log, plan, config, progress)
+        assert stored is not None
+        return stored, plan, found
 
 
 def _write(path: Path, found: Localisation, grid: OccupancyGrid, base_frame: str) -> None:

@@ -15,32 +15,11 @@ from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar, wrap_angle
 from mapmyworld.kernels.map_search import cast_rays
 from mapmyworld.places.whole_map import WholeMap, map_of_grid
-from mapmyworld.registration.place_evidence import Place
 from mapmyworld.registration.scan_matching import PreparedScan, ScanSet, prepare_scan, scan_set
-from mapmyworld.registration.scan_search import APART, MARGIN
+from mapmyworld.registration.scan_search import APART
 from mapmyworld.types import MapStore, OccupancyGrid, Scan
 
 _RAYS = np.arange(-np.pi, np.pi, np.radians(1.0))
-
-
-@dataclass(frozen=True, slots=True)
-class Fit:
-    """How a scan goes with the map."""
-
-    agreement: float
-    """Share that agrees of the points, of the scan and of the map, that the other one knows."""
-    evidence: float
-    """Points that agree, less those that contradict."""
-
-    @property
-    def is_explained(self) -> bool:
-        """Whether the map is a hundred times as likely to show this place as another."""
-        return self.evidence >= MARGIN
-
-    @property
-    def is_contradicted(self) -> bool:
-        """Whether another place is a hundred times as likely."""
-        return self.evidence <= -MARGIN
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,13 +34,6 @@ class KnownPlace:
     poses: Array
     """(S, 3) of the scans."""
     tree: cKDTree
-
-    def fit(self, seen: Place, pose: Array) -> Fit:
-        """How what is `seen` from `pose` (3,) goes with the map, each judged by the other."""
-        said = self.whole.judge(seen, pose)
-        both = np.concatenate([said.forth, said.back])
-        agree, against = int((both > 0).sum()), int((both < 0).sum())
-        return Fit(agree / max(agree + against, 1), said.evidence)
 
     def targets(self, pose: Array, settings: LocalisationConfig) -> NDArray[np.int64]:
         """(K,) scans taken nearest to a pose (3,), those that look the same way first."""
@@ -83,13 +55,11 @@ class KnownPlace:
 
 
 def known_place_from_store(store: MapStore, config: Config) -> KnownPlace:
-    """A map of ours; its own scans are what new ones are matched with, where it has some.
-
-    Raises `MapError` where the map has no grid.
+    """A map of ours with a grid; its own scans are what new ones are matched with, where it has
+    some.
     """
     grid = store.grid()
-    if grid is None:
-        raise MapError("the map has no grid: build it to its end, or give a grid's YAML file")
+    assert grid is not None
     poses, scans = _spaced_scans(store, config)
     if len(scans) == 0:
         return known_place_from_grid(grid, config)

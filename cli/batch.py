@@ -14,7 +14,6 @@ import click
 from cli.arguments import PATH, format_option
 from cli.manners import note
 from cli.standard_streams import show_json
-from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
     from cli.batching.job import Result
@@ -110,10 +109,7 @@ def _place(output: str) -> str:
     if is_url(output):
         return output.rstrip("/")
     folder = Path(output).absolute()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MapError(f"{output}: cannot be written: {error.strerror}") from None
+    folder.mkdir(parents=True, exist_ok=True)
     return str(folder)
 
 

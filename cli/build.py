@@ -22,7 +22,8 @@ from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
     from mapmyworld.config import Config
-    from mapmyworld.types import LogSource
+    from mapmyworld.pipeline import BuildResult
+    from mapmyworld.types import LogSource, MapStore
 
 
 @click.command()
@@ -94,7 +95,9 @@ def build(
     if append_to is not None:
         if resume or overwrite or dry_run or verify_repeat or method != "graph":
             raise click.UsageError("--append goes with none of the other ways to build")
-        _append(paths, append_to, config, not no_export, style)
+        from cli.merging import append_logs, show_merged
+
+        show_merged(append_logs(paths, append_to, config, export=not no_export), style)
         return
     from formats.logs import open_log
 
@@ -121,14 +124,6 @@ def build(
         sys.exit(EXIT_PARTIAL)
 
 
-def _append(
-    logs: tuple[Path, ...], map_path: Path, config: Config, export: bool, style: str
-) -> None:
-    from cli.merging import append_logs, show_merged
-
-    show_merged(append_logs(logs, map_path, config, export=export), style)
-
-
 def _show_plan(log: LogSource, config: Config, style: str) -> None:
     """The plan; exit code 3 where the map would be partial, as of `inspect log`."""
     from cli.inspect_log import plan_json, plan_lines
@@ -152,15 +147,11 @@ def _build(
 ) -> dict[str, Any]:
     from formats.database import open_store
     from formats.database.lock import only_writer
-    from formats.logs.steady import SteadyLog
-    from mapmyworld.pipeline import build_map
 
     stored = storage_arguments(config)
     opening = partial(open_store, map_path, create=True, overwrite=overwrite, **stored)
     with only_writer(map_path), no_empty_map(map_path), opening() as store:
-        store.put("settings", settings_that_differ(config))
-        words = _given_words(config.places.vocabulary)
-        result = build_map(SteadyLog(log), store, config, progress, method=method, words=words)
+        result = build_into(store, log, config, progress, method)
         written = [str(map_path)]
         if export:
             from mapmyworld.exporting import export_beside
@@ -178,6 +169,18 @@ def _build(
             reused = bool(result.reused_stages)
             written += report_beside(store, map_path, cost, progress, continued=reused)
     return {**result.as_dict(), "files": written, **cost}
+
+
+def build_into(
+    store: MapStore, log: LogSource, config: Config, progress: StderrProgress, method: str = "graph"
+) -> BuildResult:
+    """Builds the log's map, and notes the settings that are not as usual."""
+    from formats.logs.steady import SteadyLog
+    from mapmyworld.pipeline import build_map
+
+    store.put("settings", settings_that_differ(config))
+    words = _given_words(config.places.vocabulary)
+    return build_map(SteadyLog(log), store, config, progress, method=method, words=words)
 
 
 def _given_words(path: str) -> dict[int, Any] | None:

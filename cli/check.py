@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -167,16 +168,13 @@ def _show(verdicts: Sequence[Verdict], style: str) -> None:
 
 
 def _finite(value: float | None) -> float | None:
-    return None if value is None or value != value or abs(value) == float("inf") else value
+    return value if value is not None and math.isfinite(value) else None
 
 
 def _list_keys(sources: Sources, style: str) -> None:
     """The short names with what they mean; then every figure of MAP, where there is one."""
     figures: dict[str, float] = {}
     if sources.map_path.exists():
-        from cli.figure_names import figures_of
-        from formats.database import open_store
-
         with open_store(sources.map_path, read_only=True) as store:
             figures = figures_of(store)
     if style == "json":

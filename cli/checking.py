@@ -23,6 +23,7 @@ from mapmyworld.evaluation import (
     rpe,
 )
 from mapmyworld.exporting import trajectory_of
+from mapmyworld.graph.audit import sigmas_of
 from mapmyworld.types import ConstraintKind, MapStore, OccupancyGrid, Trajectory
 
 
@@ -95,8 +96,7 @@ class Facts:
         poses = self.store.poses()
         if poses is None or poses.covariances is None or len(poses.covariances) == 0:
             raise ConfigError(f"{self.sources.map_path} has no covariances to check")
-        variances = poses.covariances[:, 3:, 3:].trace(axis1=1, axis2=2)
-        return float(variances.max() ** 0.5)
+        return float(sigmas_of(poses.covariances)[0].max())
 
 
 @dataclass(frozen=True, slots=True)

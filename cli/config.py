@@ -15,7 +15,7 @@ from cli.standard_streams import show_json
 from formats.limits import Limits, set_limits
 from formats.nested_text import read_toml
 from mapmyworld.config import Config, LimitsConfig
-from mapmyworld.config.settings import apply_settings, as_toml, flatten, list_settings
+from mapmyworld.config.settings import Setting, apply_settings, as_toml, flatten, list_settings
 from mapmyworld.errors import ConfigError
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -80,19 +80,22 @@ _IDLE = ("threads",)  # settings that change no result
 
 def options_of(config: Config) -> list[str]:
     """`--set` of every setting that was changed, for another command."""
-    changed = zip(list_settings(config), list_settings(), strict=True)
-    given = [f"{now.name}={now.value}" for now, standard in changed if now.value != standard.value]
-    return [word for one in given for word in ("--set", one)]
+    return [word for now, _ in _changed(config) for word in ("--set", f"{now.name}={now.value}")]
 
 
 def settings_that_differ(config: Config) -> list[list[str]]:
     """Name, value and default of every setting that was changed, as text."""
-    standard = {setting.name: setting.value for setting in list_settings()}
     return [
-        [setting.name, str(setting.value), str(standard[setting.name])]
-        for setting in list_settings(config)
-        if setting.value != standard[setting.name] and setting.name not in _IDLE
+        [now.name, str(now.value), str(standard.value)]
+        for now, standard in _changed(config)
+        if now.name not in _IDLE
     ]
+
+
+def _changed(config: Config) -> list[tuple[Setting, Setting]]:
+    """Every setting that was changed, as it is and as it is by default."""
+    both = zip(list_settings(config), list_settings(), strict=True)
+    return [(now, standard) for now, standard in both if now.value != standard.value]
 
 
 @click.command()

@@ -13,7 +13,7 @@ from cli.arguments import british
 from cli.exit_codes import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_USAGE
 from cli.interrupts import Interrupted, forget_interrupts, heed_interrupts, is_interrupted
 from cli.lazy import LazyGroup
-from cli.standard_streams import keep_names, mend_streams
+from cli.standard_streams import mend_streams
 from mapmyworld.errors import MapMyWorldError
 
 # Command -> (module:attribute, one line for the list of commands).
@@ -57,8 +57,6 @@ def main() -> None:
     """Runs a command; every error of ours becomes one message on stderr and an exit code."""
     mend_streams()
     heed_interrupts()
-    for stream in (sys.stdout, sys.stderr):
-        keep_names(stream)
     try:
         _run()
     except MapMyWorldError as error:

@@ -6,13 +6,12 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
-from cli.config import settings_that_differ
+from cli.build import build_into
 from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import (
     forget_products,
@@ -31,7 +30,6 @@ from formats.logs import open_log
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError
 from mapmyworld.exporting import export_beside
-from mapmyworld.pipeline import build_map
 from mapmyworld.sessions import MergedMap, SessionMap, extend_map, load_session_map, merge_maps
 from mapmyworld.types import MapStore
 
@@ -219,9 +217,7 @@ def append_logs(
 def _build(log: Path, path: Path, config: Config) -> Path:
     progress = StderrProgress()
     path.parent.mkdir()
-    opening = partial(open_store, path, create=True, **storage_arguments(config))
-    with opening() as store:
-        store.put("settings", settings_that_differ(config))
-        build_map(open_log([log]), store, config, progress)
+    with open_store(path, create=True, **storage_arguments(config)) as store:
+        build_into(store, open_log([log]), config, progress)
     progress.finish()  # a log's stages are distinguished from the next one's
     return path

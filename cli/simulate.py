@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import click
 
@@ -86,13 +85,10 @@ def simulate(
 def _settings(
     changes: tuple[str, ...], *, camera: bool, laser: bool, raw: bool
 ) -> SimulationSettings:
-    standard = cast(Config, SimulationSettings())
-    changed = cast(SimulationSettings, apply_settings(standard, changed_values(changes)))
-    body = replace(changed.camera, enabled=camera and changed.camera.enabled)
-    if raw:
-        body = replace(body, compressed=False)
-    sweeper = replace(changed.laser, enabled=laser and changed.laser.enabled)
-    return replace(changed, camera=body, laser=sweeper)
+    values: dict[str, Any] = dict(changed_values(changes))
+    left_out = {"camera.enabled": camera, "laser.enabled": laser, "camera.compressed": not raw}
+    values |= {name: False for name, kept in left_out.items() if not kept}
+    return cast(SimulationSettings, apply_settings(cast(Config, SimulationSettings()), values))
 
 
 def _world(name: str | None, mesh: Path | None) -> World | Scene:

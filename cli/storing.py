@@ -81,16 +81,13 @@ class ResultMaps:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._remove()
+        for path in self._written:
+            path.unlink(missing_ok=True)
 
     def discard(self) -> None:
         """Removes what was written, so that other maps take its place."""
-        self._remove()
+        self.__exit__()
         self._written, self.names = [], []
-
-    def _remove(self) -> None:
-        for path in self._written:
-            path.unlink(missing_ok=True)
 
     @contextmanager
     def open(self, _number: int = 0) -> Iterator[MapStore]:

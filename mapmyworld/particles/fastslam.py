@@ -25,7 +25,7 @@ from mapmyworld.particles.filter import Generation, ParticleFilter
 from mapmyworld.particles.filter_scans import beams_from_scan
 from mapmyworld.particles.history import paths_of, summary_of
 from mapmyworld.particles.kernels import Beams
-from mapmyworld.particles.motions import Motion, TrackedScans, motions_between
+from mapmyworld.particles.motions import Motion, motions_between
 from mapmyworld.particles.smoothing import smooth_path
 from mapmyworld.types import Frame, Progress, Scan
 
@@ -96,8 +96,7 @@ class _Record:
         odometry = np.array([np.full(3, np.nan), *self.odometry])
         recorded = between_planar(odometry[:-1], odometry[1:])
         poses, covariances = np.array(self.tracked), np.array(self.covariances)
-        tracked = TrackedScans(poses, covariances, recorded, wheels)
-        return motions_between(self.updates, tracked, config.odometry)
+        return motions_between(self.updates, poses, covariances, recorded, wheels, config.odometry)
 
 
 def run_fastslam(frames: Iterable[Frame], config: Config, progress: Progress) -> FastSlamResult:

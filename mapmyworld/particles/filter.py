@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import softmax
 
 from mapmyworld.config import ParticlesConfig
 from mapmyworld.geometry.planar import wrap_angle
@@ -18,7 +19,6 @@ from mapmyworld.particles.resampling import (
     effective_sample_size,
     kld_sample_size,
     low_variance_sampler,
-    normalised_weights,
 )
 from mapmyworld.particles.tiles import TileMaps
 
@@ -82,7 +82,7 @@ class ParticleFilter:
             self.x = proposal.sample(random)
             self.log_w = self.log_w + proposal.log_weight / max(len(scans[0].points), 1)
             self._measure_noise(proposal, scans[0])
-            covariance = _mixture_covariance(proposal, normalised_weights(self.log_w))
+            covariance = _mixture_covariance(proposal, softmax(self.log_w))
         self.m.insert(scans[0], self.x)
         self._select(covariance, float(random.random()))
 
@@ -112,7 +112,7 @@ class ParticleFilter:
 
     def _select(self, covariance: NDArray[np.float64], r: float) -> None:
         """Resamples when few particles carry the weight; records what happened."""
-        w = normalised_weights(self.log_w)
+        w = softmax(self.log_w)
         effective = effective_sample_size(w)
         resampled = effective < self.config.resample_below * len(w)
         ancestors, x = np.arange(len(w)), self.x

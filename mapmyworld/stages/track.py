@@ -9,7 +9,6 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config, SensingConfig
 from mapmyworld.decisions import decided, is_heard
@@ -146,9 +145,6 @@ class _Writer:
         for frame, motion in followed:
             self.add(frame, motion)
 
-    def _kept(self, cloud: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
-        return None if cloud is None else thinned(cloud, self._cloud_spacing)
-
     def add(self, frame: Frame, motion: Motion) -> None:
         node, constraint, node_from_frame = self._selector.consider(frame, motion)
         if is_heard():
@@ -158,8 +154,8 @@ class _Writer:
             decided("track", f"frame {count} at {stamp:.3f} s: {source}, becomes {became}")
         if node is not None:
             images = tuple(i for image in frame.images if (i := self._guard.sound(image)))
-            data = NodeData(frame.scan, images, self._kept(frame.cloud))
-            self._store.add_node(node, data)
+            cloud = None if frame.cloud is None else thinned(frame.cloud, self._cloud_spacing)
+            self._store.add_node(node, NodeData(frame.scan, images, cloud))
         if constraint is not None:
             self._store.add_constraints([constraint])
         last = self._selector.last

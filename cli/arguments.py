@@ -13,6 +13,7 @@ import click
 
 PATH = click.Path(path_type=Path, readable=False)  # what cannot be read is recognised by its reader
 F = TypeVar("F", bound=Callable[..., Any])
+_FORMAT = "mapmyworld.format"
 _LARGEST = 1e9  # metres, seconds or shares: beyond it products overflow
 _BRITISH = {
     "localize": "localise",
@@ -52,15 +53,24 @@ def map_argument(command: F) -> F:
 
 
 def format_option(command: F) -> F:
-    """Adds --format text|json to a command, as its parameter `style`."""
+    """Adds --format text|json to a command, for `wants_json`."""
+
+    def keep(context: click.Context, _: click.Parameter, style: str) -> None:
+        context.meta[_FORMAT] = style
+
     return click.option(
         "--format",
-        "style",
         type=click.Choice(["text", "json"]),
         default="text",
-        show_default=True,
         help="How to print the result.",
+        expose_value=False,
+        callback=keep,
     )(command)
+
+
+def wants_json() -> bool:
+    """Whether the command that runs was given --format json."""
+    return bool(click.get_current_context().meta[_FORMAT] == "json")
 
 
 def british(text: str) -> str:

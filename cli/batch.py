@@ -13,7 +13,7 @@ import click
 
 from cli.arguments import PATH, format_option
 from cli.manners import note
-from cli.standard_streams import show_json
+from cli.standard_streams import show_result
 
 if TYPE_CHECKING:
     from cli.batching.job import Result
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     "-o",
     "--output",
     default="batch",
-    show_default=True,
     help="Folder for all that is made, or its URL.",
 )
 @click.option(
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
     "at_once",
     type=click.IntRange(0),
     default=0,
+    show_default=False,
     help="Builds at a time.  [default: as many as cores]",
 )
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="Run on a Dask cluster's workers.")
@@ -46,7 +46,6 @@ def batch(
     at_once: int,
     scheduler: str | None,
     again: bool,
-    style: str,
 ) -> None:
     """Build the map of every log in FOLDER, check it, and sum up: text, JSON, JUnit and HTML.
 
@@ -96,10 +95,7 @@ def batch(
             note(f"[{len(known)}/{len(jobs)}] {result.name}: {reported}")
     results = [known[job.name] for job in jobs]
     _write_summaries(results, place)
-    if style == "json":
-        show_json(as_json(results))
-    else:
-        click.echo(as_text(results), nl=False)
+    show_result(as_json(results), as_text(results).splitlines())
     sys.exit(exit_code(results))
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.arguments import PATH, default_map, format_option
+from cli.arguments import PATH, default_map, format_option, wants_json
 from cli.config import config_options, options_of, settings_that_differ
 from cli.exit_codes import EXIT_PARTIAL
 from cli.interrupts import memory_limit
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     "--output",
     "map_path",
     default=default_map,
+    show_default=False,
     type=PATH,
     help="The map database to write.  [default: map.db]",
 )
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     "--method",
     type=click.Choice(["graph", "fastslam"]),
     default="graph",
-    show_default=True,
     help="GraphSLAM, or grid-based FastSLAM (particles).",
 )
 @click.option(
@@ -72,7 +72,6 @@ def build(
     dry_run: bool,
     verify_repeat: bool,
     max_memory: int | None,
-    style: str,
 ) -> None:
     """Turn LOG into a map: map.db, and beside it the products.
 
@@ -97,13 +96,13 @@ def build(
             raise click.UsageError("--append goes with none of the other ways to build")
         from cli.merging import append_logs, show_merged
 
-        show_merged(append_logs(paths, append_to, config, export=not no_export), style)
+        show_merged(append_logs(paths, append_to, config, export=not no_export))
         return
     from formats.logs import open_log
 
     log = open_log(paths)
     if dry_run:
-        _show_plan(log, config, style)
+        _show_plan(log, config)
         return
     if resume and not map_path.exists():
         raise MapError(f"{map_path}: there is no map to resume; omit --resume to begin one")
@@ -115,23 +114,23 @@ def build(
         same_options = [*options_of(config), "--method", method]
         same_options += ["--no-export"] if no_export else []
         repeat_and_compare(paths, map_path, summary["files"], same_options)
-    show_result(style, summary, _summary_lines(summary))
+    show_result(summary, _summary_lines(summary))
     if summary["losses"]:
-        if style == "text":
+        if not wants_json():
             click.echo("partial map; lost or assumed:", err=True)
             for loss in summary["losses"]:
                 click.echo(f"  - {loss}", err=True)
         sys.exit(EXIT_PARTIAL)
 
 
-def _show_plan(log: LogSource, config: Config, style: str) -> None:
+def _show_plan(log: LogSource, config: Config) -> None:
     """The plan; exit code 3 where the map would be partial, as of `inspect log`."""
     from cli.inspect_log import plan_json, plan_lines
     from mapmyworld.sensing import make_plan, survey_log
 
     survey = survey_log(log)
     plan = make_plan(survey, config.sensing)
-    show_result(style, plan_json(plan), plan_lines(plan))
+    show_result(plan_json(plan), plan_lines(plan))
     if plan.losses or survey.losses or log.info().problems:
         sys.exit(EXIT_PARTIAL)
 

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import click
 
-from cli.arguments import PATH, FiniteRange, format_option, map_argument
+from cli.arguments import PATH, FiniteRange, format_option, map_argument, wants_json
 from cli.checking import BETTER, KEYS, Sources, few_relations_note, measure
 from cli.completion import keys_from
 from cli.exit_codes import EXIT_CHECK_FAILED
 from cli.figure_names import figures_of, problems_of
 from cli.gates import WHOLE, judged, no_worse, read_requirements, require_known, wholeness
 from cli.outputs import require_apart
-from cli.standard_streams import end_partial, own_words, show_json, shown
+from cli.standard_streams import end_partial, own_words, show_result, shown
 from formats.check_results import Verdict, junit_xml, markdown
 from formats.database import open_store
 from formats.readable import readable
@@ -38,7 +38,6 @@ from mapmyworld.errors import ConfigError
     "--tolerance",
     type=FiniteRange(min=0.0),
     default=0.05,
-    show_default=True,
     help="Share of OLD's figures by which MAP's may be worse.",
 )
 @click.option("--allow-partial", is_flag=True, help="Accept a partial map.")
@@ -63,7 +62,6 @@ def check(
     junit: Path | None,
     comment: Path | None,
     listing: bool,
-    style: str,
 ) -> None:
     """Say whether MAP meets every requirement; exit code 4 when one fails.
 
@@ -83,7 +81,7 @@ def check(
             require_apart(path, [given for given in read if given is not None])
     sources = Sources(map_path, reference, relations, grid)
     if listing:
-        _list_keys(sources, style)
+        _list_keys(sources)
         return
     if not texts and baseline is None:
         raise ConfigError("nothing is required: give --require 'KEY OP VALUE' or --baseline OLD")
@@ -91,7 +89,7 @@ def check(
     for path, form in ((junit, junit_xml), (comment, markdown)):
         if path is not None:
             path.write_text(form(shown(map_path.name), verdicts), encoding="utf-8")
-    _show(verdicts, style)
+    _show(verdicts)
     if not all(verdict.passed for verdict in verdicts):
         sys.exit(EXIT_CHECK_FAILED)
     few = few_relations_note(sources)
@@ -144,8 +142,8 @@ def _comparable(sources: Sources) -> dict[str, float]:
     return found
 
 
-def _show(verdicts: Sequence[Verdict], style: str) -> None:
-    if style == "json":
+def _show(verdicts: Sequence[Verdict]) -> None:
+    if wants_json():
         rows = [
             {
                 "require": v.requirement,
@@ -158,7 +156,7 @@ def _show(verdicts: Sequence[Verdict], style: str) -> None:
         ]
         passed = all(v.passed for v in verdicts)
         whole = [v.message for v in verdicts if v.name == WHOLE and not v.passed]
-        show_json({"passed": passed, "partial": whole, "requirements": rows})
+        show_result({"passed": passed, "partial": whole, "requirements": rows}, ())
         return
     for v in verdicts:
         word = click.style("ok", fg="green") if v.passed else click.style("FAILED", fg="red")
@@ -171,16 +169,13 @@ def _finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
-def _list_keys(sources: Sources, style: str) -> None:
+def _list_keys(sources: Sources) -> None:
     """The short names with what they mean; then every figure of MAP, where there is one."""
     figures: dict[str, float] = {}
     if sources.map_path.exists():
         with open_store(sources.map_path, read_only=True) as store:
             figures = figures_of(store)
-    if style == "json":
-        show_json({name: key.about for name, key in KEYS.items()} | figures)
-        return
-    for name, key in KEYS.items():
-        click.echo(f"{name:22}{key.about}")
-    for name, value in figures.items():
-        click.echo(f"{name:48}{value:g}")
+    meanings = {name: key.about for name, key in KEYS.items()}
+    lines = [f"{name:22}{about}" for name, about in meanings.items()]
+    lines += [f"{name:48}{value:g}" for name, value in figures.items()]
+    show_result(meanings | figures, lines)

@@ -36,7 +36,6 @@ _METHODS = ("graph", "fastslam", "neighbour")
     "folder",
     type=click.Path(path_type=Path, file_okay=False, readable=False),
     default=Path("compare"),
-    show_default=True,
     help="Folder for the maps that --methods builds.",
 )
 @click.option("--reference", type=PATH, help="True trajectory, a TUM file or a MAP.")
@@ -52,7 +51,6 @@ def compare(
     relations: Path | None,
     image: Path | None,
     config: Config,
-    style: str,
 ) -> None:
     """Accuracy, sharpness, time and memory of several MAPs of one log, side by side.
 
@@ -79,7 +77,7 @@ def compare(
     rows = [figures_of(c, candidates[0], truth, known) for c in candidates]
     if image is not None:
         draw_maps(image, candidates, rows)
-    show_result(style, {"maps": rows}, table_lines(rows))
+    show_result({"maps": rows}, table_lines(rows))
 
 
 def _chosen(methods: str) -> list[str]:

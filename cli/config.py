@@ -11,7 +11,7 @@ import click
 
 from cli.arguments import PATH, format_option
 from cli.completion import settings_from
-from cli.standard_streams import show_json
+from cli.standard_streams import show_result
 from formats.limits import Limits, set_limits
 from formats.nested_text import read_toml
 from mapmyworld.config import Config, LimitsConfig
@@ -100,14 +100,12 @@ def _changed(config: Config) -> list[tuple[Setting, Setting]]:
 
 @click.command()
 @format_option
-def config(style: str) -> None:
+def config() -> None:
     """Print every setting as commented TOML.
 
     \b
     mapmyworld config > my.toml      then edit it and
     mapmyworld build log.mcap --config my.toml
     """
-    if style == "json":
-        show_json({s.name: {"default": s.value, "meaning": s.meaning} for s in list_settings()})
-    else:
-        click.echo(as_toml(), nl=False)
+    facts = {s.name: {"default": s.value, "meaning": s.meaning} for s in list_settings()}
+    show_result(facts, as_toml().splitlines())

@@ -14,7 +14,7 @@ import click
 import mapmyworld
 from cli.arguments import format_option
 from cli.exit_codes import EXIT_BAD_INPUT
-from cli.standard_streams import show_json
+from cli.standard_streams import show_result
 from mapmyworld.open3d_library import PACKAGES
 
 _NEEDED = ("numpy", "scipy", "numba", "gtsam", "cv2", "mcap", "rosbags", "rich", "click")
@@ -43,16 +43,15 @@ class Finding:
 
 @click.command()
 @format_option
-def doctor(style: str) -> None:
+def doctor() -> None:
     """Say whether this machine is ready: versions, optional libraries, threads, cache."""
     findings = [_python(), *map(_library, [*_NEEDED, *_OPTIONAL]), _threads(), _cache()]
-    if style == "json":
-        show_json({f.name: {"ok": f.ok, "needed": f.needed, "text": f.text} for f in findings})
-    else:
-        click.echo(f"mapmyworld {mapmyworld.__version__}")
-        for finding in findings:
-            mark = "ok" if finding.ok else ("MISSING" if finding.needed else "optional")
-            click.echo(f"{mark:>8}  {finding.name}: {finding.text}")
+    lines = [f"mapmyworld {mapmyworld.__version__}"]
+    for finding in findings:
+        mark = "ok" if finding.ok else ("MISSING" if finding.needed else "optional")
+        lines.append(f"{mark:>8}  {finding.name}: {finding.text}")
+    facts = {f.name: {"ok": f.ok, "needed": f.needed, "text": f.text} for f in findings}
+    show_result(facts, lines)
     if any(f.needed and not f.ok for f in findings):
         sys.exit(EXIT_BAD_INPUT)
 

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     "--mode",
     type=click.Choice(["trinary", "scale", "raw"]),
     default="trinary",
-    show_default=True,
     help="Occupied/free/unknown; or probabilities as PNG with alpha; or as raw values.",
 )
 @click.option(

@@ -15,14 +15,11 @@ from mapmyworld.errors import MapError
 @click.command()
 @map_argument
 @output_option("FILE", "[default: the map's name with the style's ending]")
-@click.option(
-    "--style", type=click.Choice(["tum", "kitti", "csv"]), default="tum", show_default=True
-)
+@click.option("--style", type=click.Choice(["tum", "kitti", "csv"]), default="tum")
 @click.option(
     "--which",
     type=click.Choice(["optimised", "odometry"]),
     default="optimised",
-    show_default=True,
     help="Poses of all tracked frames: final ones, or the recorded odometry.",
 )
 def trajectory(map_path: Path, output: Path | None, style: Any, which: Any) -> None:
@@ -129,7 +126,6 @@ def report(map_path: Path, output: Path | None, every_match: bool) -> None:
     "--what",
     type=click.Choice(["map", "graph", "loops", "uncertainty", "timing"]),
     default="map",
-    show_default=True,
     help="Grid and path; all constraints; scans of closures; sigma over time; cost of the build.",
 )
 @output_option("FILE", "A .png, .svg or .pdf file.  [default: the map's name with _WHAT.png]")

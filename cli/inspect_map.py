@@ -25,7 +25,7 @@ from mapmyworld.types import MapStore, OccupancyGrid
     help="Draw the particles' paths over the grid into this PNG (--method fastslam).",
 )
 @format_option
-def inspect_map(map_path: Path, image: Path | None, style: str) -> None:
+def inspect_map(map_path: Path, image: Path | None) -> None:
     """What MAP covers: sessions, length, duration, area, quality, and how it was made.
 
     \b
@@ -39,7 +39,7 @@ def inspect_map(map_path: Path, image: Path | None, style: str) -> None:
             raise MapError(f"{map_path}: holds no nodes: its build did not get that far")
         if image is not None:
             _draw_particles(store, image)
-    show_result(style, facts, _lines(facts))
+    show_result(facts, _lines(facts))
 
 
 def _draw_particles(store: MapStore, path: Path) -> None:

@@ -39,7 +39,6 @@ def localise(
     logs: tuple[Path, ...],
     outputs: tuple[Path, ...],
     config: Config,
-    style: str,
 ) -> None:
     """Find where the robot of LOG was in MAP, a map.db or any grid's YAML file.
 
@@ -69,7 +68,7 @@ def localise(
         "cpu_s": cost["cpu_s"],
         "files": [str(path) for path in outputs],
     }
-    show_result(style, summary, _lines(summary, seen))
+    show_result(summary, _lines(summary, seen))
     if found.known_share < 1.0 or found.losses:
         _complain(found, seen)
         sys.exit(EXIT_PARTIAL)

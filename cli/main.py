@@ -40,7 +40,11 @@ COMMANDS = {
 @click.group(
     cls=LazyGroup,
     table=COMMANDS,
-    context_settings={"help_option_names": ["-h", "--help"], "token_normalize_func": british},
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "show_default": True,
+        "token_normalize_func": british,
+    },
 )
 @click.version_option(mapmyworld.__version__, prog_name="mapmyworld")
 def group() -> None:

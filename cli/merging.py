@@ -22,7 +22,7 @@ from cli.outputs import (
 )
 from cli.progress import StderrProgress
 from cli.report import report_beside
-from cli.standard_streams import show_json
+from cli.standard_streams import show_result
 from cli.storing import ResultMaps, numbered, storage_arguments
 from formats.database import MemoryMap, open_store
 from formats.database.lock import only_writer
@@ -165,19 +165,15 @@ def require_results(output: Path, maps: Sequence[Path], *, export: bool) -> None
         require_no_other(path)
 
 
-def show_merged(summary: dict[str, Any], style: str) -> None:
+def show_merged(summary: dict[str, Any]) -> None:
     """Prints what resulted; exits with 3 where sessions stay apart."""
-    if style == "json":
-        show_json(summary)
-    else:
-        for made in summary["maps"]:
-            click.echo(
-                f"{made['file']}: {made['sessions']} sessions, {made['nodes']} nodes, "
-                f"{made['links']} constraints between sessions; of {', '.join(made['of'])}"
-            )
-        click.echo(
-            f"time: {summary['cpu_s']:.1f} CPU s, {summary['peak_memory_mb']:.0f} MB at most"
-        )
+    lines = [
+        f"{made['file']}: {made['sessions']} sessions, {made['nodes']} nodes, "
+        f"{made['links']} constraints between sessions; of {', '.join(made['of'])}"
+        for made in summary["maps"]
+    ]
+    cost = f"{summary['cpu_s']:.1f} CPU s, {summary['peak_memory_mb']:.0f} MB at most"
+    show_result(summary, [*lines, f"time: {cost}"])
     if len(summary["maps"]) > 1:
         click.echo(
             f"the sessions do not all show the same place: {len(summary['maps'])} maps were "

@@ -49,7 +49,6 @@ def optimise(
     robust: bool,
     image: Path | None,
     config: Config,
-    style: str,
 ) -> None:
     """Optimise the pose graph in FILE: g2o, TORO, GTSAM text, map.db or an RTAB-Map database.
 
@@ -89,7 +88,7 @@ def optimise(
     }
     if image is not None:
         draw(image, solved)
-    show_result(style, facts, _lines(facts))
+    show_result(facts, _lines(facts))
     end_partial([f"{path}: {loss}" for loss in losses])
 
 

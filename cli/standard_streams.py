@@ -13,6 +13,7 @@ from typing import Any
 
 import click
 
+from cli.arguments import wants_json
 from cli.exit_codes import EXIT_PARTIAL
 from formats.readable import readable
 
@@ -124,10 +125,10 @@ def _byte_of(code: int) -> bytes:
     return bytes([code - 0xDC00]) if 0xDC80 <= code <= 0xDCFF else b"?"
 
 
-def show_result(style: str, facts: Any, lines: Iterable[str]) -> None:
+def show_result(facts: Any, lines: Iterable[str]) -> None:
     """What a command found, on stdout: as JSON, or as lines of text."""
-    if style == "json":
-        show_json(facts)
+    if wants_json():
+        click.echo(json.dumps(facts, indent=2, allow_nan=False, default=float))
     else:
         click.echo("\n".join(lines))
 
@@ -147,8 +148,3 @@ def end_partial(losses: Sequence[str]) -> None:
         click.echo(f"mapmyworld: {loss}", err=True)
     if losses:
         sys.exit(EXIT_PARTIAL)
-
-
-def show_json(value: Any) -> None:
-    """One JSON document on stdout."""
-    click.echo(json.dumps(value, indent=2, allow_nan=False, default=float))

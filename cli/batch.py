@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,7 +17,6 @@ from cli.standard_streams import show_result
 
 if TYPE_CHECKING:
     from cli.batching.job import Result
-    from cli.batching.manifest import Job
 
 
 @click.command()
@@ -80,6 +79,7 @@ def batch(
     """
     from cli.batching.job import finished
     from cli.batching.manifest import jobs_of_folder, read_manifest
+    from cli.batching.runners import run_here, run_on_cluster
     from cli.batching.summary import as_json, as_text, exit_code
 
     jobs = jobs_of_folder(manifest) if manifest.is_dir() else read_manifest(manifest)
@@ -88,7 +88,11 @@ def batch(
     waiting = [job for job in jobs if job.name not in known]
     if known:
         note(f"{len(known)} of {len(jobs)} logs are finished already")
-    with closing(_run(waiting, place, at_once, scheduler)) as running:
+    if scheduler is None:
+        results_as_they_come = run_here(waiting, place, at_once)
+    else:
+        results_as_they_come = run_on_cluster(waiting, place, scheduler)
+    with closing(results_as_they_come) as running:
         for result in running:
             known[result.name] = result
             reported = result.message.splitlines()[0] if result.message else result.status
@@ -107,14 +111,6 @@ def _place(output: str) -> str:
     folder = Path(output).absolute()
     folder.mkdir(parents=True, exist_ok=True)
     return str(folder)
-
-
-def _run(jobs: Sequence[Job], place: str, at_once: int, scheduler: str | None) -> Generator[Result]:
-    from cli.batching.runners import run_here, run_on_cluster
-
-    if scheduler is not None:
-        return run_on_cluster(jobs, place, scheduler)
-    return run_here(jobs, place, at_once)
 
 
 def _write_summaries(results: Sequence[Result], place: str) -> None:

@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from cli.arguments import PATH, FiniteRange, format_option, map_argument, wants_json
-from cli.checking import BETTER, KEYS, Sources, few_relations_note, measure
+from cli.checking import BETTER, KEYS, Facts, Sources, few_relations_note, measure
 from cli.completion import keys_from
 from cli.exit_codes import EXIT_CHECK_FAILED
 from cli.figure_names import figures_of, problems_of
-from cli.gates import WHOLE, judged, no_worse, read_requirements, require_known, wholeness
+from cli.gates import WHOLE, judged, no_worse, read_requirements, wholeness
 from cli.outputs import require_apart
 from cli.standard_streams import end_partial, own_words, show_result, shown
 from formats.check_results import Verdict, junit_xml, markdown
@@ -85,14 +86,16 @@ def check(
         return
     if not texts and baseline is None:
         raise ConfigError("nothing is required: give --require 'KEY OP VALUE' or --baseline OLD")
-    verdicts = _verdicts(sources, texts, baseline, tolerance, allow_partial)
-    for path, form in ((junit, junit_xml), (comment, markdown)):
-        if path is not None:
-            path.write_text(form(shown(map_path.name), verdicts), encoding="utf-8")
-    _show(verdicts)
-    if not all(verdict.passed for verdict in verdicts):
-        sys.exit(EXIT_CHECK_FAILED)
-    few = few_relations_note(sources)
+    with open_store(map_path, read_only=True) as store:
+        facts = Facts(store, sources)
+        verdicts = _verdicts(facts, texts, baseline, tolerance, allow_partial)
+        for path, form in ((junit, junit_xml), (comment, markdown)):
+            if path is not None:
+                path.write_text(form(shown(map_path.name), verdicts), encoding="utf-8")
+        _show(verdicts)
+        if not all(verdict.passed for verdict in verdicts):
+            sys.exit(EXIT_CHECK_FAILED)
+        few = few_relations_note(facts)
     if not allow_partial:
         end_partial(few)
     for line in few:
@@ -100,43 +103,32 @@ def check(
 
 
 def _verdicts(
-    sources: Sources,
+    facts: Facts,
     texts: Sequence[str],
     baseline: Path | None,
     tolerance: float,
     allow_partial: bool,
 ) -> list[Verdict]:
     requirements = read_requirements(texts)
-    with open_store(sources.map_path, read_only=True) as store:
-        whole = wholeness(problems_of(store))
-    verdicts = [] if allow_partial else [whole]
-    wanted = {r.key for r in requirements}
-    values = measure(wanted & KEYS.keys(), sources) | _figures(wanted - KEYS.keys(), sources)
+    verdicts = [] if allow_partial else [wholeness(problems_of(facts.store))]
+    values = measure({r.key for r in requirements}, facts)
     verdicts += [judged(r, values[r.key]) for r in requirements]
     if baseline is not None:
-        old = Sources(baseline, sources.reference, sources.relations, sources.grid)
-        verdicts += no_worse(_comparable(sources), _comparable(old), tolerance)
+        with open_store(baseline, read_only=True) as store:
+            old = Facts(store, replace(facts.sources, map_path=baseline))
+            verdicts += no_worse(_comparable(facts), _comparable(old), tolerance)
     return verdicts
 
 
-def _figures(wanted: set[str], sources: Sources) -> dict[str, float]:
-    if not wanted:
-        return {}
-    with open_store(sources.map_path, read_only=True) as store:
-        found = figures_of(store)
-    require_known(sorted(wanted), found)
-    return found
-
-
-def _comparable(sources: Sources) -> dict[str, float]:
+def _comparable(facts: Facts) -> dict[str, float]:
     """The figures that have a better and a worse, as far as this map has them."""
     found: dict[str, float] = {}
     for key in BETTER:
         needs = KEYS[key].needs
-        if needs and getattr(sources, needs) is None:
+        if needs and getattr(facts.sources, needs) is None:
             continue
         try:
-            found |= measure({key}, sources)
+            found |= measure({key}, facts)
         except ConfigError:
             continue  # a map without a grid has no unknown cells to compare
     return found

@@ -119,7 +119,5 @@ def _build(logs: tuple[Path, ...], method: str, path: Path, options: list[str]) 
     arguments = [*map(str, logs), "-o", str(path), "--method", method, "--overwrite"]
     arguments += ["--no-export", "--format", "json", *options]
     note(f"building {path} by {method}")
-    summary: dict[str, Any] = json.loads(
-        run_build(arguments, f"{path}: building by {method} failed")
-    )
+    summary: dict[str, Any] = json.loads(run_build(arguments, f"{path}: building by {method}"))
     return summary

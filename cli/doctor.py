@@ -45,7 +45,8 @@ class Finding:
 @format_option
 def doctor() -> None:
     """Say whether this machine is ready: versions, optional libraries, threads, cache."""
-    findings = [_python(), *map(_library, [*_NEEDED, *_OPTIONAL]), _threads(), _cache()]
+    threads = Finding("threads", True, False, f"{os.cpu_count()} cores")
+    findings = [_python(), *map(_library, [*_NEEDED, *_OPTIONAL]), threads, _cache()]
     lines = [f"mapmyworld {mapmyworld.__version__}"]
     for finding in findings:
         mark = "ok" if finding.ok else ("MISSING" if finding.needed else "optional")
@@ -73,10 +74,6 @@ def _library(module: str) -> Finding:
     if name == "gtsam" and tuple(int(p) for p in version.split(".")[:2]) < (4, 3):
         return Finding(name, False, True, f"{version} crashes with NumPy 2: install gtsam 4.3")
     return Finding(name, True, not use, version + use)
-
-
-def _threads() -> Finding:
-    return Finding("threads", True, False, f"{os.cpu_count()} cores")
 
 
 def _cache() -> Finding:

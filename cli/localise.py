@@ -69,8 +69,12 @@ def localise(
         "files": [str(path) for path in outputs],
     }
     show_result(summary, _lines(summary, seen))
+    if found.known_share < 1.0:
+        unknown = f"{1.0 - found.known_share:.1%} of the {seen}"
+        click.echo(f"The pose is unknown for {unknown}: see the states.", err=True)
+    for loss in found.losses:
+        click.echo(f"  - {loss}", err=True)
     if found.known_share < 1.0 or found.losses:
-        _complain(found, seen)
         sys.exit(EXIT_PARTIAL)
 
 
@@ -159,11 +163,3 @@ def _lines(summary: dict[str, Any], seen: str) -> list[str]:
         f"{summary['cpu_s']:.1f} CPU s",
         *(f"written:       {path}" for path in summary["files"]),
     ]
-
-
-def _complain(found: Localisation, seen: str) -> None:
-    if found.known_share < 1.0:
-        unknown = f"{1.0 - found.known_share:.1%} of the {seen}"
-        click.echo(f"The pose is unknown for {unknown}: see the states.", err=True)
-    for loss in found.losses:
-        click.echo(f"  - {loss}", err=True)

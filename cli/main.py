@@ -63,23 +63,12 @@ def main() -> None:
     heed_interrupts()
     try:
         _run()
-    except MapMyWorldError as error:
-        click.echo(f"mapmyworld: {error}", err=True)
+    except (MapMyWorldError, OSError, ImportError, MemoryError) as error:
+        click.echo(f"mapmyworld: {_in_words(error)}", err=True)
         sys.exit(EXIT_BAD_INPUT)
     except click.ClickException as error:
         error.show()
         sys.exit(EXIT_USAGE)
-    except OSError as error:
-        click.echo(f"mapmyworld: {_in_words(error)}", err=True)
-        sys.exit(EXIT_BAD_INPUT)
-    except ImportError as error:  # little memory is enough for it, not only a bad installation
-        click.echo(f"mapmyworld: cannot be loaded whole ({error}): `mapmyworld doctor`", err=True)
-        sys.exit(EXIT_BAD_INPUT)
-    except MemoryError:
-        click.echo(
-            "mapmyworld: out of memory: close other programs, or use a larger machine", err=True
-        )
-        sys.exit(EXIT_BAD_INPUT)
     except (click.Abort, KeyboardInterrupt, Interrupted):
         forget_interrupts()
         click.echo("mapmyworld: interrupted; the same command goes on with this stage", err=True)
@@ -97,8 +86,16 @@ def _run() -> NoReturn:
         raise
 
 
-def _in_words(error: OSError) -> str:
-    """What the system reports about a file, and what to do."""
+def _in_words(error: Exception) -> str:
+    """What went wrong, of a file as the system reports it, and what to do."""
+    if isinstance(
+        error, ImportError
+    ):  # little memory is enough for it, not only a bad installation
+        return f"cannot be loaded whole ({error}): `mapmyworld doctor`"
+    if isinstance(error, MemoryError):
+        return "out of memory: close other programs, or use a larger machine"
+    if not isinstance(error, OSError):
+        return str(error)
     suggestions = {
         errno.ENOSPC: "free some space and give the same command again",
         errno.EDQUOT: "free some space and give the same command again",

@@ -9,8 +9,8 @@ from typing import Any
 
 import click
 
+from cli.arguments import noted
 from cli.interrupts import heed_memory_limit, heed_wish, peak_memory_mb
-from cli.manners import is_quiet, is_verbose
 from cli.standard_streams import in_columns, own_words
 from formats.readable import readable
 from mapmyworld.decisions import decided
@@ -52,7 +52,7 @@ class StderrProgress:
     """Says which stage runs, how far it is, and how much faster than the robot drove."""
 
     def __init__(self) -> None:
-        self.quiet = is_quiet()
+        self.quiet = bool(noted("quiet"))
         self._began = time.monotonic(), time.process_time()
         self.notes: list[str] = []
         self.costs: dict[str, StageCost] = {}
@@ -134,7 +134,7 @@ class StderrProgress:
         if self._live is not None:
             self._live.close()
             self._live = None
-        rows = [cost.reported(verbose=is_verbose()) for cost in self._ended.values()]
+        rows = [cost.reported(verbose=bool(noted("verbose"))) for cost in self._ended.values()]
         self._ended = {}
         for line, row in zip(in_columns([row[:-1] for row in rows]), rows, strict=True):
             if not self.quiet:

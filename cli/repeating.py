@@ -30,7 +30,7 @@ def repeat_and_compare(
         arguments = [*options, "--set", "threads=1", "-o", str(again)]
         arguments += [str(log.absolute()) for log in logs]
         elsewhere = {**os.environ, "TZ": "Pacific/Kiritimati", "LC_ALL": "C", "LANG": "C"}
-        run_build(arguments, f"{map_path}: the second build failed", cwd=name, env=elsewhere)
+        run_build(arguments, f"{map_path}: the second build", cwd=name, env=elsewhere)
         differing = [
             Path(file).name
             for file in files
@@ -44,13 +44,13 @@ def repeat_and_compare(
         )
 
 
-def run_build(arguments: Sequence[str], failed: str, **where: Any) -> str:
+def run_build(arguments: Sequence[str], name: str, **where: Any) -> str:
     """What a build in a process of its own prints; `where`: its folder and environment.
 
-    Raises `MapError` that begins with `failed` where it gives no map.
+    Raises `MapError` that calls it by this `name` where it gives no map.
     """
     command = [sys.executable, "-m", "cli.main", "build", "--quiet", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=False, **where)
     if done.returncode not in (0, EXIT_PARTIAL):
-        raise MapError(f"{failed}: {done.stderr.strip() or done.returncode}")
+        raise MapError(f"{name} failed: {done.stderr.strip() or done.returncode}")
     return str(done.stdout)

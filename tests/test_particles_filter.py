@@ -23,8 +23,8 @@ from mapmyworld.particles.fastslam import run_fastslam
 from mapmyworld.particles.filter import ParticleFilter
 from mapmyworld.particles.filter_scans import beams_from_scan
 from mapmyworld.particles.history import loops_reentered
-from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.kernels.likelihood import log_likelihood
+from mapmyworld.particles.kernels.surface_tiles import Beams
 from mapmyworld.particles.motions import Motion, motions_between
 from mapmyworld.particles.proposal import Proposal, improved_proposal
 from mapmyworld.particles.smoothing import smooth_path

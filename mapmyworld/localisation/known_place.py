@@ -15,7 +15,13 @@ from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar, wrap_angle
 from mapmyworld.kernels.map_search import cast_rays
 from mapmyworld.places.whole_map import WholeMap, map_of_grid
-from mapmyworld.registration.scan_matching import PreparedScan, ScanSet, prepare_scan, scan_set
+from mapmyworld.registration.scan_matching import (
+    PreparedScan,
+    ScanSet,
+    prepare_scan,
+    prepare_scans,
+    scan_set,
+)
 from mapmyworld.registration.scan_search import APART
 from mapmyworld.types import MapStore, OccupancyGrid, Scan
 
@@ -63,7 +69,7 @@ def known_place_from_store(store: MapStore, config: Config) -> KnownPlace:
     poses, scans = _spaced_scans(store, config)
     if len(scans) == 0:
         return known_place_from_grid(grid, config)
-    return _known_place(grid, scan_set(scans), poses)
+    return _known_place(grid, scans, poses)
 
 
 def known_place_from_grid(grid: OccupancyGrid, config: Config) -> KnownPlace:
@@ -78,18 +84,15 @@ def _known_place(grid: OccupancyGrid, scans: ScanSet, poses: Array) -> KnownPlac
     return KnownPlace(grid.resolution, map_of_grid(grid), scans, poses, cKDTree(poses[:, :2]))
 
 
-def _spaced_scans(store: MapStore, config: Config) -> tuple[Array, list[PreparedScan]]:
+def _spaced_scans(store: MapStore, config: Config) -> tuple[Array, ScanSet]:
     """Scans of a map's nodes, one a place and heading, with their poses."""
     frames, final = store.tracked_frames(), store.frame_poses()
     if final is None:
-        return np.zeros((0, 3)), []
+        return np.zeros((0, 3)), scan_set([])
     planar = matrix_to_planar(final)
     chosen = spread_out(planar, np.flatnonzero(frames.is_node), config.localisation.spacing)
-    found = [
-        (planar[frame], prepare_scan(scan, config.registration))
-        for frame, scan in store.scans(chosen)
-    ]
-    return np.array([pose for pose, _ in found]).reshape(-1, 3), [scan for _, scan in found]
+    found = dict(store.scans(chosen))
+    return planar[list(found)], prepare_scans(list(found.values()), config.registration)
 
 
 def spread_out(poses: Array, candidates: NDArray[np.int64], spacing: float) -> NDArray[np.int64]:

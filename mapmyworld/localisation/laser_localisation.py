@@ -111,19 +111,15 @@ class LaserLocaliser:
             return (self._lose(moment) if doubted else self._reckon(moment)), fit.agreeing
         self._agreed_at = self._global.path
         self._correct(match, moment)
-        if not moment.shaken and self._since(self._confirmed_at) < self._submap:
+        if not moment.shaken and self._global.path - self._confirmed_at < self._submap:
             return State.TRACKING, fit.agreeing
         self._confirmed_at = self._global.path
         return self._confirm(moment), fit.agreeing
 
-    def _since(self, path: float) -> float:
-        """Metres from there on."""
-        return self._global.path - path
-
     def _reckon(self, moment: Moment) -> State:
         """Goes on by odometry where the map does not help, if that is certain enough."""
         sigma = np.sqrt(np.linalg.eigvalsh(self._covariance[:2, :2])[-1])
-        far = self._since(self._agreed_at) > self._submap
+        far = self._global.path - self._agreed_at > self._submap
         if moment.shaken or far or 2.0 * sigma > APART[0]:
             return self._lose(moment)
         return State.TRACKING

@@ -24,7 +24,7 @@ from mapmyworld.particles.contradictions import Contradictions, contradictions
 from mapmyworld.particles.filter import Generation, ParticleFilter
 from mapmyworld.particles.filter_scans import beams_from_scan
 from mapmyworld.particles.history import paths_of, summary_of
-from mapmyworld.particles.kernels import Beams
+from mapmyworld.particles.kernels.surface_tiles import Beams
 from mapmyworld.particles.motions import Motion, motions_between
 from mapmyworld.particles.smoothing import smooth_path
 from mapmyworld.types import Frame, Progress, Scan

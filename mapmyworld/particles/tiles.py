@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.parallel import run_in_chunks
-from mapmyworld.particles import kernels
-from mapmyworld.particles.kernels import TILE, Beams, Surfaces
+from mapmyworld.particles.kernels import insertion
+from mapmyworld.particles.kernels.surface_tiles import TILE, Beams, Surfaces
 
 _EMPTY = 0  # slot of the tile in which nothing was ever observed
 _MARGIN = 4  # tiles added around what is needed when the world outgrows the tables
@@ -37,10 +37,10 @@ class TileMaps:
         maps = self.surfaces
         touched = np.zeros(maps.tables.shape, np.bool_)
         place = maps.tables, beams, poses, maps.base, maps.resolution, touched
-        run_in_chunks(lambda a, b: kernels.touched_tiles(a, b, *place), len(poses), self._threads)
+        run_in_chunks(lambda a, b: insertion.touched_tiles(a, b, *place), len(poses), self._threads)
         self._make_own(touched)
         given = beams, poses, self._owners
-        run_in_chunks(lambda a, b: kernels.insert(maps, a, b, *given), len(poses), self._threads)
+        run_in_chunks(lambda a, b: insertion.insert(maps, a, b, *given), len(poses), self._threads)
 
     def resample(self, ancestors: NDArray[np.int64]) -> None:
         """Particle k continues with the map of `ancestors[k]`, of (P,); nothing is copied."""

@@ -24,27 +24,25 @@ F = TypeVar("F", bound=Callable[..., Any])
 def config_options(command: F) -> F:
     """`--config FILE` and `--set KEY=VALUE`, in which later ones win, as the parameter `config`."""
 
-    @functools.wraps(command)
-    def configured(config_path: Path | None, changes: Sequence[str], **given: Any) -> Any:
-        return command(config=load_config(config_path, changes), **given)
-
-    decorated: Any = click.option(
+    @click.option(
+        "--config",
+        "config_path",
+        type=PATH,
+        help="TOML file with settings; `mapmyworld config` prints one.",
+    )
+    @click.option(
         "--set",
         "changes",
         multiple=True,
         metavar="KEY=VALUE",
         shell_complete=settings_from,
         help="Change one setting, e.g. --set mapping.resolution=0.025. May be repeated.",
-    )(configured)
-    return cast(
-        F,
-        click.option(
-            "--config",
-            "config_path",
-            type=PATH,
-            help="TOML file with settings; `mapmyworld config` prints one.",
-        )(decorated),
     )
+    @functools.wraps(command)
+    def configured(config_path: Path | None, changes: Sequence[str], **given: Any) -> Any:
+        return command(config=load_config(config_path, changes), **given)
+
+    return cast(F, configured)
 
 
 def load_config(config_path: Path | None, changes: Sequence[str]) -> Config:

@@ -19,7 +19,7 @@ from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to
 from mapmyworld.kernels.wheel_model import new_wheels
 from mapmyworld.mapping.occupancy import build_grid
 from mapmyworld.particles.contradictions import Contradictions, contradictions
-from mapmyworld.particles.fastslam import run_fastslam
+from mapmyworld.particles.fastslam import run_fastslam, smooth_path
 from mapmyworld.particles.filter import ParticleFilter
 from mapmyworld.particles.filter_scans import beams_from_scan
 from mapmyworld.particles.history import loops_reentered
@@ -27,7 +27,6 @@ from mapmyworld.particles.kernels.likelihood import log_likelihood
 from mapmyworld.particles.kernels.surface_tiles import Beams
 from mapmyworld.particles.motions import Motion, motions_between
 from mapmyworld.particles.proposal import Proposal, improved_proposal
-from mapmyworld.particles.smoothing import smooth_path
 from mapmyworld.particles.tiles import TileMaps
 from mapmyworld.sensing import make_plan, read_frames, survey_log
 from mapmyworld.types import Frame, OccupancyGrid, Scan, Trajectory

@@ -30,8 +30,6 @@ _CANDIDATES = 3  # nodes that a view is compared with
 class Sighting:
     """A node of the map recognised in an image."""
 
-    node: int
-    """Index of the node."""
     map_from_base: Array
     """(4, 4)."""
     registration: Registration
@@ -129,7 +127,7 @@ class KnownImages:
         found = register_images(known, view, self._config, guess=node_guess).registration
         if not found.converged:
             return None
-        return Sighting(node, self.map_from_node[node] @ found.a_from_b, found)
+        return Sighting(self.map_from_node[node] @ found.a_from_b, found)
 
     def _read_view(self, node: int) -> View | None:
         data = self._store.node_data(int(self.ids[node]))

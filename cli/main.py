@@ -88,9 +88,8 @@ def _run() -> NoReturn:
 
 def _in_words(error: Exception) -> str:
     """What went wrong, of a file as the system reports it, and what to do."""
-    if isinstance(
-        error, ImportError
-    ):  # little memory is enough for it, not only a bad installation
+    if isinstance(error, ImportError):
+        # Little memory is enough for it, not only a bad installation.
         return f"cannot be loaded whole ({error}): `mapmyworld doctor`"
     if isinstance(error, MemoryError):
         return "out of memory: close other programs, or use a larger machine"

@@ -76,11 +76,8 @@ class TileMaps:
 
     def _make_room(self, poses: NDArray[np.float64], reach: float) -> None:
         """Widens the tables so that all within `reach` of the poses lies inside."""
-        tables, base, side = (
-            self.surfaces.tables,
-            self.surfaces.base,
-            TILE * self.surfaces.resolution,
-        )
+        maps = self.surfaces
+        tables, base, side = maps.tables, maps.base, TILE * maps.resolution
         low = np.floor((poses[:, 1::-1].min(axis=0) - reach) / side).astype(np.int64) - 1
         high = np.floor((poses[:, 1::-1].max(axis=0) + reach) / side).astype(np.int64) + 2
         size = np.array(tables.shape[1:])
@@ -95,7 +92,7 @@ class TileMaps:
         if np.any(tables):
             y, x = base - before
             wider[:, y : y + size[0], x : x + size[1]] = tables
-        self.surfaces = self.surfaces._replace(tables=wider, base=before)
+        self.surfaces = maps._replace(tables=wider, base=before)
 
 
 def _reach(beams: Beams) -> float:

@@ -30,7 +30,8 @@ from formats.logs import open_log
 from formats.trajectory_files import read_trajectory
 from mapmyworld.config import Config
 from mapmyworld.config.settings import apply_settings
-from mapmyworld.localisation import localise_log, plan_log
+from mapmyworld.localisation import localise_log
+from mapmyworld.stages.plan_log import plan_log
 from mapmyworld.types import Trajectory
 from mapmyworld.types.localisation import Localisation, State
 

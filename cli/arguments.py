@@ -52,15 +52,36 @@ def map_argument(command: F) -> F:
 
 
 def format_option(command: F) -> F:
-    """Adds --format text|json to a command, as its parameter `style`."""
-    return click.option(
-        "--format",
-        "style",
-        type=click.Choice(["text", "json"]),
-        default="text",
-        show_default=True,
-        help="How to print the result.",
-    )(command)
+    """Adds --format text|json to a command, for `wants_json`."""
+    kinds, text = click.Choice(["text", "json"]), "How to print the result."
+    return noted_option("--format", type=kinds, default="text", help=text)(command)
+
+
+def wants_json() -> bool:
+    """Whether the command that runs was given --format json."""
+    return bool(noted("format") == "json")
+
+
+def noted_option(
+    *names: str, act: Callable[..., None] | None = None, **more: Any
+) -> Callable[[F], F]:
+    """Adds an option that is no parameter of the command: `noted` tells it by its long name.
+
+    `act` is called with the context and the value.
+    """
+
+    def keep(context: click.Context, parameter: click.Parameter, value: Any) -> None:
+        context.meta[f"mapmyworld.{parameter.name}"] = value
+        if act is not None and value and not context.resilient_parsing:
+            act(context, value)
+
+    return click.option(*names, expose_value=False, callback=keep, **more)
+
+
+def noted(name: str) -> Any:
+    """What the command that runs was given for an option; None where it has none of that name."""
+    context = click.get_current_context(silent=True)
+    return None if context is None else context.meta.get(f"mapmyworld.{name}")
 
 
 def british(text: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,12 +13,10 @@ import click
 
 from cli.arguments import PATH, format_option
 from cli.manners import note
-from cli.standard_streams import show_json
-from mapmyworld.errors import MapError
+from cli.standard_streams import show_result
 
 if TYPE_CHECKING:
     from cli.batching.job import Result
-    from cli.batching.manifest import Job
 
 
 @click.command()
@@ -27,7 +25,6 @@ if TYPE_CHECKING:
     "-o",
     "--output",
     default="batch",
-    show_default=True,
     help="Folder for all that is made, or its URL.",
 )
 @click.option(
@@ -36,6 +33,7 @@ if TYPE_CHECKING:
     "at_once",
     type=click.IntRange(0),
     default=0,
+    show_default=False,
     help="Builds at a time.  [default: as many as cores]",
 )
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="Run on a Dask cluster's workers.")
@@ -47,7 +45,6 @@ def batch(
     at_once: int,
     scheduler: str | None,
     again: bool,
-    style: str,
 ) -> None:
     """Build the map of every log in FOLDER, check it, and sum up: text, JSON, JUnit and HTML.
 
@@ -82,6 +79,7 @@ def batch(
     """
     from cli.batching.job import finished
     from cli.batching.manifest import jobs_of_folder, read_manifest
+    from cli.batching.runners import run_here, run_on_cluster
     from cli.batching.summary import as_json, as_text, exit_code
 
     jobs = jobs_of_folder(manifest) if manifest.is_dir() else read_manifest(manifest)
@@ -90,17 +88,18 @@ def batch(
     waiting = [job for job in jobs if job.name not in known]
     if known:
         note(f"{len(known)} of {len(jobs)} logs are finished already")
-    with closing(_run(waiting, place, at_once, scheduler)) as running:
+    if scheduler is None:
+        results_as_they_come = run_here(waiting, place, at_once)
+    else:
+        results_as_they_come = run_on_cluster(waiting, place, scheduler)
+    with closing(results_as_they_come) as running:
         for result in running:
             known[result.name] = result
             reported = result.message.splitlines()[0] if result.message else result.status
             note(f"[{len(known)}/{len(jobs)}] {result.name}: {reported}")
     results = [known[job.name] for job in jobs]
     _write_summaries(results, place)
-    if style == "json":
-        show_json(as_json(results))
-    else:
-        click.echo(as_text(results), nl=False)
+    show_result(as_json(results), as_text(results).splitlines())
     sys.exit(exit_code(results))
 
 
@@ -110,19 +109,8 @@ def _place(output: str) -> str:
     if is_url(output):
         return output.rstrip("/")
     folder = Path(output).absolute()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MapError(f"{output}: cannot be written: {error.strerror}") from None
+    folder.mkdir(parents=True, exist_ok=True)
     return str(folder)
-
-
-def _run(jobs: Sequence[Job], place: str, at_once: int, scheduler: str | None) -> Generator[Result]:
-    from cli.batching.runners import run_here, run_on_cluster
-
-    if scheduler is not None:
-        return run_on_cluster(jobs, place, scheduler)
-    return run_here(jobs, place, at_once)
 
 
 def _write_summaries(results: Sequence[Result], place: str) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cli.arguments import PATH, default_map, format_option
+from cli.arguments import PATH, default_map, format_option, wants_json
 from cli.config import config_options, options_of, settings_that_differ
 from cli.exit_codes import EXIT_PARTIAL
 from cli.interrupts import memory_limit
@@ -22,7 +22,8 @@ from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
     from mapmyworld.config import Config
-    from mapmyworld.types import LogSource
+    from mapmyworld.pipeline import BuildResult
+    from mapmyworld.types import LogSource, MapStore
 
 
 @click.command()
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     "--output",
     "map_path",
     default=default_map,
+    show_default=False,
     type=PATH,
     help="The map database to write.  [default: map.db]",
 )
@@ -40,7 +42,6 @@ if TYPE_CHECKING:
     "--method",
     type=click.Choice(["graph", "fastslam"]),
     default="graph",
-    show_default=True,
     help="GraphSLAM, or grid-based FastSLAM (particles).",
 )
 @click.option(
@@ -71,7 +72,6 @@ def build(
     dry_run: bool,
     verify_repeat: bool,
     max_memory: int | None,
-    style: str,
 ) -> None:
     """Turn LOG into a map: map.db, and beside it the products.
 
@@ -94,13 +94,15 @@ def build(
     if append_to is not None:
         if resume or overwrite or dry_run or verify_repeat or method != "graph":
             raise click.UsageError("--append goes with none of the other ways to build")
-        _append(paths, append_to, config, not no_export, style)
+        from cli.merging import append_logs, show_merged
+
+        show_merged(append_logs(paths, append_to, config, export=not no_export))
         return
     from formats.logs import open_log
 
     log = open_log(paths)
     if dry_run:
-        _show_plan(log, config, style)
+        _show_plan(log, config)
         return
     if resume and not map_path.exists():
         raise MapError(f"{map_path}: there is no map to resume; omit --resume to begin one")
@@ -112,31 +114,23 @@ def build(
         same_options = [*options_of(config), "--method", method]
         same_options += ["--no-export"] if no_export else []
         repeat_and_compare(paths, map_path, summary["files"], same_options)
-    show_result(style, summary, _summary_lines(summary))
+    show_result(summary, _summary_lines(summary))
     if summary["losses"]:
-        if style == "text":
+        if not wants_json():
             click.echo("partial map; lost or assumed:", err=True)
             for loss in summary["losses"]:
                 click.echo(f"  - {loss}", err=True)
         sys.exit(EXIT_PARTIAL)
 
 
-def _append(
-    logs: tuple[Path, ...], map_path: Path, config: Config, export: bool, style: str
-) -> None:
-    from cli.merging import append_logs, show_merged
-
-    show_merged(append_logs(logs, map_path, config, export=export), style)
-
-
-def _show_plan(log: LogSource, config: Config, style: str) -> None:
+def _show_plan(log: LogSource, config: Config) -> None:
     """The plan; exit code 3 where the map would be partial, as of `inspect log`."""
     from cli.inspect_log import plan_json, plan_lines
     from mapmyworld.sensing import make_plan, survey_log
 
     survey = survey_log(log)
     plan = make_plan(survey, config.sensing)
-    show_result(style, plan_json(plan), plan_lines(plan))
+    show_result(plan_json(plan), plan_lines(plan))
     if plan.losses or survey.losses or log.info().problems:
         sys.exit(EXIT_PARTIAL)
 
@@ -152,15 +146,11 @@ def _build(
 ) -> dict[str, Any]:
     from formats.database import open_store
     from formats.database.lock import only_writer
-    from formats.logs.steady import SteadyLog
-    from mapmyworld.pipeline import build_map
 
     stored = storage_arguments(config)
     opening = partial(open_store, map_path, create=True, overwrite=overwrite, **stored)
     with only_writer(map_path), no_empty_map(map_path), opening() as store:
-        store.put("settings", settings_that_differ(config))
-        words = _given_words(config.places.vocabulary)
-        result = build_map(SteadyLog(log), store, config, progress, method=method, words=words)
+        result = build_into(store, log, config, progress, method)
         written = [str(map_path)]
         if export:
             from mapmyworld.exporting import export_beside
@@ -178,6 +168,18 @@ def _build(
             reused = bool(result.reused_stages)
             written += report_beside(store, map_path, cost, progress, continued=reused)
     return {**result.as_dict(), "files": written, **cost}
+
+
+def build_into(
+    store: MapStore, log: LogSource, config: Config, progress: StderrProgress, method: str = "graph"
+) -> BuildResult:
+    """Builds the log's map, and notes the settings that are not as usual."""
+    from formats.logs.steady import SteadyLog
+    from mapmyworld.pipeline import build_map
+
+    store.put("settings", settings_that_differ(config))
+    words = _given_words(config.places.vocabulary)
+    return build_map(SteadyLog(log), store, config, progress, method=method, words=words)
 
 
 def _given_words(path: str) -> dict[int, Any] | None:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
-from cli.arguments import PATH, FiniteRange, format_option, map_argument
-from cli.checking import BETTER, KEYS, Sources, few_relations_note, measure
+from cli.arguments import PATH, FiniteRange, format_option, map_argument, wants_json
+from cli.checking import BETTER, KEYS, Facts, Sources, few_relations_note, measure
 from cli.completion import keys_from
 from cli.exit_codes import EXIT_CHECK_FAILED
 from cli.figure_names import figures_of, problems_of
-from cli.gates import WHOLE, judged, no_worse, read_requirements, require_known, wholeness
+from cli.gates import WHOLE, judged, no_worse, read_requirements, wholeness
 from cli.outputs import require_apart
-from cli.standard_streams import end_partial, own_words, show_json, shown
+from cli.standard_streams import end_partial, own_words, show_result, shown
 from formats.check_results import Verdict, junit_xml, markdown
 from formats.database import open_store
 from formats.readable import readable
@@ -37,7 +39,6 @@ from mapmyworld.errors import ConfigError
     "--tolerance",
     type=FiniteRange(min=0.0),
     default=0.05,
-    show_default=True,
     help="Share of OLD's figures by which MAP's may be worse.",
 )
 @click.option("--allow-partial", is_flag=True, help="Accept a partial map.")
@@ -62,7 +63,6 @@ def check(
     junit: Path | None,
     comment: Path | None,
     listing: bool,
-    style: str,
 ) -> None:
     """Say whether MAP meets every requirement; exit code 4 when one fails.
 
@@ -82,18 +82,20 @@ def check(
             require_apart(path, [given for given in read if given is not None])
     sources = Sources(map_path, reference, relations, grid)
     if listing:
-        _list_keys(sources, style)
+        _list_keys(sources)
         return
     if not texts and baseline is None:
         raise ConfigError("nothing is required: give --require 'KEY OP VALUE' or --baseline OLD")
-    verdicts = _verdicts(sources, texts, baseline, tolerance, allow_partial)
-    for path, form in ((junit, junit_xml), (comment, markdown)):
-        if path is not None:
-            path.write_text(form(shown(map_path.name), verdicts), encoding="utf-8")
-    _show(verdicts, style)
-    if not all(verdict.passed for verdict in verdicts):
-        sys.exit(EXIT_CHECK_FAILED)
-    few = few_relations_note(sources)
+    with open_store(map_path, read_only=True) as store:
+        facts = Facts(store, sources)
+        verdicts = _verdicts(facts, texts, baseline, tolerance, allow_partial)
+        for path, form in ((junit, junit_xml), (comment, markdown)):
+            if path is not None:
+                path.write_text(form(shown(map_path.name), verdicts), encoding="utf-8")
+        _show(verdicts)
+        if not all(verdict.passed for verdict in verdicts):
+            sys.exit(EXIT_CHECK_FAILED)
+        few = few_relations_note(facts)
     if not allow_partial:
         end_partial(few)
     for line in few:
@@ -101,50 +103,39 @@ def check(
 
 
 def _verdicts(
-    sources: Sources,
+    facts: Facts,
     texts: Sequence[str],
     baseline: Path | None,
     tolerance: float,
     allow_partial: bool,
 ) -> list[Verdict]:
     requirements = read_requirements(texts)
-    with open_store(sources.map_path, read_only=True) as store:
-        whole = wholeness(problems_of(store))
-    verdicts = [] if allow_partial else [whole]
-    wanted = {r.key for r in requirements}
-    values = measure(wanted & KEYS.keys(), sources) | _figures(wanted - KEYS.keys(), sources)
+    verdicts = [] if allow_partial else [wholeness(problems_of(facts.store))]
+    values = measure({r.key for r in requirements}, facts)
     verdicts += [judged(r, values[r.key]) for r in requirements]
     if baseline is not None:
-        old = Sources(baseline, sources.reference, sources.relations, sources.grid)
-        verdicts += no_worse(_comparable(sources), _comparable(old), tolerance)
+        with open_store(baseline, read_only=True) as store:
+            old = Facts(store, replace(facts.sources, map_path=baseline))
+            verdicts += no_worse(_comparable(facts), _comparable(old), tolerance)
     return verdicts
 
 
-def _figures(wanted: set[str], sources: Sources) -> dict[str, float]:
-    if not wanted:
-        return {}
-    with open_store(sources.map_path, read_only=True) as store:
-        found = figures_of(store)
-    require_known(sorted(wanted), found)
-    return found
-
-
-def _comparable(sources: Sources) -> dict[str, float]:
+def _comparable(facts: Facts) -> dict[str, float]:
     """The figures that have a better and a worse, as far as this map has them."""
     found: dict[str, float] = {}
     for key in BETTER:
         needs = KEYS[key].needs
-        if needs and getattr(sources, needs) is None:
+        if needs and getattr(facts.sources, needs) is None:
             continue
         try:
-            found |= measure({key}, sources)
+            found |= measure({key}, facts)
         except ConfigError:
             continue  # a map without a grid has no unknown cells to compare
     return found
 
 
-def _show(verdicts: Sequence[Verdict], style: str) -> None:
-    if style == "json":
+def _show(verdicts: Sequence[Verdict]) -> None:
+    if wants_json():
         rows = [
             {
                 "require": v.requirement,
@@ -157,7 +148,7 @@ def _show(verdicts: Sequence[Verdict], style: str) -> None:
         ]
         passed = all(v.passed for v in verdicts)
         whole = [v.message for v in verdicts if v.name == WHOLE and not v.passed]
-        show_json({"passed": passed, "partial": whole, "requirements": rows})
+        show_result({"passed": passed, "partial": whole, "requirements": rows}, ())
         return
     for v in verdicts:
         word = click.style("ok", fg="green") if v.passed else click.style("FAILED", fg="red")
@@ -167,22 +158,16 @@ def _show(verdicts: Sequence[Verdict], style: str) -> None:
 
 
 def _finite(value: float | None) -> float | None:
-    return None if value is None or value != value or abs(value) == float("inf") else value
+    return value if value is not None and math.isfinite(value) else None
 
 
-def _list_keys(sources: Sources, style: str) -> None:
+def _list_keys(sources: Sources) -> None:
     """The short names with what they mean; then every figure of MAP, where there is one."""
     figures: dict[str, float] = {}
     if sources.map_path.exists():
-        from cli.figure_names import figures_of
-        from formats.database import open_store
-
         with open_store(sources.map_path, read_only=True) as store:
             figures = figures_of(store)
-    if style == "json":
-        show_json({name: key.about for name, key in KEYS.items()} | figures)
-        return
-    for name, key in KEYS.items():
-        click.echo(f"{name:22}{key.about}")
-    for name, value in figures.items():
-        click.echo(f"{name:48}{value:g}")
+    meanings = {name: key.about for name, key in KEYS.items()}
+    lines = [f"{name:22}{about}" for name, about in meanings.items()]
+    lines += [f"{name:48}{value:g}" for name, value in figures.items()]
+    show_result(meanings | figures, lines)

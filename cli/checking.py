@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import difflib
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from cli.figure_names import figures_of
 from cli.scoring import coverage, few_relations, read_any_trajectory, score_loops, truth_beside
-from formats.database import open_store
 from formats.grid_files import read_grid
 from formats.relation_files import read_relations
 from mapmyworld.errors import ConfigError
@@ -23,6 +24,7 @@ from mapmyworld.evaluation import (
     rpe,
 )
 from mapmyworld.exporting import trajectory_of
+from mapmyworld.graph.audit import sigmas_of
 from mapmyworld.types import ConstraintKind, MapStore, OccupancyGrid, Trajectory
 
 
@@ -41,6 +43,11 @@ class Facts:
 
     def __init__(self, store: MapStore, sources: Sources) -> None:
         self.store, self.sources = store, sources
+
+    @cached_property
+    def figures(self) -> dict[str, float]:
+        """Every figure by its dotted name."""
+        return figures_of(self.store)
 
     @cached_property
     def trajectory(self) -> Trajectory:
@@ -95,8 +102,7 @@ class Facts:
         poses = self.store.poses()
         if poses is None or poses.covariances is None or len(poses.covariances) == 0:
             raise ConfigError(f"{self.sources.map_path} has no covariances to check")
-        variances = poses.covariances[:, 3:, 3:].trace(axis1=1, axis2=2)
-        return float(variances.max() ** 0.5)
+        return float(sigmas_of(poses.covariances)[0].max())
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,21 +182,33 @@ BETTER = {name: key.better for name, key in KEYS.items() if key.better}
 """The keys that can be compared with an older map's."""
 
 
-def few_relations_note(sources: Sources) -> list[str]:
+def few_relations_note(facts: Facts) -> list[str]:
     """That few of the relations given are of the map's time; nothing where most are."""
-    if sources.relations is None:
-        return []
-    with open_store(sources.map_path, read_only=True) as store:
-        return few_relations(Facts(store, sources).related)
+    return [] if facts.sources.relations is None else few_relations(facts.related)
 
 
-def measure(wanted: Iterable[str], sources: Sources) -> dict[str, float]:
-    """The figures asked for; raises `ConfigError` where an option they need was not given."""
-    needed = sorted({KEYS[key].needs for key in wanted} - {""})
-    absent = [option for option in needed if getattr(sources, option) is None]
+def measure(wanted: set[str], facts: Facts) -> dict[str, float]:
+    """The figures asked for, by key or dotted name.
+
+    Raises `ConfigError` where an option that they need was not given, or the map has none of these.
+    """
+    needed = sorted({KEYS[key].needs for key in wanted & KEYS.keys()} - {""})
+    absent = [option for option in needed if getattr(facts.sources, option) is None]
     if absent:
         options = ", ".join(f"--{option} FILE" for option in absent)
         raise ConfigError(f"these requirements need {options}")
-    with open_store(sources.map_path, read_only=True) as store:
-        facts = Facts(store, sources)
-        return {key: KEYS[key].find(facts) for key in wanted}
+    if dotted := sorted(wanted - KEYS.keys()):
+        require_known(dotted, facts.figures)
+    return {key: KEYS[key].find(facts) if key in KEYS else facts.figures[key] for key in wanted}
+
+
+def require_known(wanted: Iterable[str], known: Mapping[str, float]) -> None:
+    """Raises `ConfigError` with every name that no figure has, and the nearest that one has."""
+    problems = []
+    for name in wanted:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            hint = f"did you mean {near[0]}?" if near else "`--keys` lists them"
+            problems.append(f"this map has no figure {name}: {hint}")
+    if problems:
+        raise ConfigError("the check cannot be made:", problems=problems)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,8 +13,8 @@ from cli.arguments import PATH, british, format_option
 from cli.config import config_options, options_of
 from cli.manners import note
 from cli.outputs import require_outputs
+from cli.repeating import run_build
 from cli.standard_streams import show_result
-from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
     from cli.comparing import Candidate
@@ -38,7 +36,6 @@ _METHODS = ("graph", "fastslam", "neighbour")
     "folder",
     type=click.Path(path_type=Path, file_okay=False, readable=False),
     default=Path("compare"),
-    show_default=True,
     help="Folder for the maps that --methods builds.",
 )
 @click.option("--reference", type=PATH, help="True trajectory, a TUM file or a MAP.")
@@ -54,7 +51,6 @@ def compare(
     relations: Path | None,
     image: Path | None,
     config: Config,
-    style: str,
 ) -> None:
     """Accuracy, sharpness, time and memory of several MAPs of one log, side by side.
 
@@ -81,7 +77,7 @@ def compare(
     rows = [figures_of(c, candidates[0], truth, known) for c in candidates]
     if image is not None:
         draw_maps(image, candidates, rows)
-    show_result(style, {"maps": rows}, table_lines(rows))
+    show_result({"maps": rows}, table_lines(rows))
 
 
 def _chosen(methods: str) -> list[str]:
@@ -120,13 +116,8 @@ def _built(
 
 def _build(logs: tuple[Path, ...], method: str, path: Path, options: list[str]) -> dict[str, Any]:
     """Builds one map in a process of its own, so that time and memory are its own."""
-    command = [sys.executable, "-m", "cli.main", "build", *map(str, logs), "-o", str(path)]
-    command += ["--method", method, "--overwrite", "--no-export", "--format", "json", *options]
+    arguments = [*map(str, logs), "-o", str(path), "--method", method, "--overwrite"]
+    arguments += ["--no-export", "--format", "json", *options]
     note(f"building {path} by {method}")
-    done = subprocess.run([*command, "--quiet"], capture_output=True, text=True, check=False)
-    if done.returncode not in (0, 3):
-        raise MapError(
-            f"{path}: building by {method} failed: {done.stderr.strip() or done.returncode}"
-        )
-    summary: dict[str, Any] = json.loads(done.stdout)
+    summary: dict[str, Any] = json.loads(run_build(arguments, f"{path}: building by {method}"))
     return summary

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cli.standard_streams import in_columns
 from formats.database import open_store
 from formats.report.map_pictures import MapPanel, write_compare_picture
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError
-from mapmyworld.evaluation import ate, relations_score
+from mapmyworld.evaluation import TrajectoryScore, ate, relations_score
 from mapmyworld.evaluation.sharpness import grid_sharpness
 from mapmyworld.exporting import trajectory_of
-from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.map_figures import tracked_path
 from mapmyworld.mapping.occupancy import build_grid
@@ -40,6 +40,11 @@ COLUMNS: dict[str, tuple[str, str]] = {
     "wall_s": ("wall s", ".1f"),
     "peak_memory_mb": ("peak MB", ".0f"),
 }
+_CAPTIONS = (
+    ("ate_m", "relations_m", "relations_deg"),
+    ("entropy_bits", "wall_thickness_m", "cpu_s", "peak_memory_mb"),
+)
+"""What stands in the lines above a picture, behind the map's name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,13 +93,23 @@ def figures_of(
         figures["ate_m"] = ate(candidate.trajectory, reference).rmse
     if relations is not None:
         figures |= _related(candidate.trajectory, relations)
-    if candidate is not first:
-        figures["apart_m"] = _quietly(lambda: ate(candidate.trajectory, first.trajectory).rmse)
+    if (laid := _laid_upon(first, candidate)) is not None:
+        figures["apart_m"] = laid.rmse
     if candidate.grid is not None:
         figures |= grid_sharpness(candidate.grid).as_dict()
     wanted = ("cpu_s", "wall_s", "peak_memory_mb")
     figures |= {key: candidate.summary[key] for key in wanted if key in candidate.summary}
     return {key: value for key, value in figures.items() if value is not None}
+
+
+def _laid_upon(first: Candidate, candidate: Candidate) -> TrajectoryScore | None:
+    """A map's path against the first one's; None for that one, or without a common moment."""
+    if candidate is first:
+        return None
+    try:
+        return ate(candidate.trajectory, first.trajectory)
+    except MapError:
+        return None
 
 
 def _related(trajectory: Trajectory, relations: Relations) -> dict[str, Any]:
@@ -111,14 +126,6 @@ def _related(trajectory: Trajectory, relations: Relations) -> dict[str, Any]:
     }
 
 
-def _quietly(score: Callable[[], float]) -> float | None:
-    """The score, or None where two maps have no moment in common."""
-    try:
-        return score()
-    except MapError:
-        return None
-
-
 def table_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
     """The figures as a table: a map a line, a figure a column."""
     keys = [key for key in COLUMNS if any(key in row for row in rows)]
@@ -127,12 +134,7 @@ def table_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
         [row["name"], *(f"{row[k]:{COLUMNS[k][1]}}" if k in row else "-" for k in keys)]
         for row in rows
     ]
-    widths = [max(len(line[k]) for line in [heads, *cells]) for k in range(len(heads))]
-    lines = []
-    for line in [heads, *cells]:
-        first, *rest = (c.rjust(w) for c, w in zip(line, widths, strict=True))
-        lines.append("  ".join([first.strip().ljust(widths[0]), *rest]).rstrip())
-    return lines
+    return in_columns([heads, *cells])
 
 
 def draw_maps(path: Path, candidates: Sequence[Candidate], rows: Sequence[dict[str, Any]]) -> None:
@@ -144,7 +146,10 @@ def draw_maps(path: Path, candidates: Sequence[Candidate], rows: Sequence[dict[s
     for candidate, row in zip(candidates, rows, strict=True):
         if candidate.grid is None:
             continue
-        first_from_map = _alignment(candidate, candidates[0])
+        laid = _laid_upon(candidates[0], candidate)
+        first_from_map = (
+            np.zeros(3) if laid is None else matrix_to_planar(laid.reference_from_estimate)
+        )
         driven = candidate.trajectory.poses[:, :2, 3]
         panels.append(MapPanel(candidate.grid, first_from_map, driven, _captions(row)))
     if not panels:
@@ -152,25 +157,9 @@ def draw_maps(path: Path, candidates: Sequence[Candidate], rows: Sequence[dict[s
     write_compare_picture(path, panels)
 
 
-def _alignment(candidate: Candidate, first: Candidate) -> Array:
-    """The motion (3,) that lays a map's path upon the first one's."""
-    if candidate is first:
-        return np.zeros(3)
-    try:
-        return matrix_to_planar(ate(candidate.trajectory, first.trajectory).reference_from_estimate)
-    except MapError:
-        return np.zeros(3)
-
-
 def _captions(row: dict[str, Any]) -> tuple[str, ...]:
-    accuracy = [
-        f"{head} {row[key]:{style}}"
-        for key, (head, style) in COLUMNS.items()
-        if key in row and key in {"ate_m", "relations_m", "relations_deg"}
-    ]
-    rest = [
-        f"{head} {row[key]:{style}}"
-        for key, (head, style) in COLUMNS.items()
-        if key in row and key in {"entropy_bits", "wall_thickness_m", "cpu_s", "peak_memory_mb"}
-    ]
+    accuracy, rest = (
+        [f"{COLUMNS[key][0]} {row[key]:{COLUMNS[key][1]}}" for key in keys if key in row]
+        for keys in _CAPTIONS
+    )
     return tuple(", ".join(part) for part in ([row["name"], *accuracy], rest) if part)

@@ -41,11 +41,7 @@ def settings_from(_: click.Context, __: click.Parameter, begun: str) -> list[Com
     """`KEY=` of every setting that begins so, with its meaning."""
     from mapmyworld.config.settings import list_settings
 
-    return [
-        CompletionItem(f"{setting.name}=", help=setting.meaning)
-        for setting in list_settings()
-        if setting.name.startswith(british(begun))
-    ]
+    return _begun({f"{setting.name}=": setting.meaning for setting in list_settings()}, begun)
 
 
 def keys_from(context: click.Context, _: click.Parameter, begun: str) -> list[CompletionItem]:
@@ -57,6 +53,11 @@ def keys_from(context: click.Context, _: click.Parameter, begun: str) -> list[Co
         from cli.checking import KEYS
 
         found = {name: key.about for name, key in KEYS.items()}
+    return _begun(found, begun)
+
+
+def _begun(found: Mapping[str, str], begun: str) -> list[CompletionItem]:
+    """Those names with what they mean that begin so, however that is spelt."""
     return [
         CompletionItem(name, help=about or None)
         for name, about in found.items()

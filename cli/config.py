@@ -11,11 +11,11 @@ import click
 
 from cli.arguments import PATH, format_option
 from cli.completion import settings_from
-from cli.standard_streams import show_json
+from cli.standard_streams import show_result
 from formats.limits import Limits, set_limits
 from formats.nested_text import read_toml
 from mapmyworld.config import Config, LimitsConfig
-from mapmyworld.config.settings import apply_settings, as_toml, flatten, list_settings
+from mapmyworld.config.settings import Setting, apply_settings, as_toml, flatten, list_settings
 from mapmyworld.errors import ConfigError
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -24,27 +24,25 @@ F = TypeVar("F", bound=Callable[..., Any])
 def config_options(command: F) -> F:
     """`--config FILE` and `--set KEY=VALUE`, in which later ones win, as the parameter `config`."""
 
-    @functools.wraps(command)
-    def configured(config_path: Path | None, changes: Sequence[str], **given: Any) -> Any:
-        return command(config=load_config(config_path, changes), **given)
-
-    decorated: Any = click.option(
+    @click.option(
+        "--config",
+        "config_path",
+        type=PATH,
+        help="TOML file with settings; `mapmyworld config` prints one.",
+    )
+    @click.option(
         "--set",
         "changes",
         multiple=True,
         metavar="KEY=VALUE",
         shell_complete=settings_from,
         help="Change one setting, e.g. --set mapping.resolution=0.025. May be repeated.",
-    )(configured)
-    return cast(
-        F,
-        click.option(
-            "--config",
-            "config_path",
-            type=PATH,
-            help="TOML file with settings; `mapmyworld config` prints one.",
-        )(decorated),
     )
+    @functools.wraps(command)
+    def configured(config_path: Path | None, changes: Sequence[str], **given: Any) -> Any:
+        return command(config=load_config(config_path, changes), **given)
+
+    return cast(F, configured)
 
 
 def load_config(config_path: Path | None, changes: Sequence[str]) -> Config:
@@ -80,31 +78,32 @@ _IDLE = ("threads",)  # settings that change no result
 
 def options_of(config: Config) -> list[str]:
     """`--set` of every setting that was changed, for another command."""
-    changed = zip(list_settings(config), list_settings(), strict=True)
-    given = [f"{now.name}={now.value}" for now, standard in changed if now.value != standard.value]
-    return [word for one in given for word in ("--set", one)]
+    return [word for now, _ in _changed(config) for word in ("--set", f"{now.name}={now.value}")]
 
 
 def settings_that_differ(config: Config) -> list[list[str]]:
     """Name, value and default of every setting that was changed, as text."""
-    standard = {setting.name: setting.value for setting in list_settings()}
     return [
-        [setting.name, str(setting.value), str(standard[setting.name])]
-        for setting in list_settings(config)
-        if setting.value != standard[setting.name] and setting.name not in _IDLE
+        [now.name, str(now.value), str(standard.value)]
+        for now, standard in _changed(config)
+        if now.name not in _IDLE
     ]
+
+
+def _changed(config: Config) -> list[tuple[Setting, Setting]]:
+    """Every setting that was changed, as it is and as it is by default."""
+    both = zip(list_settings(config), list_settings(), strict=True)
+    return [(now, standard) for now, standard in both if now.value != standard.value]
 
 
 @click.command()
 @format_option
-def config(style: str) -> None:
+def config() -> None:
     """Print every setting as commented TOML.
 
     \b
     mapmyworld config > my.toml      then edit it and
     mapmyworld build log.mcap --config my.toml
     """
-    if style == "json":
-        show_json({s.name: {"default": s.value, "meaning": s.meaning} for s in list_settings()})
-    else:
-        click.echo(as_toml(), nl=False)
+    facts = {s.name: {"default": s.value, "meaning": s.meaning} for s in list_settings()}
+    show_result(facts, as_toml().splitlines())

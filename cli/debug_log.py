@@ -34,26 +34,20 @@ class _Timed(logging.Formatter):
 def _require_place(path: Path) -> None:
     """Refuses to replace anything but an earlier log of decisions."""
     require_file(path)
-    try:
-        with path.open("rb") as file:
-            head = file.read(64)
-    except FileNotFoundError:
+    if not path.exists():
         return
-    except OSError as error:
-        raise MapError(f"{path}: cannot be written: {error.strerror}") from None
+    with path.open("rb") as file:
+        head = file.read(64)
     if head and b"command   mapmyworld" not in head:
         raise MapError(f"{path}: exists and is no log of --debug: give another name")
 
 
 def keep_decisions(context: click.Context, path: Path) -> None:
-    """Writes the decisions of the command that runs into a file, until it ends; MapError where it
-    cannot be written or is no log of --debug.
+    """Writes the decisions of the command that runs into a file, until it ends; MapError where
+    that is no log of --debug.
     """
     _require_place(path)
-    try:
-        handler = logging.FileHandler(path, mode="w", encoding="utf-8", errors="backslashreplace")
-    except OSError as error:
-        raise MapError(f"{path}: cannot be written: {error.strerror}") from None
+    handler = logging.FileHandler(path, mode="w", encoding="utf-8", errors="backslashreplace")
     handler.setFormatter(_Timed())
     LOGGER.addHandler(handler)
     LOGGER.setLevel(logging.DEBUG)

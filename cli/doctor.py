@@ -14,11 +14,21 @@ import click
 import mapmyworld
 from cli.arguments import format_option
 from cli.exit_codes import EXIT_BAD_INPUT
-from cli.standard_streams import show_json
+from cli.standard_streams import show_result
 from mapmyworld.open3d_library import PACKAGES
 
 _NEEDED = ("numpy", "scipy", "numba", "gtsam", "cv2", "mcap", "rosbags", "rich", "click")
-_DISTRIBUTIONS = {"cv2": "opencv-python-headless"}
+# What an optional library is for, and what is said where it cannot be imported.
+_OPTIONAL = {
+    "embreex.rtcore_scene": (
+        " (cameras of `simulate`)",
+        "cameras of `simulate` need it ({}): it exists for x86-64",
+    ),
+    "open3d": (
+        " (meshes)",
+        f"meshes need it, and system libraries ({{}}): apt-get install {PACKAGES}",
+    ),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,17 +43,16 @@ class Finding:
 
 @click.command()
 @format_option
-def doctor(style: str) -> None:
+def doctor() -> None:
     """Say whether this machine is ready: versions, optional libraries, threads, cache."""
-    libraries = [*[_library(name) for name in _NEEDED], _embreex(), _open3d()]
-    findings = [_python(), *libraries, _threads(), _cache()]
-    if style == "json":
-        show_json({f.name: {"ok": f.ok, "needed": f.needed, "text": f.text} for f in findings})
-    else:
-        click.echo(f"mapmyworld {mapmyworld.__version__}")
-        for finding in findings:
-            mark = "ok" if finding.ok else ("MISSING" if finding.needed else "optional")
-            click.echo(f"{mark:>8}  {finding.name}: {finding.text}")
+    threads = Finding("threads", True, False, f"{os.cpu_count()} cores")
+    findings = [_python(), *map(_library, [*_NEEDED, *_OPTIONAL]), threads, _cache()]
+    lines = [f"mapmyworld {mapmyworld.__version__}"]
+    for finding in findings:
+        mark = "ok" if finding.ok else ("MISSING" if finding.needed else "optional")
+        lines.append(f"{mark:>8}  {finding.name}: {finding.text}")
+    facts = {f.name: {"ok": f.ok, "needed": f.needed, "text": f.text} for f in findings}
+    show_result(facts, lines)
     if any(f.needed and not f.ok for f in findings):
         sys.exit(EXIT_BAD_INPUT)
 
@@ -53,38 +62,18 @@ def _python() -> Finding:
     return Finding("python", ok, True, f"{platform.python_version()} on {platform.platform()}")
 
 
-def _library(name: str) -> Finding:
+def _library(module: str) -> Finding:
+    name = module.partition(".")[0]
+    use, absent = _OPTIONAL.get(module, ("", "cannot be imported ({}); reinstall mapmyworld"))
     try:
-        importlib.import_module(name)
-        version = importlib.metadata.version(_DISTRIBUTIONS.get(name, name))
-    except ImportError as error:
-        return Finding(name, False, True, f"cannot be imported ({error}); reinstall mapmyworld")
+        importlib.import_module(module)
+        distributions = importlib.metadata.packages_distributions().get(name, [name])
+        version = importlib.metadata.version(distributions[0])
+    except (ImportError, OSError) as error:
+        return Finding(name, False, not use, absent.format(error))
     if name == "gtsam" and tuple(int(p) for p in version.split(".")[:2]) < (4, 3):
         return Finding(name, False, True, f"{version} crashes with NumPy 2: install gtsam 4.3")
-    return Finding(name, True, True, version)
-
-
-def _open3d() -> Finding:
-    try:
-        version = importlib.import_module("open3d").__version__
-    except (ImportError, OSError) as error:
-        text = f"meshes need it, and system libraries ({error}): apt-get install {PACKAGES}"
-        return Finding("open3d", False, False, text)
-    return Finding("open3d", True, False, f"{version} (meshes)")
-
-
-def _embreex() -> Finding:
-    try:
-        importlib.import_module("embreex.rtcore_scene")
-    except ImportError as error:
-        text = f"cameras of `simulate` need it ({error}): it exists for x86-64"
-        return Finding("embreex", False, False, text)
-    version = importlib.metadata.version("embreex")
-    return Finding("embreex", True, False, f"{version} (cameras of `simulate`)")
-
-
-def _threads() -> Finding:
-    return Finding("threads", True, False, f"{os.cpu_count()} cores")
+    return Finding(name, True, not use, version + use)
 
 
 def _cache() -> Finding:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,8 +10,8 @@ import click
 
 from cli.arguments import PATH, map_argument
 from cli.config import config_options
-from cli.exit_codes import EXIT_PARTIAL
 from cli.progress import StderrProgress
+from cli.standard_streams import end_partial
 from mapmyworld.errors import MapError
 from mapmyworld.types import Judged, Poses
 from mapmyworld.types.wording import reason_of
@@ -21,6 +20,8 @@ if TYPE_CHECKING:
     from mapmyworld.config import Config
     from mapmyworld.types import MapStore
 
+Graph = tuple[Sequence[Judged], Poses]
+"""A solved graph, before or after an edit."""
 _MOST = 40  # changed constraints that are printed: one false statement may cost hundreds
 _FIGHTING = 5  # strained constraints that are named
 
@@ -85,18 +86,17 @@ def edit(
         poses = store.poses()
         if poses is None:
             raise MapError(f"{map_path}: its graph is not solved yet: finish `build` first")
-        before = Graph(store.constraints(), poses)
+        before = store.constraints(), poses
         losses = edit_map(store, edits, config, progress)
         written = [] if no_export else _renewed(store, map_path, config, progress)
         progress.finish()
-        after, planar = Graph(store.constraints(), store.poses() or poses), moves_in_plane(store)
+        after, planar = (store.constraints(), store.poses() or poses), moves_in_plane(store)
     click.echo("\n".join(account(before, after, len(edits))))
     for name in written:
         click.echo(f"written: {name}")
-    for line in [*(f"mapmyworld: {loss}" for loss in losses), *fight(before, after, planar)]:
+    for line in fight(before, after, planar):
         click.echo(line, err=True)
-    if losses:
-        raise SystemExit(EXIT_PARTIAL)
+    end_partial(losses)
 
 
 def _renewed(
@@ -118,27 +118,15 @@ def _renewed(
     return written
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Graph:
-    """A solved graph, before or after an edit."""
-
-    constraints: Sequence[Judged]
-    poses: Poses
-
-    @property
-    def accepted(self) -> int:
-        """How many of the constraints are."""
-        return sum(c.accepted for c in self.constraints)
-
-
 def account(before: Graph, after: Graph, edits: int) -> list[str]:
     """The lines: a summary, then constraint by constraint what became of it."""
     from mapmyworld.graph.edited import changes, farthest_moved, name_of
 
-    node, metres = farthest_moved(before.poses, after.poses)
-    found = changes(before.constraints, after.constraints)
+    node, metres = farthest_moved(before[1], after[1])
+    found = changes(before[0], after[0])
+    old, new = (sum(c.accepted for c in constraints) for constraints, _ in (before, after))
     lines = [
-        f"{edits} edits applied: {before.accepted} -> {after.accepted} constraints accepted; "
+        f"{edits} edits applied: {old} -> {new} constraints accepted; "
         f"node {node} moved farthest, by {metres:.3f} m"
     ]
     lines += [
@@ -154,7 +142,7 @@ def fight(before: Graph, after: Graph, planar: bool) -> list[str]:
     """The constraints that were accepted without the edits and fit far worse with them."""
     from mapmyworld.graph.edited import in_sigmas, strained
 
-    found = strained((before.constraints, before.poses), (after.constraints, after.poses), planar)
+    found = strained(before, after, planar)
     if not found:
         return []
     lines = [f"{len(found)} constraints contradict the edits; the largest residuals:"]

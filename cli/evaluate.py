@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import PATH, FiniteRange, format_option
-from cli.standard_streams import end_partial, show_json
+from cli.standard_streams import end_partial, show_result
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
@@ -32,24 +32,21 @@ def evaluate() -> None:
 @evaluate.command()
 @click.argument("estimate", type=PATH)
 @click.argument("reference", type=PATH)
-@click.option(
-    "--align/--no-align", default=True, show_default=True, help="Best rigid alignment first (ATE)."
-)
+@click.option("--align/--no-align", default=True, help="Best rigid alignment first (ATE).")
 @click.option(
     "--delta",
     type=FiniteRange(0),
     default=1.0,
-    show_default=True,
     metavar="M",
     help="Path between the two poses of the RPE [m].",
 )
 @click.option(
-    "--max-difference", type=FiniteRange(0), default=0.01, show_default=True, metavar="S",
+    "--max-difference", type=FiniteRange(0), default=0.01, metavar="S",
     help="Largest time between poses that are matched [s].",
 )  # fmt: skip
 @format_option
 def trajectory(
-    estimate: Path, reference: Path, align: bool, delta: float, max_difference: float, style: str
+    estimate: Path, reference: Path, align: bool, delta: float, max_difference: float
 ) -> None:
     """ATE and RPE of ESTIMATE against REFERENCE. By evo's definitions.
 
@@ -73,35 +70,34 @@ def trajectory(
     except MapError as error:
         left_out = [f"RPE is left out: {error}: give a smaller --delta"]
     nees = nees_of_map(estimate, truth, max_difference)
-    _show_errors(parts, coverage(poses, truth), nees, delta, style)
+    _show_errors(parts, coverage(poses, truth), nees, delta)
     end_partial(left_out)
 
 
 def _show_errors(
     parts: Mapping[str, ErrorStatistics], covered: float, nees: float | None, delta: float,
-    style: str,
 ) -> None:  # fmt: skip
-    if style == "json":
-        nothing = dict.fromkeys(("rpe", "rpe_rotation_deg"))
-        errors = nothing | {n: s.as_dict() for n, s in parts.items()}
-        show_json(errors | {"covered": covered, "nees": nees})
-        return
-    click.echo(f"{parts['ate'].count} poses matched, {100 * covered:.0f}% of the time")
-    click.echo(f"{'':18}{'rmse':>9}{'mean':>9}{'median':>9}{'max':>9}")
+    nothing = dict.fromkeys(("rpe", "rpe_rotation_deg"))
+    errors = nothing | {n: s.as_dict() for n, s in parts.items()}
+    lines = [
+        f"{parts['ate'].count} poses matched, {100 * covered:.0f}% of the time",
+        f"{'':18}{'rmse':>9}{'mean':>9}{'median':>9}{'max':>9}",
+    ]
     names = ["ATE [m]", "ATE [deg]", f"RPE [m] / {delta:g} m", f"RPE [deg] / {delta:g} m"]
     for name, s in zip(names, parts.values(), strict=False):
-        click.echo(f"{name:18}{s.rmse:9.4f}{s.mean:9.4f}{s.median:9.4f}{s.maximum:9.4f}")
+        lines.append(f"{name:18}{s.rmse:9.4f}{s.mean:9.4f}{s.median:9.4f}{s.maximum:9.4f}")
     if nees is not None:
-        click.echo(
+        lines.append(
             f"{'NEES per unknown':18}{nees:9.2f}  (1 = consistent with the map's covariances)"
         )
+    show_result(errors | {"covered": covered, "nees": nees}, lines)
 
 
 @evaluate.command()
 @click.argument("estimate", type=PATH)
 @click.argument("relations", type=PATH)
 @format_option
-def relations(estimate: Path, relations: Path, style: str) -> None:
+def relations(estimate: Path, relations: Path) -> None:
     """Kuemmerle's metric of ESTIMATE against known RELATIONS. ESTIMATE is a MAP or a TUM file.
 
     Relations outside ESTIMATE's time are not scored; the exit code is 3 where they are most.
@@ -121,14 +117,11 @@ def relations(estimate: Path, relations: Path, style: str) -> None:
         "squared_rotation_deg2": score.squared_rotation_deg,
         "cartographer_translation_m": score.cartographer_translation,
     }
-    if style == "json":
-        shown: dict[str, Any] = {name: asdict(value) for name, value in figures.items()}
-        show_json({"count": score.count, "outside": score.outside} | shown)
-    else:
-        left_out = f", {score.outside} more lie outside its time" if score.outside else ""
-        click.echo(f"{score.count} relations in the trajectory's time{left_out}")
-        for name, value in figures.items():
-            click.echo(f"{name:28}{value.mean:9.4f} +- {value.std:.4f}")
+    shown: dict[str, Any] = {name: asdict(value) for name, value in figures.items()}
+    left_out = f", {score.outside} more lie outside its time" if score.outside else ""
+    lines = [f"{score.count} relations in the trajectory's time{left_out}"]
+    lines += [f"{n:28}{value.mean:9.4f} +- {value.std:.4f}" for n, value in figures.items()]
+    show_result({"count": score.count, "outside": score.outside} | shown, lines)
     end_partial(few_relations(score))
 
 
@@ -136,7 +129,7 @@ def relations(estimate: Path, relations: Path, style: str) -> None:
 @click.argument("grid", type=PATH)
 @click.argument("reference", type=PATH)
 @format_option
-def grid(grid: Path, reference: Path, style: str) -> None:
+def grid(grid: Path, reference: Path) -> None:
     """How well two grids agree, as they lie and best aligned. Named by their YAML files.
 
     \b
@@ -146,31 +139,30 @@ def grid(grid: Path, reference: Path, style: str) -> None:
     from mapmyworld.evaluation import grid_score
 
     score = grid_score(read_grid(grid), read_grid(reference))
-    if style == "json":
-        show_json(
-            {
-                "unaligned": asdict(score.unaligned),
-                "aligned": asdict(score.aligned),
-                "reference_from_grid": score.reference_from_grid.tolist(),
-                "unknown": score.unknown,
-            }
-        )
-        return
-    click.echo(f"{'':12}{'precision':>11}{'recall':>9}{'precision':>11}{'recall':>9}{'free':>9}")
-    click.echo(f"{'':12}{'1 cell':>11}{'1 cell':>9}{'2 cells':>11}{'2 cells':>9}{'right':>9}")
+    facts = {
+        "unaligned": asdict(score.unaligned),
+        "aligned": asdict(score.aligned),
+        "reference_from_grid": score.reference_from_grid.tolist(),
+        "unknown": score.unknown,
+    }
+    lines = [
+        f"{'':12}{'precision':>11}{'recall':>9}{'precision':>11}{'recall':>9}{'free':>9}",
+        f"{'':12}{'1 cell':>11}{'1 cell':>9}{'2 cells':>11}{'2 cells':>9}{'right':>9}",
+    ]
     for name, a in [("unaligned", score.unaligned), ("aligned", score.aligned)]:
         shares = [a.precision_1, a.recall_1, a.precision_2, a.recall_2, a.free]
         row = "".join(f"{v:>{w}.3f}" for v, w in zip(shares, (11, 9, 11, 9, 9), strict=True))
-        click.echo(f"{name:12}{row}")
+        lines.append(f"{name:12}{row}")
     x, y, yaw = score.reference_from_grid
-    click.echo(f"aligned by {x:.3f} m, {y:.3f} m, {yaw:.4f} rad; unknown {score.unknown:.3f}")
+    lines.append(f"aligned by {x:.3f} m, {y:.3f} m, {yaw:.4f} rad; unknown {score.unknown:.3f}")
+    show_result(facts, lines)
 
 
 @evaluate.command()
 @click.argument("map_path", metavar="MAP", type=PATH)
 @click.argument("reference", type=PATH)
 @format_option
-def loops(map_path: Path, reference: Path, style: str) -> None:
+def loops(map_path: Path, reference: Path) -> None:
     """Precision and recall of MAP's loop closures. REFERENCE is the true trajectory.
 
     Right is within 0.20 m and 1 degree. Recall needs loop_pairs.csv beside REFERENCE.
@@ -185,15 +177,15 @@ def loops(map_path: Path, reference: Path, style: str) -> None:
     with open_store(map_path, read_only=True) as store:
         score = score_loops(store, read_any_trajectory(reference), pairs)
     recall = None if isnan(score.recall) else score.recall
-    if style == "json":
-        show_json({"count": score.count, "precision": score.precision, "recall": recall})
-        return
-    click.echo(f"closures:  {score.count}, {int(score.right.sum())} of them right")
-    click.echo(f"precision: {score.precision:.3f}")
+    lines = [
+        f"closures:  {score.count}, {int(score.right.sum())} of them right",
+        f"precision: {score.precision:.3f}",
+    ]
     if recall is not None:
-        click.echo(f"recall:    {recall:.3f}")
+        lines.append(f"recall:    {recall:.3f}")
     elif pairs is not None:
-        click.echo("recall:    there is no true loop to find")
+        lines.append("recall:    there is no true loop to find")
+    show_result({"count": score.count, "precision": score.precision, "recall": recall}, lines)
 
 
 @evaluate.command()
@@ -207,7 +199,7 @@ def loops(map_path: Path, reference: Path, style: str) -> None:
 )
 @click.option("--reference", type=PATH, help="True trajectory, a TUM file or a MAP.")
 @format_option
-def cloud(cloud: Path, mesh: Path, est: Path | None, reference: Path | None, style: str) -> None:
+def cloud(cloud: Path, mesh: Path, est: Path | None, reference: Path | None) -> None:
     """Metres of CLOUD's points from the surfaces of MESH. CLOUD is .ply or .pcd, MESH .ply or .glb.
 
     \b
@@ -228,8 +220,5 @@ def cloud(cloud: Path, mesh: Path, est: Path | None, reference: Path | None, sty
         moved = transform_points(found.reference_from_estimate, points.points)
         points = PointCloud(moved.astype("float32"))
     score = cloud_score(points, read_scene_mesh(mesh))
-    if style == "json":
-        show_json(score.as_dict())
-    else:
-        for name, value in score.as_dict().items():
-            click.echo(f"{name:10}{value:10.4f}")
+    facts = score.as_dict()
+    show_result(facts, [f"{name:10}{value:10.4f}" for name, value in facts.items()])

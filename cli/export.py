@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from cli import export_maps, export_nodes
-from cli.export_options import format_of_files
+from cli.arguments import format_option
 
 
 @click.group()
@@ -23,5 +23,4 @@ def export() -> None:
 for module in (export_maps, export_nodes):
     for command in vars(module).values():
         if isinstance(command, click.Command):
-            command.params.append(format_of_files())
-            export.add_command(command)
+            export.add_command(format_option(command))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
     "--mode",
     type=click.Choice(["trinary", "scale", "raw"]),
     default="trinary",
-    show_default=True,
     help="Occupied/free/unknown; or probabilities as PNG with alpha; or as raw values.",
 )
 @click.option(
@@ -50,7 +48,7 @@ def grid(
     mapmyworld export grid
     mapmyworld export grid office.db -o maps/office --resolution 0.025
     """
-    from formats.grid_files import grid_files, write_grid
+    from formats.grid_files import grid_files, same_grid, write_grid
     from mapmyworld.exporting import grid_at
 
     stem = output_or(map_path, output, lambda: map_path.with_suffix(""))
@@ -59,22 +57,14 @@ def grid(
     with open_map(map_path, *grid_files(stem, mode)) as store:
         made = grid_at(store, config, resolution)
         written = write_grid(stem, made, mode)
-        if verify:
-            _verify(written[1], made, mode)
+        if verify and (differing := same_grid(written[1], made, mode)):
+            message = f"mapmyworld: {written[1]}: {differing} cells read back differently"
+            click.echo(message, err=True)
+            sys.exit(EXIT_CHECK_FAILED)
         show_written(written, store)
 
 
 _GRIDS = (".pgm", ".yaml", ".png")
-
-
-def _verify(path: Path, made: Any, mode: Any) -> None:
-    """Ends with exit code 4 unless the files hold what we hold."""
-    from formats.grid_files import same_grid
-
-    differing = same_grid(path, made, mode)
-    if differing:
-        click.echo(f"mapmyworld: {path}: {differing} cells read back differently", err=True)
-        sys.exit(EXIT_CHECK_FAILED)
 
 
 @click.command()
@@ -96,22 +86,17 @@ def cloud(
     mapmyworld export cloud
     mapmyworld export cloud office.db -o office.pcd --voxel 0.05
     """
-    from mapmyworld.exporting import export_cloud, export_scan_cloud
+    from formats.cloud_files import write_cloud
+    from mapmyworld.config.settings import apply_settings
+    from mapmyworld.exporting import cloud_of, scan_cloud_of
 
-    config = _for_cloud(config, voxel, max_range)
+    given = {"visual.cloud_voxel": voxel, "visual.cloud_range": max_range}
+    config = apply_settings(config, {k: v for k, v in given.items() if v is not None})
     path = output_or(map_path, output, lambda: map_path.with_suffix(".ply"))
     with open_map(map_path, path) as store:
-        written = export_cloud(store, path, config) or export_scan_cloud(store, path, config)
-        show_written(written, store)
-
-
-def _for_cloud(config: Config, voxel: float | None, max_range: float | None) -> Config:
-    visual = config.visual
-    if voxel is not None:
-        visual = replace(visual, cloud_voxel=voxel)
-    if max_range is not None:
-        visual = replace(visual, cloud_range=max_range)
-    return replace(config, visual=visual)
+        made = cloud_of(store, config)
+        write_cloud(path, scan_cloud_of(store, config) if made is None else made)
+        show_written([path], store)
 
 
 @click.command()

@@ -15,14 +15,11 @@ from mapmyworld.errors import MapError
 @click.command()
 @map_argument
 @output_option("FILE", "[default: the map's name with the style's ending]")
-@click.option(
-    "--style", type=click.Choice(["tum", "kitti", "csv"]), default="tum", show_default=True
-)
+@click.option("--style", type=click.Choice(["tum", "kitti", "csv"]), default="tum")
 @click.option(
     "--which",
     type=click.Choice(["optimised", "odometry"]),
     default="optimised",
-    show_default=True,
     help="Poses of all tracked frames: final ones, or the recorded odometry.",
 )
 def trajectory(map_path: Path, output: Path | None, style: Any, which: Any) -> None:
@@ -32,12 +29,14 @@ def trajectory(map_path: Path, output: Path | None, style: Any, which: Any) -> N
     mapmyworld export trajectory
     mapmyworld export trajectory office.db --style csv --which odometry -o odometry.csv
     """
-    from mapmyworld.exporting import export_trajectory
+    from formats.trajectory_files import write_trajectory
+    from mapmyworld.exporting import trajectory_of
 
     ending = {"tum": ".tum", "kitti": ".kitti", "csv": ".csv"}[style]
     path = output_or(map_path, output, lambda: map_path.with_suffix(ending))
     with open_map(map_path, path) as store:
-        show_written(export_trajectory(store, path, style, which), store)
+        write_trajectory(path, trajectory_of(store, which), style)
+        show_written([path], store)
 
 
 @click.command()
@@ -129,7 +128,6 @@ def report(map_path: Path, output: Path | None, every_match: bool) -> None:
     "--what",
     type=click.Choice(["map", "graph", "loops", "uncertainty", "timing"]),
     default="map",
-    show_default=True,
     help="Grid and path; all constraints; scans of closures; sigma over time; cost of the build.",
 )
 @output_option("FILE", "A .png, .svg or .pdf file.  [default: the map's name with _WHAT.png]")

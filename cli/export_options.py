@@ -13,7 +13,6 @@ from cli.outputs import require_file, require_no_recording, require_outputs
 from cli.standard_streams import end_partial, show_result
 
 F = TypeVar("F", bound=Callable[..., Any])
-_FORMAT = "mapmyworld.format"
 
 
 def output_option(metavar: str, text: str) -> Callable[[F], F]:
@@ -41,27 +40,9 @@ def output_or(map_path: Path, output: Path | None, beside: Callable[[], Path]) -
     return beside() if output is None else output
 
 
-def format_of_files() -> click.Option:
-    """--format text|json of a command that ends in `indicate`."""
-
-    def keep(context: click.Context, _: click.Parameter, style: str) -> None:
-        context.meta[_FORMAT] = style
-
-    return click.Option(
-        ["--format"],
-        type=click.Choice(["text", "json"]),
-        default="text",
-        show_default=True,
-        help="How to print the files' names.",
-        expose_value=False,
-        callback=keep,
-    )
-
-
 def show_written(paths: Sequence[Path], store: Any, losses: Sequence[str] = ()) -> None:
     """Names what was written on stdout; what was left out, on stderr with exit code 3."""
     problems = [*losses, *store.problems]
     names = [str(path) for path in paths]
-    style = click.get_current_context().meta[_FORMAT]
-    show_result(style, {"files": names, "problems": problems}, names)
+    show_result({"files": names, "problems": problems}, names)
     end_partial(problems)

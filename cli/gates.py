@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import operator
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from cli.arguments import british
@@ -95,15 +94,3 @@ def no_worse(new: Mapping[str, float], old: Mapping[str, float], tolerance: floa
         message = f"{verdict.message} (baseline {old[key]:g})"
         verdicts.append(Verdict(key, str(requirement), new[key], verdict.passed, message))
     return verdicts
-
-
-def require_known(wanted: Iterable[str], known: Mapping[str, float]) -> None:
-    """Raises `ConfigError` with every name that no figure has, and the nearest that one has."""
-    problems = []
-    for name in wanted:
-        if name not in known:
-            near = difflib.get_close_matches(name, known, 1)
-            hint = f"did you mean {near[0]}?" if near else "`--keys` lists them"
-            problems.append(f"this map has no figure {name}: {hint}")
-    if problems:
-        raise ConfigError("the check cannot be made:", problems=problems)

@@ -39,13 +39,12 @@ _LEVEL = 0.005  # deg: a turn about the vertical alone
     help="The pose of node B seen from node A, and how confident it is.",
 )
 @click.option(
-    "--worst", type=click.IntRange(0), default=10, show_default=True,
+    "--worst", type=click.IntRange(0), default=10,
     help="How many constraints of each list to show.",
 )  # fmt: skip
 @click.option("--all", "everything", is_flag=True, help="List every rejected constraint.")
 def graph(
     map_path: Path,
-    style: str,
     image: Path | None,
     pair: tuple[int, int] | None,
     between: tuple[int, int] | None,
@@ -99,7 +98,7 @@ def graph(
 
         write_graph_picture(image, poses, constraints, grid)
         note(f"drew {image}")
-    show_result(style, facts, _lines(facts))
+    show_result(facts, _lines(facts))
 
 
 def _draw_pair(map_path: Path, pair: tuple[int, int], path: Path) -> None:

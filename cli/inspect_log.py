@@ -14,7 +14,7 @@ import click
 from cli.arguments import PATH, format_option
 from cli.config import config_options
 from cli.exit_codes import EXIT_PARTIAL
-from cli.standard_streams import show_json
+from cli.standard_streams import show_result
 from formats.readable import one_line
 from mapmyworld.errors import LogError
 from mapmyworld.sensing.plan import Plan
@@ -29,14 +29,13 @@ _WIDEST = 60  # characters that the column of topics takes, at most
 
 @click.command("log")
 @click.argument("paths", metavar="LOG...", nargs=-1, required=True, type=PATH)
-@click.option("--quick", "looking", flag_value=False, default=True, help="No diagnosis.")
+@click.option("--quick", is_flag=True, help="No diagnosis.")
 @config_options
 @format_option
 def log(
     paths: tuple[Path, ...],
-    looking: bool,
+    quick: bool,
     config: Config,
-    style: str,
 ) -> None:
     """What is in LOG, which topics, frames and clock would be used and why, and what is wrong.
 
@@ -56,19 +55,15 @@ def log(
         plan = make_plan(survey, config.sensing)
     except LogError as error:
         failure = error
-    findings = diagnose(source, plan, config) if plan and looking else ()
-    if style == "json":
-        show_json(
-            {
-                "log": info_json(info),
-                "diagnosis": [asdict(finding) for finding in findings],
-                "plan": plan_json(plan) if plan else None,
-                "problems": [*info.problems, *survey.losses, *([str(failure)] if failure else [])],
-            }
-        )
-    else:
-        lines = info_lines(info) + [f"  - {loss}" for loss in survey.losses if not plan]
-        click.echo("\n".join(lines + (plan_lines(plan) if plan else []) + finding_lines(findings)))
+    findings = diagnose(source, plan, config) if plan and not quick else ()
+    facts = {
+        "log": info_json(info),
+        "diagnosis": [asdict(finding) for finding in findings],
+        "plan": plan_json(plan) if plan else None,
+        "problems": [*info.problems, *survey.losses, *([str(failure)] if failure else [])],
+    }
+    lines = info_lines(info) + [f"  - {loss}" for loss in survey.losses if not plan]
+    show_result(facts, lines + (plan_lines(plan) if plan else []) + finding_lines(findings))
     if failure is not None:
         raise failure
     if survey.losses or info.problems or (plan is not None and plan.losses):

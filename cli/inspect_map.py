@@ -25,7 +25,7 @@ from mapmyworld.types import MapStore, OccupancyGrid
     help="Draw the particles' paths over the grid into this PNG (--method fastslam).",
 )
 @format_option
-def inspect_map(map_path: Path, image: Path | None, style: str) -> None:
+def inspect_map(map_path: Path, image: Path | None) -> None:
     """What MAP covers: sessions, length, duration, area, quality, and how it was made.
 
     \b
@@ -39,7 +39,7 @@ def inspect_map(map_path: Path, image: Path | None, style: str) -> None:
             raise MapError(f"{map_path}: holds no nodes: its build did not get that far")
         if image is not None:
             _draw_particles(store, image)
-    show_result(style, facts, _lines(facts))
+    show_result(facts, _lines(facts))
 
 
 def _draw_particles(store: MapStore, path: Path) -> None:
@@ -59,6 +59,7 @@ def _draw_particles(store: MapStore, path: Path) -> None:
 
 def map_facts(store: MapStore) -> dict[str, Any]:
     """Everything that `inspect map` shows."""
+    from mapmyworld.graph.audit import sigmas_of
     from mapmyworld.map_figures import map_figures
 
     figures, poses, grid = map_figures(store), store.poses(), store.grid()
@@ -74,10 +75,7 @@ def map_facts(store: MapStore) -> dict[str, Any]:
         facts["closures"] = figures.closures
         facts["components"] = len(figures.components)
         if poses.covariances is not None and len(poses.covariances):
-            sigmas = np.sqrt(
-                np.maximum(np.trace(poses.covariances[:, 3:, 3:], axis1=1, axis2=2), 0)
-            )
-            facts["largest_sigma_m"] = float(sigmas.max())
+            facts["largest_sigma_m"] = float(sigmas_of(poses.covariances)[0].max())
     if grid is not None:
         facts["grid"] = _grid_facts(grid)
     for key in ("summary", "plan", "particles", "diagnosis"):

@@ -29,7 +29,7 @@ from mapmyworld.types.wording import reason_of
     help="Draw the node's image with its features into this PNG.",
 )
 @format_option
-def node(arguments: tuple[str, ...], image_path: Path | None, style: str) -> None:
+def node(arguments: tuple[str, ...], image_path: Path | None) -> None:
     """One node: pose, sigma, sensors, its constraints and their verdicts.
 
     \b
@@ -46,7 +46,7 @@ def node(arguments: tuple[str, ...], image_path: Path | None, style: str) -> Non
         facts = _facts(store, found, data)
         if image_path is not None:
             _draw(data, image_path)
-    show_result(style, facts, _lines(facts))
+    show_result(facts, _lines(facts))
 
 
 def _split(arguments: tuple[str, ...]) -> tuple[Path, int]:

@@ -39,7 +39,6 @@ def localise(
     logs: tuple[Path, ...],
     outputs: tuple[Path, ...],
     config: Config,
-    style: str,
 ) -> None:
     """Find where the robot of LOG was in MAP, a map.db or any grid's YAML file.
 
@@ -69,9 +68,13 @@ def localise(
         "cpu_s": cost["cpu_s"],
         "files": [str(path) for path in outputs],
     }
-    show_result(style, summary, _lines(summary, seen))
+    show_result(summary, _lines(summary, seen))
+    if found.known_share < 1.0:
+        unknown = f"{1.0 - found.known_share:.1%} of the {seen}"
+        click.echo(f"The pose is unknown for {unknown}: see the states.", err=True)
+    for loss in found.losses:
+        click.echo(f"  - {loss}", err=True)
     if found.known_share < 1.0 or found.losses:
-        _complain(found, seen)
         sys.exit(EXIT_PARTIAL)
 
 
@@ -92,7 +95,8 @@ def _beside(log: Path) -> tuple[Path, ...]:
 def _localise(
     map_path: Path, log: Any, config: Config, progress: StderrProgress
 ) -> tuple[OccupancyGrid, Plan, Localisation]:
-    from mapmyworld.localisation import localise_log, plan_log
+    from mapmyworld.localisation import localise_log
+    from mapmyworld.stages.plan_log import plan_log
 
     plan = plan_log(log, config, progress)
     if map_path.suffix in (".yaml", ".yml"):
@@ -103,10 +107,10 @@ def _localise(
     from formats.database import open_store
 
     with open_store(map_path, read_only=True) as store:
+        found = localise_log(store, log, plan, config, progress)
         stored = store.grid()
-        if stored is None:
-            raise MapError(f"{map_path}: has no grid: build it to its end first")
-        return stored, plan, localise_log(store, log, plan, config, progress)
+        assert stored is not None
+        return stored, plan, found
 
 
 def _write(path: Path, found: Localisation, grid: OccupancyGrid, base_frame: str) -> None:
@@ -159,11 +163,3 @@ def _lines(summary: dict[str, Any], seen: str) -> list[str]:
         f"{summary['cpu_s']:.1f} CPU s",
         *(f"written:       {path}" for path in summary["files"]),
     ]
-
-
-def _complain(found: Localisation, seen: str) -> None:
-    if found.known_share < 1.0:
-        unknown = f"{1.0 - found.known_share:.1%} of the {seen}"
-        click.echo(f"The pose is unknown for {unknown}: see the states.", err=True)
-    for loss in found.losses:
-        click.echo(f"  - {loss}", err=True)

@@ -13,7 +13,7 @@ from cli.arguments import british
 from cli.exit_codes import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_USAGE
 from cli.interrupts import Interrupted, forget_interrupts, heed_interrupts, is_interrupted
 from cli.lazy import LazyGroup
-from cli.standard_streams import keep_names, mend_streams
+from cli.standard_streams import mend_streams
 from mapmyworld.errors import MapMyWorldError
 
 # Command -> (module:attribute, one line for the list of commands).
@@ -40,7 +40,11 @@ COMMANDS = {
 @click.group(
     cls=LazyGroup,
     table=COMMANDS,
-    context_settings={"help_option_names": ["-h", "--help"], "token_normalize_func": british},
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "show_default": True,
+        "token_normalize_func": british,
+    },
 )
 @click.version_option(mapmyworld.__version__, prog_name="mapmyworld")
 def group() -> None:
@@ -57,27 +61,14 @@ def main() -> None:
     """Runs a command; every error of ours becomes one message on stderr and an exit code."""
     mend_streams()
     heed_interrupts()
-    for stream in (sys.stdout, sys.stderr):
-        keep_names(stream)
     try:
         _run()
-    except MapMyWorldError as error:
-        click.echo(f"mapmyworld: {error}", err=True)
+    except (MapMyWorldError, OSError, ImportError, MemoryError) as error:
+        click.echo(f"mapmyworld: {_in_words(error)}", err=True)
         sys.exit(EXIT_BAD_INPUT)
     except click.ClickException as error:
         error.show()
         sys.exit(EXIT_USAGE)
-    except OSError as error:
-        click.echo(f"mapmyworld: {_in_words(error)}", err=True)
-        sys.exit(EXIT_BAD_INPUT)
-    except ImportError as error:  # little memory is enough for it, not only a bad installation
-        click.echo(f"mapmyworld: cannot be loaded whole ({error}): `mapmyworld doctor`", err=True)
-        sys.exit(EXIT_BAD_INPUT)
-    except MemoryError:
-        click.echo(
-            "mapmyworld: out of memory: close other programs, or use a larger machine", err=True
-        )
-        sys.exit(EXIT_BAD_INPUT)
     except (click.Abort, KeyboardInterrupt, Interrupted):
         forget_interrupts()
         click.echo("mapmyworld: interrupted; the same command goes on with this stage", err=True)
@@ -95,8 +86,15 @@ def _run() -> NoReturn:
         raise
 
 
-def _in_words(error: OSError) -> str:
-    """What the system reports about a file, and what to do."""
+def _in_words(error: Exception) -> str:
+    """What went wrong, of a file as the system reports it, and what to do."""
+    if isinstance(error, ImportError):
+        # Little memory is enough for it, not only a bad installation.
+        return f"cannot be loaded whole ({error}): `mapmyworld doctor`"
+    if isinstance(error, MemoryError):
+        return "out of memory: close other programs, or use a larger machine"
+    if not isinstance(error, OSError):
+        return str(error)
     suggestions = {
         errno.ENOSPC: "free some space and give the same command again",
         errno.EDQUOT: "free some space and give the same command again",

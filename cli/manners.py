@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
 
 import click
 
-from cli.arguments import PATH
-
-_QUIET, _VERBOSE = "mapmyworld.quiet", "mapmyworld.verbose"
+from cli.arguments import PATH, noted, noted_option
 
 
 def with_manners(command: click.Command) -> click.Command:
@@ -20,62 +17,35 @@ def with_manners(command: click.Command) -> click.Command:
             with_manners(inner)
         return command
     if not any("--debug" in option.opts for option in command.params):
-        command.params.append(_flag("-q", "--quiet", "No progress and no notes.", _hush))
-        command.params.append(_flag("-v", "--verbose", "Show time and memory per stage.", _account))
-        command.params.append(_debug_option())
+        for option in (
+            noted_option("-q", "--quiet", is_flag=True, help="No progress and no notes."),
+            noted_option(
+                "-v", "--verbose", is_flag=True, act=_account,
+                help="Show time and memory per stage.",
+            ),
+            noted_option(
+                "--debug", type=PATH, metavar="FILE", act=_keep_decisions,
+                help="Write every decision into FILE, line by line.",
+            ),
+        ):  # fmt: skip
+            option(command)
     return command
 
 
 def note(text: str) -> None:
     """A line on stderr that -q leaves out."""
-    if not is_quiet():
+    if not noted("quiet"):
         click.echo(text, err=True)
 
 
-def is_quiet() -> bool:
-    """Whether the command that runs was given -q."""
-    return _is_asked(_QUIET)
+def _keep_decisions(context: click.Context, path: Path) -> None:
+    from cli.debug_log import keep_decisions
+
+    keep_decisions(context, path)
 
 
-def is_verbose() -> bool:
-    """Whether the command that runs was given -v."""
-    return _is_asked(_VERBOSE)
-
-
-def _is_asked(name: str) -> bool:
-    context = click.get_current_context(silent=True)
-    return context is not None and bool(context.meta.get(name))
-
-
-def _flag(short: str, long: str, text: str, act: Any) -> click.Option:
-    return click.Option([short, long], is_flag=True, help=text, expose_value=False, callback=act)
-
-
-def _debug_option() -> click.Option:
-    return click.Option(
-        ["--debug"],
-        type=PATH,
-        metavar="FILE",
-        help="Write every decision into FILE, line by line.",
-        expose_value=False,
-        callback=_keep_decisions,
-    )
-
-
-def _keep_decisions(context: click.Context, _: click.Parameter, path: Path | None) -> None:
-    if path is not None and not context.resilient_parsing:
-        from cli.debug_log import keep_decisions
-
-        keep_decisions(context, path)
-
-
-def _hush(context: click.Context, _: click.Parameter, asked: bool) -> None:
-    context.meta[_QUIET] = asked
-
-
-def _account(context: click.Context, _: click.Parameter, asked: bool) -> None:
+def _account(context: click.Context, _: bool) -> None:
     """At the end, time and memory on stderr."""
-    context.meta[_VERBOSE] = asked
     started = time.monotonic()
 
     def show() -> None:
@@ -84,5 +54,4 @@ def _account(context: click.Context, _: click.Parameter, asked: bool) -> None:
         took = f"{time.monotonic() - started:.1f} s, {time.process_time():.1f} CPU s"
         click.echo(f"{context.command_path}: {took}, {peak_memory_mb():.0f} MB at most", err=True)
 
-    if asked:
-        context.call_on_close(show)
+    context.call_on_close(show)

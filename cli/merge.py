@@ -26,7 +26,6 @@ def merge(
     output: Path,
     config: Config,
     no_export: bool,
-    style: str,
 ) -> None:
     """Join finished MAPs whose sessions show the same place; their order does not matter.
 
@@ -46,4 +45,4 @@ def merge(
     progress = StderrProgress()
     summary = merge_files(maps, output, config, progress, export=not no_export)
     progress.finish()
-    show_merged(summary, style)
+    show_merged(summary)

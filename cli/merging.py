@@ -6,13 +6,12 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
-from cli.config import settings_that_differ
+from cli.build import build_into
 from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import (
     forget_products,
@@ -23,7 +22,7 @@ from cli.outputs import (
 )
 from cli.progress import StderrProgress
 from cli.report import report_beside
-from cli.standard_streams import show_json
+from cli.standard_streams import show_result
 from cli.storing import ResultMaps, numbered, storage_arguments
 from formats.database import MemoryMap, open_store
 from formats.database.lock import only_writer
@@ -31,7 +30,6 @@ from formats.logs import open_log
 from mapmyworld.config import Config
 from mapmyworld.errors import MapError
 from mapmyworld.exporting import export_beside
-from mapmyworld.pipeline import build_map
 from mapmyworld.sessions import MergedMap, SessionMap, extend_map, load_session_map, merge_maps
 from mapmyworld.types import MapStore
 
@@ -167,19 +165,15 @@ def require_results(output: Path, maps: Sequence[Path], *, export: bool) -> None
         require_no_other(path)
 
 
-def show_merged(summary: dict[str, Any], style: str) -> None:
+def show_merged(summary: dict[str, Any]) -> None:
     """Prints what resulted; exits with 3 where sessions stay apart."""
-    if style == "json":
-        show_json(summary)
-    else:
-        for made in summary["maps"]:
-            click.echo(
-                f"{made['file']}: {made['sessions']} sessions, {made['nodes']} nodes, "
-                f"{made['links']} constraints between sessions; of {', '.join(made['of'])}"
-            )
-        click.echo(
-            f"time: {summary['cpu_s']:.1f} CPU s, {summary['peak_memory_mb']:.0f} MB at most"
-        )
+    lines = [
+        f"{made['file']}: {made['sessions']} sessions, {made['nodes']} nodes, "
+        f"{made['links']} constraints between sessions; of {', '.join(made['of'])}"
+        for made in summary["maps"]
+    ]
+    cost = f"{summary['cpu_s']:.1f} CPU s, {summary['peak_memory_mb']:.0f} MB at most"
+    show_result(summary, [*lines, f"time: {cost}"])
     if len(summary["maps"]) > 1:
         click.echo(
             f"the sessions do not all show the same place: {len(summary['maps'])} maps were "
@@ -219,9 +213,7 @@ def append_logs(
 def _build(log: Path, path: Path, config: Config) -> Path:
     progress = StderrProgress()
     path.parent.mkdir()
-    opening = partial(open_store, path, create=True, **storage_arguments(config))
-    with opening() as store:
-        store.put("settings", settings_that_differ(config))
-        build_map(open_log([log]), store, config, progress)
+    with open_store(path, create=True, **storage_arguments(config)) as store:
+        build_into(store, open_log([log]), config, progress)
     progress.finish()  # a log's stages are distinguished from the next one's
     return path

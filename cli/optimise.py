@@ -13,7 +13,6 @@ from cli.arguments import PATH, format_option
 from cli.config import config_options
 from cli.manners import note
 from cli.outputs import (
-    require_graph_place,
     require_no_other,
     require_no_other_log,
     require_output_name,
@@ -50,7 +49,6 @@ def optimise(
     robust: bool,
     image: Path | None,
     config: Config,
-    style: str,
 ) -> None:
     """Optimise the pose graph in FILE: g2o, TORO, GTSAM text, map.db or an RTAB-Map database.
 
@@ -76,7 +74,9 @@ def optimise(
         why = problems[0] if problems else "nothing to optimise"
         raise GraphError(f"{path}: the graph has no nodes: {why}")
     solved = _timed(graph, robust, config.graph, seconds)
-    losses = [*problems, *_component_losses(solved)]
+    from mapmyworld.graph.canonical_graph import component_losses
+
+    losses = [*problems, *component_losses(solved.component)]
     _write(output, path, graph, solved, losses)
     facts = {
         "file": str(path),
@@ -88,7 +88,7 @@ def optimise(
     }
     if image is not None:
         draw(image, solved)
-    show_result(style, facts, _lines(facts))
+    show_result(facts, _lines(facts))
     end_partial([f"{path}: {loss}" for loss in losses])
 
 
@@ -98,10 +98,8 @@ def _require_place(output: Path, path: Path) -> None:
     if output.suffix == ".db":
         require_no_other(output)
         require_no_other_log(output, path)
-    else:
-        require_graph_place(output)
-        if output.suffix != ".g2o":
-            raise click.UsageError(f"{output}: give a name that ends in .g2o, or in .db for a map")
+    elif output.suffix != ".g2o":
+        raise click.UsageError(f"{output}: give a name that ends in .g2o, or in .db for a map")
 
 
 def _timed(
@@ -117,12 +115,6 @@ def _timed(
     solved = optimise_robustly(graph, config) if robust else optimise_graph(graph, config)
     seconds["optimise"] = time.perf_counter() - started
     return solved
-
-
-def _component_losses(solved: OptimisedGraph) -> list[str]:
-    from mapmyworld.graph.canonical_graph import component_losses
-
-    return component_losses(solved.component)
 
 
 def _facts(graph: PoseGraph, solved: OptimisedGraph) -> dict[str, Any]:

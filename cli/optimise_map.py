@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from formats.database import open_store
-from formats.database.connection import is_sqlite
-from formats.database.store import DatabaseStore
+from formats.database.connection import says_ours
 from formats.graph_files import cartesian
 from mapmyworld.geometry.planar import information_from_planar, planar_to_matrix
 from mapmyworld.graph.covariance import graph_covariances
@@ -40,7 +39,7 @@ def write_map(
     `losses` say what the graph lacks, so that the map does not pass as whole.
     """
     graph = solved.graph
-    ours = _is_map(source)
+    ours = says_ours(source)
     shift = 0 if ours else max(0, 1 - int(graph.ids.min()))
     if ours:
         shutil.copyfile(source, path)
@@ -64,13 +63,6 @@ def write_map(
             store.judge([*carried, *judged])
             store.set_poses(poses)
             store.put("solve", {"certainty": solved.certainty, "losses": list(losses)})
-
-
-def _is_map(path: Path) -> bool:
-    if not is_sqlite(path):
-        return False
-    with open_store(path, read_only=True) as store:
-        return isinstance(store, DatabaseStore)
 
 
 def matrices_of(planar: bool, poses: np.ndarray) -> np.ndarray:

@@ -12,8 +12,6 @@ from mapmyworld.errors import MapError
 PRODUCTS = (".pgm", ".yaml", ".ply", ".tum", ".html", ".timing.json")
 """Endings of what `build` and `merge` write beside a map."""
 _RECORDED = {b"#ROSBAG": ".bag", b"\x89MCAP0": ".mcap", b"SQLite": ".db"}
-_GRAPH_WORDS = ("VERTEX", "EDGE", "FIX", "PARAMS_")
-_HEAD = 1 << 16  # bytes that show whether a file is a graph
 
 
 def require_outputs(paths: Iterable[Path], inputs: Sequence[Path]) -> None:
@@ -120,12 +118,6 @@ def require_no_other_log(path: Path, source: Path) -> None:
         raise MapError(f"{path}: is the map of a log ({made_of}): give another name with -o")
 
 
-def require_graph_place(path: Path) -> None:
-    """Raises `MapError` rather than replace by a graph what is none."""
-    if path.exists() and not _is_graph(path):
-        raise MapError(f"{path}: exists and is no g2o graph: give another name with -o")
-
-
 def _is_same(path: Path, given: Path) -> bool:
     try:
         return os.path.samefile(path, given)
@@ -138,13 +130,3 @@ def _is_part(path: Path, folder: Path) -> bool:
     if not (folder.is_dir() and path.is_file()) or path.suffix not in (".db3", ".mcap", ".bag"):
         return False
     return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
-
-
-def _is_graph(path: Path) -> bool:
-    try:
-        with path.open("rb") as file:
-            lines = file.read(_HEAD).decode("utf-8-sig", "replace").splitlines()
-    except OSError as error:
-        raise MapError(f"{path}: cannot be read: {error.strerror}") from None
-    words = [line.split()[0] for line in lines if line.strip() and not line.startswith("#")]
-    return all(word.startswith(_GRAPH_WORDS) for word in words[:1])

@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
+from cli.arguments import noted
 from cli.interrupts import heed_memory_limit, heed_wish, peak_memory_mb
-from cli.manners import is_quiet, is_verbose
-from cli.standard_streams import own_words
+from cli.standard_streams import in_columns, own_words
 from formats.readable import readable
 from mapmyworld.decisions import decided
 
@@ -52,7 +52,7 @@ class StderrProgress:
     """Says which stage runs, how far it is, and how much faster than the robot drove."""
 
     def __init__(self) -> None:
-        self.quiet = is_quiet()
+        self.quiet = bool(noted("quiet"))
         self._began = time.monotonic(), time.process_time()
         self.notes: list[str] = []
         self.costs: dict[str, StageCost] = {}
@@ -134,15 +134,11 @@ class StderrProgress:
         if self._live is not None:
             self._live.close()
             self._live = None
-        rows = [cost.reported(verbose=is_verbose()) for cost in self._ended.values()]
+        rows = [cost.reported(verbose=bool(noted("verbose"))) for cost in self._ended.values()]
         self._ended = {}
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        for row in [] if self.quiet else rows:
-            first, *inner = (
-                cell.rjust(width) if k else cell.ljust(width)
-                for k, (cell, width) in enumerate(zip(row[:-1], widths, strict=False))
-            )
-            click.echo("  ".join([first, *inner, row[-1]]).rstrip(), err=True)
+        for line, row in zip(in_columns([row[:-1] for row in rows]), rows, strict=True):
+            if not self.quiet:
+                click.echo(f"{line}  {row[-1]}".rstrip(), err=True)
 
     def _state(self) -> str:
         """How far the stage is, at which rate, and how long it will still take at it."""

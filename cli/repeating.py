@@ -1,4 +1,4 @@
-"""A build done a second time, under other circumstances, and compared byte by byte."""
+"""Builds in processes of their own; one done a second time, and compared byte by byte."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from cli.exit_codes import EXIT_PARTIAL
 from mapmyworld.errors import MapError
@@ -26,15 +27,10 @@ def repeat_and_compare(
     """
     with tempfile.TemporaryDirectory(prefix=".repeat-", dir=map_path.absolute().parent) as name:
         again = Path(name) / map_path.name
-        command = [sys.executable, "-m", "cli.main", "build", "--quiet", *options]
-        command += ["--set", "threads=1", "-o", str(again)]
-        command += [str(log.absolute()) for log in logs]
+        arguments = [*options, "--set", "threads=1", "-o", str(again)]
+        arguments += [str(log.absolute()) for log in logs]
         elsewhere = {**os.environ, "TZ": "Pacific/Kiritimati", "LC_ALL": "C", "LANG": "C"}
-        done = subprocess.run(
-            command, cwd=name, env=elsewhere, capture_output=True, text=True, check=False
-        )
-        if done.returncode not in (0, EXIT_PARTIAL):
-            raise MapError(f"{map_path}: the second build failed: {done.stderr.strip()}")
+        run_build(arguments, f"{map_path}: the second build", cwd=name, env=elsewhere)
         differing = [
             Path(file).name
             for file in files
@@ -46,3 +42,15 @@ def repeat_and_compare(
             f"{map_path}: a second build gave other bytes in {', '.join(differing)}: this is a "
             "fault of mapmyworld's; please report it with the log"
         )
+
+
+def run_build(arguments: Sequence[str], name: str, **where: Any) -> str:
+    """What a build in a process of its own prints; `where`: its folder and environment.
+
+    Raises `MapError` that calls it by this `name` where it gives no map.
+    """
+    command = [sys.executable, "-m", "cli.main", "build", "--quiet", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, **where)
+    if done.returncode not in (0, EXIT_PARTIAL):
+        raise MapError(f"{name} failed: {done.stderr.strip() or done.returncode}")
+    return str(done.stdout)

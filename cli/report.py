@@ -26,13 +26,15 @@ from mapmyworld.geometry.rigid import invert
 from mapmyworld.graph import audit
 from mapmyworld.graph.variance import normalised_residuals
 from mapmyworld.map_figures import calibrated_constraints, map_figures, tracked_poses
+from mapmyworld.stages.kept import has_scans
 from mapmyworld.types import ConstraintKind, Judged, MapStore, Node, OccupancyGrid, Poses
 from mapmyworld.types.wording import reason_of
 
 if TYPE_CHECKING:
     from cli.progress import StageCost, StderrProgress
 
-_LOOKED_AT = 20  # frames that show whether there are scans
+_TIMING = ".timing.json"  # where `build` notes what its stages took
+_SHOWN = ("name", "wall_s", "cpu_s", "peak_memory_mb", "rounds")  # of a stage
 
 
 def write_report(
@@ -66,17 +68,12 @@ def report_beside(
     return [str(page)]
 
 
-def timing_file(map_path: Path) -> Path:
-    """Where `build` notes what its stages took."""
-    return map_path.with_suffix(".timing.json")
-
-
 def note_timing(
     map_path: Path, cost: Mapping[str, Any], stages: Sequence[StageCost], *, continued: bool
 ) -> dict[str, Any]:
     """Keeps what a build took beside its map; stages that were reused keep their old figures."""
-    path = timing_file(map_path)
-    fresh = {stage.name: _as_shown(stage) for stage in stages}
+    path = map_path.with_suffix(_TIMING)
+    fresh = {stage.name: {name: getattr(stage, name) for name in _SHOWN} for stage in stages}
     old = (_read_timing(path) if continued else None) or {"stages": []}
     kept = [stage for stage in old["stages"] if stage["name"] not in fresh]
     built = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
@@ -85,14 +82,9 @@ def note_timing(
     return timing
 
 
-def _as_shown(stage: StageCost) -> dict[str, Any]:
-    names = ("name", "wall_s", "cpu_s", "peak_memory_mb", "rounds")
-    return {name: getattr(stage, name) for name in names}
-
-
 def timing_beside(store: MapStore) -> Mapping[str, Any] | None:
     """What `build` left beside the map; None where nothing, or nothing that can be read."""
-    return _read_timing(timing_file(Path(_name(store))))
+    return _read_timing(Path(_name(store)).with_suffix(_TIMING))
 
 
 def _read_timing(path: Path) -> dict[str, Any] | None:
@@ -129,7 +121,7 @@ def report_contents(
         headline=headline(map_figures(store), grid),
         products=products(Path(_name(store)), folder),
         verdict=verdict(map_figures(store), problems),
-        proof=_proof(store),
+        proof=str((store.get("solve") or {}).get("certainty", "")),
         problems=problems,
         grid=grid,
         path=path,
@@ -160,7 +152,7 @@ def _name(store: MapStore) -> str:
 def _grid(store: MapStore) -> OccupancyGrid | None:
     """The stored grid; drawn from the scans where there is none, as in RTAB-Map's files."""
     grid = store.grid()
-    if grid is None and next(iter(store.scans(range(_LOOKED_AT))), None) is not None:
+    if grid is None and has_scans(store):
         try:
             grid = grid_at(store, Config(), None)
         except MapMyWorldError:
@@ -221,10 +213,6 @@ def _shown_constraints(
         )
         for c, m, s in zip(constraints, residuals, tracked, strict=True)
     ]
-
-
-def _proof(store: MapStore) -> str:
-    return str((store.get("solve") or {}).get("certainty", ""))
 
 
 def _decisions(store: MapStore) -> list[tuple[str, str, str]]:

@@ -13,15 +13,13 @@ from formats.trajectory_files import read_trajectory
 from formats.truth_files import read_loop_pairs
 from mapmyworld.evaluation import FEW, LoopScore, RelationsScore, loop_closure_score
 from mapmyworld.evaluation.nees import map_nees
+from mapmyworld.exporting import trajectory_of
 from mapmyworld.types import CLOSURES, MapStore, Trajectory
 
 
 def read_any_trajectory(path: Path) -> Trajectory:
     """The trajectory of a map (every tracked frame where kept) or of a TUM file."""
     if is_sqlite(path):
-        from formats.database import open_store
-        from mapmyworld.exporting import trajectory_of
-
         with open_store(path, read_only=True) as store:
             return trajectory_of(store)
     return read_trajectory(path)

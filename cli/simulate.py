@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import click
 
@@ -12,7 +11,7 @@ from cli.arguments import PATH, format_option
 from cli.config import changed_values
 from cli.outputs import require_apart, require_output_name
 from cli.progress import StderrProgress
-from cli.standard_streams import show_json
+from cli.standard_streams import show_result
 from formats.recording_files import LogWriter
 from formats.scene_mesh import SCENE_SUFFIXES, read_scene_mesh
 from formats.truth_files import truth_folder, write_truth
@@ -35,7 +34,7 @@ from mapmyworld.simulation.worlds import find_world
     type=click.IntRange(1, 1000),
     help="Laps of the route.  [default: the world's number, or 1]",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=0)
 @click.option("--camera/--no-camera", default=True, help="Laser-only logs take seconds.")
 @click.option("--laser/--no-laser", default=True, help="Whether the robot has a laser.")
 @click.option("--raw", is_flag=True, help="Raw images instead of JPEG and PNG.")
@@ -58,7 +57,6 @@ def simulate(
     listing: bool,
     show: bool,
     overwrite: bool,
-    style: str,
 ) -> None:
     """Record a log in a simulated world, with the truth beside it in LOG.truth/.
 
@@ -69,7 +67,7 @@ def simulate(
     """
     settings = _settings(changes, camera=camera, laser=laser, raw=raw)
     if listing:
-        _list_worlds(style)
+        _list_worlds()
     elif show:
         click.echo(as_toml(cast(Config, settings)), nl=False)
     else:
@@ -80,19 +78,16 @@ def simulate(
         require_apart(output, [] if mesh is None else [mesh])
         recording = record(place, seed=seed, route=route, laps=laps, settings=settings)
         counts = _write(recording, output, overwrite)
-        _report(recording, output, counts, style)
+        _report(recording, output, counts)
 
 
 def _settings(
     changes: tuple[str, ...], *, camera: bool, laser: bool, raw: bool
 ) -> SimulationSettings:
-    standard = cast(Config, SimulationSettings())
-    changed = cast(SimulationSettings, apply_settings(standard, changed_values(changes)))
-    body = replace(changed.camera, enabled=camera and changed.camera.enabled)
-    if raw:
-        body = replace(body, compressed=False)
-    sweeper = replace(changed.laser, enabled=laser and changed.laser.enabled)
-    return replace(changed, camera=body, laser=sweeper)
+    values: dict[str, Any] = dict(changed_values(changes))
+    left_out = {"camera.enabled": camera, "laser.enabled": laser, "camera.compressed": not raw}
+    values |= {name: False for name, kept in left_out.items() if not kept}
+    return cast(SimulationSettings, apply_settings(cast(Config, SimulationSettings()), values))
 
 
 def _world(name: str | None, mesh: Path | None) -> World | Scene:
@@ -130,31 +125,25 @@ def _write(recording: Recording, output: Path, overwrite: bool) -> dict[str, int
     return counts
 
 
-def _report(recording: Recording, output: Path, counts: dict[str, int], style: str) -> None:
+def _report(recording: Recording, output: Path, counts: dict[str, int]) -> None:
     drive = recording.truth.drive
     folder = truth_folder(output)
-    if style == "json":
-        show_json(
-            {
-                "log": str(output),
-                "truth": str(folder),
-                "duration_s": drive.duration,
-                "length_m": drive.length,
-                "loop_pairs": len(recording.truth.loop_pairs.stamps_ns),
-                "messages": counts,
-            }
-        )
-        return
-    click.echo(f"{output}: {drive.duration:.0f} s, {drive.length:.1f} m, truth in {folder}/")
-    for topic, count in counts.items():
-        click.echo(f"{count:>8}  {topic}")
+    facts = {
+        "log": str(output),
+        "truth": str(folder),
+        "duration_s": drive.duration,
+        "length_m": drive.length,
+        "loop_pairs": len(recording.truth.loop_pairs.stamps_ns),
+        "messages": counts,
+    }
+    head = f"{output}: {drive.duration:.0f} s, {drive.length:.1f} m, truth in {folder}/"
+    show_result(facts, [head, *(f"{count:>8}  {topic}" for topic, count in counts.items())])
 
 
-def _list_worlds(style: str) -> None:
-    if style == "json":
-        show_json({w.name: {"about": w.about, "routes": dict(w.routes)} for w in WORLDS.values()})
-        return
+def _list_worlds() -> None:
+    facts = {w.name: {"about": w.about, "routes": dict(w.routes)} for w in WORLDS.values()}
+    lines = []
     for world in WORLDS.values():
-        click.echo(f"{world.name}: {world.about}")
-        for name, route in world.routes.items():
-            click.echo(f"    {name:<10} {route}")
+        lines.append(f"{world.name}: {world.about}")
+        lines += [f"    {name:<10} {route}" for name, route in world.routes.items()]
+    show_result(facts, lines)

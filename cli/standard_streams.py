@@ -13,6 +13,7 @@ from typing import Any
 
 import click
 
+from cli.arguments import wants_json
 from cli.exit_codes import EXIT_PARTIAL
 from formats.readable import readable
 
@@ -32,6 +33,10 @@ def mend_streams() -> None:
         sys.stdout = _lenient(1, sys.stdout, {errno.EPIPE})
     if sys.stderr is sys.__stderr__:
         sys.stderr = _lenient(2, sys.stderr, _ALL)
+    codecs.register_error(_NAMES, _as_given)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=_NAMES)
 
 
 def _take_place(number: int) -> None:
@@ -94,7 +99,6 @@ def _lenient(number: int, before: Any, dropped: Container[int | None]) -> _Reada
     return _ReadableText(
         io.BufferedWriter(_Words(number, dropped)),
         encoding="utf-8" if before is None else before.encoding,
-        errors="backslashreplace" if before is None else before.errors,
         line_buffering=lines,
         write_through=before is not None and before.write_through,
     )
@@ -105,17 +109,11 @@ def shown(name: str) -> str:
     return os.fsencode(name).decode("utf-8", "replace")
 
 
-def keep_names(stream: Any) -> None:
-    """From now on the stream prints file names as they are, and what it cannot hold as `?`."""
-    codecs.register_error(_NAMES, _as_given)
-    if hasattr(stream, "reconfigure"):
-        stream.reconfigure(errors=_NAMES)
-
-
 _NAMES = "mapmyworld.names"
 
 
 def _as_given(error: UnicodeError) -> tuple[str | bytes, int]:
+    """File names as they are, and what the stream cannot hold as `?`."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     letters = error.object[error.start : error.end]
@@ -127,12 +125,21 @@ def _byte_of(code: int) -> bytes:
     return bytes([code - 0xDC00]) if 0xDC80 <= code <= 0xDCFF else b"?"
 
 
-def show_result(style: str, facts: Any, lines: Iterable[str]) -> None:
+def show_result(facts: Any, lines: Iterable[str]) -> None:
     """What a command found, on stdout: as JSON, or as lines of text."""
-    if style == "json":
-        show_json(facts)
+    if wants_json():
+        click.echo(json.dumps(facts, indent=2, allow_nan=False, default=float))
     else:
         click.echo("\n".join(lines))
+
+
+def in_columns(rows: Sequence[Sequence[str]]) -> list[str]:
+    """The rows as lines, their cells aligned: the first to the left, the others to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]).rstrip()
+        for row in rows
+    ]
 
 
 def end_partial(losses: Sequence[str]) -> None:
@@ -141,8 +148,3 @@ def end_partial(losses: Sequence[str]) -> None:
         click.echo(f"mapmyworld: {loss}", err=True)
     if losses:
         sys.exit(EXIT_PARTIAL)
-
-
-def show_json(value: Any) -> None:
-    """One JSON document on stdout."""
-    click.echo(json.dumps(value, indent=2, allow_nan=False, default=float))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,25 +20,16 @@ if TYPE_CHECKING:
 @contextmanager
 def no_empty_map(path: Path) -> Iterator[None]:
     """Where what is done inside fails, a map without nodes goes: nothing could be made of it."""
-    try:
-        yield
-    except MapMyWorldError:
-        if _is_empty_map(path):
-            path.unlink()
-        raise
-
-
-def _is_empty_map(path: Path) -> bool:
     from formats.database import open_store
     from formats.database.connection import says_ours
 
-    if not path.is_file() or not says_ours(path):
-        return False
     try:
-        with open_store(path, read_only=True) as store:
-            return not store.nodes()
+        yield
     except MapMyWorldError:
-        return False
+        with suppress(MapMyWorldError), open_store(path, read_only=True) as store:
+            if says_ours(path) and not store.nodes():
+                path.unlink()
+        raise
 
 
 def storage_arguments(config: Config) -> dict[str, Any]:
@@ -81,16 +72,13 @@ class ResultMaps:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._remove()
+        for path in self._written:
+            path.unlink(missing_ok=True)
 
     def discard(self) -> None:
         """Removes what was written, so that other maps take its place."""
-        self._remove()
+        self.__exit__()
         self._written, self.names = [], []
-
-    def _remove(self) -> None:
-        for path in self._written:
-            path.unlink(missing_ok=True)
 
     @contextmanager
     def open(self, _number: int = 0) -> Iterator[MapStore]:

@@ -39,6 +39,7 @@ def commands_page() -> str:
             info_name=" ".join(names),
             terminal_width=96,
             help_option_names=group.context_settings["help_option_names"],
+            show_default=group.context_settings["show_default"],
         )
         parts += ["", f"## {' '.join(names)}", "", "```", command.get_help(context), "```"]
     return "\n".join(parts) + "\n"

@@ -95,7 +95,8 @@ def localise(
 
     A path may be a map.db or a grid's YAML. Raises `MapError` for a map without a grid.
     """
-    from mapmyworld.localisation import localise_log, plan_log
+    from mapmyworld.localisation import localise_log
+    from mapmyworld.stages.plan_log import plan_log
 
     config, progress, source = config or Config(), progress or Silent(), _log(log)
     plan = plan_log(source, config, progress)
@@ -106,8 +107,6 @@ def localise(
     if isinstance(known, OccupancyGrid):
         return localise_log(known, source, plan, config, progress)
     with opened(known) as store:
-        if store.grid() is None:
-            raise MapError("the map has no grid: build it to its end first")
         return localise_log(store, source, plan, config, progress)
 
 

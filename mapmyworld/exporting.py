@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Container, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,42 +31,19 @@ if TYPE_CHECKING:
 
 def export_beside(store: MapStore, map_path: Path, config: Config) -> list[str]:
     """Writes grid, trajectory and cloud of a finished map beside its database."""
-    written = export_grid(store, map_path.with_suffix(""))
-    written += export_trajectory(store, map_path.with_suffix(".tum"))
-    written += export_cloud(store, map_path.with_suffix(".ply"), config)
-    return [str(path) for path in written]
-
-
-def export_grid(store: MapStore, stem: Path) -> list[Path]:
-    """Writes the stored grid; nothing where there is none."""
+    from formats.cloud_files import write_cloud
     from formats.grid_files import write_grid
-
-    grid = store.grid()
-    return [] if grid is None else list(write_grid(stem, grid))
-
-
-def export_trajectory(
-    store: MapStore,
-    path: Path,
-    style: Any = "tum",
-    which: Literal["optimised", "odometry"] = "optimised",
-) -> list[Path]:
-    """Writes the pose of every tracked frame, or of every node where only those were kept."""
     from formats.trajectory_files import write_trajectory
 
-    write_trajectory(path, trajectory_of(store, which), style)
-    return [path]
-
-
-def export_cloud(store: MapStore, path: Path, config: Config) -> list[Path]:
-    """Writes the cloud of depth images or 3D scans; nothing where there are none."""
-    from formats.cloud_files import write_cloud
-
-    cloud = cloud_of(store, config)
-    if cloud is None:
-        return []
-    write_cloud(path, cloud)
-    return [path]
+    written: list[Path] = []
+    if (grid := store.grid()) is not None:
+        written += write_grid(map_path.with_suffix(""), grid)
+    written.append(map_path.with_suffix(".tum"))
+    write_trajectory(written[-1], trajectory_of(store))
+    if (cloud := cloud_of(store, config)) is not None:
+        written.append(map_path.with_suffix(".ply"))
+        write_cloud(written[-1], cloud)
+    return [str(path) for path in written]
 
 
 def cloud_of(store: MapStore, config: Config) -> PointCloud | None:
@@ -87,14 +64,12 @@ def cloud_of(store: MapStore, config: Config) -> PointCloud | None:
     return build_cloud(nodes_with_poses(store, thinned), config)
 
 
-def export_scan_cloud(store: MapStore, path: Path, config: Config) -> list[Path]:
-    """Writes the returns of all planar scans, at height 0, one a voxel."""
-    from formats.cloud_files import write_cloud
+def scan_cloud_of(store: MapStore, config: Config) -> PointCloud:
+    """The returns of all planar scans, at height 0, one a voxel."""
     from mapmyworld.mapping.cloud_map import build_cloud
 
     flat = ((pose, NodeData(cloud=_lifted(data.scan))) for pose, data in nodes_with_poses(store))
-    write_cloud(path, build_cloud(flat, _counting_each_point(config)))
-    return [path]
+    return build_cloud(flat, _counting_each_point(config))
 
 
 def _counting_each_point(config: Config) -> Config:
@@ -188,11 +163,7 @@ def nodes_with_poses(
 def node_items(store: MapStore) -> Iterator[tuple[Node, NodeData, Array]]:
     """Every node with its data and map_from_base (4, 4), by odometry where it has none."""
     poses = store.poses()
-    place = (
-        {}
-        if poses is None
-        else {int(n): m for n, m in zip(poses.ids, poses.map_from_node, strict=True)}
-    )
+    place = {} if poses is None else dict(zip(poses.ids.tolist(), poses.map_from_node, strict=True))
     for node in store.nodes():
         yield node, store.node_data(node.id), place.get(node.id, node.odom_from_base)
 

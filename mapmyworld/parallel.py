@@ -66,17 +66,10 @@ def in_threads(
 
 def run_in_chunks(work: Callable[[int, int], None], count: int, threads: int) -> None:
     """`work(first, last)` over all of `range(count)`; pieces share no results."""
-    workers = threads or os.cpu_count() or 1
-    pieces = min(workers * _CHUNKS_PER_THREAD, count)
-    if workers == 1 or pieces < 2:
-        if count:
-            work(0, count)
-        return
-    edges = [count * piece // pieces for piece in range(pieces + 1)]
-    with ThreadPoolExecutor(workers) as pool:
-        jobs = [pool.submit(work, a, b) for a, b in itertools.pairwise(edges)]
-        for job in jobs:
-            job.result()
+    pieces = min((threads or os.cpu_count() or 1) * _CHUNKS_PER_THREAD, count)
+    edges = [count * piece // pieces for piece in range(pieces + 1)] if count else []
+    for _ in in_threads(lambda ends: work(*ends), itertools.pairwise(edges), threads):
+        pass
 
 
 def on_one_thread(work: Callable[Given, Out]) -> Callable[Given, Out]:

@@ -17,8 +17,9 @@ from mapmyworld.decisions import decided
 from mapmyworld.errors import ConfigError, MapError
 from mapmyworld.map_figures import map_figures
 from mapmyworld.parallel import on_one_thread
-from mapmyworld.sensing import Plan, make_plan, survey_log
+from mapmyworld.sensing import Plan
 from mapmyworld.stages.draw_maps import draw_maps
+from mapmyworld.stages.plan_log import note_plan, plan_log
 from mapmyworld.stages.recognise import LoadScans, recognise, scan_loader
 from mapmyworld.stages.record import StageRecord
 from mapmyworld.stages.track import odometry_lag, track
@@ -65,14 +66,14 @@ def build_map(
         raise ConfigError("places.vocabulary names a file, but its words were not given")
     record = StageRecord(store, _same_log(store, log))
     decided("settings", str(config))
-    plan = functools.cache(lambda: _plan(log, config, progress))
+    plan = functools.cache(lambda: plan_log(log, config, progress))
     given = (store, config, progress)
     first_read = FIRST_READ_BY_PARTICLES if method == "fastslam" else FIRST_READ
 
     def run(stage: str, work: Callable[[], None], *inputs: Any) -> None:
         record.run(stage, (settings_of(stage, config, first_read), *inputs), work)
 
-    run("plan", lambda: _note_plan(store, plan()))
+    run("plan", lambda: note_plan(store, plan()))
     if method == "fastslam":
         from mapmyworld.stages.track_particles import finish_particles, track_particles
 
@@ -136,33 +137,6 @@ def _same_log(store: MapStore, log: LogSource) -> str:
         names = [path.replace("\\", "/").rsplit("/", 1)[-1] for path in log.info().paths]
         store.put("log", {"hash": found, "paths": names})
     return found
-
-
-def _plan(log: LogSource, config: Config, progress: Progress) -> Plan:
-    info = log.info()
-    progress.stage("survey", max(info.duration_s, 1e-9), "s")
-    survey = survey_log(log, lambda t: progress.update((t - info.start_ns) * 1e-9))
-    plan = make_plan(survey, config.sensing)
-    for d in plan.decisions:
-        decided("plan", f"{d.role}: {d.choice or 'none'}: {d.reason}")
-    for warning in plan.warnings:
-        progress.note(warning)
-    return plan
-
-
-def _note_plan(store: MapStore, plan: Plan) -> None:
-    store.put(
-        "plan",
-        {
-            "planar": plan.planar,
-            "base_frame": plan.base_frame,
-            "decisions": [
-                {"role": d.role, "choice": d.choice, "reason": d.reason} for d in plan.decisions
-            ],
-            "warnings": plan.warnings,
-            "losses": plan.losses,
-        },
-    )
 
 
 def _result(store: MapStore, record: StageRecord) -> BuildResult:

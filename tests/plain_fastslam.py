@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from plain_measurement_model import MeasurementNoise, measurement_model_map
 from plain_motion_model import MotionNoise, sample_motion_model
 from plain_occupancy import SensorModel, update_occupancy_grid
+from scipy.special import softmax
 
-from mapmyworld.particles.resampling import low_variance_sampler, normalised_weights
+from mapmyworld.particles.resampling import low_variance_sampler
 from mapmyworld.types import OccupancyGrid, Scan
 
 
@@ -53,7 +54,7 @@ def fastslam_occupancy_grids(
     # Line 6: m_t^[k], each cell by its log-odds l
     m = [update_occupancy_grid(z, x[k], before.m[k], sensor) for k in range(count)]
     # Lines 8 to 11: draw particles with probability proportional to w
-    chosen = low_variance_sampler(normalised_weights(log_w), count, float(random.random()))
+    chosen = low_variance_sampler(softmax(log_w), count, float(random.random()))
     paths = np.concatenate([before.x, x[:, None]], axis=1)
     return Particles(paths[chosen], tuple(m[k] for k in chosen), log_w[chosen])
 

@@ -20,7 +20,8 @@ from mapmyworld.config import Config
 from mapmyworld.evaluation.relations_metric import relations_score
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between, interpolate
-from mapmyworld.localisation import localise_log, plan_log
+from mapmyworld.localisation import localise_log
+from mapmyworld.stages.plan_log import plan_log
 from mapmyworld.types import MapStore, OccupancyGrid, Trajectory
 from mapmyworld.types.localisation import Localisation, State
 from mapmyworld.types.relations import Relations

@@ -19,15 +19,14 @@ from mapmyworld.geometry.planar import between_planar, compose_planar, planar_to
 from mapmyworld.kernels.wheel_model import new_wheels
 from mapmyworld.mapping.occupancy import build_grid
 from mapmyworld.particles.contradictions import Contradictions, contradictions
-from mapmyworld.particles.fastslam import run_fastslam
+from mapmyworld.particles.fastslam import run_fastslam, smooth_path
 from mapmyworld.particles.filter import ParticleFilter
 from mapmyworld.particles.filter_scans import beams_from_scan
 from mapmyworld.particles.history import loops_reentered
-from mapmyworld.particles.kernels import Beams
 from mapmyworld.particles.kernels.likelihood import log_likelihood
-from mapmyworld.particles.motions import Motion, TrackedScans, motions_between
+from mapmyworld.particles.kernels.surface_tiles import Beams
+from mapmyworld.particles.motions import Motion, motions_between
 from mapmyworld.particles.proposal import Proposal, improved_proposal
-from mapmyworld.particles.smoothing import smooth_path
 from mapmyworld.particles.tiles import TileMaps
 from mapmyworld.sensing import make_plan, read_frames, survey_log
 from mapmyworld.types import Frame, OccupancyGrid, Scan, Trajectory
@@ -137,9 +136,9 @@ def test_particles_share_tiles_until_they_write() -> None:
     maps = TileMaps(4, 0.05, 1)
     pose = np.array([1.0, 1.0, 0.0])
     maps.insert(beams_at(RING, pose), np.tile(pose, (4, 1)))
-    alone = maps.tiles_used
+    alone = len(np.unique(maps.surfaces.tables)) - 1  # all but the empty one
     maps.resample(np.zeros(4, np.int64))
-    assert maps.tiles_used == alone // 4
+    assert len(np.unique(maps.surfaces.tables)) - 1 == alone // 4
     before = [array.copy() for array in maps.surfaces[1:3]]
     tables = maps.surfaces.tables.copy()
     far = np.array([1.0, 8.0, 0.0])
@@ -283,8 +282,8 @@ def test_odometry_that_contradicts_the_tracked_motion_is_a_mode_of_its_own() -> 
     poses = np.array([[0.1 * k, 0.0, 0.0] for k in range(5)])
     recorded = np.array([[np.nan] * 3, [0.1, 0, 0], [0.1, 0, 0], [0, 0, 0], [np.nan] * 3])
     covariances = np.tile(np.diag([1e-4, 1e-4, 1e-4]), (5, 1, 1))
-    tracked = TrackedScans(poses, covariances, recorded, new_wheels())
-    motions = motions_between([0, 1, 2, 3, 4], tracked, Config().odometry)
+    tracked = poses, covariances, recorded, new_wheels()
+    motions = motions_between([0, 1, 2, 3, 4], *tracked, Config().odometry)
     assert [len(motion.u) for motion in motions] == [1, 1, 2, 1]
     np.testing.assert_allclose(motions[2].u, [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], atol=1e-12)
     assert motions[2].nearest(np.array([0.09, 0.0, 0.0])) == 1
@@ -300,8 +299,8 @@ def test_the_odometry_is_as_uncertain_as_tracking_shows_and_faults_do_not_count(
     recorded[::10] = 0.0
     recorded = np.concatenate([np.full((1, 3), np.nan), recorded])
     covariances = np.tile(np.diag([1e-6, 1e-6, 1e-6]), (401, 1, 1))
-    tracked = TrackedScans(poses, covariances, recorded, new_wheels())
-    motions = motions_between(list(range(401)), tracked, Config().odometry)
+    tracked = poses, covariances, recorded, new_wheels()
+    motions = motions_between(list(range(401)), *tracked, Config().odometry)
     sigma = np.sqrt(motions[1].covariance[0].diagonal())
     np.testing.assert_allclose(sigma, [0.063, 0.063, 0.051], rtol=0.12)
     assert sum(len(motion.u) == 2 for motion in motions) == 40

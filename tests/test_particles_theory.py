@@ -25,13 +25,13 @@ from plain_occupancy import (
     log_odds,
     update_occupancy_grid,
 )
+from scipy.special import softmax
 
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.particles.resampling import (
     effective_sample_size,
     kld_sample_size,
     low_variance_sampler,
-    normalised_weights,
 )
 from mapmyworld.types import OccupancyGrid, Scan
 
@@ -138,7 +138,7 @@ def test_low_variance_sampling_keeps_expectations(values: list[float], count: in
 
 @given(st.lists(st.floats(-800.0, 800.0), min_size=1, max_size=20))
 def test_effective_sample_size_lies_between_one_and_all(logs: list[float]) -> None:
-    w = normalised_weights(np.array(logs))
+    w = softmax(np.array(logs))
     assert w.sum() == pytest.approx(1.0)
     assert 1.0 - 1e-9 <= effective_sample_size(w) <= len(w) + 1e-9
 

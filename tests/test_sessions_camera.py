@@ -12,8 +12,9 @@ from mapmyworld.api import Silent, build
 from mapmyworld.config import Config
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.localisation import localise_log, plan_log
+from mapmyworld.localisation import localise_log
 from mapmyworld.sessions import MergedMap, load_session_map, merge_maps
+from mapmyworld.stages.plan_log import plan_log
 from mapmyworld.types import MapStore
 from mapmyworld.types.localisation import State
 

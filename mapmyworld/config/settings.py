@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import ast
 import difflib
 import functools
 import inspect
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
@@ -64,21 +64,8 @@ def _hints(section: type) -> dict[str, Any]:
 
 @functools.cache
 def _comments(section: type) -> dict[str, str]:
-    """Field name -> what the source says about it: the comment behind, or the string below."""
-    source = inspect.getsource(section)
-    lines = source.splitlines()
-    body = ast.parse(source).body[0]
-    assert isinstance(body, ast.ClassDef)
-    found: dict[str, str] = {}
-    for node, after in zip(body.body, [*body.body[1:], None], strict=True):
-        if not isinstance(node, ast.AnnAssign) or not isinstance(node.target, ast.Name):
-            continue
-        line = lines[(node.end_lineno or node.lineno) - 1]
-        comment = line[node.end_col_offset or 0 :].partition("#")[2].strip()
-        if not comment and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
-            comment = " ".join(str(after.value.value).split())
-        found[node.target.id] = comment
-    return found
+    """Field name -> the comment behind it in the source."""
+    return dict(re.findall(r"^    (\w+): .*?  # (.*)$", inspect.getsource(section), re.MULTILINE))
 
 
 def apply_settings(config: Config, changes: Mapping[str, Any]) -> Config:

@@ -1,5 +1,5 @@
 """Where a robot was in a finished map; the map is never changed."""
 
-from mapmyworld.localisation.log_localisation import localise_log, plan_log
+from mapmyworld.localisation.log_localisation import localise_log
 
-__all__ = ["localise_log", "plan_log"]
+__all__ = ["localise_log"]

@@ -10,14 +10,14 @@ from mapmyworld.config import Config
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.kernels.scan_alignment import invert3
-from mapmyworld.localisation.known_place import Fit, KnownPlace
+from mapmyworld.localisation.known_place import KnownPlace
 from mapmyworld.localisation.observation import SEARCHED, Moment, fit_at, match_at
 from mapmyworld.localisation.recent import RecentScans
 from mapmyworld.places.laser_candidates import FIRST_WINDOW
 from mapmyworld.places.path_drift import SIGMAS
-from mapmyworld.registration.place_evidence import Place, needed_evidence
+from mapmyworld.registration.place_evidence import Agreement, Place, needed_evidence
 from mapmyworld.registration.scan_matching import COARSE, Match
-from mapmyworld.registration.scan_search import APART, NATS
+from mapmyworld.registration.scan_search import APART, MARGIN, NATS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +25,7 @@ class Discovery:
     """A place that was recognised."""
 
     match: Match
-    fit: Fit
+    fit: Agreement
     supported: bool
     """Whether continuous motion from where the robot was known to be leads there as well."""
 
@@ -123,4 +123,4 @@ class GlobalLocalisation:
         if np.hypot(off[0], off[1]) >= APART[0] or off[2] >= APART[1]:
             return None
         fit = fit_at(self._place, moment, match.pose)
-        return Discovery(match, fit, supported) if fit.is_explained else None
+        return Discovery(match, fit, supported) if fit.evidence >= MARGIN else None

@@ -7,13 +7,12 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.sparse
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
-from mapmyworld.places.appearance import weigh_words
+from mapmyworld.places.appearance import inverse_frequencies, weigh_words
 from mapmyworld.places.camera_features import features_of_camera
 from mapmyworld.places.image_proposals import NEAR, NEAR_ANGLE
 from mapmyworld.places.node_features import best_features
@@ -31,8 +30,6 @@ _CANDIDATES = 3  # nodes that a view is compared with
 class Sighting:
     """A node of the map recognised in an image."""
 
-    node: int
-    """Index of the node."""
     map_from_base: Array
     """(4, 4)."""
     registration: Registration
@@ -61,7 +58,7 @@ class KnownImages:
         self.map_from_node = np.array(solved).reshape(-1, 4, 4)
         self._words = kept
         size = self._vocabulary.size if self._vocabulary is not None else 0
-        self._idf = _inverse_frequencies(kept, size)
+        self._idf = inverse_frequencies(kept, size)
         self._vectors = weigh_words(kept, size) if kept else scipy.sparse.csr_matrix((0, 1))
 
     def __len__(self) -> int:
@@ -130,7 +127,7 @@ class KnownImages:
         found = register_images(known, view, self._config, guess=node_guess).registration
         if not found.converged:
             return None
-        return Sighting(node, self.map_from_node[node] @ found.a_from_b, found)
+        return Sighting(self.map_from_node[node] @ found.a_from_b, found)
 
     def _read_view(self, node: int) -> View | None:
         data = self._store.node_data(int(self.ids[node]))
@@ -140,11 +137,3 @@ class KnownImages:
         own = features_of_camera(data.features, data.images.index(image), image.camera.width)
         features = best_features(own, image.camera, self._config)
         return make_view(features, image.camera, self._config)
-
-
-def _inverse_frequencies(words: list[NDArray[np.int32]], size: int) -> Array:
-    """Logarithm (size + 1,) of how many images there are for each that holds a word."""
-    holders = np.zeros(size + 1)
-    for one in words:
-        holders[np.unique(one[one > 0])] += 1
-    return np.asarray(np.log(max(len(words), 1) / np.maximum(holders, 1)), np.float64)

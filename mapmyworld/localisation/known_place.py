@@ -15,32 +15,17 @@ from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar, wrap_angle
 from mapmyworld.kernels.map_search import cast_rays
 from mapmyworld.places.whole_map import WholeMap, map_of_grid
-from mapmyworld.registration.place_evidence import Place
-from mapmyworld.registration.scan_matching import PreparedScan, ScanSet, prepare_scan, scan_set
-from mapmyworld.registration.scan_search import APART, MARGIN
+from mapmyworld.registration.scan_matching import (
+    PreparedScan,
+    ScanSet,
+    prepare_scan,
+    prepare_scans,
+    scan_set,
+)
+from mapmyworld.registration.scan_search import APART
 from mapmyworld.types import MapStore, OccupancyGrid, Scan
 
 _RAYS = np.arange(-np.pi, np.pi, np.radians(1.0))
-
-
-@dataclass(frozen=True, slots=True)
-class Fit:
-    """How a scan goes with the map."""
-
-    agreement: float
-    """Share that agrees of the points, of the scan and of the map, that the other one knows."""
-    evidence: float
-    """Points that agree, less those that contradict."""
-
-    @property
-    def is_explained(self) -> bool:
-        """Whether the map is a hundred times as likely to show this place as another."""
-        return self.evidence >= MARGIN
-
-    @property
-    def is_contradicted(self) -> bool:
-        """Whether another place is a hundred times as likely."""
-        return self.evidence <= -MARGIN
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,13 +40,6 @@ class KnownPlace:
     poses: Array
     """(S, 3) of the scans."""
     tree: cKDTree
-
-    def fit(self, seen: Place, pose: Array) -> Fit:
-        """How what is `seen` from `pose` (3,) goes with the map, each judged by the other."""
-        said = self.whole.judge(seen, pose)
-        both = np.concatenate([said.forth, said.back])
-        agree, against = int((both > 0).sum()), int((both < 0).sum())
-        return Fit(agree / max(agree + against, 1), said.evidence)
 
     def targets(self, pose: Array, settings: LocalisationConfig) -> NDArray[np.int64]:
         """(K,) scans taken nearest to a pose (3,), those that look the same way first."""
@@ -83,17 +61,15 @@ class KnownPlace:
 
 
 def known_place_from_store(store: MapStore, config: Config) -> KnownPlace:
-    """A map of ours; its own scans are what new ones are matched with, where it has some.
-
-    Raises `MapError` where the map has no grid.
+    """A map of ours with a grid; its own scans are what new ones are matched with, where it has
+    some.
     """
     grid = store.grid()
-    if grid is None:
-        raise MapError("the map has no grid: build it to its end, or give a grid's YAML file")
+    assert grid is not None
     poses, scans = _spaced_scans(store, config)
     if len(scans) == 0:
         return known_place_from_grid(grid, config)
-    return _known_place(grid, scan_set(scans), poses)
+    return _known_place(grid, scans, poses)
 
 
 def known_place_from_grid(grid: OccupancyGrid, config: Config) -> KnownPlace:
@@ -108,18 +84,15 @@ def _known_place(grid: OccupancyGrid, scans: ScanSet, poses: Array) -> KnownPlac
     return KnownPlace(grid.resolution, map_of_grid(grid), scans, poses, cKDTree(poses[:, :2]))
 
 
-def _spaced_scans(store: MapStore, config: Config) -> tuple[Array, list[PreparedScan]]:
+def _spaced_scans(store: MapStore, config: Config) -> tuple[Array, ScanSet]:
     """Scans of a map's nodes, one a place and heading, with their poses."""
     frames, final = store.tracked_frames(), store.frame_poses()
     if final is None:
-        return np.zeros((0, 3)), []
+        return np.zeros((0, 3)), scan_set([])
     planar = matrix_to_planar(final)
     chosen = spread_out(planar, np.flatnonzero(frames.is_node), config.localisation.spacing)
-    found = [
-        (planar[frame], prepare_scan(scan, config.registration))
-        for frame, scan in store.scans(chosen)
-    ]
-    return np.array([pose for pose, _ in found]).reshape(-1, 3), [scan for _, scan in found]
+    found = dict(store.scans(chosen))
+    return planar[list(found)], prepare_scans(list(found.values()), config.registration)
 
 
 def spread_out(poses: Array, candidates: NDArray[np.int64], spacing: float) -> NDArray[np.int64]:

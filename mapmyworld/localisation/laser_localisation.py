@@ -33,7 +33,7 @@ from mapmyworld.localisation.observation import (
 )
 from mapmyworld.odometry.laser_odometry import LaserMotion, LaserTracker
 from mapmyworld.registration.scan_matching import FINE, Match
-from mapmyworld.registration.scan_search import APART
+from mapmyworld.registration.scan_search import APART, MARGIN
 from mapmyworld.types import Frame
 from mapmyworld.types.localisation import Estimate, State
 
@@ -106,24 +106,20 @@ class LaserLocaliser:
             self._place, moment, self._pose, FINE, self._config, invert3(self._covariance)
         )
         fit = fit_at(self._place, moment, match.pose)
-        if not fit.is_explained:
-            doubted = fit.is_contradicted or not self._is_confirmed
-            return (self._lose(moment) if doubted else self._reckon(moment)), fit.agreement
+        if fit.evidence < MARGIN:
+            doubted = fit.evidence <= -MARGIN or not self._is_confirmed
+            return (self._lose(moment) if doubted else self._reckon(moment)), fit.agreeing
         self._agreed_at = self._global.path
         self._correct(match, moment)
-        if not moment.shaken and self._since(self._confirmed_at) < self._submap:
-            return State.TRACKING, fit.agreement
+        if not moment.shaken and self._global.path - self._confirmed_at < self._submap:
+            return State.TRACKING, fit.agreeing
         self._confirmed_at = self._global.path
-        return self._confirm(moment), fit.agreement
-
-    def _since(self, path: float) -> float:
-        """Metres from there on."""
-        return self._global.path - path
+        return self._confirm(moment), fit.agreeing
 
     def _reckon(self, moment: Moment) -> State:
         """Goes on by odometry where the map does not help, if that is certain enough."""
         sigma = np.sqrt(np.linalg.eigvalsh(self._covariance[:2, :2])[-1])
-        far = self._since(self._agreed_at) > self._submap
+        far = self._global.path - self._agreed_at > self._submap
         if moment.shaken or far or 2.0 * sigma > APART[0]:
             return self._lose(moment)
         return State.TRACKING
@@ -158,7 +154,7 @@ class LaserLocaliser:
         if found is None:
             return State.LOST, 0.0
         self._take(found, moment)
-        return State.RECOGNISED, found.fit.agreement
+        return State.RECOGNISED, found.fit.agreeing
 
     def _by_image(self, moment: Moment, frame: Frame) -> Discovery | None:
         if self._images is None or not frame.images or moment.is_blind:
@@ -197,14 +193,14 @@ class LaserLocaliser:
             guess = compose_planar(pose, between_planar(after.tracked, moment.tracked))
             match = match_at(self._place, moment, guess, FINE, self._config, prior)
             fit = fit_at(self._place, moment, match.pose)
-            if not fit.is_explained:
+            if fit.evidence < MARGIN:
                 break
             pose, after = match.pose, moment
             self.estimates[moment.index] = replace(
                 self.estimates[moment.index],
                 map_from_base=planar_to_matrix(pose),
                 covariance=self.estimates[now.index].covariance,
-                fit=fit.agreement,
+                fit=fit.agreeing,
                 known=True,
             )
         self._waiting.clear()

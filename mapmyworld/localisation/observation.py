@@ -14,13 +14,13 @@ from mapmyworld.geometry.planar import (
     invert_planar,
     planar_adjoint,
 )
-from mapmyworld.localisation.known_place import Fit, KnownPlace
+from mapmyworld.localisation.known_place import KnownPlace
 from mapmyworld.odometry.laser_odometry import LaserMotion
 from mapmyworld.odometry.pose_hypotheses import FEWEST
-from mapmyworld.registration.place_evidence import Place
+from mapmyworld.registration.place_evidence import Agreement, Place
 from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import Match, PreparedScan, prepare_scan
-from mapmyworld.registration.scan_search import APART, Submap
+from mapmyworld.registration.scan_search import APART
 from mapmyworld.types import Frame
 
 SEARCHED = np.diag([0.1, 0.1, 0.05]) ** 2
@@ -106,8 +106,6 @@ def match_at(
     )  # fmt: skip
 
 
-def fit_at(place: KnownPlace, moment: Moment, pose: Array) -> Fit:
+def fit_at(place: KnownPlace, moment: Moment, pose: Array) -> Agreement:
     """How the scan goes with the place if it was taken at `pose` (3,), map_from_base."""
-    scan = moment.scan
-    seen = Submap(moment.points, scan.origin[None], np.array([0, len(scan.rows)]))
-    return place.fit(Place.of(seen), pose)
+    return place.whole.judge(Place.seen_by(moment.scan), pose)

@@ -7,9 +7,10 @@ from collections import deque
 import numpy as np
 
 from mapmyworld.config import Config
-from mapmyworld.geometry.planar import between_planar, transform_points_planar
+from mapmyworld.geometry.planar import between_planar
 from mapmyworld.localisation.observation import Moment
 from mapmyworld.registration.place_evidence import Place
+from mapmyworld.registration.scan_matching import scan_set
 from mapmyworld.registration.scan_search import APART, Submap
 
 
@@ -42,11 +43,5 @@ class RecentScans:
     def place(self, now: Moment) -> Place:
         """What was seen, as from where the robot is."""
         moments = [moment for moment in self._kept if moment is not now] + [now]
-        points, origins = [], []
-        for moment in moments:
-            pose = between_planar(now.tracked, moment.tracked)
-            points.append(transform_points_planar(pose, moment.points))
-            origins.append(transform_points_planar(pose, moment.scan.origin[None])[0])
-        bounds = np.concatenate([[0], np.cumsum([len(some) for some in points])])
-        submap = Submap(np.concatenate(points), np.array(origins), bounds.astype(np.int64))
-        return Place.of(submap)
+        poses = between_planar(now.tracked, np.stack([moment.tracked for moment in moments]))
+        return Place.of(Submap.of(scan_set([moment.scan for moment in moments]), poses))

@@ -15,7 +15,6 @@ from mapmyworld.registration.scan_matching import COARSE, Match, PreparedScan
 from mapmyworld.registration.scan_search import (
     APART,
     NATS,
-    Submap,
     evidence_elsewhere,
     search_evidence,
 )
@@ -75,7 +74,7 @@ def likeliest_match(
     `state` (8,) and `settings` (9,) are those of `track_scans`, `first` the match near the
     prediction.
     """
-    place, view = keyframes.place(), _view_of(scan)
+    place, view = keyframes.place(), Place.seen_by(scan)
     distance, angle = prior.window(config)
     reach = 3.0 * np.sqrt(prior.variances[[0, 2]])
     needed = needed_evidence(distance, angle)
@@ -111,11 +110,6 @@ def likeliest_match(
         if more > most:
             best, most = match, more
     return best
-
-
-def _view_of(scan: PreparedScan) -> Place:
-    points = scan.rows[:, :2].astype(np.float64)
-    return Place.of(Submap(points, scan.origin[None], np.array([0, len(scan.rows)])))
 
 
 def _has_points(match: Match, scan: PreparedScan) -> bool:

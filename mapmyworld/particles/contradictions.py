@@ -18,7 +18,7 @@ from scipy.stats import binom
 
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, compose_planar, transform_points_planar
-from mapmyworld.particles.kernels import Beams
+from mapmyworld.particles.kernels.surface_tiles import Beams
 from mapmyworld.registration.place_evidence import Place
 from mapmyworld.registration.scan_search import MARGIN, Submap
 

@@ -9,8 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapmyworld.alignment.joint_alignment import align_in_rounds
+from mapmyworld.alignment.laser_pairs import neighbour_pairs
+from mapmyworld.backend.system import System, number_free
 from mapmyworld.config import Config, ParticlesConfig
 from mapmyworld.errors import LogError
+from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import (
     between_planar,
     compose_planar,
@@ -24,9 +28,9 @@ from mapmyworld.particles.contradictions import Contradictions, contradictions
 from mapmyworld.particles.filter import Generation, ParticleFilter
 from mapmyworld.particles.filter_scans import beams_from_scan
 from mapmyworld.particles.history import paths_of, summary_of
-from mapmyworld.particles.kernels import Beams
-from mapmyworld.particles.motions import Motion, TrackedScans, motions_between
-from mapmyworld.particles.smoothing import smooth_path
+from mapmyworld.particles.kernels.surface_tiles import Beams
+from mapmyworld.particles.motions import Motion, motions_between
+from mapmyworld.registration.scan_matching import FINE, prepare_scans
 from mapmyworld.types import Frame, Progress, Scan
 
 _AT_ONCE = 64  # scans that are tracked in one go
@@ -96,8 +100,7 @@ class _Record:
         odometry = np.array([np.full(3, np.nan), *self.odometry])
         recorded = between_planar(odometry[:-1], odometry[1:])
         poses, covariances = np.array(self.tracked), np.array(self.covariances)
-        tracked = TrackedScans(poses, covariances, recorded, wheels)
-        return motions_between(self.updates, tracked, config.odometry)
+        return motions_between(self.updates, poses, covariances, recorded, wheels, config.odometry)
 
 
 def run_fastslam(frames: Iterable[Frame], config: Config, progress: Progress) -> FastSlamResult:
@@ -169,6 +172,29 @@ def _smoothed_path(
     u = np.array([motion.u[k] for motion, k in zip(motions, modes, strict=True)])
     covariance = np.array([motion.covariance[k] for motion, k in zip(motions, modes, strict=True)])
     return smooth_path(path, u, np.linalg.inv(covariance), record.scans, config, progress)
+
+
+def smooth_path(
+    path: Array, motions: Array, information: Array, scans: Sequence[Scan], config: Config,
+    progress: Progress,
+) -> Array:  # fmt: skip
+    """The `path` of scans, (K, 3), smoothed: all of them aligned with each other.
+
+    The motions (K - 1, 3) between them are known to `information` (K - 1, 3, 3). A particle fixes
+    each pose when it passes, with the map of that moment, and of thirty the best one comes back to
+    a place some decimetres off. Offline the whole path is known, so the posterior over paths,
+    p(x_1:t | z_1:t, u_1:t), can be climbed on from there. The best particle has decided which scans
+    saw the same surfaces; where these lie follows from all of them at once.
+    """
+    progress.stage("refine", len(FINE), "rounds")
+    every, settings = np.arange(len(path)), config.odometry
+    system = System(True, every[:-1], every[1:], motions, information, number_free(every == 0))
+
+    def pairs_at(poses: Array) -> NDArray[np.int64]:
+        return neighbour_pairs(poses, settings.refine_radius, settings.refine_revisits)
+
+    prepared = prepare_scans(scans, config.registration)
+    return align_in_rounds(prepared, system, path, pairs_at, config, progress).poses
 
 
 def _path_of_frames(updates: NDArray[np.float64], record: _Record) -> NDArray[np.float64]:

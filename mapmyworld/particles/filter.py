@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import softmax
 
 from mapmyworld.config import ParticlesConfig
 from mapmyworld.geometry.planar import wrap_angle
-from mapmyworld.particles import kernels
-from mapmyworld.particles.kernels import Beams
+from mapmyworld.particles.kernels.likelihood import surface_distances
+from mapmyworld.particles.kernels.surface_tiles import Beams
 from mapmyworld.particles.motions import Motion
 from mapmyworld.particles.proposal import MAX_DISTANCES, Proposal, improved_proposal
 from mapmyworld.particles.resampling import (
     effective_sample_size,
     kld_sample_size,
     low_variance_sampler,
-    normalised_weights,
 )
 from mapmyworld.particles.tiles import TileMaps
 
@@ -44,28 +44,20 @@ class Generation:
     resampled: bool
 
 
-@dataclass(slots=True)
 class ParticleFilter:
     """Particles at poses x with weights w and maps m; `step` is one line of the algorithm each."""
 
-    config: ParticlesConfig
-    threads: int
-    seed: int
-    m: TileMaps = field(init=False)
-    x: NDArray[np.float64] = field(init=False)
-    """(P, 3) poses."""
-    log_w: NDArray[np.float64] = field(init=False)
-    """(P,) logarithms of weights."""
-    generations: list[Generation] = field(default_factory=list)
-    surface_sigma: float = _FIRST
-    """m, standard deviation of end points about surfaces in the likelihood."""
-    _medians: list[float] = field(default_factory=list)
-    """m, of each scan's distances from surfaces."""
-
-    def __post_init__(self) -> None:
-        self.m = TileMaps(self.config.count, self.config.resolution, self.threads)
-        self.x = np.zeros((self.config.count, 3))
-        self.log_w = np.zeros(self.config.count)
+    def __init__(self, config: ParticlesConfig, threads: int, seed: int) -> None:
+        self.config, self.threads, self.seed = config, threads, seed
+        self.m = TileMaps(config.count, config.resolution, threads)
+        self.x = np.zeros((config.count, 3))
+        """(P, 3) poses."""
+        self.log_w = np.zeros(config.count)
+        """(P,) logarithms of weights."""
+        self.generations: list[Generation] = []
+        self.surface_sigma = _FIRST
+        """m, standard deviation of end points about surfaces in the likelihood."""
+        self._medians: list[float] = []  # m, of each scan's distances from surfaces
 
     def step(self, motions: Sequence[Motion], scans: Sequence[Beams]) -> None:
         """Moves, which ended with the first of the scans: propose, weigh, map, resample.
@@ -82,7 +74,7 @@ class ParticleFilter:
             self.x = proposal.sample(random)
             self.log_w = self.log_w + proposal.log_weight / max(len(scans[0].points), 1)
             self._measure_noise(proposal, scans[0])
-            covariance = _mixture_covariance(proposal, normalised_weights(self.log_w))
+            covariance = _mixture_covariance(proposal, softmax(self.log_w))
         self.m.insert(scans[0], self.x)
         self._select(covariance, float(random.random()))
 
@@ -99,7 +91,7 @@ class ParticleFilter:
         """Learns how far end points lie from surfaces, where the heaviest particle has the scan."""
         best = int(np.argmax(self.log_w))
         pose = proposal.mean[best, int(np.argmax(proposal.chosen[best]))]
-        distances = kernels.surface_distances(self.m.surfaces, best, scan, pose, MAX_DISTANCES[-1])
+        distances = surface_distances(self.m.surfaces, best, scan, pose, MAX_DISTANCES[-1])
         if len(distances):
             self._medians.append(float(np.median(distances)))
             measured = _SIGMAS_PER_MEDIAN * float(np.median(self._medians))
@@ -112,7 +104,7 @@ class ParticleFilter:
 
     def _select(self, covariance: NDArray[np.float64], r: float) -> None:
         """Resamples when few particles carry the weight; records what happened."""
-        w = normalised_weights(self.log_w)
+        w = softmax(self.log_w)
         effective = effective_sample_size(w)
         resampled = effective < self.config.resample_below * len(w)
         ancestors, x = np.arange(len(w)), self.x

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import ParticlesConfig, RegistrationConfig
-from mapmyworld.particles.kernels import Beams
+from mapmyworld.particles.kernels.surface_tiles import Beams
 from mapmyworld.registration.scan_matching import prepare_scan
 from mapmyworld.types import Scan
 

@@ -44,37 +44,33 @@ class Motion:
         return int(np.argmin(np.einsum("mi,mij,mj->m", miss, weights, miss)))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TrackedScans:
-    """What tracking found out about all scans of a log."""
-
-    poses: Array
-    """(F, 3)."""
-    covariances: Array
-    """(F, 3, 3) of the motion from the scan before."""
-    recorded: Array
-    """(F, 3) the odometry's motion from the scan before; NaN where unknown."""
-    wheels: Array
-    """(15,) the odometry's calibration: see `kernels.wheel_model`."""
-
-
 def motions_between(
-    updates: Sequence[int], tracked: TrackedScans, config: OdometryConfig
+    updates: Sequence[int],
+    tracked: Array,
+    covariances: Array,
+    recorded: Array,
+    wheels: Array,
+    config: OdometryConfig,
 ) -> list[Motion]:
-    """The motions (K - 1) between K updates, which are numbers of scans."""
+    """The motions (K - 1) between K updates, which are numbers of scans.
+
+    Of all F scans the `tracked` poses (F, 3), the `covariances` (F, 3, 3) of the motions from the
+    scans before, and these as `recorded` (F, 3) by the odometry, NaN where unknown. `wheels` (15,)
+    are its calibration: see `kernels.wheel_model`.
+    """
     at = np.asarray(updates, np.int64)
-    moved = between_planar(tracked.poses[at[:-1]], tracked.poses[at[1:]])
+    moved = between_planar(tracked[at[:-1]], tracked[at[1:]])
     spans = list(itertools.pairwise(updates))
-    covariances = [tracked.covariances[a + 1 : b + 1].sum(axis=0) for a, b in spans]
-    wheels = tracked.wheels.copy()
-    reckoned = np.array([_reckoned(tracked.recorded[a + 1 : b + 1], wheels) for a, b in spans])
+    by_tracking = [covariances[a + 1 : b + 1].sum(axis=0) for a, b in spans]
+    wheels = wheels.copy()
+    reckoned = np.array([_reckoned(recorded[a + 1 : b + 1], wheels) for a, b in spans])
     reckoned = reckoned.reshape(-1, 5)
     miss = between_planar(reckoned[:, :3], moved)
     variances = _variances(reckoned, miss, config)
     fault = np.sum(miss**2 / variances, axis=1) > config.contradiction**2
     faults = (np.count_nonzero(fault) + 1) / (len(moved) + 2)
     motions = []
-    for k, (u, covariance) in enumerate(zip(moved, covariances, strict=True)):
+    for k, (u, covariance) in enumerate(zip(moved, by_tracking, strict=True)):
         odometry = np.diag(variances[k])
         if np.isnan(variances[k, 0]):
             motions.append(Motion(u[None], covariance[None], np.ones(1)))

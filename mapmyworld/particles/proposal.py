@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry.planar import compose_planar, wrap_angle
 from mapmyworld.parallel import run_in_chunks
-from mapmyworld.particles import kernels
-from mapmyworld.particles.kernels import Beams
+from mapmyworld.particles.kernels import matching
+from mapmyworld.particles.kernels.surface_tiles import Beams
 from mapmyworld.particles.motions import Motion
 from mapmyworld.particles.tiles import TileMaps
 
@@ -146,7 +146,7 @@ def _mode(
     offsets = _candidates(u_covariance)
 
     def match(first: int, last: int) -> None:
-        kernels.match(
+        matching.match(
             m.surfaces, first, last, z, predicted, prior, offsets, MAX_DISTANCES, sigma,
             mean, information, fits,
         )  # fmt: skip

@@ -10,12 +10,6 @@ from numpy.typing import NDArray
 _QUANTILE = 2.33  # of the normal distribution: 99 %
 
 
-def normalised_weights(log_weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Weights w (P,) that sum to one, of logarithms (P,) known up to a constant."""
-    w = np.exp(log_weights - np.max(log_weights))
-    return np.asarray(w / np.sum(w))
-
-
 def effective_sample_size(w: NDArray[np.float64]) -> float:
     """1 / sum of w^2, w (P,): P when all are equal, 1 when one particle has all the weight."""
     return float(1.0 / np.sum(w * w))

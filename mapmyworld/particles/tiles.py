@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.parallel import run_in_chunks
-from mapmyworld.particles import kernels
-from mapmyworld.particles.kernels import TILE, Beams, Surfaces
+from mapmyworld.particles.kernels import insertion
+from mapmyworld.particles.kernels.surface_tiles import TILE, Beams, Surfaces
 
 _EMPTY = 0  # slot of the tile in which nothing was ever observed
 _MARGIN = 4  # tiles added around what is needed when the world outgrows the tables
@@ -18,93 +18,81 @@ class TileMaps:
 
     def __init__(self, count: int, resolution: float, threads: int) -> None:
         self._threads = threads
-        self._base = np.zeros(2, np.int64)
-        self._resolution = resolution
-        self._tables = np.zeros((count, 1, 1), np.int32)
         self._owners = np.zeros(64, np.int32)
         cells = TILE * TILE
-        self._hits = np.zeros((64, cells), np.uint8)
-        self._visits = np.zeros((64, cells), np.uint8)
-        self._means = np.zeros((64, cells, 2), np.uint8)
-        self._normals = np.zeros((64, cells, 2), np.int8)
-
-    @property
-    def surfaces(self) -> Surfaces:
-        """The arrays that kernels read and write."""
-        return Surfaces(
-            self._tables,
-            self._hits,
-            self._visits,
-            self._means,
-            self._normals,
-            self._base,
-            self._resolution,
+        self.surfaces = Surfaces(
+            tables=np.zeros((count, 1, 1), np.int32),
+            hits=np.zeros((64, cells), np.uint8),
+            visits=np.zeros((64, cells), np.uint8),
+            means=np.zeros((64, cells, 2), np.uint8),
+            normals=np.zeros((64, cells, 2), np.int8),
+            base=np.zeros(2, np.int64),
+            resolution=resolution,
         )
-
-    @property
-    def tiles_used(self) -> int:
-        """Tiles in memory that belong to some particle."""
-        return int(np.count_nonzero(self._owners[1:]))
+        """The arrays that kernels read and write."""
 
     def insert(self, beams: Beams, poses: NDArray[np.float64]) -> None:
         """Adds a scan to every particle's map at its own pose (P, 3)."""
         self._make_room(poses, _reach(beams))
-        touched = np.zeros(self._tables.shape, np.bool_)
-        place = self._tables, beams, poses, self._base, self._resolution, touched
-        run_in_chunks(lambda a, b: kernels.touched_tiles(a, b, *place), len(poses), self._threads)
+        maps = self.surfaces
+        touched = np.zeros(maps.tables.shape, np.bool_)
+        place = maps.tables, beams, poses, maps.base, maps.resolution, touched
+        run_in_chunks(lambda a, b: insertion.touched_tiles(a, b, *place), len(poses), self._threads)
         self._make_own(touched)
-        maps, given = self.surfaces, (beams, poses, self._owners)
-        run_in_chunks(lambda a, b: kernels.insert(maps, a, b, *given), len(poses), self._threads)
+        given = beams, poses, self._owners
+        run_in_chunks(lambda a, b: insertion.insert(maps, a, b, *given), len(poses), self._threads)
 
     def resample(self, ancestors: NDArray[np.int64]) -> None:
         """Particle k continues with the map of `ancestors[k]`, of (P,); nothing is copied."""
-        self._tables = self._tables[ancestors]
+        self.surfaces = self.surfaces._replace(tables=self.surfaces.tables[ancestors])
         self._count_owners()
 
     def _count_owners(self) -> None:
-        self._owners = np.bincount(self._tables.ravel(), minlength=len(self._owners)).astype(
-            np.int32
-        )
+        tables = self.surfaces.tables.ravel()
+        self._owners = np.bincount(tables, minlength=len(self._owners)).astype(np.int32)
         self._owners[_EMPTY] = 0
 
     def _make_own(self, touched: NDArray[np.bool_]) -> None:
         """Gives particles their own copy of every touched tile that they share, or lack."""
-        shared = touched & (self._owners[self._tables] != 1)
-        old = self._tables[shared]
+        maps = self.surfaces
+        shared = touched & (self._owners[maps.tables] != 1)
+        old = maps.tables[shared]
         free = np.flatnonzero(self._owners == 0)[1:]
         if len(free) < len(old):
             self._grow(len(old) - len(free))
             free = np.flatnonzero(self._owners == 0)[1:]
         new = free[: len(old)].astype(np.int32)
-        for array in (self._hits, self._visits, self._means, self._normals):
+        for array in (maps.hits, maps.visits, maps.means, maps.normals):
             array[new] = array[old]
-        self._tables[shared] = new
+        maps.tables[shared] = new
         self._count_owners()
 
     def _grow(self, missing: int) -> None:
         count = len(self._owners) + max(missing, len(self._owners) // 8)
-        for array in (self._owners, self._hits, self._visits, self._means, self._normals):
+        maps = self.surfaces
+        for array in (self._owners, maps.hits, maps.visits, maps.means, maps.normals):
             # In place: a copy would need twice the memory for a moment.
             array.resize((count, *array.shape[1:]), refcheck=False)
 
     def _make_room(self, poses: NDArray[np.float64], reach: float) -> None:
         """Widens the tables so that all within `reach` of the poses lies inside."""
-        side = TILE * self._resolution
+        maps = self.surfaces
+        tables, base, side = maps.tables, maps.base, TILE * maps.resolution
         low = np.floor((poses[:, 1::-1].min(axis=0) - reach) / side).astype(np.int64) - 1
         high = np.floor((poses[:, 1::-1].max(axis=0) + reach) / side).astype(np.int64) + 2
-        size = np.array(self._tables.shape[1:])
-        if np.all(low >= self._base) and np.all(high <= self._base + size):
+        size = np.array(tables.shape[1:])
+        if np.all(low >= base) and np.all(high <= base + size):
             return
-        if not np.any(self._tables):
+        if not np.any(tables):
             before, after = low, high
         else:
-            before = np.where(low < self._base, low - _MARGIN, self._base)
-            after = np.where(high > self._base + size, high + _MARGIN, self._base + size)
-        wider = np.zeros((len(self._tables), *(after - before)), np.int32)
-        if np.any(self._tables):
-            y, x = self._base - before
-            wider[:, y : y + size[0], x : x + size[1]] = self._tables
-        self._tables, self._base = wider, before
+            before = np.where(low < base, low - _MARGIN, base)
+            after = np.where(high > base + size, high + _MARGIN, base + size)
+        wider = np.zeros((len(tables), *(after - before)), np.int32)
+        if np.any(tables):
+            y, x = base - before
+            wider[:, y : y + size[0], x : x + size[1]] = tables
+        self.surfaces = maps._replace(tables=wider, base=before)
 
 
 def _reach(beams: Beams) -> float:

@@ -9,6 +9,8 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
+from mapmyworld.geometry import Array
+
 NEIGHBOURS = 2
 """Nodes to either side that show much the same, as far as a robot gets while it passes one."""
 _ALIKE = 0.6  # of the best similarity, from which another place is looked at as well
@@ -39,11 +41,17 @@ def weigh_words(words: Sequence[NDArray[np.int32]], size: int) -> scipy.sparse.c
         shape=(len(words), size + 1),
     )
     counts.sum_duplicates()
-    holders = np.bincount(counts.indices, minlength=size + 1)
-    idf = np.log(max(len(words), 1) / np.maximum(holders, 1))
-    weighed = counts.multiply(idf[None, :]).tocsr()
+    weighed = counts.multiply(inverse_frequencies(words, size)[None, :]).tocsr()
     length = np.sqrt(np.asarray(weighed.multiply(weighed).sum(axis=1))).reshape(-1, 1)
     return scipy.sparse.csr_matrix(weighed.multiply(1.0 / np.maximum(length, 1e-12)))
+
+
+def inverse_frequencies(words: Sequence[NDArray[np.int32]], size: int) -> Array:
+    """Logarithm (W + 1,) of how many images there are for each that holds a word (K,)."""
+    holders = np.zeros(size + 1)
+    for one in words:
+        holders[np.unique(one[one > 0])] += 1
+    return np.asarray(np.log(max(len(words), 1) / np.maximum(holders, 1)), np.float64)
 
 
 def find_candidates(

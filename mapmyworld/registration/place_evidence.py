@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import invert_planar
+from mapmyworld.registration.scan_matching import PreparedScan, scan_set
 from mapmyworld.registration.scan_search import (
     APART,
     MARGIN,
@@ -44,6 +45,11 @@ class Place:
         """The place that a submap shows."""
         return Place(submap, evidence_grid(submap))
 
+    @staticmethod
+    def seen_by(scan: PreparedScan) -> Place:
+        """What one scan shows, in its base frame."""
+        return Place.of(Submap.of(scan_set([scan]), np.zeros((1, 3))))
+
     def agreement_with(self, other: Place, here_from_there: Array) -> Agreement:
         """What each reports about the other's points, at `here_from_there` (3,)."""
         back = invert_planar(here_from_there)
@@ -73,6 +79,12 @@ class Agreement:
     def evidence(self) -> float:
         """Points that agree, less those that contradict."""
         return float(self.forth.sum() + self.back.sum())
+
+    @property
+    def agreeing(self) -> float:
+        """Share that agrees of the points, of either place, that the other one knows."""
+        agree = int(np.count_nonzero(self.forth > 0) + np.count_nonzero(self.back > 0))
+        return agree / max(agree + self.contradictions, 1)
 
     @property
     def known(self) -> float:

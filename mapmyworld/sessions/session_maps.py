@@ -7,7 +7,6 @@ import itertools
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -26,7 +25,7 @@ _HELD = information_from_planar(np.diag([1e6, 1e6, 1e8]))  # 1 mm and 0.1 mrad
 _RIGID = information_from_planar(np.diag([1e8, 1e8, 1e10]))  # 0.1 mm and 0.01 mrad a step
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class SessionMap:
     """A finished map to be joined with others."""
 
@@ -36,11 +35,6 @@ class SessionMap:
     solved: Array
     """(N, 4, 4) poses of the nodes, in the session map's own frame."""
     planar: bool
-
-    @cached_property
-    def poses(self) -> Array:
-        """(N, 3) of `solved`."""
-        return matrix_to_planar(self.solved)
 
     @property
     def sessions(self) -> tuple[int, ...]:
@@ -59,10 +53,9 @@ def load_session_map(name: str, store: MapStore) -> SessionMap:
     nodes, poses = store.nodes(), store.poses()
     if not nodes or poses is None or store.frame_poses() is None:
         raise MapError(f"{name}: is not finished: build it to its end before it is merged")
-    at = {int(i): row for row, i in enumerate(poses.ids)}
-    solved = np.stack([poses.map_from_node[at[node.id]] for node in nodes])
-    planar = moves_in_plane(store)
-    return SessionMap(name, store, nodes, solved, planar)
+    at = dict(zip(poses.ids.tolist(), poses.map_from_node, strict=True))
+    solved = np.stack([at[node.id] for node in nodes])
+    return SessionMap(name, store, nodes, solved, moves_in_plane(store))
 
 
 def digest_of(stores: Sequence[MapStore], config: Config) -> str:

@@ -13,7 +13,7 @@ from mapmyworld.errors import NothingToDrawError
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.parallel import in_threads, on_one_thread
 from mapmyworld.stages.kept import has_images, has_scans
-from mapmyworld.types import MapStore, Progress, RgbdImage, Scan
+from mapmyworld.types import MapStore, Progress, Scan
 
 
 @on_one_thread
@@ -54,17 +54,14 @@ def _depth_scans(
     poses = store.poses()
     assert poses is not None
     items = (
-        (pose, image)
+        (image, pose)
         for node_id, pose in zip(poses.ids, poses.map_from_node, strict=True)
         if node_id > 0
         for image in store.node_data(int(node_id), features=False).images
         if image.depth is not None
     )
 
-    def look(item: tuple[NDArray[np.float64], RgbdImage]) -> tuple[NDArray[np.float64], Scan]:
-        pose, image = item
-        return planar_scan(image, pose, config)
-
-    for done, found in enumerate(in_threads(look, items, config.threads)):
+    drawn = in_threads(lambda item: planar_scan(*item, config), items, config.threads)
+    for done, found in enumerate(drawn):
         yield found
         progress.update(done)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import functools
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -32,7 +33,8 @@ def levelled_poses(
     pinned = any(c.accepted and c.kind is ConstraintKind.PRIOR for c in constraints)
     if pinned or moves_in_plane(store) or has_scans(store) or not has_images(store):
         return poses, ()
-    found = list(in_threads(_look(config), _carried_images(store, poses), config.threads))
+    images = _carried_images(store, poses)
+    found = list(in_threads(functools.partial(_look, config), images, config.threads))
     if not found:
         return poses, ()
     level = _level(found, store.get("gravity_direction"))
@@ -50,16 +52,13 @@ def _carried_images(store: MapStore, poses: Poses) -> Iterator[tuple[RgbdImage, 
                 yield image, poses.map_from_node[row]
 
 
-def _look(config: Config) -> Callable[[tuple[RgbdImage, Array]], tuple[Surfaces, Array]]:
-    """Finds an image's surfaces, and how (3, 3) its camera is turned."""
+def _look(config: Config, item: tuple[RgbdImage, Array]) -> tuple[Surfaces, Array]:
+    """An image's surfaces, and how (3, 3) its camera is turned."""
     from mapmyworld.mapping.level_surfaces import surfaces_of
 
-    def look(item: tuple[RgbdImage, Array]) -> tuple[Surfaces, Array]:
-        image, map_from_base = item
-        map_from_camera = map_from_base @ image.camera.base_from_camera
-        return surfaces_of(image, map_from_base, config), map_from_camera[:3, :3]
-
-    return look
+    image, map_from_base = item
+    map_from_camera = map_from_base @ image.camera.base_from_camera
+    return surfaces_of(image, map_from_base, config), map_from_camera[:3, :3]
 
 
 def _level(found: Sequence[tuple[Surfaces, Array]], force: Sequence[float] | None) -> Level:

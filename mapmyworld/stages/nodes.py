@@ -48,15 +48,11 @@ class NodeSelector:
 
     def __init__(self, config: SensingConfig, *, wants_images: bool) -> None:
         self.config, self.wants_images = config, wants_images
-        self._last: Node | None = None
+        self.last: Node | None = None
+        """The newest node."""
         self._since: list[Motion] = []
         self._before_ns: int | None = None
         self._usual = 0.0  # s from frame to frame
-
-    @property
-    def last(self) -> Node | None:
-        """The newest node."""
-        return self._last
 
     def consider(
         self, frame: Frame, motion: Motion
@@ -65,7 +61,7 @@ class NodeSelector:
         frame's pose (4, 4) in its node: itself, or the last one.
         """
         self._since.append(motion)
-        pose, last = motion.tracked_from_base, self._last
+        pose, last = motion.tracked_from_base, self.last
         moved = np.eye(4) if last is None else between(last.tracked_from_base, pose)
         after_gap = self._is_gap(frame.stamp_ns)
         anew = motion.is_tracking_loss or motion.fits_nothing or after_gap
@@ -82,7 +78,7 @@ class NodeSelector:
             gps=frame.gps,
         )
         constraint = None if last is None else self._neighbour(last, node, moved, after_gap)
-        self._last, self._since = node, []
+        self.last, self._since = node, []
         return node, constraint, np.eye(4)
 
     def _is_gap(self, stamp_ns: int) -> bool:

@@ -25,10 +25,6 @@ LoadScans = Callable[[], "NodeScans | None"]
 """Gives the nodes' laser scans, made ready once; None for a log without a laser."""
 
 
-Finder = Callable[[MapStore, Config, Progress], list[Judged]]
-"""Looks for constraints; gives none where its sensor or its setting is not there."""
-
-
 def scan_loader(store: MapStore, config: Config) -> LoadScans:
     """A loader that makes the scans ready when first asked."""
 
@@ -53,8 +49,9 @@ def recognise(
 
     `words`: a vocabulary, number -> descriptor (D,), used instead of one learned from the log.
     """
-    for find in _finders():
-        store.add_constraints(find(store, config, progress))
+    from mapmyworld.places.markers import find_markers
+
+    store.add_constraints(find_markers(store, config, progress))
     loaded, found = scans(), []
     if loaded is not None:
         found += closures_by_laser(store, config, progress, loaded)
@@ -121,13 +118,6 @@ def closures_between_sessions(
             break
         ties += joining
     return ties
-
-
-def _finders() -> tuple[Finder, ...]:
-    """Who looks once over the tracked nodes; what they find may be of a kind of its own."""
-    from mapmyworld.places.markers import find_markers
-
-    return (find_markers,)
 
 
 def _check_wheels(store: MapStore, progress: Progress, *, alone: bool) -> None:

@@ -103,7 +103,7 @@ def _refined(
     Without a laser they stay as they were solved, and no scan has any.
     """
     loaded = scans()
-    if loaded is None or not _is_refined(store, config, scans):
+    if loaded is None or not (moves_in_plane(store) and config.odometry.refine):
         return solved.poses, solved.constraints, ()
     from mapmyworld.alignment.closure_refinement import refine_closures
     from mapmyworld.alignment.laser_refinement import refine_poses
@@ -151,11 +151,6 @@ def _unrecognised_notes(
     from mapmyworld.places.unrecognised import unrecognised_notes
 
     return unrecognised_notes(store.nodes(), poses, constraints)
-
-
-def _is_refined(store: MapStore, config: Config, scans: LoadScans) -> bool:
-    """Whether solved poses only begin an alignment of all laser scans."""
-    return moves_in_plane(store) and config.odometry.refine and scans() is not None
 
 
 def _edits(store: MapStore) -> tuple[Edit, ...]:

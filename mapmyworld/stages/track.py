@@ -9,7 +9,6 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapmyworld.config import Config, SensingConfig
 from mapmyworld.decisions import decided, is_heard
@@ -21,6 +20,7 @@ from mapmyworld.sensing.sound_images import ImageGuard
 from mapmyworld.sensing.synchronise import FrameCounts
 from mapmyworld.stages.judge_odometry import judge_odometry
 from mapmyworld.stages.nodes import Motion, NodeSelector
+from mapmyworld.stages.plan_log import stage_of_log
 from mapmyworld.stages.trackers import Tracker, make_tracker, needs_inertial
 from mapmyworld.types import Frame, LogSource, MapStore, NodeData, Progress, TrackedFrames
 from mapmyworld.types.wording import source_in_words
@@ -49,8 +49,10 @@ def track(
     plan = plan.with_odometry_shifted(-lag_s) if lag_s else plan
     counts, guard = FrameCounts(), ImageGuard()
     writer = _Writer(store, config, guard, wants_images=plan.camera is not None)
-    progress.stage("track", max(log.info().duration_s, 1e-9), "s")
-    frames = _frames(log, plan, config, progress, counts, inertial=tracker is None)
+    frames = read_frames(
+        log, plan, config.sensing, counts, stage_of_log("track", log, progress),
+        inertial=tracker is None and needs_inertial(plan),
+    )  # fmt: skip
     tracker = tracker or make_tracker(plan, config)
     _follow(tracker, (_guarded(frame, guard) for frame in frames), writer)
     writer.finish()
@@ -90,22 +92,6 @@ def _lag_notes(lag_s: float) -> Iterator[str]:
             f"odometry is stamped {abs(lag_s):.3f} s {order} than the laser: its stamps are "
             f"shifted by {-lag_s:+.3f} s; set sensing.odometry_offset to overrule that"
         )
-
-
-def _frames(
-    log: LogSource,
-    plan: Plan,
-    config: Config,
-    progress: Progress,
-    counts: FrameCounts,
-    *,
-    inertial: bool,
-) -> Iterator[Frame]:
-    start_ns = log.info().start_ns
-    return read_frames(
-        log, plan, config.sensing, counts, lambda t: progress.update((t - start_ns) * 1e-9),
-        inertial=inertial and needs_inertial(plan),
-    )  # fmt: skip
 
 
 def _follow(tracker: Tracker, frames: Iterator[Frame], writer: _Writer) -> None:
@@ -159,9 +145,6 @@ class _Writer:
         for frame, motion in followed:
             self.add(frame, motion)
 
-    def _kept(self, cloud: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
-        return None if cloud is None else thinned(cloud, self._cloud_spacing)
-
     def add(self, frame: Frame, motion: Motion) -> None:
         node, constraint, node_from_frame = self._selector.consider(frame, motion)
         if is_heard():
@@ -171,8 +154,8 @@ class _Writer:
             decided("track", f"frame {count} at {stamp:.3f} s: {source}, becomes {became}")
         if node is not None:
             images = tuple(i for image in frame.images if (i := self._guard.sound(image)))
-            data = NodeData(frame.scan, images, self._kept(frame.cloud))
-            self._store.add_node(node, data)
+            cloud = None if frame.cloud is None else thinned(frame.cloud, self._cloud_spacing)
+            self._store.add_node(node, NodeData(frame.scan, images, cloud))
         if constraint is not None:
             self._store.add_constraints([constraint])
         last = self._selector.last

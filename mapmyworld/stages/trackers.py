@@ -32,9 +32,11 @@ class Tracker(Protocol):
 
     def notes(self) -> tuple[str, ...]:
         """What the user should know, once all frames have been followed."""
+        return ()
 
     def losses(self) -> tuple[str, ...]:
         """What was lost on the way, one line each."""
+        return ()
 
 
 def make_tracker(plan: Plan, config: Config) -> Tracker:
@@ -51,7 +53,7 @@ def needs_inertial(plan: Plan) -> bool:
     return plan.scan is None and plan.odometry is None
 
 
-class WheelFollower:
+class WheelFollower(Tracker):
     """Believes the recorded odometry."""
 
     def __init__(self, plan: Plan) -> None:
@@ -63,14 +65,8 @@ class WheelFollower:
                 covariance = self._model.follow(frame.odom_from_base)
                 yield frame, Motion(frame.odom_from_base, covariance, Odometry())
 
-    def notes(self) -> tuple[str, ...]:
-        return ()
 
-    def losses(self) -> tuple[str, ...]:
-        return ()
-
-
-class CameraFollower:
+class CameraFollower(Tracker):
     """Estimates the motion from colour and depth."""
 
     def __init__(self, plan: Plan, config: Config) -> None:
@@ -97,11 +93,8 @@ class CameraFollower:
     def notes(self) -> tuple[str, ...]:
         return self._doubts.lines()
 
-    def losses(self) -> tuple[str, ...]:
-        return ()
 
-
-class LaserFollower:
+class LaserFollower(Tracker):
     """Matches each scan against the local map, with the odometry as a prior."""
 
     def __init__(self, plan: Plan, config: Config) -> None:

@@ -33,7 +33,7 @@ def edges_of(tables: Tables, planar: bool, problems: list[str]) -> Edges:
     """Constraints between poses; faults are reported in `problems`."""
     tags = ("EDGE_SE2", "EDGE2", "ODOMETRY") if planar else ("EDGE_SE3:QUAT", "EDGE3")
     found = [_edges_of(tag, tables[tag], planar, problems) for tag in tags if tag in tables]
-    return found[0] if len(found) == 1 else _joined([_no_edges(planar), *found])
+    return _joined([_no_edges(planar), *found])
 
 
 def _edges_of(tag: str, table: Table, planar: bool, problems: list[str]) -> Edges:
@@ -48,7 +48,7 @@ def _edges_of(tag: str, table: Table, planar: bool, problems: list[str]) -> Edge
         problems.append(f"{tag} from a node to itself (line {listed(table.lines[loop])})")
     edges = Edges(tails, heads, poses, information, np.zeros(len(tails), np.bool_))
     good &= ~loop
-    return edges if good.all() else edges.chosen(good)
+    return edges.chosen(good)
 
 
 def _sound(problems: list[str], tag: str, lines: Index, information: Array) -> NDArray[np.bool_]:
@@ -89,25 +89,26 @@ def sightings_of(tables: Tables, planar: bool, problems: list[str]) -> Sightings
         if tag == "LANDMARK":
             information = inverted(information)
         if tag == "EDGE_SE3_TRACKXYZ":
-            measured, information = _at_node(tables, values[:, 2], measured, information)
+            offsets = _offsets(tables, values[:, 2])
+            measured, information = _at_node(offsets, measured, information)
         polar = np.full(len(values), tag == "BR")
         good = _sound(problems, tag, table.lines, information)
         parts.append(Sightings(ids[:, 0], ids[:, 1], measured, information, polar).chosen(good))
     return _joined(parts)
 
 
-def _at_node(
-    tables: Tables, offset_ids: Array, measured: Array, information: Array
-) -> tuple[Array, Array]:
-    """Points and information in the node's frame instead of the offset sensor's."""
-    table = tables.get("PARAMS_SE3OFFSET")
-    if table is None:
-        return measured, information
-    offsets = {int(row[0]): from_quaternions(row[1:]) for row in table.numbers}
-    motion = np.array([offsets.get(int(k), np.eye(4)) for k in offset_ids]).reshape(-1, 4, 4)
+def _at_node(motion: Array, measured: Array, information: Array) -> tuple[Array, Array]:
+    """Points and information in the node's frame instead of the sensor's at `motion`."""
     turn = motion[:, :3, :3]
     points = np.einsum("kij,kj->ki", turn, measured) + motion[:, :3, 3]
     return points, turn @ information @ np.swapaxes(turn, 1, 2)
+
+
+def _offsets(tables: Tables, numbers: Array) -> Array:
+    """Where the sensors of these numbers (R,) sit, (R, 4, 4): at the node where none is stated."""
+    table = tables.get("PARAMS_SE3OFFSET")
+    known = {} if table is None else {int(r[0]): from_quaternions(r[1:]) for r in table.numbers}
+    return np.array([known.get(int(k), np.eye(4)) for k in numbers]).reshape(-1, 4, 4)
 
 
 def priors_of(tables: Tables, planar: bool, problems: list[str]) -> Priors:
@@ -117,19 +118,12 @@ def priors_of(tables: Tables, planar: bool, problems: list[str]) -> Priors:
         return no_priors(planar)
     table = tables[tag]
     information = symmetric(table.numbers, ROW_BY_ROW[3] if planar else ROTATION_FIRST)
-    poses = table.numbers[:, 1:4] if planar else _without_offset(tables, table)
+    poses = table.numbers[:, 1:4]
+    if not planar:
+        offsets = _offsets(tables, table.numbers[:, 1])
+        poses = from_quaternions(table.numbers[:, 2:9]) @ invert(offsets)
     good = _sound(problems, tag, table.lines, information)
     return Priors(table.numbers[:, 0].astype(np.int64), poses, information).chosen(good)
-
-
-def _without_offset(tables: Tables, table: Table) -> Array:
-    poses = from_quaternions(table.numbers[:, 2:9])
-    offsets = tables.get("PARAMS_SE3OFFSET")
-    known = {} if offsets is None else {int(r[0]): r[1:] for r in offsets.numbers}
-    for k, offset in enumerate(table.numbers[:, 1].astype(int).tolist()):
-        if offset in known:
-            poses[k] = poses[k] @ invert(from_quaternions(known[offset]))
-    return poses
 
 
 def _no_edges(planar: bool) -> Edges:

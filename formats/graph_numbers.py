@@ -49,7 +49,8 @@ def inverted(covariances: Array) -> Array:
     return found
 
 
-def _planar(numbers: Array) -> Array:
+def _as_they_are(numbers: Array) -> Array:
+    """X, y, yaw, or a point."""
     return numbers[..., :3].copy()
 
 
@@ -65,13 +66,15 @@ def _from_angles(numbers: Array) -> Array:
 
 
 POSES: dict[str, Callable[[Array], Array]] = {
-    "VERTEX_SE2": _planar,
-    "VERTEX2": _planar,
-    "EDGE_SE2": _planar,
-    "EDGE2": _planar,
-    "ODOMETRY": _planar,
+    "VERTEX_SE2": _as_they_are,
+    "VERTEX2": _as_they_are,
+    "EDGE_SE2": _as_they_are,
+    "EDGE2": _as_they_are,
+    "ODOMETRY": _as_they_are,
     "VERTEX_SE3:QUAT": from_quaternions,
     "EDGE_SE3:QUAT": from_quaternions,
     "VERTEX3": _from_angles,
+    "VERTEX_XY": _as_they_are,
+    "VERTEX_TRACKXYZ": _as_they_are,
     "EDGE3": _from_angles,
 }

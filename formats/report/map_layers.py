@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.constraint_kinds import with_other_kinds
+from formats.constraint_kinds import COLOURS
 from formats.report.contents import ReportContents, ShownConstraint
 from formats.report.page import data_uri
 from mapmyworld.errors import MapError
@@ -22,15 +22,6 @@ _ELLIPSES = 60  # along the path
 _SIGMAS = 3.0  # of the ellipses
 _BARS = tuple(step * 10.0**power for power in range(-2, 4) for step in (1, 2, 5))  # m
 _SEEN = 255, 30  # grey of free and occupied cells; behind unknown ones the page shows
-_LAYERS = with_other_kinds(
-    {
-        ConstraintKind.LOOP_CLOSURE: "loop",
-        ConstraintKind.PROXIMITY: "proximity",
-        ConstraintKind.USER: "user",
-        ConstraintKind.LANDMARK: "landmark",
-    },
-    "",
-)  # an empty one: the kind's own name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,9 +82,11 @@ def layers_of(contents: ReportContents, view: View) -> list[Layer]:
     found.append(Layer("rejected", "rejected", _segments(rejected, place), shown=False))
     found.append(Layer("sigma", "3 sigma", _ellipses(contents, view), shown=False))
     found.append(Layer("path", "path", _line(view.pixels(contents.path[:, 1:]))))
-    for kind, key in _LAYERS.items():
-        mine = [c for c in contents.constraints if c.accepted and c.kind == kind]
-        found.append(Layer(key or str(kind), str(kind).replace("_", " "), _segments(mine, place)))
+    for kind in COLOURS:
+        if kind != ConstraintKind.NEIGHBOUR:  # which the path shows
+            mine = [c for c in contents.constraints if c.accepted and c.kind == kind]
+            key, title = str(kind).removesuffix("_closure"), str(kind).replace("_", " ")
+            found.append(Layer(key, title, _segments(mine, place)))
     found.append(Layer("nodes", "nodes", _dots(view.pixels(nodes.places[:, :2])), shown=False))
     found.append(Layer("start", "start axes", _axes(nodes.places, view)))
     return [layer for layer in found if layer.svg]

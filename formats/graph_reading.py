@@ -52,11 +52,11 @@ _COMMENT = re.compile("#[^\r\n]*")
 _PLANAR = {"VERTEX_SE2", "VERTEX2", "EDGE_SE2", "EDGE2", "ODOMETRY", "EDGE_PRIOR_SE2"}
 _SPATIAL = {"VERTEX_SE3:QUAT", "VERTEX3", "EDGE_SE3:QUAT", "EDGE3", "EDGE_SE3_PRIOR"}
 # Of planar graphs and of spatial ones: tags of vertices, and what lies at the origin.
-_NODES = {
+_NODES: dict[bool, tuple[tuple[str, ...], Array]] = {
     True: (("VERTEX_SE2", "VERTEX2"), np.zeros(3)),
     False: (("VERTEX_SE3:QUAT", "VERTEX3"), np.eye(4)),
 }
-_LANDMARKS = {
+_LANDMARKS: dict[bool, tuple[tuple[str, ...], Array]] = {
     True: (("VERTEX_XY",), np.zeros(2)),
     False: (("VERTEX_TRACKXYZ",), np.zeros(3)),
 }

@@ -6,7 +6,6 @@ import shutil
 import struct
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 
 from formats.logs.channels import Channel
 from formats.logs.definitions import standard_store
@@ -77,12 +76,7 @@ class LogWriter:
     def __enter__(self) -> LogWriter:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             if kind is None:
                 _put_in_place(self.sink.close(), self.path)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
+from formats.logs.ros_decoders import SCAN_NUMBERS
 from mapmyworld.geometry.rotations import rotation_to_quaternion
 from mapmyworld.types import (
     CameraInfoMessage,
@@ -33,14 +34,6 @@ Fields = Mapping[str, Any]
 RosFields = tuple[str, Fields]
 """A ROS type, and the fields of a message of it."""
 _FLOAT32 = 7  # sensor_msgs/PointField
-_SCAN_NUMBERS = (
-    "angle_min",
-    "angle_increment",
-    "time_increment",
-    "scan_time",
-    "range_min",
-    "range_max",
-)
 
 
 def ros_message(message: Message | RosFields, store: Typestore) -> tuple[str, Any]:
@@ -98,7 +91,7 @@ def pose_of(matrix: NDArray[np.float64]) -> Fields:
 
 
 def _laser_scan(m: LaserScanMessage) -> Fields:
-    numbers = {name: getattr(m, name) for name in _SCAN_NUMBERS}
+    numbers = {name: getattr(m, name) for name in SCAN_NUMBERS}
     return {
         **numbers,
         "header": header(m.stamp_ns, m.frame_id),

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from formats.database.sweep_messages import message_from_scan
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.types import (
-    CameraInfoMessage,
-    CameraModel,
     ImageMessage,
     Message,
     MessageKind,
@@ -137,7 +135,7 @@ def _camera_messages(moment: Moment, number: int, image: RgbdImage) -> Iterator[
         f"{space}/rgb/camera_info",
         MessageKind.CAMERA_INFO,
         moment,
-        lambda: camera_info(model, at, frame),
+        lambda: model.info(at, frame),
     )
     for kind, picture in (("rgb", image.colour), ("depth", image.depth)):
         if picture is not None:
@@ -148,19 +146,3 @@ def _picture(topic: str, moment: Moment, picture: ImageMessage, frame: str) -> R
     message = replace(picture, frame_id=frame)
     kind = MessageKind.IMAGE
     return RawMessage(topic, kind, moment.stamp_ns, picture.stamp_ns, lambda: message)
-
-
-def camera_info(model: CameraModel, stamp_ns: int, frame: str) -> CameraInfoMessage:
-    """A camera's intrinsics and distortion; its images are as the lens made them."""
-    projection = np.column_stack([model.intrinsics, np.zeros(3)])
-    return CameraInfoMessage(
-        stamp_ns,
-        frame,
-        model.width,
-        model.height,
-        model.distortion_model,
-        model.distortion,
-        model.intrinsics,
-        np.eye(3),
-        projection,
-    )

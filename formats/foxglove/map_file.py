@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.constraint_kinds import COLOURS, REJECTED, rgb
-from formats.database.log_messages import camera_info
 from formats.recording_files import LogWriter
 from formats.ros_messages import Fields, header, pose_of, vector
 from formats.whole_files import write_whole
@@ -186,7 +185,7 @@ def image_events(stamp_ns: int, data: NodeData, base_frame: str) -> Iterator[Eve
         picture = replace(image.colour, stamp_ns=stamp_ns, frame_id=frame, encoded=encoded)
         topic, mount = f"/map/camera{index}", image.camera.base_from_camera
         yield stamp_ns, "/tf", transform(stamp_ns, base_frame, frame, mount)
-        yield stamp_ns, f"{topic}/info", camera_info(image.camera, stamp_ns, frame)
+        yield stamp_ns, f"{topic}/info", image.camera.info(stamp_ns, frame)
         yield stamp_ns, f"{topic}/image", picture
 
 

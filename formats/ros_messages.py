@@ -90,6 +90,18 @@ def pose_of(matrix: NDArray[np.float64]) -> Fields:
     return {"position": vector(matrix[:3, 3]), "orientation": quaternion(matrix)}
 
 
+def pose_in_map(
+    stamp_ns: int, pose: NDArray[np.float64], covariance: NDArray[np.float64]
+) -> PoseMessage:
+    """A pose (4, 4) in the map; its covariance (6, 6) has rotation first and its own axes.
+
+    As geometry_msgs/PoseWithCovariance wants it: translation first, about the map's axes.
+    """
+    turn = np.zeros((6, 6))
+    turn[:3, 3:] = turn[3:, :3] = pose[:3, :3]
+    return PoseMessage(stamp_ns, "map", pose, turn @ covariance @ turn.T)
+
+
 def _laser_scan(m: LaserScanMessage) -> Fields:
     numbers = {name: getattr(m, name) for name in SCAN_NUMBERS}
     return {

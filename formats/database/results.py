@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sqlite3
 from collections.abc import Mapping
 from contextlib import closing
@@ -12,6 +11,7 @@ import numpy as np
 
 from formats.database.calibration import blob_to_cameras
 from formats.database.connection import Connection, uri_of
+from formats.whole_files import whole_path
 from mapmyworld.errors import MapError
 
 _FLAT = 1e-6  # m, and sine of tilt, up to which motion is planar
@@ -82,15 +82,13 @@ def compact(path: Path) -> None:
     The same rows then give the same bytes, however often the build was interrupted. Raises
     `MapError` where it cannot be written.
     """
-    fresh = path.with_name(path.name + ".compact")
-    fresh.unlink(missing_ok=True)
     try:
-        with closing(sqlite3.connect(uri_of(path), uri=True)) as source:
-            source.execute("VACUUM INTO ?", (uri_of(fresh),))
-        with closing(sqlite3.connect(fresh)) as packed:
-            packed.execute("PRAGMA schema_version = 1")  # SQLite's count of earlier packings
-            packed.execute("PRAGMA user_version = 0")
-        os.replace(fresh, path)
+        with whole_path(path) as fresh:
+            fresh.unlink(missing_ok=True)
+            with closing(sqlite3.connect(uri_of(path), uri=True)) as source:
+                source.execute("VACUUM INTO ?", (uri_of(fresh),))
+            with closing(sqlite3.connect(fresh)) as packed:
+                packed.execute("PRAGMA schema_version = 1")  # SQLite's count of earlier packings
+                packed.execute("PRAGMA user_version = 0")
     except (sqlite3.Error, OSError) as error:
-        fresh.unlink(missing_ok=True)
         raise MapError(f"{path}: complete, but could not be packed ({error})") from error

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from formats.constraint_kinds import COLOURS
+from formats.picture_files import encoded_file
 from formats.report.contents import ReportContents, ShownConstraint
 from formats.report.page import data_uri
-from mapmyworld.errors import MapError
 from mapmyworld.types import ConstraintKind, OccupancyGrid
 
 Floats = NDArray[np.float64]
@@ -116,14 +115,12 @@ def _grid_image(grid: OccupancyGrid | None, view: View) -> str:
     pixels = np.zeros((*cells.shape, 4), np.uint8)  # the last: opaque
     for value, shade in zip((0, 100), _SEEN, strict=True):
         pixels[cells == value] = shade, shade, shade, 255
-    done, data = cv2.imencode(".png", np.ascontiguousarray(pixels[::-1]))
-    if not done:
-        raise MapError("the grid cannot be drawn")
+    data = encoded_file(".png", pixels[::-1])
     left, top = view.pixels(grid.origin + np.array([0.0, cells.shape[0] * grid.resolution]))
     width, height = (side * grid.resolution * view.scale for side in cells.shape[::-1])
     return (
         f'<image class="cells" x="{left:.2f}" y="{top:.2f}" width="{width:.2f}"'
-        f' height="{height:.2f}" preserveAspectRatio="none" href="{data_uri(bytes(data))}"/>'
+        f' height="{height:.2f}" preserveAspectRatio="none" href="{data_uri(data)}"/>'
     )
 
 

@@ -17,9 +17,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.graph_edges import edges_of, priors_of, sightings_of
+from formats.graph_edges import POSES, edges_of, priors_of, sightings_of
 from formats.graph_lines import Columns, Table, listed, tables_from_text
-from formats.graph_numbers import POSES
 from formats.whole_files import read_whole
 from mapmyworld.errors import MapError
 from mapmyworld.geometry import Array

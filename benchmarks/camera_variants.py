@@ -85,8 +85,8 @@ def make(folder: Path, output: Path, change: Change, frames: slice) -> None:
     if change.backwards:
         stamps, poses = turned - stamps[::-1], poses[::-1]
     write_trajectory(output / "groundtruth.txt", Trajectory(stamps, poses))
-    known = calibration_of(folder, (640, 480))
-    numbers = change.camera([*known.focal_and_centre, *known.distortion], *known.size)
+    known, _ = calibration_of(folder)
+    numbers = change.camera([*known], 640, 480)
     (output / "camera.txt").write_text(" ".join(map(str, numbers)) + "\n")
 
 

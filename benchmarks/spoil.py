@@ -92,9 +92,8 @@ def spoil(folder: Path, output: Path, spoils: Spoils, every: int, lag: float, se
         rows = [f"{float(stamp) + shift:.6f} {path}" for stamp, path in entries]
         (output / f"{name}.txt").write_text("\n".join(["# timestamp filename", *rows, ""]))
     shutil.copy(folder / "groundtruth.txt", output)
-    numbers = calibration_of(folder, (640, 480))
-    row = [*numbers.focal_and_centre, *numbers.distortion]
-    (output / "camera.txt").write_text(" ".join(str(n) for n in row) + "\n")
+    numbers, _ = calibration_of(folder)
+    (output / "camera.txt").write_text(" ".join(map(str, numbers)) + "\n")
 
 
 def main() -> None:

@@ -134,7 +134,6 @@ SUGGESTIONS = {
     "formats/image_folders": "check the folder, its disk and its permissions",
     _LOGS: "the rest of the log is used; copy it again, or repair it (see above)",
     "formats/logs/carmen": "the line is left out; copy the log again, or repair it (see above)",
-    "formats/logs/compressed_depth": "the image is left out; check the driver",
     "formats/logs/decoding": "the message is left out; check the driver, or use the standard type",
     "formats/logs/image_pixels": "the image is left out; check the driver",
     "formats/logs/tum_rgbd": "the lines are left out; correct them, or copy the folder again",

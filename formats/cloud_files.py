@@ -30,7 +30,9 @@ def write_cloud(path: Path, cloud: PointCloud) -> None:
 def read_cloud(path: Path) -> PointCloud:
     """The points of a .ply or .pcd file, those that lie nowhere left out, and colours of a .ply."""
     fields = _read_pcd(path) if path.suffix.lower() == ".pcd" else read_vertices(path)
-    return _cloud_of(fields, path)
+    points = positions(fields, path)
+    found = np.isfinite(points).all(axis=1)  # a point without a return is stored as NaN by many
+    return PointCloud(points[found], colours(fields[found]))
 
 
 def cloud_table(cloud: PointCloud, *, packed_colour: bool = False) -> NDArray[np.void]:
@@ -56,7 +58,7 @@ def cloud_table(cloud: PointCloud, *, packed_colour: bool = False) -> NDArray[np
 
 def _ply(cloud: PointCloud) -> bytes:
     table = cloud_table(cloud)
-    return ply_header([("vertex", table)]) + table.tobytes()
+    return ply_header(table) + table.tobytes()
 
 
 def _pcd(cloud: PointCloud) -> bytes:
@@ -77,15 +79,6 @@ def _pcd(cloud: PointCloud) -> bytes:
         "DATA binary",
     ]
     return "".join(f"{line}\n" for line in head).encode() + table.tobytes()
-
-
-def _cloud_of(fields: NDArray[np.void], path: Path) -> PointCloud:
-    """The points that lie somewhere: those without a return are stored as NaN by many."""
-    points = positions(fields, path)
-    found = np.isfinite(points).all(axis=1)
-    if not found.all():
-        fields, points = fields[found], points[found]
-    return PointCloud(points, colours(fields))
 
 
 def _read_pcd(path: Path) -> NDArray[np.void]:
@@ -117,5 +110,5 @@ def write_mesh(path: Path, mesh: Mesh) -> None:
     vertices = cloud_table(PointCloud(mesh.vertices, mesh.colours))
     faces = np.empty(len(mesh.triangles), _FACE)
     faces["count"], faces["corners"] = 3, mesh.triangles
-    head = ply_header([("vertex", vertices)], len(faces))
+    head = ply_header(vertices, len(faces))
     write_whole(path, head + vertices.tobytes() + faces.tobytes())

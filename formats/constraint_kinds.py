@@ -2,34 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TypeVar
-
 from mapmyworld.types import OF_ONE_NODE, ConstraintKind
 
-Look = TypeVar("Look")
-_ELSEWHERE = OF_ONE_NODE | {ConstraintKind.NEIGHBOUR}  # the path, and what is no line
 PATH, REJECTED = "#1f6fd1", "#8a8f98"
-
-
-def with_other_kinds(
-    looks: Mapping[ConstraintKind, Look], other: Look
-) -> dict[ConstraintKind, Look]:
-    """`looks` with `other` for every further kind that joins two places, so that none is hidden."""
-    others = [kind for kind in ConstraintKind if kind not in _ELSEWHERE.union(looks)]
-    return {**looks, **dict.fromkeys(others, other)}
-
-
-COLOURS = with_other_kinds(
-    {
-        ConstraintKind.NEIGHBOUR: PATH,
-        ConstraintKind.LOOP_CLOSURE: "#d7301f",
-        ConstraintKind.PROXIMITY: "#00875f",
-        ConstraintKind.USER: "#b0409a",
-        ConstraintKind.LANDMARK: "#8a6d00",
-    },
-    "#5c4b8a",
-)
+_NAMED = {
+    ConstraintKind.NEIGHBOUR: PATH,
+    ConstraintKind.LOOP_CLOSURE: "#d7301f",
+    ConstraintKind.PROXIMITY: "#00875f",
+    ConstraintKind.USER: "#b0409a",
+    ConstraintKind.LANDMARK: "#8a6d00",
+}
+_OTHERS = [kind for kind in ConstraintKind if kind not in OF_ONE_NODE.union(_NAMED)]
+COLOURS = {**_NAMED, **dict.fromkeys(_OTHERS, "#5c4b8a")}
+"""Of every kind that joins two places, so that none is hidden."""
 
 
 def rgb(colour: str) -> tuple[int, int, int]:

@@ -39,44 +39,32 @@ def tables_from_text(
     text: str, columns: Mapping[str, Columns]
 ) -> tuple[dict[str, Table], dict[str, list[tuple[int, str]]], list[str]]:
     """Tables of the tags whose `columns` are known, other lines by tag, and problems."""
-    texts: dict[str, list[str]] = {}
-    numbers: dict[str, list[int]] = {}
+    found: dict[str, list[tuple[int, str]]] = {}
     for number, line in enumerate(text.removeprefix("\ufeff").splitlines(), 1):
-        parts = line.split(None, 1)
-        if not parts or parts[0].startswith("#"):
-            continue
-        tag, rest = parts if len(parts) == 2 else (parts[0], "")
-        if tag in texts:
-            texts[tag].append(rest)
-            numbers[tag].append(number)
-        else:
-            texts[tag], numbers[tag] = [rest], [number]
+        tag, *rest = line.split(None, 1) or [""]
+        if tag and not tag.startswith("#"):
+            found.setdefault(tag, []).append((number, rest[0] if rest else ""))
     problems: list[str] = []
     tables = {
-        tag: _table(tag, texts[tag], numbers[tag], columns[tag], problems)
-        for tag in texts
+        tag: _table(tag, rows, columns[tag], problems)
+        for tag, rows in found.items()
         if tag in columns
     }
-    others = {
-        tag: list(zip(numbers[tag], texts[tag], strict=True)) for tag in texts if tag not in columns
-    }
-    return tables, others, problems
+    return tables, {tag: rows for tag, rows in found.items() if tag not in columns}, problems
 
 
-def _table(
-    tag: str, rows: list[str], lines: list[int], columns: Columns, problems: list[str]
-) -> Table:
+def _table(tag: str, rows: list[tuple[int, str]], columns: Columns, problems: list[str]) -> Table:
     """All rows at once; one by one only when something is wrong with any."""
-    width = columns.count
+    width, texts = columns.count, [text for _, text in rows]
     try:
-        values = np.loadtxt(rows if any(rows) else ["?"], comments=None, ndmin=2)
+        values = np.loadtxt(texts if any(texts) else ["?"], comments=None, ndmin=2)
         if values.shape == (len(rows), width) and not _fault(values, columns):
-            return Table(values, np.array(lines, np.int64))
+            return Table(values, np.array([line for line, _ in rows], np.int64))
     except ValueError:  # what is no number, or another number of them
         pass
     good = [
         (line, read)
-        for line, row in zip(lines, rows, strict=True)
+        for line, row in rows
         if (read := _row(tag, line, row, columns, problems)) is not None
     ]
     numbers = np.array([read for _, read in good], np.float64).reshape(-1, width)

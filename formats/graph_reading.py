@@ -10,15 +10,15 @@ GTSAM ODOMETRY LANDMARK (with covariances) BR (bearing, range and their standard
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.graph_edges import edges_of, priors_of, sightings_of
+from formats.graph_edges import POSES, edges_of, priors_of, sightings_of
 from formats.graph_lines import Columns, Table, listed, tables_from_text
-from formats.graph_numbers import POSES
 from formats.whole_files import read_whole
 from mapmyworld.errors import MapError
 from mapmyworld.geometry import Array
@@ -50,6 +50,15 @@ _COLUMNS = {
 _COMMENT = re.compile("#[^\r\n]*")
 _PLANAR = {"VERTEX_SE2", "VERTEX2", "EDGE_SE2", "EDGE2", "ODOMETRY", "EDGE_PRIOR_SE2"}
 _SPATIAL = {"VERTEX_SE3:QUAT", "VERTEX3", "EDGE_SE3:QUAT", "EDGE3", "EDGE_SE3_PRIOR"}
+# Of planar graphs and of spatial ones: tags of vertices, and what lies at the origin.
+_NODES: dict[bool, tuple[tuple[str, ...], Array]] = {
+    True: (("VERTEX_SE2", "VERTEX2"), np.zeros(3)),
+    False: (("VERTEX_SE3:QUAT", "VERTEX3"), np.eye(4)),
+}
+_LANDMARKS: dict[bool, tuple[tuple[str, ...], Array]] = {
+    True: (("VERTEX_XY",), np.zeros(2)),
+    False: (("VERTEX_TRACKXYZ",), np.zeros(3)),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,135 +95,92 @@ def graph_from_text(text: str) -> GraphFile:
         raise MapError("both planar (SE2) and spatial (SE3) poses: split the file in two")
     if not planar and not spatial:
         raise MapError("no poses and no edges of a known kind: is this a g2o or TORO file?")
-    return _Reader(planar, tables, others, problems).read()
+    return _graph_of(planar, tables, others, problems)
 
 
-class _Reader:
-    """Collects one graph from tables; `problems` and `notes` grow on the way."""
-
-    def __init__(
-        self,
-        planar: bool,
-        tables: dict[str, Table],
-        others: dict[str, list[tuple[int, str]]],
-        problems: list[str],
-    ) -> None:
-        self.planar = planar
-        self.tables = tables
-        self.others = others
-        self.problems = problems
-        self.notes: list[str] = []
-
-    def read(self) -> GraphFile:
-        fixed = self._fixed()
-        for tag, lines in sorted(self.others.items()):
-            where = listed([line for line, _ in lines])
-            self.problems.append(f"{len(lines)} lines of unknown kind {tag[:24]!r} (line {where})")
-        known = self.tables, self.planar, self.problems
-        edges, sightings, priors = edges_of(*known), sightings_of(*known), priors_of(*known)
-        named = np.concatenate([edges.from_ids, edges.to_ids, sightings.node_ids])
-        ids, poses = self._nodes(named)
-        landmark_ids, landmarks = self._landmarks(sightings.landmark_ids)
-        placed = _among(priors.ids, ids)
-        if not placed.all():
-            self.problems.append(f"priors of unknown nodes {listed(priors.ids[~placed])}")
-            priors = priors.chosen(placed)
-        step = ids.searchsorted(edges.to_ids) - ids.searchsorted(edges.from_ids)
-        measured = edges.from_ids, edges.to_ids, edges.i_from_j, edges.information
-        graph = PoseGraph(
-            self.planar,
-            ids,
-            poses,
-            Edges(*measured, odometry=np.abs(step) == 1),
-            landmark_ids,
-            landmarks,
-            sightings,
-            priors,
-            self._known_fixed(fixed, ids),
+def _graph_of(
+    planar: bool,
+    tables: dict[str, Table],
+    others: dict[str, list[tuple[int, str]]],
+    problems: list[str],
+) -> GraphFile:
+    fixed = _fixed(others.pop("FIX", []), problems)
+    for tag, lines in sorted(others.items()):
+        where = listed([line for line, _ in lines])
+        problems.append(f"{len(lines)} lines of unknown kind {tag[:24]!r} (line {where})")
+    known = tables, planar, problems
+    edges, sightings, priors = edges_of(*known), sightings_of(*known), priors_of(*known)
+    named = np.concatenate([edges.from_ids, edges.to_ids, sightings.node_ids])
+    tags, origin = _NODES[planar]
+    ids, poses, missing = _vertices(tables, tags, origin, named, problems)
+    notes = list[str]()
+    if 0 < len(missing) < len(ids):
+        problems.append(
+            f"{len(missing)} nodes have edges but no vertex ({listed(missing)}): "
+            "placed by their edges"
         )
-        return GraphFile(graph, tuple(self.problems), tuple(self.notes))
+    elif len(missing):
+        notes.append(f"no vertices: {len(missing)} nodes are placed by their edges")
+    tags, origin = _LANDMARKS[planar]
+    landmark_ids, landmarks, missing = _vertices(
+        tables, tags, origin, sightings.landmark_ids, problems
+    )
+    if 0 < len(missing) < len(landmark_ids):
+        problems.append(f"landmarks without a vertex ({listed(missing)})")
+    if not (placed := np.isin(priors.ids, ids)).all():
+        problems.append(f"priors of unknown nodes {listed(priors.ids[~placed])}")
+        priors = priors.chosen(placed)
+    if not (placed := np.isin(fixed, ids)).all():
+        problems.append(f"FIX of unknown nodes {listed(fixed[~placed])}")
+        fixed = fixed[placed]
+    step = ids.searchsorted(edges.to_ids) - ids.searchsorted(edges.from_ids)
+    measured = edges.from_ids, edges.to_ids, edges.i_from_j, edges.information
+    edges = Edges(*measured, odometry=np.abs(step) == 1)
+    graph = PoseGraph(planar, ids, poses, edges, landmark_ids, landmarks, sightings, priors, fixed)
+    return GraphFile(graph, tuple(problems), tuple(notes))
 
-    def _fixed(self) -> Index:
-        found: list[int] = []
-        lines = self.others.pop("FIX", [])
-        if not lines:
-            return np.zeros(0, np.int64)
-        for line, rest in lines:
-            try:
-                found += np.array([int(token) for token in rest.split()], np.int64).tolist()
-            except (ValueError, OverflowError):
-                self.problems.append(f"line {line}: FIX takes whole numbers")
-        return np.unique(np.array(found, np.int64))
 
-    def _known_fixed(self, fixed: Index, ids: Index) -> Index:
-        known = _among(fixed, ids)
-        if not known.all():
-            self.problems.append(f"FIX of unknown nodes {listed(fixed[~known])}")
-        return fixed[known]
+def _fixed(lines: list[tuple[int, str]], problems: list[str]) -> Index:
+    found: list[int] = []
+    for line, rest in lines:
+        try:
+            found += np.array([int(token) for token in rest.split()], np.int64).tolist()
+        except (ValueError, OverflowError):
+            problems.append(f"line {line}: FIX takes whole numbers")
+    return np.unique(np.array(found, np.int64))
 
-    def _nodes(self, named: Index) -> tuple[Index, Array]:
-        """Ids and poses of the vertices, and of nodes that only edges name."""
-        tags = ("VERTEX_SE2", "VERTEX2") if self.planar else ("VERTEX_SE3:QUAT", "VERTEX3")
-        parts = [(tag, self.tables[tag]) for tag in tags if tag in self.tables]
-        origin = np.zeros(3) if self.planar else np.eye(4)
-        numbers = [np.zeros((0, *origin.shape))]
-        ids, lines = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-        for tag, table in parts:
-            ids.append(table.numbers[:, 0].astype(np.int64))
-            lines.append(table.lines)
-            numbers.append(POSES[tag](table.numbers[:, 1:]))
-        unique, poses = self._without_duplicates(
-            np.concatenate(ids), np.concatenate(lines), np.concatenate(numbers)
+
+def _vertices(
+    tables: dict[str, Table],
+    tags: Sequence[str],
+    origin: Array,
+    named: Index,
+    problems: list[str],
+) -> tuple[Index, Array, Index]:
+    """Ids and places of the vertices and of what only edges name, and the ids of the latter.
+
+    The ids ascend; what only edges name lies at the origin.
+    """
+    ids, lines = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    places = [np.zeros((0, *origin.shape))]
+    for tag in tags:
+        if tag in tables:
+            ids.append(tables[tag].numbers[:, 0].astype(np.int64))
+            lines.append(tables[tag].lines)
+            places.append(POSES[tag](tables[tag].numbers[:, 1:]))
+    every = np.concatenate(ids)
+    unique, first = np.unique(every, return_index=True)
+    if len(unique) < len(every):
+        again = np.setdiff1d(np.arange(len(every)), first)
+        problems.append(
+            f"{len(again)} vertices with an id that was taken "
+            f"(line {listed(np.concatenate(lines)[again])}): the first one counts"
         )
-        placed = _among(named, unique)
-        if placed.all():
-            return unique, poses
-        missing = np.unique(named[~placed])
-        if len(unique):
-            self.problems.append(
-                f"{len(missing)} nodes have edges but no vertex ({listed(missing)}): "
-                "placed by their edges"
-            )
-        else:
-            self.notes.append(f"no vertices: {len(missing)} nodes are placed by their edges")
-        every = np.concatenate([unique, missing])
-        poses = np.concatenate([poses, np.broadcast_to(origin, (len(missing), *origin.shape))])
-        order = np.argsort(every)
-        return every[order], poses[order]
-
-    def _without_duplicates(self, ids: Index, lines: Index, values: Array) -> tuple[Index, Array]:
-        """Ids in ascending order, each once, and what belongs to them."""
-        if (ids[1:] > ids[:-1]).all():
-            return ids, values
-        unique, first = np.unique(ids, return_index=True)
-        if len(unique) < len(ids):
-            again = np.setdiff1d(np.arange(len(ids)), first)
-            self.problems.append(
-                f"{len(again)} vertices with an id that was taken (line {listed(lines[again])}): "
-                "the first one counts"
-            )
-        return unique, values[first]
-
-    def _landmarks(self, seen: Index) -> tuple[Index, Array]:
-        size = 2 if self.planar else 3
-        table = self.tables.get("VERTEX_XY" if self.planar else "VERTEX_TRACKXYZ")
-        ids, points = np.zeros(0, np.int64), np.zeros((0, size))
-        if table is None and len(seen) == 0:
-            return ids, points
-        if table is not None:
-            ids, points = self._without_duplicates(
-                table.numbers[:, 0].astype(np.int64), table.lines, table.numbers[:, 1:]
-            )
-        missing = np.unique(seen[~_among(seen, ids)])
-        if len(missing) and len(ids):
-            self.problems.append(f"landmarks without a vertex ({listed(missing)})")
-        every = np.concatenate([ids, missing])
-        order = np.argsort(every)
-        return every[order], np.concatenate([points, np.zeros((len(missing), size))])[order]
-
-
-def _among(wanted: Index, known: Index) -> NDArray[np.bool_]:
-    """Which of these ids are among the ascending `known`."""
-    if len(known) == 0 or len(wanted) == 0:
-        return np.zeros(len(wanted), np.bool_)
-    return np.asarray(known[np.minimum(known.searchsorted(wanted), len(known) - 1)] == wanted)
+    missing = np.setdiff1d(named, unique)
+    unplaced = np.broadcast_to(origin, (len(missing), *origin.shape))
+    order = np.argsort(np.concatenate([unique, missing]))
+    return (
+        np.concatenate([unique, missing])[order],
+        np.concatenate([np.concatenate(places)[first], unplaced])[order],
+        missing,
+    )

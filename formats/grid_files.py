@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.bounds import FARTHEST
-from formats.picture_files import decoded_file, picture_size
+from formats.picture_files import decoded_file, encoded_file, picture_size
 from formats.whole_files import read_whole, write_whole
 from mapmyworld.errors import MapError
 from mapmyworld.types import OccupancyGrid
@@ -29,7 +29,8 @@ def write_grid(stem: Path, grid: OccupancyGrid, mode: Mode = "trinary") -> tuple
     """Writes `stem`.pgm (scale mode: .png) and `stem`.yaml; returns their paths."""
     image, description = grid_files(stem, mode)
     if mode == "scale":
-        _write_png(image, _scaled(grid))
+        grey, alpha = np.moveaxis(_scaled(grid), 2, 0)
+        write_whole(image, encoded_file(".png", np.dstack([grey, grey, grey, alpha])))
     else:
         cells = grid.trinary() if mode == "trinary" else _raw(grid)
         grey = _grey(cells) if mode == "trinary" else cells.view(np.uint8)
@@ -73,16 +74,6 @@ def _write_pgm(path: Path, grey: NDArray[np.uint8], resolution: float) -> None:
     height, width = grey.shape
     head = f"P5\n# CREATOR: mapmyworld {resolution:.3f} m/pix\n{width} {height}\n255\n"
     write_whole(path, head.encode() + np.ascontiguousarray(grey).tobytes())
-
-
-def _write_png(path: Path, picture: NDArray[np.uint8]) -> None:
-    import cv2
-
-    grey, alpha = picture[..., 0], picture[..., 1]
-    done, data = cv2.imencode(".png", np.dstack([grey, grey, grey, alpha]))
-    if not done:
-        raise MapError(f"{path}: the grid cannot be written as PNG")
-    write_whole(path, bytes(data))
 
 
 def _yaml(image: str, grid: OccupancyGrid, mode: Mode) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.decimal_stamps import seconds_text
+from formats.picture_files import encoded_file
 from formats.trajectory_files import write_trajectory
 from formats.whole_files import write_whole
 from mapmyworld.errors import MapError
@@ -113,23 +114,19 @@ def _write_pair(
 
 def _colour_file(picture: ImageMessage) -> tuple[str, bytes]:
     """The stored file as it is; else PNG, which loses nothing."""
-    import cv2
-
     if picture.encoded is not None and picture.encoded.startswith((_JPEG, _PNG)):
         return (".jpg" if picture.encoded.startswith(_JPEG) else ".png"), picture.encoded
     pixels = np.asarray(picture.pixels(), np.uint8)
     if pixels.ndim == 3:
-        pixels = np.ascontiguousarray(pixels[..., ::-1])
-    return ".png", bytes(cv2.imencode(".png", pixels)[1])
+        pixels = pixels[..., ::-1]
+    return ".png", encoded_file(".png", pixels)
 
 
 def _depth_file(picture: ImageMessage) -> tuple[str, bytes]:
     """16-bit PNG in TUM's unit; what lies beyond 13.1 m does not fit and becomes 0."""
-    import cv2
-
     steps = np.rint(np.nan_to_num(np.asarray(picture.pixels(), np.float64)) * _PER_METRE)
     steps[(steps < 0) | (steps > np.iinfo(np.uint16).max)] = 0
-    return ".png", bytes(cv2.imencode(".png", steps.astype(np.uint16))[1])
+    return ".png", encoded_file(".png", steps.astype(np.uint16))
 
 
 def _calibration(image: RgbdImage) -> dict[str, Any]:

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from formats.decimal_stamps import seconds_text
 from formats.recording_files import LogWriter
+from formats.ros_messages import pose_in_map
 from formats.whole_files import write_whole
 from mapmyworld.geometry.planar import PLANAR_IN_TANGENT
-from mapmyworld.geometry.rigid import SWAP_ROTATION_TRANSLATION
 from mapmyworld.geometry.rotations import rotation_to_quaternion
-from mapmyworld.types import PoseMessage, TextMessage, TransformsMessage, TransformStamped
+from mapmyworld.types import TextMessage, TransformsMessage, TransformStamped
 from mapmyworld.types.localisation import Estimate, Localisation
 
 _CORRECTION = tuple(f"correction_{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw"))
@@ -67,16 +67,18 @@ def write_localisation_mcap(
         time = 0
         state = None
         for estimate in localisation.estimates:
-            time = max(time, estimate.stamp_ns)
+            stamp_ns = estimate.stamp_ns
+            time = max(time, stamp_ns)
             if estimate.state != state:
                 state = estimate.state
-                text = TextMessage(estimate.stamp_ns, str(state))
+                text = TextMessage(stamp_ns, str(state))
                 writer.write("/localisation/state", text, time)
             if estimate.known:
                 writer.write(
                     "/tf", TransformsMessage(tuple(_tf(estimate, base_frame)), False), time
                 )
-                writer.write("/localisation/pose", _pose_message(estimate), time)
+                place = pose_in_map(stamp_ns, estimate.map_from_base, estimate.covariance)
+                writer.write("/localisation/pose", place, time)
 
 
 def _tf(estimate: Estimate, base: str) -> Iterator[TransformStamped]:
@@ -86,11 +88,3 @@ def _tf(estimate: Estimate, base: str) -> Iterator[TransformStamped]:
         return
     yield TransformStamped(estimate.stamp_ns, "map", "odom", correction)
     yield TransformStamped(estimate.stamp_ns, "odom", base, odometry)
-
-
-def _pose_message(estimate: Estimate) -> PoseMessage:
-    """ROS states the covariance about the map's axes, translation first."""
-    rotation = np.kron(np.eye(2), estimate.map_from_base[:3, :3])
-    about_map = rotation @ estimate.covariance @ rotation.T
-    swapped = about_map[np.ix_(SWAP_ROTATION_TRANSLATION, SWAP_ROTATION_TRANSLATION)]
-    return PoseMessage(estimate.stamp_ns, "map", estimate.map_from_base, swapped)

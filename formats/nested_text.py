@@ -26,13 +26,10 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def json_from_text(
-    text: str | bytes,
-    *,
-    object_hook: Callable[[dict[str, Any]], Any] | None = None,
-    object_pairs_hook: Callable[[list[tuple[str, Any]]], Any] | None = None,
+    text: str | bytes, *, object_hook: Callable[[dict[str, Any]], Any] | None = None
 ) -> Any:
     """The value; `ValueError` where the text has none, `TypeError` where it is no text."""
     try:
-        return json.loads(text, object_hook=object_hook, object_pairs_hook=object_pairs_hook)
+        return json.loads(text, object_hook=object_hook)
     except RecursionError:
         raise ValueError(_DEEP) from None

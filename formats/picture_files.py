@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.limits import limits
+from mapmyworld.errors import MapError
 
 _PNG, _JPEG = b"\x89PNG", b"\xff\xd8"
 # JPEG segments that hold the size: all start-of-frame markers but DHT, JPG and DAC.
@@ -107,3 +108,16 @@ def decoded_file(data: bytes, mode: int) -> NDArray[np.generic] | None:
     except cv2.error:
         return None
     return None if cells is None else np.asarray(cells)
+
+
+def encoded_file(suffix: str, pixels: NDArray[np.generic], *options: int) -> bytes:
+    """Grey (H, W) or (H, W, K) of K channels, blue first, as OpenCV writes a file of that name.
+
+    Raises `MapError` where it cannot.
+    """
+    import cv2
+
+    done, data = cv2.imencode(suffix, np.ascontiguousarray(pixels), options)
+    if not done:
+        raise MapError(f"an image of shape {pixels.shape} cannot be written as {suffix}")
+    return bytes(data)

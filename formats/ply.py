@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,13 +31,12 @@ class PlyHeader:
     """Byte at which the vertices begin."""
 
 
-def ply_header(elements: Sequence[tuple[str, NDArray[np.void]]], faces: int = 0) -> bytes:
-    """The header of binary elements (N,), which are record arrays, and of so many faces."""
+def ply_header(vertices: NDArray[np.void], faces: int = 0) -> bytes:
+    """The header of binary vertices (N,), a record array, and of so many faces."""
     lines = ["ply", "format binary_little_endian 1.0", "comment mapmyworld, metres, map frame"]
-    for element, table in elements:
-        lines.append(f"element {element} {len(table)}")
-        kinds = {name: table.dtype[name].str.lstrip("<|") for name in table.dtype.names or ()}
-        lines += [f"property {_NAMES[kind]} {name}" for name, kind in kinds.items()]
+    lines.append(f"element vertex {len(vertices)}")
+    kinds = {name: vertices.dtype[name].str.lstrip("<|") for name in vertices.dtype.names or ()}
+    lines += [f"property {_NAMES[kind]} {name}" for name, kind in kinds.items()]
     if faces:
         lines += [f"element face {faces}", "property list uchar int vertex_indices"]
     return "".join(f"{line}\n" for line in [*lines, "end_header"]).encode()

@@ -6,11 +6,10 @@ import shutil
 import struct
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 
 from formats.logs.channels import Channel
 from formats.logs.definitions import standard_store
-from formats.recording_sinks import Handle, McapSink, Ros1Sink, Rosbag2Sink, Sink
+from formats.recording_sinks import SINKS, Handle, Sink
 from formats.ros_messages import RosFields, ros_message
 from mapmyworld.errors import LogError
 from mapmyworld.types import Message, TransformsMessage
@@ -49,7 +48,7 @@ class LogWriter:
         shutil.rmtree(self._part, ignore_errors=True)  # what a killed writer left
         try:
             self._part.mkdir()
-            self.sink = _open_sink(self._part / self.path.name, kind, compression)
+            self.sink: Sink = SINKS[kind](self._part / self.path.name, compression)
         except OSError as error:
             raise LogError(f"{self.path}: cannot be written: {error.strerror or error}") from error
         self._store = standard_store(self.sink.encoding)
@@ -77,12 +76,7 @@ class LogWriter:
     def __enter__(self) -> LogWriter:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             if kind is None:
                 _put_in_place(self.sink.close(), self.path)
@@ -106,14 +100,6 @@ class LogWriter:
 def container_of(path: Path) -> str:
     """The kind of log by the path's name: .mcap, .bag or .db3; a folder is a .db3 recording."""
     return path.suffix if path.suffix in COMPRESSIONS else ".db3"
-
-
-def _open_sink(path: Path, kind: str, compression: str) -> Sink:
-    if kind == ".mcap":
-        return McapSink(path, compression)
-    if kind == ".bag":
-        return Ros1Sink(path, compression)
-    return Rosbag2Sink(path, compression)
 
 
 def _put_in_place(part: Path, path: Path) -> None:

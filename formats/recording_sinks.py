@@ -169,3 +169,6 @@ class Rosbag2Sink:
 
 Sink = McapSink | Ros1Sink | Rosbag2Sink
 """A container that messages are written to; it takes those of its `encoding`."""
+
+SINKS: dict[str, type[Sink]] = {".mcap": McapSink, ".bag": Ros1Sink, ".db3": Rosbag2Sink}
+"""By the ending of a log's name."""

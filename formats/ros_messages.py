@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
+from formats.logs.ros_decoders import SCAN_NUMBERS
 from mapmyworld.geometry.rotations import rotation_to_quaternion
 from mapmyworld.types import (
     CameraInfoMessage,
@@ -33,14 +34,6 @@ Fields = Mapping[str, Any]
 RosFields = tuple[str, Fields]
 """A ROS type, and the fields of a message of it."""
 _FLOAT32 = 7  # sensor_msgs/PointField
-_SCAN_NUMBERS = (
-    "angle_min",
-    "angle_increment",
-    "time_increment",
-    "scan_time",
-    "range_min",
-    "range_max",
-)
 
 
 def ros_message(message: Message | RosFields, store: Typestore) -> tuple[str, Any]:
@@ -97,8 +90,20 @@ def pose_of(matrix: NDArray[np.float64]) -> Fields:
     return {"position": vector(matrix[:3, 3]), "orientation": quaternion(matrix)}
 
 
+def pose_in_map(
+    stamp_ns: int, pose: NDArray[np.float64], covariance: NDArray[np.float64]
+) -> PoseMessage:
+    """A pose (4, 4) in the map; its covariance (6, 6) has rotation first and its own axes.
+
+    As geometry_msgs/PoseWithCovariance wants it: translation first, about the map's axes.
+    """
+    turn = np.zeros((6, 6))
+    turn[:3, 3:] = turn[3:, :3] = pose[:3, :3]
+    return PoseMessage(stamp_ns, "map", pose, turn @ covariance @ turn.T)
+
+
 def _laser_scan(m: LaserScanMessage) -> Fields:
-    numbers = {name: getattr(m, name) for name in _SCAN_NUMBERS}
+    numbers = {name: getattr(m, name) for name in SCAN_NUMBERS}
     return {
         **numbers,
         "header": header(m.stamp_ns, m.frame_id),

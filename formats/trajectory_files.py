@@ -42,8 +42,7 @@ def ascending(trajectory: Trajectory) -> Trajectory:
 
 
 def _tum_lines(trajectory: Trajectory) -> Iterator[str]:
-    for stamp_ns, numbers in zip(trajectory.stamps_ns.tolist(), _rows(trajectory), strict=True):
-        yield f"{seconds_text(stamp_ns)} {' '.join(_text(n) for n in numbers)}"
+    return _stamped_lines(trajectory, " ", seconds_text)
 
 
 def _kitti_lines(trajectory: Trajectory) -> Iterator[str]:
@@ -53,15 +52,16 @@ def _kitti_lines(trajectory: Trajectory) -> Iterator[str]:
 
 def _csv_lines(trajectory: Trajectory) -> Iterator[str]:
     yield CSV_HEADER
-    for stamp_ns, numbers in zip(trajectory.stamps_ns.tolist(), _rows(trajectory), strict=True):
-        yield f"{stamp_ns},{','.join(_text(n) for n in numbers)}"
+    yield from _stamped_lines(trajectory, ",", str)
 
 
-def _rows(trajectory: Trajectory) -> list[list[float]]:
+def _stamped_lines(
+    trajectory: Trajectory, separator: str, stamp_text: Callable[[int], str]
+) -> Iterator[str]:
     poses = trajectory.poses.reshape(-1, 4, 4)
-    quaternions = rotation_to_quaternion(poses[:, :3, :3])
-    rows: list[list[float]] = np.hstack([poses[:, :3, 3], quaternions]).tolist()
-    return rows
+    rows = np.hstack([poses[:, :3, 3], rotation_to_quaternion(poses[:, :3, :3])]).tolist()
+    for stamp_ns, numbers in zip(trajectory.stamps_ns.tolist(), rows, strict=True):
+        yield separator.join([stamp_text(stamp_ns), *map(_text, numbers)])
 
 
 def _text(number: float) -> str:

@@ -11,8 +11,8 @@ from database_samples import OPTICAL, fill, image, node, scan, tracked_frames
 from foreign_database import add_nodes, insert, matrix, rtabmap_file, scan_info
 
 from formats.database import open_store
+from formats.database.log_messages import message_from_scan
 from formats.database.log_source import open_database_log
-from formats.database.sweep_messages import message_from_scan
 from formats.logs import open_log
 from mapmyworld.errors import LogError
 from mapmyworld.geometry.planar import planar_to_matrix

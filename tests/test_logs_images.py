@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from log_builders import allowed, changes, damaged
 from numpy.typing import NDArray
 
-from formats.logs.compressed_depth import decode_rvl
-from formats.logs.image_pixels import compressed_image, raw_image
+from formats.logs.image_pixels import compressed_image, decode_rvl, raw_image
 from formats.picture_files import picture_size
 from mapmyworld.errors import LogError
 

@@ -21,9 +21,8 @@ from formats.grid_files import read_grid, write_grid
 from formats.limits import Limits, limits, set_limits
 from formats.logs import open_log
 from formats.logs.block_files import DamagedBlockError
-from formats.logs.compressed_depth import decode_compressed_depth
 from formats.logs.compression import decompress
-from formats.logs.image_pixels import encoded_pixels
+from formats.logs.image_pixels import decode_compressed_depth, encoded_pixels
 from formats.picture_files import claims_too_much, picture_size
 from formats.scene_mesh import read_scene_mesh
 from mapmyworld.errors import LogError, MapError

@@ -10,7 +10,7 @@ from typing import Any
 
 from cli.batching.job import Result
 from cli.exit_codes import EXIT_BAD_INPUT, EXIT_CHECK_FAILED, EXIT_PARTIAL
-from formats.junit import Case, suite_xml
+from formats.check_results import Case, suite_xml
 
 
 def exit_code(results: Sequence[Result]) -> int:

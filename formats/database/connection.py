@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 from urllib.parse import quote
 from weakref import finalize
@@ -93,10 +92,10 @@ class Connection:
         with self._explained():
             return self._sqlite.execute(sql, parameters).fetchone()
 
-    def iterate(self, sql: str) -> Iterator[Any]:
+    def iterate(self, sql: str, parameters: Sequence[Any] = ()) -> Iterator[Any]:
         """Rows of a query, as they are asked for."""
         with self._explained():
-            cursor = self._sqlite.execute(sql)
+            cursor = self._sqlite.execute(sql, parameters)
             while (row := cursor.fetchone()) is not None:
                 yield row
 
@@ -197,12 +196,7 @@ class Opened:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:

@@ -13,12 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.database import image_blobs
+from formats.database import feature_rows, image_blobs
 from formats.database.blobs import blob_to_matrix
-from formats.database.calibration import (
-    blob_to_eyes,
-    cameras_to_blob,
-)
+from formats.database.calibration import blob_to_eyes, cameras_to_blob
+from formats.database.connection import Connection
 from formats.database.node_rows import StorageOptions
 from formats.database.scan_blobs import cloud_to_columns, columns_to_observation, scan_to_columns
 from formats.nested_text import json_from_text
@@ -96,14 +94,25 @@ def _side_by_side(images: list[NDArray[np.generic] | None], what: str) -> NDArra
     return np.concatenate([black if image is None else image for image in images], axis=1)
 
 
-def node_data(row: Row, own: Row | None, stamp_ns: int, what: str) -> NodeData:
-    """The data of a row of `SELECT_DATA`.
+def node_data(
+    db: Connection, node_id: int, row: Row | None, own: Row | None, stamp_ns: int, features: bool
+) -> NodeData:
+    """The data of a row of `SELECT_DATA`, with the node's features where they are wanted.
 
     `own`: scan_rest, image_stamps and cloud of our own table, None in a file
     of RTAB-Map's.
 
-    Raises `MapError` where they are damaged; `what` names the node.
+    Raises `MapError` where they are damaged.
     """
+    what = f"{db.path}: node {node_id}"
+    data = _data(row or (None,) * 5, own, stamp_ns, what)
+    if not features:
+        return data
+    found = db.rows(feature_rows.SELECT_FEATURES, (node_id,))
+    return replace(data, features=feature_rows.features_from_rows(found, what))
+
+
+def _data(row: Row, own: Row | None, stamp_ns: int, what: str) -> NodeData:
     image, depth, calibration, scan, scan_info = row
     rest, stamps, both = own or (None, None, None)
     if any(value is not None and not isinstance(value, bytes) for value in (*row, rest, both)):

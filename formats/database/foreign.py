@@ -125,18 +125,12 @@ class RtabmapStore(Opened):
         stamp = self._db.row("SELECT stamp FROM Node WHERE id = ?", (node_id,))
         if stamp is None:
             raise MapError(f"{self.path}: there is no node {node_id}")
-        what = f"{self.path}: node {node_id}"
         from formats.database.data_rows import node_data
 
         wanted = ("image", "depth", "calibration", "scan", "scan_info")
         found = ", ".join(c if self._has("Data", c) else "NULL" for c in wanted)
         row = self._db.row(f"SELECT {found} FROM Data WHERE id = ?", (node_id,))
-        data = node_data(row or (None,) * 5, None, nanoseconds(stamp[0]), what)
-        if not features:
-            return data
-        rows = self._db.rows(feature_rows.SELECT_FEATURES, (node_id,))
-        seen = feature_rows.features_from_rows(rows, what)
-        return NodeData(data.scan, data.images, data.cloud, seen)
+        return node_data(self._db, node_id, row, None, nanoseconds(stamp[0]), features)
 
     def words(self) -> dict[int, NDArray[Any]]:
         return feature_rows.read_words(self._db)

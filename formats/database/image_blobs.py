@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.limits import limits
-from formats.picture_files import decoded_file, picture_size
+from formats.picture_files import decoded_file, encoded_file, picture_size
 from mapmyworld.errors import MapError
 
 JPEG_MAGIC = b"\xff\xd8\xff"
@@ -50,8 +50,8 @@ def encode_picture(pixels: NDArray[np.generic], codec: str, quality: int) -> byt
     if bytes_image.ndim == 3:
         bytes_image = np.asarray(cv2.cvtColor(bytes_image, cv2.COLOR_RGB2BGR), np.uint8)
     if codec == "png":
-        return _encode(".png", bytes_image, _FAST_PNG)
-    return _encode(".jpg", bytes_image, (cv2.IMWRITE_JPEG_QUALITY, quality))
+        return encoded_file(".png", bytes_image, *_FAST_PNG)
+    return encoded_file(".jpg", bytes_image, cv2.IMWRITE_JPEG_QUALITY, quality)
 
 
 def encode_depth(metres: NDArray[np.generic], codec: str) -> bytes:
@@ -59,13 +59,13 @@ def encode_depth(metres: NDArray[np.generic], codec: str) -> bytes:
     depth = np.ascontiguousarray(metres, np.float32)
     if codec == "float":
         # RTAB-Map keeps a float's four bytes as the B, G, R, A of a pixel.
-        return _encode(".png", depth.view(np.uint8).reshape(*depth.shape, 4), _FAST_PNG)
+        return encoded_file(".png", depth.view(np.uint8).reshape(*depth.shape, 4), *_FAST_PNG)
     millimetres = np.rint(depth * np.float32(1000.0))
     # What 16 bits cannot hold is no depth at all, and neither is what is no number.
     millimetres[~((millimetres >= 0) & (millimetres <= _MAX_MILLIMETRES))] = 0
     pixels = millimetres.astype(np.uint16)
     if codec == "png":
-        return _encode(".png", pixels, _FAST_PNG)
+        return encoded_file(".png", pixels, *_FAST_PNG)
     from formats.rvl import rvl_encode
 
     height, width = pixels.shape
@@ -89,13 +89,6 @@ def decode_depth(data: bytes, what: str) -> NDArray[np.float32]:
         metres = np.ascontiguousarray(pixels).view("<f4")[..., 0]
         return np.where(np.isfinite(metres), metres, 0.0).astype(np.float32)
     raise MapError(f"{what}: {pixels.dtype} pixels of shape {pixels.shape} are no depth image")
-
-
-def _encode(suffix: str, pixels: NDArray[np.generic], options: tuple[int, int]) -> bytes:
-    done, data = cv2.imencode(suffix, pixels, list(options))
-    if not done:
-        raise MapError(f"an image of shape {pixels.shape} cannot be written as {suffix}")
-    return bytes(data)
 
 
 def _decode(data: bytes, what: str) -> NDArray[np.generic]:

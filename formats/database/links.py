@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
-import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, fields
 from typing import Any, get_args
 
@@ -118,7 +117,7 @@ def _verdict(
     constraint_id: int, judge: Any, accepted: Any, why: Any, numbers: Any, note: Any
 ) -> Verdict:
     try:
-        figures = json_from_text(numbers, object_pairs_hook=_figures)
+        figures = json_from_text(numbers)
         if not (isinstance(note, str) and isinstance(figures, dict)):
             raise TypeError("a note or figures of another type")
         if not all(isinstance(figure, int | float) for figure in figures.values()):
@@ -158,7 +157,3 @@ def _source(name: str, figures: str) -> Source:
         if not isinstance(getattr(found, item.name), _TYPES[str(item.type)]):
             raise TypeError(f"{item.name} is of another type")
     return found
-
-
-def _figures(pairs: Sequence[tuple[str, float]]) -> dict[str, float]:
-    return {sys.intern(name): value for name, value in pairs}

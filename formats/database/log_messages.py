@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.database.sweep_messages import message_from_scan
-from mapmyworld.geometry.planar import planar_to_matrix
+from mapmyworld.geometry.planar import invert_planar, planar_to_matrix, transform_points_planar
 from mapmyworld.types import (
-    CameraInfoMessage,
-    CameraModel,
     ImageMessage,
+    LaserScanMessage,
     Message,
     MessageKind,
     Node,
@@ -23,6 +22,7 @@ from mapmyworld.types import (
     PoseMessage,
     RawMessage,
     RgbdImage,
+    Scan,
     TransformsMessage,
     TransformStamped,
 )
@@ -38,6 +38,11 @@ TYPES = {
     MessageKind.LASER_SCAN: "sensor_msgs/msg/LaserScan",
     MessageKind.POINT_CLOUD: "sensor_msgs/msg/PointCloud2",
 }
+# Bearings that stray further from the lattice of beams than this share of a step were moved by
+# motion correction: they get a lattice as many times finer, so as not to be moved back.
+_ON_LATTICE = 1e-3
+_FINER = 16
+_MAX_BEAMS = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +142,7 @@ def _camera_messages(moment: Moment, number: int, image: RgbdImage) -> Iterator[
         f"{space}/rgb/camera_info",
         MessageKind.CAMERA_INFO,
         moment,
-        lambda: camera_info(model, at, frame),
+        lambda: model.info(at, frame),
     )
     for kind, picture in (("rgb", image.colour), ("depth", image.depth)):
         if picture is not None:
@@ -150,17 +155,42 @@ def _picture(topic: str, moment: Moment, picture: ImageMessage, frame: str) -> R
     return RawMessage(topic, kind, moment.stamp_ns, picture.stamp_ns, lambda: message)
 
 
-def camera_info(model: CameraModel, stamp_ns: int, frame: str) -> CameraInfoMessage:
-    """A camera's intrinsics and distortion; its images are as the lens made them."""
-    projection = np.column_stack([model.intrinsics, np.zeros(3)])
-    return CameraInfoMessage(
-        stamp_ns,
-        frame,
-        model.width,
-        model.height,
-        model.distortion_model,
-        model.distortion,
-        model.intrinsics,
-        np.eye(3),
-        projection,
+def message_from_scan(scan: Scan, stamp_ns: int, frame_id: str) -> LaserScanMessage:
+    """A sweep about `scan.origin`, taken at once: returns as ranges, missing beams as inf."""
+    points = transform_points_planar(invert_planar(scan.origin), scan.points)
+    points = points[np.isfinite(points).all(axis=1)]  # a damaged map may hold anything
+    bearings = np.arctan2(points[:, 1], points[:, 0])
+    missing = np.asarray(scan.missing, np.float64) - scan.origin[2]
+    missing = missing[np.isfinite(missing)]
+    missing = np.mod(missing + math.pi, 2 * math.pi) - math.pi
+    both = np.concatenate([bearings, missing])
+    first, step = _lattice(both, scan.angle_increment)
+    slots = np.rint((both - first) / step).astype(np.int64)
+    limit = scan.range_max if math.isfinite(scan.range_max) else 0.0
+    lengths = np.hypot(points[:, 0], points[:, 1]).astype(np.float32)
+    if limit > 0:  # a return at the limit itself would read as none
+        lengths = np.minimum(lengths, np.nextafter(np.float32(limit), np.float32(0)))
+    ranges = np.full(int(slots.max(initial=-1)) + 1, np.nan, np.float32)
+    ranges[slots[len(points) :]] = np.inf
+    # Of two returns in one beam the nearer hides the farther.
+    order = np.argsort(-lengths, kind="stable")
+    ranges[slots[: len(points)][order]] = lengths[order]
+    return LaserScanMessage(
+        stamp_ns, frame_id, first, step, 0.0, 0.0, 0.0, limit, ranges, np.empty(0, np.float32)
     )
+
+
+def _lattice(bearings: NDArray[np.float64], increment: float) -> tuple[float, float]:
+    """First bearing and step on which all bearings lie, or nearly."""
+    if len(bearings) == 0:
+        return 0.0, increment or 0.01
+    first = float(bearings.min())
+    span = float(bearings.max()) - first
+    if increment <= 0:
+        gaps = np.diff(np.sort(bearings))
+        gaps = gaps[gaps > 1e-6]
+        increment = float(np.median(gaps)) if len(gaps) else 0.01
+    increment = max(increment, span / _MAX_BEAMS, 1e-6)
+    places = (bearings - first) / increment
+    off = float(np.abs(places - np.rint(places)).max())
+    return first, increment if off < _ON_LATTICE else increment / _FINER

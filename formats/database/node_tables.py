@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.database import feature_rows, frame_rows
+from formats.database import feature_rows
 from formats.database import node_rows as rows
 from formats.database.connection import Connection
 from formats.database.node_rows import StorageOptions
-from formats.database.scan_blobs import scan_to_blob
+from formats.database.scan_blobs import blob_to_scan, scan_to_blob
 from formats.database.transactions import Transactions
 from mapmyworld.errors import MapError
 from mapmyworld.types import Features, Node, NodeData, Scan, TrackedFrames
@@ -64,14 +65,8 @@ class NodeTables(Transactions):
             raise MapError(f"{self.path}: there is no node {node_id}")
         from formats.database import data_rows
 
-        row = self._db.row(data_rows.SELECT_DATA, (node_id,)) or (None,) * 5
-        what = f"{self.path}: node {node_id}"
-        data = data_rows.node_data(row, own[1:], own[0], what)
-        if not features:
-            return data
-        found = self._db.rows(feature_rows.SELECT_FEATURES, (node_id,))
-        seen = feature_rows.features_from_rows(found, what)
-        return NodeData(data.scan, data.images, data.cloud, seen)
+        row = self._db.row(data_rows.SELECT_DATA, (node_id,))
+        return data_rows.node_data(self._db, node_id, row, own[1:], own[0], features)
 
     def set_features(self, node_id: int, features: Features) -> None:
         self._begin()
@@ -89,19 +84,38 @@ class NodeTables(Transactions):
     def add_scan(self, frame: int, scan: Scan) -> None:
         """The scan of the tracked frame with this index."""
         self._begin()
-        self._db.run(frame_rows.INSERT_SCAN, (frame, scan_to_blob(scan)))
+        insert = "INSERT OR REPLACE INTO mapmyworld_scans VALUES (?,?)"
+        self._db.run(insert, (frame, scan_to_blob(scan)))
         self._commit("scans")
 
     def scans(self, frames: Sequence[int] | NDArray[np.int64]) -> Iterator[tuple[int, Scan]]:
-        yield from frame_rows.read_scans(self._db, frames)
+        wanted = json.dumps(np.unique(np.asarray(frames, np.int64)).tolist())
+        query = (
+            "SELECT frame, scan FROM mapmyworld_scans"
+            " WHERE frame IN (SELECT value FROM json_each(?)) ORDER BY frame"
+        )
+        for frame, blob in self._db.iterate(query, (wanted,)):
+            yield frame, blob_to_scan(blob, f"{self.path}: scan {frame}")
 
     def set_tracked_frames(self, frames: TrackedFrames) -> None:
         self._begin()
-        frame_rows.write_frames(self._db, self._current_rank(), frames)
+        self._write("tracked stamps_ns", frames.stamps_ns)
+        self._write("tracked node_ids", frames.node_ids)
+        self._write("tracked node_from_frame", frames.node_from_frame)
+        self._write("tracked is_node", np.asarray(frames.is_node, np.uint8))
+        self._write("tracked odom_from_base", frames.odom_from_base)
         self._commit()
 
     def tracked_frames(self) -> TrackedFrames:
-        return frame_rows.read_frames(self._db) or nodes_as_frames(self.nodes())
+        stamps = self._read("tracked stamps_ns", "i", (-1,))
+        node_ids = self._read("tracked node_ids", "i", (-1,))
+        motions = self._read("tracked node_from_frame", "f", (-1, 4, 4))
+        is_node = self._read("tracked is_node", "u", (-1,))
+        if stamps is None or node_ids is None or motions is None or is_node is None:
+            return nodes_as_frames(self.nodes())
+        odometry = self._read("tracked odom_from_base", "f", (-1, 4, 4))
+        self._check_lengths("tracked frames", stamps, node_ids, motions, is_node, odometry)
+        return TrackedFrames(stamps, node_ids, motions, is_node.astype(np.bool_), odometry)
 
     def _restore_session(self) -> None:
         """Takes up where the file stands: the last node of each session, the log's clock."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -53,20 +54,19 @@ def open_store(
     if path.is_file() and says_ours(path):
         _recover(path)  # before anything is read: a killed build leaves torn pages and a journal
     exists = path.exists() and path.stat().st_size > 0 and not _is_blank(path)
-    if not exists:
-        if not create:
-            raise MapError(f"{path}: no such map (make one with `mapmyworld build LOG -o {path}`)")
-        return DatabaseStore(_created(path, parameters or {}), settings)
-    if not is_sqlite(path):
+    if not exists and not create:
+        raise MapError(f"{path}: no such map (make one with `mapmyworld build LOG -o {path}`)")
+    if exists and not is_sqlite(path):
         raise MapError(f"{path}: is not a map (no SQLite database): give another file")
-    if not _is_ours(path, replaced=create and overwrite):
+    if exists and not _is_ours(path, replaced=create and overwrite):
         return _foreign(path, create=create)
-    if create and overwrite:
+    if exists and create and overwrite:
         path.unlink()
         _beside(path, "journal").unlink(missing_ok=True)
-        return DatabaseStore(_created(path, parameters or {}), settings)
-    store = DatabaseStore(Connection(path, writable=not read_only), settings)
-    if parameters and not read_only:
+        exists = False
+    connection = Connection(path, writable=not read_only) if exists else _created(path)
+    store = DatabaseStore(connection, settings)
+    if parameters and connection.writable:
         store.set_parameters(parameters)
     return store
 
@@ -75,7 +75,7 @@ class MemoryMap(DatabaseStore):
     """A map in memory: everything that `map.db` keeps, until nobody holds it any more."""
 
     def __init__(self) -> None:
-        super().__init__(_created(IN_MEMORY, {}), StorageOptions())
+        super().__init__(_created(IN_MEMORY), StorageOptions())
 
     def close(self) -> None:
         pass
@@ -89,22 +89,16 @@ def _is_blank(path: Path) -> bool:
     """Whether it is a database without a table: a build was stopped before it had begun."""
     if not is_sqlite(path):
         return False
-    connection = Connection(path, writable=False, frozen=True)
-    try:
+    with closing(Connection(path, writable=False, frozen=True)) as connection:
         return not connection.row("SELECT EXISTS (SELECT 1 FROM sqlite_master)")[0]
-    finally:
-        connection.close()
 
 
 def _is_ours(path: Path, *, replaced: bool) -> bool:
     """Whether it is a map of ours; of a format that is read here, unless it will be `replaced`."""
-    connection = Connection(path, writable=False, frozen=True)
-    try:
+    with closing(Connection(path, writable=False, frozen=True)) as connection:
         if not connection.columns("mapmyworld_format"):
             return False
         found = connection.row("SELECT MAX(version) FROM mapmyworld_format")[0]
-    finally:
-        connection.close()
     if not isinstance(found, int):
         raise MapError(f"{path}: the number of its format is damaged: build it anew")
     if found > schema.FORMAT:
@@ -122,12 +116,9 @@ def _is_ours(path: Path, *, replaced: bool) -> bool:
 def _recover(path: Path) -> None:
     """Takes back what a killed build had half written, as SQLite does on opening for writing."""
     if _beside(path, "journal").exists():
-        connection = Connection(path, writable=True)
-        try:
+        with closing(Connection(path, writable=True)) as connection:
             connection.begin()
             connection.commit()
-        finally:
-            connection.close()
 
 
 def _foreign(path: Path, *, create: bool) -> RtabmapStore:
@@ -145,7 +136,7 @@ def _foreign(path: Path, *, create: bool) -> RtabmapStore:
     return store
 
 
-def _created(path: Path, parameters: Mapping[str, str]) -> Connection:
+def _created(path: Path) -> Connection:
     """A map without nodes. Admin and Info have their one row each before any node comes."""
     if not path.absolute().parent.is_dir():
         raise MapError(f"{path}: its folder does not exist")
@@ -156,11 +147,10 @@ def _created(path: Path, parameters: Mapping[str, str]) -> Connection:
         connection.run(statement)
     connection.run("INSERT INTO mapmyworld_format VALUES (?)", (schema.FORMAT,))
     connection.run("INSERT INTO Admin (version) VALUES (?)", (schema.RTABMAP_VERSION,))
-    reported = _PARAMETERS | dict(parameters)
     connection.run(
         "INSERT INTO Info (STM_size, last_sign_added, process_mem_used, database_mem_used,"
         " dictionary_size, parameters) VALUES (0, 0, 0, 0, 0, ?)",
-        (parameters_to_text(reported),),
+        (parameters_to_text(_PARAMETERS),),
     )
     connection.commit()
     return connection

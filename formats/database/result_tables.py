@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from formats.bounds import FARTHEST
 from formats.database import results
-from formats.database.arrays import check_lengths
+from formats.database.blobs import matrix_to_blob, pose_to_blob
 from formats.database.transactions import Transactions
 from mapmyworld.errors import MapError
 from mapmyworld.types import OccupancyGrid, Poses
@@ -23,7 +23,20 @@ class ResultTables(Transactions):
         self._write("poses ids", poses.ids)
         self._write("poses map_from_node", poses.map_from_node)
         self._write("poses covariances", poses.covariances)
-        results.write_poses(self._db, poses)
+        order = np.argsort(poses.ids, kind="stable")  # as RTAB-Map has nodes and landmarks
+        ids, sorted_poses = poses.ids[order].astype(np.int32), poses.map_from_node[order]
+        floats = sorted_poses[:, :3].astype(np.float32)
+        last = pose_to_blob(sorted_poses[-1]) if (ids > 0).any() else None
+        self._db.run(
+            "UPDATE Admin SET opt_ids = ?, opt_poses = ?, opt_last_localization = ?,"
+            " time_enter = ?",
+            (
+                matrix_to_blob(ids[None]),
+                matrix_to_blob(floats.reshape(1, -1)),
+                last,
+                self._db.entered,
+            ),
+        )
         self._commit()
 
     def poses(self) -> Poses | None:
@@ -32,7 +45,7 @@ class ResultTables(Transactions):
         if ids is None or solved is None:
             return None
         covariances = self._read("poses covariances", "f", (-1, 6, 6))
-        check_lengths(self._db, "poses", ids, solved, covariances)
+        self._check_lengths("poses", ids, solved, covariances)
         return Poses(ids, solved, covariances)
 
     def set_frame_poses(self, map_from_frame: NDArray[np.float64]) -> None:
@@ -46,9 +59,7 @@ class ResultTables(Transactions):
     def _motions(self, name: str) -> NDArray[np.float64] | None:
         found = self._read(name, "f", (-1, 4, 4))
         if found is not None and not (np.abs(found) <= FARTHEST).all():
-            raise MapError(
-                f"{self._db.path}: {name}: a damaged array (not finite, or out of range)"
-            )
+            raise MapError(f"{self.path}: {name}: a damaged array (not finite, or out of range)")
         return found
 
     def set_grid(self, grid: OccupancyGrid) -> None:
@@ -56,7 +67,16 @@ class ResultTables(Transactions):
         self._write("grid log_odds", grid.log_odds)
         figures = [grid.resolution, *grid.origin, grid.occupied_threshold, grid.free_threshold]
         self._write("grid figures", np.array(figures, np.float64))
-        results.write_grid(self._db, grid)
+        self._db.run(
+            "UPDATE Admin SET opt_map = ?, opt_map_x_min = ?, opt_map_y_min = ?,"
+            " opt_map_resolution = ?, time_enter = ?",
+            (
+                matrix_to_blob(grid.trinary()),
+                *grid.origin.tolist(),
+                grid.resolution,
+                self._db.entered,
+            ),
+        )
         self._commit()
 
     def grid(self) -> OccupancyGrid | None:
@@ -65,7 +85,7 @@ class ResultTables(Transactions):
         if log_odds is None or figures is None:
             return None
         if not (np.abs(figures) <= FARTHEST).all() or figures[0] <= 0.0:
-            raise MapError(f"{self._db.path}: grid figures: a damaged array (of no grid)")
+            raise MapError(f"{self.path}: grid figures: a damaged array (of no grid)")
         resolution, x, y, occupied, free = (float(value) for value in figures)
         return OccupancyGrid(log_odds, resolution, np.array([x, y]), occupied, free)
 

@@ -1,8 +1,7 @@
-"""A map's results as RTAB-Map's tools read them, and the last touch to the file."""
+"""How a map was made, in RTAB-Map's parameters, and the last touch to the file."""
 
 from __future__ import annotations
 
-import os
 import sqlite3
 from collections.abc import Mapping
 from contextlib import closing
@@ -10,42 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from formats.database.blobs import matrix_to_blob, pose_to_blob
 from formats.database.calibration import blob_to_cameras
 from formats.database.connection import Connection, uri_of
+from formats.whole_files import whole_path
 from mapmyworld.errors import MapError
-from mapmyworld.types import OccupancyGrid, Poses
 
 _FLAT = 1e-6  # m, and sine of tilt, up to which motion is planar
-
-
-def write_poses(db: Connection, poses: Poses) -> None:
-    """`opt_ids` and `opt_poses`, nodes and landmarks ascending by id as RTAB-Map writes them."""
-    order = np.argsort(poses.ids, kind="stable")
-    ids = poses.ids[order].astype(np.int32)
-    floats = poses.map_from_node[order, :3].astype(np.float32)
-    nodes = np.flatnonzero(poses.ids > 0)
-    last = None
-    if len(nodes):
-        last = pose_to_blob(poses.map_from_node[nodes[np.argmax(poses.ids[nodes])]])
-    blobs = (matrix_to_blob(ids[None]), matrix_to_blob(floats.reshape(1, -1)), last)
-    db.run("UPDATE Admin SET opt_ids = ?, opt_poses = ?, opt_last_localization = ?", blobs)
-    db.run("UPDATE Admin SET time_enter = ?", (db.entered,))
-
-
-def write_grid(db: Connection, grid: OccupancyGrid) -> None:
-    """`opt_map` and where it lies."""
-    corner = [float(value) for value in grid.origin]
-    db.run(
-        "UPDATE Admin SET opt_map = ?, opt_map_x_min = ?, opt_map_y_min = ?,"
-        " opt_map_resolution = ?, time_enter = ?",
-        (
-            matrix_to_blob(grid.trinary()),
-            *corner,
-            grid.resolution,
-            db.entered,
-        ),
-    )
 
 
 def parameters_to_text(parameters: Mapping[str, str]) -> str:
@@ -113,15 +82,13 @@ def compact(path: Path) -> None:
     The same rows then give the same bytes, however often the build was interrupted. Raises
     `MapError` where it cannot be written.
     """
-    fresh = path.with_name(path.name + ".compact")
-    fresh.unlink(missing_ok=True)
     try:
-        with closing(sqlite3.connect(uri_of(path), uri=True)) as source:
-            source.execute("VACUUM INTO ?", (uri_of(fresh),))
-        with closing(sqlite3.connect(fresh)) as packed:
-            packed.execute("PRAGMA schema_version = 1")  # SQLite's count of earlier packings
-            packed.execute("PRAGMA user_version = 0")
-        os.replace(fresh, path)
+        with whole_path(path) as fresh:
+            fresh.unlink(missing_ok=True)
+            with closing(sqlite3.connect(uri_of(path), uri=True)) as source:
+                source.execute("VACUUM INTO ?", (uri_of(fresh),))
+            with closing(sqlite3.connect(fresh)) as packed:
+                packed.execute("PRAGMA schema_version = 1")  # SQLite's count of earlier packings
+                packed.execute("PRAGMA user_version = 0")
     except (sqlite3.Error, OSError) as error:
-        fresh.unlink(missing_ok=True)
         raise MapError(f"{path}: complete, but could not be packed ({error})") from error

@@ -9,14 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.database import results
-from formats.database.arrays import check_lengths
 from formats.database.connection import Connection
 from formats.database.graph_tables import GraphTables
 from formats.database.node_rows import StorageOptions
 from formats.database.node_tables import NodeTables
 from formats.database.result_tables import ResultTables
-from formats.database.stage_tables import clear_from, rank_of
+from mapmyworld.errors import MapError
 from mapmyworld.types.seams import STAGE_RANKS
+
+_TRACK, _RECOGNISE, _OPTIMISE = (STAGE_RANKS[name] for name in ("track", "recognise", "optimise"))
+_NODE_TABLES = (
+    "GlobalDescriptor",
+    "Feature",
+    "Data",
+    "Node",
+    "mapmyworld_nodes",
+    "mapmyworld_scans",
+)
 
 
 class DatabaseStore(NodeTables, GraphTables, ResultTables):
@@ -45,18 +54,14 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
 
     @contextmanager
     def write_stage(self, stage: str, inputs: str) -> Iterator[None]:
-        rank = rank_of(stage)
         self._begin()
-        if rank <= STAGE_RANKS["track"]:
-            self._nodes = None
-        if clear_from(self._db, rank):
-            self._forget_constraints()
+        self._clear_from(_rank_of(stage))
         with self.extend_stage(stage, inputs):
             yield
 
     @contextmanager
     def extend_stage(self, stage: str, inputs: str) -> Iterator[None]:
-        rank = rank_of(stage)
+        rank = _rank_of(stage)
         self._begin()
         self._restore_session()
         results.mark_unpacked(self._db)
@@ -64,7 +69,7 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
         try:
             yield
             self._begin()
-            if rank == STAGE_RANKS["track"]:
+            if rank == _TRACK:
                 results.write_parameters(self._db, results.sensor_parameters(self._db))
             self._compact = True
             record = "INSERT OR REPLACE INTO mapmyworld_stages VALUES (?,?,?)"
@@ -73,9 +78,52 @@ class DatabaseStore(NodeTables, GraphTables, ResultTables):
             self._rank = None
             self._db.commit()
 
+    def _clear_from(self, rank: int) -> None:
+        """Deletes what stages of this rank and later wrote."""
+        db = self._db
+        judged = db.row(
+            "SELECT EXISTS (SELECT 1 FROM mapmyworld_constraints WHERE rank >= ?)"
+            " OR EXISTS (SELECT 1 FROM mapmyworld_verdicts WHERE rank >= ?)",
+            (rank, rank),
+        )
+        for table in ("stages", "keys", "arrays", "constraints", "verdicts"):
+            db.run(f"DELETE FROM mapmyworld_{table} WHERE rank >= ?", (rank,))
+        if rank <= _TRACK:
+            self._nodes = None
+            for table in _NODE_TABLES:
+                db.run(f"DELETE FROM {table}")
+        if rank <= _RECOGNISE:
+            self._clear_words(rank)
+        if rank <= _OPTIMISE:
+            db.run(
+                "UPDATE Admin SET opt_ids = NULL, opt_poses = NULL, opt_last_localization = NULL"
+            )
+        db.run(
+            "UPDATE Admin SET opt_map = NULL, opt_map_x_min = NULL, opt_map_y_min = NULL,"
+            " opt_map_resolution = NULL"
+        )
+        if judged[0]:
+            self._forget_constraints()
+
+    def _clear_words(self, rank: int) -> None:
+        """Features that were there before lose their words, the rest go."""
+        self._db.run("DELETE FROM Word")
+        later = "(SELECT node_id FROM mapmyworld_features WHERE rank >= ?)"
+        self._db.run(f"DELETE FROM Feature WHERE node_id IN {later}", (rank,))
+        self._db.run("UPDATE Feature SET word_id = -rowid WHERE word_id > 0")
+        self._db.run("DELETE FROM mapmyworld_features WHERE rank >= ?", (rank,))
+        self._db.run("UPDATE Info SET dictionary_size = 0")
+
     def frame_poses(self) -> NDArray[np.float64] | None:
         """(N, 4, 4) map_from_frame of all tracked frames; None before they are known."""
         poses = super().frame_poses()
         if poses is not None:
-            check_lengths(self._db, "frame poses", poses, self.tracked_frames().stamps_ns)
+            self._check_lengths("frame poses", poses, self.tracked_frames().stamps_ns)
         return poses
+
+
+def _rank_of(stage: str) -> int:
+    """The stage's place in the order of the build; raises `MapError` for an unknown one."""
+    if stage not in STAGE_RANKS:
+        raise MapError(f"no stage is called {stage!r}: there are {', '.join(STAGE_RANKS)}")
+    return STAGE_RANKS[stage]

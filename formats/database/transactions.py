@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
+import zlib
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.database.arrays import read_array, write_array
+from formats.database.blobs import FAST, inflate
 from formats.database.connection import Connection, Opened
 from formats.nested_text import json_from_text
 from mapmyworld.errors import MapError
@@ -16,6 +18,8 @@ from mapmyworld.errors import MapError
 # Nodes and scans written between two commits: what a killed build loses at most.
 _BATCH = {"nodes": 200, "scans": 2000}
 _OUTSIDE = -1  # rank of keys put outside any stage; no stage clears them
+_NONE = "none"  # type and shape of an array that is none
+_TYPES = {"|i1", "|u1", *(f"<{kind}{size}" for kind in "iuf" for size in (2, 4, 8))}
 
 
 class Transactions(Opened):
@@ -52,10 +56,49 @@ class Transactions(Opened):
         self._commit()
 
     def _write(self, name: str, array: NDArray[Any] | None) -> None:
-        write_array(self._db, name, self._current_rank(), array)
+        """Keeps `array` (...), in double precision, as what the stage in hand wrote under `name`.
+
+        What later stages wrote is dropped. None is kept as well: it hides what earlier ones wrote.
+        """
+        rank = self._current_rank()
+        self._db.run("DELETE FROM mapmyworld_arrays WHERE name = ? AND rank >= ?", (name, rank))
+        row: tuple[Any, ...] = (_NONE, _NONE, b"")
+        if array is not None:
+            little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
+            data = zlib.compress(little.tobytes(), FAST)
+            row = (little.dtype.str, json.dumps(list(array.shape)), data)
+        self._db.run("INSERT INTO mapmyworld_arrays VALUES (?,?,?,?,?)", (name, rank, *row))
 
     def _read(self, name: str, kind: str, shape: tuple[int, ...]) -> NDArray[Any] | None:
-        return read_array(self._db, name, kind, shape)
+        """What the latest stage wrote under `name` (...); None where none did.
+
+        Raises `MapError` unless it is of that kind ("i", "u" or "f") and shape; -1 is any length.
+        """
+        query = "SELECT dtype, shape, data FROM mapmyworld_arrays WHERE name = ? ORDER BY rank DESC"
+        row = self._db.row(query, (name,))
+        if row is None or row[0] == _NONE:
+            return None
+        try:
+            if row[0] not in _TYPES:
+                raise ValueError(f"of type {row[0]!r}")
+            dtype, sides = np.dtype(row[0]), tuple(json_from_text(row[1]))
+            fits = len(sides) == len(shape) and all(
+                found == wanted or wanted < 0 <= found
+                for found, wanted in zip(sides, shape, strict=True)
+            )
+            if dtype.kind != kind or not fits:
+                raise ValueError(f"{dtype} of shape {row[1]}")
+            size = dtype.itemsize * math.prod(sides)
+            return np.frombuffer(inflate(row[2], size, name), dtype).reshape(sides)
+        except (ValueError, TypeError) as error:
+            raise MapError(f"{self.path}: {name}: a damaged array ({error})") from None
+
+    def _check_lengths(self, what: str, *arrays: NDArray[Any] | None) -> None:
+        """Raises `MapError` unless the arrays (N, ...) that are there have as many rows."""
+        lengths = {len(array) for array in arrays if array is not None}
+        if len(lengths) > 1:
+            reported = ", ".join(map(str, sorted(lengths)))
+            raise MapError(f"{self.path}: {what}: damaged arrays (of {reported} rows)")
 
     def _current_rank(self) -> int:
         """Of the stage being written, else of the last one done."""

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.constraint_kinds import COLOURS, REJECTED, rgb
-from formats.database.log_messages import camera_info
 from formats.recording_files import LogWriter
-from formats.ros_messages import Fields, header, pose_of, vector
+from formats.ros_messages import Fields, header, pose_in_map, pose_of, vector
 from formats.whole_files import write_whole
 from mapmyworld.types import (
     ConstraintKind,
@@ -27,7 +26,6 @@ from mapmyworld.types import (
     OccupancyGrid,
     PointCloud,
     PointCloudMessage,
-    PoseMessage,
     TransformsMessage,
     TransformStamped,
 )
@@ -159,20 +157,11 @@ def _markers(start: int, shown: FoxgloveMap) -> Iterator[Fields]:
             }
 
 
-def _pose(stamp_ns: int, pose: Floats, covariance: Floats | None) -> PoseMessage:
-    """In ROS's order and in the map's axes, as geometry_msgs/PoseWithCovariance wants it."""
-    ros = np.zeros((6, 6))
-    if covariance is not None:
-        turn = np.zeros((6, 6))
-        turn[:3, 3:] = turn[3:, :3] = pose[:3, :3]
-        ros = turn @ covariance @ turn.T
-    return PoseMessage(stamp_ns, MAP, pose, ros)
-
-
 def node_events(shown: FoxgloveMap, data: Iterable[NodeData]) -> Iterator[Event]:
     """Each node's pose and images, as `data` comes."""
     for (node, pose, covariance), item in zip(shown.nodes, data, strict=True):
-        yield node.stamp_ns, "/map/pose", _pose(node.stamp_ns, pose, covariance)
+        known = np.zeros((6, 6)) if covariance is None else covariance
+        yield node.stamp_ns, "/map/pose", pose_in_map(node.stamp_ns, pose, known)
         yield from image_events(node.stamp_ns, item, shown.base_frame)
 
 
@@ -186,7 +175,7 @@ def image_events(stamp_ns: int, data: NodeData, base_frame: str) -> Iterator[Eve
         picture = replace(image.colour, stamp_ns=stamp_ns, frame_id=frame, encoded=encoded)
         topic, mount = f"/map/camera{index}", image.camera.base_from_camera
         yield stamp_ns, "/tf", transform(stamp_ns, base_frame, frame, mount)
-        yield stamp_ns, f"{topic}/info", camera_info(image.camera, stamp_ns, frame)
+        yield stamp_ns, f"{topic}/info", image.camera.info(stamp_ns, frame)
         yield stamp_ns, f"{topic}/image", picture
 
 

@@ -66,10 +66,6 @@ class BlockFile:
             self._index, self.clock_step = index, step
         return self._index
 
-    def losses(self) -> tuple[str, ...]:
-        """What could not be read."""
-        return tuple(self.index().problems)
-
     def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
         """Records in log-time order, block by block."""
         index = self.index()

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.logs.message_fields import single, singles
 from formats.logs.poses import planar_pose
-from formats.logs.singles import single, singles
 from mapmyworld.types import LaserScanMessage, OdometryMessage, PoseMessage
 
 _MAX_BEAMS = 100_000  # more in one line is damage, not a lidar

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
-from formats.bounds import LATEST_NS
 from formats.logs import foxglove_decoders, ros_decoders
 from formats.logs.channels import Channel
 from formats.logs.message_fields import field, stamp_of
@@ -30,13 +29,12 @@ class ChannelDecoder:
 
         A damaged one has no stamp, and raises `LogError` when it is decoded.
         """
-        time_ns = min(max(log_time_ns, 0), LATEST_NS)
         try:
             value = self.parse(data)
-            stamp_ns, decode = _stamp(value), partial(self._decoded, value, time_ns)
+            stamp_ns, decode = _stamp(value), partial(self._decoded, value, log_time_ns)
         except Exception as error:  # three foreign parsers, each with errors of its own
-            stamp_ns, decode = None, partial(self._refuse, str(error), time_ns)
-        return RawMessage(self.channel.topic, self.kind, time_ns, stamp_ns, decode)
+            stamp_ns, decode = None, partial(self._refuse, str(error), log_time_ns)
+        return RawMessage(self.channel.topic, self.kind, log_time_ns, stamp_ns, decode)
 
     def _decoded(self, value: Any, log_time_ns: int) -> Message:
         try:
@@ -63,6 +61,7 @@ class ChannelDecoder:
         )
 
 
+@lru_cache(maxsize=1024)
 def decoder_for(channel: Channel) -> ChannelDecoder:
     """The decoder of a channel; of kind OTHER where we do not know the type or the encoding."""
     found = _converter(channel)

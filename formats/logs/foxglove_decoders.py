@@ -19,13 +19,13 @@ from formats.logs.message_fields import (
     motion_of,
     octets_of,
     pose_of,
+    singles,
     singles_of,
     stamp_of,
     xyz,
 )
 from formats.logs.point_clouds import PointField, cloud_points
 from formats.logs.ros_decoders import camera_info, image, image_compressed, pose
-from formats.logs.singles import singles
 from mapmyworld.types import (
     LaserScanMessage,
     Message,

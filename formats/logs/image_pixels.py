@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from functools import partial
+from struct import Struct
 
 import numpy as np
 from numpy.typing import NDArray
 
 from formats.limits import limits
-from formats.logs.compressed_depth import decode_compressed_depth
 from formats.picture_files import decoded_file, is_16_bit_png, picture_size
 from mapmyworld.errors import LogError
 from mapmyworld.types import ImageMessage
 
 _FILES = (b"\xff\xd8", b"\x89PNG", b"RIFF")  # JPEG, PNG, WebP; other decoders are not let near
 _MILLIMETRES = 1000.0  # units of 16-bit depth in a metre (REP-118)
+_HEADER = Struct("<iff")  # of ROS's compressedDepth transport
+_RVL_SIZE = Struct("<II")
 # Encoding -> bytes a channel, channels.
 _LAYOUTS = {
     "rgb8": (1, 3), "bgr8": (1, 3), "rgba8": (1, 4), "bgra8": (1, 4),
@@ -119,7 +121,7 @@ def compressed_image(stamp_ns: int, frame_id: str, described: str, data: bytes) 
     encoding = described.split(";")[0].strip()
     if "compresseddepth" in described.lower():
         encoding = encoding if encoding.upper() in {"16UC1", "32FC1"} else "16UC1"
-        decode = partial(_compressed_depth_pixels, encoding, described, data)
+        decode = partial(decode_compressed_depth, data, encoding, described)
         file = data[12:] if encoding == "16UC1" and data[12:16] == b"\x89PNG" else None
         return ImageMessage(stamp_ns, frame_id, encoding, *picture_size(data[12:]), decode, file)
     if encoding.lower() in {"jpeg", "jpg", "png", "webp", "avif", ""} or encoding not in _LAYOUTS:
@@ -130,8 +132,48 @@ def compressed_image(stamp_ns: int, frame_id: str, described: str, data: bytes) 
     )
 
 
-def _compressed_depth_pixels(encoding: str, described: str, data: bytes) -> NDArray[np.generic]:
-    return metres_from_depth(decode_compressed_depth(data, encoding, described))
+def decode_compressed_depth(data: bytes, encoding: str, described: str) -> NDArray[np.float32]:
+    """Depth (H, W) in metres, 0 where there is none; raises `LogError` where there is no image.
+
+    Twelve bytes of header (format, two quantisation parameters), then PNG or RVL. 16UC1 is
+    millimetres; 32FC1 is inverse depth, quantised: depth = A / (value - B).
+    """
+    if len(data) <= _HEADER.size:
+        raise LogError("a compressedDepth image without content")
+    _, a, b = _HEADER.unpack_from(data)
+    payload = data[_HEADER.size :]
+    values = decode_rvl(payload) if "rvl" in described.lower() else _decode_png(payload)
+    if encoding.upper() == "16UC1":
+        return metres_from_depth(values)
+    inverse = values.astype(np.float32) - np.float32(b)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return metres_from_depth(np.where(values == 0, 0, np.float32(a) / inverse))
+
+
+def _decode_png(data: bytes) -> NDArray[np.uint16]:
+    import cv2
+
+    cells = decoded_file(data, cv2.IMREAD_UNCHANGED)
+    if cells is None or cells.ndim != 2:
+        raise LogError(f"a compressedDepth image of {len(data)} bytes cannot be decoded")
+    return np.asarray(cells, np.uint16)
+
+
+def decode_rvl(data: bytes) -> NDArray[np.uint16]:
+    """Depth (H, W) of a size and the RVL words behind it; LogError where these are damaged."""
+    from formats.rvl import rvl_decode
+
+    if len(data) < _RVL_SIZE.size:
+        raise LogError("an RVL depth image is cut")
+    width, height = _RVL_SIZE.unpack_from(data)
+    pixels = width * height
+    # Four bits a run at the very least, and a run is at most as long as the image.
+    if not 0 < pixels <= limits().image_pixels:
+        raise LogError(f"an RVL depth image claims {width} x {height} pixels")
+    try:
+        return rvl_decode(data[_RVL_SIZE.size :], height, width)
+    except ValueError:
+        raise LogError("an RVL depth image is damaged or cut") from None
 
 
 def encoded_pixels(data: bytes, encoding: str, units: float = _MILLIMETRES) -> NDArray[np.generic]:

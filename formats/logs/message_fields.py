@@ -6,11 +6,10 @@ import base64
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from formats.bounds import LATEST_NS
 from formats.logs.poses import pose_matrix
-from formats.logs.singles import singles
 
 # What holds a time, and the names of its seconds and of their fractions.
 _STAMPS = (
@@ -30,6 +29,17 @@ def field(value: Any, name: str, default: Any = None) -> Any:
 def doubles_of(value: Any, name: str) -> NDArray[np.float64]:
     """A sequence of N numbers (N,); none where it is absent."""
     return np.array(field(value, name, ()), np.float64).reshape(-1)
+
+
+def singles(values: ArrayLike) -> NDArray[np.float32]:
+    """Values as float32, (...) both; what is too large for one is infinite, like no return."""
+    with np.errstate(over="ignore", invalid="ignore"):  # signalling NaN is invalid
+        return np.asarray(values, np.float32)
+
+
+def single(value: Any) -> float:
+    """One value, rounded to single precision."""
+    return float(singles(value))
 
 
 def singles_of(value: Any, name: str) -> NDArray[np.float32]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import io
 import re
 from collections.abc import Callable, Sequence, Set
@@ -211,9 +210,9 @@ def _open_sqlite(path: Path) -> LogSource:
     if {"topics", "messages"} <= tables:
         return RecordedLog(SqliteBag(UnpackedFile(path), "rosbag2 (sqlite3)"))
     if "Node" in tables:
-        module = importlib.import_module("formats.database.log_source")
-        source: LogSource = module.open_database_log(path)
-        return source
+        from formats.database.log_source import open_database_log
+
+        return open_database_log(path)
     raise LogError(f"{path}: an SQLite file that is neither a rosbag2 nor an RTAB-Map database")
 
 

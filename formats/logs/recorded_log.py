@@ -6,9 +6,9 @@ from collections.abc import Collection, Iterable, Iterator
 
 from formats.bounds import LATEST_NS
 from formats.logs.block_files import BlockFile
-from formats.logs.channels import Channel, Record
+from formats.logs.channels import Record
 from formats.logs.clock_steps import moved_stamps
-from formats.logs.decoding import ChannelDecoder, decoder_for
+from formats.logs.decoding import decoder_for
 from formats.logs.files import hash_files
 from mapmyworld.types import LogInfo, RawMessage, TopicInfo
 
@@ -18,7 +18,6 @@ class RecordedLog:
 
     def __init__(self, container: BlockFile) -> None:
         self.container = container
-        self._decoders: dict[Channel, ChannelDecoder] = {}
 
     def info(self) -> LogInfo:
         index = self.container.index()
@@ -40,7 +39,7 @@ class RecordedLog:
         return hash_files([self.container.path])
 
     def losses(self) -> tuple[str, ...]:
-        return self.container.losses()
+        return tuple(self.container.index().problems)
 
     def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
         """Messages as recorded, undecoded."""
@@ -64,21 +63,16 @@ class RecordedLog:
 
     def _message(self, record: Record) -> RawMessage:
         time, channel, data = record
-        return self._decoder(channel).message(data, time)
+        return decoder_for(channel).message(data, time)
 
     def _topic(self, key: int) -> TopicInfo:
         index = self.container.index()
         channel, count = index.channels[key], index.counts.get(key, 0)
         first, last = index.span_ns(key) if count else (None, None)
-        kind = self._decoder(channel).kind
+        kind = decoder_for(channel).kind
         return TopicInfo(
             channel.topic, channel.type_name, kind, channel.encoding, count, first, last
         )
-
-    def _decoder(self, channel: Channel) -> ChannelDecoder:
-        if channel not in self._decoders:
-            self._decoders[channel] = decoder_for(channel)
-        return self._decoders[channel]
 
 
 def merged_topics(topics: Iterable[TopicInfo]) -> tuple[TopicInfo, ...]:

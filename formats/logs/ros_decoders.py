@@ -46,7 +46,7 @@ _NO_FIX = -1  # of a receiver of GPS
 _ERROR = 10.0  # m, where the receiver does not indicate it
 _MOST_FIELDS = 1000  # of a point; more is damage
 _RATES = ("angular_velocity", "linear_acceleration")
-_SCAN_NUMBERS = (
+SCAN_NUMBERS = (
     "angle_min",
     "angle_increment",
     "time_increment",
@@ -74,7 +74,7 @@ def _first_echoes(beams: Sequence[Any], missing: float) -> NDArray[np.float32]:
 def _scan(
     value: Any, ranges: NDArray[np.float32], intensities: NDArray[np.float32]
 ) -> LaserScanMessage:
-    numbers = [float(field(value, name, 0.0)) for name in _SCAN_NUMBERS]
+    numbers = [float(field(value, name, 0.0)) for name in SCAN_NUMBERS]
     first, step, beam_time, scan_time, nearest, farthest = numbers
     stamp, frame = header_of(value)
     return LaserScanMessage(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 from mapmyworld.errors import LogError
@@ -19,42 +18,26 @@ _DEFAULT = (525.0, 525.0, 319.5, 239.5)  # the ROS driver's, for a Kinect at 640
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 
-@dataclass(frozen=True, slots=True)
-class Calibration:
-    """Intrinsics of a TUM camera."""
-
-    focal_and_centre: tuple[float, float, float, float]
-    """fx fy cx cy, pixels."""
-    distortion: tuple[float, ...]
-    size: tuple[int, int]
-    """Width and height, pixels."""
-    source: str
-    guessed: bool = False
+ASSUMED = "default of the driver"
 
 
-def calibration_of(folder: Path, size: tuple[int, int]) -> Calibration:
-    """From camera.txt or calibration.yaml in the folder, else by its name, else the default.
+def calibration_of(folder: Path) -> tuple[tuple[float, ...], str]:
+    """Numbers (fx fy cx cy [pixels], then distortion) and where they are from.
 
-    Raises LogError where a calibration file cannot be read.
+    From camera.txt or calibration.yaml in the folder, else by its name, else `ASSUMED`. Raises
+    LogError where a calibration file cannot be read.
     """
     for name in ("camera.txt", "calibration.txt"):
         if (folder / name).is_file():
-            return _calibration(_plain_numbers(folder / name), size, name)
+            return _plain_numbers(folder / name), name
     for name in ("calibration.yaml", "camera.yaml"):
         if (folder / name).is_file():
-            return _calibration(_yaml_numbers(folder / name), size, name)
+            return _yaml_numbers(folder / name), name
     for robot, numbers in _PUBLISHED.items():
         short = robot.replace("reiburg", "r")  # fr1
         if re.search(rf"{robot}|(?:^|[^a-z]){short}(?:[^0-9]|$)", folder.resolve().name.lower()):
-            return _calibration(numbers, size, f"published for {robot}")
-    return _calibration(_DEFAULT, size, "default of the driver", guessed=True)
-
-
-def _calibration(
-    numbers: tuple[float, ...], size: tuple[int, int], source: str, *, guessed: bool = False
-) -> Calibration:
-    fx, fy, cx, cy = numbers[:4]
-    return Calibration((fx, fy, cx, cy), tuple(numbers[4:]), size, source, guessed)
+            return numbers, f"published for {robot}"
+    return _DEFAULT, ASSUMED
 
 
 def _plain_numbers(path: Path) -> tuple[float, ...]:

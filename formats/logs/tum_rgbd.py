@@ -21,11 +21,11 @@ from formats.logs.files import hash_files
 from formats.logs.image_pixels import encoded_pixels
 from formats.logs.listed_log import ListedLog
 from formats.logs.poses import pose_matrix
-from formats.logs.tum_calibration import Calibration, calibration_of
+from formats.logs.tum_calibration import ASSUMED, calibration_of
 from formats.picture_files import picture_size
 from mapmyworld.errors import LogError
 from mapmyworld.types import (
-    CameraInfoMessage,
+    CameraModel,
     ImageMessage,
     Message,
     MessageKind,
@@ -71,16 +71,17 @@ class TumRgbdLog(ListedLog):
             raise LogError(f"{self.path}: rgb.txt and depth.txt list no images")
         self.pictures = [self._file(entry) for name in (COLOUR, DEPTH) for entry in lists[name]]
         size = picture_size(_bytes(self._file(pictures[0])))
-        calibration = calibration_of(self.path, size if size[0] else (640, 480))
-        if calibration.guessed:
+        numbers, source = calibration_of(self.path)
+        camera = _camera(numbers, size if size[0] else (640, 480))
+        if source == ASSUMED:
             self.problems.append(
                 f"{self.path}: no calibration in the folder and none known by its name: "
                 "525 525 319.5 239.5 is assumed; put fx fy cx cy [d0 ...] into camera.txt beside it"
             )
-        self.details.append(("calibration", calibration.source))
+        self.details.append(("calibration", source))
         decoders: dict[str, Callable[[_Entry], Message]] = {
             TRUTH: _pose,
-            INFO: partial(_camera_info, calibration),
+            INFO: lambda entry: camera.info(entry.stamp_ns, FRAME),
             COLOUR: self._colour,
             DEPTH: self._depth,
         }
@@ -170,16 +171,8 @@ def _pose(entry: _Entry) -> PoseMessage:
     return PoseMessage(entry.stamp_ns, WORLD, pose_matrix(values), np.zeros((6, 6)))
 
 
-def _camera_info(calibration: Calibration, entry: _Entry) -> CameraInfoMessage:
-    k = np.eye(3)
-    k[0, 0], k[1, 1], k[0, 2], k[1, 2] = calibration.focal_and_centre
-    return CameraInfoMessage(
-        entry.stamp_ns,
-        FRAME,
-        *calibration.size,
-        "plumb_bob" if len(calibration.distortion) else "",
-        np.array(calibration.distortion, np.float64),
-        k,
-        np.eye(3),
-        np.hstack([k, np.zeros((3, 1))]),
-    )
+def _camera(numbers: tuple[float, ...], size: tuple[int, int]) -> CameraModel:
+    """Of fx fy cx cy and distortion, and of that width and height."""
+    k, distortion = np.eye(3), np.array(numbers[4:], np.float64)
+    k[0, 0], k[1, 1], k[0, 2], k[1, 2] = numbers[:4]
+    return CameraModel(*size, k, "plumb_bob" if len(distortion) else "", distortion, np.eye(4))

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.constraint_kinds import with_other_kinds
+from formats.constraint_kinds import COLOURS
+from formats.picture_files import encoded_file
 from formats.report.contents import ReportContents, ShownConstraint
 from formats.report.page import data_uri
-from mapmyworld.errors import MapError
 from mapmyworld.types import ConstraintKind, OccupancyGrid
 
 Floats = NDArray[np.float64]
@@ -22,15 +21,6 @@ _ELLIPSES = 60  # along the path
 _SIGMAS = 3.0  # of the ellipses
 _BARS = tuple(step * 10.0**power for power in range(-2, 4) for step in (1, 2, 5))  # m
 _SEEN = 255, 30  # grey of free and occupied cells; behind unknown ones the page shows
-_LAYERS = with_other_kinds(
-    {
-        ConstraintKind.LOOP_CLOSURE: "loop",
-        ConstraintKind.PROXIMITY: "proximity",
-        ConstraintKind.USER: "user",
-        ConstraintKind.LANDMARK: "landmark",
-    },
-    "",
-)  # an empty one: the kind's own name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,9 +81,11 @@ def layers_of(contents: ReportContents, view: View) -> list[Layer]:
     found.append(Layer("rejected", "rejected", _segments(rejected, place), shown=False))
     found.append(Layer("sigma", "3 sigma", _ellipses(contents, view), shown=False))
     found.append(Layer("path", "path", _line(view.pixels(contents.path[:, 1:]))))
-    for kind, key in _LAYERS.items():
-        mine = [c for c in contents.constraints if c.accepted and c.kind == kind]
-        found.append(Layer(key or str(kind), str(kind).replace("_", " "), _segments(mine, place)))
+    for kind in COLOURS:
+        if kind != ConstraintKind.NEIGHBOUR:  # which the path shows
+            mine = [c for c in contents.constraints if c.accepted and c.kind == kind]
+            key, title = str(kind).removesuffix("_closure"), str(kind).replace("_", " ")
+            found.append(Layer(key, title, _segments(mine, place)))
     found.append(Layer("nodes", "nodes", _dots(view.pixels(nodes.places[:, :2])), shown=False))
     found.append(Layer("start", "start axes", _axes(nodes.places, view)))
     return [layer for layer in found if layer.svg]
@@ -123,14 +115,12 @@ def _grid_image(grid: OccupancyGrid | None, view: View) -> str:
     pixels = np.zeros((*cells.shape, 4), np.uint8)  # the last: opaque
     for value, shade in zip((0, 100), _SEEN, strict=True):
         pixels[cells == value] = shade, shade, shade, 255
-    done, data = cv2.imencode(".png", np.ascontiguousarray(pixels[::-1]))
-    if not done:
-        raise MapError("the grid cannot be drawn")
+    data = encoded_file(".png", pixels[::-1])
     left, top = view.pixels(grid.origin + np.array([0.0, cells.shape[0] * grid.resolution]))
     width, height = (side * grid.resolution * view.scale for side in cells.shape[::-1])
     return (
         f'<image class="cells" x="{left:.2f}" y="{top:.2f}" width="{width:.2f}"'
-        f' height="{height:.2f}" preserveAspectRatio="none" href="{data_uri(bytes(data))}"/>'
+        f' height="{height:.2f}" preserveAspectRatio="none" href="{data_uri(data)}"/>'
     )
 
 

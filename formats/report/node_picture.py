@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from formats.picture_files import encoded_file
 from formats.report.contents import NodePicture
 from mapmyworld.types import ImageMessage
 
@@ -18,8 +19,8 @@ def node_picture(image: ImageMessage, width: int) -> NodePicture:
     height = max(1, round(pixels.shape[0] * width / pixels.shape[1]))
     if pixels.shape[1] > width:
         pixels = np.asarray(cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA))
-    _, data = cv2.imencode(".jpg", pixels, (cv2.IMWRITE_JPEG_QUALITY, _QUALITY))
-    return NodePicture(bytes(data), pixels.shape[1], pixels.shape[0], pixels.shape[1] / full)
+    data = encoded_file(".jpg", pixels, cv2.IMWRITE_JPEG_QUALITY, _QUALITY)
+    return NodePicture(data, pixels.shape[1], pixels.shape[0], pixels.shape[1] / full)
 
 
 def _decoded(image: ImageMessage, width: int) -> np.ndarray:

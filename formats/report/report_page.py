@@ -15,6 +15,7 @@ from formats.report.evidence import card, definitions
 from formats.report.map_layers import layers_of, map_svg, view_of
 from formats.report.page import Page, figures, folded, notes, paragraph, table
 from formats.report.page_data import cloud_data, page_data
+from formats.whole_files import utf8_of
 
 _LISTED = 200  # rejected constraints listed one by one
 _WORST = 10
@@ -57,15 +58,10 @@ def report_html(contents: ReportContents) -> str:
     return page.html()
 
 
-def _shown(name: str) -> str:
-    """A file's name as text: bytes that the locale cannot read are read as UTF-8."""
-    return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
-
-
 def _products(contents: ReportContents) -> str:
     links = "".join(
         f'<li><a href="{escape(quote(href, errors="surrogateescape"))}">'
-        f"{escape(_shown(PurePath(href).name))}</a> {escape(what)}</li>"
+        f"{escape(utf8_of(PurePath(href).name).decode())}</a> {escape(what)}</li>"
         for href, what in contents.products
     )
     return f'<ul class="products">{links}</ul>' if links else ""

@@ -26,7 +26,7 @@ from mapmyworld.simulation.message_streams import Messages, Stream
 from mapmyworld.simulation.robot_settings import SimulationSettings
 from mapmyworld.simulation.textures import EDGE, TextureSet, texture_set
 from mapmyworld.simulation.world import Scene
-from mapmyworld.types import CameraInfoMessage
+from mapmyworld.types import CameraInfoMessage, CameraModel
 
 COLOUR_TOPIC = "/camera_ir/rgb/image_raw"
 DEPTH_TOPIC = "/camera_ir/depth/image_raw"
@@ -190,18 +190,9 @@ def camera_stream(
 
 
 def _info(settings: SimulationSettings, stamp_ns: int) -> CameraInfoMessage:
-    matrix = robot.intrinsics(settings)
-    return CameraInfoMessage(
-        stamp_ns=stamp_ns,
-        frame_id=robot.OPTICAL,
-        width=settings.camera.width,
-        height=settings.camera.height,
-        distortion_model="plumb_bob",
-        distortion=np.zeros(5),
-        intrinsics=matrix,
-        rectification=np.eye(3),
-        projection=np.concatenate([matrix, np.zeros((3, 1))], axis=1),
-    )
+    size, k = (settings.camera.width, settings.camera.height), robot.intrinsics(settings)
+    camera = CameraModel(*size, k, "plumb_bob", np.zeros(5), np.eye(4))
+    return camera.info(stamp_ns, robot.OPTICAL)
 
 
 def _optical_rays(settings: SimulationSettings) -> NDArray[np.float32]:

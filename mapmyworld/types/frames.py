@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.types.messages import GpsMessage, ImageMessage
+from mapmyworld.types.messages import CameraInfoMessage, GpsMessage, ImageMessage
 
 _HOUSING = 0.1  # m from its base at which a lens still sits in a camera's own housing
 
@@ -52,6 +52,13 @@ class CameraModel:
     def is_carried(self) -> bool:
         """Whether the camera is its own base, which nobody has set level: no robot is so small."""
         return float(np.linalg.norm(self.base_from_camera[:3, 3])) < _HOUSING
+
+    def info(self, stamp_ns: int, frame_id: str) -> CameraInfoMessage:
+        """Intrinsics and distortion as a message; images are as the lens made them."""
+        projection = np.column_stack([self.intrinsics, np.zeros(3)])
+        size = self.width, self.height
+        distortion, k = (self.distortion_model, self.distortion), self.intrinsics
+        return CameraInfoMessage(stamp_ns, frame_id, *size, *distortion, k, np.eye(3), projection)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

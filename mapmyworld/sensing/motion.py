@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry.rigid import interpolate
+from mapmyworld.geometry.rigid import interpolate, transforms_of_rows
 
 FARTHEST = 1e9  # m from the origin beyond which a pose is no place on earth
 _NEARBY = 64  # samples around the last look-up that are searched in an unsorted stream
@@ -151,10 +151,7 @@ class RecordedMotion:
 
     def poses_at(self, indices: NDArray[np.int64] | slice) -> NDArray[np.float64]:
         """Poses (N, 4, 4) of samples `indices` (N,), counted in the order of the log."""
-        values = self._values[indices]
-        poses = np.zeros((len(values), 4, 4))
-        poses[:, :3], poses[:, 3, 3] = values, 1.0
-        return poses
+        return transforms_of_rows(self._values[indices])
 
     def _samples_at(self, stamp_ns: int) -> NDArray[np.int64]:
         """Indices of the samples with this very stamp, in the order of the log."""

@@ -11,8 +11,8 @@ import numpy as np
 from mapmyworld.errors import LogError
 from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion
 from mapmyworld.sensing.slopes import Forces
+from mapmyworld.sensing.sweeps import valid_ranges
 from mapmyworld.sensing.transforms import TransformTree
-from mapmyworld.sensing.valid_ranges import valid_ranges
 from mapmyworld.types import (
     ImuMessage,
     LaserScanMessage,
@@ -127,6 +127,10 @@ class Survey:
         found = (s for s in self.streams.values() if s.kind is kind and s.count)
         return sorted(found, key=lambda stream: stream.topic)
 
+    def fullest(self, kind: MessageKind) -> Stream | None:
+        """The stream of a kind with the most messages; None without any."""
+        return max(self.of_kind(kind), key=lambda s: (s.count, s.topic), default=None)
+
 
 class _Surveyor:
     def __init__(self) -> None:
@@ -207,17 +211,13 @@ def survey_log(
 
     `every_topic`: those of unknown types as well, for their times.
     """
-    ignored = {
-        t.topic for t in log.info().topics if t.kind is MessageKind.OTHER and not every_topic
-    }
-    wanted = [t.topic for t in log.info().topics if t.topic not in ignored]
-    end_ns = None
-    while end_ns != log.info().end_ns:  # which moves where a clock was set: then all is read again
-        end_ns, surveyor = log.info().end_ns, _Surveyor()
-        for raw in log.messages(wanted if log.info().topics else None):
-            surveyor.add(raw)
-            if watch is not None:
-                watch(raw.log_time_ns)
+    topics = log.info().topics
+    ignored = {t.topic for t in topics if t.kind is MessageKind.OTHER and not every_topic}
+    surveyor = _Surveyor()
+    for raw in log.messages([t.topic for t in topics if t.topic not in ignored]):
+        surveyor.add(raw)
+        if watch is not None:
+            watch(raw.log_time_ns)
     surveyor.tree.finish()
     return Survey(
         info=_timed(log.info(), surveyor.others | surveyor.streams),

@@ -34,26 +34,18 @@ _SCALE_OFF = 0.03  # share by which odometry may be wrong before it is worth a w
 
 def laser_findings(sample: Sample, config: RegistrationConfig) -> Iterator[Finding]:
     """What comparing neighbouring scans reports about the odometry and the clocks."""
-    pairs = [(a, b) for a, b in pairwise(sample.frames) if a.scan and b.scan]
+    pairs, moves, reported = _matched(sample, config)
     if not pairs:
         return
-    moves, reported = _matched(pairs, config)
-    good = np.isfinite(moves[:, 0])
-    if not good.any():
-        return
-    first_ns = sample.frames[0].stamp_ns
-    starts, ends = _times(pairs, first_ns)[:, good]
-    turns = moves[good, 2]
-    certain = good & (reported > _INFORMATIVE)
+    certain = reported > _INFORMATIVE
     yield from distance_scale(_odometry_steps(pairs)[certain], moves[certain])
-    clock = odometry_yaw(sample.plan, first_ns)
-    if clock is not None:
-        found = time_offset(("laser", "odometry"), starts, ends, turns, clock)
-        yield from _some(found and _beside_half_a_sweep(found, sample))
-    gyro = _gyro_yaw(sample)
-    if gyro is not None:
-        found = time_offset(("laser", "gyroscope"), starts, ends, turns, gyro)
-        yield from _some(found and _beside_half_a_sweep(found, sample))
+    first_ns = sample.frames[0].stamp_ns
+    starts, ends = _times(pairs, first_ns)
+    clocks = ("odometry", odometry_yaw(sample.plan, first_ns)), ("gyroscope", _gyro_yaw(sample))
+    for name, clock in clocks:
+        found = clock and time_offset(("laser", name), starts, ends, moves[:, 2], clock)
+        if found is not None:
+            yield _beside_half_a_sweep(found, sample)
 
 
 def _beside_half_a_sweep(found: Finding, sample: Sample) -> Finding:
@@ -94,16 +86,12 @@ def refined_lag(log: LogSource, plan: Plan, config: Config, lag_s: float) -> flo
 def _offset(log: LogSource, plan: Plan, config: Config) -> tuple[float, float] | None:
     """`nearest_offset` of odometry to laser in a log's first minutes; None where it is unknown."""
     sample = take_sample(log, plan, config.sensing)
-    pairs = [(a, b) for a, b in pairwise(sample.frames) if a.scan and b.scan]
-    clock = odometry_yaw(plan, sample.frames[0].stamp_ns) if pairs else None
-    if clock is None:
+    pairs, moves, _ = _matched(sample, config.registration)
+    if not pairs:
         return None
-    moves, _ = _matched(pairs, config.registration)
-    good = np.isfinite(moves[:, 0])
-    if not good.any():
-        return None
-    starts, ends = _times(pairs, sample.frames[0].stamp_ns)[:, good]
-    return nearest_offset(starts, ends, moves[good, 2], clock)
+    first_ns = sample.frames[0].stamp_ns
+    (starts, ends), clock = _times(pairs, first_ns), odometry_yaw(plan, first_ns)
+    return clock and nearest_offset(starts, ends, moves[:, 2], clock)
 
 
 def _times(pairs: list[tuple[Frame, Frame]], first_ns: int) -> Array:
@@ -111,16 +99,15 @@ def _times(pairs: list[tuple[Frame, Frame]], first_ns: int) -> Array:
     return np.array([[f.stamp_ns - first_ns for f in pair] for pair in pairs]).T * 1e-9
 
 
-def _some(finding: Finding | None) -> Iterator[Finding]:
-    if finding is not None:
-        yield finding
-
-
-def _matched(pairs: list[tuple[Frame, Frame]], config: RegistrationConfig) -> tuple[Array, Array]:
-    """Motions (N, 3) by scan matching, and its information along the path (N,).
-
-    NaN where the scans do not overlap enough.
+def _matched(
+    sample: Sample, config: RegistrationConfig
+) -> tuple[list[tuple[Frame, Frame]], Array, Array]:
+    """Neighbouring frames whose scans overlap enough, the motions (N, 3) between them by scan
+    matching, and the share (N,) of its information along the path.
     """
+    pairs = [(a, b) for a, b in pairwise(sample.frames) if a.scan and b.scan]
+    if not pairs:
+        return [], np.zeros((0, 3)), np.zeros(0)
     scans = [pair[0].scan for pair in pairs] + [pairs[-1][1].scan]
     prepared = prepare_scans([scan for scan in scans if scan is not None], config)
     moves, reported = np.full((len(pairs), 3), np.nan), np.zeros(len(pairs))
@@ -135,7 +122,8 @@ def _matched(pairs: list[tuple[Frame, Frame]], config: RegistrationConfig) -> tu
         if match.overlap > _LEAST_OVERLAP:
             moves[i] = guess = match.pose
             reported[i] = _information_along(match.pose[:2], match.information)
-    return moves, reported
+    good = np.flatnonzero(np.isfinite(moves[:, 0]))
+    return [pairs[i] for i in good], moves[good], reported[good]
 
 
 def _information_along(distance: Array, information: Array) -> float:

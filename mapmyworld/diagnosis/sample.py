@@ -25,10 +25,6 @@ class Sample:
     frames: list[Frame]
     plan: Plan
 
-    def times(self) -> Array:
-        """Of the frames, (N,) in s since the first."""
-        return np.array([f.stamp_ns - self.frames[0].stamp_ns for f in self.frames]) * 1e-9
-
 
 def odometry_yaw(plan: Plan, first_ns: int) -> tuple[Array, Array] | None:
     """Times in s since `first_ns`, ascending, and the unwrapped headings in rad, (N,) both."""

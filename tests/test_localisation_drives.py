@@ -23,7 +23,7 @@ from mapmyworld.geometry.rigid import between, interpolate
 from mapmyworld.localisation import localise_log, plan_log
 from mapmyworld.types import MapStore, OccupancyGrid, Trajectory
 from mapmyworld.types.localisation import Localisation, State
-from mapmyworld.types.relations import Relations
+from mapmyworld.types.maps import Relations
 
 pytestmark = pytest.mark.slow
 

@@ -56,8 +56,6 @@ class TextureSet:
     """(N, 3)."""
     offsets: NDArray[np.int64]
     """(T, L) of T textures and L levels: where each begins in `texels`."""
-    sizes: NDArray[np.int64]
-    """(T,) texels along an edge of the finest level."""
     textures: tuple[Texture, ...]
 
 
@@ -74,7 +72,7 @@ def texture_set(names: tuple[str, ...]) -> TextureSet:
             parts.append(_bytes(level).reshape(-1, 3))
             place += len(parts[-1])
             level = level.reshape(len(level) // 2, 2, -1, 2, 3).mean(axis=(1, 3))
-    return TextureSet(np.concatenate(parts), offsets, np.full(len(names), EDGE, np.int64), textures)
+    return TextureSet(np.concatenate(parts), offsets, textures)
 
 
 def _bytes(picture: Picture) -> NDArray[np.uint8]:

@@ -83,7 +83,7 @@ def _show_errors(
 ) -> None:  # fmt: skip
     if style == "json":
         nothing = dict.fromkeys(("rpe", "rpe_rotation_deg"))
-        errors = nothing | {n: s.as_dict() for n, s in parts.items()}
+        errors = nothing | {n: asdict(s) for n, s in parts.items()}
         show_json(errors | {"covered": covered, "nees": nees})
         return
     click.echo(f"{parts['ate'].count} poses matched, {100 * covered:.0f}% of the time")
@@ -229,7 +229,7 @@ def cloud(cloud: Path, mesh: Path, est: Path | None, reference: Path | None, sty
         points = PointCloud(moved.astype("float32"))
     score = cloud_score(points, read_scene_mesh(mesh))
     if style == "json":
-        show_json(score.as_dict())
+        show_json(asdict(score))
     else:
-        for name, value in score.as_dict().items():
+        for name, value in asdict(score).items():
             click.echo(f"{name:10}{value:10.4f}")

@@ -18,7 +18,7 @@ from mapmyworld.diagnosis.depth_on_colour import alignment_findings, grey_levels
 from mapmyworld.diagnosis.depth_on_laser import DEPTH_SCALE, mount_findings
 from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.diagnosis.rotation import beside_lowest, time_offset
-from mapmyworld.diagnosis.sample import Sample, odometry_yaw
+from mapmyworld.diagnosis.sample import odometry_yaw
 from mapmyworld.geometry import Array
 from mapmyworld.mapping.depth_grid import floor_plane
 from mapmyworld.mapping.level_surfaces import joined, surfaces_of
@@ -104,10 +104,12 @@ def _floor(images: list[RgbdImage], scale: float, config: Config) -> Iterator[Fi
     yield Finding("floor tilt", tilt, "deg", good, text, suggestion)
 
 
-def camera_clock(framed: Sequence[Frame], sample: Sample) -> Iterator[Finding]:
-    """Turns that frames with images saw, from how columns move, against the odometry's."""
-    first_ns, guard = sample.frames[0].stamp_ns, ImageGuard()
-    clock = odometry_yaw(sample.plan, first_ns)
+def camera_clock(framed: Sequence[Frame], plan: Plan, first_ns: int) -> Iterator[Finding]:
+    """Turns that frames with images saw, from how columns move, against the odometry's.
+
+    Times count from `first_ns`.
+    """
+    clock, guard = odometry_yaw(plan, first_ns), ImageGuard()
     if clock is None:
         return
     stamps, profiles = list[float](), list[Array]()

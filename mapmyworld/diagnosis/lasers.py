@@ -11,13 +11,13 @@ import numpy as np
 from mapmyworld.config import Config, RegistrationConfig
 from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.diagnosis.rotation import nearest_offset, time_offset
-from mapmyworld.diagnosis.sample import Sample, odometry_yaw, take_sample
+from mapmyworld.diagnosis.sample import odometry_yaw, take_sample
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between
 from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import COARSE, prepare_scans
-from mapmyworld.sensing.plan import Plan
+from mapmyworld.sensing.plan import Plan, ScanSource
 from mapmyworld.types import Frame, LogSource
 
 _LEAST_OVERLAP = 0.6
@@ -32,26 +32,27 @@ _HALF = 0.6  # of the time between sweeps, which half of one lasts at most, and 
 _SCALE_OFF = 0.03  # share by which odometry may be wrong before it is worth a word
 
 
-def laser_findings(sample: Sample, config: RegistrationConfig) -> Iterator[Finding]:
+def laser_findings(
+    frames: list[Frame], plan: Plan, config: RegistrationConfig
+) -> Iterator[Finding]:
     """What comparing neighbouring scans reports about the odometry and the clocks."""
-    pairs, moves, reported = _matched(sample, config)
+    pairs, moves, reported = _matched(frames, config)
     if not pairs:
         return
     certain = reported > _INFORMATIVE
     yield from distance_scale(_odometry_steps(pairs)[certain], moves[certain])
-    first_ns = sample.frames[0].stamp_ns
+    first_ns = frames[0].stamp_ns
     starts, ends = _times(pairs, first_ns)
-    clocks = ("odometry", odometry_yaw(sample.plan, first_ns)), ("gyroscope", _gyro_yaw(sample))
+    clocks = ("odometry", odometry_yaw(plan, first_ns)), ("gyroscope", _gyro_yaw(frames))
     for name, clock in clocks:
         found = clock and time_offset(("laser", name), starts, ends, moves[:, 2], clock)
         if found is not None:
-            yield _beside_half_a_sweep(found, sample)
+            yield _beside_half_a_sweep(found, frames, plan.scan)
 
 
-def _beside_half_a_sweep(found: Finding, sample: Sample) -> Finding:
+def _beside_half_a_sweep(found: Finding, frames: list[Frame], scan: ScanSource | None) -> Finding:
     """A time offset; where nothing reports when a beam was taken, half a sweep of it is no news."""
-    scan = sample.plan.scan
-    period = float(np.median(np.diff([f.stamp_ns for f in sample.frames if f.scan]))) * 1e-9
+    period = float(np.median(np.diff([f.stamp_ns for f in frames if f.scan]))) * 1e-9
     is_half = found.unit == "s" and abs(found.value) < _HALF * period
     if found.good or scan is None or scan.beams_are_timed or not is_half:
         return found
@@ -85,11 +86,11 @@ def refined_lag(log: LogSource, plan: Plan, config: Config, lag_s: float) -> flo
 
 def _offset(log: LogSource, plan: Plan, config: Config) -> tuple[float, float] | None:
     """`nearest_offset` of odometry to laser in a log's first minutes; None where it is unknown."""
-    sample = take_sample(log, plan, config.sensing)
-    pairs, moves, _ = _matched(sample, config.registration)
+    frames = take_sample(log, plan, config.sensing)
+    pairs, moves, _ = _matched(frames, config.registration)
     if not pairs:
         return None
-    first_ns = sample.frames[0].stamp_ns
+    first_ns = frames[0].stamp_ns
     (starts, ends), clock = _times(pairs, first_ns), odometry_yaw(plan, first_ns)
     return clock and nearest_offset(starts, ends, moves[:, 2], clock)
 
@@ -100,12 +101,12 @@ def _times(pairs: list[tuple[Frame, Frame]], first_ns: int) -> Array:
 
 
 def _matched(
-    sample: Sample, config: RegistrationConfig
+    frames: list[Frame], config: RegistrationConfig
 ) -> tuple[list[tuple[Frame, Frame]], Array, Array]:
     """Neighbouring frames whose scans overlap enough, the motions (N, 3) between them by scan
     matching, and the share (N,) of its information along the path.
     """
-    pairs = [(a, b) for a, b in pairwise(sample.frames) if a.scan and b.scan]
+    pairs = [(a, b) for a, b in pairwise(frames) if a.scan and b.scan]
     if not pairs:
         return [], np.zeros((0, 3)), np.zeros(0)
     scans = [pair[0].scan for pair in pairs] + [pairs[-1][1].scan]
@@ -181,12 +182,12 @@ def _ratio(seen: Array, distance: Array) -> float:
     return float(seen[kept].sum() / distance[kept].sum()) if kept.any() else float(middle)
 
 
-def _gyro_yaw(sample: Sample) -> tuple[Array, Array] | None:
+def _gyro_yaw(frames: list[Frame]) -> tuple[Array, Array] | None:
     """Times and integrated turn about the base's z axis."""
-    samples = [one for frame in sample.frames for one in frame.imu]
+    samples = [one for frame in frames for one in frame.imu]
     if len(samples) < 2:
         return None
-    times = np.array([s.stamp_ns - sample.frames[0].stamp_ns for s in samples]) * 1e-9
+    times = np.array([s.stamp_ns - frames[0].stamp_ns for s in samples]) * 1e-9
     rates = np.array([s.angular_velocity[2] for s in samples])
     order = np.argsort(times, kind="stable")
     times, rates = times[order], rates[order]

@@ -22,15 +22,13 @@ from mapmyworld.types import Frame, LogSource, MapStore
 
 def diagnose(log: LogSource, plan: Plan, config: Config) -> tuple[Finding, ...]:
     """What the sensors of a log report about one another, from its first minutes of motion."""
-    sample = take_sample(log, plan, config.sensing)
-    if not sample.frames:
-        return ()
-    framed = [frame for frame in sample.frames if frame.images]
-    findings = list(laser_findings(sample, config.registration))
+    frames = take_sample(log, plan, config.sensing)
+    framed = [frame for frame in frames if frame.images]
+    findings = list(laser_findings(frames, plan, config.registration))
     if framed:
         odometry = [frame.odom_from_base for frame in framed]
         findings += camera_findings(odometry, framed.__getitem__, plan, config)
-        findings += camera_clock(framed, sample)
+        findings += camera_clock(framed, plan, frames[0].stamp_ns)
     return tuple(findings)
 
 

@@ -27,7 +27,7 @@ def make_transform(rotation: ArrayLike, translation: ArrayLike) -> Array:
 
 
 def transforms_of_rows(rows: ArrayLike) -> Array:
-    """The matrices (N, 4, 4) of which these numbers are the upper three rows, behind each other."""
+    """Matrices (N, 4, 4) of their upper `rows` (N, 3, 4), in any shape that holds these."""
     matrices = np.tile(np.eye(4), (np.size(rows) // 12, 1, 1))
     matrices[:, :3] = np.reshape(rows, (-1, 3, 4))
     return matrices

@@ -60,7 +60,7 @@ def choose_odometry(draft: Draft, base: str) -> OdometrySource | None:
 def _check_child(draft: Draft, odometry: OdometrySource, base: str) -> None:
     """Words about odometry of another frame, of which tf does not say where on the base it is."""
     child = frame_name(draft.survey.odometry_frames.get(odometry.name, ("", ""))[1])
-    if not child or child == base or draft.tree.chain(child, base) is not None:
+    if not child or child == base or draft.survey.tree.chain(child, base) is not None:
         return
     alike = is_called(child, BASES) and is_called(base, BASES)
     (draft.warnings if alike else draft.losses).append(
@@ -78,7 +78,7 @@ def _candidates(draft: Draft, base: str) -> list[tuple[float, OdometrySource, st
             score, why = score + together, f"{why}, {together:.0%} of the scans share its stamps"
         source = OdometrySource(topic, motion_of_base)
         found.append((score, source, why))
-    edge = draft.tree.edge_to(base)
+    edge = draft.survey.tree.edge_to(base)
     if edge is not None and edge.motion is not None and not is_called(edge.parent, WORLDS):
         source = OdometrySource(f"tf {edge.parent} -> {base}", edge.motion)
         score = 3.0 if is_called(edge.parent, ODOMS) else 1.5
@@ -105,10 +105,10 @@ def _judge_topic(
     preference = 0.5 if name in {"odom", "odometry"} or "filtered" in topic else 0.0
     if child == base:
         return 4.0 + preference, why, motion
-    if not child or draft.tree.chain(child, base) is None:
+    if not child or draft.survey.tree.chain(child, base) is None:
         return 2.0 + preference, f"{why}, taken for {base}: tf does not connect them", motion
-    offset = draft.tree.lookup(child, base, 0)
-    if offset is None or not draft.tree.is_fixed(child, base):
+    offset = draft.survey.tree.lookup(child, base, 0)
+    if offset is None or not draft.survey.tree.is_fixed(child, base):
         return 1.0, f"{why}, which moves against {base}", motion
     return 3.5 + preference, f"{why}, carried over to {base} by tf", motion.followed_by(offset)
 
@@ -136,9 +136,9 @@ def choose_imu(draft: Draft, base: str) -> ImuSource | None:
     best = draft.survey.fullest(MessageKind.IMU)
     if best is None:
         return None
-    sample = next((m for m in best.samples if isinstance(m, ImuMessage)), None)
+    sample = best.first(ImuMessage)
     frame = frame_name(sample.frame_id) if sample else ""
-    mount = np.eye(4) if frame in {"", base} else draft.tree.lookup(base, frame, 0)
+    mount = np.eye(4) if frame in {"", base} else draft.survey.tree.lookup(base, frame, 0)
     if mount is None:
         draft.decide("imu", "", f"{best.topic}: tf does not say how {frame} is mounted")
         draft.losses.append(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -27,6 +28,8 @@ from mapmyworld.types import (
 
 _SAMPLES = 5  # messages of a stream that are decoded to see what it carries
 _OFFSETS = 256  # messages whose clocks are compared, spread by doubling the stride
+
+Wanted = TypeVar("Wanted")
 
 
 @dataclass(slots=True)
@@ -98,6 +101,10 @@ class Stream:
         if span == 0 and self.first_stamp_ns is not None:
             span = self.latest_stamp_ns - self.first_stamp_ns
         return (self.count - 1) / (span * 1e-9) if self.count > 1 and span > 0 else 0.0
+
+    def first(self, kind: type[Wanted]) -> Wanted | None:
+        """The first of the decoded messages that is of a type; None without any."""
+        return next((message for message in self.samples if isinstance(message, kind)), None)
 
     @property
     def latency_s(self) -> float:

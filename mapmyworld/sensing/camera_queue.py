@@ -93,10 +93,8 @@ class CameraQueue:
         """Pose (4, 4) of the base at one stamp in the base at another, by the odometry."""
         if self.motion is None or from_ns == to_ns:
             return None
-        poses = self.motion.at_many(np.array(sorted((from_ns, to_ns)), np.int64))
-        if poses is None:
-            return None
-        return between(poses[0], poses[1]) if from_ns < to_ns else between(poses[1], poses[0])
+        poses = self.motion.at_many(np.array([from_ns, to_ns], np.int64))
+        return None if poses is None else between(poses[0], poses[1])
 
 
 def nearest(waiting: deque[Stamped], stamp_ns: int, tolerance_s: float) -> Stamped | None:

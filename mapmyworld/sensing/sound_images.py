@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -19,7 +18,6 @@ class ImageGuard:
 
     def __init__(self) -> None:
         self._failed: dict[tuple[bool, str, int], str] = {}
-        self._lock = threading.Lock()
 
     @property
     def failures(self) -> int:
@@ -62,8 +60,7 @@ class ImageGuard:
             reason = f"{width} x {height} pixels instead of {columns} x {rows}"
         except LogError as error:
             reason = str(error)
-        with self._lock:
-            self._failed[_key(message)] = reason
+        self._failed[_key(message)] = reason
         return np.zeros(shape, np.float32) if message.is_depth else np.zeros((*shape, 3), np.uint8)
 
 

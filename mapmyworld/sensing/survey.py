@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
@@ -145,9 +146,9 @@ class _Surveyor:
         self.others: dict[str, Stream] = {}
         """Of kinds that no map is made of: counted, not decoded."""
         self.tree = TransformTree()
-        self.recorders: dict[str, MotionRecorder] = {}
+        self.recorders: defaultdict[str, MotionRecorder] = defaultdict(MotionRecorder)
         self.frames: dict[str, tuple[str, str]] = {}
-        self.forces: dict[str, Forces] = {}
+        self.forces: defaultdict[str, Forces] = defaultdict(Forces)
         self.end_ns = 0
 
     def add(self, raw: RawMessage) -> None:
@@ -167,12 +168,9 @@ class _Surveyor:
             return False
         whole = raw.kind is MessageKind.TRANSFORMS or raw.kind is MessageKind.ODOMETRY
         is_blind = raw.kind is MessageKind.LASER_SCAN and not stream.has_returns
-        return whole or is_blind or len(stream.samples) < _SAMPLES or self._wants_force(raw)
-
-    def _wants_force(self, raw: RawMessage) -> bool:
-        if raw.kind is not MessageKind.IMU:
-            return False
-        return self.forces.setdefault(raw.topic, Forces()).wants(raw.log_time_ns)
+        if whole or is_blind or len(stream.samples) < _SAMPLES:
+            return True
+        return raw.kind is MessageKind.IMU and self.forces[raw.topic].wants(raw.log_time_ns)
 
     def _decode(self, raw: RawMessage, stream: Stream) -> None:
         try:
@@ -187,15 +185,12 @@ class _Surveyor:
         if isinstance(message, TransformsMessage):
             self.tree.add(message)
         elif isinstance(message, ImuMessage):
-            self.forces.setdefault(raw.topic, Forces()).add(message, raw.log_time_ns)
+            self.forces[raw.topic].add(message, raw.log_time_ns)
         elif isinstance(message, OdometryMessage):
-            recorder = self.recorders.get(raw.topic)
-            recorder = MotionRecorder() if recorder is None else recorder
-            if not recorder.add(message.stamp_ns, message.pose):
+            if self.recorders[raw.topic].add(message.stamp_ns, message.pose):
+                self.frames[raw.topic] = (message.frame_id, message.child_frame_id)
+            else:
                 stream.undecodable += 1
-                return
-            self.frames[raw.topic] = (message.frame_id, message.child_frame_id)
-            self.recorders[raw.topic] = recorder
 
 
 def _timed(info: LogInfo, streams: dict[str, Stream]) -> LogInfo:
@@ -230,7 +225,7 @@ def survey_log(
         info=_timed(log.info(), surveyor.others | surveyor.streams),
         streams=surveyor.streams,
         tree=surveyor.tree,
-        odometry={topic: recorder.finish() for topic, recorder in surveyor.recorders.items()},
+        odometry={topic: surveyor.recorders[topic].finish() for topic in surveyor.frames},
         odometry_frames=surveyor.frames,
         end_ns=surveyor.end_ns,
         losses=log.losses(),

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.types import Trajectory
-from mapmyworld.types.relations import Relations
+from mapmyworld.types.maps import Relations
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("MAPMYWORLD_DATA", ROOT.parent / "shared" / "data"))

@@ -33,7 +33,7 @@ from mapmyworld.graph.frame_poses import pose_every_frame
 from mapmyworld.graph.solved_graph import solve
 from mapmyworld.pipeline import build_map
 from mapmyworld.types import ConstraintKind, MapStore, Poses, Trajectory
-from mapmyworld.types.relations import Relations
+from mapmyworld.types.maps import Relations
 
 _CLOSURES = (ConstraintKind.LOOP_CLOSURE, ConstraintKind.PROXIMITY)
 ROOT = Path(__file__).resolve().parent.parent

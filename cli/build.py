@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -167,7 +168,7 @@ def _build(
 
             reused = bool(result.reused_stages)
             written += report_beside(store, map_path, cost, progress, continued=reused)
-    return {**result.as_dict(), "files": written, **cost}
+    return {**asdict(result), "files": written, **cost}
 
 
 def build_into(

@@ -160,7 +160,7 @@ KEYS: dict[str, Key] = {
     "loop_precision": Key("share of right closures", lambda f: f.loops.precision, "reference", 1),
     "loop_recall": Key("share of true loops found", lambda f: f.loops.recall, "reference", 1),
     "relations_translation": Key(
-        "m, mean error", lambda f: f.related.translation_mean, "relations", -1
+        "m, mean error", lambda f: f.related.translation.mean, "relations", -1
     ),
     "relations_covered": Key(
         "share of the relations in the map's time, which are scored",
@@ -168,7 +168,7 @@ KEYS: dict[str, Key] = {
         "relations",
     ),
     "relations_rotation": Key(
-        "deg, mean error", lambda f: f.related.rotation_mean_deg, "relations", -1
+        "deg, mean error", lambda f: f.related.rotation_deg.mean, "relations", -1
     ),
     "grid_precision": Key(
         "within one cell, aligned", lambda f: f.agreement.aligned.precision_1, "grid", 1

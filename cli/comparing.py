@@ -21,7 +21,7 @@ from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.map_figures import tracked_path
 from mapmyworld.mapping.occupancy import build_grid
 from mapmyworld.types import MapStore, OccupancyGrid, Trajectory
-from mapmyworld.types.relations import Relations
+from mapmyworld.types.maps import Relations
 
 # Figure -> heading and format of its column, in the order of printing.
 COLUMNS: dict[str, tuple[str, str]] = {

@@ -78,7 +78,7 @@ def _show_errors(
     parts: Mapping[str, ErrorStatistics], covered: float, nees: float | None, delta: float,
 ) -> None:  # fmt: skip
     nothing = dict.fromkeys(("rpe", "rpe_rotation_deg"))
-    errors = nothing | {n: s.as_dict() for n, s in parts.items()}
+    errors = nothing | {n: asdict(s) for n, s in parts.items()}
     lines = [
         f"{parts['ate'].count} poses matched, {100 * covered:.0f}% of the time",
         f"{'':18}{'rmse':>9}{'mean':>9}{'median':>9}{'max':>9}",
@@ -220,5 +220,5 @@ def cloud(cloud: Path, mesh: Path, est: Path | None, reference: Path | None) -> 
         moved = transform_points(found.reference_from_estimate, points.points)
         points = PointCloud(moved.astype("float32"))
     score = cloud_score(points, read_scene_mesh(mesh))
-    facts = score.as_dict()
+    facts = asdict(score)
     show_result(facts, [f"{name:10}{value:10.4f}" for name, value in facts.items()])

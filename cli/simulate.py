@@ -116,9 +116,8 @@ def _write(recording: Recording, output: Path, overwrite: bool) -> dict[str, int
         truth_folder(output),
         trajectory=truth.trajectory,
         grid=truth.grid,
-        mesh=truth.mesh,
-        loop_stamps_ns=truth.loop_pairs.stamps_ns,
-        loop_poses=truth.loop_pairs.first_from_second,
+        mesh=truth.scene.mesh(),
+        loops=truth.loop_pairs,
         calibration=truth.calibration,
     )
     progress.finish()

@@ -12,7 +12,7 @@ from formats.whole_files import read_whole
 from mapmyworld.errors import MapError
 from mapmyworld.geometry.rigid import make_transform
 from mapmyworld.geometry.rotations import roll_pitch_yaw_to_rotation
-from mapmyworld.types.relations import Relations
+from mapmyworld.types.maps import Relations
 
 _FIELDS = 8
 

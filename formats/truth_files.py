@@ -17,7 +17,9 @@ from formats.grid_files import write_grid
 from formats.trajectory_files import write_trajectory
 from formats.whole_files import read_whole, write_whole
 from mapmyworld.errors import MapError
+from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.types import Mesh, OccupancyGrid, Trajectory
+from mapmyworld.types.maps import Relations
 
 _PAIR_COLUMNS = ["first_stamp_ns", "second_stamp_ns", "x", "y", "yaw"]
 
@@ -33,28 +35,25 @@ def write_truth(
     trajectory: Trajectory,
     grid: OccupancyGrid,
     mesh: Mesh,
-    loop_stamps_ns: NDArray[np.int64],
-    loop_poses: NDArray[np.float64],
+    loops: Relations,
     calibration: Mapping[str, Any],
 ) -> None:
-    """Writes all of it; `MapError` where the folder cannot be written.
-
-    `loop_stamps_ns` (K, 2) are pairs of moments, `loop_poses` (K, 3) first_from_second.
-    """
+    """Writes all of it; `MapError` where the folder cannot be written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_trajectory(folder / "trajectory.tum", trajectory, "tum")
         write_grid(folder / "grid", grid)
         write_mesh(folder / "mesh.ply", mesh)
-        _write_pairs(folder / "loop_pairs.csv", loop_stamps_ns, loop_poses)
+        _write_pairs(folder / "loop_pairs.csv", loops)
         write_whole(folder / "calibration.json", json.dumps(calibration, indent=2) + "\n")
     except OSError as error:
         raise MapError(f"{folder}: cannot be written: {error.strerror or error}") from None
 
 
-def _write_pairs(path: Path, stamps_ns: NDArray[np.int64], poses: NDArray[np.float64]) -> None:
+def _write_pairs(path: Path, loops: Relations) -> None:
     lines = [",".join(_PAIR_COLUMNS)]
-    for (first, second), (x, y, yaw) in zip(stamps_ns.tolist(), poses.tolist(), strict=True):
+    poses = matrix_to_planar(loops.first_from_second).tolist()
+    for (first, second), (x, y, yaw) in zip(loops.stamps_ns.tolist(), poses, strict=True):
         lines.append(f"{first},{second},{x:.6f},{y:.6f},{yaw:.6f}")
     write_whole(path, "\n".join(lines) + "\n")
 

@@ -183,8 +183,6 @@ def configured(**changes: object) -> Config:
 def opened(given: AnyMap) -> Iterator[MapStore]:
     """The map itself, of whatever holds it; a file is closed afterwards."""
     if isinstance(given, str | os.PathLike):
-        from formats.database import open_store
-
         with open_store(Path(given), read_only=True) as store:
             yield store
     else:

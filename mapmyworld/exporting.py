@@ -48,7 +48,8 @@ def export_beside(store: MapStore, map_path: Path, config: Config) -> list[str]:
 
 def cloud_of(store: MapStore, config: Config) -> PointCloud | None:
     """The cloud of depth images or 3D scans; None where there are none."""
-    from mapmyworld.mapping.cloud_map import build_cloud, views_of_cloud
+    from mapmyworld.geometry.rigid import evenly_along
+    from mapmyworld.mapping.cloud_map import build_cloud
 
     kept = [store.node_data(node.id, features=False) for node in first_nodes(store.nodes())]
     if not any(data.cloud is not None or _depth_of(data) for data in kept):
@@ -59,7 +60,8 @@ def cloud_of(store: MapStore, config: Config) -> PointCloud | None:
     if not any(data.cloud is not None for data in kept):
         poses = solved_poses(store)
         nodes = np.flatnonzero(poses.ids > 0)
-        chosen = views_of_cloud(poses.map_from_node[nodes], config)
+        # Neighbours see nearly the same.
+        chosen = evenly_along(poses.map_from_node[nodes], config.visual.cloud_spacing)
         thinned = set(poses.ids[nodes[chosen]].tolist())
     return build_cloud(nodes_with_poses(store, thinned), config)
 

@@ -8,36 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from mapmyworld.types import (
-    CameraInfoMessage,
-    GpsMessage,
-    ImageMessage,
-    ImuMessage,
-    LaserScanMessage,
-    LogInfo,
-    Message,
-    MessageKind,
-    OdometryMessage,
-    PointCloudMessage,
-    PoseMessage,
-    RawMessage,
-    TextMessage,
-    TopicInfo,
-    TransformsMessage,
-)
-
-_KINDS: dict[type, MessageKind] = {
-    ImageMessage: MessageKind.IMAGE,
-    CameraInfoMessage: MessageKind.CAMERA_INFO,
-    LaserScanMessage: MessageKind.LASER_SCAN,
-    PointCloudMessage: MessageKind.POINT_CLOUD,
-    OdometryMessage: MessageKind.ODOMETRY,
-    ImuMessage: MessageKind.IMU,
-    TransformsMessage: MessageKind.TRANSFORMS,
-    PoseMessage: MessageKind.POSE,
-    GpsMessage: MessageKind.GPS,
-    TextMessage: MessageKind.TEXT,
-}
+from mapmyworld.types import LogInfo, Message, RawMessage, TopicInfo
 
 
 class MemoryLog:
@@ -61,7 +32,7 @@ class MemoryLog:
 
     def _topic(self, name: str) -> TopicInfo:
         mine = [(message, time) for topic, message, time in self._messages if topic == name]
-        kind = _KINDS[type(mine[0][0])]
+        kind = mine[0][0].kind
         return TopicInfo(name, str(kind), kind, "memory", len(mine), mine[0][1], mine[-1][1])
 
     def content_hash(self) -> str:
@@ -80,8 +51,8 @@ class MemoryLog:
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         for topic, message, time in self._messages:
             if topics is None or topic in topics:
-                kind = _KINDS[type(message)]
-                yield RawMessage(topic, kind, time, message.stamp_ns, partial(_itself, message))
+                decode = partial(_itself, message)
+                yield RawMessage(topic, message.kind, time, message.stamp_ns, decode)
 
     def losses(self) -> tuple[str, ...]:
         return ()

@@ -42,10 +42,6 @@ class BuildResult:
     losses: tuple[str, ...]
     """What the map lacks, one line each; empty for a complete map."""
 
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {name: getattr(self, name) for name in self.__slots__}
-
 
 @on_one_thread
 def build_map(

@@ -16,7 +16,7 @@ from mapmyworld.evaluation.relations_metric import poses_at
 from mapmyworld.geometry.planar import planar_to_matrix
 from mapmyworld.geometry.rigid import between, se3_exp
 from mapmyworld.types import Trajectory
-from mapmyworld.types.relations import Relations
+from mapmyworld.types.maps import Relations
 
 
 def wandering(seed: int, count: int = 60, rate_hz: float = 10.0) -> Trajectory:
@@ -152,8 +152,8 @@ def test_relations_of_the_true_trajectory_have_no_error() -> None:
         truth.stamps_ns[pairs], between(truth.poses[pairs[:, 0]], truth.poses[pairs[:, 1]])
     )
     score = relations_score(truth, relations)
-    assert score.translation_mean == pytest.approx(0.0, abs=1e-9)
-    assert score.rotation_mean_deg == pytest.approx(0.0, abs=1e-5)
+    assert score.translation.mean == pytest.approx(0.0, abs=1e-9)
+    assert score.rotation_deg.mean == pytest.approx(0.0, abs=1e-5)
     assert score.outside == 0
 
 
@@ -164,9 +164,9 @@ def test_one_relation_by_hand() -> None:
     expected = planar_to_matrix([[1.9, 0.0, np.radians(10.0)]])
     score = relations_score(estimate, Relations(stamps[None], expected))
     other = estimate.poses[1] @ np.linalg.inv(expected[0])
-    assert score.translation_mean == pytest.approx(0.1)
+    assert score.translation.mean == pytest.approx(0.1)
     assert score.cartographer_translation.mean == pytest.approx(np.hypot(other[0, 3], other[1, 3]))
-    assert score.rotation_mean_deg == pytest.approx(10.0)
+    assert score.rotation_deg.mean == pytest.approx(10.0)
 
 
 def test_a_relations_file_is_read_exactly(tmp_path: Path) -> None:
@@ -209,5 +209,5 @@ def test_raw_odometry_scores_as_published(
                 poses.append([float(value) for value in fields[-6:-3]])
     odometry = Trajectory(np.array(stamps, np.int64), planar_to_matrix(poses))
     score = relations_score(odometry, read_relations(data / "laser" / f"{name}.relations"))
-    assert score.translation_mean == pytest.approx(metres, abs=6e-4)
-    assert score.rotation_mean_deg == pytest.approx(degrees, abs=0.06)
+    assert score.translation.mean == pytest.approx(metres, abs=6e-4)
+    assert score.rotation_deg.mean == pytest.approx(degrees, abs=0.06)

@@ -11,21 +11,16 @@ import numpy as np
 import pytest
 from foreign_database import add_nodes, rtabmap_file
 from log_builders import STORES, Make, serialised
+from messages_in_memory import MemoryLog, scan_at, transform
 
 from formats.database import open_store
 from formats.database.log_source import open_database_log
 from formats.logs.channels import Channel
 from formats.logs.decoding import decoder_for
+from mapmyworld.config import SensingConfig
 from mapmyworld.errors import MapError
-from mapmyworld.sensing.gps_fixes import GpsFixes
-from mapmyworld.types import (
-    GpsMessage,
-    Message,
-    MessageKind,
-    Node,
-    NodeData,
-    RawMessage,
-)
+from mapmyworld.sensing import make_plan, read_frames, survey_log
+from mapmyworld.types import GpsMessage, Message, Node, NodeData
 
 STAMP = 1_600_000_000_123_456_789
 FIX = GpsMessage(1_600_000_000_250_000_000, "", 48.0111, 7.8353, 245.5, 1.5)
@@ -62,12 +57,16 @@ def test_no_fix_is_nowhere(ros: int) -> None:
 
 
 def test_only_what_is_recent_belongs_to_a_frame() -> None:
-    around = GpsFixes()
-    around.add(RawMessage("/t", MessageKind.GPS, 0, FIX.stamp_ns, lambda: FIX))
     nowhere = GpsMessage(FIX.stamp_ns + 10, "", float("nan"), float("nan"), 0.0, 1.0)
-    around.add(RawMessage("/t", MessageKind.GPS, 0, nowhere.stamp_ns, lambda: nowhere))
-    assert around.fix_at(FIX.stamp_ns + 10**9) is FIX
-    assert around.fix_at(FIX.stamp_ns + 10**9 + 1) is None
+    stamps = [FIX.stamp_ns + 10**9, FIX.stamp_ns + 10**9 + 1]
+    entries: list[tuple[str, Message, int]] = [("/gps", m, m.stamp_ns) for m in (FIX, nowhere)]
+    entries += [("/scan", scan_at(stamp), stamp) for stamp in stamps]
+    entries += [("/tf_static", transform("base_link", "laser", (0, 0, 0)), 0)]
+    log = MemoryLog(entries)
+    plan = make_plan(survey_log(log), SensingConfig())
+    first, second = read_frames(log, plan, SensingConfig())
+    assert first.gps is FIX
+    assert second.gps is None
 
 
 def test_a_map_keeps_them_as_rtabmap_does(tmp_path: Path) -> None:

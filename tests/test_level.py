@@ -181,7 +181,7 @@ def test_a_force_indicates_a_slanted_roof_from_a_floor() -> None:
 
 
 def sample(force: Array) -> ImuSample:
-    return ImuSample(0, np.zeros(3), force, None)
+    return ImuSample(0, np.zeros(3), force)
 
 
 def test_shaking_cancels_out_and_gravity_stays() -> None:

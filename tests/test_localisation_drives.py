@@ -24,7 +24,7 @@ from mapmyworld.localisation import localise_log
 from mapmyworld.stages.plan_log import plan_log
 from mapmyworld.types import MapStore, OccupancyGrid, Trajectory
 from mapmyworld.types.localisation import Localisation, State
-from mapmyworld.types.relations import Relations
+from mapmyworld.types.maps import Relations
 
 pytestmark = pytest.mark.slow
 

@@ -18,9 +18,9 @@ def test_poses_between_samples_are_those_of_slerp(seed: int, turn: float) -> Non
     random = np.random.default_rng(seed)
     tangents = random.normal(size=(20, 6)) * [turn, turn, turn, 5.0, 5.0, 5.0]
     poses = np.stack([se3_exp(tangent) for tangent in tangents])
-    stamps = np.sort(random.integers(0, 2_000_000_000, 20))
+    stamps = np.sort(random.integers(0, 400_000_000, 20))
     wanted = np.sort(random.integers(stamps[0] - 1000, stamps[-1] + 1000, 8))
-    found = RecordedMotion(stamps, poses[:, :3]).at_many(wanted, 2_000_000_000)
+    found = RecordedMotion(stamps, poses[:, :3]).at_many(wanted)
     assert found is not None
     for stamp, pose in zip(wanted, found, strict=True):
         after = min(np.searchsorted(stamps, stamp), 19)
@@ -32,12 +32,12 @@ def test_poses_between_samples_are_those_of_slerp(seed: int, turn: float) -> Non
 
 
 def test_a_stamp_too_far_from_every_sample_has_no_pose() -> None:
-    motion = RecordedMotion(np.array([0, 10**9]), np.tile(np.eye(4)[:3], (2, 1, 1)))
-    near, far = np.array([0, 10**8]), np.array([0, 5 * 10**8])
-    assert motion.at_many(near, 2 * 10**8) is not None
-    assert motion.at_many(far, 2 * 10**8) is None
-    assert motion.at(3 * 10**9, 10**9) is None
-    assert motion.at(2 * 10**9, 10**9) is not None
+    motion = RecordedMotion(np.array([0, 2 * 10**9]), np.tile(np.eye(4)[:3], (2, 1, 1)))
+    near, far = np.array([0, 10**8]), np.array([0, 10**9])
+    assert motion.at_many(near) is not None
+    assert motion.at_many(far) is None
+    assert motion.at(3 * 10**9) is None
+    assert motion.at(25 * 10**8) is not None
 
 
 @pytest.mark.parametrize("knots", [2, 8])

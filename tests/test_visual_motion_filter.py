@@ -112,7 +112,7 @@ def test_tracked_turns_with_a_gyroscope_are_as_sure_as_the_gyroscope() -> None:
         Frame(i * step_ns, None, images=(room.image(p, i * step_ns),)) for i, p in enumerate(truth)
     ]
     dark = Frame(len(frames) * step_ns, None)
-    sample = ImuSample(dark.stamp_ns, np.array([0.0, 0.0, 0.2]), np.array([0.0, 0.0, 9.81]), None)
+    sample = ImuSample(dark.stamp_ns, np.array([0.0, 0.0, 0.2]), np.array([0.0, 0.0, 9.81]))
     turns = []
     for last in (dark, replace(dark, imu=(sample,))):
         tracker = VisualTracker(Config())

@@ -91,7 +91,7 @@ def test_a_gyroscope_carries_a_turn_through_the_dark() -> None:
     frames = frames_of(Room(), truth)
     sample = np.array([0.0, 0.0, rate])
     for i in range(1, 30):
-        imu = (ImuSample(i * STEP_NS, sample, np.array([0.0, 0.0, 9.81]), None),)
+        imu = (ImuSample(i * STEP_NS, sample, np.array([0.0, 0.0, 9.81])),)
         images = (covered(frames[i].images[0]),) if 10 <= i < 20 else frames[i].images
         frames[i] = replace(frames[i], images=images, imu=imu)
     tracker = VisualTracker(Config())
@@ -130,7 +130,7 @@ def test_a_frame_without_images_is_no_disaster() -> None:
 def test_a_picture_recognised_where_the_camera_cannot_be_is_not_believed() -> None:
     """Standing still by the gyroscope, a hand before the lens, then the view from 0.2 rad aside."""
     here, aside = (circle((3.0, 2.5), 0.0, 1, 0.0, phase=phase)[0] for phase in (0.0, 0.2))
-    still = (ImuSample(0, np.zeros(3), np.array([0.0, 0.0, 9.81]), None),)
+    still = (ImuSample(0, np.zeros(3), np.array([0.0, 0.0, 9.81])),)
     tracker = VisualTracker(Config())
     for k in range(4):
         tracker.track(Frame(k * 50_000_000, None, images=(Room().image(here, 0),), imu=still))

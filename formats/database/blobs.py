@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from formats.bounds import FARTHEST, LARGEST
 from mapmyworld.errors import MapError
-from mapmyworld.geometry.rigid import SWAP_ROTATION_TRANSLATION
+from mapmyworld.geometry.rigid import SWAP_ROTATION_TRANSLATION, transforms_of_rows
 
 # Between RTAB-Map's order of a tangent (translation first) and ours.
 _SWAP = np.ix_(SWAP_ROTATION_TRANSLATION, SWAP_ROTATION_TRANSLATION)
@@ -96,7 +96,7 @@ def blob_to_pose(blob: bytes | None, what: str) -> NDArray[np.float64] | None:
         return None
     if len(blob) != 48:
         raise MapError(f"{what}: a transform takes 48 bytes, not {len(blob)}")
-    poses = matrices_from_floats(np.frombuffer(blob, "<f4")[None])
+    poses = transforms_of_rows(np.frombuffer(blob, "<f4"))
     if not (np.abs(poses) <= FARTHEST).all():
         raise MapError(f"{what}: a transform that is not finite, or out of range")
     return None if not poses[0, :3].any() else orthonormal(poses)[0]
@@ -109,14 +109,6 @@ def doubles(blob: Any, side: int) -> NDArray[np.float64]:
     if not (np.abs(found) <= most).all():
         raise ValueError("a value that is not finite, or out of range")
     return found
-
-
-def matrices_from_floats(rows: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Motions (N, 4, 4) of rows (N, 12): each the upper three rows of a matrix."""
-    poses = np.zeros((len(rows), 4, 4))
-    poses[:, :3] = rows.reshape(-1, 3, 4)
-    poses[:, 3, 3] = 1.0
-    return poses
 
 
 def orthonormal(poses: NDArray[np.float64]) -> NDArray[np.float64]:

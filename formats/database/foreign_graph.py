@@ -7,16 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from formats.database.blobs import (
-    blob_to_information,
-    blob_to_matrix,
-    blob_to_pose,
-    matrices_from_floats,
-    orthonormal,
-)
+from formats.database.blobs import blob_to_information, blob_to_matrix, blob_to_pose, orthonormal
 from formats.database.links import KINDS
 from mapmyworld.errors import MapError
-from mapmyworld.geometry.rigid import invert
+from mapmyworld.geometry.rigid import invert, transforms_of_rows
 from mapmyworld.types import OF_ONE_NODE, ConstraintKind, Given, Judged, Poses
 
 SELECT_LINKS = "SELECT from_id, to_id, type, information_matrix, transform FROM Link ORDER BY rowid"
@@ -102,7 +96,7 @@ def poses_from_blobs(ids_blob: bytes | None, poses_blob: bytes | None, what: str
             f"{what}: {ids.size} optimised ids do not fit {floats.size} numbers of poses"
         )
     numbers = ids.ravel().astype(np.int64)
-    poses = matrices_from_floats(np.asarray(floats, np.float32).reshape(-1, 12))
+    poses = transforms_of_rows(np.asarray(floats, np.float32))
     if not np.isfinite(poses).all():
         raise MapError(f"{what}: optimised poses that are not finite")
     order = np.lexsort((np.abs(numbers), numbers < 0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -17,8 +17,8 @@ from mapmyworld.diagnosis.depth_motion import (
 from mapmyworld.diagnosis.depth_on_colour import alignment_findings, grey_levels
 from mapmyworld.diagnosis.depth_on_laser import DEPTH_SCALE, mount_findings
 from mapmyworld.diagnosis.finding import Finding
-from mapmyworld.diagnosis.rotation import time_offset
-from mapmyworld.diagnosis.sample import Sample, odometry_yaw
+from mapmyworld.diagnosis.rotation import beside_lowest, time_offset
+from mapmyworld.diagnosis.sample import odometry_yaw
 from mapmyworld.geometry import Array
 from mapmyworld.mapping.depth_grid import floor_plane
 from mapmyworld.mapping.level_surfaces import joined, surfaces_of
@@ -33,21 +33,29 @@ _TILT = 2.0  # deg
 _HEIGHT = 0.05  # m
 
 
-def camera_findings(sample: Sample, config: Config) -> Iterator[Finding]:
-    """What the depth and colour images indicate about units, mounts and clocks."""
-    guard = ImageGuard()
-    framed = [frame for frame in sample.frames if frame.images]
-    if not framed:
-        return
-    spread = np.unique(np.linspace(0, len(framed) - 1, _IMAGES).astype(int))
-    yield from image_findings([framed[i] for i in spread], sample.plan, config)
-    if sample.plan.scan is None:
-        pairs = pairs_along_the_path([frame.odom_from_base for frame in framed])
-        yield from depth_motion_findings([(framed[i], framed[k]) for i, k in pairs], config)
-    yield from _clock(framed, sample, guard)
+def camera_findings(
+    odom_from_base: Sequence[Array | None],
+    frame_at: Callable[[int], Frame],
+    plan: Plan,
+    config: Config,
+) -> Iterator[Finding]:
+    """What depth and colour images indicate about units and mounts.
+
+    Of the frames at some of the poses (4, 4), by their number; those without an image are passed
+    over.
+    """
+    spread = np.unique(np.linspace(0, len(odom_from_base) - 1, _IMAGES).astype(int))
+    frames = [frame_at(i) for i in spread.tolist()]
+    yield from _image_findings([frame for frame in frames if frame.images], plan, config)
+    if plan.scan is None and plan.odometry is not None:
+        found = pairs_along_the_path(odom_from_base)
+        pairs = [(frame_at(i), frame_at(k)) for i, k in found]
+        yield from depth_motion_findings(
+            [(a, b) for a, b in pairs if a.images and b.images], config
+        )
 
 
-def image_findings(frames: Sequence[Frame], plan: Plan, config: Config) -> Iterator[Finding]:
+def _image_findings(frames: Sequence[Frame], plan: Plan, config: Config) -> Iterator[Finding]:
     """What the first image of each of these frames says by itself and beside its scan."""
     guard = ImageGuard()
 
@@ -96,18 +104,20 @@ def _floor(images: list[RgbdImage], scale: float, config: Config) -> Iterator[Fi
     yield Finding("floor tilt", tilt, "deg", good, text, suggestion)
 
 
-def _clock(framed: list[Frame], sample: Sample, guard: ImageGuard) -> Iterator[Finding]:
-    """Turns seen by the camera, from how its columns move, against the odometry's."""
-    clock = odometry_yaw(sample.plan, sample.frames[0].stamp_ns)
+def camera_clock(framed: Sequence[Frame], plan: Plan, first_ns: int) -> Iterator[Finding]:
+    """Turns that frames with images saw, from how columns move, against the odometry's.
+
+    Times count from `first_ns`.
+    """
+    clock, guard = odometry_yaw(plan, first_ns), ImageGuard()
     if clock is None:
         return
-    some = framed[:_PROFILES]
     stamps, profiles = list[float](), list[Array]()
-    for frame in some:
+    for frame in framed[:_PROFILES]:
         colour = guard.guarded(frame.images[0]).colour
         if colour is None:
             continue
-        stamps.append((colour.stamp_ns - sample.frames[0].stamp_ns) * 1e-9)
+        stamps.append((colour.stamp_ns - first_ns) * 1e-9)
         grey = grey_levels(colour.pixels())
         third = len(grey) // 3
         profile = grey[third : len(grey) - third].mean(axis=0)
@@ -128,10 +138,6 @@ def _profile_shift(before: Array, now: Array) -> float:
     count = len(before)
     overlap = np.correlate(now, before, "full")
     weight = count - np.abs(np.arange(-count + 1, count))
-    valid = weight > count // 2
-    score = np.where(valid, overlap / np.maximum(weight, 1), -np.inf)
-    best = int(score.argmax())
-    left, middle, right = score[max(best - 1, 0)], score[best], score[min(best + 1, 2 * count - 2)]
-    bend = left - 2.0 * middle + right
-    shift = 0.5 * (left - right) / bend if np.isfinite(bend) and bend < 0 else 0.0
-    return float(best - (count - 1) + shift)
+    error = np.where(weight > count // 2, -overlap / np.maximum(weight, 1), np.inf)
+    best = int(error.argmin())
+    return best - (count - 1) + beside_lowest(error, best)

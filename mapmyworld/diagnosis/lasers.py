@@ -11,13 +11,13 @@ import numpy as np
 from mapmyworld.config import Config, RegistrationConfig
 from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.diagnosis.rotation import nearest_offset, time_offset
-from mapmyworld.diagnosis.sample import Sample, odometry_yaw, take_sample
+from mapmyworld.diagnosis.sample import odometry_yaw, take_sample
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between
 from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import COARSE, prepare_scans
-from mapmyworld.sensing.plan import Plan
+from mapmyworld.sensing.plan import Plan, ScanSource
 from mapmyworld.types import Frame, LogSource
 
 _LEAST_OVERLAP = 0.6
@@ -32,34 +32,27 @@ _HALF = 0.6  # of the time between sweeps, which half of one lasts at most, and 
 _SCALE_OFF = 0.03  # share by which odometry may be wrong before it is worth a word
 
 
-def laser_findings(sample: Sample, config: RegistrationConfig) -> Iterator[Finding]:
+def laser_findings(
+    frames: list[Frame], plan: Plan, config: RegistrationConfig
+) -> Iterator[Finding]:
     """What comparing neighbouring scans reports about the odometry and the clocks."""
-    pairs = [(a, b) for a, b in pairwise(sample.frames) if a.scan and b.scan]
+    pairs, moves, reported = _matched(frames, config)
     if not pairs:
         return
-    moves, reported = _matched(pairs, config)
-    good = np.isfinite(moves[:, 0])
-    if not good.any():
-        return
-    first_ns = sample.frames[0].stamp_ns
-    starts, ends = _times(pairs, first_ns)[:, good]
-    turns = moves[good, 2]
-    certain = good & (reported > _INFORMATIVE)
+    certain = reported > _INFORMATIVE
     yield from distance_scale(_odometry_steps(pairs)[certain], moves[certain])
-    clock = odometry_yaw(sample.plan, first_ns)
-    if clock is not None:
-        found = time_offset(("laser", "odometry"), starts, ends, turns, clock)
-        yield from _some(found and _beside_half_a_sweep(found, sample))
-    gyro = _gyro_yaw(sample)
-    if gyro is not None:
-        found = time_offset(("laser", "gyroscope"), starts, ends, turns, gyro)
-        yield from _some(found and _beside_half_a_sweep(found, sample))
+    first_ns = frames[0].stamp_ns
+    starts, ends = _times(pairs, first_ns)
+    clocks = ("odometry", odometry_yaw(plan, first_ns)), ("gyroscope", _gyro_yaw(frames))
+    for name, clock in clocks:
+        found = clock and time_offset(("laser", name), starts, ends, moves[:, 2], clock)
+        if found is not None:
+            yield _beside_half_a_sweep(found, frames, plan.scan)
 
 
-def _beside_half_a_sweep(found: Finding, sample: Sample) -> Finding:
+def _beside_half_a_sweep(found: Finding, frames: list[Frame], scan: ScanSource | None) -> Finding:
     """A time offset; where nothing reports when a beam was taken, half a sweep of it is no news."""
-    scan = sample.plan.scan
-    period = float(np.median(np.diff([f.stamp_ns for f in sample.frames if f.scan]))) * 1e-9
+    period = float(np.median(np.diff([f.stamp_ns for f in frames if f.scan]))) * 1e-9
     is_half = found.unit == "s" and abs(found.value) < _HALF * period
     if found.good or scan is None or scan.beams_are_timed or not is_half:
         return found
@@ -93,17 +86,13 @@ def refined_lag(log: LogSource, plan: Plan, config: Config, lag_s: float) -> flo
 
 def _offset(log: LogSource, plan: Plan, config: Config) -> tuple[float, float] | None:
     """`nearest_offset` of odometry to laser in a log's first minutes; None where it is unknown."""
-    sample = take_sample(log, plan, config.sensing)
-    pairs = [(a, b) for a, b in pairwise(sample.frames) if a.scan and b.scan]
-    clock = odometry_yaw(plan, sample.frames[0].stamp_ns) if pairs else None
-    if clock is None:
+    frames = take_sample(log, plan, config.sensing)
+    pairs, moves, _ = _matched(frames, config.registration)
+    if not pairs:
         return None
-    moves, _ = _matched(pairs, config.registration)
-    good = np.isfinite(moves[:, 0])
-    if not good.any():
-        return None
-    starts, ends = _times(pairs, sample.frames[0].stamp_ns)[:, good]
-    return nearest_offset(starts, ends, moves[good, 2], clock)
+    first_ns = frames[0].stamp_ns
+    (starts, ends), clock = _times(pairs, first_ns), odometry_yaw(plan, first_ns)
+    return clock and nearest_offset(starts, ends, moves[:, 2], clock)
 
 
 def _times(pairs: list[tuple[Frame, Frame]], first_ns: int) -> Array:
@@ -111,16 +100,15 @@ def _times(pairs: list[tuple[Frame, Frame]], first_ns: int) -> Array:
     return np.array([[f.stamp_ns - first_ns for f in pair] for pair in pairs]).T * 1e-9
 
 
-def _some(finding: Finding | None) -> Iterator[Finding]:
-    if finding is not None:
-        yield finding
-
-
-def _matched(pairs: list[tuple[Frame, Frame]], config: RegistrationConfig) -> tuple[Array, Array]:
-    """Motions (N, 3) by scan matching, and its information along the path (N,).
-
-    NaN where the scans do not overlap enough.
+def _matched(
+    frames: list[Frame], config: RegistrationConfig
+) -> tuple[list[tuple[Frame, Frame]], Array, Array]:
+    """Neighbouring frames whose scans overlap enough, the motions (N, 3) between them by scan
+    matching, and the share (N,) of its information along the path.
     """
+    pairs = [(a, b) for a, b in pairwise(frames) if a.scan and b.scan]
+    if not pairs:
+        return [], np.zeros((0, 3)), np.zeros(0)
     scans = [pair[0].scan for pair in pairs] + [pairs[-1][1].scan]
     prepared = prepare_scans([scan for scan in scans if scan is not None], config)
     moves, reported = np.full((len(pairs), 3), np.nan), np.zeros(len(pairs))
@@ -135,7 +123,8 @@ def _matched(pairs: list[tuple[Frame, Frame]], config: RegistrationConfig) -> tu
         if match.overlap > _LEAST_OVERLAP:
             moves[i] = guess = match.pose
             reported[i] = _information_along(match.pose[:2], match.information)
-    return moves, reported
+    good = np.flatnonzero(np.isfinite(moves[:, 0]))
+    return [pairs[i] for i in good], moves[good], reported[good]
 
 
 def _information_along(distance: Array, information: Array) -> float:
@@ -193,12 +182,12 @@ def _ratio(seen: Array, distance: Array) -> float:
     return float(seen[kept].sum() / distance[kept].sum()) if kept.any() else float(middle)
 
 
-def _gyro_yaw(sample: Sample) -> tuple[Array, Array] | None:
+def _gyro_yaw(frames: list[Frame]) -> tuple[Array, Array] | None:
     """Times and integrated turn about the base's z axis."""
-    samples = [one for frame in sample.frames for one in frame.imu]
+    samples = [one for frame in frames for one in frame.imu]
     if len(samples) < 2:
         return None
-    times = np.array([s.stamp_ns - sample.frames[0].stamp_ns for s in samples]) * 1e-9
+    times = np.array([s.stamp_ns - frames[0].stamp_ns for s in samples]) * 1e-9
     rates = np.array([s.angular_velocity[2] for s in samples])
     order = np.argsort(times, kind="stable")
     times, rates = times[order], rates[order]

@@ -37,7 +37,7 @@ def time_offset(
     if errors.min() > _BETTER * mirrored:
         return _backwards(names, len(turns))
     best = int(np.argmin(errors))
-    offset = _vertex(offsets, errors, best)
+    offset = _lowest(offsets, errors, best)
     # Half-way between two headings their noise is averaged, which agrees better on both sides.
     others = min(errors[len(offsets) // 2], errors[len(offsets) - 1 - best])
     certain = others > _BETTER * errors[best]
@@ -67,7 +67,7 @@ def nearest_offset(
     `starts`, `ends` and `turns` (N,), and `clock`, (M,) both, as of `time_offset`.
     """
     offsets, errors = _tried(starts, ends, turns, clock)
-    return _vertex(offsets, errors, int(np.argmin(errors))), float(errors[len(offsets) // 2])
+    return _lowest(offsets, errors, int(np.argmin(errors))), float(errors[len(offsets) // 2])
 
 
 def _tried(
@@ -106,11 +106,14 @@ def _error(starts: Array, ends: Array, turns: Array, clock: tuple[Array, Array])
     return float(np.minimum(np.abs(seen - turns), 0.05).mean())
 
 
-def _vertex(offsets: Array, errors: Array, best: int) -> float:
-    """The lowest point of the parabola through the smallest error and its neighbours."""
-    if not 0 < best < len(offsets) - 1:
-        return float(offsets[best])
+def _lowest(offsets: Array, errors: Array, best: int) -> float:
+    return float(offsets[best] + beside_lowest(errors, best) * _STEP)
+
+
+def beside_lowest(errors: Array, best: int) -> float:
+    """Steps from the smallest error (N,) to the vertex of the parabola through its neighbours."""
+    if not 0 < best < len(errors) - 1:
+        return 0.0
     left, middle, right = errors[best - 1 : best + 2]
     bend = left - 2.0 * middle + right
-    shift = 0.5 * (left - right) / bend if bend > 0 else 0.0
-    return float(offsets[best] + shift * _STEP)
+    return float(0.5 * (left - right) / bend) if 0.0 < bend < np.inf else 0.0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mapmyworld.config import SensingConfig
@@ -18,18 +16,6 @@ _ENOUGH = 600  # pairs of neighbouring frames between which the robot moved
 _MOVED = 0.005  # m, or rad, by the odometry
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sample:
-    """Frames in time order; neighbours follow each other in the log."""
-
-    frames: list[Frame]
-    plan: Plan
-
-    def times(self) -> Array:
-        """Of the frames, (N,) in s since the first."""
-        return np.array([f.stamp_ns - self.frames[0].stamp_ns for f in self.frames]) * 1e-9
-
-
 def odometry_yaw(plan: Plan, first_ns: int) -> tuple[Array, Array] | None:
     """Times in s since `first_ns`, ascending, and the unwrapped headings in rad, (N,) both."""
     source = plan.odometry
@@ -42,8 +28,8 @@ def odometry_yaw(plan: Plan, first_ns: int) -> tuple[Array, Array] | None:
     return np.asarray(times[order], np.float64), np.asarray(yaw, np.float64)
 
 
-def take_sample(log: LogSource, plan: Plan, config: SensingConfig) -> Sample:
-    """Frames from the start of the log until enough motion was seen, or all."""
+def take_sample(log: LogSource, plan: Plan, config: SensingConfig) -> list[Frame]:
+    """Frames from the start of the log, in its order, until enough motion was seen, or all."""
     frames, moving = list[Frame](), 0
     for frame in read_frames(log, plan, config):
         if frames and _moved(frames[-1], frame):
@@ -51,7 +37,7 @@ def take_sample(log: LogSource, plan: Plan, config: SensingConfig) -> Sample:
         frames.append(frame)
         if moving >= _ENOUGH:
             break
-    return Sample(frames, plan)
+    return frames
 
 
 def _moved(before: Frame, now: Frame) -> bool:

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from mapmyworld.config import Config
-from mapmyworld.diagnosis.cameras import camera_findings, image_findings
-from mapmyworld.diagnosis.depth_motion import depth_motion_findings, pairs_along_the_path
+from mapmyworld.diagnosis.cameras import camera_clock, camera_findings
 from mapmyworld.diagnosis.finding import Finding
 from mapmyworld.diagnosis.lasers import distance_scale, laser_findings
 from mapmyworld.diagnosis.rotation import time_offset
@@ -18,17 +17,19 @@ from mapmyworld.geometry.planar import matrix_to_planar
 from mapmyworld.geometry.rigid import between
 from mapmyworld.map_figures import tracked_path
 from mapmyworld.sensing.plan import Plan
-from mapmyworld.types import Frame, LogSource, MapStore, Node
-
-_IMAGES = 12  # nodes whose images are looked at, spread over the drive
+from mapmyworld.types import Frame, LogSource, MapStore
 
 
 def diagnose(log: LogSource, plan: Plan, config: Config) -> tuple[Finding, ...]:
     """What the sensors of a log report about one another, from its first minutes of motion."""
-    sample = take_sample(log, plan, config.sensing)
-    if not sample.frames:
-        return ()
-    return (*laser_findings(sample, config.registration), *camera_findings(sample, config))
+    frames = take_sample(log, plan, config.sensing)
+    framed = [frame for frame in frames if frame.images]
+    findings = list(laser_findings(frames, plan, config.registration))
+    if framed:
+        odometry = [frame.odom_from_base for frame in framed]
+        findings += camera_findings(odometry, framed.__getitem__, plan, config)
+        findings += camera_clock(framed, plan, frames[0].stamp_ns)
+    return tuple(findings)
 
 
 def diagnose_tracked(store: MapStore, plan: Plan, config: Config) -> tuple[Finding, ...]:
@@ -66,16 +67,11 @@ def _camera_findings(store: MapStore, plan: Plan, config: Config) -> Iterator[Fi
     nodes = store.nodes()
     if plan.camera is None or not nodes:
         return
-    chosen = np.unique(np.linspace(0, len(nodes) - 1, _IMAGES).astype(int)).tolist()
-    found = [_frame(store, nodes[k]) for k in chosen]
-    yield from image_findings([frame for frame in found if frame.images], plan, config)
-    if plan.scan is None and plan.odometry is not None:
-        pairs = pairs_along_the_path([node.odom_from_base for node in nodes])
-        both = [(_frame(store, nodes[i]), _frame(store, nodes[k])) for i, k in pairs]
-        yield from depth_motion_findings([(a, b) for a, b in both if a.images and b.images], config)
 
+    def frame_at(index: int) -> Frame:
+        """What the map kept of a node's frame, to be looked at once more."""
+        node = nodes[index]
+        data = store.node_data(node.id)
+        return Frame(node.stamp_ns, node.odom_from_base, data.scan, data.images)
 
-def _frame(store: MapStore, node: Node) -> Frame:
-    """What the map kept of a node's frame, to be looked at once more."""
-    data = store.node_data(node.id)
-    return Frame(node.stamp_ns, node.odom_from_base, data.scan, data.images)
+    yield from camera_findings([node.odom_from_base for node in nodes], frame_at, plan, config)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,10 +20,6 @@ class ErrorStatistics:
     """Of the population (divided by the count)."""
     minimum: float
     maximum: float
-
-    def as_dict(self) -> dict[str, float]:
-        """By name, as printed and as written to JSON."""
-        return asdict(self)
 
 
 def summarise(errors: ArrayLike) -> ErrorStatistics:

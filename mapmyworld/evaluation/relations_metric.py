@@ -18,7 +18,7 @@ from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import between, interpolate, invert
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.types import Trajectory
-from mapmyworld.types.relations import Relations
+from mapmyworld.types.maps import Relations
 
 FEW = 0.5  # share of the relations below which a score says little of the whole drive
 _SAME_STAMP_NS = 500  # two stamps written with six decimals are the same within half a unit
@@ -63,16 +63,6 @@ class RelationsScore:
     def share(self) -> float:
         """Of all relations that are scored, 0 to 1."""
         return self.count / len(self.covered)
-
-    @property
-    def translation_mean(self) -> float:
-        """Metres."""
-        return self.translation.mean
-
-    @property
-    def rotation_mean_deg(self) -> float:
-        """Degrees."""
-        return self.rotation_deg.mean
 
 
 def relations_score(trajectory: Trajectory, relations: Relations) -> RelationsScore:

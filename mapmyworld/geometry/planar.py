@@ -148,12 +148,12 @@ def matrix_to_planar(a_from_b: ArrayLike) -> Array:
     return np.stack([m[..., 0, 3], m[..., 1, 3], yaw], axis=-1)
 
 
-def information_from_planar(information: ArrayLike, *, off_plane: float = 1e6) -> Array:
+def information_from_planar(information: ArrayLike) -> Array:
     """Information (..., 6, 6), rotation first, of one over x, y, yaw (..., 3, 3).
 
-    Height, roll and pitch, which a planar measurement knows to be zero, get `off_plane`.
+    Height, roll and pitch, which a planar measurement knows to be zero, get a million.
     """
-    return _spatial(information, off_plane)
+    return covariance_from_planar(information, off_plane=1e6)
 
 
 def covariance_from_planar(covariance: ArrayLike, *, off_plane: float = 0.0) -> Array:
@@ -161,11 +161,7 @@ def covariance_from_planar(covariance: ArrayLike, *, off_plane: float = 0.0) -> 
 
     Height, roll and pitch, which a planar pose has exactly, get the variance `off_plane`.
     """
-    return _spatial(covariance, off_plane)
-
-
-def _spatial(matrix: ArrayLike, off_plane: float) -> Array:
-    planar = np.asarray(matrix, np.float64)
+    planar = np.asarray(covariance, np.float64)
     full = np.zeros((*planar.shape[:-2], 6, 6))
     full[..., [0, 1, 5], [0, 1, 5]] = off_plane
     full[..., PLANAR_IN_TANGENT[:, None], PLANAR_IN_TANGENT] = planar

@@ -26,6 +26,13 @@ def make_transform(rotation: ArrayLike, translation: ArrayLike) -> Array:
     return matrix
 
 
+def transforms_of_rows(rows: ArrayLike) -> Array:
+    """Matrices (N, 4, 4) of their upper `rows` (N, 3, 4), in any shape that holds these."""
+    matrices = np.tile(np.eye(4), (np.size(rows) // 12, 1, 1))
+    matrices[:, :3] = np.reshape(rows, (-1, 3, 4))
+    return matrices
+
+
 def invert(a_from_b: ArrayLike) -> Array:
     """`b_from_a` (..., 4, 4) of `a_from_b` (..., 4, 4), by the transpose of the rotation."""
     m = np.asarray(a_from_b, np.float64)

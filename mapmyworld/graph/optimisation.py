@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,7 +179,7 @@ def _result(
     freedom = problem.system.dimension * int(accepted.sum()) - problem.system.size
     cost = 0.5 * float(squares[accepted].sum())
     return OptimisedGraph(
-        graph.placed(poses[: count - 1], places),
+        replace(graph, map_from_node=poses[: count - 1], landmarks=places),
         cost,
         best.start,
         costs,

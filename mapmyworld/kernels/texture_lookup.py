@@ -19,7 +19,7 @@ def shade_pixels(
     triangle_light: NDArray[np.float32],
     texel_metres: NDArray[np.float32],
     offsets: NDArray[np.int64],
-    sizes: NDArray[np.int64],
+    finest: int,
     texels: NDArray[np.uint8],
     pixel_angle: float,
     sky: NDArray[np.uint8],
@@ -31,7 +31,7 @@ def shade_pixels(
     (P,) are cosines between ray and normal. `triangle_uv` (T, 3, 2) counts repeats of the texture;
     `triangle_texture`, `triangle_light` and `texel_metres` (T,) are which it is, a factor, and the
     size of a texel in m; `offsets` (X, L) are where in `texels` (N, 3) each level of each texture
-    begins; `sizes` (X,) are the finest levels' edges.
+    begins; `finest` is the edge of the finest level.
     """
     levels = offsets.shape[1]
     for p in range(len(triangles)):
@@ -50,7 +50,7 @@ def shade_pixels(
         level = 0
         while level < levels - 1 and footprint > texel_metres[triangle] * 1.5 * (1 << level):
             level += 1
-        edge = max(1, sizes[texture] >> level)
+        edge = finest >> level
         x, y = (u - np.floor(u)) * edge - 0.5, (v - np.floor(v)) * edge - 0.5
         x0, y0 = int(np.floor(x)), int(np.floor(y))
         fx, fy = x - x0, y - y0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,44 +42,33 @@ def beams_of(scans: Sequence[tuple[Array, Scan]], settings: MappingConfig) -> Be
     poses = np.array([pose for pose, _ in scans], np.float64)
     origins = np.array([scan.origin[:2] for _, scan in scans], np.float64)
     starts = _placed(poses, origins)
-    points = np.concatenate([scan.points for _, scan in scans]).astype(np.float64)
-    scan_of = np.repeat(np.arange(len(scans)), [len(scan.points) for _, scan in scans])
-    beams = _placed(poses[scan_of], points) - starts[scan_of]
+    points, returned = _joined([scan.points for _, scan in scans])
+    beams = _placed(poses[returned], points) - starts[returned]
     lengths = np.maximum(np.hypot(beams[:, 0], beams[:, 1]), 1e-9)
-    is_hit = lengths <= settings.range_max
-    ends = starts[scan_of] + beams * np.minimum(1.0, settings.range_max / lengths)[:, None]
-    for away, of in _without_return(scans, poses, starts, settings):
-        ends, scan_of = np.concatenate([ends, away]), np.concatenate([scan_of, of])
-        is_hit = np.concatenate([is_hit, np.zeros(len(away), np.bool_)])
-        order = np.argsort(scan_of, kind="stable")
-        ends, is_hit, scan_of = ends[order], is_hit[order], scan_of[order]
+    shares = np.minimum(1.0, settings.range_max / lengths)
+    stopped = starts[returned] + beams * shares[:, None]
+    # Beams without a return are taken to have gone so far, unless they are not drawn at all.
+    drawn = slice(None if settings.missing_range > 0 else 0)
+    bearings, empty = _joined([scan.missing[drawn] for _, scan in scans])
+    bearings = bearings + poses[empty, 2]
+    reach = np.array([min(settings.missing_range, scan.range_max) for _, scan in scans])[empty]
+    away = reach[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
+    passed, passing = _joined([scan.passed for _, scan in scans])
+    scan_of = np.concatenate([returned, empty, passing])
+    order = np.argsort(scan_of, kind="stable")
+    ends = np.concatenate([stopped, starts[empty] + away, _placed(poses[passing], passed)])[order]
+    is_hit = np.pad(lengths <= settings.range_max, (0, len(empty) + len(passing)))[order]
+    scan_of = scan_of[order]
     finite = np.isfinite(ends).all(axis=1) & np.isfinite(starts[scan_of]).all(axis=1)
     bounds = np.searchsorted(scan_of[finite], np.arange(len(scans) + 1))
     ends = ends[finite] / settings.resolution
     return Beams(starts / settings.resolution, ends, is_hit[finite], bounds)
 
 
-def _without_return(
-    scans: Sequence[tuple[Array, Scan]], poses: Array, starts: Array, settings: MappingConfig
-) -> Iterator[tuple[Array, NDArray[np.int64]]]:
-    """Ends (R, 2) of beams that nothing stopped, and of which scan they are, kind by kind."""
-    if settings.missing_range > 0:
-        yield _missing_ends(scans, poses, starts, settings)
-    scan_of = np.repeat(np.arange(len(scans)), [len(scan.passed) for _, scan in scans])
-    if len(scan_of):
-        points = np.concatenate([scan.passed for _, scan in scans]).astype(np.float64)
-        yield _placed(poses[scan_of], points), scan_of
-
-
-def _missing_ends(
-    scans: Sequence[tuple[Array, Scan]], poses: Array, starts: Array, settings: MappingConfig
-) -> tuple[Array, NDArray[np.int64]]:
-    """How far beams without a return are taken to have gone (R, 2), and of which scan they are."""
-    scan_of = np.repeat(np.arange(len(scans)), [len(scan.missing) for _, scan in scans])
-    bearings = np.concatenate([scan.missing for _, scan in scans]) + poses[scan_of, 2]
-    reach = np.array([min(settings.missing_range, scan.range_max) for _, scan in scans])[scan_of]
-    away = reach[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
-    return starts[scan_of] + away, scan_of
+def _joined(parts: Sequence[NDArray[np.float32]]) -> tuple[Array, NDArray[np.int64]]:
+    """All rows of some arrays, and in which of them each stood."""
+    which = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    return np.concatenate(parts).astype(np.float64), which
 
 
 def _placed(poses: Array, points: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config
 from mapmyworld.geometry import Array
-from mapmyworld.geometry.rigid import evenly_along, invert, transform_points
+from mapmyworld.geometry.rigid import invert, transform_points
 from mapmyworld.mapping.voxel_map import VoxelMap
 from mapmyworld.parallel import in_threads
 from mapmyworld.registration.camera_model import (
@@ -52,14 +53,6 @@ def build_cloud(items: Iterable[Posed], config: Config) -> PointCloud:
     for _ in in_threads(add, _with_neighbours(views), 1, 2):
         pass  # one thread adds up while the next nodes are read
     return voxels.to_cloud(settings.cloud_views, _AROUND)
-
-
-def views_of_cloud(poses: Array, config: Config) -> NDArray[np.int64]:
-    """(K,) indices of the nodes at `poses` (N, 4, 4), in time, that give the cloud their images.
-
-    Neighbours see nearly the same: one every `visual.cloud_spacing` is enough.
-    """
-    return evenly_along(poses, config.visual.cloud_spacing)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,14 +145,9 @@ def _with_neighbours(
     views: Iterable[_View],
 ) -> Iterator[tuple[_View | None, _View, _View | None]]:
     """Each view between the one before it and the one after it."""
-    before: _View | None = None
-    current: _View | None = None
-    for after in views:
-        if current is not None:
-            yield before, current, after
-        before, current = current, after
-    if current is not None:
-        yield before, current, None
+    before, current, after = itertools.tee(views, 3)
+    later = itertools.chain(itertools.islice(after, 1, None), [None])
+    return zip(itertools.chain([None], before), current, later, strict=False)
 
 
 def _agreeing(view: _View, others: list[_View], share: float) -> NDArray[np.bool_]:

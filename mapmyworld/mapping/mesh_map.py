@@ -14,10 +14,11 @@ from mapmyworld.errors import MapError
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.rigid import invert
 from mapmyworld.open3d_library import import_open3d
-from mapmyworld.types import CameraModel, Mesh, NodeData, RgbdImage
+from mapmyworld.registration.camera_model import is_distorted, opencv_model
+from mapmyworld.types import Mesh, NodeData, RgbdImage
 
 _TRUNCATION = 4.0  # voxels on either side of a surface that a view informs about
-_VIEWS = 2  # measurements that a voxel of the mesh needs
+_VIEWS = 2.0  # measurements that a voxel of the mesh needs
 _BLOCK = 16  # voxels along the edge of a block
 _FIRST_BLOCKS = 2000  # room at the start; the volume grows
 
@@ -46,30 +47,29 @@ def build_mesh(items: Iterable[tuple[Array, NodeData]], config: Config) -> Mesh:
         for image in data.images:
             if image.depth is None:
                 continue
-            colour, depth, k = _rectified(image)
-            pose = map_from_base @ image.camera.base_from_camera
-            _integrate(o3d, volume, colour, depth, k, pose, config)
+            _integrate(o3d, volume, image, map_from_base, settings.cloud_range)
             count += 1
     if count == 0:
         raise MapError("no node has a depth image: a mesh needs depth")
-    return _extracted(volume, _VIEWS)
+    mesh = volume.extract_triangle_mesh(_VIEWS)
+    colours = np.clip(np.round(mesh.vertex.colors.numpy()), 0, 255)
+    return Mesh(
+        mesh.vertex.positions.numpy().astype(np.float32),
+        mesh.triangle.indices.numpy().astype(np.int32),
+        colours.astype(np.uint8),
+    )
 
 
 def _integrate(
-    o3d: Any,
-    volume: Any,
-    colour: NDArray[np.uint8],
-    depth: NDArray[np.float32],
-    k: Array,
-    map_from_camera: Array,
-    config: Config,
+    o3d: Any, volume: Any, image: RgbdImage, map_from_base: Array, farthest: float
 ) -> None:
-    settings = config.visual
-    tensor, image = o3d.core.Tensor, o3d.t.geometry.Image
+    colour, depth, k = _rectified(image)
+    tensor, picture = o3d.core.Tensor, o3d.t.geometry.Image
+    map_from_camera = map_from_base @ image.camera.base_from_camera
     intrinsics, extrinsics = tensor(k), tensor(invert(map_from_camera))
-    pictured = image(tensor(np.ascontiguousarray(depth)))
-    coloured = image(tensor(np.ascontiguousarray(colour, np.float32)))
-    scale_and_range = (1.0, settings.cloud_range, _TRUNCATION)
+    pictured = picture(tensor(np.ascontiguousarray(depth)))
+    coloured = picture(tensor(np.ascontiguousarray(colour, np.float32)))
+    scale_and_range = (1.0, farthest, _TRUNCATION)
     blocks = volume.compute_unique_block_coordinates(
         pictured, intrinsics, extrinsics, *scale_and_range
     )
@@ -77,16 +77,6 @@ def _integrate(
         volume.integrate(
             blocks, pictured, coloured, intrinsics, intrinsics, extrinsics, *scale_and_range
         )
-
-
-def _extracted(volume: Any, least_weight: int) -> Mesh:
-    mesh = volume.extract_triangle_mesh(float(least_weight))
-    colours = np.clip(np.round(mesh.vertex.colors.numpy()), 0, 255)
-    return Mesh(
-        mesh.vertex.positions.numpy().astype(np.float32),
-        mesh.triangle.indices.numpy().astype(np.int32),
-        colours.astype(np.uint8),
-    )
 
 
 def _rectified(image: RgbdImage) -> tuple[NDArray[np.uint8], NDArray[np.float32], Array]:
@@ -106,22 +96,11 @@ def _rectified(image: RgbdImage) -> tuple[NDArray[np.uint8], NDArray[np.float32]
             colour = np.repeat(colour[..., None], 3, axis=2)
         if colour.shape[:2] != depth.shape:
             colour = np.asarray(cv2.resize(colour, (width, height), interpolation=cv2.INTER_AREA))
-    if camera.distortion_model and np.any(camera.distortion):
-        maps = _undistortion(camera, k, width, height)
+    if is_distorted(camera):
+        model, distortion = opencv_model(camera)
+        maps = model.initUndistortRectifyMap(
+            k, distortion, np.eye(3), k, (width, height), cv2.CV_32FC1
+        )
         colour = cv2.remap(colour, *maps, cv2.INTER_LINEAR)
         depth = cv2.remap(depth, *maps, cv2.INTER_NEAREST)
     return colour, depth, k
-
-
-def _undistortion(
-    camera: CameraModel, k: Array, width: int, height: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    if camera.distortion_model == "equidistant":
-        maps = cv2.fisheye.initUndistortRectifyMap(
-            k, camera.distortion[:4], np.eye(3), k, (width, height), cv2.CV_32FC1
-        )
-    else:
-        maps = cv2.initUndistortRectifyMap(
-            k, camera.distortion, np.eye(3), k, (width, height), cv2.CV_32FC1
-        )
-    return maps[0], maps[1]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.config import Config, MappingConfig
 from mapmyworld.geometry import Array
-from mapmyworld.mapping.canvas import Canvas, Counts, beams_of
+from mapmyworld.mapping.canvas import Canvas, beams_of
 from mapmyworld.parallel import batches
 from mapmyworld.types import OccupancyGrid, Scan
 
@@ -23,17 +23,10 @@ def build_grid(scans: Iterable[tuple[Array, Scan]], config: Config) -> Occupancy
     A scan sees a cell once, as occupied if one of its beams ended there; so the result does not
     depend on the order of the scans.
     """
-    return _grid_of(_counts_of(scans, config.mapping), config.mapping)
-
-
-def _counts_of(scans: Iterable[tuple[Array, Scan]], settings: MappingConfig) -> Counts:
-    canvas = Canvas()
+    canvas, settings = Canvas(), config.mapping
     for some in batches(scans, _TOGETHER):
         canvas.add(beams_of(some, settings))
-    return canvas.seen()
-
-
-def _grid_of(counts: Counts, settings: MappingConfig) -> OccupancyGrid:
+    counts = canvas.seen()
     log_odds = log_odds_of(counts.hits, counts.passes, settings)
     origin = np.round(counts.corner * settings.resolution, 9)
     return OccupancyGrid(log_odds, settings.resolution, origin)
@@ -76,8 +69,7 @@ def added_grid(known: OccupancyGrid, more: OccupancyGrid, config: Config) -> Occ
         rows, columns = grid.log_odds.shape
         part = total[corner[1] : corner[1] + rows, corner[0] : corner[0] + columns]
         part[...] = np.where(np.isnan(part), grid.log_odds, part + np.nan_to_num(grid.log_odds))
-    clamp = config.mapping.clamp_probability
-    limit = np.float32(np.log(clamp / (1.0 - clamp)))
+    limit = np.float32(_log_odds(config.mapping.clamp_probability))
     origin = np.round(known.origin + low * known.resolution, 9)
     return OccupancyGrid(
         np.clip(total, -limit, limit), known.resolution, origin,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,12 +19,10 @@ def rays_of_pixels(camera: CameraModel, pixels: NDArray[np.floating]) -> Array:
     """Normalised image coordinates (N, 2), at depth 1 and free of distortion, of pixels (N, 2)."""
     pixels = np.ascontiguousarray(pixels, np.float64).reshape(-1, 2)
     k = camera.intrinsics
-    if len(pixels) == 0 or not _is_distorted(camera):
+    if len(pixels) == 0 or not is_distorted(camera):
         return np.asarray((pixels - k[:2, 2]) / [k[0, 0], k[1, 1]])
-    if camera.distortion_model == "equidistant":
-        rays = cv2.fisheye.undistortPoints(pixels[:, None], k, camera.distortion[:4])
-    else:
-        rays = cv2.undistortPoints(pixels[:, None], k, camera.distortion)
+    model, distortion = opencv_model(camera)
+    rays = model.undistortPoints(pixels[:, None], k, distortion)
     return np.asarray(rays, np.float64).reshape(-1, 2)
 
 
@@ -39,13 +38,11 @@ def pixels_of_points(camera: CameraModel, points: NDArray[np.floating]) -> Array
     plain: Array = np.asarray(points, np.float64)[before]
     rays, still = plain / plain[:, 2:], np.zeros(3)
     k = np.asarray(camera.intrinsics, np.float64)
-    if not _is_distorted(camera):
+    if not is_distorted(camera):
         pixels[before] = rays[:, :2] * [k[0, 0], k[1, 1]] + k[:2, 2]
-    elif camera.distortion_model == "equidistant":
-        bent, _ = cv2.fisheye.projectPoints(rays[:, None], still, still, k, camera.distortion[:4])
-        pixels[before] = bent[:, 0]
     else:
-        bent, _ = cv2.projectPoints(rays, still, still, k, camera.distortion)
+        model, distortion = opencv_model(camera)
+        bent, _ = model.projectPoints(rays[:, None], still, still, k, distortion)
         pixels[before] = bent[:, 0]
     return pixels
 
@@ -116,5 +113,13 @@ def depth_at(image: RgbdImage, depth: NDArray[np.float32], pixels: NDArray[np.fl
     return found
 
 
-def _is_distorted(camera: CameraModel) -> bool:
+def opencv_model(camera: CameraModel) -> tuple[Any, Array]:
+    """OpenCV's functions for the distortion of a camera, and their coefficients (D,)."""
+    if camera.distortion_model == "equidistant":
+        return cv2.fisheye, camera.distortion[:4]
+    return cv2, camera.distortion
+
+
+def is_distorted(camera: CameraModel) -> bool:
+    """Whether straight lines are bent in its images."""
     return camera.distortion_model != "" and bool(np.any(camera.distortion))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,9 @@ from mapmyworld.geometry.rigid import between
 from mapmyworld.sensing.grey_images import eight_bits
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.sensing.plan import CameraSource
-from mapmyworld.types import ImageMessage, RawMessage, RgbdImage
+from mapmyworld.types import ImageMessage, PoseMessage, RawMessage, RgbdImage
+
+_KEPT = 4  # tolerances for which what is past waits: stamps may step back a little
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,6 +25,9 @@ class Pending:
 
     raw: RawMessage
     stamp_ns: int
+
+
+Stamped = TypeVar("Stamped", Pending, PoseMessage)
 
 
 @dataclass(slots=True, eq=False)
@@ -53,20 +59,15 @@ class CameraQueue:
 
     def take_near(self, stamp_ns: int) -> Pending | None:
         """The colour image nearest to a moment, if it is near enough; it is used up."""
-        tolerance_ns = int(self.config.frame_tolerance * 1e9)
-        _forget(self.colour, stamp_ns - tolerance_ns)
-        nearest = min(self.colour, key=lambda c: abs(c.stamp_ns - stamp_ns), default=None)
-        if nearest is None or abs(nearest.stamp_ns - stamp_ns) > tolerance_ns:
-            return None
-        self.colour.remove(nearest)
-        return nearest
+        found = nearest(self.colour, stamp_ns, self.config.frame_tolerance)
+        if found is not None:
+            self.colour.remove(found)
+        return found
 
     def pair(self, colour: Pending, frame_ns: int) -> RgbdImage | None:
         """Colour with the nearest depth; None when there is none within the tolerance."""
-        tolerance_ns = int(self.config.image_tolerance * 1e9)
-        _forget(self.depth, colour.stamp_ns - 4 * tolerance_ns)
-        depth = min(self.depth, key=lambda d: abs(d.stamp_ns - colour.stamp_ns), default=None)
-        if depth is None or abs(depth.stamp_ns - colour.stamp_ns) > tolerance_ns:
+        depth = nearest(self.depth, colour.stamp_ns, self.config.image_tolerance)
+        if depth is None:
             return None
         colour_message, depth_message = self._picture(colour), depth.raw.decode()
         assert isinstance(depth_message, ImageMessage)
@@ -92,12 +93,15 @@ class CameraQueue:
         """Pose (4, 4) of the base at one stamp in the base at another, by the odometry."""
         if self.motion is None or from_ns == to_ns:
             return None
-        poses = self.motion.at_many(np.array(sorted((from_ns, to_ns)), np.int64))
-        if poses is None:
-            return None
-        return between(poses[0], poses[1]) if from_ns < to_ns else between(poses[1], poses[0])
+        poses = self.motion.at_many(np.array([from_ns, to_ns], np.int64))
+        return None if poses is None else between(poses[0], poses[1])
 
 
-def _forget(waiting: deque[Pending], before_ns: int) -> None:
-    while waiting and waiting[0].stamp_ns < before_ns:
+def nearest(waiting: deque[Stamped], stamp_ns: int, tolerance_s: float) -> Stamped | None:
+    """What waits with the stamp nearest to this one, if it is near enough; long past is dropped."""
+    tolerance_ns = int(tolerance_s * 1e9)
+    while waiting and waiting[0].stamp_ns < stamp_ns - _KEPT * tolerance_ns:
         waiting.popleft()
+    found = min(waiting, key=lambda one: abs(one.stamp_ns - stamp_ns), default=None)
+    near = found is not None and abs(found.stamp_ns - stamp_ns) <= tolerance_ns
+    return found if near else None

@@ -8,18 +8,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mapmyworld.geometry.rigid import interpolate
+from mapmyworld.geometry.rigid import interpolate, transforms_of_rows
 
 FARTHEST = 1e9  # m from the origin beyond which a pose is no place on earth
+_FARTHEST_NS = 500_000_000  # from the nearest sample at which a pose is known
 _NEARBY = 64  # samples around the last look-up that are searched in an unsorted stream
 
 
 def is_place(pose: NDArray[np.float64]) -> bool:
     """Whether a pose (4, 4) is finite and on earth."""
-    return _is_place(pose[:3].ravel().tolist())
-
-
-def _is_place(values: list[float]) -> bool:
+    values = pose[:3].ravel().tolist()
     # Of a dozen numbers a tenth of numpy's time; a sum with NaN is no number's neighbour.
     return max(values) < FARTHEST and min(values) > -FARTHEST and abs(sum(values)) < 12 * FARTHEST
 
@@ -33,15 +31,11 @@ class MotionRecorder:
 
     def add(self, stamp_ns: int, pose: NDArray[np.float64]) -> bool:
         """One more pose (4, 4), in the order of the log; False, and left out, if it is no place."""
-        values: list[float] = pose[:3].ravel().tolist()
-        if not _is_place(values):
+        if not is_place(pose):
             return False
         self._stamps.append(stamp_ns)
-        self._values.extend(values)
+        self._values.extend(pose[:3].ravel().tolist())
         return True
-
-    def __len__(self) -> int:
-        return len(self._stamps)
 
     def finish(self) -> RecordedMotion:
         """The motion, in the very memory in which it was collected: nothing can be added then."""
@@ -66,7 +60,8 @@ class RecordedMotion:
         (N,) those that nobody measured.
         """
         self.stamps_ns = stamps_ns
-        self._interpolated = interpolated
+        nowhere = np.zeros(len(stamps_ns), np.bool_)
+        self._interpolated = nowhere if interpolated is None else interpolated
         self._values = np.ascontiguousarray(values)
         self.is_sorted = bool(np.all(np.diff(stamps_ns) >= 0)) if len(stamps_ns) else True
         self._last = 0
@@ -82,8 +77,8 @@ class RecordedMotion:
     def in_stamp_order(self) -> RecordedMotion:
         """The same poses sorted by stamp."""
         order = np.argsort(self.stamps_ns, kind="stable")
-        some = None if self._interpolated is None else self._interpolated[order]
-        return RecordedMotion(self.stamps_ns[order], self._values[order], some)
+        stamps_ns, values = self.stamps_ns[order], self._values[order]
+        return RecordedMotion(stamps_ns, values, self._interpolated[order])
 
     def shifted(self, seconds: float) -> RecordedMotion:
         """The same poses with so much added to their stamps."""
@@ -93,8 +88,6 @@ class RecordedMotion:
 
     def is_interpolated(self, stamp_ns: int) -> bool:
         """Whether the pose there follows from others that were measured (sorted stamps only)."""
-        if self._interpolated is None:
-            return False
         before = max(int(self.stamps_ns.searchsorted(stamp_ns, "right")) - 1, 0)
         after = min(int(self.stamps_ns.searchsorted(stamp_ns, "left")), len(self) - 1)
         return bool(self._interpolated[before] or self._interpolated[after])
@@ -103,30 +96,28 @@ class RecordedMotion:
         """Metres from pose to pose, in the order in which they are."""
         return float(np.linalg.norm(np.diff(self._values[:, :, 3], axis=0), axis=1).sum())
 
-    def at(self, stamp_ns: int, tolerance_ns: int = 500_000_000) -> NDArray[np.float64] | None:
+    def at(self, stamp_ns: int) -> NDArray[np.float64] | None:
         """The pose (4, 4) at a stamp, interpolated; the end pose just outside the record.
 
-        None where the nearest sample is further than `tolerance_ns` away.
+        None where the nearest sample is further than half a second away.
         """
-        found = self.at_many(np.array([stamp_ns], np.int64), tolerance_ns)
+        found = self.at_many(np.array([stamp_ns], np.int64))
         # A copy: a view would keep the whole window of samples alive with every frame.
         return None if found is None else np.array(found[0])
 
-    def at_many(
-        self, stamps_ns: NDArray[np.int64], tolerance_ns: int = 500_000_000
-    ) -> NDArray[np.float64] | None:
+    def at_many(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64] | None:
         """Poses (N, 4, 4) at stamps (N,) close to one another; None unless all are covered."""
         if not len(self.stamps_ns):
             return None
         if self.is_sorted and (len(stamps_ns) > 1 or not self._is_repeated(int(stamps_ns[0]))):
-            return self._between(stamps_ns, None, tolerance_ns)
+            return self._between(stamps_ns, None)
         window = self._window(int(stamps_ns[0]))
         exact = window[self.stamps_ns[window] == stamps_ns[0]]
         if len(stamps_ns) == 1 and len(exact):
             self._last = int(exact[np.argmin(np.abs(exact - self._last))])
             return self.poses_at(slice(self._last, self._last + 1))
         in_time = window[np.argsort(self.stamps_ns[window], kind="stable")]
-        return self._between(stamps_ns, in_time, tolerance_ns)
+        return self._between(stamps_ns, in_time)
 
     def _is_repeated(self, stamp_ns: int) -> bool:
         """Whether several samples of a sorted stream have this very stamp."""
@@ -134,14 +125,14 @@ class RecordedMotion:
         return first + 1 < len(self) and self.stamps_ns[first + 1] == stamp_ns
 
     def _between(
-        self, wanted: NDArray[np.int64], samples: NDArray[np.int64] | None, tolerance_ns: int
+        self, wanted: NDArray[np.int64], samples: NDArray[np.int64] | None
     ) -> NDArray[np.float64] | None:
         """Poses (N, 4, 4) at stamps `wanted` (N,) between samples (K,) in time, or all of them."""
         stamps = self.stamps_ns if samples is None else self.stamps_ns[samples]
         after = np.minimum(stamps.searchsorted(wanted), len(stamps) - 1)
         before = np.maximum(np.where(stamps[after] > wanted, after - 1, after), 0)
         distance = np.minimum(np.abs(stamps[before] - wanted), np.abs(stamps[after] - wanted))
-        if np.any(distance > tolerance_ns):
+        if np.any(distance > _FARTHEST_NS):
             return None
         share = (wanted - stamps[before]) / np.maximum(stamps[after] - stamps[before], 1)
         if samples is not None:
@@ -151,10 +142,7 @@ class RecordedMotion:
 
     def poses_at(self, indices: NDArray[np.int64] | slice) -> NDArray[np.float64]:
         """Poses (N, 4, 4) of samples `indices` (N,), counted in the order of the log."""
-        values = self._values[indices]
-        poses = np.zeros((len(values), 4, 4))
-        poses[:, :3], poses[:, 3, 3] = values, 1.0
-        return poses
+        return transforms_of_rows(self._values[indices])
 
     def _samples_at(self, stamp_ns: int) -> NDArray[np.int64]:
         """Indices of the samples with this very stamp, in the order of the log."""

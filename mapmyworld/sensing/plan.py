@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from mapmyworld.config import SensingConfig
 from mapmyworld.sensing.motion import RecordedMotion
 from mapmyworld.sensing.survey import Survey
-from mapmyworld.sensing.transforms import TransformTree
 from mapmyworld.types import CameraModel, MapStore
 
 
@@ -123,11 +122,6 @@ class Draft:
     warnings: list[str] = field(default_factory=list)
     losses: list[str] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
-
-    @property
-    def tree(self) -> TransformTree:
-        """All transforms of the log."""
-        return self.survey.tree
 
     def decide(self, role: str, choice: str, reason: str, others: tuple[str, ...] = ()) -> None:
         """Notes what was chosen for a role, and why."""

@@ -13,7 +13,7 @@ WORLDS = ("map", "world", "earth")
 
 def choose_base(draft: Draft) -> str:
     """The child of the odometry, a frame with a usual name, or the topmost of the robot's."""
-    wanted, tree = draft.config.base_frame, draft.tree
+    wanted, tree = draft.config.base_frame, draft.survey.tree
     if wanted:
         draft.decide("base frame", wanted, "set by sensing.base_frame")
         return frame_name(wanted)
@@ -33,7 +33,7 @@ def _moved(draft: Draft) -> list[tuple[str, str]]:
     found = [
         (frame_name(child), f"the child frame of {topic}") for topic, (_, child) in topics if child
     ]
-    edges = [e for e in draft.tree.edges() if is_called(e.parent, ODOMS)]
+    edges = [e for e in draft.survey.tree.edges() if is_called(e.parent, ODOMS)]
     return found + [(e.child, f"tf moves it under {e.parent}") for e in edges]
 
 
@@ -78,15 +78,15 @@ def _sensor_frames(draft: Draft) -> set[str]:
 def _serves(draft: Draft, base: str) -> bool:
     """Whether some sensor hangs on this base, or no tf indicates otherwise."""
     sensors = _sensor_frames(draft)
-    if not draft.tree.frames() or not sensors:
+    if not draft.survey.tree.frames() or not sensors:
         return True
-    return any(base == s or draft.tree.chain(base, s) is not None for s in sensors)
+    return any(base == s or draft.survey.tree.chain(base, s) is not None for s in sensors)
 
 
 def _topmost(draft: Draft, frame: str) -> str:
     """The highest frame above a sensor that still moves with the robot: no odometry's, no map's."""
-    chain = draft.tree.ancestors(frame)
-    edges = [draft.tree.edge_to(name) for name in chain[:-1]]
+    chain = draft.survey.tree.ancestors(frame)
+    edges = [draft.survey.tree.edge_to(name) for name in chain[:-1]]
     moving = [e.child for e in edges if e is not None and _leads_out(e)]
     if moving:
         return moving[-1]

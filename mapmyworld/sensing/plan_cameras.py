@@ -16,6 +16,9 @@ from mapmyworld.sensing.survey import Stream
 from mapmyworld.sensing.transforms import frame_name
 from mapmyworld.types import CameraInfoMessage, CameraModel, ImageMessage, MessageKind
 
+Calibration = tuple[Stream, CameraInfoMessage]
+"""A stream of calibrations and its first one."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Images:
@@ -75,18 +78,15 @@ def _as_grey(images: Images) -> Images:
     return replace(images, sample=eight_bits(images.sample, bits), grey_bits=bits)
 
 
-def infos_of(draft: Draft) -> list[Stream]:
-    """All streams of calibrations that hold one."""
-    return [
-        stream
-        for stream in draft.survey.of_kind(MessageKind.CAMERA_INFO)
-        if any(isinstance(message, CameraInfoMessage) for message in stream.samples)
-    ]
+def infos_of(draft: Draft) -> list[Calibration]:
+    """All streams of calibrations that hold one, by topic."""
+    streams = draft.survey.of_kind(MessageKind.CAMERA_INFO)
+    return [(s, info) for s in streams if (info := s.first(CameraInfoMessage)) is not None]
 
 
 def look_at(stream: Stream) -> Images | None:
     """A stream of images and their size; None where none of the sample can be decoded."""
-    sample = next((m for m in stream.samples if isinstance(m, ImageMessage)), None)
+    sample = stream.first(ImageMessage)
     if sample is None:
         return None
     width, height = sample.width, sample.height
@@ -127,7 +127,7 @@ def _unreadable(draft: Draft) -> list[str]:
     """The streams of images of which nothing is seen, each with the reason."""
     found = []
     for stream in draft.survey.of_kind(MessageKind.IMAGE):
-        sample = next((m for m in stream.samples if isinstance(m, ImageMessage)), None)
+        sample = stream.first(ImageMessage)
         try:
             if sample is not None:
                 sample.pixels()
@@ -137,7 +137,7 @@ def _unreadable(draft: Draft) -> list[str]:
 
 
 def _best(
-    draft: Draft, base: str, colours: list[Images], depths: list[Images], infos: list[Stream]
+    draft: Draft, base: str, colours: list[Images], depths: list[Images], infos: list[Calibration]
 ) -> CameraSource | None:
     pairs = sorted(
         ((score_pair(c, d), c, d) for c in colours for d in depths),
@@ -182,23 +182,18 @@ def _shared(topic: str, other: str) -> float:
     return sum(1 for _ in same) / max(len(topic), 1)
 
 
-def info_for(draft: Draft, colour: Images, infos: list[Stream]) -> tuple[Stream, CameraInfoMessage]:
+def info_for(draft: Draft, colour: Images, infos: list[Calibration]) -> Calibration:
     """The camera info of the colour image: same frame, size and name, in this order."""
     wanted = draft.config.camera_info_topic
 
-    def fit(stream: Stream) -> tuple[float, str]:
-        info = _first_info(stream)
+    def fit(candidate: Calibration) -> float:
+        stream, info = candidate
         same_frame = frame_name(info.frame_id) == frame_name(colour.sample.frame_id)
         same_size = (info.width, info.height) == (colour.width, colour.height)
         shared = _shared(stream.topic, colour.topic)
-        return (10.0 * (stream.topic == wanted) + 2.0 * same_frame + same_size + shared, "")
+        return 10.0 * (stream.topic == wanted) + 2.0 * same_frame + same_size + shared
 
-    best = max(sorted(infos, key=lambda s: s.topic), key=fit)
-    return best, _first_info(best)
-
-
-def _first_info(stream: Stream) -> CameraInfoMessage:
-    return next(m for m in stream.samples if isinstance(m, CameraInfoMessage))
+    return max(infos, key=fit)
 
 
 def source_of(

@@ -63,7 +63,7 @@ def _is_stamped(stream: Stream) -> bool:
 
 def check_tree(draft: Draft) -> None:
     """Words about tf: slashes, no static topic, a localiser, two parents."""
-    tree = draft.tree
+    tree = draft.survey.tree
     if tree.had_leading_slashes:
         draft.warnings.append("frame names with a leading slash: read without it")
     if tree.edges() and not any(e.static for e in tree.edges()):

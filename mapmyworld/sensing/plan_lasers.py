@@ -10,8 +10,8 @@ from mapmyworld.sensing.cloud_scans import points_of_cloud, scan_of_points, view
 from mapmyworld.sensing.plan import Draft, ScanSource
 from mapmyworld.sensing.sensor_mounts import mount_of
 from mapmyworld.sensing.survey import Stream
+from mapmyworld.sensing.sweeps import valid_ranges
 from mapmyworld.sensing.transforms import frame_name
-from mapmyworld.sensing.valid_ranges import valid_ranges
 from mapmyworld.types import LaserScanMessage, MessageKind, PointCloudMessage
 
 _TILTED = 0.17  # rad from level beyond which a laser does not see walls as walls
@@ -60,7 +60,7 @@ def _judge(draft: Draft, stream: Stream, base: str) -> tuple[float, str]:
         return _FAULTY, "none of its messages can be decoded"
     scan = scans[0]
     field = abs(scan.angle_increment) * len(scan.ranges)
-    returns = float(np.mean([share_of(valid_ranges(s)) for s in scans]))
+    returns = float(np.mean([valid_ranges(s).sum() / max(len(s.ranges), 1) for s in scans]))
     mount, assumed = mount_of(draft, base, scan.frame_id, "scan")
     tilt = float(np.arccos(np.clip(abs(mount[2, 2]), -1.0, 1.0)))
     why = (
@@ -115,11 +115,6 @@ def _view(draft: Draft, cloud: PointCloudMessage, mount: NDArray[np.float64]) ->
     except LogError:
         return 0.0
     return view_of(scan_of_points(points, mount, draft.config))
-
-
-def share_of(mask: NDArray[np.bool_]) -> float:
-    """Share of what is true of a mask (N,); 0 of nothing."""
-    return float(mask.mean()) if len(mask) else 0.0
 
 
 def _source(draft: Draft, stream: Stream, base: str) -> ScanSource:

@@ -9,6 +9,7 @@ from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import rotation_angle
 from mapmyworld.sensing.plan import CameraSource, Draft
 from mapmyworld.sensing.plan_cameras import (
+    Calibration,
     Images,
     images_of,
     info_for,
@@ -17,7 +18,6 @@ from mapmyworld.sensing.plan_cameras import (
     source_of,
 )
 from mapmyworld.sensing.sensor_mounts import mount_of
-from mapmyworld.sensing.survey import Stream
 from mapmyworld.sensing.transforms import frame_name
 
 _APART = (0.1, 0.17)  # m, rad by which another camera must differ from those before it
@@ -72,7 +72,7 @@ def _depth_of(colour: Images, images: list[Images]) -> Images | None:
 
 
 def _chosen_quietly(
-    draft: Draft, base: str, colour: Images, depth: Images, infos: list[Stream]
+    draft: Draft, base: str, colour: Images, depth: Images, infos: list[Calibration]
 ) -> CameraSource | None:
     """The camera, if it has a calibration of its own frame."""
     stream, info = info_for(draft, colour, infos)

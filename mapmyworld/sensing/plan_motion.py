@@ -60,7 +60,7 @@ def choose_odometry(draft: Draft, base: str) -> OdometrySource | None:
 def _check_child(draft: Draft, odometry: OdometrySource, base: str) -> None:
     """Words about odometry of another frame, of which tf does not say where on the base it is."""
     child = frame_name(draft.survey.odometry_frames.get(odometry.name, ("", ""))[1])
-    if not child or child == base or draft.tree.chain(child, base) is not None:
+    if not child or child == base or draft.survey.tree.chain(child, base) is not None:
         return
     alike = is_called(child, BASES) and is_called(base, BASES)
     (draft.warnings if alike else draft.losses).append(
@@ -78,18 +78,11 @@ def _candidates(draft: Draft, base: str) -> list[tuple[float, OdometrySource, st
             score, why = score + together, f"{why}, {together:.0%} of the scans share its stamps"
         source = OdometrySource(topic, motion_of_base)
         found.append((score, source, why))
-    for parent in draft.tree.ancestors(base)[1:]:
-        edge = draft.tree.edge_to(
-            draft.tree.ancestors(base)[draft.tree.ancestors(base).index(parent) - 1]
-        )
-        if is_called(parent, WORLDS) or edge is None or edge.motion is None:
-            continue
-        chain = draft.tree.chain(parent, base)
-        if chain is not None and len(chain[0]) == 1:
-            source = OdometrySource(f"tf {parent} -> {base}", edge.motion)
-            found.append(
-                (3.0 if is_called(parent, ODOMS) else 1.5, source, f"{len(edge.motion)} transforms")
-            )
+    edge = draft.survey.tree.edge_to(base)
+    if edge is not None and edge.motion is not None and not is_called(edge.parent, WORLDS):
+        source = OdometrySource(f"tf {edge.parent} -> {base}", edge.motion)
+        score = 3.0 if is_called(edge.parent, ODOMS) else 1.5
+        found.append((score, source, f"{len(edge.motion)} transforms"))
     return [item for item in found if len(item[1].motion) > 1]
 
 
@@ -112,10 +105,10 @@ def _judge_topic(
     preference = 0.5 if name in {"odom", "odometry"} or "filtered" in topic else 0.0
     if child == base:
         return 4.0 + preference, why, motion
-    if not child or draft.tree.chain(child, base) is None:
+    if not child or draft.survey.tree.chain(child, base) is None:
         return 2.0 + preference, f"{why}, taken for {base}: tf does not connect them", motion
-    offset = draft.tree.lookup(child, base, 0)
-    if offset is None or not draft.tree.is_fixed(child, base):
+    offset = draft.survey.tree.lookup(child, base, 0)
+    if offset is None or not draft.survey.tree.is_fixed(child, base):
         return 1.0, f"{why}, which moves against {base}", motion
     return 3.5 + preference, f"{why}, carried over to {base} by tf", motion.followed_by(offset)
 
@@ -129,15 +122,23 @@ def choose_ground_truth(draft: Draft) -> str:
     return ""
 
 
+def choose_gps(draft: Draft) -> str:
+    """The topic of the receiver with the most fixes; empty without any."""
+    best = draft.survey.fullest(MessageKind.GPS)
+    if best is None:
+        return ""
+    draft.decide("gps", best.topic, f"{best.count} fixes, stored with the nodes, not used to map")
+    return best.topic
+
+
 def choose_imu(draft: Draft, base: str) -> ImuSource | None:
     """The IMU with the most samples, when tf indicates how it is mounted."""
-    streams = draft.survey.of_kind(MessageKind.IMU)
-    if not streams:
+    best = draft.survey.fullest(MessageKind.IMU)
+    if best is None:
         return None
-    best = max(streams, key=lambda s: (s.count, s.topic))
-    sample = next((m for m in best.samples if isinstance(m, ImuMessage)), None)
+    sample = best.first(ImuMessage)
     frame = frame_name(sample.frame_id) if sample else ""
-    mount = np.eye(4) if frame in {"", base} else draft.tree.lookup(base, frame, 0)
+    mount = np.eye(4) if frame in {"", base} else draft.survey.tree.lookup(base, frame, 0)
     if mount is None:
         draft.decide("imu", "", f"{best.topic}: tf does not say how {frame} is mounted")
         draft.losses.append(

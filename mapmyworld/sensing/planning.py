@@ -5,7 +5,6 @@ from __future__ import annotations
 from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
 from mapmyworld.sensing import plan_base, plan_cameras, plan_checks, plan_lasers, plan_motion
-from mapmyworld.sensing.gps_fixes import choose_gps
 from mapmyworld.sensing.order import check_stamps, choose_order
 from mapmyworld.sensing.plan import Draft, Plan
 from mapmyworld.sensing.plan_more_cameras import choose_more_cameras
@@ -42,7 +41,7 @@ def make_plan(survey: Survey, config: SensingConfig) -> Plan:
         odometry=odometry,
         imu=plan_motion.choose_imu(draft, base),
         ground_truth_topic=plan_motion.choose_ground_truth(draft),
-        gps_topic=choose_gps(draft),
+        gps_topic=plan_motion.choose_gps(draft),
         base_frame=base,
         map_from_first=plan_cameras.first_pose(camera, scan),
         planar=plan_motion.is_planar(draft, odometry, scan),

@@ -22,10 +22,8 @@ def mount_of(draft: Draft, base: str, frame_id: str, role: str) -> tuple[NDArray
     name = frame_name(frame_id)
     if name == base:
         return np.eye(4), False
-    found = draft.tree.lookup(base, name, 0) if draft.tree.is_fixed(base, name) else None
-    if found is None and draft.tree.chain(base, name) is not None:
-        middle = (draft.survey.info.start_ns + draft.survey.end_ns) // 2
-        found = draft.tree.lookup(base, name, middle)
+    middle = (draft.survey.info.start_ns + draft.survey.end_ns) // 2
+    found = draft.survey.tree.lookup(base, name, middle)
     return (np.eye(4), True) if found is None else (found, False)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -19,7 +18,6 @@ class ImageGuard:
 
     def __init__(self) -> None:
         self._failed: dict[tuple[bool, str, int], str] = {}
-        self._lock = threading.Lock()
 
     @property
     def failures(self) -> int:
@@ -42,20 +40,11 @@ class ImageGuard:
 
     def sound(self, image: RgbdImage) -> RgbdImage | None:
         """The guarded image, its parts known to decode; None where one cannot be had."""
-        colour, depth = self._tried(image.colour, image.camera), _tried_depth(image)
+        colour, depth = (_tried(part, image.camera) for part in (image.colour, image.depth))
         for part in (colour, depth):
             if part is not None and _key(part) in self._failed:
                 return None
         return replace(image, colour=colour, depth=depth)
-
-    def _tried(self, colour: ImageMessage | None, camera: CameraModel) -> ImageMessage | None:
-        """The colour image, known to decode: of a JPEG, kept as it came, an eighth is tried."""
-        from mapmyworld.registration.image_levels import decodes
-
-        wanted = camera.height, camera.width
-        if colour is not None and decodes(colour, wanted):
-            return colour
-        return decoded(colour)
 
     def _guarded(self, message: ImageMessage | None, shape: tuple[int, int]) -> ImageMessage | None:
         if message is None:
@@ -71,8 +60,7 @@ class ImageGuard:
             reason = f"{width} x {height} pixels instead of {columns} x {rows}"
         except LogError as error:
             reason = str(error)
-        with self._lock:
-            self._failed[_key(message)] = reason
+        self._failed[_key(message)] = reason
         return np.zeros(shape, np.float32) if message.is_depth else np.zeros((*shape, 3), np.uint8)
 
 
@@ -83,14 +71,16 @@ def _fits(found: tuple[int, ...], wanted: tuple[int, int], *, depth: bool) -> bo
     return found[0] * wanted[1] == found[1] * wanted[0] and wanted[0] % found[0] == 0
 
 
-def _tried_depth(image: RgbdImage) -> ImageMessage | None:
-    """The depth image: a PNG with right checksums as it came, else decoded once for all."""
-    from mapmyworld.registration.image_levels import is_whole_png
+def _tried(message: ImageMessage | None, camera: CameraModel) -> ImageMessage | None:
+    """The image, known to decode: as it came where an eighth of a JPEG decodes, or the checksums
+    of depth's PNG are right; else decoded once for all.
+    """
+    from mapmyworld.registration.image_levels import decodes, is_whole_png
 
-    depth = image.depth
-    if depth is not None and is_whole_png(depth, (image.camera.height, image.camera.width)):
-        return depth
-    return decoded(depth)
+    if message is None:
+        return None
+    is_sound = is_whole_png if message.is_depth else decodes
+    return message if is_sound(message, (camera.height, camera.width)) else decoded(message)
 
 
 def decoded(message: ImageMessage | None) -> ImageMessage | None:

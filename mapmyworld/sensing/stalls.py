@@ -45,8 +45,5 @@ def without_stalls(motion: RecordedMotion) -> tuple[RecordedMotion, int]:
         interpolated[inside] = True
         span = max(int(stamps[jump + 1] - stamps[begin]), 1)
         share = (stamps[inside] - stamps[begin]) / span
-        poses[inside] = interpolate(
-            np.broadcast_to(poses[begin], poses[inside].shape),
-            np.broadcast_to(poses[jump + 1], poses[inside].shape), share,
-        )  # fmt: skip
+        poses[inside] = interpolate(poses[begin], poses[jump + 1], share)
     return RecordedMotion(stamps, poses[:, :3], interpolated), len(jumps)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from array import array
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
 from mapmyworld.errors import LogError
 from mapmyworld.sensing.motion import MotionRecorder, RecordedMotion
 from mapmyworld.sensing.slopes import Forces
+from mapmyworld.sensing.sweeps import valid_ranges
 from mapmyworld.sensing.transforms import TransformTree
-from mapmyworld.sensing.valid_ranges import valid_ranges
 from mapmyworld.types import (
     ImuMessage,
     LaserScanMessage,
@@ -27,6 +29,8 @@ from mapmyworld.types import (
 
 _SAMPLES = 5  # messages of a stream that are decoded to see what it carries
 _OFFSETS = 256  # messages whose clocks are compared, spread by doubling the stride
+
+Wanted = TypeVar("Wanted")
 
 
 @dataclass(slots=True)
@@ -99,6 +103,10 @@ class Stream:
             span = self.latest_stamp_ns - self.first_stamp_ns
         return (self.count - 1) / (span * 1e-9) if self.count > 1 and span > 0 else 0.0
 
+    def first(self, kind: type[Wanted]) -> Wanted | None:
+        """The first of the decoded messages that is of a type; None without any."""
+        return next((message for message in self.samples if isinstance(message, kind)), None)
+
     @property
     def latency_s(self) -> float:
         """Median of log time minus header stamp."""
@@ -127,6 +135,10 @@ class Survey:
         found = (s for s in self.streams.values() if s.kind is kind and s.count)
         return sorted(found, key=lambda stream: stream.topic)
 
+    def fullest(self, kind: MessageKind) -> Stream | None:
+        """The stream of a kind with the most messages; None without any."""
+        return max(self.of_kind(kind), key=lambda s: (s.count, s.topic), default=None)
+
 
 class _Surveyor:
     def __init__(self) -> None:
@@ -134,9 +146,9 @@ class _Surveyor:
         self.others: dict[str, Stream] = {}
         """Of kinds that no map is made of: counted, not decoded."""
         self.tree = TransformTree()
-        self.recorders: dict[str, MotionRecorder] = {}
+        self.recorders: defaultdict[str, MotionRecorder] = defaultdict(MotionRecorder)
         self.frames: dict[str, tuple[str, str]] = {}
-        self.forces: dict[str, Forces] = {}
+        self.forces: defaultdict[str, Forces] = defaultdict(Forces)
         self.end_ns = 0
 
     def add(self, raw: RawMessage) -> None:
@@ -156,12 +168,9 @@ class _Surveyor:
             return False
         whole = raw.kind is MessageKind.TRANSFORMS or raw.kind is MessageKind.ODOMETRY
         is_blind = raw.kind is MessageKind.LASER_SCAN and not stream.has_returns
-        return whole or is_blind or len(stream.samples) < _SAMPLES or self._wants_force(raw)
-
-    def _wants_force(self, raw: RawMessage) -> bool:
-        if raw.kind is not MessageKind.IMU:
-            return False
-        return self.forces.setdefault(raw.topic, Forces()).wants(raw.log_time_ns)
+        if whole or is_blind or len(stream.samples) < _SAMPLES:
+            return True
+        return raw.kind is MessageKind.IMU and self.forces[raw.topic].wants(raw.log_time_ns)
 
     def _decode(self, raw: RawMessage, stream: Stream) -> None:
         try:
@@ -176,15 +185,12 @@ class _Surveyor:
         if isinstance(message, TransformsMessage):
             self.tree.add(message)
         elif isinstance(message, ImuMessage):
-            self.forces.setdefault(raw.topic, Forces()).add(message, raw.log_time_ns)
+            self.forces[raw.topic].add(message, raw.log_time_ns)
         elif isinstance(message, OdometryMessage):
-            recorder = self.recorders.get(raw.topic)
-            recorder = MotionRecorder() if recorder is None else recorder
-            if not recorder.add(message.stamp_ns, message.pose):
+            if self.recorders[raw.topic].add(message.stamp_ns, message.pose):
+                self.frames[raw.topic] = (message.frame_id, message.child_frame_id)
+            else:
                 stream.undecodable += 1
-                return
-            self.frames[raw.topic] = (message.frame_id, message.child_frame_id)
-            self.recorders[raw.topic] = recorder
 
 
 def _timed(info: LogInfo, streams: dict[str, Stream]) -> LogInfo:
@@ -207,23 +213,19 @@ def survey_log(
 
     `every_topic`: those of unknown types as well, for their times.
     """
-    ignored = {
-        t.topic for t in log.info().topics if t.kind is MessageKind.OTHER and not every_topic
-    }
-    wanted = [t.topic for t in log.info().topics if t.topic not in ignored]
-    end_ns = None
-    while end_ns != log.info().end_ns:  # which moves where a clock was set: then all is read again
-        end_ns, surveyor = log.info().end_ns, _Surveyor()
-        for raw in log.messages(wanted if log.info().topics else None):
-            surveyor.add(raw)
-            if watch is not None:
-                watch(raw.log_time_ns)
+    topics = log.info().topics
+    ignored = {t.topic for t in topics if t.kind is MessageKind.OTHER and not every_topic}
+    surveyor = _Surveyor()
+    for raw in log.messages([t.topic for t in topics if t.topic not in ignored]):
+        surveyor.add(raw)
+        if watch is not None:
+            watch(raw.log_time_ns)
     surveyor.tree.finish()
     return Survey(
         info=_timed(log.info(), surveyor.others | surveyor.streams),
         streams=surveyor.streams,
         tree=surveyor.tree,
-        odometry={topic: recorder.finish() for topic, recorder in surveyor.recorders.items()},
+        odometry={topic: surveyor.recorders[topic].finish() for topic in surveyor.frames},
         odometry_frames=surveyor.frames,
         end_ns=surveyor.end_ns,
         losses=log.losses(),

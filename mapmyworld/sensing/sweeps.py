@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,64 +25,57 @@ def scan_from_message(
     """The sweep in the base frame at the stamp of its first beam.
 
     `base_from_lidar` is (4, 4). Beams with NaN, or closer than `range_min`, count neither as
-    returns nor as missing. Raises `LogError` where the sweep does not say where its beams went.
+    returns nor as missing, which are infinite, beyond the maximum, or zero. Raises `LogError` where
+    the sweep does not say where its beams went.
     """
     if not np.isfinite([message.angle_min, message.angle_increment]).all():
         raise LogError("a scan whose angles are not finite")
-    beams = _beams(
+    directions, bearings = _beams(
         message.angle_min, message.angle_increment, len(message.ranges), base_from_lidar.tobytes()
     )
-    points, returned, empty = _sorted_beams(message, beams, base_from_lidar[:3, 3])
+    valid, (_, high) = valid_ranges(message), _limits(message)
+    with np.errstate(invalid="ignore"):
+        empty = np.flatnonzero(~valid & ((message.ranges >= high) | (message.ranges == 0.0)))
+    returned = np.flatnonzero(valid)
+    points = message.ranges[returned, None] * directions[returned] + base_from_lidar[:3, 3]
     if motion is not None and message.time_increment > 0 and len(points) > 1:
         points = _without_motion(message, returned, points, motion)
     return Scan(
         points=np.ascontiguousarray(points[:, :2], np.float32),
-        origin=beams.origin,
-        missing=beams.bearings[empty],
+        origin=matrix_to_planar(base_from_lidar),
+        missing=bearings[empty],
         range_max=float(message.range_max) if message.range_max > 0 else np.inf,
         angle_increment=abs(float(message.angle_increment)),
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Beams:
-    """Where the beams of a laser point, sweep after sweep."""
-
-    directions: Array
-    """(N, 3) in the base frame."""
-    bearings: NDArray[np.float32]
-    """(N,) relative to the base's x axis."""
-    origin: Array
-    """(3,) base_from_lidar as x, y, yaw."""
-
-
 @functools.lru_cache(maxsize=16)
-def _beams(angle_min: float, increment: float, count: int, mount: bytes) -> _Beams:
+def _beams(
+    angle_min: float, increment: float, count: int, mount: bytes
+) -> tuple[Array, NDArray[np.float32]]:
+    """Where the beams of a laser point, sweep after sweep: directions (N, 3) in the base frame, and
+    bearings (N,) from its x axis.
+    """
     base_from_lidar = np.frombuffer(mount).reshape(4, 4)
     angles = angle_min + increment * np.arange(count)
     flat = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=-1)
-    origin = matrix_to_planar(base_from_lidar)
     upside_down = base_from_lidar[2, 2] < 0
-    bearings = angles * (-1.0 if upside_down else 1.0) + origin[2]
+    bearings = angles * (-1.0 if upside_down else 1.0) + matrix_to_planar(base_from_lidar)[2]
     with np.errstate(over="ignore"):  # of angles that no laser has
-        return _Beams(flat @ base_from_lidar[:3, :3].T, bearings.astype(np.float32), origin)
+        return flat @ base_from_lidar[:3, :3].T, bearings.astype(np.float32)
 
 
-def _sorted_beams(
-    message: LaserScanMessage, beams: _Beams, origin: Array
-) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Points (M, 3) of the beams that came back, numbers (M,) of these, and of those with nothing:
-    infinite, beyond the maximum, or zero.
-    """
-    ranges = np.asarray(message.ranges, np.float32)
-    low = np.float32(max(0.0, message.range_min))  # 0 where the limit is no number
-    high = np.float32(message.range_max if message.range_max > 0 else np.inf)
+def valid_ranges(scan: LaserScanMessage) -> NDArray[np.bool_]:
+    """(N,) which beams came back from something: finite, above the minimum, below the maximum."""
+    low, high = _limits(scan)
     with np.errstate(invalid="ignore"):
-        valid = np.isfinite(ranges) & (ranges > low) & (ranges < high)
-        empty = ~valid & ((ranges >= high) | np.isposinf(ranges) | (ranges == 0.0))
-    returned = np.flatnonzero(valid)
-    points = ranges[returned, None] * beams.directions[returned] + origin
-    return points, returned, np.flatnonzero(empty)
+        return np.asarray(np.isfinite(scan.ranges) & (scan.ranges > low) & (scan.ranges < high))
+
+
+def _limits(scan: LaserScanMessage) -> tuple[np.float32, np.float32]:
+    """Between which ranges are measurements, m: 0 and infinite where a limit is no number."""
+    high = scan.range_max if scan.range_max > 0 else np.inf
+    return np.float32(max(0.0, scan.range_min)), np.float32(high)
 
 
 def _without_motion(

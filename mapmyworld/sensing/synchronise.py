@@ -5,22 +5,21 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.config import SensingConfig
 from mapmyworld.errors import LogError
-from mapmyworld.geometry.rotations import quaternion_to_rotation, rotation_to_quaternion
-from mapmyworld.sensing.camera_queue import CameraQueue, Pending
+from mapmyworld.sensing.camera_queue import CameraQueue, Pending, nearest
 from mapmyworld.sensing.cloud_scans import points_of_cloud, scan_of_points
-from mapmyworld.sensing.gps_fixes import GpsFixes
 from mapmyworld.sensing.order import in_stamp_order
 from mapmyworld.sensing.plan import Plan
 from mapmyworld.sensing.sweeps import scan_from_message
 from mapmyworld.types import (
     Frame,
+    GpsMessage,
     ImuMessage,
     ImuSample,
     LaserScanMessage,
@@ -34,6 +33,7 @@ from mapmyworld.types import (
 
 _WAIT_NS = 500_000_000  # log time by which a late sensor's message must have come
 _KEPT_NS = 4 * _WAIT_NS  # log time for which messages wait for the frame they belong to
+_FIX_NS = 1_000_000_000  # after which a fix indicates nothing about where the robot is
 _MOST_MEASURED = 1e6  # rad/s or m/s^2
 _MOST_SAMPLES = 1 << 14  # inertial samples and true poses that wait where no frame comes
 
@@ -49,24 +49,7 @@ class FrameCounts:
     repeated: int = 0
     """Messages of the very stamp of the one before: the same one, recorded twice."""
     unusable: int = 0
-    """Inertial samples, true poses and images beside a scan that cannot be decoded."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Seen:
-    """What the main sensor, and the camera beside it, show at one moment."""
-
-    scan: Scan | None = None
-    cloud: NDArray[np.float32] | None = None
-    """(N, 3) in the base frame."""
-    image: RgbdImage | None = None
-
-
-@dataclass(slots=True)
-class _Buffers:
-    main: deque[Pending] = field(default_factory=deque)
-    imu: deque[ImuSample] = field(default_factory=lambda: deque(maxlen=_MOST_SAMPLES))
-    truth: deque[PoseMessage] = field(default_factory=lambda: deque(maxlen=_MOST_SAMPLES))
+    """Inertial samples, true poses, fixes and images beside a scan that cannot be decoded."""
 
 
 def read_frames(
@@ -98,8 +81,10 @@ def read_frames(
 class _Synchroniser:
     def __init__(self, plan: Plan, config: SensingConfig, counts: FrameCounts) -> None:
         self.plan, self.config, self.counts = plan, config, counts
-        self.buffers = _Buffers()
-        self.gps = GpsFixes()
+        self.main: deque[Pending] = deque()
+        self.imu: deque[ImuSample] = deque(maxlen=_MOST_SAMPLES)
+        self.truth: deque[PoseMessage] = deque(maxlen=_MOST_SAMPLES)
+        self.fix: GpsMessage | None = None
         motion = plan.odometry.motion if plan.odometry else None
         sources = [s for s in (plan.camera, *plan.more_cameras) if s is not None]
         self.cameras = [CameraQueue(source, motion, config) for source in sources]
@@ -115,31 +100,36 @@ class _Synchroniser:
         pending = Pending(raw, stamp + self.offsets_ns.get(raw.topic, 0))
         is_main = raw.topic == self.main_topic
         if is_main:
-            self.buffers.main.append(pending)
+            self.main.append(pending)
         taken = [c.add(pending, with_colour=not is_main) for c in self.cameras]
         if not (is_main or any(taken)):
             self._add_other(pending)
         self._forget_strays(raw.log_time_ns)
 
     def _add_other(self, pending: Pending) -> None:
-        topic = pending.raw.topic
-        if self.plan.imu is not None and topic == self.plan.imu.topic:
-            self._add_imu(pending)
-        elif topic == self.plan.ground_truth_topic:
-            self._add_truth(pending.raw)
-        elif topic == self.plan.gps_topic:
-            self.gps.add(pending.raw)
+        """Takes an inertial sample, a true pose or a fix; one that is damaged is counted."""
+        try:
+            message = pending.raw.decode()
+        except LogError:
+            self.counts.unusable += 1
+            return
+        if isinstance(message, PoseMessage):
+            self.truth.append(message)
+        elif isinstance(message, GpsMessage):
+            if math.isfinite(message.latitude + message.longitude):
+                self.fix = message
+        elif isinstance(message, ImuMessage) and self.plan.imu is not None:
+            self._add_imu(message, pending.stamp_ns, self.plan.imu.base_from_imu[:3, :3])
 
     def _forget_strays(self, now_ns: int) -> None:
         """Images that no frame has asked for in time: the scans may have stopped for good."""
-        main = self.buffers.main
-        before_ns = (main[0].raw.log_time_ns if main else now_ns) - _KEPT_NS
+        before_ns = (self.main[0].raw.log_time_ns if self.main else now_ns) - _KEPT_NS
         for camera in self.cameras:
             camera.forget_strays(before_ns)
 
     def ready(self, before_log_ns: int | None) -> Iterator[Frame]:
         """Frames whose other messages must have come by now; all when the log has ended."""
-        main = self.buffers.main
+        main = self.main
         while main and (before_log_ns is None or main[0].raw.log_time_ns <= before_log_ns):
             pending = main.popleft()
             if pending.stamp_ns == self.last_ns and not self.plan.use_log_time:
@@ -152,51 +142,51 @@ class _Synchroniser:
                 yield frame
 
     def _frame(self, main: Pending) -> Frame | None:
+        scan, cloud, image, odometry = None, None, None, self.plan.odometry
         try:
-            seen = self._observations(main)
+            if self.plan.scan is None:
+                image = self._main_image(main)
+            else:
+                scan, cloud = self._by_lidar(main, self.plan.scan.base_from_lidar)
         except LogError:
             self.counts.undecodable += 1
             return None
-        if seen.scan is None and seen.image is None:
+        if scan is None and image is None:
             self.counts.unpaired_images += 1
             return None
-        images = [seen.image, *(self._image_near(c, main.stamp_ns) for c in self.cameras[1:])]
-        odometry = self.plan.odometry
+        others = self.cameras[1:] if scan is None else self.cameras
+        images = [image, *(self._image_near(camera, main.stamp_ns) for camera in others)]
         pose = odometry.motion.at(main.stamp_ns) if odometry else None
         if odometry is not None and pose is None:
             self.counts.without_odometry += 1
+        truth, fix = nearest(self.truth, main.stamp_ns, self.config.frame_tolerance), self.fix
         return Frame(
             stamp_ns=main.stamp_ns,
             odom_from_base=pose,
-            scan=seen.scan,
+            scan=scan,
             images=tuple(found for found in images if found is not None),
-            cloud=seen.cloud,
+            cloud=cloud,
             imu=self._imu_until(main.stamp_ns),
-            ground_truth=self._truth_at(main.stamp_ns),
-            gps=self.gps.fix_at(main.stamp_ns),
+            ground_truth=None if truth is None else truth.pose,
+            gps=fix if fix is not None and abs(main.stamp_ns - fix.stamp_ns) <= _FIX_NS else None,
             is_interpolated=bool(odometry and odometry.motion.is_interpolated(main.stamp_ns)),
         )
 
-    def _observations(self, main: Pending) -> _Seen:
-        if self.plan.scan is None:
-            return _Seen(image=self._main_image(main))
-        seen = self._by_lidar(main, self.plan.scan.base_from_lidar)
-        near = [self._image_near(c, main.stamp_ns) for c in self.cameras[:1]]
-        return replace(seen, image=near[0] if near else None)
-
-    def _by_lidar(self, main: Pending, base_from_lidar: NDArray[np.float64]) -> _Seen:
-        """The sweep, and all points of a 3D lidar."""
+    def _by_lidar(
+        self, main: Pending, base_from_lidar: NDArray[np.float64]
+    ) -> tuple[Scan, NDArray[np.float32] | None]:
+        """The sweep, and all points (N, 3) of a 3D lidar in the base frame."""
         message = main.raw.decode()
         if isinstance(message, PointCloudMessage):
             points = points_of_cloud(message, base_from_lidar, self.config)
             scan = scan_of_points(points, base_from_lidar, self.config)
-            return _Seen(scan, points.astype(np.float32))
+            return scan, points.astype(np.float32)
         assert isinstance(message, LaserScanMessage)
         odometry = self.plan.odometry
         if message.stamp_ns != main.stamp_ns:
             message = replace(message, stamp_ns=main.stamp_ns)
         motion = odometry.motion if odometry else None
-        return _Seen(scan_from_message(message, base_from_lidar, motion))
+        return scan_from_message(message, base_from_lidar, motion), None
 
     def _main_image(self, main: Pending) -> RgbdImage | None:
         """The image that a frame begins with; colour alone where only images measure the motion."""
@@ -208,63 +198,25 @@ class _Synchroniser:
 
     def _image_near(self, camera: CameraQueue, stamp_ns: int) -> RgbdImage | None:
         """A camera's image nearest to a frame, with the motion between them."""
-        nearest = camera.take_near(stamp_ns)
+        colour = camera.take_near(stamp_ns)
         try:
-            return None if nearest is None else camera.pair(nearest, stamp_ns)
+            return None if colour is None else camera.pair(colour, stamp_ns)
         except LogError:  # the rest of the frame is sound
             self.counts.unusable += 1
             return None
 
-    def _add_imu(self, pending: Pending) -> None:
-        assert self.plan.imu is not None
-        try:
-            message = pending.raw.decode()
-        except LogError:
+    def _add_imu(self, message: ImuMessage, stamp_ns: int, rotation: NDArray[np.float64]) -> None:
+        turning, force = message.angular_velocity, message.linear_acceleration
+        if (np.abs([*turning, *force]) < _MOST_MEASURED).all():  # nor NaN
+            self.imu.append(ImuSample(stamp_ns, rotation @ turning, rotation @ force))
+        else:
             self.counts.unusable += 1
-            return
-        assert isinstance(message, ImuMessage)
-        if not _is_sound(message):
-            self.counts.unusable += 1
-            return
-        rotation = self.plan.imu.base_from_imu[:3, :3]
-        orientation = message.orientation
-        if orientation is not None:
-            turned = quaternion_to_rotation(orientation) @ rotation.T
-            orientation = rotation_to_quaternion(turned)
-        self.buffers.imu.append(
-            ImuSample(
-                pending.stamp_ns,
-                rotation @ message.angular_velocity,
-                rotation @ message.linear_acceleration,
-                orientation,
-            )
-        )
 
     def _imu_until(self, stamp_ns: int) -> tuple[ImuSample, ...]:
         samples = []
-        while self.buffers.imu and self.buffers.imu[0].stamp_ns <= stamp_ns:
-            samples.append(self.buffers.imu.popleft())
+        while self.imu and self.imu[0].stamp_ns <= stamp_ns:
+            samples.append(self.imu.popleft())
         return tuple(samples)
-
-    def _add_truth(self, raw: RawMessage) -> None:
-        try:
-            message = raw.decode()
-        except LogError:
-            self.counts.unusable += 1
-            return
-        assert isinstance(message, PoseMessage)
-        self.buffers.truth.append(message)
-
-    def _truth_at(self, stamp_ns: int) -> NDArray[np.float64] | None:
-        """The true pose nearest to a stamp, within the tolerance of a frame."""
-        truths = self.buffers.truth
-        tolerance_ns = int(self.config.frame_tolerance * 1e9)
-        while truths and truths[0].stamp_ns < stamp_ns - tolerance_ns:
-            truths.popleft()
-        nearest = min(truths, key=lambda t: abs(t.stamp_ns - stamp_ns), default=None)
-        if nearest is None or abs(nearest.stamp_ns - stamp_ns) > tolerance_ns:
-            return None
-        return nearest.pose
 
 
 def _offsets_ns(plan: Plan, config: SensingConfig) -> dict[str, int]:
@@ -277,14 +229,3 @@ def _offsets_ns(plan: Plan, config: SensingConfig) -> dict[str, int]:
     if plan.imu is not None:
         seconds[plan.imu.topic] = config.imu_offset
     return {topic: round(s * 1e9) for topic, s in seconds.items() if s}
-
-
-def _is_sound(message: ImuMessage) -> bool:
-    """Whether an inertial message says what such a sensor can measure."""
-    measured = message.angular_velocity.tolist() + message.linear_acceleration.tolist()
-    if not all(-_MOST_MEASURED < value < _MOST_MEASURED for value in measured):  # nor NaN
-        return False
-    if message.orientation is None:
-        return True
-    turn = message.orientation.tolist()
-    return all(-2.0 < part < 2.0 for part in turn) and math.hypot(*turn) > 0.5

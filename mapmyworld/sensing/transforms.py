@@ -5,6 +5,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Collection
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ _STILL_NS = 100_000_000  # between the times at which one that may yet move was 
 _CONSTANT = 1e-6  # metres and radians within which a transform on /tf counts as fixed
 
 
+@lru_cache(maxsize=1024)
 def frame_name(name: str) -> str:
     """A frame's name without the leading slash of older ROS versions."""
     return name.strip().lstrip("/")
@@ -58,31 +60,24 @@ class TransformTree:
 
     def __init__(self) -> None:
         self._edges: dict[tuple[str, str], Edge] = {}
-        self._names: dict[tuple[str, str], tuple[str, str]] = {}
         self._parents: dict[str, Edge] = {}
         self.had_leading_slashes = False
         self.ignored: dict[str, str] = {}
         """Child frame -> why one of its parents was ignored."""
 
     def add(self, message: TransformsMessage) -> None:
-        """What a message reports about frames."""
+        """What a message reports about frames; what is no place on earth is left out."""
         for transform in message.transforms:
-            recorded = transform.parent, transform.child
-            names = self._names.get(recorded) or self._name(*recorded)
+            parent, child = transform.parent, transform.child
+            self.had_leading_slashes |= parent.startswith("/") or child.startswith("/")
+            names = frame_name(parent), frame_name(child)
+            if names[0] == names[1] or not is_place(transform.parent_from_child):
+                continue
             edge = self._edges.get(names)
             if edge is None:
-                if names[0] == names[1] or not is_place(transform.parent_from_child):
-                    continue
                 edge = Edge(*names, transform.parent_from_child, message.static)
                 self._edges[names] = edge
             _record(edge, transform.stamp_ns, transform.parent_from_child)
-
-    def _name(self, parent: str, child: str) -> tuple[str, str]:
-        """Both frames as we call them."""
-        self.had_leading_slashes |= parent.startswith("/") or child.startswith("/")
-        names = frame_name(parent), frame_name(child)
-        self._names[parent, child] = names
-        return names
 
     def finish(self) -> None:
         """Settles each frame's parent once everything has been read."""
@@ -145,14 +140,10 @@ class TransformTree:
 
 
 def _record(edge: Edge, stamp_ns: int, pose: NDArray[np.float64]) -> None:
-    """One more transform; one that is no place on earth is left out."""
-    if edge.recorder is not None:
-        edge.count += edge.recorder.add(stamp_ns, pose)
-        return
-    if not is_place(pose):
-        return
     edge.count += 1
-    if edge.static:
+    if edge.recorder is not None:
+        edge.recorder.add(stamp_ns, pose)
+    elif edge.static:
         edge.first = pose
     elif np.abs(pose - edge.first).max() > _CONSTANT:
         edge.recorder = MotionRecorder()

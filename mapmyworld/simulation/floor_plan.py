@@ -12,6 +12,7 @@ from mapmyworld.kernels.planar_rays import cast_planar_rays
 from mapmyworld.simulation.world import Scene
 
 _CELL = 0.5  # m, edge of the cells that rays walk through
+_SPARE = 1e-6  # m around a piece of a segment
 _TOUCH = 1e-9  # m by which vertices on the plane are lifted, so that each triangle is cut once
 
 
@@ -54,53 +55,45 @@ class Plan:
     def without_glass(self) -> Plan:
         """The same with glass taken away."""
         kept = ~self.glass
-        return _sorted_into_cells(self.segments[kept], self.glass[kept])
+        return plan_of_segments(self.segments[kept], self.glass[kept])
 
 
 def plan_at(scene: Scene, height: float) -> Plan:
     """The plan of a scene at the laser's height above the floor."""
     segments, owner = horizontal_section(scene.faces.corners, height)
-    return _sorted_into_cells(segments, scene.glass[owner])
+    return plan_of_segments(segments, scene.glass[owner])
 
 
-def plan_of_segments(segments: Array) -> Plan:
-    """The plan of walls (S, 4), none of them glass."""
-    return _sorted_into_cells(segments, np.zeros(len(segments), np.bool_))
-
-
-def _sorted_into_cells(segments: Array, glass: NDArray[np.bool_]) -> Plan:
+def plan_of_segments(segments: Array, glass: NDArray[np.bool_] | None = None) -> Plan:
+    """The plan of walls (S, 4), which may be `glass` (S,), sorted into cells."""
     ends = segments.reshape(-1, 2) if len(segments) else np.zeros((1, 2))
     corner = ends.min(0) - _CELL
     shape = np.ceil((ends.max(0) + _CELL - corner) / _CELL).astype(np.int64)
     keys, owners = _cells_of(segments, corner, shape)
     starts = np.searchsorted(keys, np.arange(shape[0] * shape[1] + 1)).astype(np.int64)
+    glass = np.zeros(len(segments), np.bool_) if glass is None else glass
     return Plan(np.ascontiguousarray(segments), glass, starts, owners, corner, shape)
 
 
 def _cells_of(
     segments: Array, corner: Array, shape: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Sorted keys of cells and the segments whose pieces, a cell long, may lie in them."""
-    pairs: set[tuple[int, int]] = set()
-    for index, (x0, y0, x1, y1) in enumerate(segments):
-        pieces = max(1, int(np.ceil(np.hypot(x1 - x0, y1 - y0) / _CELL)))
-        xs, ys = np.linspace(x0, x1, pieces + 1), np.linspace(y0, y1, pieces + 1)
-        low_x, high_x = _cell_span(xs, corner[0])
-        low_y, high_y = _cell_span(ys, corner[1])
-        for piece in range(pieces):
-            for row in range(low_y[piece], high_y[piece] + 1):
-                for column in range(low_x[piece], high_x[piece] + 1):
-                    pairs.add((row * int(shape[0]) + column, index))
-    table = np.array(sorted(pairs), np.int64).reshape(-1, 2)
+    """Sorted keys of cells and the segments that may lie in them.
+
+    By pieces of half a cell, a hair's breadth to spare: the corners around one lie in its cells.
+    """
+    start, way = segments[:, :2], segments[:, 2:] - segments[:, :2]
+    pieces = np.maximum(np.ceil(2.0 * np.hypot(*way.T) / _CELL), 1.0).astype(np.int64)
+    owner = np.repeat(np.arange(len(segments)), pieces)
+    number = np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    ends = [start[owner] + ((number + k) / pieces[owner])[:, None] * way[owner] for k in (0, 1)]
+    low, high = np.minimum(*ends) - _SPARE, np.maximum(*ends) + _SPARE
+    (left, bottom), (right, top) = (
+        np.floor((e - corner) / _CELL).astype(int).T for e in (low, high)
+    )
+    keys = np.concatenate([y * shape[0] + x for x in (left, right) for y in (bottom, top)])
+    table = np.unique(np.column_stack([keys, np.tile(owner, 4)]), axis=0)
     return np.ascontiguousarray(table[:, 0]), np.ascontiguousarray(table[:, 1])
-
-
-def _cell_span(values: Array, corner: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First and last cell index, with a hair's breadth to spare, of each piece of a segment."""
-    low = np.minimum(values[:-1], values[1:]) - 1e-6
-    high = np.maximum(values[:-1], values[1:]) + 1e-6
-    first = np.floor((low - corner) / _CELL).astype(np.int64)
-    return first, np.floor((high - corner) / _CELL).astype(np.int64)
 
 
 def horizontal_section(corners: Array, height: float) -> tuple[Array, NDArray[np.int64]]:

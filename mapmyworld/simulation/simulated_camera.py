@@ -153,7 +153,7 @@ class _Paint:
             self._lights,
             self._texel_metres,
             self._set.offsets,
-            self._set.sizes,
+            EDGE,
             self._set.texels,
             pixel_angle,
             _SKY,

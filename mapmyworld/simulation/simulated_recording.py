@@ -66,13 +66,9 @@ class Recording:
 
 def _in_order(streams: list[Stream]) -> list[tuple[Stream, int]]:
     """Every moment of every stream, as the recorder gets them."""
-    if not streams:
-        return []
-    times = [s.schedule.log_times_ns for s in streams]
-    which = np.concatenate([np.full(len(t), i) for i, t in enumerate(times)])
-    index = np.concatenate([np.arange(len(t)) for t in times])
-    order = np.argsort(np.concatenate(times), kind="stable")
-    return [(streams[which[k]], int(index[k])) for k in order]
+    times = [stream.schedule.log_times_ns.tolist() for stream in streams]
+    moments = sorted((t, i, k) for i, of in enumerate(times) for k, t in enumerate(of))
+    return [(streams[i], k) for _, i, k in moments]
 
 
 def _made(item: tuple[Stream, int]) -> tuple[Stream, int, Messages]:

@@ -14,6 +14,7 @@ from mapmyworld.errors import WorldError
 EDGE = 256  # texels, of every texture
 _LEVELS = 8  # from EDGE down to 2 texels
 Picture = NDArray[np.float64]
+_ROWS, _COLUMNS = np.mgrid[0:EDGE, 0:EDGE]
 
 _PLAIN = {
     "white": (236, 236, 232),
@@ -56,8 +57,6 @@ class TextureSet:
     """(N, 3)."""
     offsets: NDArray[np.int64]
     """(T, L) of T textures and L levels: where each begins in `texels`."""
-    sizes: NDArray[np.int64]
-    """(T,) texels along an edge of the finest level."""
     textures: tuple[Texture, ...]
 
 
@@ -74,7 +73,7 @@ def texture_set(names: tuple[str, ...]) -> TextureSet:
             parts.append(_bytes(level).reshape(-1, 3))
             place += len(parts[-1])
             level = level.reshape(len(level) // 2, 2, -1, 2, 3).mean(axis=(1, 3))
-    return TextureSet(np.concatenate(parts), offsets, np.full(len(names), EDGE, np.int64), textures)
+    return TextureSet(np.concatenate(parts), offsets, textures)
 
 
 def _bytes(picture: Picture) -> NDArray[np.uint8]:
@@ -145,11 +144,10 @@ def _wallpaper(random: np.random.Generator) -> Picture:
     """A pale wall with a sparse print of blossoms, none quite like the other."""
     base = random.uniform(190, 230, 3)
     picture = np.ones((EDGE, EDGE, 3)) * base
-    y, x = np.mgrid[0:EDGE, 0:EDGE]
     for _ in range(26):
         cx, cy, radius = *random.uniform(0, EDGE, 2), random.uniform(4, 10)
-        dx = (x - cx + EDGE / 2) % EDGE - EDGE / 2
-        dy = (y - cy + EDGE / 2) % EDGE - EDGE / 2
+        dx = (_COLUMNS - cx + EDGE / 2) % EDGE - EDGE / 2
+        dy = (_ROWS - cy + EDGE / 2) % EDGE - EDGE / 2
         petals = radius * (1.0 + 0.4 * np.cos(random.integers(3, 7) * np.arctan2(dy, dx)))
         picture[np.hypot(dx, dy) < petals] = random.uniform(60, 190, 3)
     return picture
@@ -157,8 +155,7 @@ def _wallpaper(random: np.random.Generator) -> Picture:
 
 def _fabric(random: np.random.Generator) -> Picture:
     base = random.uniform(60, 170, 3)
-    y, x = np.mgrid[0:EDGE, 0:EDGE]
-    weave = 0.12 * np.sign(np.sin(x * np.pi / 16)) * np.sign(np.sin(y * np.pi / 16))
+    weave = 0.12 * np.sign(np.sin(_COLUMNS * np.pi / 16)) * np.sign(np.sin(_ROWS * np.pi / 16))
     shade = weave + 0.10 * _cloudy(random, 32)
     return np.asarray(base * (1.0 + shade[..., None]))
 
@@ -185,27 +182,25 @@ def _books(random: np.random.Generator) -> Picture:
 def _picture(random: np.random.Generator) -> Picture:
     """A framed painting: fields, discs and strokes, unmistakable."""
     picture = np.ones((EDGE, EDGE, 3)) * random.uniform(80, 220, 3)
-    y, x = np.mgrid[0:EDGE, 0:EDGE]
     for _ in range(45):
         left, low = random.integers(0, EDGE - 12, 2)
         width, height = random.integers(8, EDGE // 3, 2)
         picture[low : low + height, left : left + width] = random.uniform(10, 245, 3)
     for _ in range(35):
         cx, cy = random.uniform(0, EDGE, 2)
-        disc = np.hypot(x - cx, y - cy) < random.uniform(4, 20)
+        disc = np.hypot(_COLUMNS - cx, _ROWS - cy) < random.uniform(4, 20)
         picture[disc] = random.uniform(10, 245, 3)
-    frame = np.minimum.reduce([x, y, EDGE - 1 - x, EDGE - 1 - y]) < 8
+    frame = np.minimum.reduce([_COLUMNS, _ROWS, EDGE - 1 - _COLUMNS, EDGE - 1 - _ROWS]) < 8
     picture[frame] = random.uniform(20, 90, 3)
     return picture
 
 
 def _leaves(random: np.random.Generator) -> Picture:
     picture = _rough((52, 104, 48), 0.25, 0.15)(random)
-    y, x = np.mgrid[0:EDGE, 0:EDGE]
     for _ in range(90):
         cx, cy, turn = *random.uniform(0, EDGE, 2), random.uniform(0, np.pi)
-        along = (x - cx) * np.cos(turn) + (y - cy) * np.sin(turn)
-        across = (y - cy) * np.cos(turn) - (x - cx) * np.sin(turn)
+        along = (_COLUMNS - cx) * np.cos(turn) + (_ROWS - cy) * np.sin(turn)
+        across = (_ROWS - cy) * np.cos(turn) - (_COLUMNS - cx) * np.sin(turn)
         leaf = (along / 16) ** 2 + (across / 6) ** 2 < 1.0
         picture[leaf] = np.array([60, 130, 55]) * random.uniform(0.5, 1.5)
     return picture

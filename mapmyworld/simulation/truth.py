@@ -23,7 +23,8 @@ from mapmyworld.simulation.driver import TICK, Drive
 from mapmyworld.simulation.floor_plan import Plan
 from mapmyworld.simulation.robot_settings import SimulationSettings
 from mapmyworld.simulation.world import Scene
-from mapmyworld.types import Mesh, OccupancyGrid, Scan, Trajectory
+from mapmyworld.types import OccupancyGrid, Scan, Trajectory
+from mapmyworld.types.maps import Relations
 
 _RESOLUTION = 0.05  # m, of the true grid
 _LOG_ODDS = 4.0  # of a cell that is known for certain
@@ -35,16 +36,6 @@ _NODE_TURN = 0.5  # rad between them
 _LOOP_DISTANCE = 1.0  # m within which two places are the same
 _LOOP_ANGLE = 0.8  # rad within which the camera sees the same there
 _LOOP_TIME = 20.0  # s that must lie between
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LoopPairs:
-    """Moments at which the robot was where it had been before, as parallel arrays."""
-
-    stamps_ns: NDArray[np.int64]
-    """(P, 2), earlier and later."""
-    first_from_second: Array
-    """(P, 3) x, y, yaw."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,18 +52,43 @@ class Truth:
 
     @cached_property
     def grid(self) -> OccupancyGrid:
-        """As a perfect laser would map it from the robot's path; glass counts as a wall."""
-        return _perfect_grid(self)
+        """As a perfect laser would map it from the robot's path; glass counts as a wall.
 
-    @property
-    def mesh(self) -> Mesh:
-        """The world's surfaces."""
-        return self.scene.mesh()
+        Cells that its beams ended in, and those that they only passed.
+        """
+        mount = robot.base_from_laser(self.settings)[:2, 3]
+        poses = self.drive.poses[_spaced(self.drive.poses, _VIEW_SPACING, np.inf)]
+        places = compose_planar(poses, [*mount, 0.0])
+        places[:, 2] = 0.0
+        settings = MappingConfig(
+            resolution=_RESOLUTION,
+            range_max=self.settings.laser.range_max,
+            missing_range=self.settings.laser.range_max,
+        )
+        canvas = Canvas()
+        for place in places:
+            canvas.add(beams_of([(place, _perfect_sweep(self, place))], settings))
+        seen = canvas.seen()
+        cells = np.where(seen.passes > 0, np.float32(-_LOG_ODDS), np.float32(np.nan))
+        cells[seen.hits > 0] = _LOG_ODDS
+        return OccupancyGrid(cells, _RESOLUTION, np.round(seen.corner * _RESOLUTION, 9))
 
     @cached_property
-    def loop_pairs(self) -> LoopPairs:
-        """Moments at which the robot was back at a place."""
-        return _true_loops(self)
+    def loop_pairs(self) -> Relations:
+        """Moments at which the robot was back at a place, looking the same way, in sight of it."""
+        index = _spaced(self.drive.poses, _NODE_SPACING, _NODE_TURN)
+        poses = self.drive.poses[index]
+        times = index * TICK
+        first, second = np.triu_indices(len(index), 1)
+        near = np.hypot(*(poses[first, :2] - poses[second, :2]).T) < _LOOP_DISTANCE
+        same = np.abs(wrap_angle(poses[first, 2] - poses[second, 2])) < _LOOP_ANGLE
+        kept = near & same & (times[second] - times[first] >= _LOOP_TIME)
+        first, second = first[kept], second[kept]
+        clear = _in_sight(self.plan, poses[first, :2], poses[second, :2])
+        first, second = first[clear], second[clear]
+        stamps = self.start_ns + np.round(times * 1e9).astype(np.int64)
+        first_from_second = planar_to_matrix(between_planar(poses[first], poses[second]))
+        return Relations(np.stack([stamps[first], stamps[second]], axis=1), first_from_second)
 
     @property
     def calibration(self) -> dict[str, Any]:
@@ -90,26 +106,6 @@ class Truth:
             "wheel_track_believed": s.body.wheel_track * (1.0 + s.odometry.track_error),
             "wheel_track_true": s.body.wheel_track,
         }
-
-
-def _perfect_grid(truth: Truth) -> OccupancyGrid:
-    """Cells that beams of the perfect laser ended in, and those that they only passed."""
-    mount = robot.base_from_laser(truth.settings)[:2, 3]
-    poses = truth.drive.poses[_spaced(truth.drive.poses, _VIEW_SPACING, np.inf)]
-    places = compose_planar(poses, [*mount, 0.0])
-    places[:, 2] = 0.0
-    settings = MappingConfig(
-        resolution=_RESOLUTION,
-        range_max=truth.settings.laser.range_max,
-        missing_range=truth.settings.laser.range_max,
-    )
-    canvas = Canvas()
-    for place in places:
-        canvas.add(beams_of([(place, _perfect_sweep(truth, place))], settings))
-    seen = canvas.seen()
-    cells = np.where(seen.passes > 0, np.float32(-_LOG_ODDS), np.float32(np.nan))
-    cells[seen.hits > 0] = _LOG_ODDS
-    return OccupancyGrid(cells, _RESOLUTION, np.round(seen.corner * _RESOLUTION, 9))
 
 
 def _perfect_sweep(truth: Truth, place: Array) -> Scan:
@@ -134,25 +130,6 @@ def _spaced(poses: Array, distance: float, turn: float) -> NDArray[np.int64]:
         if np.hypot(step[0], step[1]) >= distance or abs(step[2]) >= turn:
             kept.append(index)
     return np.array(kept, np.int64)
-
-
-def _true_loops(truth: Truth) -> LoopPairs:
-    """Pairs of places, near and looking the same way, with nothing in between."""
-    index = _spaced(truth.drive.poses, _NODE_SPACING, _NODE_TURN)
-    poses = truth.drive.poses[index]
-    times = index * TICK
-    first, second = np.triu_indices(len(index), 1)
-    near = np.hypot(*(poses[first, :2] - poses[second, :2]).T) < _LOOP_DISTANCE
-    same = np.abs(wrap_angle(poses[first, 2] - poses[second, 2])) < _LOOP_ANGLE
-    kept = near & same & (times[second] - times[first] >= _LOOP_TIME)
-    first, second = first[kept], second[kept]
-    clear = _in_sight(truth.plan, poses[first, :2], poses[second, :2])
-    first, second = first[clear], second[clear]
-    stamps = truth.start_ns + np.round(times * 1e9).astype(np.int64)
-    return LoopPairs(
-        np.stack([stamps[first], stamps[second]], axis=1),
-        between_planar(poses[first], poses[second]),
-    )
 
 
 def _in_sight(plan: Plan, a: Array, b: Array) -> NDArray[np.bool_]:

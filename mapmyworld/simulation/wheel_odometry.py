@@ -18,8 +18,6 @@ _FLOOR = 1e-9  # m^2 and rad^2 of variance, so that a covariance can always be i
 class WheelOdometry:
     """Poses integrated from encoders, with the covariance of what they cannot know."""
 
-    times: Array
-    """(N,) s."""
     poses: Array
     """(N, 3) odom_from_base."""
     covariances: Array
@@ -79,7 +77,6 @@ def integrate_wheels(
     mixing = np.array([[0.5, 0.5], [-1.0 / track, 1.0 / track]])
     measured = np.einsum("ik,nk,jk->nij", mixing, variances, mixing) / spans[:, None, None] ** 2
     return WheelOdometry(
-        times=times,
         poses=np.stack([x, y, yaw], axis=1),
         covariances=_pose_covariances(steps, middle, variances, track, settings),
         twists=np.concatenate([np.zeros((1, 2)), speeds]),

@@ -12,6 +12,7 @@ import numpy as np
 
 from mapmyworld.config import Config, SensingConfig
 from mapmyworld.decisions import decided, is_heard
+from mapmyworld.geometry.rigid import transforms_of_rows
 from mapmyworld.odometry.gravity_direction import GravityDirection
 from mapmyworld.parallel import batches, in_threads, made_ahead
 from mapmyworld.sensing import Plan, read_frames
@@ -176,19 +177,11 @@ class _Writer:
             TrackedFrames(
                 np.array(self._stamps, np.int64),
                 np.array(self._node_ids, np.int64),
-                _poses(self._moved),
+                transforms_of_rows(self._moved),
                 np.array(self._is_node, np.bool_),
-                _poses(self._odometry) if complete else None,
+                transforms_of_rows(self._odometry) if complete else None,
             )
         )
-
-
-def _poses(numbers: array[float]) -> np.ndarray:
-    """Poses (N, 4, 4) of their upper rows, behind each other."""
-    rows = np.frombuffer(numbers, np.float64).reshape(-1, 3, 4)
-    poses = np.zeros((len(rows), 4, 4))
-    poses[:, :3], poses[:, 3, 3] = rows, 1.0
-    return poses
 
 
 def _guarded(frame: Frame, guard: ImageGuard) -> Frame:

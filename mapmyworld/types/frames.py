@@ -80,8 +80,6 @@ class ImuSample:
     """(3,) rad/s, base frame."""
     linear_acceleration: NDArray[np.float64]
     """(3,) m/s^2, base frame."""
-    orientation: NDArray[np.float64] | None
-    """(4,) x y z w of the base, where the device gives one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

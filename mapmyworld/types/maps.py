@@ -1,4 +1,4 @@
-"""The products: occupancy grids, clouds, meshes and trajectories."""
+"""The products: occupancy grids, clouds, meshes and trajectories, and what judges these."""
 
 from __future__ import annotations
 
@@ -77,3 +77,16 @@ class Trajectory:
     """(N,)."""
     poses: NDArray[np.float64]
     """(N, 4, 4) map_from_base."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Relations:
+    """Known relative poses between moments of a log: the reference of Kuemmerle's metric.
+
+    Parallel arrays, one row a relation; the second moment may precede the first.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    """(N, 2)."""
+    first_from_second: NDArray[np.float64]
+    """(N, 4, 4): pose of the robot at the second stamp in its frame at the first."""

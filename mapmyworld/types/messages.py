@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,7 @@ class MessageKind(StrEnum):
 class ImageMessage:
     """A colour, grey or depth image whose pixels are decoded when asked for."""
 
+    kind: ClassVar = MessageKind.IMAGE
     stamp_ns: int
     frame_id: str
     encoding: str
@@ -63,6 +64,7 @@ class ImageMessage:
 class CameraInfoMessage:
     """Intrinsics of a camera, as recorded."""
 
+    kind: ClassVar = MessageKind.CAMERA_INFO
     stamp_ns: int
     frame_id: str
     width: int
@@ -83,6 +85,7 @@ class CameraInfoMessage:
 class LaserScanMessage:
     """One planar sweep as recorded; ranges may hold NaN, inf, 0 or a no-return value."""
 
+    kind: ClassVar = MessageKind.LASER_SCAN
     stamp_ns: int
     """Time of the first beam."""
     frame_id: str
@@ -102,6 +105,7 @@ class LaserScanMessage:
 class PointCloudMessage:
     """Points (N, 3) float32 metres of the sensor frame, rows with NaN left out."""
 
+    kind: ClassVar = MessageKind.POINT_CLOUD
     stamp_ns: int
     frame_id: str
     points: NDArray[np.float32]
@@ -113,6 +117,7 @@ class PointCloudMessage:
 class OdometryMessage:
     """Pose of `child_frame_id` in `frame_id`, with covariances in ROS order (translation first)."""
 
+    kind: ClassVar = MessageKind.ODOMETRY
     stamp_ns: int
     frame_id: str
     child_frame_id: str
@@ -130,6 +135,7 @@ class OdometryMessage:
 class ImuMessage:
     """Turning rates and accelerations."""
 
+    kind: ClassVar = MessageKind.IMU
     stamp_ns: int
     frame_id: str
     orientation: NDArray[np.float64] | None
@@ -154,6 +160,7 @@ class TransformStamped:
 class TransformsMessage:
     """Poses of frames in frames, as tf has them."""
 
+    kind: ClassVar = MessageKind.TRANSFORMS
     transforms: tuple[TransformStamped, ...]
     static: bool
 
@@ -167,6 +174,7 @@ class TransformsMessage:
 class PoseMessage:
     """A pose with covariance (6, 6; translation first), as a localiser gives it."""
 
+    kind: ClassVar = MessageKind.POSE
     stamp_ns: int
     frame_id: str
     pose: NDArray[np.float64]
@@ -179,6 +187,7 @@ class PoseMessage:
 class GpsMessage:
     """A position on earth; latitude and longitude are NaN where the receiver had no fix."""
 
+    kind: ClassVar = MessageKind.GPS
     stamp_ns: int
     frame_id: str
     latitude: float  # deg
@@ -191,6 +200,7 @@ class GpsMessage:
 class TextMessage:
     """A text."""
 
+    kind: ClassVar = MessageKind.TEXT
     stamp_ns: int
     text: str
 

@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Edges:
+class _Rows:
+    """Parallel arrays, a row of each for one measurement."""
+
+    def __len__(self) -> int:
+        return len(getattr(self, fields(self)[0].name))
+
+    def chosen(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Self:
+        """The rows of a mask (N,) or at positions (K,), all arrays alike."""
+        return replace(self, **{f.name: getattr(self, f.name)[which] for f in fields(self)})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Edges(_Rows):
     """Measured relative poses between pairs of nodes."""
 
     from_ids: NDArray[np.int64]
@@ -23,22 +36,9 @@ class Edges:
     odometry: NDArray[np.bool_]
     """(E,) whether robust optimisation takes the edge as true without asking."""
 
-    def __len__(self) -> int:
-        return len(self.from_ids)
-
-    def chosen(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Edges:
-        """The edges of a mask (E,) or at positions (K,), all arrays alike."""
-        return Edges(
-            self.from_ids[which],
-            self.to_ids[which],
-            self.i_from_j[which],
-            self.information[which],
-            self.odometry[which],
-        )
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sightings:
+class Sightings(_Rows):
     """Landmarks (points) seen from nodes, with known correspondence."""
 
     node_ids: NDArray[np.int64]
@@ -52,22 +52,9 @@ class Sightings:
     polar: NDArray[np.bool_]
     """(K,) whether `measured` is bearing and range."""
 
-    def __len__(self) -> int:
-        return len(self.node_ids)
-
-    def chosen(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Sightings:
-        """The sightings of a mask (K,) or at positions (C,)."""
-        return Sightings(
-            self.node_ids[which],
-            self.landmark_ids[which],
-            self.measured[which],
-            self.information[which],
-            self.polar[which],
-        )
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Priors:
+class Priors(_Rows):
     """Measured poses of single nodes in the map frame."""
 
     ids: NDArray[np.int64]
@@ -76,13 +63,6 @@ class Priors:
     """(P, 3) or (P, 4, 4)."""
     information: NDArray[np.float64]
     """(P, 3, 3) or (P, 6, 6)."""
-
-    def __len__(self) -> int:
-        return len(self.ids)
-
-    def chosen(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Priors:
-        """The priors of a mask (P,) or at positions (K,)."""
-        return Priors(self.ids[which], self.map_from_node[which], self.information[which])
 
 
 def no_sightings(planar: bool) -> Sightings:
@@ -121,10 +101,3 @@ class PoseGraph:
 
     def __len__(self) -> int:
         return len(self.ids)
-
-    def placed(
-        self, map_from_node: NDArray[np.float64], landmarks: NDArray[np.float64]
-    ) -> PoseGraph:
-        """The graph with poses (N, 3 or 4, 4) and landmarks (L, 2 or 3) in place of its own."""
-        nodes = self.planar, self.ids, map_from_node, self.edges, self.landmark_ids, landmarks
-        return PoseGraph(*nodes, self.sightings, self.priors, self.fixed_ids)

@@ -10,24 +10,21 @@ _KITCHEN = (4.6, -2.2, 8.6, 2.6)
 _BALCONY = (-2.0, 2.6, 8.6, 4.8)
 
 
-def _table(x: float, y: float, length: float, width: float, height: float) -> list[Box | Post]:
-    legs: list[Box | Post] = [
-        Post(x + sx * (length / 2 - 0.06), y + sy * (width / 2 - 0.06), 0.03, 0.0, height, "wood")
-        for sx in (-1, 1)
-        for sy in (-1, 1)
+def _legs(x: float, y: float, dx: float, dy: float, radius: float, top: float) -> list[Box | Post]:
+    return [
+        Post(x + sx * dx, y + sy * dy, radius, 0.0, top, "wood") for sx in (-1, 1) for sy in (-1, 1)
     ]
+
+
+def _table(x: float, y: float, length: float, width: float, height: float) -> list[Box | Post]:
+    legs = _legs(x, y, length / 2 - 0.06, width / 2 - 0.06, 0.03, height)
     return [*legs, Box(x, y, length, width, height, height + 0.04, "planks")]
 
 
 def _chair(x: float, y: float, yaw_deg: float) -> list[Box | Post]:
-    legs: list[Box | Post] = [
-        Post(x + dx, y + dy, 0.02, 0.0, 0.45, "wood")
-        for dx in (-0.18, 0.18)
-        for dy in (-0.18, 0.18)
-    ]
     back = {0.0: (0.2, 0.0), 90.0: (0.0, 0.2), 180.0: (-0.2, 0.0), 270.0: (0.0, -0.2)}[yaw_deg]
     return [
-        *legs,
+        *_legs(x, y, 0.18, 0.18, 0.02, 0.45),
         Box(x, y, 0.42, 0.42, 0.45, 0.49, "fabric:3"),
         Box(x + back[0], y + back[1], 0.04, 0.4, 0.49, 0.95, "wood", yaw_deg),
     ]

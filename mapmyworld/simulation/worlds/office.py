@@ -15,7 +15,7 @@ _RECESS = 0.10  # m by which a shut door lies behind the wall's surface
 _WALL = "plain:white"
 
 
-def _front(start: tuple[float, float], length: float, yaw: int, first: int) -> list[Box | Post]:
+def _row(start: tuple[float, float], length: float, yaw: int, first: int) -> list[Box | Post]:
     """A row of rooms to the right of a corridor's wall that runs along `yaw` (quarter turns)."""
     dx, dy = ((1, 0), (0, 1), (-1, 0), (0, -1))[yaw]
     count = int(length // _ROOM)
@@ -28,6 +28,9 @@ def _front(start: tuple[float, float], length: float, yaw: int, first: int) -> l
             depth = 0.06 + _RECESS
             x, y = start[0] + dx * at + dy * depth, start[1] + dy * at - dx * depth
             parts.append(Box(x, y, _DOOR + 0.1, 0.06, 0.0, 2.0, "wood", 90.0 * yaw))
+    for i in range(count):
+        along = margin + i * _ROOM
+        parts += _room(start[0] + dx * along, start[1] + dy * along, yaw, _DEEP)
     return parts
 
 
@@ -45,17 +48,6 @@ def _room(x: float, y: float, yaw: int, depth: float) -> list[Box | Post]:
         Box(*desk, 1.4, 0.7, 0.0, 0.72, "planks", 90.0 * yaw),
         Box(*shelf, 0.4, 1.6, 0.0, 1.9, "books:4", 90.0 * yaw),
     ]
-
-
-def _row(start: tuple[float, float], length: float, yaw: int, first: int) -> list[Box | Post]:
-    dx, dy = ((1, 0), (0, 1), (-1, 0), (0, -1))[yaw]
-    count = int(length // _ROOM)
-    margin = (length - count * _ROOM) / 2.0
-    parts = _front(start, length, yaw, first)
-    for i in range(count):
-        along = margin + i * _ROOM
-        parts += _room(start[0] + dx * along, start[1] + dy * along, yaw, _DEEP)
-    return parts
 
 
 _OUT_W, _OUT_E = _WEST - _HALF, _EAST + _HALF

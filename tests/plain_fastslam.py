@@ -18,7 +18,7 @@ from plain_motion_model import MotionNoise, sample_motion_model
 from plain_occupancy import SensorModel, update_occupancy_grid
 from scipy.special import softmax
 
-from mapmyworld.particles.resampling import low_variance_sampler
+from mapmyworld.particles.filter import low_variance_sampler
 from mapmyworld.types import OccupancyGrid, Scan
 
 

@@ -28,7 +28,7 @@ from plain_occupancy import (
 from scipy.special import softmax
 
 from mapmyworld.geometry.planar import between_planar, compose_planar
-from mapmyworld.particles.resampling import (
+from mapmyworld.particles.filter import (
     effective_sample_size,
     kld_sample_size,
     low_variance_sampler,

@@ -1,4 +1,4 @@
-"""A start for graphs with landmarks: the path grows from its solved beginning, part by part.
+"""Where the optimisation of a graph begins; with landmarks the path grows from its beginning.
 
 Dead reckoning drifts too far for the first sighting of a landmark to be near its place; solving
 as one goes keeps every new sighting near.
@@ -12,11 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.backend.descent import optimised_roughly
+from mapmyworld.backend.information import NotPositiveDefiniteError
 from mapmyworld.backend.landmarks import first_places
+from mapmyworld.backend.starts import chain_start, chordal_start
 from mapmyworld.backend.system import System, chosen_edges, number_free
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.geometry.rigid import between
+from mapmyworld.graph.problem import Problem
 from mapmyworld.types.pose_graph import PoseGraph
 
 _PARTS = 25  # at most, of equal length
@@ -64,3 +67,34 @@ def _continued(planar: bool, before: Array, chain: Array, first: int, last: int)
 
 def _widened(mask: NDArray[np.bool_], like: Array) -> NDArray[np.bool_]:
     return mask.reshape(-1, *([1] * (like.ndim - 1)))
+
+
+def first_start(problem: Problem) -> tuple[str, Array]:
+    """Name and poses (M, 3 or 4, 4) of nodes, the map's frame and landmarks.
+
+    The chordal start leads to the global minimum most often. Where there are landmarks the path
+    grows from its beginning, and where an edge weighs nothing, dead reckoning has to do.
+    """
+    graph, system, count = problem.graph, problem.system, problem.nodes
+    if len(graph.landmark_ids):
+        return "growing", grown_start(graph, system, dead_reckoning(problem))
+    guess = problem.guess[:count]
+    ends = problem.anchors, system.tails, system.heads
+    try:
+        start = chordal_start(graph.planar, guess, *ends, system.measured, system.information)
+    except NotPositiveDefiniteError:  # an edge that weighs nothing holds no node
+        return "odometry", dead_reckoning(problem)
+    return "chordal", start
+
+
+def dead_reckoning(problem: Problem) -> Array:
+    """Poses (N + 1, 3 or 4, 4) of nodes and the map's frame, by odometry first."""
+    graph, system = problem.graph, problem.system
+    poses = len(graph.edges) + len(graph.priors)
+    trusted = np.zeros(poses, np.bool_)
+    trusted[: len(graph.edges)] = graph.edges.odometry[problem.order]
+    guess, anchors = problem.guess[: problem.nodes], problem.anchors
+    tails, heads = system.tails[:poses], system.heads[:poses]
+    chain = chain_start(graph.planar, guess, tails, heads, system.measured[:poses], trusted)
+    chain[anchors] = guess[anchors]
+    return chain

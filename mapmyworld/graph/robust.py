@@ -17,8 +17,7 @@ from mapmyworld.backend.system import System, believed_edges, chosen_edges, edge
 from mapmyworld.config import GraphConfig
 from mapmyworld.geometry import Array
 from mapmyworld.graph.clusters import groups_of, judge_groups
-from mapmyworld.graph.consistency import Consistency, compare_closures
-from mapmyworld.graph.dead_reckoning import reckon
+from mapmyworld.graph.consistency import Consistency, compare_closures, reckon
 from mapmyworld.graph.inlier_recovery import recoverable
 
 _GROUP_ROUNDS = 12  # at most, of leaving the worst groups out

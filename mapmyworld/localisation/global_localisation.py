@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,12 +13,11 @@ from mapmyworld.geometry.planar import between_planar, compose_planar
 from mapmyworld.kernels.scan_alignment import invert3
 from mapmyworld.localisation.known_place import KnownPlace
 from mapmyworld.localisation.observation import SEARCHED, Moment, fit_at, match_at
-from mapmyworld.localisation.recent import RecentScans
 from mapmyworld.places.laser_candidates import FIRST_WINDOW
 from mapmyworld.places.path_drift import SIGMAS
 from mapmyworld.registration.place_evidence import Agreement, Place, needed_evidence
-from mapmyworld.registration.scan_matching import COARSE, Match
-from mapmyworld.registration.scan_search import APART, MARGIN, NATS
+from mapmyworld.registration.scan_matching import COARSE, Match, scan_set
+from mapmyworld.registration.scan_search import APART, MARGIN, NATS, Submap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,3 +124,36 @@ class GlobalLocalisation:
             return None
         fit = fit_at(self._place, moment, match.pose)
         return Discovery(match, fit, supported) if fit.evidence >= MARGIN else None
+
+
+class RecentScans:
+    """A submap that goes with the robot."""
+
+    def __init__(self, config: Config) -> None:
+        self._spacing = config.localisation.spacing
+        scans = 2.0 * config.places.laser_submap / self._spacing
+        self._kept: deque[Moment] = deque(maxlen=int(np.ceil(scans)))
+        self.path = 0.0
+        """Metres from one kept scan to the next, in all; a rotation counts as far as a spacing."""
+
+    def forget(self) -> None:
+        """Begins anew: what was seen before lies nobody knows where."""
+        self._kept.clear()
+
+    def add(self, moment: Moment) -> bool:
+        """One more scan, after a motion; whether it is kept, as one from elsewhere."""
+        if moment.is_blind:
+            return False
+        if self._kept:
+            moved = between_planar(self._kept[-1].tracked, moment.tracked)
+            if np.hypot(*moved[:2]) < self._spacing and abs(moved[2]) < APART[1]:
+                return False
+        self._kept.append(moment)
+        self.path += self._spacing
+        return True
+
+    def place(self, now: Moment) -> Place:
+        """What was seen, as from where the robot is."""
+        moments = [moment for moment in self._kept if moment is not now] + [now]
+        poses = between_planar(now.tracked, np.stack([moment.tracked for moment in moments]))
+        return Place.of(Submap.of(scan_set([moment.scan for moment in moments]), poses))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,16 +16,12 @@ from mapmyworld.particles.kernels.likelihood import surface_distances
 from mapmyworld.particles.kernels.surface_tiles import Beams
 from mapmyworld.particles.motions import Motion
 from mapmyworld.particles.proposal import MAX_DISTANCES, Proposal, improved_proposal
-from mapmyworld.particles.resampling import (
-    effective_sample_size,
-    kld_sample_size,
-    low_variance_sampler,
-)
 from mapmyworld.particles.tiles import TileMaps
 
 _FIRST = 0.04  # m, end points about surfaces before the first were measured
 _WIDTH = 3.0  # times what was measured: beams that err together count as one in nine
 _SIGMAS_PER_MEDIAN = 1.4826  # of absolute deviations (normal distribution)
+_QUANTILE = 2.33  # of the normal distribution: 99 %
 _FINEST = 0.03  # cells, how far a cell's mean and normal hold a line at best
 _BIN = np.array([0.1, 0.1, np.radians(2.0)])  # m, m, rad: poses in one bin count as the same
 
@@ -141,3 +138,33 @@ def _mixture_covariance(proposal: Proposal, w: NDArray[np.float64]) -> NDArray[n
     cos, sin = np.cos(about[2]), np.sin(about[2])
     turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
     return np.asarray(turn @ total @ turn.T)
+
+
+def effective_sample_size(w: NDArray[np.float64]) -> float:
+    """1 / sum of w^2, w (P,): P when all are equal, 1 when one particle has all the weight."""
+    return float(1.0 / np.sum(w * w))
+
+
+def low_variance_sampler(w: NDArray[np.float64], count: int, r: float) -> NDArray[np.int64]:
+    """(C,) ancestors of the next particles by weights w (P,); C is `count`.
+
+    Thrun, Burgard, Fox 2005, table 4.4: a comb of `count` equal steps over the cumulated weights,
+    so that a particle of weight w is drawn count * w times, rounded up or down. `r` in [0, 1) is
+    the one random number it takes.
+    """
+    comb = (np.arange(count) + r) / count
+    cumulated = np.cumsum(w)
+    return np.minimum(np.searchsorted(cumulated / cumulated[-1], comb, "right"), len(w) - 1)
+
+
+def kld_sample_size(bins: int, error: float) -> int:
+    """Particles after which the sampled distribution over `bins` bins is `error` from the true one.
+
+    In Kullback-Leibler divergence, with a certainty of 99 % (Fox, "Adapting the sample size in
+    particle filters through KLD-sampling", 2003, by the Wilson-Hilferty approximation of the
+    chi-squared distribution).
+    """
+    if bins < 2:
+        return 1
+    a = 2.0 / (9.0 * (bins - 1))
+    return math.ceil((bins - 1) / (2.0 * error) * (1.0 - a + math.sqrt(a) * _QUANTILE) ** 3)

@@ -86,17 +86,15 @@ def cloud(
     mapmyworld export cloud
     mapmyworld export cloud office.db -o office.pcd --voxel 0.05
     """
-    from formats.cloud_files import write_cloud
     from mapmyworld.config.settings import apply_settings
-    from mapmyworld.exporting import cloud_of, scan_cloud_of
+    from mapmyworld.exporting import export_cloud, export_scan_cloud
 
     given = {"visual.cloud_voxel": voxel, "visual.cloud_range": max_range}
     config = apply_settings(config, {k: v for k, v in given.items() if v is not None})
     path = output_or(map_path, output, lambda: map_path.with_suffix(".ply"))
     with open_map(map_path, path) as store:
-        made = cloud_of(store, config)
-        write_cloud(path, scan_cloud_of(store, config) if made is None else made)
-        show_written([path], store)
+        written = export_cloud(store, path, config) or export_scan_cloud(store, path, config)
+        show_written(written, store)
 
 
 @click.command()

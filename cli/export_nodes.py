@@ -29,14 +29,12 @@ def trajectory(map_path: Path, output: Path | None, style: Any, which: Any) -> N
     mapmyworld export trajectory
     mapmyworld export trajectory office.db --style csv --which odometry -o odometry.csv
     """
-    from formats.trajectory_files import write_trajectory
-    from mapmyworld.exporting import trajectory_of
+    from mapmyworld.exporting import export_trajectory
 
     ending = {"tum": ".tum", "kitti": ".kitti", "csv": ".csv"}[style]
     path = output_or(map_path, output, lambda: map_path.with_suffix(ending))
     with open_map(map_path, path) as store:
-        write_trajectory(path, trajectory_of(store, which), style)
-        show_written([path], store)
+        show_written(export_trajectory(store, path, style, which), store)
 
 
 @click.command()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Container, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,19 +31,42 @@ if TYPE_CHECKING:
 
 def export_beside(store: MapStore, map_path: Path, config: Config) -> list[str]:
     """Writes grid, trajectory and cloud of a finished map beside its database."""
-    from formats.cloud_files import write_cloud
+    written = export_grid(store, map_path.with_suffix(""))
+    written += export_trajectory(store, map_path.with_suffix(".tum"))
+    written += export_cloud(store, map_path.with_suffix(".ply"), config)
+    return [str(path) for path in written]
+
+
+def export_grid(store: MapStore, stem: Path) -> list[Path]:
+    """Writes the stored grid; nothing where there is none."""
     from formats.grid_files import write_grid
+
+    grid = store.grid()
+    return [] if grid is None else list(write_grid(stem, grid))
+
+
+def export_trajectory(
+    store: MapStore,
+    path: Path,
+    style: Any = "tum",
+    which: Literal["optimised", "odometry"] = "optimised",
+) -> list[Path]:
+    """Writes the pose of every tracked frame, or of every node where only those were kept."""
     from formats.trajectory_files import write_trajectory
 
-    written: list[Path] = []
-    if (grid := store.grid()) is not None:
-        written += write_grid(map_path.with_suffix(""), grid)
-    written.append(map_path.with_suffix(".tum"))
-    write_trajectory(written[-1], trajectory_of(store))
-    if (cloud := cloud_of(store, config)) is not None:
-        written.append(map_path.with_suffix(".ply"))
-        write_cloud(written[-1], cloud)
-    return [str(path) for path in written]
+    write_trajectory(path, trajectory_of(store, which), style)
+    return [path]
+
+
+def export_cloud(store: MapStore, path: Path, config: Config) -> list[Path]:
+    """Writes the cloud of depth images or 3D scans; nothing where there are none."""
+    from formats.cloud_files import write_cloud
+
+    cloud = cloud_of(store, config)
+    if cloud is None:
+        return []
+    write_cloud(path, cloud)
+    return [path]
 
 
 def cloud_of(store: MapStore, config: Config) -> PointCloud | None:
@@ -66,12 +89,14 @@ def cloud_of(store: MapStore, config: Config) -> PointCloud | None:
     return build_cloud(nodes_with_poses(store, thinned), config)
 
 
-def scan_cloud_of(store: MapStore, config: Config) -> PointCloud:
-    """The returns of all planar scans, at height 0, one a voxel."""
+def export_scan_cloud(store: MapStore, path: Path, config: Config) -> list[Path]:
+    """Writes the returns of all planar scans, at height 0, one a voxel."""
+    from formats.cloud_files import write_cloud
     from mapmyworld.mapping.cloud_map import build_cloud
 
     flat = ((pose, NodeData(cloud=_lifted(data.scan))) for pose, data in nodes_with_poses(store))
-    return build_cloud(flat, _counting_each_point(config))
+    write_cloud(path, build_cloud(flat, _counting_each_point(config)))
+    return [path]
 
 
 def _counting_each_point(config: Config) -> Config:

@@ -7,6 +7,7 @@ import hashlib
 import itertools
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,10 +37,7 @@ def later(made: Drive, seconds: int, first: int = 0) -> Drive:
         if topic != "/tf_static" and time < made.entries[0][2] + first * 100_000_000:
             continue
         if hasattr(message, "stamp_ns") and not isinstance(message, TransformsMessage):
-            message = type(message)(
-                **{name: getattr(message, name) for name in message.__dataclass_fields__}
-                | {"stamp_ns": message.stamp_ns + shift}
-            )
+            message = replace(message, stamp_ns=message.stamp_ns + shift)
         moved.append((topic, message, time + shift))
     return Drive(tuple(moved), made.truth[first:])
 
@@ -65,8 +63,7 @@ def _narrowed(message: object) -> LaserScanMessage:
     assert isinstance(message, LaserScanMessage)
     count = len(message.ranges)
     ranges = 0.9 + 0.3 * np.sin(np.arange(count) * 0.21) + 0.1 * np.sin(np.arange(count) * 0.83)
-    changed = {name: getattr(message, name) for name in message.__dataclass_fields__}
-    return LaserScanMessage(**changed | {"ranges": ranges.astype(np.float32)})
+    return replace(message, ranges=ranges.astype(np.float32))
 
 
 def digest(path: Path) -> str:

@@ -13,7 +13,6 @@ from test_logs_carmen import SMALL as CARMEN
 from test_logs_tum import make as make_tum
 
 from formats.logs.opening_logs import _FOLDERS, _READERS
-from mapmyworld import memory_log
 from mapmyworld.types import Message, MessageKind
 
 
@@ -54,8 +53,8 @@ def test_every_reader_has_a_log_here(tmp_path: Path) -> None:
         assert any(folder_reader.fits(log) for log in logs if log.is_dir()), folder_reader.says
 
 
-def test_every_type_of_message_has_its_kind_in_a_log_in_memory() -> None:
-    kinds = [memory_log._KINDS[message] for message in get_args(Message)]
+def test_every_type_of_message_has_its_kind() -> None:
+    kinds = [message.kind for message in get_args(Message)]
     assert set(kinds) == set(MessageKind) - {MessageKind.OTHER}
 
 

@@ -178,7 +178,7 @@ def smooth_path(
     path: Array, motions: Array, information: Array, scans: Sequence[Scan], config: Config,
     progress: Progress,
 ) -> Array:  # fmt: skip
-    """The `path` of scans, (K, 3), smoothed: all of them aligned with each other.
+    """The `path` of scans smoothed, (K, 3) both: all of them aligned with each other.
 
     The motions (K - 1, 3) between them are known to `information` (K - 1, 3, 3). A particle fixes
     each pose when it passes, with the map of that moment, and of thirty the best one comes back to

@@ -15,6 +15,7 @@ from mapmyworld.kernels.scan_tracking import (
     learn_matching,
     remember_scan,
 )
+from mapmyworld.registration.line_of_sight import share_seen_through
 from mapmyworld.registration.place_evidence import Place
 from mapmyworld.registration.point_to_line import match_scan
 from mapmyworld.registration.scan_matching import (
@@ -115,10 +116,9 @@ class Keyframes:
         """What the submap's scans saw together."""
         return Place.of(Submap.of(*self.targets()))
 
-    def are_seen_through(self, scan: PreparedScan, pose: Array) -> bool:
-        """Whether beams of a scan at this pose (3,) pass through most surfaces that they reach."""
-        reached = self.place().agreement_with(Place.seen_by(scan), pose).back
-        return bool(0 < np.count_nonzero(reached) <= 2 * np.count_nonzero(reached < 0))
+    def share_seen_through(self, scan: PreparedScan, pose: Array) -> float:
+        """How much of a scan, from this pose (3,), lies beyond the submap's surfaces."""
+        return share_seen_through(scan, *self.targets(), pose)
 
     def targets(self) -> tuple[ScanSet, Array]:
         """The scans that are matched against, and their poses (S, 3)."""

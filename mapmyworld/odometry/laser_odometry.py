@@ -29,6 +29,7 @@ from mapmyworld.odometry.tracking_losses import UNKNOWN, named_moments
 from mapmyworld.registration.scan_matching import COARSE, FINE, Match, PreparedScan, prepare_scans
 from mapmyworld.types import Frame, Scan
 
+_SEEN = 0.5  # share of the points seen through surfaces from which nobody can have been there
 _FIRST = np.full(3, 1e-6)  # variances of the first pose, which is the origin
 _EMPTY = Scan(np.zeros((0, 2), np.float32), np.zeros(3), np.zeros(0, np.float32), 0.0, 0.0)
 
@@ -232,7 +233,7 @@ class LaserTracker:
         refuted = False
         if not (is_first or frame.is_interpolated):
             if not changed:
-                refuted = self._keyframes.are_seen_through(scan, prior.pose)
+                refuted = self._keyframes.share_seen_through(scan, prior.pose) >= _SEEN
             if changed or refuted:
                 self._keyframes.forget()
         if not prior.has_odometry:

@@ -11,20 +11,19 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cli.arguments import PATH, default_map, format_option, wants_json
-from cli.config import config_options, options_of, settings_that_differ
+from cli.config import config_options, options_of
 from cli.exit_codes import EXIT_PARTIAL
 from cli.interrupts import memory_limit
 from cli.outputs import forget_products, require_map_place
 from cli.progress import StderrProgress, rate_text
 from cli.repeating import repeat_and_compare
 from cli.standard_streams import show_result
-from cli.storing import no_empty_map, storage_arguments
+from cli.storing import build_into, no_empty_map, storage_arguments
 from mapmyworld.errors import MapError
 
 if TYPE_CHECKING:
     from mapmyworld.config import Config
-    from mapmyworld.pipeline import BuildResult
-    from mapmyworld.types import LogSource, MapStore
+    from mapmyworld.types import LogSource
 
 
 @click.command()
@@ -169,27 +168,6 @@ def _build(
             reused = bool(result.reused_stages)
             written += report_beside(store, map_path, cost, progress, continued=reused)
     return {**asdict(result), "files": written, **cost}
-
-
-def build_into(
-    store: MapStore, log: LogSource, config: Config, progress: StderrProgress, method: str = "graph"
-) -> BuildResult:
-    """Builds the log's map, and notes the settings that are not as usual."""
-    from formats.logs.steady import SteadyLog
-    from mapmyworld.pipeline import build_map
-
-    store.put("settings", settings_that_differ(config))
-    words = _given_words(config.places.vocabulary)
-    return build_map(SteadyLog(log), store, config, progress, method=method, words=words)
-
-
-def _given_words(path: str) -> dict[int, Any] | None:
-    """The visual words that the settings name; None where they are learned from the log."""
-    if not path:
-        return None
-    from formats.vocabulary_files import read_vocabulary
-
-    return read_vocabulary(Path(path))
 
 
 def _summary_lines(summary: dict[str, Any]) -> list[str]:

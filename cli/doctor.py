@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.metadata
 import os
@@ -18,6 +19,7 @@ from cli.standard_streams import show_result
 from mapmyworld.open3d_library import PACKAGES
 
 _NEEDED = ("numpy", "scipy", "numba", "gtsam", "cv2", "mcap", "rosbags", "rich", "click")
+_distributions = functools.cache(importlib.metadata.packages_distributions)
 # What an optional library is for, and what is said where it cannot be imported.
 _OPTIONAL = {
     "embreex.rtcore_scene": (
@@ -67,8 +69,7 @@ def _library(module: str) -> Finding:
     use, absent = _OPTIONAL.get(module, ("", "cannot be imported ({}); reinstall mapmyworld"))
     try:
         importlib.import_module(module)
-        distributions = importlib.metadata.packages_distributions().get(name, [name])
-        version = importlib.metadata.version(distributions[0])
+        version = importlib.metadata.version(_distributions().get(name, [name])[0])
     except (ImportError, OSError) as error:
         return Finding(name, False, not use, absent.format(error))
     if name == "gtsam" and tuple(int(p) for p in version.split(".")[:2]) < (4, 3):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from mapmyworld.config import Config
     from mapmyworld.types import MapStore
 
-Graph = tuple[Sequence[Judged], Poses]
-"""A solved graph, before or after an edit."""
 _MOST = 40  # changed constraints that are printed: one false statement may cost hundreds
 _FIGHTING = 5  # strained constraints that are named
 
@@ -86,11 +84,11 @@ def edit(
         poses = store.poses()
         if poses is None:
             raise MapError(f"{map_path}: its graph is not solved yet: finish `build` first")
-        before = store.constraints(), poses
+        before = Graph(store.constraints(), poses)
         losses = edit_map(store, edits, config, progress)
         written = [] if no_export else _renewed(store, map_path, config, progress)
         progress.finish()
-        after, planar = (store.constraints(), store.poses() or poses), moves_in_plane(store)
+        after, planar = Graph(store.constraints(), store.poses() or poses), moves_in_plane(store)
     click.echo("\n".join(account(before, after, len(edits))))
     for name in written:
         click.echo(f"written: {name}")
@@ -118,13 +116,20 @@ def _renewed(
     return written
 
 
+class Graph(NamedTuple):
+    """A solved graph, before or after an edit."""
+
+    constraints: Sequence[Judged]
+    poses: Poses
+
+
 def account(before: Graph, after: Graph, edits: int) -> list[str]:
     """The lines: a summary, then constraint by constraint what became of it."""
     from mapmyworld.graph.edited import changes, farthest_moved, name_of
 
-    node, metres = farthest_moved(before[1], after[1])
-    found = changes(before[0], after[0])
-    old, new = (sum(c.accepted for c in constraints) for constraints, _ in (before, after))
+    node, metres = farthest_moved(before.poses, after.poses)
+    found = changes(before.constraints, after.constraints)
+    old, new = (sum(c.accepted for c in graph.constraints) for graph in (before, after))
     lines = [
         f"{edits} edits applied: {old} -> {new} constraints accepted; "
         f"node {node} moved farthest, by {metres:.3f} m"

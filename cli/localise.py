@@ -107,10 +107,10 @@ def _localise(
     from formats.database import open_store
 
     with open_store(map_path, read_only=True) as store:
-        found = localise_log(store, log, plan, config, progress)
         stored = store.grid()
-        assert stored is not None
-        return stored, plan, found
+        if stored is None:
+            raise MapError(f"{map_path}: has no grid: build it to its end first")
+        return stored, plan, localise_log(store, log, plan, config, progress)
 
 
 def _write(path: Path, found: Localisation, grid: OccupancyGrid, base_frame: str) -> None:

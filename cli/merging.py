@@ -11,7 +11,6 @@ from typing import Any
 
 import click
 
-from cli.build import build_into
 from cli.exit_codes import EXIT_PARTIAL
 from cli.outputs import (
     forget_products,
@@ -23,7 +22,7 @@ from cli.outputs import (
 from cli.progress import StderrProgress
 from cli.report import report_beside
 from cli.standard_streams import show_result
-from cli.storing import ResultMaps, numbered, storage_arguments
+from cli.storing import ResultMaps, build_into, numbered, storage_arguments
 from formats.database import MemoryMap, open_store
 from formats.database.lock import only_writer
 from formats.logs import open_log

@@ -1,4 +1,4 @@
-"""Maps as files: with the settings their database wants, put in place when they are whole."""
+"""Maps as files: built with the settings their database wants, put in place when whole."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 from mapmyworld.errors import MapMyWorldError
 
 if TYPE_CHECKING:
+    from cli.progress import StderrProgress
     from mapmyworld.config import Config
-    from mapmyworld.types import MapStore
+    from mapmyworld.pipeline import BuildResult
+    from mapmyworld.types import LogSource, MapStore
 
 
 @contextmanager
@@ -30,6 +32,28 @@ def no_empty_map(path: Path) -> Iterator[None]:
             if says_ours(path) and not store.nodes():
                 path.unlink()
         raise
+
+
+def build_into(
+    store: MapStore, log: LogSource, config: Config, progress: StderrProgress, method: str = "graph"
+) -> BuildResult:
+    """Builds the log's map, and notes the settings that are not as usual."""
+    from cli.config import settings_that_differ
+    from formats.logs.steady import SteadyLog
+    from mapmyworld.pipeline import build_map
+
+    store.put("settings", settings_that_differ(config))
+    words = _given_words(config.places.vocabulary)
+    return build_map(SteadyLog(log), store, config, progress, method=method, words=words)
+
+
+def _given_words(path: str) -> dict[int, Any] | None:
+    """The visual words that the settings name; None where they are learned from the log."""
+    if not path:
+        return None
+    from formats.vocabulary_files import read_vocabulary
+
+    return read_vocabulary(Path(path))
 
 
 def storage_arguments(config: Config) -> dict[str, Any]:

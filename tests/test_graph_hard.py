@@ -19,7 +19,7 @@ from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, planar_to_matrix
 from mapmyworld.geometry.rigid import between
 from mapmyworld.geometry.rotations import so3_exp
-from mapmyworld.graph.growth import dead_reckoning
+from mapmyworld.graph.first_start import dead_reckoning
 from mapmyworld.graph.optimisation import optimise
 from mapmyworld.graph.problem import Problem, problem_of
 from mapmyworld.types.pose_graph import Edges, PoseGraph, no_priors, no_sightings

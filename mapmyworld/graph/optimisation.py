@@ -16,7 +16,7 @@ from mapmyworld.backend.system import Fit, System, chosen_edges, fit_of
 from mapmyworld.backend.wraparound import wraparound_starts
 from mapmyworld.config import GraphConfig
 from mapmyworld.geometry import Array
-from mapmyworld.graph.growth import dead_reckoning, first_start, grown_start
+from mapmyworld.graph.first_start import dead_reckoning, first_start, grown_start
 from mapmyworld.graph.problem import Problem, problem_of
 from mapmyworld.graph.robust import solve_robustly
 from mapmyworld.parallel import on_one_thread

@@ -20,7 +20,8 @@ from mapmyworld.kernels.wheel_model import MOVES
 from mapmyworld.types import Node, TrackedFrames
 
 Index = NDArray[np.int64]
-_SIGMAS_PER_MEDIAN = 1.4826
+SIGMAS_PER_MEDIAN = 1.4826
+"""Standard deviations of a normal distribution in a median of absolute deviations."""
 
 
 def sweep_variances(
@@ -57,7 +58,7 @@ def _per_metre(
     spans = np.maximum(np.diff(stamps_ns) * 1e-9, 1e-6)
     uneven = step[1:] - step[:-1] * (spans[1:] / spans[:-1])[:, None]
     lengths = lengths[steady]
-    sigmas = _SIGMAS_PER_MEDIAN * np.median(
+    sigmas = SIGMAS_PER_MEDIAN * np.median(
         np.abs(uneven[steady]) / np.sqrt(lengths)[:, None], axis=0
     )
     return np.asarray(np.maximum(sigmas**2 / 6.0 - known / np.median(lengths), 0.0))

@@ -12,6 +12,7 @@ from scipy.special import softmax
 
 from mapmyworld.config import ParticlesConfig
 from mapmyworld.geometry.planar import wrap_angle
+from mapmyworld.odometry.sweep_noise import SIGMAS_PER_MEDIAN
 from mapmyworld.particles.kernels.likelihood import surface_distances
 from mapmyworld.particles.kernels.surface_tiles import Beams
 from mapmyworld.particles.motions import Motion
@@ -20,7 +21,6 @@ from mapmyworld.particles.tiles import TileMaps
 
 _FIRST = 0.04  # m, end points about surfaces before the first were measured
 _WIDTH = 3.0  # times what was measured: beams that err together count as one in nine
-_SIGMAS_PER_MEDIAN = 1.4826  # of absolute deviations (normal distribution)
 _QUANTILE = 2.33  # of the normal distribution: 99 %
 _FINEST = 0.03  # cells, how far a cell's mean and normal hold a line at best
 _BIN = np.array([0.1, 0.1, np.radians(2.0)])  # m, m, rad: poses in one bin count as the same
@@ -91,7 +91,7 @@ class ParticleFilter:
         distances = surface_distances(self.m.surfaces, best, scan, pose, MAX_DISTANCES[-1])
         if len(distances):
             self._medians.append(float(np.median(distances)))
-            measured = _SIGMAS_PER_MEDIAN * float(np.median(self._medians))
+            measured = SIGMAS_PER_MEDIAN * float(np.median(self._medians))
             self.surface_sigma = _WIDTH * max(measured, _FINEST * self.config.resolution)
 
     def _random(self) -> np.random.Generator:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from mapmyworld.config import Config, MappingConfig
 from mapmyworld.geometry import Array
 from mapmyworld.mapping.canvas import Canvas, beams_of
-from mapmyworld.parallel import batches
+from mapmyworld.parallel import batches, in_threads
 from mapmyworld.types import OccupancyGrid, Scan
 
 _TOGETHER = 128  # scans that are drawn in one go
@@ -24,8 +25,9 @@ def build_grid(scans: Iterable[tuple[Array, Scan]], config: Config) -> Occupancy
     depend on the order of the scans.
     """
     canvas, settings = Canvas(), config.mapping
-    for some in batches(scans, _TOGETHER):
-        canvas.add(beams_of(some, settings))
+    placed = partial(beams_of, settings=settings)
+    for beams in in_threads(placed, batches(scans, _TOGETHER), threads=1):
+        canvas.add(beams)
     counts = canvas.seen()
     log_odds = log_odds_of(counts.hits, counts.passes, settings)
     origin = np.round(counts.corner * settings.resolution, 9)

@@ -54,12 +54,12 @@ class Timeline:
 
     def may_have_left(self, stamp_ns: int) -> bool:
         """Whether the robot may be beyond what the submap shows since it was placed."""
-        return self._motion.may_have_left(self._since(self._placed_ns, stamp_ns))
+        return bool(self._motion.may_have_left(self._since(self._placed_ns, stamp_ns)))
 
     def leaps(self, stamps_ns: Sequence[int]) -> NDArray[np.bool_]:
         """(B,) whether it may be so far since the frame before alone."""
         stamps = np.maximum.accumulate(np.array([self._last_ns, *stamps_ns]))
-        return np.array([self._motion.may_have_left(s) for s in 1e-9 * np.diff(stamps)])
+        return self._motion.may_have_left(1e-9 * np.diff(stamps))
 
     def _since(self, then_ns: int, stamp_ns: int) -> float:
         return 1e-9 * (max(self._last_ns, stamp_ns) - then_ns)

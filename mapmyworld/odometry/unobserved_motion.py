@@ -8,6 +8,7 @@ or 2 v^2 t^2, where that is less: another velocity of those that the robot has.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import between_planar, planar_exp, planar_log
@@ -54,15 +55,16 @@ class UnobservedMotion:
             return np.zeros(3)
         return planar_exp(planar_log(self._moved) * (seconds / self._took))
 
-    def variances(self, seconds: float) -> Array:
-        """(3,) m^2, m^2, rad^2, of how far off that may be."""
+    def variances(self, seconds: ArrayLike) -> Array:
+        """(..., 3) m^2, m^2, rad^2, of how far off that may be after so long (...)."""
+        seconds = np.asarray(seconds, np.float64)[..., None]
         smooth = self._acceleration * seconds**3 / 3.0
         varied = 2.0 * self._square_velocity * seconds**2
         return np.minimum(np.minimum(smooth, varied), _OPEN)
 
-    def may_have_left(self, seconds: float) -> bool:
-        """Whether after so long the robot may be beyond what a submap shows."""
-        return bool(3.0 * np.sqrt(self.variances(seconds)[0]) > _SUBMAP)
+    def may_have_left(self, seconds: ArrayLike) -> NDArray[np.bool_]:
+        """(...) whether after so long (...) the robot may be beyond what a submap shows."""
+        return np.asarray(3.0 * np.sqrt(self.variances(seconds)[..., 0]) > _SUBMAP)
 
 
 def _learn(mean: Array, sample: Array) -> None:

@@ -120,11 +120,12 @@ class LaserFollower(Tracker):
         for some in batches(frames, _AT_ONCE):
             tracked = self._tracker.track_all(some)
             poses = planar_to_matrix(np.stack([moment.pose for moment in tracked]))
-            for frame, moment, pose in zip(some, tracked, poses, strict=True):
+            planar = np.stack([moment.covariance for moment in tracked])
+            spread = covariance_from_planar(planar, off_plane=_OUT_OF_PLANE)
+            for frame, moment, pose, covariance in zip(some, tracked, poses, spread, strict=True):
                 # What the scans refute the odometry still bridges: the path is never lost by it.
                 lost = moment.is_tracking_loss and frame.odom_from_base is None
                 source = LaserTracking(moment.verdict, float(moment.overlap), lost)
-                covariance = covariance_from_planar(moment.covariance, off_plane=_OUT_OF_PLANE)
                 motion = Motion(pose, covariance, source, moment.fits_nothing)
                 yield frame, motion, moment.is_open
 

@@ -2,8 +2,8 @@
 
 Hess, Kohler, Rapp, Andor, "Real-time loop closure in 2D LIDAR SLAM", ICRA 2016: level k of the
 pyramid holds, at each cell, the maximum over the 2^k x 2^k cells to the right and above, so a
-lookup there bounds the score of all those shifts at once. A sum
-is given up as soon as the points to come cannot save it.
+lookup there bounds the score of all those shifts at once. A point scores no more than it did a
+level higher, so a sum is given up as soon as what its points have lost since is too much.
 """
 
 from __future__ import annotations
@@ -46,31 +46,33 @@ def fill_pyramid(pyramid: NDArray[np.uint8]) -> None:
 
 
 @inner_jit
-def _exceeds(
+def _excess(
     level: NDArray[np.uint8],
     cells: NDArray[np.int32],
     column: int,
     row: int,
     outside: int,
-    least: int,
+    most: NDArray[np.uint8],
+    slack: int,
+    values: NDArray[np.uint8],
 ) -> int:
-    """The sum over all points, or -1 as soon as it cannot exceed `least`."""
+    """By how much the sum over all points is more than it must be; 0 where it is not.
+
+    It would be `slack` if every point had the `most` (N,) that it can have. What they have instead
+    fills `values` (N,), up to the point that decides.
+    """
     # Unsigned, so that one comparison finds cells on either side of the grid.
     height, width = np.uint64(level.shape[0]), np.uint64(level.shape[1])
-    count = len(cells)
-    # What is still missing when every point to come scores in full.
-    slack = FULL * count - least
-    total = 0
-    for i in range(count):
+    for i in range(len(cells)):
         x, y = np.uint64(cells[i, 0] + column), np.uint64(cells[i, 1] + row)
         value = outside
         if x < width and y < height:
             value = int(level[y, x])
-        total += value
-        slack -= FULL - value
+        values[i] = value
+        slack -= int(most[i]) - value
         if slack <= 0:
-            return -1
-    return total
+            return 0
+    return slack
 
 
 @jit
@@ -104,25 +106,29 @@ def best_shift(
     best = int(least * FULL * count)
     result[0] = least
     roots = np.empty((turns * len(squares), 3), np.int64)
-    bounds = np.empty(len(roots), np.int64)
-    found = 0
+    bounds, at_roots = np.empty(len(roots), np.int64), np.empty((len(roots), count), np.uint8)
+    values = np.empty((top, 4, count), np.uint8)  # of the nodes on the way down, by their place
+    full, found = np.full(count, FULL, np.uint8), 0
     for turn in range(turns):
         _place(points, guess, angles[turn], corner, resolution, margin, cells[turn])
         for square in range(len(squares)):
             column, row = squares[square, 0], squares[square, 1]
-            bound = _exceeds(pyramid[top], cells[turn], column, row, outside, best)
-            if bound > best:
+            excess = _excess(
+                pyramid[top], cells[turn], column, row, outside, full, FULL * count - best,
+                at_roots[found],
+            )  # fmt: skip
+            if excess > 0:
                 roots[found, 0], roots[found, 1], roots[found, 2] = turn, column, row
-                bounds[found] = bound
+                bounds[found] = best + excess
                 found += 1
-    stack, upper = np.empty((256, 3), np.int64), np.empty(256, np.int64)
+    stack, upper = np.empty((256, 4), np.int64), np.empty(256, np.int64)
     order = np.empty(found, np.int64)
     _highest_first(bounds, order)
     for root in order:
         if bounds[root] <= best:
             break
-        turn = roots[root, 0]
-        stack[0, 0], stack[0, 1], stack[0, 2] = top, roots[root, 1], roots[root, 2]
+        turn, column, row = roots[root, 0], roots[root, 1], roots[root, 2]
+        stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = top, column, row, 0
         upper[0], depth = bounds[root], 1
         while depth > 0:
             depth -= 1
@@ -138,23 +144,28 @@ def best_shift(
                     result[0], result[1] = best / (FULL * count), x
                     result[2], result[3] = y, yaw
                 continue
-            half, bottom = 1 << (level - 1), depth
+            most = at_roots[root] if level == top else values[level, stack[depth, 3]]
+            half, bottom, above = 1 << (level - 1), depth, upper[depth]
             for a in range(2):
                 for b in range(2):
-                    c, r = column + a * half, row + b * half
+                    c, r, own = column + a * half, row + b * half, 2 * a + b
                     if c > reach or r > reach:
                         continue
-                    bound = _exceeds(pyramid[level - 1], cells[turn], c, r, outside, best)
-                    if bound <= best:
+                    excess = _excess(
+                        pyramid[level - 1], cells[turn], c, r, outside, most,
+                        above - best, values[level - 1, own],
+                    )  # fmt: skip
+                    if excess <= 0:
                         continue
+                    bound = best + excess
                     k = depth  # the most promising comes to the top of the stack
                     while k > bottom and upper[k - 1] > bound:
                         upper[k] = upper[k - 1]
-                        for i in range(3):
+                        for i in range(4):
                             stack[k, i] = stack[k - 1, i]
                         k -= 1
                     upper[k] = bound
-                    stack[k, 0], stack[k, 1], stack[k, 2] = level - 1, c, r
+                    stack[k, 0], stack[k, 1], stack[k, 2], stack[k, 3] = level - 1, c, r, own
                     depth += 1
 
 

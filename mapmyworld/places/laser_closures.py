@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -51,6 +52,7 @@ from mapmyworld.types import (
 )
 
 Index = NDArray[np.int64]
+_KEPT = 64  # later places, for they are compared with many earlier ones one after the other
 _AGREEMENT = np.diag([0.02**2, 0.02**2, 0.005**2])  # m^2 and rad^2 that two maps may differ by
 
 
@@ -131,17 +133,21 @@ def compare_places(
     for k, (a, _) in enumerate(pairs):
         by_target.setdefault(a, []).append(k)
 
-    def compare(target: tuple[LaserNodes, int, list[int]]) -> list[Judged]:
-        held, a, rows = target
-        place = place_around(held, a, config)  # large: one a thread is held
-        return [_compare(held, place, *pairs[k], config, optimised, widest) for k in rows]
+    @functools.lru_cache(maxsize=_KEPT)
+    def around(b: int) -> Place:
+        return place_around(nodes, b, config)
 
-    def targets() -> Iterator[tuple[LaserNodes, int, list[int]]]:
+    def compare(target: tuple[LaserNodes, int, list[tuple[int, Place]]]) -> list[Judged]:
+        held, a, others = target
+        place = place_around(held, a, config)  # large: one a thread is held
+        return [_compare(held, place, a, *other, config, optimised, widest) for other in others]
+
+    def targets() -> Iterator[tuple[LaserNodes, int, list[tuple[int, Place]]]]:
         for a, rows in by_target.items():
-            ends = [
-                submap_members(nodes, node, config) for node in (a, *(pairs[k][1] for k in rows))
-            ]
-            yield replace(nodes, scans=nodes.scans.hold(np.concatenate(ends))), a, rows
+            others = [pairs[k][1] for k in rows]
+            ends = [submap_members(nodes, node, config) for node in (a, *others)]
+            held = replace(nodes, scans=nodes.scans.hold(np.concatenate(ends)))
+            yield held, a, [(b, around(b)) for b in others]
 
     found = in_threads(compare, targets(), config.threads)
     places = [k for rows in by_target.values() for k in rows]
@@ -155,13 +161,13 @@ def _compare(
     place: Place,
     a: int,
     b: int,
+    around: Place,
     config: Config,
     optimised: bool,
     widest: float,
 ) -> Judged:
     guess = between_planar(nodes.poses[a], nodes.poses[b])
     distance, angle = drift_window(nodes, a, b, widest)
-    around = place_around(nodes, b, config)
     searched, centre = distance, guess
     if widest == EVERYWHERE:  # is the robot at this place?
         centre, distance = np.array([0.0, 0.0, guess[2]]), config.places.laser_submap

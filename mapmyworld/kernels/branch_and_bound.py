@@ -28,23 +28,6 @@ def mark_beside(cells: NDArray[np.uint8], beside: int) -> None:
                         cells[row + r, column + c] = beside
 
 
-@jit
-def fill_pyramid(pyramid: NDArray[np.uint8]) -> None:
-    """Fills all higher levels of `pyramid` (L, H, W) from level 0."""
-    levels, height, width = pyramid.shape
-    for level in range(1, levels):
-        reach = 1 << (level - 1)
-        below, above = pyramid[level - 1], pyramid[level]
-        for row in range(height):
-            up = min(row + reach, height - 1)
-            for column in range(width):
-                right = min(column + reach, width - 1)
-                above[row, column] = max(
-                    max(below[row, column], below[row, right]),
-                    max(below[up, column], below[up, right]),
-                )
-
-
 @inner_jit
 def _excess(
     level: NDArray[np.uint8],

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import transform_points_planar
-from mapmyworld.kernels.branch_and_bound import FULL, best_shift, fill_pyramid, mark_beside
+from mapmyworld.kernels.branch_and_bound import FULL, best_shift, mark_beside
 from mapmyworld.kernels.rays import count_scans
 from mapmyworld.registration.scan_matching import ScanSet
 from mapmyworld.types import OccupancyGrid
@@ -64,7 +64,12 @@ class LikelihoodGrid:
         """(L, H, W) of L levels, the cells first; only a search needs it."""
         pyramid = np.empty((_LEVELS, *self.cells.shape), np.uint8)
         pyramid[0] = self.cells
-        fill_pyramid(pyramid)
+        for level, (below, above) in enumerate(pairwise(pyramid)):
+            reach = 1 << level  # as far as the grid goes
+            np.maximum(below[:, :-reach], below[:, reach:], out=above[:, :-reach])
+            np.maximum(below[:, -reach:], below[:, -1:], out=above[:, -reach:])
+            np.maximum(above[:-reach], above[reach:], out=above[:-reach])
+            np.maximum(above[-reach:], above[-1:], out=above[-reach:])
         return pyramid
 
     @property

@@ -25,7 +25,7 @@ def faults_of(constraints: Sequence[Constraint], known: set[int]) -> list[str]:
     found: list[str] = []
     for some in batches(constraints, _BLOCK):
         information = information_faults(np.stack([c.information for c in some]))
-        finite = np.isfinite(np.stack([c.i_from_j for c in some])).all(axis=(1, 2)).tolist()
+        finite = np.asarray(np.isfinite([c.i_from_j for c in some]).all(axis=(1, 2)))
         for c, sound, reported in zip(some, finite, information, strict=True):
             if missing := {c.from_id, c.to_id} - known:
                 found.append(f"node {min(missing)} does not exist")

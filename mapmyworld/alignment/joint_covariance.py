@@ -9,6 +9,7 @@ all of them measure once, or a long path would be known as well as pairs are man
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -43,10 +44,10 @@ def as_contradicted(joint: System, pairs: int, poses: Array) -> System:
 def shape_covariances(scans: ScanSet, residual: float) -> Array:
     """(S, 3, 3) by how much points that err by `residual` (m) turn and shift a scan's shape."""
     x, y, nx, ny = scans.rows[:, :4].T.astype(np.float64)
-    slopes = np.stack([nx, ny, ny * x - nx * y], axis=1)
-    squares = (slopes[:, :, None] * slopes[:, None, :]).reshape(-1, 9)
-    sums = np.concatenate([np.zeros((1, 9)), np.cumsum(squares, axis=0)])
-    known = np.diff(sums[scans.bounds], axis=0).reshape(-1, 3, 3)
+    slopes, known = (nx, ny, ny * x - nx * y), np.empty((len(scans), 3, 3))
+    for i, j in itertools.product(range(3), repeat=2):  # each by itself: points are many
+        sums = np.append(0.0, np.cumsum(slopes[i] * slopes[j]))
+        known[:, i, j] = np.diff(sums[scans.bounds])
     variance = residual**2
     return np.asarray(
         variance * np.linalg.pinv(known + variance * FAINT * np.eye(3), hermitian=True)

@@ -72,8 +72,8 @@ def _nearest_of_revisits(
     poses: NDArray[np.float64], scans: Index, others: Index, revisits: int
 ) -> Index:
     """The pairs (K, 2) kept of `scans` and `others`, which ascend scan by scan."""
-    turn = np.abs(wrap_angle(poses[others, 2] - poses[scans, 2]))
-    cost = np.hypot(*(poses[others, :2] - poses[scans, :2]).T) + turn  # a radian as a metre
+    x, y, turn = (column[others] - column[scans] for column in np.ascontiguousarray(poses.T))
+    cost = np.hypot(x, y) + np.abs(wrap_angle(turn))  # a radian as a metre
     anew = np.diff(scans, prepend=-1) != 0
     anew |= np.diff(others, prepend=0) > _GAP
     best = _least_of_runs(cost, anew)

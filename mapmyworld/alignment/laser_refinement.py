@@ -38,8 +38,7 @@ from mapmyworld.geometry.planar import (
 from mapmyworld.graph.covariance import marginal_covariances
 from mapmyworld.odometry.sweep_noise import sweep_variances
 from mapmyworld.places.laser_nodes import NodeScans, load_node_scans, sessions_of
-from mapmyworld.places.stored_scans import Scans
-from mapmyworld.registration.scan_matching import FINE
+from mapmyworld.registration.scan_matching import FINE, ScanSet
 from mapmyworld.types import Judged, MapStore, Node, Poses, Progress, TrackedFrames
 
 Index = NDArray[np.int64]
@@ -86,7 +85,10 @@ def refine_poses(
     chosen = np.union1d(chosen, statements.concerns(nodes))
     session = np.zeros(len(nodes), np.int64) if session is None else session
     frames, drift = store.tracked_frames(), _drift(nodes, constraints)
-    task = _Task(nodes, frames, chosen, scans, constraints, drift, statements, session, config)
+    task = _Task(
+        nodes, frames, chosen, scans.some(chosen), constraints, drift, statements, session, config
+    )
+    scans.let_go()
     found = _aligned(task, solved[chosen], statements.places_of(poses), progress)
     every = np.concatenate(
         [
@@ -115,8 +117,8 @@ class _Task:
     frames: TrackedFrames
     chosen: Index
     """(S,) the nodes they were taken at."""
-    scans: Scans
-    """Of all nodes."""
+    scans: ScanSet
+    """These."""
     constraints: Sequence[Judged]
     drift: Array
     """(N,) m^2: see `_drift`."""
@@ -151,7 +153,7 @@ def _aligned(task: _Task, poses: Array, landmarks: Array, progress: Progress) ->
     first = among_first_revisits(poses, task.config.odometry.refine_references)
     first |= np.isin(task.chosen, task.statements.concerns(task.nodes))
     rows = np.flatnonzero(first)
-    some = replace(task, chosen=task.chosen[rows])
+    some = replace(task, chosen=task.chosen[rows], scans=task.scans.some(rows))
     shaped = _rounds(some, poses[rows], landmarks, np.zeros(len(rows), np.bool_), progress)
     if first.all():
         return shaped
@@ -195,8 +197,6 @@ def _rounds(
         task.nodes, task.chosen, task.constraints, task.statements,
         np.concatenate([poses, landmarks]), stays,
     )  # fmt: skip
-    scans = task.scans.some(task.chosen)
-    task.scans.let_go()
     among = held if held.any() else None
 
     def pairs_at(poses: Array) -> Index:
@@ -205,12 +205,11 @@ def _rounds(
         together = session[pairs[:, 0]] == session[pairs[:, 1]]
         return np.asarray(pairs[~held[pairs].all(axis=1) & together])
 
-    found = align_in_rounds(scans, system, every, pairs_at, config, progress)
+    found = align_in_rounds(task.scans, system, every, pairs_at, config, progress)
     every, residual = found.poses, found.residual
-    own = shape_covariances(scans, residual)
+    own = shape_covariances(task.scans, residual)
     known = np.median(own.diagonal(0, 1, 2), axis=0)
     own += diagonals(sweep_variances(task.nodes, task.frames, known, settings)[task.chosen])
-    del scans
     spread = marginal_covariances(as_contradicted(found.joint, found.pairs, every), every)
     anchors = np.zeros(0, np.int64)
     if spread is not None and among is None:

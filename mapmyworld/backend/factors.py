@@ -6,7 +6,7 @@ residual. So nothing has to hold it with a weight, and every factor counts as it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,7 +14,7 @@ import gtsam
 import numpy as np
 
 from mapmyworld.backend.landmarks import POLAR, sighting_derivatives, sighting_residuals
-from mapmyworld.backend.system import System, chosen_edges, moving_edges
+from mapmyworld.backend.system import Objects, System, chosen_edges, moving_edges
 from mapmyworld.geometry import Array
 from mapmyworld.geometry.planar import compose_planar, invert_planar, planar_adjoint
 from mapmyworld.geometry.rigid import invert, se3_adjoint
@@ -60,36 +60,32 @@ def factor_graph(system: System, poses: Array) -> FactorGraph:
     These start at `poses` (N, 3 or 4, 4), map_from_node.
     """
     values = _values(system, poses)
-    return FactorGraph(_factors(system, poses, values), values)
+    return FactorGraph(factors_at(system, poses, values), values)
 
 
-def moved_to(system: System, graph: FactorGraph, poses: Array) -> FactorGraph:
-    """The system's graph at other poses (N, 3 or 4, 4) of its free nodes."""
-    if system.kinds is not None:  # sightings are linear about the poses
-        return factor_graph(system, poses)
-    return replace(graph, values=_values(system, poses))
+def with_factors(system: System) -> System:
+    """The same, its edges' factors made for all solutions of parts of it."""
+    return replace(system, factors=_between(system)) if system.factors is None else system
 
 
-def _factors(system: System, poses: Array, values: Any) -> Any:
+def factors_at(system: System, poses: Array, values: Any) -> Any:
     """Gtsam's graph of the edges that have a free end, in their order.
 
     `poses` (N, 3 or 4, 4) are map_from_node of all nodes, `values` gtsam's of the free ones.
     """
     system = _from_held_nodes(chosen_edges(system, moving_edges(system)))
+    seen = np.zeros(len(system.tails), np.bool_) if system.kinds is None else system.kinds > 0
+    held = (system.free[system.tails] < 0) & ~seen
+    found = np.empty(len(seen), np.object_) if system.factors is None else system.factors
+    if system.factors is None:
+        found[~held] = _between(chosen_edges(system, ~held))
+    found[held] = _priors(chosen_edges(system, held), poses)
+    if seen.any():
+        sightings = _sightings(chosen_edges(system, seen), poses, values)
+        found[seen] = np.fromiter(sightings, np.object_)
     factors = gtsam.NonlinearFactorGraph()
-    kinds = np.zeros(len(system.tails), np.int64) if system.kinds is None else system.kinds
-    make = _Maker.of(system.planar)
-    tails, heads, starts = system.tails, system.heads, _targets(system, poses)
-    stays, sightings = system.free[tails] < 0, _sightings(system, poses, values)
-    rows = zip(tails.tolist(), heads.tolist(), system.measured, system.information,
-               kinds.tolist(), stays.tolist(), starts, strict=True)  # fmt: skip
-    for tail, head, measured, information, kind, held, start in rows:
-        if kind:
-            factors.add(next(sightings))
-        elif held:
-            factors.add(make.prior(head, make.pose(start), make.noise(information)))
-        else:
-            factors.add(make.edge(tail, head, make.pose(measured), make.noise(information)))
+    for factor in found.tolist():
+        factors.add(factor)
     return factors
 
 
@@ -110,31 +106,29 @@ def _from_held_nodes(system: System) -> System:
     return replace(system, tails=tails, heads=heads, measured=measured, information=information)
 
 
-def _targets(system: System, poses: Array) -> Array:
-    """(E, 3 or 4, 4) where each edge wants its head."""
-    return np.asarray((compose_planar if system.planar else np.matmul)(
-        poses[system.tails], system.measured))  # fmt: skip
+def _between(system: System) -> Objects:
+    """(E,) factors of edges between free nodes."""
+    make = gtsam.BetweenFactorPose2 if system.planar else gtsam.BetweenFactorPose3
+    ends = system.tails.tolist(), system.heads.tolist()
+    stated = _poses(system.planar, system.measured), map(_noise, system.information)
+    return np.fromiter(map(make, *ends, *stated), np.object_, len(system.tails))
 
 
-@dataclass(frozen=True, slots=True)
-class _Maker:
-    """gtsam's types of the plane or of space."""
+def _priors(system: System, poses: Array) -> Objects:
+    """(E,) factors of edges from nodes that stay: where each wants its head."""
+    make = gtsam.PriorFactorPose2 if system.planar else gtsam.PriorFactorPose3
+    onward = compose_planar if system.planar else np.matmul
+    wanted = _poses(system.planar, onward(poses[system.tails], system.measured))
+    rows = map(make, system.heads.tolist(), wanted, map(_noise, system.information))
+    return np.fromiter(rows, np.object_, len(system.tails))
 
-    planar: bool
-    pose: Callable[[Array], Any]
-    edge: Callable[..., Any]
-    prior: Callable[..., Any]
 
-    @staticmethod
-    def of(planar: bool) -> _Maker:
-        if planar:
-            pose = lambda row: gtsam.Pose2(*row.tolist())  # noqa: E731
-            return _Maker(True, pose, gtsam.BetweenFactorPose2, gtsam.PriorFactorPose2)
-        return _Maker(False, gtsam.Pose3, gtsam.BetweenFactorPose3, gtsam.PriorFactorPose3)
+def _poses(planar: bool, poses: Array) -> Iterator[Any]:
+    """Gtsam's of poses (N, 3 or 4, 4)."""
+    return map(gtsam.Pose2, *poses.T.tolist()) if planar else map(gtsam.Pose3, poses)
 
-    @staticmethod
-    def noise(information: Array) -> Any:
-        return gtsam.noiseModel.Gaussian.Information(information)
+
+_noise = gtsam.noiseModel.Gaussian.Information
 
 
 def _sightings(system: System, poses: Array, values: Any) -> Iterator[Any]:
@@ -144,10 +138,8 @@ def _sightings(system: System, poses: Array, values: Any) -> Iterator[Any]:
     `poses` (N, 3 or 4, 4), where their errors and derivatives are those of the sighting. `values`
     are gtsam's of the free nodes.
     """
-    if system.kinds is None:
-        return
-    planar, kinds = system.planar, system.kinds[system.kinds > 0]
-    system = chosen_edges(system, system.kinds > 0)
+    planar, kinds = system.planar, system.kinds
+    assert kinds is not None
     ends = poses[system.tails], poses[system.heads]
     shift, unit = (slice(0, 2), _UNIT[2]) if planar else (slice(3, 6), _UNIT[3])
     root = _roots(system.information[:, shift, shift])
@@ -158,7 +150,7 @@ def _sightings(system: System, poses: Array, values: Any) -> Iterator[Any]:
                root @ by_node, root @ by_point, -(root @ errors), strict=True)  # fmt: skip
     for tail, head, held, polar, measured, information, node, point, right in rows:
         if polar and not held:
-            bearing, noise = gtsam.Rot2(measured[0]), _Maker.noise(information)
+            bearing, noise = gtsam.Rot2(measured[0]), _noise(information)
             yield gtsam.BearingRangeFactor2D(tail, head, bearing, measured[1], noise)
         else:
             known = (head, point) if held else (tail, node, head, point)
@@ -179,10 +171,9 @@ def _values(system: System, poses: Array) -> Any:
     """Gtsam's values of all free nodes. `poses` (N, 3 or 4, 4), map_from_node, are of all nodes."""
     values, is_point = gtsam.Values(), system.points
     free = system.free >= 0
-    make = _Maker.of(system.planar)
     nodes = np.flatnonzero(free & ~is_point)
-    for key, pose in zip(nodes.tolist(), poses[nodes], strict=True):
-        values.insert(key, make.pose(pose))
+    for key, pose in zip(nodes.tolist(), _poses(system.planar, poses[nodes]), strict=True):
+        values.insert(key, pose)
     places = poses[:, :2] if system.planar else poses[:, :3, 3]
     for key in np.flatnonzero(free & is_point).tolist():
         values.insert(key, places[key])

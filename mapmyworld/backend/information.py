@@ -136,6 +136,8 @@ class Variables:
 class Information:
     """The information of all variables of a factor graph, factorised."""
 
+    values: Any
+    """gtsam's, which it is at."""
     variables: Variables
     factorised: Factorised
 
@@ -145,7 +147,7 @@ class Information:
         variables = Variables.of(graph.values)
         jacobian, _ = variables.jacobian(graph.factors.linearize(graph.values))
         order = variables.elimination(graph.factors)
-        return Information(variables, Factorised.of_rows(jacobian, order))
+        return Information(graph.values, variables, Factorised.of_rows(jacobian, order))
 
     def marginals(self, keys: Index) -> list[Array]:
         """The covariance (d, d) of each of these variables (K,)."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapmyworld.backend.connected_components import Index
-from mapmyworld.backend.factors import factor_graph
+from mapmyworld.backend.factors import factors_at
 from mapmyworld.backend.information import Information
 from mapmyworld.backend.system import System, chosen_edges, moving_edges, residuals_of
 from mapmyworld.geometry import Array
@@ -44,8 +44,8 @@ def predictions(
     ends = np.cumsum([0, *(len(group) for group in groups)])
     rows = np.concatenate([[0], np.cumsum(moving)]) * size
     if moving.any():
-        graph = factor_graph(asked, poses)
-        linear = graph.factors.linearize(graph.values)
+        factors = factors_at(asked, poses, information.values)
+        linear = factors.linearize(information.values)
         jacobian, right = information.variables.jacobian(linear)
         residuals[moving] = -right.reshape(-1, size)
         found = information.factorised.predict(jacobian, rows[ends])

@@ -12,6 +12,8 @@ from mapmyworld.backend.landmarks import sighting_residuals
 from mapmyworld.backend.residuals import edge_residuals, squared_sigmas
 from mapmyworld.geometry import Array
 
+Objects = NDArray[np.object_]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class System:
@@ -30,6 +32,8 @@ class System:
     """(N,) number of each node among the free ones; -1 for those that stay."""
     kinds: Index | None = None
     """(E,) POINT or POLAR for sightings of landmarks, 0 for edges; None = all edges."""
+    factors: Objects | None = None
+    """(E,) gtsam's of edges between free nodes, where many parts of the system are solved."""
 
     @property
     def dimension(self) -> int:
@@ -93,6 +97,7 @@ def chosen_edges(system: System, which: NDArray[np.bool_] | Index) -> System:
         measured=system.measured[which],
         information=system.information[which],
         kinds=None if system.kinds is None else system.kinds[which],
+        factors=None if system.factors is None else system.factors[which],
     )
 
 

@@ -31,11 +31,13 @@ _LONGEST = 16  # nodes of a chain, so that what is shared out along it is little
 
 
 def solve_by_chains(
-    nodes: Sequence[Node], constraints: Sequence[Judged], planar: bool, config: GraphConfig
-) -> SolvedGraph:
+    nodes: Sequence[Node], constraints: Sequence[Judged], planar: bool, config: GraphConfig,
+    *, motions_judged: bool = True,
+) -> SolvedGraph:  # fmt: skip
     """As `solve`, all nodes and constraints, from the nodes that closures tie.
 
-    Nodes begin where they were tracked, landmarks where they are seen first.
+    Nodes begin where they were tracked, landmarks where they are seen first. Motions are believed
+    in any case; their verdicts, by what they miss the poses, may be left out.
     """
     fresh = [c.before(Judge.GRAPH) for c in constraints]
     ids = np.array([node.id for node in nodes], np.int64)
@@ -54,7 +56,9 @@ def solve_by_chains(
     if solved.poses.covariances is not None:
         spread = _bridged(poses.map_from_node, kept, solved.poses, composed)
         poses = replace(poses, covariances=spread)
-    own = iter(_judged_motions(motions, ids, poses, planar, config))
+    if motions_judged:
+        motions = _judged_motions(motions, ids, poses, planar, config)
+    own = iter(motions)
     rest = iter(solved.constraints[len(composed) :])
     verdicts = tuple(
         next(own) if motion else next(rest) if c.accepted else c
@@ -110,13 +114,13 @@ def _carried(covariance: Array, end: Array, own: Array) -> Array:
 
 def _judged_motions(
     motions: Sequence[Judged], ids: Index, poses: Poses, planar: bool, config: GraphConfig
-) -> tuple[Judged, ...]:
+) -> list[Judged]:
     """The motions, which nobody questions, with what they miss the poses by."""
-    return tuple(
+    return [
         one
         for some in batches(motions, _BLOCK)
         for one in _judged_together(some, ids, poses, planar, config)
-    )
+    ]
 
 
 def _judged_together(

@@ -25,19 +25,13 @@ def faults_of(constraints: Sequence[Constraint], known: set[int]) -> list[str]:
     found: list[str] = []
     for some in batches(constraints, _BLOCK):
         information = information_faults(np.stack([c.information for c in some]))
-        found += [
-            _fault_of(c, known) or reported for c, reported in zip(some, information, strict=True)
-        ]
+        finite = np.asarray(np.isfinite([c.i_from_j for c in some]).all(axis=(1, 2)))
+        for c, sound, reported in zip(some, finite, information, strict=True):
+            if missing := {c.from_id, c.to_id} - known:
+                found.append(f"node {min(missing)} does not exist")
+            else:
+                found.append(reported if sound else "its measurement is not a number")
     return found
-
-
-def _fault_of(constraint: Constraint, known: set[int]) -> str:
-    missing = {constraint.from_id, constraint.to_id} - known
-    if missing:
-        return f"node {min(missing)} does not exist"
-    if not np.isfinite(constraint.i_from_j).all():
-        return "its measurement is not a number"
-    return ""
 
 
 def information_faults(information: Array) -> list[str]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mapmyworld.backend.connected_components import Index, held_nodes
 from mapmyworld.backend.descent import optimised_roughly
+from mapmyworld.backend.factors import with_factors
 from mapmyworld.backend.graduated import graduate
 from mapmyworld.backend.information import NotPositiveDefiniteError
 from mapmyworld.backend.residuals import chi_squared_quantile
@@ -75,6 +76,7 @@ def solve_robustly(
     closures = np.flatnonzero(~trusted).astype(np.int64)
     consistency = _compare(system, guess, trusted, closures, config)
     groups = groups_of(system, closures, consistency, limit)
+    system = with_factors(system)
     question = _Question(system, trusted, closures, groups, limit, config)
     agreeing = trusted.copy()
     agreeing[closures[consistency.clique]] = True

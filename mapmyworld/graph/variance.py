@@ -129,8 +129,9 @@ def _sums(
     except NotPositiveDefiniteError:
         return {}
     alone = list(np.arange(len(components)).reshape(-1, 1))
-    explained = [np.trace(p.covariance) for p in predictions(information, system, solution, alone)]
-    left, chi2 = system.dimension - np.array(explained), edge_chi2(system, solution)
+    predicted = [p.covariance for p in predictions(information, system, solution, alone)]
+    explained, chi2 = np.trace(predicted, axis1=1, axis2=2), edge_chi2(system, solution)
+    left = system.dimension - explained
     names = np.array(components)
     return {
         str(name): (float(chi2[names == name].sum()), float(left[names == name].sum()))

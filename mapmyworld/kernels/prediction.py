@@ -10,6 +10,7 @@ from mapmyworld.kernels.compiling import jit
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
 Small = NDArray[np.int32]
+_TOGETHER = 48  # rows: neighbours reach nearly the same columns, and a processor works on several
 
 
 @jit
@@ -29,15 +30,19 @@ def predict(
 
     L (n, n) by columns: `starts` (n + 1,), `rows` and `numbers` (K,), with `diagonal` (n,) D. J
     (R, n) by rows: `asked_starts` (R + 1,), `asked_columns` and `asked` (M,); `groups` and `ends`
-    (G + 1,). Each group is carried up the columns of L that it reaches, and each gives its share as
-    it is passed.
+    (G + 1,). Groups are carried together up the columns of L that they reach, and each gives its
+    share as it is passed.
     """
-    count, widest = len(diagonal), 0
-    for g in range(len(groups) - 1):
+    count, last, widest = len(diagonal), len(groups) - 1, _TOGETHER
+    for g in range(last):
         widest = max(widest, groups[g + 1] - groups[g])
     carried, reached = np.zeros((count, widest)), np.zeros(count, np.bool_)
-    for g in range(len(groups) - 1):
-        first, width, lowest = groups[g], groups[g + 1] - groups[g], count
+    begin = end = 0
+    while end < last:
+        begin, end = end, end + 1
+        while end < last and groups[end + 1] - groups[begin] <= _TOGETHER:
+            end += 1
+        first, width, lowest = groups[begin], groups[end] - groups[begin], count
         for r in range(width):
             for p in range(asked_starts[first + r], asked_starts[first + r + 1]):
                 column = asked_columns[p]
@@ -46,15 +51,16 @@ def predict(
         for j in range(lowest, count):
             if not reached[j]:
                 continue
-            reached[j] = False
-            for a in range(width):
-                for b in range(width):
-                    share = carried[j, a] * carried[j, b] / diagonal[j]
-                    found[ends[g] + a * width + b] += share
+            reached[j], own = False, carried[j, :width]
+            for g in range(begin, end):
+                mine = own[groups[g] - first : groups[g + 1] - first]
+                for a in range(len(mine)):
+                    for b in range(len(mine)):
+                        found[ends[g] + a * len(mine) + b] += mine[a] * mine[b] / diagonal[j]
             for p in range(starts[j], starts[j + 1]):
                 i = rows[p]
                 if i > j:
-                    reached[i] = True
+                    reached[i], above, number = True, carried[i, :width], numbers[p]
                     for a in range(width):
-                        carried[i, a] -= numbers[p] * carried[j, a]
-            carried[j, :width] = 0.0
+                        above[a] -= number * own[a]
+            own[:] = 0.0

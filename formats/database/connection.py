@@ -147,7 +147,6 @@ class Connection:
         self._sqlite.close()
 
 
-
 def uri_of(path: Path) -> str:
     """A file's name for SQLite, whatever bytes it is of."""
     return f"file:{quote(os.fsencode(path if path == IN_MEMORY else path.absolute()))}"

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.logs.message_fields import single, singles
+from formats.logs.message_fields import singles
 from formats.logs.poses import planar_pose
 from mapmyworld.types import LaserScanMessage, OdometryMessage, PoseMessage
 
@@ -111,17 +111,10 @@ def scan_of_record(
     record: LaserRecord, stamp_ns: int, frame_id: str, range_max: float
 ) -> LaserScanMessage:
     """The sweep of a laser line; `range_max` serves where the record itself has none."""
+    told = [record.angle_min, record.angle_increment, record.range_max or range_max]
+    start, step, reach = singles(told).tolist()
     return LaserScanMessage(
-        stamp_ns,
-        frame_id,
-        single(record.angle_min),
-        single(record.angle_increment),
-        0.0,
-        0.0,
-        0.0,
-        single(record.range_max or range_max),
-        record.ranges,
-        record.intensities,
+        stamp_ns, frame_id, start, step, 0.0, 0.0, 0.0, reach, record.ranges, record.intensities
     )
 
 

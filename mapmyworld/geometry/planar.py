@@ -71,14 +71,11 @@ def between_planar(map_from_a: ArrayLike, map_from_b: ArrayLike) -> Array:
 def transform_points_planar(a_from_b: ArrayLike, points: ArrayLike) -> Array:
     """Points of frame b, expressed in frame a, (..., N, 2) both, by `a_from_b` (..., 3)."""
     a, p = np.asarray(a_from_b, np.float64), np.asarray(points, np.float64)
-    cos, sin = np.cos(a[..., 2, None]), np.sin(a[..., 2, None])
-    return np.stack(
-        [
-            a[..., 0, None] + cos * p[..., 0] - sin * p[..., 1],
-            a[..., 1, None] + sin * p[..., 0] + cos * p[..., 1],
-        ],
-        axis=-1,
-    )
+    cos, sin, x, y = np.cos(a[..., 2, None]), np.sin(a[..., 2, None]), p[..., 0], p[..., 1]
+    moved = np.empty((*np.broadcast_shapes(cos.shape, x.shape), 2))
+    moved[..., 0] = a[..., 0, None] + cos * x - sin * y
+    moved[..., 1] = a[..., 1, None] + sin * x + cos * y
+    return moved
 
 
 def planar_adjoint(a_from_b: Array) -> Array:
